@@ -1,0 +1,1 @@
+"""Speed, as ratios of interleaved medians measured in one run."""

@@ -1,0 +1,1 @@
+"""Rotational dynamics of a rigid body and its mass distribution."""

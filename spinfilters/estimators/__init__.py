@@ -1,0 +1,1 @@
+"""Filters, their start from data, and the one loop over time."""

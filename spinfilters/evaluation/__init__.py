@@ -1,0 +1,1 @@
+"""Errors, NEES and NIS with their bands."""

@@ -1,0 +1,1 @@
+"""Cameras, triangulation and absolute orientation."""

@@ -1,0 +1,1 @@
+"""Process and measurement models, each written once over CasADi types."""

@@ -1,0 +1,130 @@
+"""What every sensor is: an expression for its measurement, its noise, and where both are valid."""
+
+from abc import ABC, abstractmethod
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Bool, Float
+
+from spinfilters.attitude.expressions import Expression
+from spinfilters.state.layout import StateLayout
+from spinfilters.symbolic import Compiled
+
+
+class MeasurementModel(ABC):
+    """A sensor over a state layout. A subclass writes expressions only; everything numeric is derived here.
+
+    Attributes
+    ----------
+    name: the sensor's name, as in a `MeasurementStream`.
+    dim: dimension of the innovation.
+    value_dim: dimension of a measured value (a pose has 7 numbers and an innovation of 6).
+    parameter_dim: dimension of what accompanies each measurement: landmark, calibration, noise.
+    needs: state blocks that the measurement depends on.
+    """
+
+    name: str
+    dim: int
+    value_dim: int
+    parameter_dim: int
+    needs: tuple[str, ...]
+
+    def __init__(self, layout: StateLayout) -> None:
+        self.layout = layout
+
+    @abstractmethod
+    def symbolic(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        """Expected value of the measurement (value_dim,) from the state's blocks (attitude as ``q``)."""
+
+    @abstractmethod
+    def noise_factor(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        """Lower factor of the noise covariance, (dim, dim)."""
+
+    def innovation(self, expected: Expression, measured: Expression) -> Expression:
+        """measured [-] expected, (dim,)."""
+        return measured - expected
+
+    def valid(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        """Positive where the model applies (a point in front of the camera)."""
+        return ca.DM(1)
+
+    @property
+    def columns(self) -> list[int]:
+        """Error components that the measurement depends on."""
+        every = np.arange(self.layout.error_dim)
+        return np.concatenate([every[self.layout.slice(block)] for block in self.needs]).tolist()
+
+    def predict(
+        self, x: Float[np.ndarray, "*batch m"], parameters: Float[np.ndarray, "*batch p"]
+    ) -> Float[np.ndarray, "*batch v"]:
+        """Expected values."""
+        return self._predict(x, parameters)[0]
+
+    def innovations(
+        self,
+        x: Float[np.ndarray, "*batch m"],
+        parameters: Float[np.ndarray, "*batch p"],
+        measured: Float[np.ndarray, "*batch v"],
+    ) -> tuple[Float[np.ndarray, "*batch r"], Bool[np.ndarray, "*batch"]]:
+        """Innovations at given points and where they are valid."""
+        innovation, valid = self._innovations(x, parameters, measured)
+        return innovation, valid[..., 0] > 0
+
+    def whitening(
+        self, x: Float[np.ndarray, "*batch m"], parameters: Float[np.ndarray, "*batch p"]
+    ) -> Float[np.ndarray, "*batch r r"]:
+        """Inverse of the noise factor."""
+        return self._whitening(x, parameters)[0]
+
+    def linearise(
+        self,
+        x: Float[np.ndarray, "m"],
+        parameters: Float[np.ndarray, "k p"],
+        measured: Float[np.ndarray, "k v"],
+    ) -> tuple[Float[np.ndarray, "k r"], Float[np.ndarray, "k r c"], Bool[np.ndarray, "k"]]:
+        """Whitened innovations, whitened Jacobians with respect to the error components `columns`, and validity."""
+        innovation, jacobian, valid = self._linearise(x, parameters, measured)
+        return innovation, jacobian, valid[..., 0] > 0
+
+    @cached_property
+    def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        x = ca.SX.sym("x", self.layout.mean_dim)
+        return x, ca.SX.sym("p", self.parameter_dim), ca.SX.sym("z", self.value_dim)
+
+    def _function(self, name: str, inputs: list[ca.SX], outputs: list[Expression]) -> Compiled:
+        return Compiled(ca.Function(f"{self.name}_{name}", inputs, [ca.SX(output) for output in outputs]))
+
+    @cached_property
+    def _predict(self) -> Compiled:
+        x, p, _ = self._symbols
+        return self._function("predict", [x, p], [self.symbolic(self.layout.unpack(x), p)])
+
+    @cached_property
+    def _innovations(self) -> Compiled:
+        x, p, z = self._symbols
+        state = self.layout.unpack(x)
+        return self._function(
+            "innovations", [x, p, z], [self.innovation(self.symbolic(state, p), z), self.valid(state, p)]
+        )
+
+    @cached_property
+    def _whitening(self) -> Compiled:
+        x, p, _ = self._symbols
+        root = self.noise_factor(self.layout.unpack(x), p)
+        return self._function("whitening", [x, p], [ca.solve(root, ca.SX.eye(self.dim))])
+
+    @cached_property
+    def _linearise(self) -> Compiled:
+        x, p, z = self._symbols
+        d = ca.SX.sym("d", self.layout.error_dim)
+        state = self.layout.unpack(x)
+        moved = self.layout.unpack(self.layout.retract_expression(x, d))
+        expected = self.symbolic(moved, p)
+        away = self.innovation(expected, z)
+        jacobian = ca.substitute(-ca.jacobian(away, d)[:, self.columns], d, ca.SX.zeros(*d.shape))
+        whitening = ca.solve(self.noise_factor(state, p), ca.SX.eye(self.dim))
+        innovation = self.innovation(self.symbolic(state, p), z)
+        return self._function(
+            "linearise", [x, p, z], [whitening @ innovation, whitening @ jacobian, self.valid(state, p)]
+        )

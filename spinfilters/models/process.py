@@ -1,0 +1,97 @@
+"""The process model: a torque-free rigid body seen through a geometric frame, with exact transition and noise.
+
+Continuous model (`spinfilters.conventions` defines the blocks), with white accelerations n_v, n_w of given densities:
+
+    r = t + R_ig c,  r' = v,  v' = n_v,  q_ig' = q_ig (x) [w, 0] / 2,  w' = J(s)^-1 (J(s) w x w) - d |w| w + n_w
+
+(Tweddle 2013, Eqs 4.100-4.103, in g axes.) The drag term is the torque -d J w |w|, so that |h| decays by exp(-d angle).
+The published linearisation (Eqs 4.80, 4.107) is a factorisation A(x) x, not a Jacobian; here the error is multiplicative, its
+transition is differentiated automatically through the integrator, and its noise covariance is the integral along the motion.
+"""
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.attitude.expressions import Expression, quaternion_rate, rotate
+from spinfilters.dynamics.mass_distribution import inertia
+from spinfilters.errors import InputError
+from spinfilters.models.rotation_steps import RotationIntegrator
+from spinfilters.state.layout import StateLayout
+
+
+@dataclass(frozen=True)
+class ProcessNoise:
+    """Densities of the white disturbances; each at least 0.
+
+    Attributes
+    ----------
+    force_psd: of the acceleration of the centre of mass, (m/s^2)^2/Hz.
+    torque_psd: of the angular acceleration, (rad/s^2)^2/Hz.
+    """
+
+    force_psd: float = 1e-6
+    torque_psd: float = 1e-6
+
+    def __post_init__(self) -> None:
+        for name in ("force_psd", "torque_psd"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise InputError(f"{name} is {value}; give a finite density of at least 0")
+
+
+def body_acceleration(values: dict[str, Expression]) -> Expression:
+    """w' of a state's blocks, g axes, rad/s^2 (Tweddle 2013, Eq. 4.103; the sign of 3.16-3.18 is corrected)."""
+    w, J = values["w"], inertia(values["s"])
+    acceleration = ca.inv_minor(J) @ ca.cross(J @ w, w)
+    if "d" in values:
+        acceleration = acceleration - values["d"] * ca.sqrt(ca.dot(w, w) + 1e-300) * w
+    return acceleration
+
+
+def derivative(layout: StateLayout, x: Expression) -> Expression:
+    """x' without noise, as a point-valued expression (q' is the quaternion's rate): the continuous model itself."""
+    values = layout.unpack(x)
+    rates = {name: 0 * value for name, value in values.items()}
+    rates["q"] = quaternion_rate(values["q"], values["w"])
+    rates["w"] = body_acceleration(values)
+    if "t" in values:
+        rates["t"] = values["v"] - rotate(values["q"], ca.cross(values["w"], values["c"]))
+    return layout.pack(rates)
+
+
+class TorqueFreeProcess:
+    """Discrete process model over any layout that holds a, w and s (and t, v, c together; d optionally).
+
+    Parameters
+    ----------
+    layout: the state's blocks.
+    noise: disturbance densities.
+    tolerance: bound on the integration error of one step, rad and relative rate; the step is halved until it is met.
+    """
+
+    def __init__(self, layout: StateLayout, noise: ProcessNoise, tolerance: float = 1e-9) -> None:
+        self.layout = layout
+        self.noise = noise
+        self._integrator = RotationIntegrator(layout, body_acceleration, tolerance)
+
+    def step(self, x: Float[np.ndarray, "*batch m"], dt: float) -> Float[np.ndarray, "*batch m"]:
+        """Points after ``dt`` seconds (dt > 0) without noise."""
+        return self._integrator.step(x, dt)
+
+    def linearise(
+        self, x: Float[np.ndarray, "m"], dt: float
+    ) -> tuple[Float[np.ndarray, "m"], Float[np.ndarray, "n n"], Float[np.ndarray, "n k"]]:
+        """The point after dt, the transition of the multiplicative error, and a factor of the noise covariance Q = G G'."""
+        return self._integrator.linearise(x, dt, self._densities)
+
+    def noise_covariance(self, x: Float[np.ndarray, "m"], dt: float) -> Float[np.ndarray, "n n"]:
+        """Q of the multiplicative error gathered over dt seconds, from the stochastic equation, for a motion that starts at x."""
+        factor = self.linearise(x, dt)[2]
+        return factor @ factor.T
+
+    @property
+    def _densities(self) -> Float[np.ndarray, "2"]:
+        return np.array([self.noise.force_psd, self.noise.torque_psd])

@@ -1,0 +1,233 @@
+"""Runge-Kutta 4 of the rotation with its error transition and noise covariance, step-doubled until a tolerance is met.
+
+Only attitude and rate need an integrator: the centre of mass moves in closed form. One substep, written in SX, advances
+(q, w), the transition Psi of the error (a, w) with respect to itself, its sensitivity Theta to the constants (s, d), and the noise
+covariance. The noise integral of Psi B B' Psi' is taken by Simpson's rule over the substeps, whose positive weights keep it
+positive semidefinite, and which is exact for dt -> 0; it converges with the order of the integrator.
+"""
+
+from collections.abc import Callable
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.attitude.expressions import (
+    Expression,
+    conjugate,
+    normalised,
+    product,
+    quaternion_from_mrp,
+    quaternion_rate,
+    rotate,
+    short_mrp_from_quaternion,
+)
+from spinfilters.errors import InputError
+from spinfilters.state.layout import StateLayout
+from spinfilters.symbolic import Compiled
+
+Acceleration = Callable[[dict[str, Expression]], Expression]
+
+MAX_SUBSTEPS = 1 << 14
+"""Beyond this, dt |w| is some hundred revolutions per step: the caller is told to use a shorter step."""
+FIRST_ANGLE = 0.06
+"""Turn per substep in rad from which the step control starts."""
+
+
+class RotationIntegrator:
+    """Steps and linearises a state whose rotation follows ``acceleration``.
+
+    Parameters
+    ----------
+    layout: blocks of the state; ``s`` and ``d`` are constants that the acceleration may use.
+    acceleration: w' (g axes, rad/s^2) of a dictionary of blocks.
+    tolerance: bound on the estimated error of attitude (rad) and rate (relative) of one call.
+    """
+
+    def __init__(self, layout: StateLayout, acceleration: Acceleration, tolerance: float) -> None:
+        if not tolerance > 0:
+            raise InputError(f"integration tolerance is {tolerance}; give a positive number such as 1e-9")
+        self._layout = layout
+        self._acceleration = acceleration
+        self._tolerance = tolerance
+        self._constants = tuple(block for block in ("s", "d") if block in layout.blocks)
+        self._rate = layout.mean_slice("w")
+        self._stepper = lru_cache(maxsize=None)(self._build_step)
+        self._lineariser = lru_cache(maxsize=None)(self._build_lineariser)
+
+    def step(self, x: Float[np.ndarray, "*batch m"], dt: float) -> Float[np.ndarray, "*batch m"]:
+        """Points after dt > 0 seconds."""
+        count = self._first_count(x, dt)
+        while True:
+            after, error = self._stepper(count)(x, dt)
+            if self._good(error, count, dt):
+                return after
+            count *= 2
+
+    def linearise(
+        self, x: Float[np.ndarray, "m"], dt: float, densities: Float[np.ndarray, "2"]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Point after dt, error transition (n, n), factor (n, 6 or 12) of the noise covariance."""
+        count = self._first_count(x, dt)
+        while True:
+            after, error, transition, factor = self._lineariser(count)(x, dt, densities)
+            if self._good(error, count, dt):
+                return after, transition, factor
+            count *= 2
+
+    def _first_count(self, x: np.ndarray, dt: float) -> int:
+        if not (np.isfinite(dt) and dt > 0):
+            raise InputError(f"time step is {dt} s; it must be positive and finite")
+        w = x[..., self._rate]
+        turn = float(np.sqrt(np.max(np.einsum("...i,...i->...", w, w)))) * dt if w.size else 0.0
+        count = 2
+        while count * FIRST_ANGLE < turn and count < MAX_SUBSTEPS:
+            count *= 2
+        return count
+
+    def _good(self, error: np.ndarray, count: int, dt: float) -> bool:
+        worst = float(np.max(error)) if error.size else 0.0
+        return worst <= self._tolerance or not np.isfinite(worst) or count >= MAX_SUBSTEPS
+
+    def _build_step(self, count: int) -> Compiled:
+        x, dt = ca.MX.sym("x", self._layout.mean_dim), ca.MX.sym("dt")
+        values = self._layout.unpack(x)
+        rotation, error = self._rotation(values, dt, count)
+        after = self._translated(values, rotation[:4], rotation[4:7], dt)
+        return Compiled(ca.Function(f"step_{count}", [x, dt], [after, error], ["x", "dt"], ["after", "error"]))
+
+    def _rotation(self, values: dict[str, Expression], dt: Expression, count: int) -> tuple[Expression, Expression]:
+        """(q, w) after dt in ``count`` substeps, and an estimate of its error by step doubling."""
+        constants = ca.vertcat(*[values[block] for block in self._constants])
+        start = ca.vertcat(values["q"], values["w"])
+        fine = _repeat(self._substep(), count, start, constants, dt / count)
+        coarse = _repeat(self._substep(), count // 2, start, constants, 2 * dt / count)
+        return fine, _difference(coarse, fine) / 15
+
+    def _substep(self) -> ca.Function:
+        y, p, h = ca.SX.sym("y", 7), ca.SX.sym("p", self._constant_dim), ca.SX.sym("h")
+        return ca.Function("substep", [y, p, h], [self._runge_kutta(y, p, h)])
+
+    def _runge_kutta(self, y: Expression, p: Expression, h: Expression) -> Expression:
+        k1 = self._rotation_rate(y, p)
+        k2 = self._rotation_rate(y + h / 2 * k1, p)
+        k3 = self._rotation_rate(y + h / 2 * k2, p)
+        k4 = self._rotation_rate(y + h * k3, p)
+        after = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        return ca.vertcat(normalised(after[:4]), after[4:7])
+
+    def _rotation_rate(self, y: Expression, p: Expression) -> Expression:
+        values = {"w": y[4:7], "s": p[:5]}
+        if "d" in self._constants:
+            values["d"] = p[5]
+        return ca.vertcat(quaternion_rate(y[:4], y[4:7]), self._acceleration(values))
+
+    @property
+    def _constant_dim(self) -> int:
+        return sum(self._layout.slice(b).stop - self._layout.slice(b).start for b in self._constants)
+
+    def _translated(self, values: dict[str, Expression], q: Expression, w: Expression, dt: Expression) -> Expression:
+        """The state after dt from the rotation after dt: r = t + R c moves with v, the rest is constant."""
+        after = dict(values) | {"q": q, "w": w}
+        if "t" in values:
+            centre = values["t"] + rotate(values["q"], values["c"]) + dt * values["v"]
+            after["t"] = centre - rotate(q, values["c"])
+        return self._layout.pack(after)
+
+    def _build_lineariser(self, count: int) -> Compiled:
+        x, dt, densities = ca.MX.sym("x", self._layout.mean_dim), ca.MX.sym("dt"), ca.MX.sym("psd", 2)
+        values = self._layout.unpack(x)
+        constants = ca.vertcat(*[values[block] for block in self._constants])
+        start = ca.vertcat(values["q"], values["w"])
+        sums = ca.vertcat(start, ca.DM.eye(6)[:], ca.DM.zeros(6 * self._constant_dim), ca.DM.zeros(36))
+        weights = np.array([1.0, *([4.0, 2.0] * (count // 2))][:count]) / 3
+        moved = _repeat(self._linear_substep(), count, sums, constants, dt / count, ca.DM(weights).T)
+        coarse = _repeat(self._substep(), count // 2, start, constants, 2 * dt / count)
+        last = ca.diagcat(ca.DM.zeros(3, 3), ca.DM.eye(3)) * dt / count / 3
+        noise = ca.reshape(moved[-36:], 6, 6) + last
+        after, transition, factor = self._assemble()(x, dt, densities, moved[:-36], noise)
+        error = _difference(coarse, moved[:7]) / 15
+        names = (["x", "dt", "psd"], ["after", "error", "transition", "factor"])
+        return Compiled(
+            ca.Function(f"linearise_{count}", [x, dt, densities], [after, error, transition, factor], *names)
+        )
+
+    def _linear_substep(self) -> ca.Function:
+        """One substep of (q, w, Psi, Theta, noise): the noise of a node enters with its Simpson weight, then all moves on."""
+        n = self._constant_dim
+        sums, p, h, weight = ca.SX.sym("u", 7 + 36 + 6 * n + 36), ca.SX.sym("p", n), ca.SX.sym("h"), ca.SX.sym("b")
+        y, after = sums[:7], self._runge_kutta(sums[:7], p, h)
+        e = ca.SX.sym("e", 6 + n)
+        moved = self._runge_kutta(_rotation_retract(y, e[:6]), p + e[6:], h)
+        G = ca.substitute(ca.jacobian(_rotation_local(after, moved), e), e, 0)
+        Psi, Theta = ca.reshape(sums[7:43], 6, 6), ca.reshape(sums[43 : 43 + 6 * n], 6, n)
+        noise = ca.reshape(sums[-36:], 6, 6) + ca.diagcat(ca.SX.zeros(3, 3), weight * h * ca.SX.eye(3))
+        A, B = G[:, :6], G[:, 6:]
+        out = ca.vertcat(after, (A @ Psi)[:], (A @ Theta + B)[:], (A @ noise @ A.T)[:])
+        return ca.Function("linear_substep", [sums, p, h, weight], [out])
+
+    def _assemble(self) -> ca.Function:
+        """Whole state, transition and noise factor from those of the rotation, differentiated through the translation."""
+        layout, n = self._layout, self._constant_dim
+        x, dt, psd = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("dt"), ca.SX.sym("psd", 2)
+        moved, noise = ca.SX.sym("u", 43 + 6 * n), ca.SX.sym("Q", 6, 6)
+        d, e = ca.SX.sym("d", layout.error_dim), ca.SX.sym("e", 12)
+        Psi, Theta = ca.reshape(moved[7:43], 6, 6), ca.reshape(moved[43:], 6, n)
+        after = self._translated(layout.unpack(x), moved[:4], moved[4:7], dt)
+        turned = Psi @ ca.vertcat(d[layout.slice("a")], d[layout.slice("w")])
+        turned += Theta @ ca.vertcat(*[d[layout.slice(block)] for block in self._constants])
+        rotation = _rotation_retract(moved[:7], turned + e[:6])
+        values = layout.unpack(layout.retract_expression(x, d))
+        if "t" in values:
+            values = values | {"t": values["t"] + e[6:9]}
+        shifted = layout.unpack(self._translated(values, rotation[:4], rotation[4:7], dt))
+        if "t" in shifted:
+            shifted["v"] = shifted["v"] + e[9:12]
+        error = layout.local_expression(after, layout.pack(shifted))
+        zero = {"old": [d, e], "new": [ca.SX.zeros(*d.shape), ca.SX.zeros(*e.shape)]}
+        transition = ca.substitute([ca.jacobian(error, d)], zero["old"], zero["new"])[0]
+        entry = ca.substitute([ca.jacobian(error, e)], zero["old"], zero["new"])[0]
+        root = ca.sqrt(psd[1]) * _lower_cholesky(noise)
+        if "t" in layout.blocks:
+            root = ca.diagcat(root, ca.sqrt(psd[0]) * _double_integrator_root(dt))
+        else:
+            entry = entry[:, :6]
+        return ca.Function("assemble", [x, dt, psd, moved, noise], [after, transition, entry @ root])
+
+
+def _repeat(
+    substep: ca.Function, count: int, start: Expression, constants: Expression, h: Expression, *each: Expression
+) -> Expression:
+    if count == 1:
+        return substep(start, constants, h, *each)
+    fold = substep.mapaccum(f"{substep.name()}_{count}", count)
+    columns = [ca.repmat(constants, 1, count), ca.repmat(h, 1, count), *each]
+    return fold(start, *columns)[:, -1]
+
+
+def _rotation_retract(y: Expression, e: Expression) -> Expression:
+    return ca.vertcat(product(y[:4], quaternion_from_mrp(e[:3])), y[4:7] + e[3:6])
+
+
+def _rotation_local(y: Expression, z: Expression) -> Expression:
+    return ca.vertcat(short_mrp_from_quaternion(product(conjugate(y[:4]), z[:4])), z[4:7] - y[4:7])
+
+
+def _difference(coarse: Expression, fine: Expression) -> Expression:
+    """Largest component of the difference: attitude in rad, rate relative to |w|."""
+    turn = 2 * (fine[3] * coarse[:3] - coarse[3] * fine[:3] - ca.cross(fine[:3], coarse[:3]))
+    scale = ca.sqrt(ca.dot(fine[4:7], fine[4:7])) + 1e-300
+    return ca.mmax(ca.fabs(ca.vertcat(turn, (fine[4:7] - coarse[4:7]) / scale)))
+
+
+def _lower_cholesky(Q: Expression) -> Expression:
+    """Lower factor of a 6 x 6 covariance, scaled first so that tiny time steps lose nothing."""
+    return ca.chol(Q).T
+
+
+def _double_integrator_root(dt: Expression) -> Expression:
+    """Lower factor of the covariance of (position, velocity) after dt of unit white acceleration, 6 x 6."""
+    root = ca.sqrt(dt)
+    block = ca.vertcat(ca.horzcat(dt * root / np.sqrt(3), 0), ca.horzcat(np.sqrt(3) / 2 * root, root / 2))
+    return ca.kron(block, ca.DM.eye(3))

@@ -1,0 +1,48 @@
+"""A measured pose of the geometric frame: from absolute orientation, a scan match or an external tracker."""
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.attitude.expressions import Expression, conjugate, product, short_mrp_from_quaternion
+from spinfilters.models.measurement import MeasurementModel
+
+_LOWER = [(row, col) for row in range(6) for col in range(row + 1)]
+
+
+class Pose(MeasurementModel):
+    """z = (t, q_ig) with an innovation (t, 4 x MRP on the body side) of dimension 6.
+
+    Parameters of a measurement: the 21 entries, row by row, of the lower Cholesky factor of its covariance (m, rad).
+    """
+
+    name = "pose"
+    dim = 6
+    value_dim = 7
+    parameter_dim = 21
+    needs = ("t", "a")
+
+    def symbolic(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        return ca.vertcat(state["t"], state["q"])
+
+    def innovation(self, expected: Expression, measured: Expression) -> Expression:
+        turn = product(conjugate(expected[3:]), measured[3:])
+        return ca.vertcat(measured[:3] - expected[:3], short_mrp_from_quaternion(turn))
+
+    def noise_factor(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        factor = ca.SX.zeros(6, 6)
+        for index, (row, col) in enumerate(_LOWER):
+            factor[row, col] = parameters[index]
+        return factor
+
+
+def pose_parameters(covariance: Float[np.ndarray, "count 6 6"]) -> Float[np.ndarray, "count 21"]:
+    """Parameters of poses with these covariances, order (t, a).
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError: when a covariance is not positive definite.
+    """
+    factor = np.linalg.cholesky(covariance)
+    rows, cols = zip(*_LOWER, strict=True)
+    return factor[:, rows, cols]

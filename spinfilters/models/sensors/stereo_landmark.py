@@ -1,0 +1,47 @@
+"""A landmark of the map seen by a rectified stereo pair."""
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.attitude.expressions import Expression, rotate
+from spinfilters.models.measurement import MeasurementModel
+
+NEAREST_DEPTH = 1e-3
+"""Depth in m below which a point counts as at or behind the camera."""
+
+
+class StereoLandmark(MeasurementModel):
+    """z = (u_left, v_left, u_right) in rectified pixels of the point p_g, camera frame = frame i.
+
+    p_c = t + R_ig p_g; u_left = fx x/z + cx, v_left = fy y/z + cy, u_right = u_left - fx baseline / z
+    (Tweddle 2013, Eqs 2.87-2.88 and 4.83-4.84 with the sign of c_x corrected).
+    Parameters of a measurement: (p_g 3 m, fx, fy, cx, cy px, baseline m, pixel_std px).
+    """
+
+    name = "stereo"
+    dim = 3
+    value_dim = 3
+    parameter_dim = 9
+    needs = ("t", "a")
+
+    def symbolic(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        p = state["t"] + rotate(state["q"], parameters[:3])
+        fx, fy, cx, cy, baseline = (parameters[k] for k in range(3, 8))
+        depth = ca.fmax(p[2], NEAREST_DEPTH)
+        u = fx * p[0] / depth + cx
+        return ca.vertcat(u, fy * p[1] / depth + cy, u - fx * baseline / depth)
+
+    def noise_factor(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        return parameters[8] * ca.DM.eye(3)
+
+    def valid(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        return (state["t"] + rotate(state["q"], parameters[:3]))[2] - NEAREST_DEPTH
+
+
+def stereo_parameters(
+    points: Float[np.ndarray, "count 3"], calibration: Float[np.ndarray, "5"], pixel_std: float
+) -> Float[np.ndarray, "count 9"]:
+    """Parameters of landmarks at ``points`` (frame g, m) for a rig (fx, fy, cx, cy, baseline)."""
+    count = len(points)
+    return np.concatenate([points, np.tile(calibration, (count, 1)), np.full((count, 1), pixel_std)], axis=1)

@@ -1,0 +1,1 @@
+"""State layout, Gaussian beliefs and status."""

@@ -1,0 +1,90 @@
+"""C of a CasADi function, compiled once by the system's compiler and cached by a hash of everything that shapes it."""
+
+import ctypes
+import hashlib
+import os
+import shutil
+import subprocess
+import tempfile
+from functools import cache
+from pathlib import Path
+
+import casadi as ca
+import platformdirs
+
+FLAGS = ("-O2", "-ffp-contract=off", "-shared", "-fPIC")
+"""No contraction into fused multiply-adds, so that compiled code rounds as CasADi's virtual machine does."""
+
+_LOOP = """
+#include <stdlib.h>
+int spinfilters_loop(long long n, const double* const* base, const long long* stride,
+                     double* const* out, const long long* out_stride) {{
+  const casadi_real* arg[{sz_arg}]; casadi_real* res[{sz_res}]; casadi_int iw[{sz_iw}];
+  casadi_real* w = (casadi_real*) malloc({sz_w} * sizeof(casadi_real));
+  int flag = 0;
+  if (w == 0) return 1;
+  for (long long i = 0; i < n && flag == 0; ++i) {{
+    for (int k = 0; k < {n_in}; ++k) arg[k] = base[k] + i * stride[k];
+    for (int k = 0; k < {n_out}; ++k) res[k] = out[k] + i * out_stride[k];
+    flag = {name}(arg, res, iw, w, 0);
+  }}
+  free(w);
+  return flag;
+}}
+"""
+
+
+@cache
+def compiler() -> str | None:
+    """Path of the C compiler (``$CC``, cc or gcc), or None when there is none or ``SPINFILTERS_COMPILE=off``."""
+    if os.environ.get("SPINFILTERS_COMPILE", "on").lower() in {"off", "0", "no"}:
+        return None
+    for name in (os.environ.get("CC"), "cc", "gcc", "clang"):
+        if name and (found := shutil.which(name)):
+            return found
+    return None
+
+
+def cache_folder() -> Path:
+    """Where compiled libraries are kept: ``$SPINFILTERS_CACHE`` or the user's cache folder."""
+    return Path(os.environ.get("SPINFILTERS_CACHE") or platformdirs.user_cache_dir("spinfilters"))
+
+
+def load_loop(function: ca.Function) -> ctypes.PyDLL | None:
+    """The function's loop over items as a shared library; None when it cannot be compiled (the caller then interprets)."""
+    cc = compiler()
+    if cc is None:
+        return None
+    text = _source(function)
+    key = hashlib.sha256("\0".join((text, cc, " ".join(FLAGS), ca.__version__)).encode()).hexdigest()[:24]
+    library = cache_folder() / f"{function.name()}-{key}.so"
+    try:
+        if not library.exists():
+            _compile(cc, text, library)
+        return ctypes.PyDLL(str(library))
+    except (OSError, subprocess.SubprocessError):
+        return None
+
+
+def _source(function: ca.Function) -> str:
+    generator = ca.CodeGenerator(function.name(), {"with_header": False})
+    generator.add(function)
+    loop = _LOOP.format(
+        name=function.name(),
+        n_in=function.n_in(),
+        n_out=function.n_out(),
+        sz_arg=max(1, function.sz_arg()),
+        sz_res=max(1, function.sz_res()),
+        sz_iw=max(1, function.sz_iw()),
+        sz_w=max(1, function.sz_w()),
+    )
+    return generator.dump() + loop
+
+
+def _compile(cc: str, text: str, library: Path) -> None:
+    library.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    with tempfile.TemporaryDirectory(dir=library.parent) as folder:
+        source, built = Path(folder) / "source.c", Path(folder) / "built.so"
+        source.write_text(text)
+        subprocess.run([cc, *FLAGS, "-o", built, source, "-lm"], check=True, capture_output=True, timeout=120)
+        os.replace(built, library)

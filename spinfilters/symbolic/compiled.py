@@ -1,0 +1,187 @@
+"""A CasADi function called on NumPy arrays, vectorised over leading axes, in C where a compiler is there."""
+
+import ctypes
+import math
+
+import casadi as ca
+import numpy as np
+
+from spinfilters.errors import ShapeError
+from spinfilters.symbolic.c_library import load_loop
+
+
+class Compiled:
+    """One CasADi function on NumPy arrays.
+
+    An input of CasADi shape (n, 1) takes arrays of shape (*batch, n), one of shape (n, m) takes (*batch, n, m); batch axes
+    broadcast against one another. Outputs have the broadcast batch axes in front and share no memory with later calls.
+    The C code and CasADi's virtual machine round alike, so a machine without a compiler gives the same numbers.
+
+    Parameters
+    ----------
+    function: the expression; every output is made dense here, because bound buffers would keep only structural non-zeros.
+
+    Raises
+    ------
+    ShapeError: at a call, when an argument's trailing shape is not the input's.
+    """
+
+    def __init__(self, function: ca.Function) -> None:
+        self._function = _densified(function)
+        self.name: str = function.name()
+        names = [self._function.name_in(k) for k in range(self._function.n_in())]
+        self._inputs = list(zip(names, map(self._function.size_in, range(len(names))), strict=True))
+        self._outputs = [self._function.size_out(k) for k in range(self._function.n_out())]
+        self._library: ctypes.PyDLL | None = None
+        self._loaded = False
+        self._virtual_machines: dict[int, ca.Function] = {}
+        self._strides_out = _long_array([rows * cols for rows, cols in self._outputs])
+        self._bound = _BoundBuffers([size for _, size in self._inputs], self._outputs)
+
+    @property
+    def is_c(self) -> bool:
+        """Whether calls run generated C (True) or CasADi's virtual machine (False). Compiles on first use."""
+        if not self._loaded:
+            self._library, self._loaded = load_loop(self._function), True
+        return self._library is not None
+
+    def __reduce__(self) -> tuple[type["Compiled"], tuple[ca.Function]]:
+        """Buffers and libraries do not pickle: another process builds its own from the expression."""
+        return Compiled, (self._function,)
+
+    def __call__(self, *arguments: np.ndarray | float) -> tuple[np.ndarray, ...]:
+        """Evaluate; returns one array per output (see the class for shapes). Use one instance per thread."""
+        if self.is_c and self._library is not None and self._bound.accept(arguments):
+            return self._bound.run(self._library, self._strides_out)
+        arrays = [self._column_major(k, argument) for k, argument in enumerate(arguments)]
+        if len(arrays) != len(self._inputs):
+            raise ShapeError(f"{self.name} takes {len(self._inputs)} arguments, got {len(arrays)}")
+        batch, arrays, strides = _broadcast(arrays, [size for _, size in self._inputs])
+        count = math.prod(batch)
+        results = [np.empty((count, cols, rows)) for rows, cols in self._outputs]
+        if count:
+            self._run(count, arrays, strides, results)
+        return tuple(self._natural(k, result, batch) for k, result in enumerate(results))
+
+    def _run(self, count: int, arrays: list[np.ndarray], strides: list[int], results: list[np.ndarray]) -> None:
+        if self.is_c and self._library is not None:
+            flag = self._library.spinfilters_loop(
+                ctypes.c_longlong(count),
+                _pointers(arrays),
+                _long_array(strides),
+                _pointers(results),
+                self._strides_out,
+            )
+            if flag:
+                raise MemoryError(f"{self.name}: no memory for its work arrays")
+            return
+        buffer, evaluate = self._virtual_machine(count).buffer()
+        full = [_repeated(a, count, stride) for a, stride in zip(arrays, strides, strict=True)]
+        for k, array in enumerate(full):
+            buffer.set_arg(k, memoryview(array))
+        for k, result in enumerate(results):
+            buffer.set_res(k, memoryview(result))
+        evaluate()
+
+    def _virtual_machine(self, count: int) -> ca.Function:
+        if count == 1:
+            return self._function
+        if count not in self._virtual_machines:
+            if len(self._virtual_machines) > 64:
+                self._virtual_machines.clear()
+            self._virtual_machines[count] = self._function.map(count)
+        return self._virtual_machines[count]
+
+    def _column_major(self, index: int, argument: np.ndarray | float) -> np.ndarray:
+        name, (rows, cols) = self._inputs[index]
+        array = np.asarray(argument, dtype=np.float64)
+        if cols != 1:
+            if array.shape[-2:] != (rows, cols):
+                raise ShapeError(f"{self.name}: {name} must end in shape ({rows}, {cols}), got {array.shape}")
+            return np.ascontiguousarray(np.swapaxes(array, -1, -2))
+        if rows == 1 and array.ndim == 0:
+            return array.reshape(1)
+        if array.shape[-1:] != (rows,):
+            raise ShapeError(f"{self.name}: {name} must end in shape ({rows},), got {array.shape}")
+        return np.ascontiguousarray(array)
+
+    def _natural(self, index: int, result: np.ndarray, batch: tuple[int, ...]) -> np.ndarray:
+        rows, cols = self._outputs[index]
+        if cols == 1:
+            return result.reshape(*batch, rows)
+        return np.swapaxes(result, 1, 2).reshape(*batch, rows, cols) if len(batch) != 1 else np.swapaxes(result, 1, 2)
+
+
+class _BoundBuffers:
+    """Fixed input and output buffers of a single evaluation: no pointer is looked up per call."""
+
+    def __init__(self, inputs: list[tuple[int, int]], outputs: list[tuple[int, int]]) -> None:
+        flat_in = [np.zeros((cols, rows)) for rows, cols in inputs]
+        flat_out = [np.zeros((cols, rows)) for rows, cols in outputs]
+        self._inputs = [b[0] if b.shape[0] == 1 else b.T for b in flat_in]
+        self._outputs = [b[0] if b.shape[0] == 1 else b.T for b in flat_out]
+        self._shapes = [b.shape for b in self._inputs]
+        self._pointers_in, self._pointers_out = _pointers(flat_in), _pointers(flat_out)
+        self._no_strides = _long_array([0] * len(inputs))
+        self._one = ctypes.c_longlong(1)
+
+    def accept(self, arguments: tuple[np.ndarray | float, ...]) -> bool:
+        """Copy the arguments in when every one is a single item of its documented shape."""
+        if len(arguments) != len(self._shapes):
+            return False
+        for argument, shape, buffer in zip(arguments, self._shapes, self._inputs, strict=True):
+            if isinstance(argument, float) and shape == (1,):
+                buffer[0] = argument
+            elif isinstance(argument, np.ndarray) and argument.shape == shape:
+                buffer[...] = argument
+            else:
+                return False
+        return True
+
+    def run(self, library: ctypes.PyDLL, strides_out: ctypes.Array[ctypes.c_longlong]) -> tuple[np.ndarray, ...]:
+        if library.spinfilters_loop(self._one, self._pointers_in, self._no_strides, self._pointers_out, strides_out):
+            raise MemoryError("no memory for the work arrays of a compiled function")
+        return tuple([buffer.copy() for buffer in self._outputs])
+
+
+def _densified(function: ca.Function) -> ca.Function:
+    symbols = [function.mx_in(k) for k in range(function.n_in())]
+    names_in = [function.name_in(k) for k in range(function.n_in())]
+    names_out = [function.name_out(k) for k in range(function.n_out())]
+    if function.is_a("SXFunction"):
+        symbols = [function.sx_in(k) for k in range(function.n_in())]
+    dense = [ca.densify(output) for output in function.call(symbols)]
+    return ca.Function(function.name(), symbols, dense, names_in, names_out)
+
+
+def _broadcast(
+    arrays: list[np.ndarray], sizes: list[tuple[int, int]]
+) -> tuple[tuple[int, ...], list[np.ndarray], list[int]]:
+    """Common batch shape; each array either kept whole with stride 0 or expanded to it with the item's stride."""
+    trailing = [1 if cols == 1 else 2 for _, cols in sizes]
+    shapes = [array.shape[: array.ndim - t] for array, t in zip(arrays, trailing, strict=True)]
+    batch = shapes[0] if shapes else ()
+    if any(shape != batch for shape in shapes[1:]):
+        batch = np.broadcast_shapes(*shapes)
+    expanded, strides = [], []
+    for array, shape, t, (rows, cols) in zip(arrays, shapes, trailing, sizes, strict=True):
+        shared = math.prod(shape) == 1
+        if not shared and shape != batch:
+            array = np.ascontiguousarray(np.broadcast_to(array, batch + array.shape[array.ndim - t :]))
+        expanded.append(array)
+        strides.append(0 if shared else rows * cols)
+    return batch, expanded, strides
+
+
+def _repeated(array: np.ndarray, count: int, stride: int) -> np.ndarray:
+    if stride or count == 1:
+        return array
+    return np.ascontiguousarray(np.broadcast_to(array.reshape(-1), (count, array.size)))
+
+
+def _pointers(arrays: list[np.ndarray]) -> ctypes.Array[ctypes.c_void_p]:
+    return (ctypes.c_void_p * len(arrays))(*[array.__array_interface__["data"][0] for array in arrays])
+
+
+def _long_array(values: list[int]) -> ctypes.Array[ctypes.c_longlong]:
+    return (ctypes.c_longlong * len(values))(*values)
