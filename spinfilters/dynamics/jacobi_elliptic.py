@@ -1,8 +1,9 @@
 """Jacobi's elliptic functions sn, cn, dn from theta series, accurate for every parameter in [0, 1].
 
-A parameter m near 1 is lost when only m is stored, so a modulus carries m and m1 = 1 - m separately. Series are in the
-nome q for m <= 1/2 and, after Jacobi's imaginary transformation, in the complementary nome for m > 1/2: either nome is at
-most exp(-pi), five terms reach rounding, and m = 0 (circular) and m1 = 0 (hyperbolic functions) need no special case.
+A parameter m near 1 is lost when only m is stored, so a modulus carries m and m1 = 1 - m separately. Series
+are in the nome q for m <= 1/2 and, after Jacobi's imaginary transformation, in the complementary nome for m >
+1/2: either nome is at most exp(-pi), five terms reach rounding, and m = 0 (circular) and m1 = 0 (hyperbolic
+functions) need no special case.
 Formulas: NIST Digital Library of Mathematical Functions, 19.8, 19.25, 20.2, 20.7.30-33, 22.2, 22.6.
 """
 
@@ -23,7 +24,7 @@ CIRCULAR_LIMIT: Final[float] = 0.5
 
 @dataclass(frozen=True)
 class EllipticModulus:
-    """Parameter m = k^2 and complement m1 = 1 - m, both in [0, 1], each with its own full relative accuracy."""
+    """Parameter m = k^2 and complement m1 = 1 - m, in [0, 1], each to full relative accuracy."""
 
     parameter: float
     complement: float
@@ -42,7 +43,7 @@ class EllipticModulus:
 def jacobi_functions(
     argument: Float[np.ndarray, "*batch"], modulus: EllipticModulus
 ) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch"]]:
-    """sn, cn and dn of a real argument; absolute error of a few 1e-16 besides the rounding of the argument itself."""
+    """sn, cn and dn of a real argument, to a few 1e-16 besides the rounding of the argument."""
     if modulus.parameter <= CIRCULAR_LIMIT:
         return _circular_series(argument, modulus)
     period = 2.0 * modulus.quarter_period
@@ -72,7 +73,7 @@ def _quarter_period(complement: float) -> float:
 def _circular_series(
     argument: Float[np.ndarray, "*batch"], modulus: EllipticModulus
 ) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch"]]:
-    """sn, cn, dn as ratios of theta functions of z = pi u / 2K; theta 1 and 2 without their factor 2 q^(1/4)."""
+    """sn, cn, dn as ratios of theta functions of z = pi u / 2K; theta 1, 2 lack the factor 2 q^(1/4)."""
     quarter = modulus.quarter_period
     nome = math.exp(-math.pi * modulus.complementary_quarter_period / quarter)
     z = 0.5 * math.pi / quarter * argument
@@ -91,7 +92,7 @@ def _circular_series(
 def _hyperbolic_series(
     argument: Float[np.ndarray, "*batch"], modulus: EllipticModulus
 ) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch"]]:
-    """sn, cn, dn for |u| <= K by the imaginary transformation; every theta function carries a factor exp(-|y|)."""
+    """sn, cn, dn for |u| <= K by the imaginary transformation; theta functions carry exp(-|y|)."""
     width = modulus.complementary_quarter_period
     log_nome = -math.pi * modulus.quarter_period / width
     y = np.abs(0.5 * math.pi / width * argument)

@@ -34,12 +34,12 @@ def inertia(s: Expression) -> Expression:
     return ca.trace(S) * ca.DM.eye(3) - S
 
 
-def inertia_matrix(s: Float[np.ndarray, "5"]) -> Float[np.ndarray, "3 3"]:
+def inertia_matrix(s: Float[np.ndarray, " 5"]) -> Float[np.ndarray, "3 3"]:
     """J(s) in g axes up to scale, as numbers."""
     return np.asarray(inertia(ca.DM(s)))
 
 
-def from_inertia(J: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "5"]:
+def from_inertia(J: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " 5"]:
     """The s whose J(s) is proportional to J.
 
     Raises

@@ -1,12 +1,13 @@
 """The polhode: the closed curve in body axes on which the rate of a torque-free body moves for ever.
 
-It is the intersection of the momentum and energy ellipsoids (Tweddle 2013, Eqs 2.78-2.81). With axis C the one that the
-curve goes round, A the opposite extreme axis and B the intermediate one, it is
+It is the intersection of the momentum and energy ellipsoids (Tweddle 2013, Eqs 2.78-2.81). With axis C the
+one that the curve goes round, A the opposite extreme axis and B the intermediate one, it is
 
     w_A = alpha cos(phi),   w_B = beta sin(phi),   w_C = +-gamma sqrt(1 - m sin(phi)^2)
 
-and phi is the Jacobi amplitude of the time (Landau and Lifshitz, Mechanics, section 37). Differences such as 2 T J - h^2
-decide everything and cancel badly, so the squares of all four constants are computed in rational arithmetic, exactly.
+and phi is the Jacobi amplitude of the time (Landau and Lifshitz, Mechanics, section 37). Differences such as
+2 T J - h^2 decide everything and cancel badly, so the squares of all four constants are computed in rational
+arithmetic, exactly.
 """
 
 import math
@@ -43,8 +44,8 @@ class PolhodeKind(Enum):
 class PolhodeShape:
     """Constants of a polhode that is not a point.
 
-    `axes` are the indices of the body axes A, B, C (see the module); `amplitudes` alpha, beta, gamma in rad/s, positive;
-    `modulus` holds m and 1 - m.
+    `axes` are the indices of the body axes A, B, C (see the module); `amplitudes` alpha, beta, gamma in
+    rad/s, positive; `modulus` holds m and 1 - m.
     """
 
     axes: tuple[int, int, int]
@@ -54,20 +55,23 @@ class PolhodeShape:
 
 @dataclass(frozen=True)
 class Polhode:
-    """Kind, closed curves (rad/s, body principal axes, first point repeated) and semi-axes (rad/s) of both ellipsoids.
+    """Kind, closed curves and semi-axes of both ellipsoids, all rates in rad/s along body principal axes.
 
-    The two curves are mirror images; the motion stays on the one that holds its rate. On the separatrix they are the two
-    ellipses that cross on the intermediate axis, and the motion is on a half of one.
+    The first point of a curve is repeated at its end. The two curves are mirror images; the motion stays on
+    the one that holds its rate. On the separatrix they are the two ellipses that cross on the intermediate
+    axis, and the motion is on a half of one.
     """
 
     kind: PolhodeKind
     curves: Float[np.ndarray, "2 n 3"]
-    momentum_semi_axes: Float[np.ndarray, "3"]
-    energy_semi_axes: Float[np.ndarray, "3"]
+    momentum_semi_axes: Float[np.ndarray, " 3"]
+    energy_semi_axes: Float[np.ndarray, " 3"]
 
 
-def polhode(principal_moments: Float[np.ndarray, "3"], rate: Float[np.ndarray, "3"], points: int = 361) -> Polhode:
-    """The polhode of the rate (rad/s, body principal axes) of a body with these moments (kg m^2, any order)."""
+def polhode(
+    principal_moments: Float[np.ndarray, " 3"], rate: Float[np.ndarray, " 3"], points: int = 361
+) -> Polhode:
+    """The polhode of a rate (rad/s, principal axes) of a body with these moments (kg m^2, any order)."""
     moments = validate_principal_moments(principal_moments)
     rate = finite_vector(rate, 3, "rate", "rad/s")
     momentum, energy = ellipsoid_semi_axes(moments, rate)
@@ -80,19 +84,19 @@ def polhode(principal_moments: Float[np.ndarray, "3"], rate: Float[np.ndarray, "
 
 
 def ellipsoid_semi_axes(
-    principal_moments: Float[np.ndarray, "3"], rate: Float[np.ndarray, "3"]
-) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-    """Semi-axes H / J and sqrt(2 E / J) of the momentum and energy ellipsoids, rad/s (Tweddle 2013, Eqs 2.79, 2.81)."""
+    principal_moments: Float[np.ndarray, " 3"], rate: Float[np.ndarray, " 3"]
+) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
+    """Semi-axes H / J (momentum) and sqrt(2 E / J) (energy) in rad/s (Tweddle 2013, Eqs 2.79 and 2.81)."""
     momentum = float(np.linalg.norm(angular_momentum(principal_moments, rate)))
     energy = float(rotational_energy(principal_moments, rate))
     return momentum / principal_moments, np.sqrt(2.0 * energy / principal_moments)
 
 
-def polhode_kind(principal_moments: Float[np.ndarray, "3"], rate: Float[np.ndarray, "3"]) -> PolhodeKind:
+def polhode_kind(principal_moments: Float[np.ndarray, " 3"], rate: Float[np.ndarray, " 3"]) -> PolhodeKind:
     """Kind of the polhode as a set of points.
 
-    A spin exactly about the intermediate axis is a fixed rate, but the ellipsoids meet in the separatrix, which is
-    what is returned. Where two or three moments are equal, rates that stay fixed give a point.
+    A spin exactly about the intermediate axis is a fixed rate, but the ellipsoids meet in the separatrix,
+    which is what is returned. Where two or three moments are equal, rates that stay fixed give a point.
     """
     minor, middle, major = (int(i) for i in np.argsort(principal_moments, kind="stable"))
     distinct = principal_moments[minor] < principal_moments[middle] < principal_moments[major]
@@ -105,16 +109,18 @@ def polhode_kind(principal_moments: Float[np.ndarray, "3"], rate: Float[np.ndarr
     return PolhodeKind.ABOUT_MAJOR if shape.axes[2] == major else PolhodeKind.ABOUT_MINOR
 
 
-def is_fixed_rate(principal_moments: Float[np.ndarray, "3"], rate: Float[np.ndarray, "3"]) -> bool:
+def is_fixed_rate(principal_moments: Float[np.ndarray, " 3"], rate: Float[np.ndarray, " 3"]) -> bool:
     """Whether J w x w is exactly zero: the body rests, is a sphere, or spins about a principal axis."""
     pairs = ((0, 1), (1, 2), (2, 0))
-    return all(principal_moments[i] == principal_moments[j] or rate[i] == 0.0 or rate[j] == 0.0 for i, j in pairs)
+    return all(
+        principal_moments[i] == principal_moments[j] or rate[i] == 0.0 or rate[j] == 0.0 for i, j in pairs
+    )
 
 
-def polhode_shape(principal_moments: Float[np.ndarray, "3"], rate: Float[np.ndarray, "3"]) -> PolhodeShape:
-    """Exact constants of a polhode that is not a point, rounded once (Landau and Lifshitz, Mechanics, Eqs 37.8-37.10).
+def polhode_shape(principal_moments: Float[np.ndarray, " 3"], rate: Float[np.ndarray, " 3"]) -> PolhodeShape:
+    """Constants of a polhode that is not a point, exact and then rounded once.
 
-    Rates below 1e-150 |w| underflow in the squares and count as zero.
+    Landau and Lifshitz, Mechanics, Eqs 37.8-37.12.
     """
     J = [Fraction(float(moment)) for moment in principal_moments]
     squares = [Fraction(float(component)) ** 2 for component in rate]

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from functools import cached_property
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -10,6 +11,23 @@ from jaxtyping import Bool, Float
 from spinfilters.attitude.expressions import Expression
 from spinfilters.state.layout import StateLayout
 from spinfilters.symbolic import Compiled
+
+
+class Linearisation(NamedTuple):
+    """A sensor about a state, k values at once.
+
+    Attributes
+    ----------
+    innovation: (k, dim) whitened by the noise factor.
+    jacobian: (k, dim, c) whitened, with respect to the model's `columns` of the error.
+    valid: (k,) whether the model applies.
+    log_noise: (k,) log determinant of the noise factor, for likelihoods.
+    """
+
+    innovation: Float[np.ndarray, "k r"]
+    jacobian: Float[np.ndarray, "k r c"]
+    valid: Bool[np.ndarray, " k"]
+    log_noise: Float[np.ndarray, " k"]
 
 
 class MeasurementModel(ABC):
@@ -79,13 +97,13 @@ class MeasurementModel(ABC):
 
     def linearise(
         self,
-        x: Float[np.ndarray, "m"],
+        x: Float[np.ndarray, " m"],
         parameters: Float[np.ndarray, "k p"],
         measured: Float[np.ndarray, "k v"],
-    ) -> tuple[Float[np.ndarray, "k r"], Float[np.ndarray, "k r c"], Bool[np.ndarray, "k"]]:
-        """Whitened innovations, whitened Jacobians with respect to the error components `columns`, and validity."""
-        innovation, jacobian, valid = self._linearise(x, parameters, measured)
-        return innovation, jacobian, valid[..., 0] > 0
+    ) -> Linearisation:
+        """Innovations and their derivatives at a point."""
+        innovation, jacobian, valid, log_noise = self._linearise(x, parameters, measured)
+        return Linearisation(innovation, jacobian, valid[..., 0] > 0, log_noise[..., 0])
 
     @cached_property
     def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -123,8 +141,9 @@ class MeasurementModel(ABC):
         expected = self.symbolic(moved, p)
         away = self.innovation(expected, z)
         jacobian = ca.substitute(-ca.jacobian(away, d)[:, self.columns], d, ca.SX.zeros(*d.shape))
-        whitening = ca.solve(self.noise_factor(state, p), ca.SX.eye(self.dim))
+        factor = ca.SX(self.noise_factor(state, p))
+        whitening = ca.solve(factor, ca.SX.eye(self.dim))
         innovation = self.innovation(self.symbolic(state, p), z)
-        return self._function(
-            "linearise", [x, p, z], [whitening @ innovation, whitening @ jacobian, self.valid(state, p)]
-        )
+        log_noise = ca.sum1(ca.log(ca.diag(factor)))
+        outputs = [whitening @ innovation, whitening @ jacobian, self.valid(state, p), log_noise]
+        return self._function("linearise", [x, p, z], outputs)

@@ -32,7 +32,7 @@ class ProcessNoise:
     torque_psd: of the angular acceleration, (rad/s^2)^2/Hz.
     """
 
-    force_psd: float = 1e-6
+    force_psd: float = 4e-8
     torque_psd: float = 1e-6
 
     def __post_init__(self) -> None:
@@ -82,16 +82,16 @@ class TorqueFreeProcess:
         return self._integrator.step(x, dt)
 
     def linearise(
-        self, x: Float[np.ndarray, "m"], dt: float
-    ) -> tuple[Float[np.ndarray, "m"], Float[np.ndarray, "n n"], Float[np.ndarray, "n k"]]:
+        self, x: Float[np.ndarray, " m"], dt: float
+    ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "n n"], Float[np.ndarray, "n k"]]:
         """The point after dt, the transition of the multiplicative error, and a factor of the noise covariance Q = G G'."""
         return self._integrator.linearise(x, dt, self._densities)
 
-    def noise_covariance(self, x: Float[np.ndarray, "m"], dt: float) -> Float[np.ndarray, "n n"]:
+    def noise_covariance(self, x: Float[np.ndarray, " m"], dt: float) -> Float[np.ndarray, "n n"]:
         """Q of the multiplicative error gathered over dt seconds, from the stochastic equation, for a motion that starts at x."""
         factor = self.linearise(x, dt)[2]
         return factor @ factor.T
 
     @property
-    def _densities(self) -> Float[np.ndarray, "2"]:
+    def _densities(self) -> Float[np.ndarray, " 2"]:
         return np.array([self.noise.force_psd, self.noise.torque_psd])

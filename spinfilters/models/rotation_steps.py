@@ -66,7 +66,7 @@ class RotationIntegrator:
             count *= 2
 
     def linearise(
-        self, x: Float[np.ndarray, "m"], dt: float, densities: Float[np.ndarray, "2"]
+        self, x: Float[np.ndarray, " m"], dt: float, densities: Float[np.ndarray, " 2"]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Point after dt, error transition (n, n), factor (n, 6 or 12) of the noise covariance."""
         count = self._first_count(x, dt)

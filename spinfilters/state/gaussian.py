@@ -23,7 +23,7 @@ class Gaussian:
     """
 
     layout: StateLayout
-    mean: Float[np.ndarray, "m"]
+    mean: Float[np.ndarray, " m"]
     factor: Float[np.ndarray, "n n"]
 
     def __post_init__(self) -> None:
@@ -36,7 +36,7 @@ class Gaussian:
 
     @classmethod
     def from_covariance(
-        cls, layout: StateLayout, mean: Float[np.ndarray, "m"], covariance: Float[np.ndarray, "n n"]
+        cls, layout: StateLayout, mean: Float[np.ndarray, " m"], covariance: Float[np.ndarray, "n n"]
     ) -> "Gaussian":
         """From a symmetric positive definite covariance.
 
@@ -59,6 +59,6 @@ class Gaussian:
         return self.factor @ self.factor.T
 
     @property
-    def std(self) -> Float[np.ndarray, "n"]:
+    def std(self) -> Float[np.ndarray, " n"]:
         """Standard deviation of every error component."""
         return np.sqrt(np.einsum("ij,ij->i", self.factor, self.factor))

@@ -90,7 +90,7 @@ class StateLayout:
         """The error that takes ``x`` to ``y``."""
         return self._local(x, y)[0]
 
-    def reset_jacobian(self, d: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n n"]:
+    def reset_jacobian(self, d: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n n"]:
         """Derivative of the error about retract(x, d) with respect to the error about x, at d."""
         return self._reset(d)[0]
 
@@ -123,7 +123,7 @@ class StateLayout:
         jacobian = ca.substitute(ca.jacobian(moved, e), e, d)
         return Compiled(ca.Function("reset_jacobian", [d], [jacobian], ["d"], ["J"]))
 
-    def origin(self) -> Float[np.ndarray, "m"]:
+    def origin(self) -> Float[np.ndarray, " m"]:
         """The point with identity attitude and zeros elsewhere."""
         x = np.zeros(self.mean_dim)
         if "a" in self.blocks:

@@ -1,8 +1,9 @@
-"""C of a CasADi function, compiled once by the system's compiler and cached by a hash of everything that shapes it."""
+"""C of a CasADi function, compiled once and cached by a hash of everything that shapes it."""
 
 import ctypes
 import hashlib
 import os
+import platform
 import shutil
 import subprocess
 import tempfile
@@ -36,7 +37,7 @@ int spinfilters_loop(long long n, const double* const* base, const long long* st
 
 @cache
 def compiler() -> str | None:
-    """Path of the C compiler (``$CC``, cc or gcc), or None when there is none or ``SPINFILTERS_COMPILE=off``."""
+    """Path of the C compiler (``$CC``, cc, gcc, clang), or None, as with ``SPINFILTERS_COMPILE=off``."""
     if os.environ.get("SPINFILTERS_COMPILE", "on").lower() in {"off", "0", "no"}:
         return None
     for name in (os.environ.get("CC"), "cc", "gcc", "clang"):
@@ -51,19 +52,37 @@ def cache_folder() -> Path:
 
 
 def load_loop(function: ca.Function) -> ctypes.PyDLL | None:
-    """The function's loop over items as a shared library; None when it cannot be compiled (the caller then interprets)."""
+    """The function's loop over items as a shared library, or None (the caller then interprets).
+
+    A damaged file in the cache is built again; without a working compiler there is no library.
+    """
     cc = compiler()
     if cc is None:
         return None
     text = _source(function)
-    key = hashlib.sha256("\0".join((text, cc, " ".join(FLAGS), ca.__version__)).encode()).hexdigest()[:24]
-    library = cache_folder() / f"{function.name()}-{key}.so"
+    key = "\0".join((text, cc, " ".join(FLAGS), ca.__version__, platform.system(), platform.machine()))
+    stem = f"{function.name()}-{_digest(key.encode())}"
     try:
-        if not library.exists():
-            _compile(cc, text, library)
+        library = _undamaged(stem) or _compile(cc, text, stem)
         return ctypes.PyDLL(str(library))
     except (OSError, subprocess.SubprocessError):
         return None
+
+
+def interpret(function: ca.Function) -> None:
+    """The loader for a function too small or too rarely called to be worth a compiler run: no library."""
+
+
+def _undamaged(stem: str) -> Path | None:
+    """The cached library whose bytes have the digest in its name: to map one cut short kills the process."""
+    for library in cache_folder().glob(f"{stem}-*.so"):
+        if library.stem == f"{stem}-{_digest(library.read_bytes())}":
+            return library
+    return None
+
+
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()[:24]
 
 
 def _source(function: ca.Function) -> str:
@@ -81,10 +100,13 @@ def _source(function: ca.Function) -> str:
     return generator.dump() + loop
 
 
-def _compile(cc: str, text: str, library: Path) -> None:
-    library.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    with tempfile.TemporaryDirectory(dir=library.parent) as folder:
-        source, built = Path(folder) / "source.c", Path(folder) / "built.so"
+def _compile(cc: str, text: str, stem: str) -> Path:
+    folder = cache_folder()
+    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    with tempfile.TemporaryDirectory(dir=folder) as scratch:
+        source, built = Path(scratch) / "source.c", Path(scratch) / "built.so"
         source.write_text(text)
         subprocess.run([cc, *FLAGS, "-o", built, source, "-lm"], check=True, capture_output=True, timeout=120)
+        library = folder / f"{stem}-{_digest(built.read_bytes())}.so"
         os.replace(built, library)
+    return library

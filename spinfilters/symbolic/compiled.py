@@ -2,31 +2,40 @@
 
 import ctypes
 import math
+from collections.abc import Callable
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from spinfilters.errors import ShapeError
-from spinfilters.symbolic.c_library import load_loop
+from spinfilters.symbolic.c_library import interpret, load_loop
+
+Loader = Callable[[ca.Function], ctypes.PyDLL | None]
+"""Makes the C library of a function's loop, or None to interpret it."""
 
 
 class Compiled:
     """One CasADi function on NumPy arrays.
 
-    An input of CasADi shape (n, 1) takes arrays of shape (*batch, n), one of shape (n, m) takes (*batch, n, m); batch axes
-    broadcast against one another. Outputs have the broadcast batch axes in front and share no memory with later calls.
-    The C code and CasADi's virtual machine round alike, so a machine without a compiler gives the same numbers.
+    An input of CasADi shape (n, 1) takes arrays of shape (*batch, n), one of shape (n, m) takes
+    (*batch, n, m); batch axes broadcast against one another. Outputs have the broadcast batch axes in front
+    and share no memory with later calls. The C code and CasADi's virtual machine round alike, so a machine
+    without a compiler gives the same numbers.
 
     Parameters
     ----------
-    function: the expression; every output is made dense here, because bound buffers would keep only structural non-zeros.
+    function: the expression; every output is made dense here, because bound buffers would keep only
+        structural non-zeros.
+    load: makes its library at the first call; see `Compiled.interpreted` for one that never runs a compiler.
 
     Raises
     ------
-    ShapeError: at a call, when an argument's trailing shape is not the input's.
+    ShapeError: at a call, for a wrong trailing shape or number of arguments, or batch axes that differ.
     """
 
-    def __init__(self, function: ca.Function) -> None:
+    def __init__(self, function: ca.Function, load: Loader = load_loop) -> None:
+        self._load = load
         self._function = _densified(function)
         self.name: str = function.name()
         names = [self._function.name_in(k) for k in range(self._function.n_in())]
@@ -38,24 +47,29 @@ class Compiled:
         self._strides_out = _long_array([rows * cols for rows, cols in self._outputs])
         self._bound = _BoundBuffers([size for _, size in self._inputs], self._outputs)
 
+    @classmethod
+    def interpreted(cls, function: ca.Function) -> "Compiled":
+        """The same without C: for an expression so rarely called that a second of compiling would not pay."""
+        return cls(function, interpret)
+
     @property
     def is_c(self) -> bool:
         """Whether calls run generated C (True) or CasADi's virtual machine (False). Compiles on first use."""
         if not self._loaded:
-            self._library, self._loaded = load_loop(self._function), True
+            self._library, self._loaded = self._load(self._function), True
         return self._library is not None
 
-    def __reduce__(self) -> tuple[type["Compiled"], tuple[ca.Function]]:
+    def __reduce__(self) -> tuple[type["Compiled"], tuple[ca.Function, Loader]]:
         """Buffers and libraries do not pickle: another process builds its own from the expression."""
-        return Compiled, (self._function,)
+        return Compiled, (self._function, self._load)
 
     def __call__(self, *arguments: np.ndarray | float) -> tuple[np.ndarray, ...]:
         """Evaluate; returns one array per output (see the class for shapes). Use one instance per thread."""
         if self.is_c and self._library is not None and self._bound.accept(arguments):
             return self._bound.run(self._library, self._strides_out)
+        if len(arguments) != len(self._inputs):
+            raise ShapeError(f"{self.name} takes {len(self._inputs)} arguments, got {len(arguments)}")
         arrays = [self._column_major(k, argument) for k, argument in enumerate(arguments)]
-        if len(arrays) != len(self._inputs):
-            raise ShapeError(f"{self.name} takes {len(self._inputs)} arguments, got {len(arrays)}")
         batch, arrays, strides = _broadcast(arrays, [size for _, size in self._inputs])
         count = math.prod(batch)
         results = [np.empty((count, cols, rows)) for rows, cols in self._outputs]
@@ -63,7 +77,9 @@ class Compiled:
             self._run(count, arrays, strides, results)
         return tuple(self._natural(k, result, batch) for k, result in enumerate(results))
 
-    def _run(self, count: int, arrays: list[np.ndarray], strides: list[int], results: list[np.ndarray]) -> None:
+    def _run(
+        self, count: int, arrays: list[np.ndarray], strides: list[int], results: list[np.ndarray]
+    ) -> None:
         if self.is_c and self._library is not None:
             flag = self._library.spinfilters_loop(
                 ctypes.c_longlong(count),
@@ -78,9 +94,9 @@ class Compiled:
         buffer, evaluate = self._virtual_machine(count).buffer()
         full = [_repeated(a, count, stride) for a, stride in zip(arrays, strides, strict=True)]
         for k, array in enumerate(full):
-            buffer.set_arg(k, memoryview(array))
+            buffer.set_arg(k, array.data)  # pyright: ignore[reportCallIssue]
         for k, result in enumerate(results):
-            buffer.set_res(k, memoryview(result))
+            buffer.set_res(k, result.data)  # pyright: ignore[reportCallIssue]
         evaluate()
 
     def _virtual_machine(self, count: int) -> ca.Function:
@@ -109,7 +125,11 @@ class Compiled:
         rows, cols = self._outputs[index]
         if cols == 1:
             return result.reshape(*batch, rows)
-        return np.swapaxes(result, 1, 2).reshape(*batch, rows, cols) if len(batch) != 1 else np.swapaxes(result, 1, 2)
+        return (
+            np.swapaxes(result, 1, 2).reshape(*batch, rows, cols)
+            if len(batch) != 1
+            else np.swapaxes(result, 1, 2)
+        )
 
 
 class _BoundBuffers:
@@ -138,18 +158,21 @@ class _BoundBuffers:
                 return False
         return True
 
-    def run(self, library: ctypes.PyDLL, strides_out: ctypes.Array[ctypes.c_longlong]) -> tuple[np.ndarray, ...]:
-        if library.spinfilters_loop(self._one, self._pointers_in, self._no_strides, self._pointers_out, strides_out):
+    def run(
+        self, library: ctypes.PyDLL, strides_out: ctypes.Array[ctypes.c_longlong]
+    ) -> tuple[np.ndarray, ...]:
+        if library.spinfilters_loop(
+            self._one, self._pointers_in, self._no_strides, self._pointers_out, strides_out
+        ):
             raise MemoryError("no memory for the work arrays of a compiled function")
         return tuple([buffer.copy() for buffer in self._outputs])
 
 
 def _densified(function: ca.Function) -> ca.Function:
-    symbols = [function.mx_in(k) for k in range(function.n_in())]
     names_in = [function.name_in(k) for k in range(function.n_in())]
     names_out = [function.name_out(k) for k in range(function.n_out())]
-    if function.is_a("SXFunction"):
-        symbols = [function.sx_in(k) for k in range(function.n_in())]
+    symbol = function.sx_in if function.is_a("SXFunction") else function.mx_in
+    symbols: list[Any] = [symbol(k) for k in range(function.n_in())]
     dense = [ca.densify(output) for output in function.call(symbols)]
     return ca.Function(function.name(), symbols, dense, names_in, names_out)
 
@@ -157,12 +180,15 @@ def _densified(function: ca.Function) -> ca.Function:
 def _broadcast(
     arrays: list[np.ndarray], sizes: list[tuple[int, int]]
 ) -> tuple[tuple[int, ...], list[np.ndarray], list[int]]:
-    """Common batch shape; each array either kept whole with stride 0 or expanded to it with the item's stride."""
+    """Common batch shape; each array is kept whole with stride 0 or expanded to it with the item's stride."""
     trailing = [1 if cols == 1 else 2 for _, cols in sizes]
     shapes = [array.shape[: array.ndim - t] for array, t in zip(arrays, trailing, strict=True)]
     batch = shapes[0] if shapes else ()
     if any(shape != batch for shape in shapes[1:]):
-        batch = np.broadcast_shapes(*shapes)
+        try:
+            batch = np.broadcast_shapes(*shapes)
+        except ValueError as error:
+            raise ShapeError(f"batch axes do not broadcast: {', '.join(map(str, shapes))}") from error
     expanded, strides = [], []
     for array, shape, t, (rows, cols) in zip(arrays, shapes, trailing, sizes, strict=True):
         shared = math.prod(shape) == 1

@@ -40,7 +40,7 @@ class StereoLandmark(MeasurementModel):
 
 
 def stereo_parameters(
-    points: Float[np.ndarray, "count 3"], calibration: Float[np.ndarray, "5"], pixel_std: float
+    points: Float[np.ndarray, "count 3"], calibration: Float[np.ndarray, " 5"], pixel_std: float
 ) -> Float[np.ndarray, "count 9"]:
     """Parameters of landmarks at ``points`` (frame g, m) for a rig (fx, fy, cx, cy, baseline)."""
     count = len(points)

@@ -1,0 +1,87 @@
+"""What every estimator is, and what one update says of itself."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.models.measurement import MeasurementModel
+from spinfilters.state.gaussian import Gaussian
+from spinfilters.state.layout import StateLayout
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Values of one sensor at one instant.
+
+    Attributes
+    ----------
+    model: the sensor.
+    values: (k, value_dim) measured values, k at least 0.
+    parameters: (k, parameter_dim) what accompanies each value (landmark, calibration, noise).
+    """
+
+    model: MeasurementModel
+    values: Float[np.ndarray, "k v"]
+    parameters: Float[np.ndarray, "k p"]
+
+
+@dataclass(frozen=True)
+class UpdateReport:
+    """What an update did.
+
+    Attributes
+    ----------
+    nis: normalised innovation squared, chi-square distributed with ``dof`` degrees of freedom when the filter is consistent.
+    dof: number of scalar measurements used.
+    accepted, rejected: numbers of measurements used and left out (point at or behind the camera, not finite).
+    log_likelihood: of the values used, given everything before.
+    """
+
+    nis: float
+    dof: int
+    accepted: int
+    rejected: int
+    log_likelihood: float = 0.0
+
+
+class ProcessModel(Protocol):
+    """What a filter asks of a process: see `spinfilters.models.process.TorqueFreeProcess`."""
+
+    @property
+    def layout(self) -> StateLayout: ...
+
+    def step(self, x: Float[np.ndarray, "*batch m"], dt: float) -> Float[np.ndarray, "*batch m"]: ...
+
+    def linearise(
+        self, x: Float[np.ndarray, " m"], dt: float
+    ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "n n"], Float[np.ndarray, "n k"]]: ...
+
+
+class Estimator(ABC):
+    """A recursive estimator: start, then predict and update in the order of time."""
+
+    name: str
+
+    def __init__(self, process: ProcessModel) -> None:
+        self.process = process
+        self.layout = process.layout
+
+    @abstractmethod
+    def start(self, belief: Gaussian) -> None:
+        """Begin from a belief over the process' layout."""
+
+    @property
+    @abstractmethod
+    def belief(self) -> Gaussian:
+        """The present belief."""
+
+    @abstractmethod
+    def predict(self, dt: float) -> None:
+        """Move the belief dt > 0 seconds ahead."""
+
+    @abstractmethod
+    def update(self, measurement: Measurement) -> UpdateReport:
+        """Take in one sensor's values at the present time."""

@@ -1,0 +1,93 @@
+"""The one gain step: what follows from a predicted measurement, whichever filter predicted it.
+
+A filter hands over the state's and the measurement's deviations side by side: factors X (n, r) and Y (k, r) with P = X X',
+P_xz = X Y' and P_zz = Y Y' + I, the measurement whitened by its noise. The EKF's r is n with Y = H X; the UKF's are its sigma points.
+With U'U = I + Y'Y from a QR decomposition (no innovation covariance is formed or inverted, no covariance can become indefinite)
+
+    P+ = (X U^-1)(X U^-1)',   d = X U^-1 y,  y = U^-T Y' rho,   nis = |rho|^2 - |y|^2.
+
+See Anderson and Moore (1979), ch. 6, for the square-root array this rests on.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg.lapack import dgeqrf, dtrtrs
+
+
+LOG_2_PI = float(np.log(2 * np.pi))
+
+
+@dataclass(frozen=True)
+class MeasurementPrediction:
+    """A whitened predicted measurement.
+
+    Attributes
+    ----------
+    innovation: (k,) whitened innovation rho.
+    measurement_factor: (k, r) Y.
+    state_factor: (n, r) X.
+    residual: squared norm of innovation components that no state can explain (left out of ``innovation`` by compression).
+    dof: number of scalar measurements, before compression.
+    log_noise: log determinant of the factor by which the measurement was whitened.
+    """
+
+    innovation: Float[np.ndarray, " k"]
+    measurement_factor: Float[np.ndarray, "k r"]
+    state_factor: Float[np.ndarray, "n r"]
+    residual: float
+    dof: int
+    log_noise: float
+
+
+@dataclass(frozen=True)
+class Correction:
+    """Error estimate d (n,), factor (n, n) of its covariance, normalised innovation squared, and log-likelihood."""
+
+    error: Float[np.ndarray, " n"]
+    factor: Float[np.ndarray, "n n"]
+    nis: float
+    log_likelihood: float
+
+
+def apply_gain(prediction: MeasurementPrediction) -> Correction:
+    """The correction of a predicted measurement (formulas in the module's docstring)."""
+    X, Y = prediction.state_factor, prediction.measurement_factor
+    n, r = X.shape
+    k = len(prediction.innovation)
+    array = np.zeros((k + r, r + 1), order="F")
+    array[:k, :r] = Y
+    array[:k, r] = prediction.innovation
+    array[k:, :r].flat[:: r + 1] = 1.0
+    R = dgeqrf(array, overwrite_a=1)[0]
+    root, _ = dtrtrs(R[:r, :r], X.T, trans=1)
+    error = R[:r, r] @ root
+    nis = float(R[r, r] ** 2) + prediction.residual if k else prediction.residual
+    log_root = float(np.log(np.abs(R.diagonal()[:r])).sum())
+    log_likelihood = -0.5 * (nis + prediction.dof * LOG_2_PI) - log_root - prediction.log_noise
+    factor = root.T if r == n else triangular_factor(root)
+    return Correction(error, factor, nis, log_likelihood)
+
+
+def triangular_factor(rows: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "n n"]:
+    """Lower triangular L with L L' = rows' rows, by QR; k may be less than n."""
+    k, n = rows.shape
+    if k < n:
+        rows = np.concatenate([rows, np.zeros((n - k, n))])
+    R = dgeqrf(np.array(rows, order="F"), overwrite_a=1)[0]
+    return np.tril(R[:n].T)
+
+
+def compressed(
+    innovation: Float[np.ndarray, " k"], jacobian: Float[np.ndarray, "k c"]
+) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, "q c"], float]:
+    """Rotate a tall whitened measurement so that c rows hold all that depends on the state; returns those and the rest's |.|^2."""
+    k, c = jacobian.shape
+    if k <= c:
+        return innovation, jacobian, 0.0
+    array = np.empty((k, c + 1), order="F")
+    array[:, :c] = jacobian
+    array[:, c] = innovation
+    R = dgeqrf(array, overwrite_a=1)[0]
+    return R[:c, c].copy(), np.triu(R[:c, :c]), float(R[c, c] ** 2)

@@ -1,0 +1,83 @@
+"""What the first frames say directly of a motion: attitudes, body rates and places, from poses or from a gyro."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.attitude.conversions import (
+    integrate_gyro,
+    inverse,
+    matrix_from_quaternion,
+    multiply,
+    rotation_vector_from_quaternion,
+)
+from spinfilters.errors import InputError
+from spinfilters.logs.measurement_log import MeasurementStream
+
+DEGREE = 4
+"""Of the polynomial that a window of rotation vectors is fitted with; a steady spin is a straight line."""
+LARGEST_TURN = 2.2
+"""Rad from the middle of a window: well below pi, where rotation vectors stop being unique."""
+LARGEST_WINDOW = 15
+
+
+@dataclass(frozen=True)
+class MotionEvidence:
+    """Motion at k times.
+
+    Attributes
+    ----------
+    time: (k,) s.   attitude: (k, 4) q_ig.   rates: (k, 3) body rates, rad/s, g axes.
+    positions: (k, 3) origins of g in i, m, or None when nothing measures them.
+    """
+
+    time: Float[np.ndarray, " k"]
+    attitude: Float[np.ndarray, "k 4"]
+    rates: Float[np.ndarray, "k 3"]
+    positions: Float[np.ndarray, "k 3"] | None = None
+
+    @property
+    def rotations(self) -> Float[np.ndarray, "k 3 3"]:
+        """R_ig at every time."""
+        return matrix_from_quaternion(self.attitude)
+
+
+def evidence_from_gyro(gyro: MeasurementStream, frames: int) -> MotionEvidence:
+    """From the first ``frames`` gyro samples: g at the first sample defines the axes of i."""
+    time, rates = gyro.time[:frames], gyro.values[:frames]
+    return MotionEvidence(time, integrate_gyro(time, rates, np.array([0.0, 0.0, 0.0, 1.0])), rates)
+
+
+def evidence_from_poses(poses: MeasurementStream, frames: int) -> MotionEvidence:
+    """From the first ``frames`` poses; the rate at each is the slope of a polynomial through the rotation vectors around it.
+
+    Raises
+    ------
+    InputError: with fewer than 4 poses, or a body that turns by more than half a revolution between two of them.
+    """
+    time, q = poses.time[:frames], poses.values[:frames, 3:]
+    if len(time) < 4:
+        raise InputError(f"a start from poses needs at least 4 frames, got {len(time)}; give a longer recording")
+    rates = np.array([_rate(time, q, k) for k in range(len(time))])
+    return MotionEvidence(time, q, rates, poses.values[:frames, :3])
+
+
+def _rate(time: Float[np.ndarray, " k"], q: Float[np.ndarray, "k 4"], k: int) -> Float[np.ndarray, " 3"]:
+    around = np.arange(max(0, k - LARGEST_WINDOW // 2), min(len(time), k + LARGEST_WINDOW // 2 + 1))
+    phi = rotation_vector_from_quaternion(multiply(inverse(q[k]), q[around]))
+    turn = np.linalg.norm(phi, axis=1)
+    near = turn < LARGEST_TURN
+    middle = int(np.flatnonzero(around == k)[0])
+    first = middle - int(np.argmin(np.append(near[middle::-1], False))) + 1
+    last = middle + int(np.argmin(np.append(near[middle:], False)))
+    if last - first < 2:
+        raise InputError(
+            f"the body turns by {np.degrees(np.delete(turn, middle).min()):.0f} deg between frames near t = {time[k]:.3f} s; "
+            "more than about half a revolution per frame cannot be told from its opposite: give a faster frame rate"
+        )
+    elapsed = time[around[first:last]] - time[k]
+    scale = np.abs(elapsed).max()
+    degree = min(DEGREE, len(elapsed) - 1)
+    slope = np.linalg.lstsq(np.vander(elapsed / scale, degree + 1, increasing=True), phi[first:last], rcond=None)[0]
+    return slope[1] / scale

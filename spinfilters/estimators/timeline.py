@@ -1,0 +1,107 @@
+"""The one place where a measurement log meets models: frames of measurements in the order of time."""
+
+from collections import defaultdict
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.errors import InputError
+from spinfilters.estimators.estimator import Measurement
+from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.logs.track_files import KnownMap
+from spinfilters.models.measurement import MeasurementModel
+from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
+from spinfilters.models.sensors.pose import Pose, pose_parameters
+from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.state.layout import StateLayout
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """Standard deviations of the sensors; see each sensor for its model.
+
+    Attributes
+    ----------
+    gyro_noise_std: rad/s.   gyro_scale_std: relative to |w|.
+    pixel_std: px.
+    pose_position_std: m, pose_rotation_std: rad, for poses that come without a covariance.
+    """
+
+    gyro_noise_std: float = 0.005
+    gyro_scale_std: float = 0.0
+    pixel_std: float = 1.0
+    pose_position_std: float = 0.01
+    pose_rotation_std: float = 0.01
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            smallest = 0.0 if name == "gyro_scale_std" else np.finfo(float).tiny
+            if not (np.isfinite(value) and value >= smallest):
+                raise InputError(f"{name} is {value}; give a positive, finite standard deviation")
+
+
+@dataclass(frozen=True)
+class StereoView:
+    """What stereo rows are measured against: landmarks in frame g and the calibration (fx, fy, cx, cy px, baseline m)."""
+
+    known_map: KnownMap
+    calibration: Float[np.ndarray, " 5"]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Everything measured at one instant (s)."""
+
+    time: float
+    measurements: tuple[Measurement, ...]
+
+
+Timeline = tuple[Frame, ...]
+
+
+def build_timeline(
+    log: MeasurementLog, layout: StateLayout, noise: SensorNoise, view: StereoView | None = None
+) -> Timeline:
+    """Frames of a log over a state layout; sensors that measure at the same stamp share a frame.
+
+    Stereo rows whose landmark is not in the map are left out.
+
+    Raises
+    ------
+    InputError: stereo rows without a map, or a log without any usable measurement.
+    """
+    frames: dict[float, list[Measurement]] = defaultdict(list)
+    for stream in log.streams:
+        model, values, parameters, time = _joined(stream, layout, noise, view)
+        edges = np.flatnonzero(np.diff(time)) + 1
+        for rows in np.split(np.arange(len(time)), edges) if len(time) else []:
+            frames[float(time[rows[0]])].append(Measurement(model, values[rows], parameters[rows]))
+    if not frames:
+        raise InputError("the log holds no usable measurement; check that landmark ids of the tracks and of the map agree")
+    return tuple(Frame(time, tuple(frames[time])) for time in sorted(frames))
+
+
+def _joined(
+    stream: MeasurementStream, layout: StateLayout, noise: SensorNoise, view: StereoView | None
+) -> tuple[MeasurementModel, np.ndarray, np.ndarray, np.ndarray]:
+    count = len(stream.time)
+    if stream.sensor == "gyro":
+        parameters = gyro_parameters(count, noise.gyro_noise_std, noise.gyro_scale_std)
+        return Gyro(layout), stream.values, parameters, stream.time
+    if stream.sensor == "pose":
+        return Pose(layout), stream.values, pose_parameters(_pose_covariance(stream, noise)), stream.time
+    if view is None or stream.ids is None:
+        raise InputError("stereo tracks need a known map here; turn them into poses first (absolute orientation)")
+    landmarks = view.known_map
+    row = np.clip(np.searchsorted(landmarks.ids, stream.ids), 0, len(landmarks.ids) - 1)
+    known = landmarks.ids[row] == stream.ids
+    parameters = stereo_parameters(landmarks.points[row[known]], view.calibration, noise.pixel_std)
+    return StereoLandmark(layout), stream.values[known], parameters, stream.time[known]
+
+
+def _pose_covariance(stream: MeasurementStream, noise: SensorNoise) -> Float[np.ndarray, "n 6 6"]:
+    if stream.covariance is not None:
+        return stream.covariance
+    std = np.repeat([noise.pose_position_std, noise.pose_rotation_std], 3)
+    return np.tile(np.diag(std**2), (len(stream.time), 1, 1))

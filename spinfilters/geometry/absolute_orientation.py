@@ -1,0 +1,45 @@
+"""Absolute orientation: the rigid motion between two sets of matched points."""
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.errors import InputError
+
+
+def absolute_orientation(
+    points_a: Float[np.ndarray, "n 3"],
+    points_b: Float[np.ndarray, "n 3"],
+    weights: Float[np.ndarray, " n"] | None = None,
+) -> tuple[Float[np.ndarray, " 4"], Float[np.ndarray, " 3"]]:
+    """(q_ab, t_ab) that minimises the weighted sum of |p_a - R_ab p_b - t_ab|^2, scale one.
+
+    Horn's closed form: the quaternion is the eigenvector of the largest eigenvalue of N (Tweddle 2013, Eqs 2.104-2.108, with the
+    means of 2.104-2.105 corrected; Horn 1987).
+
+    Raises
+    ------
+    InputError: with fewer than three points, or points on one line, which leave a rotation undetermined.
+    """
+    if len(points_a) < 3:
+        raise InputError(f"absolute orientation needs at least 3 matched points, got {len(points_a)}")
+    w = np.ones(len(points_a)) if weights is None else weights
+    w = w / w.sum()
+    mean_a, mean_b = w @ points_a, w @ points_b
+    M = (points_b - mean_b).T @ (w[:, None] * (points_a - mean_a))
+    values, vectors = np.linalg.eigh(_horn_matrix(M))
+    if values[3] - values[2] <= 1e-12 * max(abs(values[3]), np.finfo(float).tiny):
+        raise InputError("absolute orientation is undetermined: the matched points lie on one line")
+    s, x, y, z = vectors[:, 3]
+    q = np.array([x, y, z, s]) * (1.0 if s >= 0 else -1.0)
+    u = 2 * np.cross(q[:3], mean_b)
+    return q, mean_a - (mean_b + q[3] * u + np.cross(q[:3], u))
+
+
+def _horn_matrix(S: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "4 4"]:
+    """N of Horn's method, scalar first, for S = sum p_b p_a'."""
+    delta = np.array([S[1, 2] - S[2, 1], S[2, 0] - S[0, 2], S[0, 1] - S[1, 0]])
+    N = np.empty((4, 4))
+    N[0, 0] = np.trace(S)
+    N[0, 1:] = N[1:, 0] = delta
+    N[1:, 1:] = S + S.T - np.trace(S) * np.eye(3)
+    return N

@@ -1,0 +1,1 @@
+"""Measurements as arrays, and the files they come from."""

@@ -1,0 +1,180 @@
+"""A rectified stereo camera, in the two `sensor.yaml` files of the EuRoC layout."""
+
+import math
+from dataclasses import astuple, dataclass, fields
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.errors import InputError
+from spinfilters.logs.atomic_write import make_folder, write_text
+from spinfilters.logs.input_file import named, shown
+from spinfilters.logs.settings_files import numbers, read_yaml
+
+RIG_FILES: Final[tuple[Path, Path]] = (Path("cam0/sensor.yaml"), Path("cam1/sensor.yaml"))
+"""Left and right camera, relative to the folder of a data set."""
+ROTATION_TOLERANCE: Final[float] = 1e-4
+"""Largest entry by which a rotation may miss orthonormality, or a pair parallelism: 0.05 px at f = 500."""
+OFF_AXIS_TOLERANCE: Final[float] = 1e-3
+"""Largest offset of the right camera across the x axis, as a fraction of the baseline."""
+
+
+@dataclass(frozen=True)
+class StereoRig:
+    """A rectified pinhole pair: the right camera is the left one moved by the baseline along x.
+
+    Parameters
+    ----------
+    fx, fy, cx, cy: focal lengths and principal point of both cameras, px.
+    width, height: of the images, px.   baseline_m: m, positive.
+
+    Raises
+    ------
+    InputError: a value that is not finite; a focal length, baseline or image size that is not positive.
+    """
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+    baseline_m: float
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not math.isfinite(value):
+                raise InputError(f"stereo rig: {field.name} is {value}, not finite; calibrate again")
+            if value <= 0 and field.name not in ("cx", "cy"):
+                raise InputError(f"stereo rig: {field.name} is {value}, it must be positive; calibrate again")
+
+    @property
+    def calibration(self) -> Float[np.ndarray, "5"]:
+        """(fx, fy, cx, cy, baseline): px, and m for the last."""
+        return np.array([self.fx, self.fy, self.cx, self.cy, self.baseline_m])
+
+
+class _Camera(NamedTuple):
+    intrinsics: Float[np.ndarray, "4"]
+    resolution: Float[np.ndarray, "2"]
+    pose: Float[np.ndarray, "4 4"]
+
+
+def read_stereo_rig(folder: Path) -> StereoRig:
+    """Rig of `cam0/sensor.yaml` (left) and `cam1/sensor.yaml` (right); the baseline is out of their T_BS.
+
+    Raises
+    ------
+    InputError: unreadable YAML; not a pinhole; lens distortion (tracks are rectified pixels); intrinsics or
+    image sizes that differ; cameras not parallel or not side by side along x; degenerate numbers.
+    """
+    left, right = (_read_camera(folder / file) for file in RIG_FILES)
+    path = folder / RIG_FILES[1]
+    for key, a, b in zip(("intrinsics", "resolution"), left[:2], right[:2], strict=True):
+        if not np.array_equal(a, b):
+            raise InputError(
+                f"{named(path)}: {key} are {b.tolist()}, cam0 has {a.tolist()}; "
+                "give the common ones of the rectified pair"
+            )
+    relative = np.linalg.solve(left.pose, right.pose)
+    if np.abs(relative[:3, :3] - np.eye(3)).max() > ROTATION_TOLERANCE:
+        raise InputError(
+            f"{named(path)}: T_BS turns cam1 against cam0; rectify the pair and give the parallel cameras"
+        )
+    baseline = _baseline(path, relative[:3, 3])
+    width, height = _resolution(path, right.resolution)
+    fx, fy, cx, cy = right.intrinsics.tolist()
+    try:
+        return StereoRig(fx, fy, cx, cy, width, height, baseline)
+    except InputError as error:
+        raise InputError(f"{named(path)}: {error}") from None
+
+
+def write_stereo_rig(rig: StereoRig, folder: Path) -> None:
+    """Write both `sensor.yaml` files below the folder, the body frame being the left camera. Atomic each."""
+    fx, fy, cx, cy, width, height, baseline = astuple(rig)
+    for file, shift in zip(RIG_FILES, (0.0, baseline), strict=True):
+        pose = np.eye(4)
+        pose[0, 3] = shift
+        make_folder((folder / file).parent)
+        text = (
+            "sensor_type: camera\n"
+            f"T_BS:\n  cols: 4\n  rows: 4\n  data: {pose.ravel().tolist()}\n"
+            f"resolution: {[int(width), int(height)]}\n"
+            "camera_model: pinhole\n"
+            f"intrinsics: {[float(value) for value in (fx, fy, cx, cy)]}\n"
+            "distortion_model: radial-tangential\n"
+            "distortion_coefficients: [0.0, 0.0, 0.0, 0.0]\n"
+        )
+        write_text(folder / file, text)
+
+
+def _read_camera(path: Path) -> _Camera:
+    settings = read_yaml(path)
+    for key in ("camera_model", "intrinsics", "resolution", "T_BS"):
+        if key not in settings:
+            raise InputError(f"{named(path)}: has no {key}; write it as in the EuRoC layout")
+    if settings["camera_model"] != "pinhole":
+        raise InputError(
+            f"{named(path)}: camera_model is {shown(settings['camera_model'])}; rectify the images, "
+            "give 'pinhole'"
+        )
+    _refuse_distortion(path, settings.get("distortion_coefficients", []))
+    intrinsics = numbers(path, "intrinsics", settings["intrinsics"], (4,))
+    return _Camera(
+        intrinsics, numbers(path, "resolution", settings["resolution"], (2,)), _pose(path, settings["T_BS"])
+    )
+
+
+def _refuse_distortion(path: Path, value: object) -> None:
+    key = "distortion_coefficients"
+    if not isinstance(value, list):
+        raise InputError(f"{named(path)}: {key} is {shown(value)}, expected [0.0, 0.0, 0.0, 0.0]; correct it")
+    if np.any(numbers(path, key, value, (len(value),)) != 0.0):
+        raise InputError(
+            f"{named(path)}: {key} is {shown(value)}: tracks are rectified pixels; rectify them, give zeros"
+        )
+
+
+def _pose(path: Path, value: Any) -> Float[np.ndarray, "4 4"]:
+    """T_BS, camera to body: a 4x4 list, 16 numbers, or the EuRoC mapping with rows, cols and data."""
+    data = value
+    if isinstance(value, dict):
+        if (value.get("rows"), value.get("cols")) != (4, 4) or "data" not in value:
+            raise InputError(
+                f"{named(path)}: T_BS is {shown(value)}, expected rows: 4, cols: 4, data: [...]; correct it"
+            )
+        data = value["data"]
+    nested = isinstance(data, list) and len(data) == 4
+    pose = numbers(path, "T_BS", data, (4, 4) if nested else (16,)).reshape(4, 4)
+    rotation = pose[:3, :3]
+    rigid = (
+        np.abs(rotation @ rotation.T - np.eye(3)).max() <= ROTATION_TOLERANCE
+        and np.linalg.det(rotation) > 0.0
+    )
+    if not rigid or not np.array_equal(pose[3], [0.0, 0.0, 0.0, 1.0]):
+        raise InputError(
+            f"{named(path)}: T_BS is {shown(pose.tolist())}, not a rotation and a shift; correct it"
+        )
+    return pose
+
+
+def _baseline(path: Path, shift: Float[np.ndarray, "3"]) -> float:
+    if shift[0] <= 0.0 or np.abs(shift[1:]).max() > OFF_AXIS_TOLERANCE * shift[0]:
+        raise InputError(
+            f"{named(path)}: T_BS puts cam1 at {shift.tolist()} m in cam0, expected [baseline > 0, 0, 0]; "
+            "let cam0 be the left camera and rectify the pair"
+        )
+    return float(shift[0])
+
+
+def _resolution(path: Path, resolution: Float[np.ndarray, "2"]) -> tuple[int, int]:
+    width, height = resolution.tolist()
+    if not width.is_integer() or not height.is_integer():
+        raise InputError(
+            f"{named(path)}: resolution is {resolution.tolist()}, expected whole pixels; correct it"
+        )
+    return int(width), int(height)

@@ -1,0 +1,57 @@
+"""Covariances that differ from measurement to measurement: a table beside the measurements, row for row."""
+
+from pathlib import Path
+
+import numpy as np
+
+from spinfilters.errors import InputError
+from spinfilters.logs.input_file import named
+from spinfilters.logs.measurement_log import SENSOR_FORMATS, MeasurementStream
+from spinfilters.logs.table_files import read_csv, write_csv
+
+
+def covariance_columns(sensor: str) -> tuple[str, ...]:
+    """Header of a sensor's covariance table: the time, then the lower triangle c00, c10, c11, c20 ..."""
+    rows, columns = np.tril_indices(SENSOR_FORMATS[sensor].dimension)
+    return ("time_s", *(f"c{i}{j}" for i, j in zip(rows.tolist(), columns.tolist(), strict=True)))
+
+
+def with_covariance(stream: MeasurementStream, path: Path) -> MeasurementStream:
+    """The stream with the covariances of the file (units as `MeasurementStream`), one line for each row.
+
+    Raises
+    ------
+    InputError: as `read_csv`; other times than the stream has; matrices that are not positive definite.
+    """
+    table = read_csv(path, covariance_columns(stream.sensor))
+    if len(table.values) != len(stream):
+        raise InputError(
+            f"{named(path)}: has {len(table.values)} rows for {len(stream)} {stream.sensor} measurements; "
+            "give one for each"
+        )
+    other = np.flatnonzero(table.values[:, 0] != stream.time)
+    if other.size:
+        row = int(other[0])
+        raise table.error(
+            row,
+            f"time {float(table.values[row, 0])!r} s is that of no measurement, expected "
+            f"{float(stream.time[row])!r} s",
+        )
+    dimension = SENSOR_FORMATS[stream.sensor].dimension
+    rows, columns = np.tril_indices(dimension)
+    covariance = np.empty((len(stream), dimension, dimension))
+    covariance[:, rows, columns] = covariance[:, columns, rows] = table.values[:, 1:]
+    try:
+        return MeasurementStream(stream.sensor, stream.time, stream.values, stream.ids, covariance)
+    except InputError as error:
+        raise InputError(f"{named(path)}: {error}") from None
+
+
+def write_covariance(path: Path, stream: MeasurementStream) -> None:
+    """Write the covariances of a stream that has them (the lower triangle). Atomic."""
+    if stream.covariance is None:
+        raise InputError(
+            f"the {stream.sensor} stream has no covariance to write to {named(path)}; give it one"
+        )
+    rows, columns = np.tril_indices(SENSOR_FORMATS[stream.sensor].dimension)
+    write_csv(path, covariance_columns(stream.sensor), [stream.time, *stream.covariance[:, rows, columns].T])

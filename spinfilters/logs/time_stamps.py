@@ -1,0 +1,47 @@
+"""Time stamps of a file: in order, in seconds, and at least two of them."""
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from spinfilters.errors import InputError
+from spinfilters.logs.input_file import named
+from spinfilters.logs.measurement_log import first_disorder
+from spinfilters.logs.table_files import Table
+
+LATEST_SECONDS: Final[float] = 1e11
+"""Beyond the year 5000 counted from 1970: such a stamp is in milli- or nanoseconds, not in seconds."""
+
+
+def require_times(table: Table, repeats: bool) -> None:
+    """Check the first column of a table as time in s.
+
+    Parameters
+    ----------
+    repeats: whether a stamp may occur on several lines (stereo tracks).
+
+    Raises
+    ------
+    InputError: not seconds, going backwards or repeated (with line and both values), or less
+    than two distinct stamps.
+    """
+    time = table.values[:, 0]
+    unit = np.flatnonzero(np.abs(time) > LATEST_SECONDS)
+    if unit.size:
+        raise table.error(int(unit[0]), f"time {time[unit[0]]:.17g} is not in seconds; convert it to seconds")
+    row = first_disorder(time, repeats)
+    if row is not None:
+        before, after = float(time[row - 1]), float(time[row])
+        if before == after:
+            raise table.error(row, f"time {after!r} s occurs twice; keep one line of each time")
+        raise table.error(
+            row, f"time {after!r} s follows {before!r} s: it runs backwards; sort the lines by time"
+        )
+    require_two_frames(table.path, np.unique(time).size)
+
+
+def require_two_frames(path: Path, frames: int) -> None:
+    """Raise InputError for a file of fewer than two frames: a rate needs two."""
+    if frames < 2:
+        raise InputError(f"{named(path)}: has {frames} frame, at least 2 are needed; record a longer stretch")

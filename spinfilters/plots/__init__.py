@@ -1,0 +1,1 @@
+"""Figures, readable without the text."""

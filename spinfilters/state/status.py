@@ -1,0 +1,29 @@
+"""Whether an estimate can be trusted, and if not, why."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Verdict(StrEnum):
+    """How an estimate stands."""
+
+    OK = "ok"
+    DEGRADED = "degraded"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True)
+class EstimatorStatus:
+    """A verdict and the reasons for anything but ``ok``, each a sentence with its numbers."""
+
+    verdict: Verdict = Verdict.OK
+    reasons: tuple[str, ...] = ()
+
+    def degraded(self, reason: str) -> "EstimatorStatus":
+        """This status with one more reason for doubt; a failure stays a failure."""
+        verdict = Verdict.FAILED if self.verdict is Verdict.FAILED else Verdict.DEGRADED
+        return EstimatorStatus(verdict, (*self.reasons, reason))
+
+    def failed(self, reason: str) -> "EstimatorStatus":
+        """This status as a failure for this reason."""
+        return EstimatorStatus(Verdict.FAILED, (*self.reasons, reason))
