@@ -4,6 +4,12 @@ The second-moment matrix about the centre of mass, S = integral of p p' dm, is L
 determinant. ``s = (l_1, l_2, l_21, l_31, l_32)``: exp(l_1), exp(l_2), exp(-l_1 - l_2) stand on the diagonal of L and l_ij below
 it. ``s = 0`` is the sphere. The inertia is J = tr(S) I - S up to scale, so the triangle inequality holds by construction, where
 the thesis' chart k1, k2 (Tweddle 2013, Eqs 4.97-4.99) also admits impossible bodies.
+
+An error of s is multiplicative, like that of the attitude: S(s [+] d) = L exp(D) L' with D symmetric and traceless,
+``d = (D_11, D_22, D_21, D_31, D_32)``. Euler's equation depends on the logarithm of S almost linearly (along principal axes its
+coefficients are tanh of half the differences of log S), so this is where a belief about a weakly observed body is nearly Gaussian.
+In the numbers s themselves it is bent by far more than its width: on the thesis' motion the NEES of a converged batch fit reached
+500 instead of 20.
 """
 
 import casadi as ca
@@ -11,20 +17,25 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.attitude.expressions import Expression
+from spinfilters.dynamics.matrix_functions import exponential, logarithm
 from spinfilters.errors import InputError
 
 DIMENSION = 5
 
 
+def lower_factor(s: Expression) -> Expression:
+    """L(s), 3 x 3, lower triangular with determinant one."""
+    zero = 0 * s[0]
+    return ca.vertcat(
+        ca.horzcat(ca.exp(s[0]), zero, zero),
+        ca.horzcat(s[2], ca.exp(s[1]), zero),
+        ca.horzcat(s[3], s[4], ca.exp(-s[0] - s[1])),
+    )
+
+
 def second_moments(s: Expression) -> Expression:
     """S(s), 3 x 3, positive definite, determinant one."""
-    diagonal = ca.exp(ca.vertcat(s[0], s[1], -s[0] - s[1]))
-    zero = 0 * s[0]
-    L = ca.vertcat(
-        ca.horzcat(diagonal[0], zero, zero),
-        ca.horzcat(s[2], diagonal[1], zero),
-        ca.horzcat(s[3], s[4], diagonal[2]),
-    )
+    L = lower_factor(s)
     return L @ L.T
 
 
@@ -32,6 +43,33 @@ def inertia(s: Expression) -> Expression:
     """J(s) in g axes up to scale, 3 x 3: tr(S) I - S."""
     S = second_moments(s)
     return ca.trace(S) * ca.DM.eye(3) - S
+
+
+def retract_mass(s: Expression, d: Expression) -> Expression:
+    """s [+] d: the mass distribution with S = L exp(D) L'."""
+    root = exponential(_traceless(d) / 2)
+    A = _cholesky(root @ root.T)
+    off = lower_factor(s) @ A
+    return ca.vertcat(s[0] + ca.log(A[0, 0]), s[1] + ca.log(A[1, 1]), off[1, 0], off[2, 0], off[2, 1])
+
+
+def local_mass(s: Expression, other: Expression) -> Expression:
+    """The error d that takes s to another mass distribution: D = log(L^-1 S_other L^-T)."""
+    return _components(logarithm(_relative(s, other)))
+
+
+def near_local_mass(s: Expression, other: Expression) -> Expression:
+    """`local_mass` to first order in the difference, for derivatives at equality: no logarithm is formed."""
+    return _components(_relative(s, other) - ca.DM.eye(3))
+
+
+def reset_mass_jacobian(d: Expression) -> Expression:
+    """Derivative of the error about s [+] d with respect to the error about s, at d (5 x 5); it does not depend on s."""
+    e = ca.SX.sym("e", DIMENSION)
+    root = exponential(_traceless(d) / 2)
+    inverse = _lower_inverse(_cholesky(root @ root.T))
+    moved = _components(inverse @ exponential(_traceless(e)) @ inverse.T)
+    return ca.substitute(ca.jacobian(moved, e), e, d)
 
 
 def inertia_matrix(s: Float[np.ndarray, " 5"]) -> Float[np.ndarray, "3 3"]:
@@ -50,8 +88,49 @@ def from_inertia(J: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " 5"]:
     smallest = float(np.linalg.eigvalsh(S)[0])
     if not smallest > 0:
         raise InputError(
-            f"inertia with principal moments {np.linalg.eigvalsh(J).tolist()} is no rigid body: each must be less than the "
-            "sum of the other two; give moments that satisfy the triangle inequality"
+            f"inertia with principal moments {np.linalg.eigvalsh(J).tolist()} is no rigid body: each must be less than "
+            "the sum of the other two; give moments that satisfy the triangle inequality"
         )
     L = np.linalg.cholesky(S / np.cbrt(np.linalg.det(S)))
     return np.array([np.log(L[0, 0]), np.log(L[1, 1]), L[1, 0], L[2, 0], L[2, 1]])
+
+
+def _traceless(d: Expression) -> Expression:
+    return ca.vertcat(
+        ca.horzcat(d[0], d[2], d[3]),
+        ca.horzcat(d[2], d[1], d[4]),
+        ca.horzcat(d[3], d[4], -d[0] - d[1]),
+    )
+
+
+def _components(D: Expression) -> Expression:
+    """(D_11, D_22, D_21, D_31, D_32) of the traceless part."""
+    mean = ca.trace(D) / 3
+    return ca.vertcat(D[0, 0] - mean, D[1, 1] - mean, D[1, 0], D[2, 0], D[2, 1])
+
+
+def _relative(s: Expression, other: Expression) -> Expression:
+    B = _lower_inverse(lower_factor(s)) @ lower_factor(other)
+    return B @ B.T
+
+
+def _cholesky(S: Expression) -> Expression:
+    """Lower Cholesky factor of a 3 x 3 matrix."""
+    a = ca.sqrt(S[0, 0])
+    b, c = S[1, 0] / a, S[2, 0] / a
+    e = ca.sqrt(S[1, 1] - b * b)
+    f = (S[2, 1] - b * c) / e
+    g = ca.sqrt(S[2, 2] - c * c - f * f)
+    zero = 0 * a
+    return ca.vertcat(ca.horzcat(a, zero, zero), ca.horzcat(b, e, zero), ca.horzcat(c, f, g))
+
+
+def _lower_inverse(L: Expression) -> Expression:
+    a, b, c = 1 / L[0, 0], 1 / L[1, 1], 1 / L[2, 2]
+    ba = -L[1, 0] * a * b
+    zero = 0 * a
+    return ca.vertcat(
+        ca.horzcat(a, zero, zero),
+        ca.horzcat(ba, b, zero),
+        ca.horzcat(-c * (L[2, 0] * a + L[2, 1] * ba), -L[2, 1] * b * c, c),
+    )

@@ -52,7 +52,7 @@ def reset_factor(
     layout: StateLayout, error: Float[np.ndarray, " n"], factor: Float[np.ndarray, "n n"]
 ) -> Float[np.ndarray, "n n"]:
     """Covariance factor after the error has been folded into the mean."""
-    if "a" not in layout.blocks:
+    if not {"a", "s"} & set(layout.blocks):
         return factor
     return layout.reset_jacobian(error) @ factor
 

@@ -1,6 +1,7 @@
 """The only loop over time."""
 
 from collections.abc import Callable
+from itertools import pairwise
 from time import perf_counter
 
 import numpy as np
@@ -14,9 +15,13 @@ from spinfilters.state.status import EstimatorStatus
 
 
 def run(
-    estimator: Estimator, belief: Gaussian, timeline: Timeline, on_frame: Callable[[int], None] | None = None
+    estimator: Estimator,
+    belief: Gaussian,
+    time: float,
+    timeline: Timeline,
+    on_frame: Callable[[int], None] | None = None,
 ) -> EstimateHistory:
-    """Start an estimator from a belief at the first frame's time and take it through the timeline.
+    """Start an estimator from a belief at ``time`` (s) and take it through a timeline that begins then or later.
 
     A belief that stops being finite ends the run with the status ``failed``; Ctrl-C ends it as ``degraded``. Either way what
     was estimated up to there is returned.
@@ -27,15 +32,15 @@ def run(
 
     Raises
     ------
-    InputError: when the timeline has fewer than two frames, or does not run forwards.
+    InputError: when the timeline is empty, or does not run forwards from ``time``.
     """
-    _check(timeline)
+    _check(time, timeline)
     rows: list[tuple[Gaussian, list[UpdateReport], float]] = []
     status = EstimatorStatus()
     try:
         estimator.start(belief)
         for index, frame in enumerate(timeline):
-            before = timeline[index - 1].time if index else frame.time
+            before = timeline[index - 1].time if index else time
             begin = perf_counter()
             reports = _advance(estimator, frame, frame.time - before)
             rows.append((estimator.belief, reports, perf_counter() - begin))
@@ -52,10 +57,12 @@ def run(
     return _history(estimator, timeline, rows, status)
 
 
-def _check(timeline: Timeline) -> None:
-    if len(timeline) < 2:
-        raise InputError(f"the timeline has {len(timeline)} frame(s); at least 2 are needed to see a motion")
-    for before, after in zip(timeline, timeline[1:], strict=False):
+def _check(time: float, timeline: Timeline) -> None:
+    if not timeline:
+        raise InputError("no frame is left after the start; give a longer recording or a shorter start (start.frames)")
+    if timeline[0].time < time:
+        raise InputError(f"the first frame, t = {timeline[0].time} s, lies before the belief, t = {time} s")
+    for before, after in pairwise(timeline):
         if not after.time > before.time:
             raise InputError(f"time goes from {before.time} s to {after.time} s; frames must be in the order of time")
 

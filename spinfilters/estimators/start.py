@@ -1,7 +1,8 @@
 """A start from data: where the first frames say the body is, how it turns, and what its inertia is.
 
-Attitudes and rates of the first frames give J up to scale in closed form (`momentum_start`); Gauss-Newton over the first state
-then fits those frames' own measurements through the process model. No guess of the mass distribution enters but a wide prior.
+Attitudes and rates of the first frames give J up to scale in closed form (`momentum_start`); an iterated smoother over those
+frames (`first_frames`) makes that the most probable trajectory and gives its covariance. Filters go on from its last frame, so no
+measurement is counted twice and no guess of the mass distribution enters but a wide prior.
 """
 
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from jaxtyping import Float
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import ProcessModel
-from spinfilters.estimators.first_state import FirstState, FirstStatePrior, fit_first_state
+from spinfilters.estimators.first_frames import FirstStatePrior, SmoothedFrames, smooth_first_frames
 from spinfilters.estimators.momentum_start import fit_momentum
 from spinfilters.estimators.motion_evidence import MotionEvidence
 from spinfilters.estimators.timeline import Timeline
@@ -24,7 +25,7 @@ MASS_SHARES = (1.0, 0.3, 0.0)
 SETTLED_FIT = 1.5
 """Rms of the whitened residuals below which a converged fit is believed without trying others."""
 GAUGE_STD = 1e-9
-"""Of an attitude or position that defines a frame rather than being measured, rad and m."""
+"""Of an attitude that defines a frame rather than being measured, rad."""
 
 
 @dataclass(frozen=True)
@@ -33,21 +34,19 @@ class StartOptions:
 
     Attributes
     ----------
-    frames: how many frames it looks at, at most.
+    frames: how many frames it looks at, at most.   share: of the recording, at most.
     duration: how many seconds it looks at, at most.
-    iterations: Gauss-Newton steps, at most.
-    inflation: factor on the standard deviations handed to the filter. The first frames are used twice, to find where to
-        linearise and then as measurements; with 5 the second use counts them at most 4 % too much.
-    mass_std: of the prior of the mass distribution about the sphere (log lengths: 1 admits plates of 1 : 20 at two sigma).
+    iterations: of the smoother, at most.
+    mass_std: of the prior of the mass distribution about the sphere, in the logarithm of second moments (a phone lies at 2).
     centre_std: of the prior of the centre of mass about the origin of g, m.   speed_std: of its velocity, m/s.
     drag_std: of the prior of the drag coefficient, 1/rad.
     """
 
     frames: int = 60
-    duration: float = 30.0
-    iterations: int = 30
-    inflation: float = 5.0
-    mass_std: float = 1.0
+    share: float = 0.6
+    duration: float = 60.0
+    iterations: int = 40
+    mass_std: float = 1.5
     centre_std: float = 1.0
     speed_std: float = 1.0
     drag_std: float = 0.05
@@ -57,38 +56,54 @@ class StartOptions:
             if not (np.isfinite(value) and value > 0):
                 raise InputError(f"start.{name} is {value}; it must be positive")
 
+    def count(self, timeline: Timeline) -> int:
+        """How many frames of a timeline belong to the start."""
+        end = timeline[0].time + self.duration
+        inside = sum(frame.time <= end for frame in timeline)
+        return max(4, min(self.frames, inside, round(self.share * len(timeline))))
+
 
 @dataclass(frozen=True)
 class StartReport:
-    """The belief at the first frame, and how it was reached.
+    """The first frames of a run, and how they were reached.
 
-    ``fit`` is the rms of the whitened residuals of the frames looked at: 1 when noise and model are right.
+    Attributes
+    ----------
+    frames: smoothed trajectory with covariance; the filters begin from its last frame.
+    fit: rms of the whitened innovations of those frames: 1 when noise and model are right.
+    momentum_residual: how far the closed form's angular momentum was from constant (relative rms).
     """
 
-    belief: Gaussian
-    converged: bool
-    iterations: int
+    layout: StateLayout
+    frames: SmoothedFrames
     fit: float
     momentum_residual: float
+
+    @property
+    def belief(self) -> Gaussian:
+        """Belief after the last frame of the start."""
+        return Gaussian(self.layout, self.frames.mean[-1], self.frames.factor[-1])
 
 
 def start_from_data(
     process: ProcessModel, timeline: Timeline, evidence: MotionEvidence, options: StartOptions
 ) -> StartReport:
-    """Belief at the first frame of a timeline, for any estimator over ``process.layout``.
+    """Smooth the first frames of a timeline, for any estimator over ``process.layout`` to go on from.
+
+    Parameters
+    ----------
+    evidence: attitudes and rates of (at least some of) those frames.
 
     Raises
     ------
     InputError: when the evidence has fewer than 4 frames or the body does not rotate.
     """
-    layout = process.layout
-    first, momentum_residual = closed_form(layout, evidence)
-    prior = _prior(layout, first, options, evidence)
-    found = _best_fit(process, _first_frames(timeline, options), first, prior, options)
+    first, momentum_residual = closed_form(process.layout, evidence)
+    frames = timeline[: options.count(timeline)]
+    prior = _prior(process.layout, first, options, evidence)
+    found = _best_fit(process, frames, _trial_trajectory(process.layout, frames, first, evidence), prior, options)
     fit = float(np.sqrt(found.cost / max(found.dof, 1)))
-    widened = found.information / (options.inflation * max(fit, 1.0)) ** 2 + np.diag(prior.std**-2)
-    belief = _belief(layout, found.mean, widened)
-    return StartReport(belief, found.converged, found.iterations, fit, momentum_residual)
+    return StartReport(process.layout, found, fit, momentum_residual)
 
 
 def closed_form(layout: StateLayout, evidence: MotionEvidence) -> tuple[Float[np.ndarray, " m"], float]:
@@ -110,15 +125,29 @@ def closed_form(layout: StateLayout, evidence: MotionEvidence) -> tuple[Float[np
 def _straight_centre(evidence: MotionEvidence) -> tuple[np.ndarray, np.ndarray]:
     """(c, v) by linear least squares of t_k + R_k c = r_0 + v (t_k - t_0)."""
     assert evidence.positions is not None
-    elapsed = evidence.time - evidence.time[0]
-    rotations = evidence.rotations
+    elapsed, rotations = evidence.time - evidence.time[0], evidence.rotations
     eye = np.broadcast_to(np.eye(3), rotations.shape)
     A = np.concatenate([rotations, -eye, -eye * elapsed[:, None, None]], axis=2).reshape(-1, 9)
     solution = np.linalg.lstsq(A, -evidence.positions.reshape(-1), rcond=1e-9)[0]
     return solution[:3], solution[6:]
 
 
-def _prior(layout: StateLayout, first: np.ndarray, options: StartOptions, evidence: MotionEvidence) -> FirstStatePrior:
+def _trial_trajectory(
+    layout: StateLayout, frames: Timeline, first: np.ndarray, evidence: MotionEvidence
+) -> Float[np.ndarray, "k m"]:
+    """One point per frame: what was seen nearest to its time, with the constants of the first state."""
+    trajectory = np.tile(first, (len(frames), 1))
+    nearest = [int(np.argmin(np.abs(evidence.time - frame.time))) for frame in frames]
+    trajectory[:, layout.mean_slice("a")] = evidence.attitude[nearest]
+    trajectory[:, layout.mean_slice("w")] = evidence.rates[nearest]
+    if evidence.positions is not None and "t" in layout.blocks:
+        trajectory[:, layout.mean_slice("t")] = evidence.positions[nearest]
+    return trajectory
+
+
+def _prior(
+    layout: StateLayout, first: np.ndarray, options: StartOptions, evidence: MotionEvidence
+) -> FirstStatePrior:
     """Wide prior: spheres, at the pose and rate that were seen; tight only where the first frame defines a frame."""
     mean, std = first.copy(), np.zeros(layout.error_dim)
     speed = float(np.linalg.norm(evidence.rates, axis=1).max())
@@ -139,26 +168,18 @@ def _prior(layout: StateLayout, first: np.ndarray, options: StartOptions, eviden
 
 
 def _best_fit(
-    process: ProcessModel, frames: Timeline, first: np.ndarray, prior: FirstStatePrior, options: StartOptions
-) -> FirstState:
+    process: ProcessModel,
+    frames: Timeline,
+    trajectory: Float[np.ndarray, "k m"],
+    prior: FirstStatePrior,
+    options: StartOptions,
+) -> SmoothedFrames:
     """The fit from the closed form; where that does not settle, also from bodies nearer to a sphere, and the likeliest is kept."""
-    tries: list[FirstState] = []
+    tries: list[SmoothedFrames] = []
     for share in MASS_SHARES:
-        x = first.copy()
-        x[process.layout.mean_slice("s")] *= share
-        tries.append(fit_first_state(process, frames, x, prior, options.iterations))
+        trial = trajectory.copy()
+        trial[:, process.layout.mean_slice("s")] *= share
+        tries.append(smooth_first_frames(process, frames, trial, prior, options.iterations))
         if tries[-1].converged and tries[-1].cost < SETTLED_FIT**2 * tries[-1].dof:
             break
-    return min(tries, key=lambda found: found.total)
-
-
-def _first_frames(timeline: Timeline, options: StartOptions) -> Timeline:
-    end = timeline[0].time + options.duration
-    return tuple(frame for frame in timeline[: options.frames] if frame.time <= end)
-
-
-def _belief(layout: StateLayout, x: np.ndarray, information: np.ndarray) -> Gaussian:
-    scale = np.sqrt(np.diag(information))
-    root = np.linalg.cholesky(information / np.outer(scale, scale))
-    factor = np.linalg.inv(root).T / scale[:, None]
-    return Gaussian(layout, x, factor)
+    return min(tries, key=lambda found: found.cost if np.isfinite(found.cost) else np.inf)

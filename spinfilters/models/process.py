@@ -22,6 +22,10 @@ from spinfilters.models.rotation_steps import RotationIntegrator
 from spinfilters.state.layout import StateLayout
 
 
+SMALLEST_SQUARE = 1e-300
+"""Added under a square root, so that the drag of a body at rest has a derivative."""
+
+
 @dataclass(frozen=True)
 class ProcessNoise:
     """Densities of the white disturbances; each at least 0.
@@ -42,13 +46,17 @@ class ProcessNoise:
                 raise InputError(f"{name} is {value}; give a finite density of at least 0")
 
 
-def body_acceleration(values: dict[str, Expression]) -> Expression:
-    """w' of a state's blocks, g axes, rad/s^2 (Tweddle 2013, Eq. 4.103; the sign of 3.16-3.18 is corrected)."""
-    w, J = values["w"], inertia(values["s"])
+def body_acceleration(w: Expression, J: Expression, drag: Expression | None = None) -> Expression:
+    """w' = J^-1 (J w x w) - d |w| w in g axes, rad/s^2 (Tweddle 2013, Eq. 4.103; the sign of 3.16-3.18 is corrected).
+
+    Parameters
+    ----------
+    w: body rate, rad/s.   J: inertia up to scale, 3 x 3.   drag: d, 1/rad.
+    """
     acceleration = ca.inv_minor(J) @ ca.cross(J @ w, w)
-    if "d" in values:
-        acceleration = acceleration - values["d"] * ca.sqrt(ca.dot(w, w) + 1e-300) * w
-    return acceleration
+    if drag is None:
+        return acceleration
+    return acceleration - drag * ca.sqrt(ca.dot(w, w) + SMALLEST_SQUARE) * w
 
 
 def derivative(layout: StateLayout, x: Expression) -> Expression:
@@ -56,7 +64,7 @@ def derivative(layout: StateLayout, x: Expression) -> Expression:
     values = layout.unpack(x)
     rates = {name: 0 * value for name, value in values.items()}
     rates["q"] = quaternion_rate(values["q"], values["w"])
-    rates["w"] = body_acceleration(values)
+    rates["w"] = body_acceleration(values["w"], inertia(values["s"]), values.get("d"))
     if "t" in values:
         rates["t"] = values["v"] - rotate(values["q"], ca.cross(values["w"], values["c"]))
     return layout.pack(rates)

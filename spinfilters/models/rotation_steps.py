@@ -1,8 +1,8 @@
 """Runge-Kutta 4 of the rotation with its error transition and noise covariance, step-doubled until a tolerance is met.
 
 Only attitude and rate need an integrator: the centre of mass moves in closed form. One substep, written in SX, advances
-(q, w), the transition Psi of the error (a, w) with respect to itself, its sensitivity Theta to the constants (s, d), and the noise
-covariance. The noise integral of Psi B B' Psi' is taken by Simpson's rule over the substeps, whose positive weights keep it
+(q, w), the transition Psi of the error (a, w) with respect to itself, its sensitivity Theta to the constants (inertia and drag), and
+the noise covariance. The noise integral of Psi B B' Psi' is taken by Simpson's rule over the substeps, whose positive weights keep it
 positive semidefinite, and which is exact for dt -> 0; it converges with the order of the integrator.
 """
 
@@ -23,11 +23,13 @@ from spinfilters.attitude.expressions import (
     rotate,
     short_mrp_from_quaternion,
 )
+from spinfilters.dynamics.mass_distribution import inertia
 from spinfilters.errors import InputError
 from spinfilters.state.layout import StateLayout
 from spinfilters.symbolic import Compiled
 
-Acceleration = Callable[[dict[str, Expression]], Expression]
+Acceleration = Callable[[Expression, Expression, Expression | None], Expression]
+"""w' from the rate, the inertia (3 x 3) and, where the state has it, the drag."""
 
 MAX_SUBSTEPS = 1 << 14
 """Beyond this, dt |w| is some hundred revolutions per step: the caller is told to use a shorter step."""
@@ -41,7 +43,7 @@ class RotationIntegrator:
     Parameters
     ----------
     layout: blocks of the state; ``s`` and ``d`` are constants that the acceleration may use.
-    acceleration: w' (g axes, rad/s^2) of a dictionary of blocks.
+    acceleration: w' in g axes, rad/s^2.
     tolerance: bound on the estimated error of attitude (rad) and rate (relative) of one call.
     """
 
@@ -51,7 +53,8 @@ class RotationIntegrator:
         self._layout = layout
         self._acceleration = acceleration
         self._tolerance = tolerance
-        self._constants = tuple(block for block in ("s", "d") if block in layout.blocks)
+        self._constant_blocks = tuple(block for block in ("s", "d") if block in layout.blocks)
+        self._constant_dim = 5 + len(self._constant_blocks)
         self._rate = layout.mean_slice("w")
         self._stepper = lru_cache(maxsize=None)(self._build_step)
         self._lineariser = lru_cache(maxsize=None)(self._build_lineariser)
@@ -99,8 +102,7 @@ class RotationIntegrator:
 
     def _rotation(self, values: dict[str, Expression], dt: Expression, count: int) -> tuple[Expression, Expression]:
         """(q, w) after dt in ``count`` substeps, and an estimate of its error by step doubling."""
-        constants = ca.vertcat(*[values[block] for block in self._constants])
-        start = ca.vertcat(values["q"], values["w"])
+        constants, start = _constants(values), ca.vertcat(values["q"], values["w"])
         fine = _repeat(self._substep(), count, start, constants, dt / count)
         coarse = _repeat(self._substep(), count // 2, start, constants, 2 * dt / count)
         return fine, _difference(coarse, fine) / 15
@@ -118,14 +120,9 @@ class RotationIntegrator:
         return ca.vertcat(normalised(after[:4]), after[4:7])
 
     def _rotation_rate(self, y: Expression, p: Expression) -> Expression:
-        values = {"w": y[4:7], "s": p[:5]}
-        if "d" in self._constants:
-            values["d"] = p[5]
-        return ca.vertcat(quaternion_rate(y[:4], y[4:7]), self._acceleration(values))
-
-    @property
-    def _constant_dim(self) -> int:
-        return sum(self._layout.slice(b).stop - self._layout.slice(b).start for b in self._constants)
+        J = ca.vertcat(ca.horzcat(p[0], p[1], p[2]), ca.horzcat(p[1], p[3], p[4]), ca.horzcat(p[2], p[4], p[5]))
+        drag = p[6] if "d" in self._constant_blocks else None
+        return ca.vertcat(quaternion_rate(y[:4], y[4:7]), self._acceleration(y[4:7], J, drag))
 
     def _translated(self, values: dict[str, Expression], q: Expression, w: Expression, dt: Expression) -> Expression:
         """The state after dt from the rotation after dt: r = t + R c moves with v, the rest is constant."""
@@ -138,8 +135,7 @@ class RotationIntegrator:
     def _build_lineariser(self, count: int) -> Compiled:
         x, dt, densities = ca.MX.sym("x", self._layout.mean_dim), ca.MX.sym("dt"), ca.MX.sym("psd", 2)
         values = self._layout.unpack(x)
-        constants = ca.vertcat(*[values[block] for block in self._constants])
-        start = ca.vertcat(values["q"], values["w"])
+        constants, start = _constants(values), ca.vertcat(values["q"], values["w"])
         sums = ca.vertcat(start, ca.DM.eye(6)[:], ca.DM.zeros(6 * self._constant_dim), ca.DM.zeros(36))
         weights = np.array([1.0, *([4.0, 2.0] * (count // 2))][:count]) / 3
         moved = _repeat(self._linear_substep(), count, sums, constants, dt / count, ca.DM(weights).T)
@@ -176,7 +172,8 @@ class RotationIntegrator:
         Psi, Theta = ca.reshape(moved[7:43], 6, 6), ca.reshape(moved[43:], 6, n)
         after = self._translated(layout.unpack(x), moved[:4], moved[4:7], dt)
         turned = Psi @ ca.vertcat(d[layout.slice("a")], d[layout.slice("w")])
-        turned += Theta @ ca.vertcat(*[d[layout.slice(block)] for block in self._constants])
+        constants = _constants(layout.unpack(layout.retract_expression(x, d)))
+        turned += Theta @ (ca.substitute(ca.jacobian(constants, d), d, 0) @ d)
         rotation = _rotation_retract(moved[:7], turned + e[:6])
         values = layout.unpack(layout.retract_expression(x, d))
         if "t" in values:
@@ -184,7 +181,7 @@ class RotationIntegrator:
         shifted = layout.unpack(self._translated(values, rotation[:4], rotation[4:7], dt))
         if "t" in shifted:
             shifted["v"] = shifted["v"] + e[9:12]
-        error = layout.local_expression(after, layout.pack(shifted))
+        error = layout.near_local_expression(after, layout.pack(shifted))
         zero = {"old": [d, e], "new": [ca.SX.zeros(*d.shape), ca.SX.zeros(*e.shape)]}
         transition = ca.substitute([ca.jacobian(error, d)], zero["old"], zero["new"])[0]
         entry = ca.substitute([ca.jacobian(error, e)], zero["old"], zero["new"])[0]
@@ -194,6 +191,13 @@ class RotationIntegrator:
         else:
             entry = entry[:, :6]
         return ca.Function("assemble", [x, dt, psd, moved, noise], [after, transition, entry @ root])
+
+
+def _constants(values: dict[str, Expression]) -> Expression:
+    """What the rotation's constants enter by: the six entries of J(s), then the drag."""
+    J = inertia(values["s"])
+    entries = ca.vertcat(J[0, 0], J[1, 0], J[2, 0], J[1, 1], J[2, 1], J[2, 2])
+    return ca.vertcat(entries, values["d"]) if "d" in values else entries
 
 
 def _repeat(

@@ -1,5 +1,6 @@
 """Which blocks a state holds, and how a point on its manifold and an error vector meet."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -16,9 +17,17 @@ from spinfilters.attitude.expressions import (
     short_mrp_from_quaternion,
 )
 from spinfilters.conventions import STATE_BLOCKS
+from spinfilters.dynamics.mass_distribution import (
+    local_mass,
+    near_local_mass,
+    reset_mass_jacobian,
+    retract_mass,
+)
 from spinfilters.errors import InputError
 from spinfilters.symbolic import Compiled
 
+Chart = Callable[[Expression, Expression], Expression]
+"""How a block's point takes an error, or how two of its points differ."""
 ROTATION_BLOCKS = ("a", "w", "s")
 """What a gyro alone can see."""
 FULL_BLOCKS = ("t", "a", "v", "w", "c", "s")
@@ -29,8 +38,8 @@ FULL_BLOCKS = ("t", "a", "v", "w", "c", "s")
 class StateLayout:
     """The blocks of a state, in the order of `spinfilters.conventions.STATE_BLOCKS`.
 
-    A point ``x`` (mean_dim,) holds the attitude as the quaternion q_ig, an error ``d`` (error_dim,) as 4 x MRP on the body side;
-    every other block is a vector in both.
+    A point ``x`` (mean_dim,) holds the attitude as the quaternion q_ig, an error ``d`` (error_dim,) as 4 x MRP on the body side. The
+    error of the mass distribution is multiplicative too (`spinfilters.dynamics.mass_distribution`); every other block adds.
     """
 
     blocks: tuple[str, ...]
@@ -71,16 +80,20 @@ class StateLayout:
         parts = []
         for block in self.blocks:
             point, error = x[self.mean_slice(block)], d[self.slice(block)]
-            parts.append(product(point, quaternion_from_mrp(error)) if block == "a" else point + error)
+            parts.append(_RETRACT.get(block, _add)(point, error))
         return ca.vertcat(*parts)
 
     def local_expression(self, x: Expression, y: Expression) -> Expression:
         """y [-] x, the error that takes x to y, symbolically; the attitude error goes the short way round."""
-        parts = []
-        for block in self.blocks:
-            here, there = x[self.mean_slice(block)], y[self.mean_slice(block)]
-            parts.append(short_mrp_from_quaternion(product(conjugate(here), there)) if block == "a" else there - here)
-        return ca.vertcat(*parts)
+        return self._difference(x, y, _LOCAL)
+
+    def near_local_expression(self, x: Expression, y: Expression) -> Expression:
+        """`local_expression` to first order at y = x: the same derivative there, and a shorter expression."""
+        return self._difference(x, y, _NEAR_LOCAL)
+
+    def _difference(self, x: Expression, y: Expression, how: dict[str, Chart]) -> Expression:
+        pairs = ((block, x[self.mean_slice(block)], y[self.mean_slice(block)]) for block in self.blocks)
+        return ca.vertcat(*[how.get(block, _subtract)(here, there) for block, here, there in pairs])
 
     def retract(self, x: Float[np.ndarray, "*batch m"], d: Float[np.ndarray, "*batch n"]) -> Float[np.ndarray, "*batch m"]:
         """The point that lies at error ``d`` from ``x``, its quaternion normalised."""
@@ -117,10 +130,15 @@ class StateLayout:
 
     @cached_property
     def _reset(self) -> Compiled:
-        d, e = ca.SX.sym("d", self.error_dim), ca.SX.sym("e", self.error_dim)
-        x = self.origin()
-        moved = self.local_expression(self.retract_expression(x, d), self.retract_expression(x, e))
-        jacobian = ca.substitute(ca.jacobian(moved, e), e, d)
+        d, e = ca.SX.sym("d", self.error_dim), ca.SX.sym("e", 3)
+        jacobian = ca.SX.eye(self.error_dim)
+        if "a" in self.blocks:
+            a = self.slice("a")
+            moved = product(conjugate(quaternion_from_mrp(d[a])), quaternion_from_mrp(e))
+            turn = ca.jacobian(short_mrp_from_quaternion(moved), e)
+            jacobian[a, a] = ca.substitute(turn, e, d[a])
+        if "s" in self.blocks:
+            jacobian[self.slice("s"), self.slice("s")] = reset_mass_jacobian(d[self.slice("s")])
         return Compiled(ca.Function("reset_jacobian", [d], [jacobian], ["d"], ["J"]))
 
     def origin(self) -> Float[np.ndarray, " m"]:
@@ -129,6 +147,27 @@ class StateLayout:
         if "a" in self.blocks:
             x[self.mean_slice("a").stop - 1] = 1.0
         return x
+
+
+def _add(point: Expression, error: Expression) -> Expression:
+    return point + error
+
+
+def _subtract(here: Expression, there: Expression) -> Expression:
+    return there - here
+
+
+def _retract_attitude(q: Expression, a: Expression) -> Expression:
+    return product(q, quaternion_from_mrp(a))
+
+
+def _local_attitude(q: Expression, p: Expression) -> Expression:
+    return short_mrp_from_quaternion(product(conjugate(q), p))
+
+
+_RETRACT: dict[str, Chart] = {"a": _retract_attitude, "s": retract_mass}
+_LOCAL: dict[str, Chart] = {"a": _local_attitude, "s": local_mass}
+_NEAR_LOCAL: dict[str, Chart] = {"a": _local_attitude, "s": near_local_mass}
 
 
 def _mean_size(block: str) -> int:
