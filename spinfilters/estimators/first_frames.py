@@ -15,9 +15,12 @@ from scipy.linalg import solve_triangular
 from spinfilters.estimators.estimator import Measurement, ProcessModel
 from spinfilters.estimators.gain import MeasurementPrediction, apply_gain, compressed, triangular_factor
 from spinfilters.estimators.timeline import Timeline
+from spinfilters.state.layout import StateLayout
 
 SETTLED = 0.05
 """Largest step, in standard deviations of its own component, of a trajectory that has settled."""
+SMALLEST_SHARE = 0.1
+"""Of a step that is taken when steps do not get shorter."""
 LARGEST_MASS_STEP = 1.0
 """Of the mass distribution in one iteration (log second moments): beyond it the linear model says nothing."""
 
@@ -67,21 +70,29 @@ def smooth_first_frames(
     prior: FirstStatePrior,
     iterations: int,
 ) -> SmoothedFrames:
-    """Iterate from a trial trajectory (one point per frame) to the most probable one."""
-    layout, used, converged = process.layout, 0, False
+    """Iterate from a trial trajectory (one point per frame) to the most probable one.
+
+    A step that is not clearly shorter than the one before it is halved: the linear models of successive trials disagree.
+    """
+    layout, used, length, share = process.layout, 0, np.inf, 1.0
     errors, factors, cost, dof = _smooth(process, frames, trajectory, prior)
     while used < iterations and np.isfinite(errors).all():
         used += 1
         std = np.sqrt(np.einsum("kij,kij->ki", factors, factors))
-        converged = bool((np.abs(errors) <= SETTLED * std).all())
-        if "s" in layout.blocks:
-            mass = layout.slice("s")
-            errors[:, mass] = np.clip(errors[:, mass], -LARGEST_MASS_STEP, LARGEST_MASS_STEP)
-        trajectory = layout.retract(trajectory, errors)
-        if converged:
+        before, length = length, float((np.abs(errors) / std).max())
+        share = max(share / 2, SMALLEST_SHARE) if length > 0.7 * before else min(1.0, 2 * share)
+        trajectory = layout.retract(trajectory, _limited(layout, share * errors))
+        if length <= SETTLED:
             break
         errors, factors, cost, dof = _smooth(process, frames, trajectory, prior)
-    return SmoothedFrames(trajectory, factors, cost, dof, used, converged)
+    return SmoothedFrames(trajectory, factors, cost, dof, used, length <= SETTLED)
+
+
+def _limited(layout: StateLayout, errors: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "k n"]:
+    if "s" in layout.blocks:
+        mass = layout.slice("s")
+        errors[:, mass] = np.clip(errors[:, mass], -LARGEST_MASS_STEP, LARGEST_MASS_STEP)
+    return errors
 
 
 def _smooth(

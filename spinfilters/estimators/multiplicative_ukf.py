@@ -34,7 +34,7 @@ class MultiplicativeUkf(MultiplicativeFilter):
     InputError: when the options give a negative covariance weight, with which a covariance could become indefinite.
     """
 
-    name = "mukf"
+    name = "ukf"
 
     def __init__(self, process: ProcessModel, options: SigmaPointOptions | None = None) -> None:
         super().__init__(process)

@@ -1,0 +1,87 @@
+#!/bin/sh
+# Makes .venv and installs the package in it: .ci/environment.sh [extras]; called by the Makefile at every target.
+# Returns at once when the same extras of the same pyproject.toml are installed in this folder already.
+set -eu
+cd "$(dirname "$0")/.."
+
+extras=${1:-}
+stamp=.venv/.installed${extras:+-$extras}
+unfinished=.venv/.unfinished # there while something is being installed: an interrupted .venv is never trusted
+export PIP_USER=0 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_NO_INPUT=1
+
+main() {
+  wanted="$(cksum <pyproject.toml) in $PWD"
+  if installed; then return; fi
+  if [ -e "$unfinished" ] || ! usable .venv/bin/python; then rm -rf .venv; fi
+  if [ ! -d .venv ]; then create; fi
+  say "installing spinfilters${extras:+ [$extras]} into .venv (the first time: some hundred MB, a minute or two)"
+  : >"$unfinished"
+  .venv/bin/python -m pip install --quiet --editable ".${extras:+[$extras]}" </dev/null ||
+    fail "the installation failed as shown above; check the network and the disk, then repeat the command"
+  printf '%s\n' "$wanted" >"$stamp"
+  rm "$unfinished"
+}
+
+installed() {
+  [ -f "$stamp" ] && [ ! -e "$unfinished" ] && [ "$(cat "$stamp")" = "$wanted" ] && version .venv/bin/python >/dev/null
+}
+
+usable() { version "$1" >/dev/null && "$1" -m pip --version >/dev/null 2>&1; }
+
+create() {
+  python=$(suitable_python)
+  version=$(version "$python")
+  say "creating .venv with Python $version"
+  mkdir .venv
+  : >"$unfinished"
+  if "$python" -m venv .venv >/dev/null 2>&1; then return; fi
+  # Debian's python3 comes without ensurepip: a pip of its own can still fill the environment from outside
+  if "$python" -m venv --without-pip .venv >/dev/null 2>&1 &&
+    "$python" -m pip --python .venv/bin/python install --quiet pip >/dev/null 2>&1; then return; fi
+  say "this Python cannot make environments: installing the package python$version-venv"
+  if as_root apt-get install -y -qq "python$version-venv" || { as_root apt-get update -qq &&
+    as_root apt-get install -y -qq "python$version-venv"; } && "$python" -m venv .venv; then return; fi
+  rm -rf .venv
+  fail "Python $version cannot make environments; type 'sudo apt-get install -y python$version-venv', then repeat the command"
+}
+
+as_root() {
+  command -v apt-get >/dev/null || return 1
+  if [ "$(id -u)" = 0 ]; then
+    DEBIAN_FRONTEND=noninteractive "$@" </dev/null >/dev/null 2>&1
+  else
+    sudo -n env DEBIAN_FRONTEND=noninteractive "$@" </dev/null >/dev/null 2>&1
+  fi
+}
+
+# The first of $PYTHON, python3, python3.13, ... that runs and that pyproject.toml admits.
+suitable_python() {
+  seen=
+  for candidate in ${PYTHON:-} python3 python3.13 python3.12 python3.11; do
+    if version "$candidate" >/dev/null; then
+      echo "$candidate"
+      return
+    fi
+    seen="$seen${seen:+, }$(found "$candidate")"
+  done
+  fail "spinfilters needs Python 3.11, 3.12 or 3.13, but here $seen; install one ('sudo apt-get install -y python3 python3-venv'), then repeat the command"
+}
+
+# Prints 3.x, and fails for a version that pyproject.toml does not admit or a Python that does not run.
+version() {
+  "$1" -c 'import sys; print("%d.%d" % sys.version_info[:2]); sys.exit(not (3, 11) <= sys.version_info < (3, 14))' 2>/dev/null
+}
+
+found() {
+  release=$("$1" -c 'import sys; print("%d.%d.%d" % sys.version_info[:3])' 2>/dev/null) || release=
+  echo "$1 is ${release:-absent}"
+}
+
+say() { printf '%s\n' "$*" >&2; }
+
+fail() {
+  say "$*"
+  exit 1
+}
+
+main

@@ -1,0 +1,41 @@
+# make compare   run the filters on the recording that comes with the package; results in runs/embedded
+# make test      run the tests        make check   linter, formatter, types, layers
+# make bench     time the filters     make clean   remove everything but results
+# Every target installs what it needs into .venv, once. Choose another Python with PYTHON=python3.12.
+
+.PHONY: compare test check bench clean
+.NOTPARALLEL:
+
+bin := .venv/bin
+environment := @PYTHON='$(PYTHON)' sh .ci/environment.sh
+
+# small matrices gain nothing from threads, and results and times are steadier without
+export OMP_NUM_THREADS ?= 1
+# packages of another installation (ROS, say) must not shadow those of .venv
+unexport PYTHONPATH PYTHONHOME
+
+compare:
+	$(environment)
+	@$(bin)/spinfilters compare -o runs/embedded
+
+test:
+	$(environment) test
+	@$(bin)/python -m pytest -n 2
+
+check:
+	$(environment) test
+	$(environment) check
+	@status=0; \
+	$(bin)/ruff check || status=1; \
+	$(bin)/ruff format --check || status=1; \
+	$(bin)/basedpyright --pythonpath $(bin)/python || status=1; \
+	$(bin)/lint-imports --no-logo || status=1; \
+	exit $$status
+
+bench:
+	$(environment)
+	@$(bin)/python -m experiments.benchmarks.filters
+
+clean:
+	rm -rf .venv build dist spinfilters.egg-info .ruff_cache .hypothesis .pytest_cache .import_linter_cache
+	find spinfilters experiments tests -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,124 @@
+"""``spinfilters compare``, ``estimate`` and ``plot``."""
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from spinfilters.errors import InputError
+from spinfilters.evaluation.comparison import comparison_table
+from spinfilters.logs.dataset import Dataset, read_dataset, read_segments
+from spinfilters.simulation.scenario import Scenario, simulate
+from spinfilters.workflow.estimation import Progress as Report
+from spinfilters.workflow.estimation import compare_estimators
+from spinfilters.workflow.figures import Pictured, draw_run
+from spinfilters.workflow.preparation import prepare
+from spinfilters.workflow.run_folder import open_run_folder, write_run
+from spinfilters.workflow.segments import run_segments, segment_medians, segment_table, write_segments
+from spinfilters.workflow.settings import Settings, read_settings
+
+RECORDING_ESTIMATORS = ("mekf", "ukf")
+
+
+def compare(options: argparse.Namespace) -> int:
+    """Run the estimators, write the run folder and its figures, print the table."""
+    settings = _settings(options)
+    folder = Path(options.output)
+    if options.segment == "all":
+        return _compare_segments(read_segments(options.dataset), folder, settings)
+    dataset = _dataset(options)
+    open_run_folder(folder)
+    with _bars() as report:
+        report("start", 0, 1)
+        prepared = prepare(dataset, settings)
+        report("start", 1, 1)
+        comparison = compare_estimators(prepared, settings, report)
+        write_run(folder, comparison, settings)
+        if not comparison.interrupted:
+            draw_run(Pictured.from_comparison(comparison), folder, lambda done, total: report("figures", done, total))
+    console = Console()
+    console.print(comparison_table(comparison.evaluations))
+    for evaluation in comparison.evaluations:
+        for reason in evaluation.history.status.reasons:
+            console.print(f"{evaluation.name} is {evaluation.history.status.verdict}: {reason}", highlight=False)
+    if comparison.interrupted:
+        raise InputError(f"interrupted; what was estimated is in {folder}, run the command again for the rest")
+    console.print(f"run folder: {folder}   (look at {folder / 'summary.png'})", highlight=False, soft_wrap=True)
+    return 0
+
+
+def plot(options: argparse.Namespace) -> int:
+    """Draw the figures of a run folder again."""
+    folder = Path(options.run)
+    with _bars() as report:
+        paths = draw_run(Pictured.from_folder(folder), folder, lambda done, total: report("figures", done, total))
+    Console().print(f"{len(paths)} figures in {folder}", highlight=False)
+    return 0
+
+
+def _compare_segments(datasets: list[Dataset], folder: Path, settings: Settings) -> int:
+    open_run_folder(folder)
+    with _bars() as report:
+        results = run_segments(
+            datasets, folder, settings, lambda *_: None, lambda done, total: report("segments", done, total)
+        )
+    write_segments(folder, results, settings)
+    console = Console()
+    console.print(segment_table(results, settings))
+    for name, (first, second, good, total) in segment_medians(results, settings).items():
+        console.print(
+            f"{name}: median J1/J3 {first:.4f}, J2/J3 {second:.4f} of {good} segments that are ok, of {total}",
+            highlight=False,
+        )
+    if len(results) < len(datasets):
+        raise InputError(
+            f"interrupted after {len(results)} of {len(datasets)} segments; run the command again to go on from there"
+        )
+    console.print(f"run folder: {folder}   (look at {folder / f'throws-{settings.estimators[0]}.png'})", soft_wrap=True)
+    return 0
+
+
+def _settings(options: argparse.Namespace) -> Settings:
+    settings = read_settings(Path(options.config)) if options.config else Settings()
+    if options.estimators is not None:
+        names = tuple(name.strip() for name in options.estimators.split(",") if name.strip())
+        settings = replace(settings, estimators=names)
+    elif options.dataset is not None and not options.config:
+        settings = replace(settings, estimators=RECORDING_ESTIMATORS)
+    if options.drag:
+        settings = replace(settings, process=replace(settings.process, drag=True))
+    return settings
+
+
+def _dataset(options: argparse.Namespace) -> Dataset:
+    if options.dataset is None:
+        if options.segment is not None:
+            raise InputError(f"--segment {options.segment} needs a recording; give its folder as DATASET")
+        if options.seed < 0:
+            raise InputError(f"--seed {options.seed} is negative; give a whole number of at least 0")
+        return simulate(Scenario(seed=options.seed))
+    segment = None
+    if options.segment is not None:
+        if not options.segment.isdigit():
+            raise InputError(f"--segment {options.segment} is no segment; give a number or 'all'")
+        segment = int(options.segment)
+    return read_dataset(options.dataset, segment)
+
+
+@contextmanager
+def _bars() -> Iterator[Report]:
+    """Progress bars that appear as work begins, one per name; on standard error, silent where that is no terminal."""
+    columns = (TextColumn("{task.description:>12}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        tasks = {}
+
+        def report(name: str, done: int, total: int) -> None:
+            if name not in tasks:
+                tasks[name] = progress.add_task(name, total=total)
+            progress.update(tasks[name], completed=done, total=total)
+
+        yield report

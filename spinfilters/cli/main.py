@@ -1,0 +1,124 @@
+"""The command ``spinfilters``: arguments, exit codes and one clear line for whatever goes wrong."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from spinfilters import __version__
+from spinfilters.errors import SpinfiltersError
+
+EXIT_OK, EXIT_BAD_INPUT = 0, 2
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; returns the exit code: 0, or 2 for anything that the user can mend."""
+    options = _parser().parse_args(arguments)
+    try:
+        return options.command(options)
+    except SpinfiltersError as error:
+        return _complain(str(error))
+    except KeyboardInterrupt:
+        return _complain("interrupted; what was finished before is kept")
+    except BrokenPipeError:
+        return EXIT_BAD_INPUT
+    except OSError as error:
+        name = f"{error.filename}: " if error.filename else ""
+        return _complain(f"{name}{error.strerror or error}; free space or choose another folder, then run again")
+    except MemoryError:
+        return _complain("out of memory; give a shorter recording or close other programs")
+
+
+def _complain(text: str) -> int:
+    print(f"spinfilters: {' '.join(text.split())}", file=sys.stderr)
+    return EXIT_BAD_INPUT
+
+
+class _Parser(argparse.ArgumentParser):
+    """An argument parser whose complaint is one line."""
+
+    def error(self, message: str) -> None:
+        raise SystemExit(_complain(f"{message}; see '{self.prog} --help'"))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(prog="spinfilters", description="How does that unknown object spin?")
+    parser.add_argument("--version", action="version", version=f"spinfilters {__version__}")
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    _add_compare(commands)
+    _add_estimate(commands)
+    _add_simulate(commands)
+    plot = commands.add_parser("plot", help="draw the figures of a run folder again")
+    plot.add_argument("run", metavar="RUN", help="folder made by compare or estimate")
+    plot.set_defaults(command=_plot)
+    doctor = commands.add_parser("doctor", help="print versions and check that everything works")
+    doctor.set_defaults(command=_doctor)
+    return parser
+
+
+def _add_compare(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    compare = commands.add_parser(
+        "compare",
+        help="estimators side by side on identical measurements",
+        description="Without DATASET the thesis' own scenario is simulated: a SPHERES-like body at 10 rpm about its "
+        "intermediate axis, 115 frames at 0.5 s before a stereo camera.",
+    )
+    compare.add_argument("dataset", metavar="DATASET", nargs="?", help="data set folder, phyphox export, gyro .csv or TUM .tum")
+    compare.add_argument("--estimators", metavar="A,B", help="mekf, ukf, filterpy-ekf, filterpy-ukf (default: all; recordings: mekf,ukf)")
+    compare.add_argument("--seed", type=int, default=0, help="of the simulated default")
+    _add_run_options(compare)
+    compare.set_defaults(command=_compare)
+
+
+def _add_estimate(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    estimate = commands.add_parser("estimate", help="one estimator on a recording")
+    estimate.add_argument("dataset", metavar="DATASET", help="data set folder, phyphox export, gyro .csv or TUM .tum")
+    estimate.add_argument("--estimator", dest="estimators", default="ukf", metavar="NAME", help="mekf or ukf (default ukf)")
+    _add_run_options(estimate)
+    estimate.set_defaults(command=_compare, seed=0)
+
+
+def _add_run_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("-o", "--output", metavar="RUN", default="runs/latest", help="run folder (default runs/latest)")
+    parser.add_argument("--segment", metavar="N", help="segment of a phyphox recording, or 'all'")
+    parser.add_argument("--drag", action="store_true", help="estimate an aerodynamic drag coefficient too")
+    parser.add_argument("--config", metavar="FILE", help="TOML file with settings, such as config.toml of another run")
+
+
+def _add_simulate(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    simulate = commands.add_parser("simulate", help="write a simulated data set with truth, and a picture of it")
+    simulate.add_argument("-o", "--output", metavar="DATASET", required=True, help="folder of the data set")
+    simulate.add_argument("--kind", default="stereo-tracks", help="stereo-tracks, pose or gyro")
+    simulate.add_argument("--seed", type=int, default=0)
+    simulate.add_argument("--frames", type=int, default=115)
+    simulate.add_argument("--interval", type=float, default=0.5, help="seconds between frames")
+    simulate.add_argument("--rate-rpm", type=float, nargs=3, default=(0.5, 10.0, 0.5), metavar=("X", "Y", "Z"))
+    simulate.add_argument("--moments", type=float, nargs=3, default=(1.0322, 1.0, 0.8596), metavar=("JX", "JY", "JZ"))
+    simulate.set_defaults(command=_simulate)
+
+
+def _compare(options: argparse.Namespace) -> int:
+    from spinfilters.cli.compare import compare
+
+    return compare(options)
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    from spinfilters.cli.simulate import simulate
+
+    return simulate(options)
+
+
+def _plot(options: argparse.Namespace) -> int:
+    from spinfilters.cli.compare import plot
+
+    return plot(options)
+
+
+def _doctor(_: argparse.Namespace) -> int:
+    from spinfilters.cli.doctor import doctor
+
+    return doctor()
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

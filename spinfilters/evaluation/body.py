@@ -1,0 +1,186 @@
+"""What a belief says of the body: principal moments and axes, centre of mass, drag, with uncertainties.
+
+The state holds the mass distribution in axes g (`spinfilters.dynamics.mass_distribution`); principal moments
+are the eigenvalues of J and principal axes its eigenvectors. Covariances are of first order,
+
+    d lambda_k = u_k' dJ u_k,   d u_k = sum over j != k of u_j (u_j' dJ u_k) / (lambda_k - lambda_j),
+
+with dJ by the error of the state. Where two moments agree within their uncertainty the first order says too
+little: the moments are sorted, so the estimated gap is biased outwards.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.dynamics.mass_distribution import inertia
+from spinfilters.estimators.history import EstimateHistory
+from spinfilters.evaluation.derived import with_error_jacobian
+from spinfilters.state.gaussian import Gaussian
+from spinfilters.state.layout import StateLayout
+from spinfilters.symbolic import Compiled
+
+UNDETERMINED_STD: Final[float] = np.pi / np.sqrt(12.0)
+"""Standard deviation in rad of an axis of which nothing is known: an angle uniform over half a turn."""
+_SMALLEST_GAP = 1e-12  # of moments, relative to the largest: below it rounding decides
+
+
+@dataclass(frozen=True)
+class BodyEstimate:
+    """The body as one belief sees it.
+
+    Attributes
+    ----------
+    principal_moments: (3,) ascending, largest = 1; only ratios show in torque-free motion.
+    principal_moments_cov: (3, 3), its last row and column zero.
+    principal_axes_g: (3, 3) rows are unit axes in g, right-handed, row k belongs to moment k: R_bg.
+    principal_axes_cov: (3, 3) rad^2 of the small rotation of these axes about themselves; the standard
+        deviation of an axis that is not determined (equal moments) is `UNDETERMINED_STD`.
+    k1, k2: ln(Jmax / Jmid), ln(Jmid / Jmin) (Tweddle 2013, Eqs 4.97-4.98, x major, z minor).
+    center_of_mass_g, center_of_mass_std: (3,) m, None where the state has none.
+    drag, drag_std: 1/rad, None where the state has none.
+    """
+
+    principal_moments: Float[np.ndarray, "3"]
+    principal_moments_cov: Float[np.ndarray, "3 3"]
+    principal_axes_g: Float[np.ndarray, "3 3"]
+    principal_axes_cov: Float[np.ndarray, "3 3"]
+    k1: float
+    k2: float
+    k1_std: float
+    k2_std: float
+    center_of_mass_g: Float[np.ndarray, "3"] | None
+    center_of_mass_std: Float[np.ndarray, "3"] | None
+    drag: float | None
+    drag_std: float | None
+
+    @property
+    def principal_moments_std(self) -> Float[np.ndarray, "3"]:
+        """Standard deviations of the moments; the last is zero by the choice of scale."""
+        return np.sqrt(np.diag(self.principal_moments_cov))
+
+    @property
+    def principal_axes_std(self) -> Float[np.ndarray, "3"]:
+        """Standard deviations in rad of the rotation about each principal axis."""
+        return np.sqrt(np.diag(self.principal_axes_cov))
+
+
+@dataclass(frozen=True)
+class BodyHistory:
+    """The body after every frame: fields as in `BodyEstimate` with time (n,) s in front.
+
+    ``log_ratios`` and ``log_ratios_std`` are (n, 2) and hold k1, k2.
+    """
+
+    time: Float[np.ndarray, " n"]
+    principal_moments: Float[np.ndarray, "n 3"]
+    principal_moments_cov: Float[np.ndarray, "n 3 3"]
+    principal_axes_g: Float[np.ndarray, "n 3 3"]
+    principal_axes_cov: Float[np.ndarray, "n 3 3"]
+    log_ratios: Float[np.ndarray, "n 2"]
+    log_ratios_std: Float[np.ndarray, "n 2"]
+    center_of_mass_g: Float[np.ndarray, "n 3"] | None
+    center_of_mass_std: Float[np.ndarray, "n 3"] | None
+    drag: Float[np.ndarray, " n"] | None
+    drag_std: Float[np.ndarray, " n"] | None
+
+    @property
+    def principal_moments_std(self) -> Float[np.ndarray, "n 3"]:
+        """Standard deviations of the moments."""
+        return np.sqrt(np.einsum("nii->ni", self.principal_moments_cov))
+
+    def at(self, index: int) -> BodyEstimate:
+        """The body after the frame of this index."""
+        (k1, k2), (k1_std, k2_std) = self.log_ratios[index].tolist(), self.log_ratios_std[index].tolist()
+        return BodyEstimate(
+            self.principal_moments[index],
+            self.principal_moments_cov[index],
+            self.principal_axes_g[index],
+            self.principal_axes_cov[index],
+            k1,
+            k2,
+            k1_std,
+            k2_std,
+            None if self.center_of_mass_g is None else self.center_of_mass_g[index],
+            None if self.center_of_mass_std is None else self.center_of_mass_std[index],
+            None if self.drag is None else float(self.drag[index]),
+            None if self.drag_std is None else float(self.drag_std[index]),
+        )
+
+
+def body_estimate(belief: Gaussian) -> BodyEstimate:
+    """The body as a belief over a layout with block s sees it."""
+    return _bodies(belief.layout, np.zeros(1), belief.mean[np.newaxis], belief.factor[np.newaxis]).at(0)
+
+
+def body_history(history: EstimateHistory) -> BodyHistory:
+    """The body after every frame of a history whose layout has block s."""
+    return _bodies(history.layout, history.time, history.mean, history.factor)
+
+
+def _bodies(layout: StateLayout, time: np.ndarray, mean: np.ndarray, factor: np.ndarray) -> BodyHistory:
+    J, derivative = _inertia(layout)(mean)
+    moments, vectors = np.linalg.eigh(J.reshape(-1, 3, 3))
+    vectors = _right_handed(vectors)
+    turned = np.einsum("nai,nabe,nbj->nije", vectors, derivative.reshape(len(mean), 3, 3, -1), vectors)
+    slopes = np.einsum("niie->nie", turned) / moments[..., np.newaxis]
+    scaled = moments / moments[:, 2:]
+    roots = (scaled[..., np.newaxis] * (slopes - slopes[:, 2:])) @ factor
+    logs = (slopes[:, [2, 1]] - slopes[:, [1, 0]]) @ factor
+    turns = _axis_turns(moments, turned) @ factor
+    centre, centre_std = _block(layout, "c", mean, factor)
+    drag, drag_std = _block(layout, "d", mean, factor)
+    return BodyHistory(
+        time=time,
+        principal_moments=scaled,
+        principal_moments_cov=roots @ np.swapaxes(roots, 1, 2),
+        principal_axes_g=np.swapaxes(vectors, 1, 2),
+        principal_axes_cov=_bounded(turns),
+        log_ratios=np.log(moments[:, [2, 1]] / moments[:, [1, 0]]),
+        log_ratios_std=np.linalg.norm(logs, axis=2),
+        center_of_mass_g=centre,
+        center_of_mass_std=centre_std,
+        drag=None if drag is None else drag[:, 0],
+        drag_std=None if drag_std is None else drag_std[:, 0],
+    )
+
+
+def _axis_turns(moments: np.ndarray, turned: np.ndarray) -> Float[np.ndarray, "n 3 e"]:
+    """Derivative of phi in R_gb exp([phi x]): phi_1 = u_3 . du_2 and cyclic, from u_i' dJ u_j."""
+    after, last = [1, 2, 0], [2, 0, 1]
+    gap = moments[:, after] - moments[:, last]
+    floor = _SMALLEST_GAP * moments[:, 2:]
+    gap = np.where(np.abs(gap) < floor, floor, gap)
+    return turned[:, last, after] / gap[..., np.newaxis]
+
+
+def _bounded(root: np.ndarray) -> Float[np.ndarray, "n 3 3"]:
+    """Covariance root root', each standard deviation bounded by that of an axis of which nothing is known."""
+    std = np.linalg.norm(root, axis=2, keepdims=True)
+    root = root * (UNDETERMINED_STD / np.maximum(std, UNDETERMINED_STD))
+    return root @ np.swapaxes(root, 1, 2)
+
+
+def _right_handed(vectors: np.ndarray) -> Float[np.ndarray, "n 3 3"]:
+    """Eigenvectors (columns) with the first two's largest component positive, third = their product."""
+    largest = np.abs(vectors).argmax(axis=1)
+    signs = np.sign(np.take_along_axis(vectors, largest[:, np.newaxis], axis=1))
+    first, second = (vectors[..., k] * signs[..., k] for k in range(2))
+    return np.stack([first, second, np.cross(first, second)], axis=2)
+
+
+def _block(
+    layout: StateLayout, block: str, mean: np.ndarray, factor: np.ndarray
+) -> tuple[np.ndarray, np.ndarray] | tuple[None, None]:
+    if block not in layout.blocks:
+        return None, None
+    return mean[:, layout.mean_slice(block)], np.linalg.norm(factor[:, layout.slice(block)], axis=2)
+
+
+@cache
+def _inertia(layout: StateLayout) -> Compiled:
+    """J (9 x 1) and its derivative (9 x e) by the error of the state."""
+    return with_error_jacobian(layout, "inertia_in_g", lambda state: inertia(state["s"]))

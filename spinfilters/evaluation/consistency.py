@@ -1,0 +1,129 @@
+"""Whether an estimator's covariance tells the truth: normalised errors against chi-square bands."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.stats import chi2
+
+from spinfilters.attitude.conversions import inverse, matrix_from_quaternion, rotate
+from spinfilters.conventions import STATE_BLOCKS
+from spinfilters.dynamics.mass_distribution import from_inertia
+from spinfilters.errors import InputError
+from spinfilters.estimators.history import EstimateHistory
+from spinfilters.evaluation.errors import common_stamps
+from spinfilters.logs.truth import Truth
+from spinfilters.state.layout import StateLayout
+
+
+@dataclass(frozen=True)
+class NormalisedErrors:
+    """NEES: e' P^-1 e of the state's error, chi-square with the error's dimension for a consistent estimator.
+
+    Attributes
+    ----------
+    time: (n,) s.   total: (n,) of the whole error, dimension ``dof``.
+    blocks: of every block of the state by name, (n,) each, dimension `STATE_BLOCKS`.
+    """
+
+    time: Float[np.ndarray, " n"]
+    total: Float[np.ndarray, " n"]
+    dof: int
+    blocks: dict[str, Float[np.ndarray, " n"]]
+
+    @property
+    def block_means(self) -> dict[str, float]:
+        """Mean over time by block, divided by its dimension: 1 for a consistent estimator."""
+        return {block: float(np.mean(values)) / STATE_BLOCKS[block] for block, values in self.blocks.items()}
+
+
+def chi_square_band(
+    dof: Int[np.ndarray, "*n"] | int, runs: int, probability: float = 0.95
+) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
+    """Limits between which the mean of ``runs`` independent chi-square numbers lies with this probability.
+
+    (chi2.ppf(p, runs dof) / runs at both tails; Bar-Shalom, Li, Kirubarajan 2001, section 5.4.) Frames of one
+    run are not independent in NEES, so compare each frame with runs = 1, or means over separate runs.
+    """
+    tail = (1.0 - probability) / 2
+    count = runs * np.asarray(dof)
+    return chi2.ppf(tail, count) / runs, chi2.ppf(1.0 - tail, count) / runs
+
+
+def knows_state(truth: Truth, layout: StateLayout) -> bool:
+    """Whether the truth tells every block of the layout; its frames must be those of the estimate besides."""
+    known = set("avw")
+    if truth.center_of_mass_g is not None:
+        known |= set("tc")
+    if truth.principal_moments is not None and truth.principal_axes_g is not None:
+        known |= {"s"}
+    return known.issuperset(layout.blocks)
+
+
+def true_states(truth: Truth, layout: StateLayout) -> Float[np.ndarray, "n m"]:
+    """Points of the layout at every stamp of the truth, in the truth's frames i and g.
+
+    Raises
+    ------
+    InputError: when the truth does not tell a block, or its moments are those of a plate, which no ``s`` is.
+    """
+    if not knows_state(truth, layout):
+        raise InputError(
+            f"the truth does not tell all of the blocks {', '.join(layout.blocks)}; give principal_moments, "
+            "principal_axes_g and center_of_mass_g in truth.toml"
+        )
+    values = {"a": truth.q_ig, "v": truth.velocity, "w": rotate(inverse(truth.q_ig), truth.rate_i)}
+    if truth.center_of_mass_g is not None:
+        values["c"] = truth.center_of_mass_g
+        values["t"] = truth.center_of_mass - matrix_from_quaternion(truth.q_ig) @ truth.center_of_mass_g
+    if truth.principal_moments is not None and truth.principal_axes_g is not None:
+        axes = truth.principal_axes_g
+        values["s"] = from_inertia(axes.T @ np.diag(truth.principal_moments) @ axes)
+    x = np.empty((len(truth.time), layout.mean_dim))
+    for block in layout.blocks:
+        x[:, layout.mean_slice(block)] = values[block]
+    return x
+
+
+def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedErrors:
+    """NEES of a history at its common stamps with a truth in the same frames i and g.
+
+    Raises
+    ------
+    InputError: as `true_states` and `common_stamps`.
+    """
+    layout = history.layout
+    rows, true_rows = common_stamps(history.time, truth.time)
+    error = layout.local(history.mean[rows], true_states(truth, layout)[true_rows])
+    factor = history.factor[rows]
+    blocks = {
+        b: normalised_square(error[:, layout.slice(b)], factor[:, layout.slice(b)]) for b in layout.blocks
+    }
+    return NormalisedErrors(history.time[rows], normalised_square(error, factor), layout.error_dim, blocks)
+
+
+def normalised_square(
+    error: Float[np.ndarray, "n k"], rows: Float[np.ndarray, "n k e"]
+) -> Float[np.ndarray, " n"]:
+    """e' P^-1 e for P = rows rows', by a triangular factor of P and a solve; infinite where P is singular.
+
+    ``rows`` are those rows of a covariance factor that belong to the error.
+    """
+    upper = np.asarray(np.linalg.qr(np.swapaxes(rows, 1, 2), mode="r"))
+    regular = _regular(upper)
+    result = np.full(len(error), np.inf)
+    whitened = np.linalg.solve(np.swapaxes(upper[regular], 1, 2), error[regular][..., np.newaxis])[..., 0]
+    result[regular] = np.square(whitened).sum(axis=1)
+    return result
+
+
+def nis_ratio(history: EstimateHistory) -> float | None:
+    """Sum of the NIS over the sum of its degrees of freedom, 1 when consistent; None without any."""
+    dof = int(history.dof.sum())
+    return float(history.nis.sum()) / dof if dof else None
+
+
+def _regular(upper: np.ndarray) -> Bool[np.ndarray, " n"]:
+    """Which triangular factors have no diagonal element that is zero, not even next to its own row of P."""
+    scale = np.linalg.norm(upper, axis=1)
+    return (np.abs(np.einsum("nii->ni", upper)) > np.finfo(float).eps * scale).all(axis=1)

@@ -1,0 +1,195 @@
+"""How far an estimate is from the truth, at the time stamps that both have."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.attitude.conversions import inverse, multiply, rotate, rotation_vector_from_quaternion
+from spinfilters.errors import InputError
+from spinfilters.evaluation.body import BodyEstimate
+from spinfilters.evaluation.trajectory import Trajectory
+from spinfilters.logs.truth import Truth
+
+TIME_TOLERANCE: Final[float] = 1e-6
+"""Largest difference in s of two stamps of one instant: what printing to six decimals leaves."""
+
+
+class Alignment(StrEnum):
+    """What is removed before the estimate is compared."""
+
+    NONE = "none"
+    BODY_FRAME = "body frame"
+    """A constant rotation between both frames g: an estimator without known map chooses its own g."""
+
+
+@dataclass(frozen=True)
+class RmsErrors:
+    """Root of the mean squared length of the errors: m, rad, m/s, rad/s; None where there is no error."""
+
+    position: float | None
+    attitude: float
+    velocity: float | None
+    rate: float
+
+
+@dataclass(frozen=True)
+class TruthErrors:
+    """Estimate minus truth at the n common time stamps.
+
+    Attributes
+    ----------
+    time: (n,) s.   rows: (n,) frames of the trajectory that were compared.
+    position, velocity: (n, 3) of the centre of mass in i, m and m/s; None where only rotation is seen.
+    attitude: (n, 3) rotation vector e in rad, axes of the estimate's g: q_estimate = q_true (x) exp(e).
+    rate: (n, 3) in i axes, rad/s.
+    frame: (4,) quaternion from the estimate's g to that of the truth, None when nothing is aligned.
+    """
+
+    time: Float[np.ndarray, " n"]
+    rows: Int[np.ndarray, " n"]
+    position: Float[np.ndarray, "n 3"] | None
+    attitude: Float[np.ndarray, "n 3"]
+    velocity: Float[np.ndarray, "n 3"] | None
+    rate: Float[np.ndarray, "n 3"]
+    frame: Float[np.ndarray, "4"] | None
+
+    @property
+    def rms(self) -> RmsErrors:
+        """Over all common stamps."""
+        return self._rms(np.ones(len(self.time), dtype=bool))
+
+    @property
+    def rms_second_half(self) -> RmsErrors:
+        """Over the second half of the time, where the start no longer shows."""
+        return self._rms(self.time >= (self.time[0] + self.time[-1]) / 2)
+
+    @property
+    def ape_rmse(self) -> float | None:
+        """What `evo_ape tum truth.tum estimate.tum` prints as rmse (translation, m, nothing aligned)."""
+        return self.rms.position
+
+    @property
+    def ape_angle_rmse_deg(self) -> float:
+        """What `evo_ape tum ... -r angle_deg` prints as rmse, after the alignment if there is one."""
+        return float(np.rad2deg(self.rms.attitude))
+
+    def _rms(self, frames: np.ndarray) -> RmsErrors:
+        position = None if self.position is None else _root_mean_square(self.position[frames])
+        velocity = None if self.velocity is None else _root_mean_square(self.velocity[frames])
+        attitude, rate = _root_mean_square(self.attitude[frames]), _root_mean_square(self.rate[frames])
+        return RmsErrors(position, attitude, velocity, rate)
+
+
+@dataclass(frozen=True)
+class BodyErrors:
+    """Estimated minus true mass properties; None where the truth does not tell.
+
+    Attributes
+    ----------
+    principal_moments: (3,) ascending, largest = 1 in both.   k1, k2: of the logs of ratios.
+    axes_angle: (3,) angle in rad between each estimated and true principal axis, whatever their signs.
+    center_of_mass_g: (3,) m; None also when the frames g differ.
+    """
+
+    principal_moments: Float[np.ndarray, "3"] | None
+    k1: float | None
+    k2: float | None
+    axes_angle: Float[np.ndarray, "3"] | None
+    center_of_mass_g: Float[np.ndarray, "3"] | None
+
+
+def truth_errors(trajectory: Trajectory, truth: Truth, alignment: Alignment = Alignment.NONE) -> TruthErrors:
+    """Errors of a trajectory at its common time stamps with the truth; nothing is interpolated.
+
+    Raises
+    ------
+    InputError: when no two stamps agree within `TIME_TOLERANCE`.
+    """
+    rows, true_rows = common_stamps(trajectory.time, truth.time)
+    q, q_true = trajectory.q_ig[rows], truth.q_ig[true_rows]
+    frame = attitude_alignment(q, q_true) if alignment is Alignment.BODY_FRAME else None
+    q_expected = q_true if frame is None else multiply(q_true, frame)
+    position = velocity = None
+    if trajectory.sees_position:
+        position = trajectory.position[rows] - truth.center_of_mass[true_rows]
+        velocity = trajectory.velocity[rows] - truth.velocity[true_rows]
+    return TruthErrors(
+        time=trajectory.time[rows],
+        rows=rows,
+        position=position,
+        attitude=rotation_vector_from_quaternion(multiply(inverse(q_expected), q)),
+        velocity=velocity,
+        rate=trajectory.rate_i[rows] - truth.rate_i[true_rows],
+        frame=frame,
+    )
+
+
+def attitude_alignment(
+    q: Float[np.ndarray, "n 4"], q_true: Float[np.ndarray, "n 4"]
+) -> Float[np.ndarray, "4"]:
+    """The constant rotation x, from the estimate's g to the truth's, for which q is nearest to q_true (x) x.
+
+    The mean of the quaternions q_true^-1 (x) q in the sense of Markley et al. (J. Guidance, Control, and
+    Dynamics 30(4), 2007): the main eigenvector of the sum of their outer products, which knows no signs.
+    """
+    difference = multiply(inverse(q_true), q)
+    mean = np.linalg.eigh(difference.T @ difference)[1][:, -1]
+    return mean * (-1.0 if mean[3] < 0 else 1.0)
+
+
+def body_errors(body: BodyEstimate, truth: Truth, frame: Float[np.ndarray, "4"] | None = None) -> BodyErrors:
+    """Errors of the mass properties; ``frame`` is `TruthErrors.frame`, None for a common frame g."""
+    moments = k1 = k2 = None
+    if truth.principal_moments is not None:
+        true = np.sort(truth.principal_moments)
+        moments = body.principal_moments - true / true[2]
+        k1 = body.k1 - float(np.log(true[2] / true[1]))
+        k2 = body.k2 - float(np.log(true[1] / true[0]))
+    centre = None
+    if truth.center_of_mass_g is not None and body.center_of_mass_g is not None and frame is None:
+        centre = body.center_of_mass_g - truth.center_of_mass_g
+    return BodyErrors(moments, k1, k2, _axes_angle(body, truth, frame), centre)
+
+
+def common_stamps(
+    time: Float[np.ndarray, " n"], reference: Float[np.ndarray, " m"]
+) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+    """Rows of both (s, ascending) whose stamps agree within `TIME_TOLERANCE`.
+
+    Raises
+    ------
+    InputError: when there are none.
+    """
+    after = np.clip(np.searchsorted(reference, time), 1, max(len(reference) - 1, 1))
+    before = after - 1
+    after = np.minimum(after, len(reference) - 1)
+    nearest = np.where(np.abs(reference[after] - time) < np.abs(reference[before] - time), after, before)
+    rows = np.flatnonzero(np.abs(reference[nearest] - time) <= TIME_TOLERANCE)
+    if not rows.size:
+        raise InputError(
+            f"no time stamp of the estimate ({_span(time)}) agrees with one of the truth "
+            f"({_span(reference)}) within {TIME_TOLERANCE:g} s; give a truth at the times of the measurements"
+        )
+    return rows, nearest[rows]
+
+
+def _axes_angle(body: BodyEstimate, truth: Truth, frame: np.ndarray | None) -> Float[np.ndarray, "3"] | None:
+    if truth.principal_axes_g is None or truth.principal_moments is None:
+        return None
+    axes = truth.principal_axes_g[np.argsort(truth.principal_moments)]
+    estimated = body.principal_axes_g
+    if frame is not None:
+        estimated = rotate(frame, estimated)
+    sine = np.linalg.norm(np.cross(estimated, axes), axis=1)
+    return np.arctan2(sine, np.abs(np.einsum("ki,ki->k", estimated, axes)))
+
+
+def _root_mean_square(error: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(error).sum(axis=1))))
+
+
+def _span(time: np.ndarray) -> str:
+    return f"{len(time)} from {time[0]:.6f} s to {time[-1]:.6f} s" if len(time) else "none"

@@ -1,0 +1,55 @@
+"""Body rates of an estimate, of the truth or of a gyro, in axes fixed to the body."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.attitude.conversions import inverse, rotate
+from spinfilters.estimators.history import EstimateHistory
+from spinfilters.logs.measurement_log import MeasurementStream
+from spinfilters.logs.truth import Truth
+
+
+@dataclass(frozen=True)
+class BodyRates:
+    """Rates over time.
+
+    Attributes
+    ----------
+    label: whose they are.   time: (n,) s.   rate: (n, 3) rad/s in axes fixed to the body (g unless turned).
+    covariance: (n, 3, 3) (rad/s)^2, None where there is none.
+    """
+
+    label: str
+    time: Float[np.ndarray, " n"]
+    rate: Float[np.ndarray, "n 3"]
+    covariance: Float[np.ndarray, "n 3 3"] | None = None
+
+    @property
+    def std(self) -> Float[np.ndarray, "n 3"] | None:
+        """Standard deviations along the axes, rad/s."""
+        return None if self.covariance is None else np.sqrt(np.einsum("nii->ni", self.covariance))
+
+    def in_axes(self, axes: Float[np.ndarray, "3 3"]) -> "BodyRates":
+        """The same rates along other axes, given as rows in the present ones (R_bg for principal axes b)."""
+        covariance = None if self.covariance is None else axes @ self.covariance @ axes.T
+        return BodyRates(self.label, self.time, self.rate @ axes.T, covariance)
+
+
+def estimated_rates(history: EstimateHistory) -> BodyRates:
+    """Block w of a history, axes g, labelled with the estimator's name."""
+    factor = history.factor[:, history.layout.slice("w")]
+    rate = history.mean[:, history.layout.mean_slice("w")]
+    return BodyRates(history.name, history.time, rate, factor @ np.swapaxes(factor, 1, 2))
+
+
+def true_rates(truth: Truth, frame: Float[np.ndarray, "4"] | None = None) -> BodyRates:
+    """True rates in the g of the truth, or in the g of an estimate with ``frame`` = `TruthErrors.frame`."""
+    rate = rotate(inverse(truth.q_ig), truth.rate_i)
+    return BodyRates("truth", truth.time, rate if frame is None else rotate(inverse(frame), rate))
+
+
+def measured_rates(gyro: MeasurementStream) -> BodyRates:
+    """Rates of a gyro stream, axes g."""
+    return BodyRates("gyro", gyro.time, gyro.values)

@@ -1,0 +1,123 @@
+"""The estimated motion in inertial axes with its uncertainty, and the files that hold it."""
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Final
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.attitude.expressions import Expression, rotate
+from spinfilters.errors import ShapeError
+from spinfilters.estimators.history import EstimateHistory
+from spinfilters.evaluation.derived import with_error_jacobian
+from spinfilters.logs.atomic_write import write_bytes
+from spinfilters.logs.measurement_log import MeasurementStream, normalised
+from spinfilters.logs.pose_files import write_tum
+from spinfilters.logs.table_files import write_csv
+from spinfilters.logs.truth import TRUTH_COLUMNS
+from spinfilters.state.layout import StateLayout
+from spinfilters.symbolic import Compiled
+
+STD_COLUMNS: Final[tuple[str, ...]] = tuple(
+    f"std_{name}{axis}" for name in ("r", "a", "v", "w") for axis in "xyz"
+)
+"""Standard deviations of position m (i), attitude rad (g axes), velocity m/s (i), rate rad/s (i)."""
+TRAJECTORY_COLUMNS: Final[tuple[str, ...]] = (*TRUTH_COLUMNS, *STD_COLUMNS)
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Motion of the centre of mass and attitude of g as in `spinfilters.logs.truth`, with uncertainty.
+
+    Attributes
+    ----------
+    time: (n,) s.   position: (n, 3) centre of mass in i, m.   q_ig: (n, 4).
+    velocity: (n, 3) of the centre of mass in i, m/s.   rate_i: (n, 3) in i axes, rad/s.
+    std_position, std_velocity, std_rate: (n, 3) along the same axes; std_rate includes that of the
+        attitude.   std_attitude: (n, 3) rad about the axes of g.
+    sees_position: False for a layout of rotations only: position and velocity are then zero by definition,
+        because the origin of i rides on the centre of mass.
+    """
+
+    time: Float[np.ndarray, " n"]
+    position: Float[np.ndarray, "n 3"]
+    q_ig: Float[np.ndarray, "n 4"]
+    velocity: Float[np.ndarray, "n 3"]
+    rate_i: Float[np.ndarray, "n 3"]
+    std_position: Float[np.ndarray, "n 3"]
+    std_attitude: Float[np.ndarray, "n 3"]
+    std_velocity: Float[np.ndarray, "n 3"]
+    std_rate: Float[np.ndarray, "n 3"]
+    sees_position: bool
+
+
+def trajectory_of(history: EstimateHistory) -> Trajectory:
+    """Motion of a history: r = t + R c and rate R w, their covariances with all cross terms of the state."""
+    layout = history.layout
+    value, derivative = _motion(layout)(history.mean)
+    std = np.linalg.norm(derivative @ history.factor, axis=2)
+    std_attitude = np.linalg.norm(history.factor[:, layout.slice("a")], axis=2)
+    return Trajectory(
+        time=history.time,
+        position=value[:, 0:3],
+        q_ig=normalised(history.mean[:, layout.mean_slice("a")]),
+        velocity=value[:, 3:6],
+        rate_i=value[:, 6:9],
+        std_position=std[:, 0:3],
+        std_attitude=std_attitude,
+        std_velocity=std[:, 3:6],
+        std_rate=std[:, 6:9],
+        sees_position="t" in layout.blocks,
+    )
+
+
+def write_trajectory_csv(path: Path, trajectory: Trajectory) -> None:
+    """Write `TRAJECTORY_COLUMNS`, so that reading gives the same bits. Atomic."""
+    motion = [trajectory.position, trajectory.q_ig, trajectory.velocity, trajectory.rate_i]
+    std = [trajectory.std_position, trajectory.std_attitude, trajectory.std_velocity, trajectory.std_rate]
+    write_csv(path, TRAJECTORY_COLUMNS, [trajectory.time, *np.hstack([*motion, *std]).T])
+
+
+def write_trajectory_tum(path: Path, trajectory: Trajectory) -> None:
+    """Write `time, position of the centre of mass in i, q_ig` in the TUM format, for evo say. Atomic.
+
+    Mind that `poses.tum` of a data set holds the origin of g instead of the centre of mass.
+    """
+    values = np.hstack([trajectory.position, trajectory.q_ig])
+    write_tum(path, MeasurementStream("pose", trajectory.time, values))
+
+
+def write_map_ply(path: Path, points: Float[np.ndarray, "k 3"]) -> None:
+    """Write points (m, frame g) as a binary little-endian PLY of doubles x, y, z. Atomic.
+
+    Raises
+    ------
+    ShapeError: points that are not (k, 3).   InputError: as `spinfilters.logs.atomic_write.write_bytes`.
+    """
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ShapeError(f"map points have shape {points.shape}, expected (k, 3)")
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        "comment landmarks in frame g, m",
+        f"element vertex {len(points)}",
+        *(f"property double {axis}" for axis in "xyz"),
+        "end_header",
+    ]
+    write_bytes(path, ("\n".join(header) + "\n").encode("ascii") + points.astype("<f8").tobytes())
+
+
+@cache
+def _motion(layout: StateLayout) -> Compiled:
+    """Centre of mass, its velocity and the rate in i (9), with derivative (9 x e) by the state's error."""
+    return with_error_jacobian(layout, "motion_in_i", _inertial_motion)
+
+
+def _inertial_motion(state: dict[str, Expression]) -> Expression:
+    rate = rotate(state["q"], state["w"])
+    if "t" not in state:
+        return ca.vertcat(ca.SX.zeros(6), rate)
+    return ca.vertcat(state["t"] + rotate(state["q"], state["c"]), state["v"], rate)

@@ -1,0 +1,119 @@
+"""Errors of one estimator within the bands that it promises; without a truth, estimates with bands."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.plots.style import (
+    SIGMAS,
+    EstimatorLine,
+    estimator_lines,
+    half_width,
+    legend_below,
+    mark_start,
+    start_handle,
+    tidy,
+)
+
+DEGREES = 180.0 / np.pi
+
+
+@dataclass(frozen=True)
+class _Row:
+    """One row of panels, x, y and z: values and standard deviations in the unit of the label."""
+
+    label: str
+    axis_names: tuple[str, str, str]
+    values: Float[np.ndarray, "n 3"]
+    std: Float[np.ndarray, "n 3"]
+    about_zero: bool
+
+
+def error_bands_figure(evaluation: Evaluation, start_end: float | None = None) -> Figure:
+    """Position, attitude, velocity and rate errors (rows) by axis (columns) with +-3 sigma.
+
+    Without a truth the estimates themselves, with the attitude's uncertainty about zero. `start_end` (s) is
+    where the start's frames end.
+    """
+    rows = _error_rows(evaluation) if evaluation.errors is not None else _estimate_rows(evaluation)
+    time = evaluation.trajectory.time if evaluation.errors is None else evaluation.errors.time
+    figure = Figure(figsize=(11.0, 1.0 + 1.95 * len(rows)), layout="constrained")
+    panels = figure.subplots(len(rows), 3, sharex=True, squeeze=False)
+    line = replace(estimator_lines([evaluation.name])[0], width=1.3)
+    for row, row_panels in zip(rows, panels, strict=True):
+        for axis, axes in enumerate(row_panels):
+            _panel(axes, time, row, axis, line)
+            mark_start(axes, time[0], start_end)
+        row_panels[0].set_ylabel(row.label)
+    for axes in panels[-1]:
+        axes.set_xlabel("time [s]")
+    what = "estimate" if evaluation.errors is None else "error"
+    figure.suptitle(
+        f"{evaluation.name.upper()}: {what} and its ±{SIGMAS:g} σ{_inside(rows)}", fontsize="large"
+    )
+    band = Patch(color=line.color, alpha=0.2, label=f"±{SIGMAS:g} σ of the estimator")
+    legend_below(figure, [line.handle, band, *start_handle(start_end)])
+    return figure
+
+
+def _panel(axes: Axes, time: np.ndarray, row: _Row, axis: int, line: EstimatorLine) -> None:
+    value, band = row.values[:, axis], SIGMAS * row.std[:, axis]
+    centre = np.zeros_like(value) if row.about_zero else value
+    line.fill(axes, time, centre, band)
+    if value.any():
+        line.draw(axes, time, value)
+    if row.about_zero:
+        axes.axhline(0.0, color="black", linewidth=0.5)
+        width = half_width(value[:, np.newaxis], band[:, np.newaxis])
+        axes.set_ylim(-width, width)
+    axes.set_title(row.axis_names[axis], fontsize="medium", loc="left")
+    tidy(axes)
+
+
+def _inside(rows: list[_Row]) -> str:
+    """Share of errors within the bands, in words; empty where no error is known."""
+    pairs = [(np.abs(row.values), SIGMAS * row.std) for row in rows if row.about_zero and row.values.any()]
+    if len(pairs) < len(rows):
+        return ""
+    return f", {np.mean([np.mean(value <= band) for value, band in pairs]):.1%} inside (99.7% expected)"
+
+
+def _error_rows(evaluation: Evaluation) -> list[_Row]:
+    errors, trajectory = evaluation.errors, evaluation.trajectory
+    assert errors is not None
+    i_axes, g_axes = _names("i"), _names("g")
+    kept = errors.rows
+    quantities = [
+        ("position [mm]", i_axes, errors.position, trajectory.std_position, 1e3),
+        ("attitude [deg]", g_axes, errors.attitude, trajectory.std_attitude, DEGREES),
+        ("velocity [mm/s]", i_axes, errors.velocity, trajectory.std_velocity, 1e3),
+        ("rate [deg/s]", i_axes, errors.rate, trajectory.std_rate, DEGREES),
+    ]
+    return [
+        _Row(label, names, scale * values, scale * std[kept], True)
+        for label, names, values, std, scale in quantities
+        if values is not None
+    ]
+
+
+def _estimate_rows(evaluation: Evaluation) -> list[_Row]:
+    trajectory = evaluation.trajectory
+    i_axes, nothing = _names("i"), np.zeros((len(trajectory.time), 3))
+    attitude = _Row("attitude ± [deg]", _names("g"), nothing, DEGREES * trajectory.std_attitude, True)
+    rate = _Row("rate [deg/s]", i_axes, DEGREES * trajectory.rate_i, DEGREES * trajectory.std_rate, False)
+    if not trajectory.sees_position:
+        return [attitude, rate]
+    position = _Row("position [m]", i_axes, trajectory.position, trajectory.std_position, False)
+    velocity = _Row(
+        "velocity [mm/s]", i_axes, 1e3 * trajectory.velocity, 1e3 * trajectory.std_velocity, False
+    )
+    return [position, attitude, velocity, rate]
+
+
+def _names(frame: str) -> tuple[str, str, str]:
+    return (f"x axis of {frame}", f"y axis of {frame}", f"z axis of {frame}")

@@ -1,0 +1,83 @@
+"""Ratios of the principal moments over time: how the inertia is learnt, and how sure each estimator is."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from spinfilters.evaluation.body import BodyHistory
+from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.rounding import with_uncertainty
+from spinfilters.plots.style import (
+    GREY,
+    SIGMAS,
+    EstimatorLine,
+    estimator_lines,
+    legend_below,
+    mark_start,
+    plot_truth,
+    start_handle,
+    tidy,
+    truth_handle,
+)
+
+RATIO_LABELS = ("$J_{min}\\,/\\,J_{max}$", "$J_{mid}\\,/\\,J_{max}$")
+
+
+def inertia_figure(
+    evaluations: Sequence[Evaluation],
+    true_moments: Float[np.ndarray, "3"] | None = None,
+    start_end: float | None = None,
+) -> Figure:
+    """Both ratios with +-3 sigma for every estimator, truth (any scale and order) dashed."""
+    figure = Figure(figsize=(10.0, 6.4), layout="constrained")
+    panels = figure.subplots(2, 1, sharex=True)
+    lines = estimator_lines([evaluation.name for evaluation in evaluations])
+    time = evaluations[0].bodies.time
+    for index, axes in enumerate(panels):
+        for evaluation, line in zip(evaluations, lines, strict=True):
+            _ratio(axes, evaluation.bodies, index, line)
+        if true_moments is not None:
+            value = np.sort(true_moments)[index] / np.max(true_moments)
+            plot_truth(axes, time[[0, -1]], np.array([value, value]))
+        mark_start(axes, time[0], start_end)
+        _limits(axes, [evaluation.bodies for evaluation in evaluations], index)
+        axes.set_ylabel(f"{RATIO_LABELS[index]}  [-]")
+        tidy(axes)
+    panels[-1].set_xlabel("time [s]")
+    figure.suptitle(f"Principal moments of inertia: {_ending(evaluations[0])}", fontsize="large")
+    handles = [line.handle for line in lines]
+    truth = [] if true_moments is None else [truth_handle()]
+    band = Patch(color=GREY, alpha=0.3, label=f"±{SIGMAS:g} σ")
+    legend_below(figure, [*handles, band, *truth, *start_handle(start_end)])
+    return figure
+
+
+def _ratio(axes: Axes, bodies: BodyHistory, index: int, line: EstimatorLine) -> None:
+    value, band = bodies.principal_moments[:, index], SIGMAS * bodies.principal_moments_std[:, index]
+    line.fill(axes, bodies.time, value, band)
+    line.draw(axes, bodies.time, value)
+
+
+def _limits(axes: Axes, histories: Sequence[BodyHistory], index: int) -> None:
+    """All but the widest tenth of the bands, and no ratio beyond 0 and 1, where no body is."""
+    low = min(float(_quantile(b, index, -SIGMAS, 0.1)) for b in histories)
+    high = max(float(_quantile(b, index, SIGMAS, 0.9)) for b in histories)
+    truths = [float(v) for line in axes.lines for v in np.asarray(line.get_ydata())]
+    low, high = min([low, *truths]), max([high, *truths])
+    margin = 0.1 * (high - low)
+    axes.set_ylim(max(low - margin, 0.0), min(high + margin, 1.02))
+
+
+def _quantile(bodies: BodyHistory, index: int, sigmas: float, share: float) -> np.floating:
+    edge = bodies.principal_moments[:, index] + sigmas * bodies.principal_moments_std[:, index]
+    return np.quantile(edge, share)
+
+
+def _ending(evaluation: Evaluation) -> str:
+    body = evaluation.body
+    values = [with_uncertainty(body.principal_moments[k], body.principal_moments_std[k]) for k in range(2)]
+    return f"{values[0]} : {values[1]} : 1  ({evaluation.name.upper()} at the end, 1 σ)"

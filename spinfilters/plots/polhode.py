@@ -1,0 +1,46 @@
+"""The polhode of an estimated motion: the path of the rate on the body, on both ellipsoids of its inertia."""
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from spinfilters.dynamics.polhode import polhode
+from spinfilters.evaluation.body import BodyEstimate
+from spinfilters.evaluation.rates import BodyRates
+from spinfilters.plots.space import draw_ellipsoid, draw_wires, equal_scales, space_figure
+from spinfilters.plots.style import BLACK, BLUE, PRINCIPAL_NAMES, RED, legend_below
+
+
+def estimated_polhode_figure(rates: BodyRates, body: BodyEstimate) -> Figure:
+    """Estimated rates (axes g) in principal axes, with ellipsoids and polhode of the last rate."""
+    path = np.rad2deg(rates.in_axes(body.principal_axes_g).rate)
+    curve = polhode(body.principal_moments, path[-1])
+    figure, axes = space_figure(8.6, 6.8)
+    draw_ellipsoid(axes, curve.energy_semi_axes, BLUE)
+    draw_wires(axes, curve.momentum_semi_axes, RED)
+    for branch in curve.curves:
+        axes.plot(*branch.T, color=BLACK, linewidth=1.6, zorder=3)
+    dots = axes.scatter(*path.T, c=rates.time, cmap="cividis", s=18, depthshade=False, zorder=5)
+    figure.colorbar(dots, ax=axes, shrink=0.6, pad=0.12, label="estimated rate at time [s]")
+    extent = np.maximum(curve.energy_semi_axes, curve.momentum_semi_axes)
+    equal_scales(axes, np.stack([-extent, extent]), zoom=1.0)
+    axes.view_init(elev=22, azim=-52)
+    for axis, name in zip((axes.xaxis, axes.yaxis, axes.zaxis), PRINCIPAL_NAMES, strict=True):
+        axis.set_label_text(f"{name} axis [deg/s]")
+        axis.labelpad = 8.0
+    axes.set_title(f"{rates.label.upper()}: rate goes {curve.kind.value}\n{_moments(body)}")
+    legend_below(
+        figure,
+        [
+            Patch(color=BLUE, alpha=0.35, label="constant energy"),
+            Line2D([], [], color=RED, linewidth=0.7, label="constant momentum"),
+            Line2D([], [], color=BLACK, linewidth=1.6, label="polhode of the last rate (both branches)"),
+        ],
+    )
+    return figure
+
+
+def _moments(body: BodyEstimate) -> str:
+    minor, middle, _ = body.principal_moments
+    return f"moments of inertia {minor:.3f} : {middle:.3f} : 1"

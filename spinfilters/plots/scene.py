@@ -1,0 +1,153 @@
+"""The scene: the camera, the body with its landmarks and principal axes at some times, and its path."""
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from mpl_toolkits.mplot3d import Axes3D
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
+
+from spinfilters.attitude.conversions import matrix_from_quaternion
+from spinfilters.evaluation.body import BodyEstimate
+from spinfilters.evaluation.trajectory import Trajectory
+from spinfilters.logs.camera import StereoRig
+from spinfilters.plots.space import equal_scales, frustum_edges, space_figure
+from spinfilters.plots.style import AXIS_COLOURS, BLACK, GREY, PRINCIPAL_NAMES, SKY, legend_below
+
+_TO_VIEW = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+"""Inertial axes (x right, y down, z forward) to axes of a figure whose third axis points up."""
+_MOST_POINTS = 400
+_REVOLUTIONS = 4  # of the paths of axes: more is a ball of wool
+
+
+def scene_figure(
+    trajectory: Trajectory,
+    body: BodyEstimate,
+    rig: StereoRig | None = None,
+    map_points: Float[np.ndarray, "k 3"] | None = None,
+    epochs: int = 4,
+) -> Figure:
+    """Path of the centre of mass, the principal axes at ``epochs`` times, the landmarks at the last.
+
+    Without a position (a gyro) the paths of the principal axes on the unit sphere take their place.
+
+    Parameters
+    ----------
+    rig: camera at the origin of i, drawn when given.   map_points: landmarks, m, frame g.
+    """
+    if not trajectory.sees_position:
+        return _directions_figure(trajectory, body)
+    figure, axes = space_figure(9.4, 7.4)
+    rows = np.unique(np.linspace(0, len(trajectory.time) - 1, epochs).round().astype(int))
+    size = _body_size(trajectory, body, map_points)
+    shown = [_draw_axes(axes, trajectory, body, row, size, (1 + k) / len(rows)) for k, row in enumerate(rows)]
+    if map_points is not None and body.center_of_mass_g is not None:
+        shown.append(_draw_landmarks(axes, trajectory, map_points - body.center_of_mass_g, rows[-1]))
+    path = trajectory.position @ _TO_VIEW.T
+    axes.plot(*path.T, color=BLACK, linewidth=1.8, zorder=6)
+    if rig is not None:
+        shown.append(_draw_camera(axes, rig, 0.35 * float(np.linalg.norm(trajectory.position, axis=1).max())))
+    equal_scales(axes, np.concatenate([path, *shown]), zoom=1.15)
+    _label_axes(axes)
+    times = ", ".join(f"{trajectory.time[row]:.1f}" for row in rows)
+    landmarks = "" if map_points is None else ", landmarks at the last"
+    axes.set_title(f"Principal axes at t = {times} s (stronger: later){landmarks}", y=0.98)
+    legend_below(figure, _handles(rig is not None, map_points is not None))
+    return figure
+
+
+def _label_axes(axes: Axes3D) -> None:
+    axes.set(xlabel="x [m]", ylabel="z, away from the camera [m]", zlabel="-y, up [m]")
+    axes.view_init(elev=20, azim=-62)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.labelpad = 12.0
+
+
+def _draw_axes(
+    axes: Axes3D, trajectory: Trajectory, body: BodyEstimate, row: int, size: float, strength: float
+) -> Float[np.ndarray, "3 3"]:
+    """Draw the principal axes at one frame; their ends, for the limits."""
+    R, r = matrix_from_quaternion(trajectory.q_ig[row]), trajectory.position[row]
+    ends, centre = (r + size * body.principal_axes_g @ R.T) @ _TO_VIEW.T, r @ _TO_VIEW.T
+    for end, colour in zip(ends, AXIS_COLOURS, strict=True):
+        axes.plot(
+            *np.stack([centre, end]).T, color=colour, linewidth=1.2 + strength, alpha=strength, zorder=5
+        )
+    axes.scatter(*centre, color=BLACK, s=14, depthshade=False, zorder=6)
+    return ends
+
+
+def _draw_landmarks(
+    axes: Axes3D, trajectory: Trajectory, about_centre: np.ndarray, row: int
+) -> Float[np.ndarray, "n 3"]:
+    """Draw landmarks (m, axes g, from the centre of mass) at one frame; the drawn points, for the limits."""
+    R = matrix_from_quaternion(trajectory.q_ig[row])
+    step = max(1, len(about_centre) // _MOST_POINTS)
+    points = (trajectory.position[row] + about_centre[::step] @ R.T) @ _TO_VIEW.T
+    axes.scatter(*points.T, color=SKY, s=3, alpha=0.6, depthshade=False, zorder=3)
+    return points
+
+
+def _draw_camera(axes: Axes3D, rig: StereoRig, depth: float) -> Float[np.ndarray, "n 3"]:
+    """Draw the left camera's field of view down to a depth (m); its corners, for the limits."""
+    edges = frustum_edges(rig, depth) @ _TO_VIEW.T
+    axes.add_collection3d(Line3DCollection(list(edges), colors=GREY, linewidths=1.0))
+    return edges.reshape(-1, 3)
+
+
+def _body_size(trajectory: Trajectory, body: BodyEstimate, map_points: np.ndarray | None) -> float:
+    """Length in m of the drawn axes: somewhat more than the landmarks' distance, or a tenth of the range."""
+    if map_points is not None and body.center_of_mass_g is not None:
+        return 1.3 * float(np.median(np.linalg.norm(map_points - body.center_of_mass_g, axis=1)))
+    return 0.1 * float(np.linalg.norm(trajectory.position, axis=1).max())
+
+
+def _directions_figure(trajectory: Trajectory, body: BodyEstimate) -> Figure:
+    figure, axes = space_figure(8.0, 7.2)
+    last = _last_revolutions(trajectory)
+    paths = matrix_from_quaternion(trajectory.q_ig[last:]) @ body.principal_axes_g.T
+    for k, colour in enumerate(AXIS_COLOURS):
+        axes.plot(*paths[:, :, k].T, color=colour, linewidth=1.1, zorder=3)
+        axes.plot(*np.stack([np.zeros(3), paths[-1, :, k]]).T, color=colour, linewidth=2.2, zorder=5)
+    momentum = _momentum_direction(trajectory, body)
+    axes.plot(*np.stack([np.zeros(3), 1.3 * momentum]).T, color=BLACK, linewidth=2.2, zorder=6)
+    equal_scales(axes, np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]]) * 1.2, zoom=1.05)
+    axes.set(xlabel="x of i [-]", ylabel="y of i [-]", zlabel="z of i [-]")
+    axes.view_init(elev=22, azim=-52)
+    axes.set_title(f"Directions of the principal axes in space, last {_REVOLUTIONS} revolutions")
+    momentum_handle = Line2D([], [], color=BLACK, linewidth=2.2, label="angular momentum (mean)")
+    legend_below(figure, [*_axis_handles(), momentum_handle])
+    return figure
+
+
+def _last_revolutions(trajectory: Trajectory) -> int:
+    """The first row of the last `_REVOLUTIONS` turns, counted by the angle that the body turns through."""
+    turned = np.linalg.norm(trajectory.rate_i[1:], axis=1) * np.diff(trajectory.time)
+    to_the_end = np.cumsum(turned[::-1])
+    return max(len(turned) - int(np.searchsorted(to_the_end, 2 * np.pi * _REVOLUTIONS)), 0)
+
+
+def _momentum_direction(trajectory: Trajectory, body: BodyEstimate) -> Float[np.ndarray, "3"]:
+    R_ib = matrix_from_quaternion(trajectory.q_ig) @ body.principal_axes_g.T
+    rate_b = np.einsum("nij,ni->nj", R_ib, trajectory.rate_i)
+    momentum = np.einsum("nij,nj->i", R_ib, body.principal_moments * rate_b)
+    length = float(np.linalg.norm(momentum))
+    return momentum / length if length > 0 else momentum
+
+
+def _axis_handles() -> list[Line2D]:
+    return [
+        Line2D([], [], color=colour, linewidth=1.8, label=f"{name} axis")
+        for name, colour in zip(PRINCIPAL_NAMES, AXIS_COLOURS, strict=True)
+    ]
+
+
+def _handles(has_camera: bool, has_map: bool) -> list[Line2D]:
+    handles = [*_axis_handles(), Line2D([], [], color=BLACK, linewidth=1.8, label="centre of mass")]
+    if has_map:
+        handles.append(
+            Line2D([], [], linestyle="none", marker="o", markersize=3, color=SKY, label="landmarks")
+        )
+    if has_camera:
+        handles.append(Line2D([], [], color=GREY, label="view of the left camera"))
+    return handles

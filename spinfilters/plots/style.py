@@ -1,0 +1,140 @@
+"""How every figure looks: colours that colour-blind readers tell apart, a line per estimator, saving."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from spinfilters.logs.atomic_write import write_bytes
+
+BLUE: Final[str] = "#0072B2"
+RED: Final[str] = "#D55E00"
+GREEN: Final[str] = "#009E73"
+PURPLE: Final[str] = "#CC79A7"
+SKY: Final[str] = "#56B4E9"
+ORANGE: Final[str] = "#E69F00"
+BLACK: Final[str] = "#222222"
+GREY: Final[str] = "#8A8A8A"
+"""Colours of Okabe and Ito."""
+
+AXIS_COLOURS: Final[tuple[str, str, str]] = (BLUE, RED, GREEN)
+"""Of the first, second and third axis of a frame where one panel holds all three."""
+PRINCIPAL_NAMES: Final[tuple[str, str, str]] = ("minor", "intermediate", "major")
+"""Principal axes in the ascending order of their moments."""
+SIGMAS: Final[float] = 3.0
+"""Half width of every band, in standard deviations."""
+_RESERVED = {"mekf": BLUE, "mukf": RED}
+_OTHERS = (GREEN, PURPLE, ORANGE, SKY)
+_DASHES: Final[tuple[tuple[float, tuple[float, ...]], ...]] = (
+    (0.0, ()),
+    (0.0, (4.0, 2.0)),
+    (0.0, (1.0, 1.5)),
+    (0.0, (6.0, 1.5, 1.0, 1.5)),
+)
+_DPI = 150
+_LETTER_INCHES, _HANDLE_INCHES = 0.078, 0.75  # of a legend's entries at the default font size
+
+
+@dataclass(frozen=True)
+class EstimatorLine:
+    """How one estimator is drawn in every panel of a figure."""
+
+    name: str
+    color: str
+    dashes: tuple[float, tuple[float, ...]]
+    width: float
+
+    def draw(self, axes: Axes, time: np.ndarray, values: np.ndarray) -> None:
+        """A course over time."""
+        axes.plot(time, values, color=self.color, linestyle=self.dashes, linewidth=self.width)
+
+    def fill(self, axes: Axes, time: np.ndarray, centre: np.ndarray, half: np.ndarray) -> None:
+        """A translucent band."""
+        axes.fill_between(time, centre - half, centre + half, color=self.color, alpha=0.17, linewidth=0)
+
+    @property
+    def handle(self) -> Line2D:
+        """Legend entry."""
+        return Line2D(
+            [], [], color=self.color, linestyle=self.dashes, linewidth=self.width, label=self.name.upper()
+        )
+
+
+def estimator_lines(names: Sequence[str]) -> list[EstimatorLine]:
+    """Lines for estimators in this order: where they agree both show, thin dashes upon a wide line."""
+    free = iter(_OTHERS * (1 + len(names) // len(_OTHERS)))
+    return [
+        EstimatorLine(
+            name, _RESERVED.get(name) or next(free), _DASHES[k % len(_DASHES)], max(2.4 - 0.8 * k, 1.2)
+        )
+        for k, name in enumerate(names)
+    ]
+
+
+def mark_start(axes: Axes, first: float, start_end: float | None) -> None:
+    """Shade the times (s) that the start looked at, from the first frame on."""
+    if start_end is not None:
+        axes.axvspan(first, start_end, color=BLACK, alpha=0.07, linewidth=0, zorder=0)
+
+
+def start_handle(start_end: float | None) -> list[Artist]:
+    """Legend entry of `mark_start`, none when there is no start."""
+    return [] if start_end is None else [Patch(color=BLACK, alpha=0.1, label="frames of the start")]
+
+
+def truth_handle(label: str = "truth") -> Line2D:
+    """Legend entry of `plot_truth`."""
+    return Line2D([], [], color=BLACK, linestyle=(0, (2, 1.5)), linewidth=1.3, label=label)
+
+
+def plot_truth(axes: Axes, time: np.ndarray, values: np.ndarray) -> None:
+    """The true course, as in `truth_handle`."""
+    axes.plot(time, values, color=BLACK, linestyle=(0, (2, 1.5)), linewidth=1.3, zorder=4)
+
+
+def legend_below(figure: Figure, handles: Sequence[Artist]) -> None:
+    """One legend for the whole figure, under it, in as few rows as its width allows."""
+    widths = [_HANDLE_INCHES + _LETTER_INCHES * len(str(handle.get_label())) for handle in handles]
+    rows = 1
+    while rows < len(widths) and _legend_width(widths, rows) > figure.get_figwidth():
+        rows += 1
+    columns = -(-len(widths) // rows)
+    figure.legend(handles=list(handles), loc="outside lower center", ncols=columns, frameon=False)
+
+
+def tidy(axes: Axes) -> None:
+    """Grid and no box."""
+    axes.grid(alpha=0.3, linewidth=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def half_width(errors: Float[np.ndarray, "n k"], bands: Float[np.ndarray, "n k"]) -> float:
+    """Half height of a panel that shows all errors and all but the widest tenth of the bands."""
+    width = max(float(np.abs(errors).max(initial=0.0)), float(np.quantile(bands, 0.9)))
+    return 1.15 * width if width > 0 else 1.0
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write the figure as PNG, complete or not at all.
+
+    Raises
+    ------
+    InputError: as `spinfilters.logs.atomic_write.write_bytes`.
+    """
+    target = BytesIO()
+    figure.savefig(target, format="png", dpi=_DPI)
+    write_bytes(path, target.getvalue())
+
+
+def _legend_width(widths: Sequence[float], rows: int) -> float:
+    """Inches of a legend filled column by column, each as wide as its widest entry."""
+    return sum(max(widths[start : start + rows]) for start in range(0, len(widths), rows))

@@ -1,0 +1,194 @@
+"""One figure that says how the body spins, how well that is known, and what it cost."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.rates import BodyRates, estimated_rates
+from spinfilters.evaluation.rounding import with_uncertainty
+from spinfilters.plots.inertia import RATIO_LABELS
+from spinfilters.plots.style import (
+    AXIS_COLOURS,
+    BLACK,
+    PRINCIPAL_NAMES,
+    SIGMAS,
+    EstimatorLine,
+    estimator_lines,
+    mark_start,
+    plot_truth,
+    tidy,
+)
+
+
+def summary_figure(
+    evaluations: Sequence[Evaluation],
+    reference: BodyRates | None = None,
+    true_moments: Float[np.ndarray, "3"] | None = None,
+    start_end: float | None = None,
+) -> Figure:
+    """Rates of the first estimator, inertia of all, their errors or uncertainties over time, and runtimes.
+
+    Parameters
+    ----------
+    reference: true or measured rates in the estimate's axes g.   true_moments: any scale and order.
+    """
+    figure = Figure(figsize=(13.0, 7.6), layout="constrained")
+    grid = figure.add_gridspec(2, 3, width_ratios=(1.6, 1.6, 1.3))
+    rates, inertia = figure.add_subplot(grid[0, :2]), figure.add_subplot(grid[0, 2])
+    lines = estimator_lines([evaluation.name for evaluation in evaluations])
+    _rates_panel(rates, evaluations[0], reference)
+    _inertia_panel(inertia, evaluations, lines, true_moments)
+    left, right = figure.add_subplot(grid[1, 0]), figure.add_subplot(grid[1, 1])
+    _attitude_panel(left, evaluations, lines)
+    _other_panel(right, evaluations, lines)
+    _runtime_panel(figure.add_subplot(grid[1, 2]), evaluations, lines)
+    for axes in (rates, left, right):
+        mark_start(axes, evaluations[0].history.time[0], start_end)
+        axes.set_xlabel("time [s]")
+    figure.suptitle(headline(evaluations[0]), fontsize="large", fontweight="bold")
+    return figure
+
+
+def headline(evaluation: Evaluation) -> str:
+    """How the body spins, in one sentence."""
+    rates, body = estimated_rates(evaluation.history), evaluation.body
+    speed = np.linalg.norm(rates.rate, axis=1) * 30.0 / np.pi
+    about = rates.in_axes(body.principal_axes_g).rate
+    turns = _sign_changes(about)
+    moments = " : ".join(
+        with_uncertainty(value, std)
+        for value, std in zip(body.principal_moments[:2], body.principal_moments_std[:2], strict=True)
+    )
+    flips = f"{turns} flip{'s' * (turns > 1)}" if turns else "no flip"
+    duration = rates.time[-1] - rates.time[0]
+    return (
+        f"Spins at {np.median(speed):.3g} rpm, {flips} in {duration:.3g} s, moments of inertia {moments} : 1"
+    )
+
+
+def _sign_changes(rate: np.ndarray) -> int:
+    """Reversals of the rate about the axis it is mostly about, beyond a tenth of its largest value."""
+    strongest = rate[:, int(np.square(rate).sum(axis=0).argmax())]
+    clear = strongest[np.abs(strongest) > 0.1 * np.abs(strongest).max()]
+    return int(np.count_nonzero(np.diff(np.sign(clear))))
+
+
+def _rates_panel(axes: Axes, evaluation: Evaluation, reference: BodyRates | None) -> None:
+    principal = evaluation.body.principal_axes_g
+    rates = estimated_rates(evaluation.history).in_axes(principal)
+    assert rates.std is not None
+    for k, (name, colour) in enumerate(zip(PRINCIPAL_NAMES, AXIS_COLOURS, strict=True)):
+        value, band = np.rad2deg(rates.rate[:, k]), SIGMAS * np.rad2deg(rates.std[:, k])
+        axes.fill_between(rates.time, value - band, value + band, color=colour, alpha=0.2, linewidth=0)
+        axes.plot(rates.time, value, color=colour, linewidth=1.8, label=f"{name} axis")
+        if reference is not None:
+            true = reference.in_axes(principal)
+            plot_truth(axes, true.time, np.rad2deg(true.rate[:, k]))
+    if reference is not None:
+        axes.plot([], [], color=BLACK, linestyle=(0, (2, 1.5)), linewidth=1.3, label=reference.label)
+    axes.axhline(0.0, color=BLACK, linewidth=0.5)
+    axes.set(ylabel="rate [deg/s]")
+    axes.set_title(
+        f"rate about the principal axes ({evaluation.name.upper()})", loc="left", fontsize="medium"
+    )
+    tidy(axes)
+    axes.legend(ncols=4, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.99), fontsize="small")
+
+
+def _inertia_panel(
+    axes: Axes, evaluations: Sequence[Evaluation], lines: list[EstimatorLine], true: np.ndarray | None
+) -> None:
+    count = len(evaluations)
+    for k, (evaluation, line) in enumerate(zip(evaluations, lines, strict=True)):
+        body = evaluation.body
+        axes.errorbar(
+            np.arange(2) + 0.18 * (k - (count - 1) / 2),
+            body.principal_moments[:2],
+            SIGMAS * body.principal_moments_std[:2],
+            fmt="o",
+            color=line.color,
+            capsize=4,
+            label=evaluation.name.upper(),
+        )
+    if true is not None:
+        ratios = np.sort(true)[:2] / np.max(true)
+        axes.hlines(
+            ratios, [-0.3, 0.7], [0.3, 1.3], color=BLACK, linestyle="--", linewidth=1.3, label="truth"
+        )
+    axes.set_xticks([0, 1], RATIO_LABELS)
+    axes.set_xlim(-0.5, 1.5)
+    axes.set_ylabel("ratio [-]")
+    axes.set_title(f"inertia at the end, ±{SIGMAS:g} σ", loc="left", fontsize="medium")
+    tidy(axes)
+    axes.legend(frameon=False, fontsize="small", loc="upper left")
+
+
+def _attitude_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[EstimatorLine]) -> None:
+    curves = []
+    for evaluation in evaluations:
+        std = np.rad2deg(np.linalg.norm(evaluation.trajectory.std_attitude, axis=1))
+        error = None if evaluation.errors is None else np.rad2deg(_length(evaluation.errors.attitude))
+        curves.append((std, error))
+    _magnitudes(axes, evaluations, lines, curves)
+    axes.set_ylabel("attitude [deg]")
+
+
+def _other_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[EstimatorLine]) -> None:
+    """Position, or the rate where no position is seen."""
+    sees = all(evaluation.trajectory.sees_position for evaluation in evaluations)
+    curves = []
+    for evaluation in evaluations:
+        trajectory, errors = evaluation.trajectory, evaluation.errors
+        std = 1e3 * trajectory.std_position if sees else np.rad2deg(trajectory.std_rate)
+        error = None
+        if errors is not None:
+            error = _length(np.rad2deg(errors.rate) if errors.position is None else 1e3 * errors.position)
+        curves.append((_length(std), error))
+    _magnitudes(axes, evaluations, lines, curves)
+    axes.set_ylabel("centre of mass [mm]" if sees else "rate in i [deg/s]")
+
+
+def _magnitudes(
+    axes: Axes,
+    evaluations: Sequence[Evaluation],
+    lines: list[EstimatorLine],
+    curves: list[tuple[np.ndarray, np.ndarray | None]],
+) -> None:
+    """Length of the error, or without a truth of one standard deviation; the other as a thin grey line."""
+    for evaluation, line, (std, error) in zip(evaluations, lines, curves, strict=True):
+        if error is None or evaluation.errors is None:
+            line.draw(axes, evaluation.trajectory.time, std)
+            continue
+        line.draw(axes, evaluation.errors.time, error)
+        axes.plot(evaluation.trajectory.time, std, color=BLACK, linewidth=0.9, linestyle=line.dashes)
+    known = curves[0][1] is not None
+    top = max(
+        float(np.quantile(std if error is None else np.maximum(error, 0), 0.98)) for std, error in curves
+    )
+    axes.set_ylim(0.0, 1.6 * top if top > 0 else 1.0)
+    title = "length of the error (black: 1 σ)" if known else "uncertainty, 1 σ"
+    axes.set_title(title, loc="left", fontsize="medium")
+    axes.legend(
+        handles=[line.handle for line in lines], frameon=False, fontsize="small", ncols=2, loc="upper right"
+    )
+    tidy(axes)
+
+
+def _runtime_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[EstimatorLine]) -> None:
+    runtimes = [evaluation.milliseconds_per_frame or 0.0 for evaluation in evaluations]
+    names = [evaluation.name.upper() for evaluation in evaluations]
+    bars = axes.barh(names, runtimes, color=[line.color for line in lines], height=0.5)
+    axes.bar_label(bars, [f"{runtime:.2g} ms" for runtime in runtimes], padding=4)
+    axes.set_xlim(0.0, 1.3 * max(*runtimes, 1e-9))
+    axes.invert_yaxis()
+    axes.set_xlabel("time per frame [ms], median")
+    axes.set_title("runtime", loc="left", fontsize="medium")
+    tidy(axes)
+
+
+def _length(vectors: np.ndarray) -> Float[np.ndarray, " n"]:
+    return np.linalg.norm(vectors, axis=1)

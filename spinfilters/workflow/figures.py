@@ -1,0 +1,97 @@
+"""The pictures of a run."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+from spinfilters.errors import InputError
+from spinfilters.evaluation.evaluation import Evaluation, evaluate
+from spinfilters.evaluation.errors import Alignment
+from spinfilters.evaluation.rates import BodyRates, estimated_rates, measured_rates, true_rates
+from spinfilters.logs.dataset import Dataset, read_dataset
+from spinfilters.plots.consistency import consistency_figure
+from spinfilters.plots.error_bands import error_bands_figure
+from spinfilters.plots.inertia import inertia_figure
+from spinfilters.plots.polhode import estimated_polhode_figure
+from spinfilters.plots.rates import rates_figure
+from spinfilters.plots.scene import scene_figure
+from spinfilters.plots.style import save_figure
+from spinfilters.plots.summary import summary_figure
+from spinfilters.workflow.estimation import Comparison
+from spinfilters.workflow.history_file import read_history
+from spinfilters.workflow.run_folder import DATASET_FOLDER, read_summary
+
+
+@dataclass(frozen=True)
+class Pictured:
+    """What the figures show: evaluations of one data set, the landmarks (k, 3) if any, and the end of the start (s)."""
+
+    dataset: Dataset
+    evaluations: Sequence[Evaluation]
+    map_points: Float[np.ndarray, "k 3"] | None
+    start_end: float
+
+    @classmethod
+    def from_comparison(cls, comparison: Comparison) -> "Pictured":
+        """Of a run that has just ended."""
+        prepared = comparison.prepared
+        return cls(prepared.dataset, comparison.evaluations, prepared.map_points, prepared.start_end)
+
+    @classmethod
+    def from_folder(cls, folder: Path) -> "Pictured":
+        """Of a run folder.
+
+        Raises
+        ------
+        InputError: a folder that is no run, or a damaged one.
+        """
+        document = read_summary(folder)
+        dataset = read_dataset(folder / DATASET_FOLDER)
+        known = dataset.known_map is not None or dataset.kind == "pose"
+        alignment = Alignment.NONE if known else Alignment.BODY_FRAME
+        try:
+            names, start_end = list(document["estimators"]), float(document["start"]["end_s"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"{folder}: summary.json lacks {error}; make the run again") from None
+        histories = [read_history(folder / name / "history.npz") for name in names]
+        evaluations = [evaluate(history, dataset.truth, alignment) for history in histories]
+        points = None if dataset.known_map is None else dataset.known_map.points
+        return cls(dataset, evaluations, points, start_end)
+
+
+def draw_run(pictured: Pictured, folder: Path, progress: Callable[[int, int], None]) -> list[Path]:
+    """Every figure of a run as PNG files in its folder; returns their paths."""
+    figures = list(_figures(pictured))
+    paths = []
+    for index, (name, draw) in enumerate(figures):
+        progress(index, len(figures))
+        save_figure(draw(), folder / f"{name}.png")
+        paths.append(folder / f"{name}.png")
+    progress(len(figures), len(figures))
+    return paths
+
+
+def _figures(pictured: Pictured) -> Iterator[tuple[str, Callable[[], Figure]]]:
+    evaluations, end = pictured.evaluations, pictured.start_end
+    first, truth = evaluations[0], pictured.dataset.truth
+    moments = None if truth is None else truth.principal_moments
+    reference = _reference(pictured.dataset, first)
+    yield "summary", lambda: summary_figure(evaluations, reference, moments, end)
+    yield "rates", lambda: rates_figure([estimated_rates(e.history) for e in evaluations], reference, start_end=end)
+    yield "inertia", lambda: inertia_figure(evaluations, moments, end)
+    yield "polhode", lambda: estimated_polhode_figure(estimated_rates(first.history), first.body)
+    yield "scene", lambda: scene_figure(first.trajectory, first.body, pictured.dataset.rig, pictured.map_points)
+    yield "consistency", lambda: consistency_figure(evaluations, end)
+    for evaluation in evaluations:
+        yield f"errors-{evaluation.name}", lambda evaluation=evaluation: error_bands_figure(evaluation, end)
+
+
+def _reference(dataset: Dataset, evaluation: Evaluation) -> BodyRates | None:
+    """True rates, or else what a gyro measured."""
+    if dataset.truth is not None and evaluation.errors is not None:
+        return true_rates(dataset.truth, evaluation.errors.frame)
+    return measured_rates(dataset.log.stream("gyro")) if "gyro" in dataset.log.sensors else None

@@ -1,0 +1,40 @@
+"""Which versions, commit and machine a run was made with."""
+
+import platform
+import subprocess
+from importlib.metadata import version
+from pathlib import Path
+
+import spinfilters
+
+PACKAGES = ("numpy", "scipy", "casadi", "filterpy", "matplotlib")
+
+
+def provenance() -> dict[str, str]:
+    """Versions of what decides the numbers, and the commit when the package runs from a checkout."""
+    return {
+        "spinfilters": spinfilters.__version__,
+        "git_commit": git_commit() or "not a checkout",
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        **{name: version(name) for name in PACKAGES},
+    }
+
+
+def git_commit() -> str | None:
+    """Commit of the checkout that the package lies in, with ``-dirty`` when files differ from it; None elsewhere."""
+    folder = Path(spinfilters.__file__).resolve().parents[1]
+    if not (folder / ".git").exists():
+        return None
+    try:
+        done = subprocess.run(
+            ["git", "describe", "--always", "--dirty", "--abbrev=12"],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=True,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip() or None

@@ -1,0 +1,72 @@
+"""When an estimate deserves doubt: each rule is one sentence with its numbers."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.logs.gyro_files import saturated
+from spinfilters.state.status import EstimatorStatus, Verdict
+from spinfilters.workflow.preparation import Prepared
+
+LARGEST_MOMENT_STD = 0.1
+"""Of a principal moment relative to the largest: beyond it the body's shape is not known."""
+LARGEST_NIS = 2.5
+"""NIS per degree of freedom above which measurement or process noise is clearly understated."""
+LARGEST_GYRO_ERROR = 0.04
+"""Relative rms of a gyro's residual: beyond it this is no torque-free flight of a rigid body."""
+DISAGREEMENT_STD, DISAGREEMENT = 4.0, 0.01
+"""Two estimators on the same measurements disagree beyond both of these."""
+
+
+def shared_doubts(prepared: Prepared) -> list[str]:
+    """Reasons that concern every estimator of a run."""
+    reasons = []
+    frames = prepared.start.frames
+    if not frames.converged:
+        reasons.append(f"the start did not settle in {frames.iterations} iterations")
+    noise = prepared.gyro_noise
+    if noise is not None and noise.relative_error > LARGEST_GYRO_ERROR:
+        reasons.append(
+            f"the motion explains the gyro only to {100 * noise.relative_error:.1f} % of the rate: not a free flight"
+        )
+    if "gyro" in prepared.dataset.log.sensors:
+        count = int(np.count_nonzero(saturated(prepared.dataset.log.stream("gyro").values)))
+        if count:
+            reasons.append(f"{count} gyro samples are saturated")
+    return reasons
+
+
+def judged(evaluation: Evaluation, doubts: Sequence[str], others: Sequence[Evaluation]) -> EstimatorStatus:
+    """The run's own status with every further reason for doubt."""
+    status = evaluation.history.status
+    for reason in [*doubts, *_own_doubts(evaluation), *_disagreements(evaluation, others)]:
+        status = status.degraded(reason)
+    return status
+
+
+def _own_doubts(evaluation: Evaluation) -> list[str]:
+    reasons, body, history = [], evaluation.body, evaluation.history
+    worst = float(np.max(body.principal_moments_std))
+    if worst > LARGEST_MOMENT_STD:
+        reasons.append(f"the moments of inertia are not determined: standard deviation {worst:.2g} of the largest")
+    ratio = evaluation.nis_ratio
+    if ratio is not None and ratio > LARGEST_NIS:
+        reasons.append(f"innovations are {ratio:.1f} times as large (squared) as the noise explains")
+    rejected, total = int(history.rejected.sum()), int((history.rejected + history.accepted).sum())
+    if total and rejected > total / 2:
+        reasons.append(f"{rejected} of {total} measurements could not be used")
+    return reasons
+
+
+def _disagreements(evaluation: Evaluation, others: Sequence[Evaluation]) -> list[str]:
+    """With every other estimator that has not failed."""
+    reasons = []
+    for other in others:
+        if other.name == evaluation.name or other.history.status.verdict is Verdict.FAILED:
+            continue
+        gap = np.abs(evaluation.body.principal_moments - other.body.principal_moments)[:2]
+        std = np.hypot(evaluation.body.principal_moments_std, other.body.principal_moments_std)[:2]
+        if np.any((gap > DISAGREEMENT_STD * std) & (gap > DISAGREEMENT)):
+            reasons.append(f"its moments differ from those of {other.name} by up to {gap.max():.3f}")
+    return reasons

@@ -1,0 +1,134 @@
+"""Every kept segment of a recording: a run each, a table and a picture of the fitted inertia of all."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from spinfilters.errors import InputError
+from spinfilters.logs.atomic_write import write_json
+from spinfilters.logs.dataset import Dataset
+from spinfilters.plots.style import save_figure
+from spinfilters.plots.throws import Throw, throws_figure
+from spinfilters.workflow.estimation import Progress, compare_estimators
+from spinfilters.workflow.preparation import prepare
+from spinfilters.workflow.run_folder import read_summary, write_run
+from spinfilters.workflow.settings import Settings, read_settings
+
+SEGMENTS_FOLDER = "segments"
+
+
+@dataclass(frozen=True)
+class SegmentResult:
+    """One segment: its number, its summary.json, or why there is none."""
+
+    number: int
+    summary: dict[str, Any] | None
+    failure: str | None = None
+
+
+def run_segments(
+    datasets: Sequence[Dataset],
+    folder: Path,
+    settings: Settings,
+    progress: Progress,
+    on_segment: Callable[[int, int], None],
+) -> list[SegmentResult]:
+    """A run folder per segment; one that was already made with the same settings is not made again.
+
+    Ctrl-C ends the loop; what is done is returned.
+    """
+    results: list[SegmentResult] = []
+    try:
+        for index, dataset in enumerate(datasets):
+            on_segment(index, len(datasets))
+            results.append(_run_segment(dataset, folder, settings, progress))
+        on_segment(len(datasets), len(datasets))
+    except KeyboardInterrupt:
+        pass
+    return results
+
+
+def _run_segment(dataset: Dataset, folder: Path, settings: Settings, progress: Progress) -> SegmentResult:
+    number = 0 if dataset.segment is None else dataset.segment.number
+    place = folder / SEGMENTS_FOLDER / f"{number:03d}"
+    if (done := _finished(place, settings)) is not None:
+        return SegmentResult(number, done)
+    try:
+        comparison = compare_estimators(prepare(dataset, settings), settings, progress)
+    except InputError as error:
+        return SegmentResult(number, None, str(error))
+    if comparison.interrupted:
+        raise KeyboardInterrupt
+    write_run(place, comparison, settings)
+    return SegmentResult(number, read_summary(place))
+
+
+def _finished(place: Path, settings: Settings) -> dict[str, Any] | None:
+    try:
+        if read_settings(place / "config.toml") == settings:
+            return read_summary(place)
+    except InputError:
+        pass
+    return None
+
+
+def write_segments(folder: Path, results: Sequence[SegmentResult], settings: Settings) -> None:
+    """segments.json, and throws-<estimator>.png of every estimator that has a result."""
+    document = {
+        str(r.number): {"failure": r.failure} if r.summary is None else r.summary["estimators"] for r in results
+    }
+    write_json(folder / "segments.json", {"schema": 1, "segments": document})
+    for name in settings.estimators:
+        throws = [_throw(r.number, r.summary["estimators"][name]) for r in results if r.summary is not None]
+        if throws:
+            save_figure(throws_figure(throws), folder / f"throws-{name}.png")
+
+
+def _throw(number: int, estimate: dict[str, Any]) -> Throw:
+    return Throw(
+        number,
+        np.array(estimate["principal_moments"][:2]),
+        np.array(estimate["principal_moments_cov"])[:2, :2],
+        estimate["status"] != "ok",
+    )
+
+
+def segment_table(results: Sequence[SegmentResult], settings: Settings) -> Table:
+    """A row per segment and estimator: moments, their deviations, drag, status and why."""
+    table = Table(title="Fitted inertia of every segment", title_justify="left")
+    for heading in ("segment", "estimator", "J1/J3", "J2/J3", "drag 1/rad", "status", "reason"):
+        table.add_column(heading)
+    for result in results:
+        if result.summary is None:
+            table.add_row(str(result.number), "-", "-", "-", "-", "failed", result.failure or "")
+            continue
+        for name in settings.estimators:
+            table.add_row(str(result.number), name, *_cells(result.summary["estimators"][name]))
+    return table
+
+
+def _cells(estimate: dict[str, Any]) -> tuple[str, ...]:
+    moments, std = estimate["principal_moments"], estimate["principal_moments_std"]
+    drag = estimate["drag_per_rad"]
+    return (
+        f"{moments[0]:.4f} ± {std[0]:.4f}",
+        f"{moments[1]:.4f} ± {std[1]:.4f}",
+        "-" if drag is None else f"{drag:.4f}",
+        estimate["status"],
+        "; ".join(estimate["reasons"]),
+    )
+
+
+def segment_medians(results: Sequence[SegmentResult], settings: Settings) -> dict[str, tuple[float, float, int, int]]:
+    """Per estimator: median J1/J3 and J2/J3 of the segments that are ``ok``, how many those are, and of how many."""
+    medians = {}
+    for name in settings.estimators:
+        estimates = [r.summary["estimators"][name] for r in results if r.summary is not None]
+        good = np.array([e["principal_moments"][:2] for e in estimates if e["status"] == "ok"]).reshape(-1, 2)
+        middle = np.median(good, axis=0) if len(good) else np.full(2, np.nan)
+        medians[name] = (float(middle[0]), float(middle[1]), len(good), len(results))
+    return medians

@@ -1,0 +1,146 @@
+"""Everything that can be set about a run, read from and written to TOML."""
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from spinfilters.errors import InputError
+from spinfilters.estimators.multiplicative_ukf import SigmaPointOptions
+from spinfilters.estimators.start import StartOptions
+from spinfilters.models.process import ProcessNoise
+
+AUTO = "auto"
+ESTIMATORS = ("mekf", "ukf", "filterpy-ekf", "filterpy-ukf")
+LARGEST_FILE = 1 << 20
+
+
+@dataclass(frozen=True)
+class ProcessSettings:
+    """The process model.
+
+    Attributes
+    ----------
+    force_psd: (m/s^2)^2/Hz.   torque_psd: (rad/s^2)^2/Hz.
+    drag: whether the state has an aerodynamic drag coefficient.
+    tolerance: of the integrator, rad and relative rate per step.
+    """
+
+    force_psd: float = ProcessNoise.force_psd
+    torque_psd: float = ProcessNoise.torque_psd
+    drag: bool = False
+    tolerance: float = 1e-8
+
+    @property
+    def noise(self) -> ProcessNoise:
+        """Its noise densities, checked."""
+        return ProcessNoise(self.force_psd, self.torque_psd)
+
+
+@dataclass(frozen=True)
+class SensorSettings:
+    """Standard deviations of the sensors; "auto" takes the data set's own, or the default where it is silent.
+
+    Attributes
+    ----------
+    gyro_noise_std: rad/s.   gyro_scale_std: relative to |w|; "auto" identifies it from the recording when the data set
+        states no gyro noise, with its correlation time.
+    pixel_std: px.   pose_position_std: m.   pose_rotation_std: rad.
+    """
+
+    gyro_noise_std: float | str = AUTO
+    gyro_scale_std: float | str = AUTO
+    pixel_std: float | str = AUTO
+    pose_position_std: float | str = AUTO
+    pose_rotation_std: float | str = AUTO
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All settings of a run; the field names are those of the TOML file's tables and keys."""
+
+    estimators: tuple[str, ...] = ESTIMATORS
+    process: ProcessSettings = field(default_factory=ProcessSettings)
+    sensors: SensorSettings = field(default_factory=SensorSettings)
+    start: StartOptions = field(default_factory=StartOptions)
+    ukf: SigmaPointOptions = field(default_factory=SigmaPointOptions)
+
+    def __post_init__(self) -> None:
+        unknown = [name for name in self.estimators if name not in ESTIMATORS]
+        if unknown or not self.estimators:
+            raise InputError(
+                f"unknown estimator {', '.join(map(repr, unknown)) or '(none given)'}; choose from {', '.join(ESTIMATORS)}"
+            )
+        if len(set(self.estimators)) < len(self.estimators):
+            raise InputError(f"estimators {', '.join(self.estimators)} name one twice; name each once")
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """Every setting as TOML tables."""
+        return {**asdict(self), "estimators": list(self.estimators)}
+
+
+_TABLES = {"process": ProcessSettings, "sensors": SensorSettings, "start": StartOptions, "ukf": SigmaPointOptions}
+
+
+def read_settings(path: Path) -> Settings:
+    """Settings of a TOML file; what it does not mention keeps its default.
+
+    Raises
+    ------
+    InputError: missing, too large, not TOML, an unknown key, a value of another type or out of range.
+    """
+    try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise InputError(f"{path}: {path.stat().st_size} bytes is no configuration; give a small TOML file")
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); give the path of a TOML file") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: is not TOML ({' '.join(str(error).split())}); see config.toml of any run") from None
+    return settings_from(document, str(path))
+
+
+def settings_from(document: Mapping[str, Any], source: str) -> Settings:
+    """Settings of parsed TOML; ``source`` names it in errors. Errors: `read_settings`."""
+    values: dict[str, Any] = {}
+    for key, value in document.items():
+        if key == "estimators":
+            if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
+                raise InputError(f"{source}: estimators is {value!r}; give a list of names")
+            values[key] = tuple(value)
+        elif key in _TABLES:
+            values[key] = _table(_TABLES[key], key, value, source)
+        elif key != "provenance":
+            raise InputError(f"{source}: unknown key {key!r}; known are estimators, {', '.join(_TABLES)}")
+    return Settings(**values)
+
+
+def _table(kind: type, name: str, value: object, source: str) -> Any:
+    if not isinstance(value, dict):
+        raise InputError(f"{source}: {name} is {value!r}; it must be a table [{name}]")
+    known = {item.name: getattr(kind(), item.name) for item in fields(kind)}
+    for key, entry in value.items():
+        if key not in known:
+            raise InputError(f"{source}: unknown key {name}.{key}; known are {', '.join(known)}")
+        _check_type(f"{source}: {name}.{key}", known[key], entry)
+    try:
+        return kind(**{key: type(known[key])(entry) if isinstance(known[key], float) else entry for key, entry in value.items()})
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None
+
+
+def _check_type(where: str, default: object, value: object) -> None:
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if isinstance(default, bool):
+        good, wanted = isinstance(value, bool), "true or false"
+    elif default == AUTO:
+        good, wanted = (number and math.isfinite(value) and value >= 0) or value == AUTO, 'a number of at least 0 or "auto"'
+    elif isinstance(default, int):
+        good, wanted = isinstance(value, int) and number, "a whole number"
+    else:
+        good, wanted = number and math.isfinite(value), "a finite number"
+    if not good:
+        raise InputError(f"{where} is {value!r}; give {wanted}")

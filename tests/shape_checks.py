@@ -1,0 +1,137 @@
+"""Every shape that an annotation of the package states, checked whenever the tests call it.
+
+A call that returns must have had the shapes it states, in its arguments and in what it gives back; a call that is
+refused is left alone, because refusing is the function's own business and has its own tests. So the same suite
+checks shapes and wrong shapes, in one process. (jaxtyping's own import hook checks arguments before the call: there
+its error hides our `ShapeError`, and it trips over NumPy scalars and over CasADi's types.)
+"""
+
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import is_dataclass
+from functools import cache, cached_property, wraps
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
+from inspect import signature
+from types import FunctionType, ModuleType
+from typing import Any, NamedTuple, get_args, get_origin
+
+import numpy as np
+from jaxtyping import AbstractArray, jaxtyped
+
+
+class ShapeViolation(AssertionError):
+    """A function went on with, or returned, an array that is not of the shape its annotation states."""
+
+
+def check_shapes_of(package: str) -> None:
+    """Check every function, method and dataclass of the package from now on; call it before the first import."""
+    loaded = sorted(name for name in sys.modules if name == package or name.startswith(f"{package}."))
+    if loaded:
+        raise ImportError(f"{', '.join(loaded)} imported before its shapes could be checked")
+    sys.meta_path.insert(0, _Finder(package))
+
+
+class _Finder(MetaPathFinder):
+    def __init__(self, package: str) -> None:
+        self._package = package
+
+    def find_spec(self, fullname: str, path: Any = None, target: ModuleType | None = None) -> ModuleSpec | None:
+        if fullname.partition(".")[0] != self._package:
+            return None
+        spec = PathFinder.find_spec(fullname, path, target)
+        if spec is not None and isinstance(spec.loader, SourceFileLoader):
+            spec.loader = _CheckingLoader(spec.loader.name, spec.loader.path)
+        return spec
+
+
+class _CheckingLoader(SourceFileLoader):
+    def exec_module(self, module: ModuleType) -> None:
+        super().exec_module(module)
+        for name, value in list(vars(module).items()):
+            if getattr(value, "__module__", None) != module.__name__:
+                continue
+            if isinstance(value, FunctionType):
+                setattr(module, name, checked(value))
+            elif isinstance(value, type):
+                check_class(value)
+
+
+def check_class(cls: type) -> None:
+    """Check the methods of a class, and the fields of a dataclass or named tuple when one is made."""
+    for name, value in list(vars(cls).items()):
+        if isinstance(value, FunctionType):
+            setattr(cls, name, checked(value))
+        elif isinstance(value, classmethod | staticmethod):
+            setattr(cls, name, type(value)(checked(value.__func__)))
+        elif isinstance(value, property) and isinstance(value.fget, FunctionType):
+            setattr(cls, name, value.getter(checked(value.fget)))
+        elif isinstance(value, cached_property) and isinstance(value.func, FunctionType):
+            value.func = checked(value.func)
+    maker = "__init__" if is_dataclass(cls) else "__new__" if hasattr(cls, "_fields") else None
+    if maker is not None:
+        made = getattr(cls, maker)
+        made.__annotations__ = {**made.__annotations__, **cls.__annotations__}
+        setattr(cls, maker, checked(made))
+
+
+def checked(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function, with the shapes of its arguments and of its result checked after it has returned."""
+    hints = {name: hint for name, hint in function.__annotations__.items() if _states_a_shape(hint)}
+    if not hints:
+        return function
+    parameters = signature(function)
+
+    @wraps(function)
+    def wrapper(*args: Any, **kwargs: Any) -> Any:
+        result = function(*args, **kwargs)
+        bound = parameters.bind(*args, **kwargs)
+        bound.apply_defaults()
+        _check(function, hints, bound.arguments | {"return": result})
+        return result
+
+    return wrapper
+
+
+def _check(function: Callable[..., Any], hints: Mapping[str, Any], values: Mapping[str, Any]) -> None:
+    with jaxtyped("context"):  # one meaning of every axis name within one call
+        for name, hint in hints.items():
+            if not _agrees(values[name], hint, is_result=name == "return"):
+                shapes = {known: np.shape(values[known]) for known in hints if isinstance(values[known], np.ndarray)}
+                raise ShapeViolation(
+                    f"{function.__module__}.{function.__qualname__}: {name} is not {hint}; arrays of the call: {shapes}"
+                )
+
+
+def _agrees(value: Any, hint: Any, is_result: bool) -> bool:
+    if not _states_a_shape(hint) or value is None:
+        return True
+    if isinstance(hint, type) and issubclass(hint, AbstractArray):
+        return isinstance(_as_array(value, hint, is_result), hint if is_result else _broadcasting(hint))
+    if get_origin(hint) is tuple and isinstance(value, tuple):
+        members = get_args(hint)
+        members = members[:1] * len(value) if members[1:] == (...,) else members
+        return len(members) == len(value) and all(map(_agrees, value, members, [is_result] * len(value)))
+    alternatives = [option for option in get_args(hint) if option is not ... and _states_a_shape(option)]
+    return not isinstance(value, np.ndarray) or any(_agrees(value, option, is_result) for option in alternatives)
+
+
+@cache
+def _broadcasting(hint: Any) -> Any:
+    """The hint with batch axes that broadcast over arguments, as everywhere in the package (`symbolic.Compiled`)."""
+    return hint.dtype[hint.array_type, hint.dim_str.replace("*batch", "*#batch")]
+
+
+def _as_array(value: Any, hint: Any, is_result: bool) -> Any:
+    """NumPy's scalars are arrays of no axes; arguments may be whatever NumPy converts, such as lists and integers."""
+    if not is_result and not isinstance(value, np.ndarray | np.generic):
+        value = np.asarray(value)
+    if not is_result and value.dtype.kind in "iub" and "float64" in hint.dtypes:
+        return np.asarray(value, dtype=float)
+    return np.asarray(value) if isinstance(value, np.generic) else value
+
+
+def _states_a_shape(hint: Any) -> bool:
+    if isinstance(hint, type) and issubclass(hint, AbstractArray):
+        return True
+    return any(_states_a_shape(part) for part in get_args(hint))
