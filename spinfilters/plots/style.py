@@ -32,7 +32,7 @@ PRINCIPAL_NAMES: Final[tuple[str, str, str]] = ("minor", "intermediate", "major"
 """Principal axes in the ascending order of their moments."""
 SIGMAS: Final[float] = 3.0
 """Half width of every band, in standard deviations."""
-_RESERVED = {"mekf": BLUE, "mukf": RED}
+_RESERVED = {"mekf": BLUE, "ukf": RED}
 _OTHERS = (GREEN, PURPLE, ORANGE, SKY)
 _DASHES: Final[tuple[tuple[float, tuple[float, ...]], ...]] = (
     (0.0, ()),

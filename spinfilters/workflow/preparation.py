@@ -12,7 +12,8 @@ from spinfilters.estimators.timeline import SensorNoise, StereoView, Timeline, b
 from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.models.process import TorqueFreeProcess
-from spinfilters.perception.track_poses import poses_with_map, poses_without_map
+from spinfilters.perception.map_building import poses_without_map
+from spinfilters.perception.track_poses import poses_with_map
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 from spinfilters.workflow.gyro_noise import FIRST_SCALE, GyroNoise, identify_gyro_noise
 from spinfilters.workflow.settings import AUTO, Settings

@@ -38,6 +38,7 @@ def open_run_folder(folder: Path) -> None:
 
 def write_run(folder: Path, comparison: Comparison, settings: Settings) -> None:
     """Everything but the figures; summary.json comes last, so that a folder with one is whole."""
+    make_folder(folder)
     (folder / SUMMARY_FILE).unlink(missing_ok=True)
     write_toml(folder / CONFIG_FILE, {**settings.document, "provenance": provenance()})
     write_dataset(comparison.prepared.dataset, folder / DATASET_FOLDER)

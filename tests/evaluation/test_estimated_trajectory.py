@@ -41,9 +41,7 @@ def test_position_and_rate_uncertainty_are_those_of_samples_and_need_the_cross_t
     found = trajectory_of(history_of(mean[np.newaxis], factor[np.newaxis]))
     std = (t + np.einsum("nij,nj->ni", R, c)).std(axis=0)
     np.testing.assert_allclose(found.std_position[0], std, rtol=SAMPLING)
-    np.testing.assert_allclose(
-        found.std_rate[0], np.einsum("nij,nj->ni", R, w).std(axis=0), rtol=SAMPLING
-    )
+    np.testing.assert_allclose(found.std_rate[0], np.einsum("nij,nj->ni", R, w).std(axis=0), rtol=SAMPLING)
     independent = np.diag(np.linalg.norm(factor, axis=1))
     wrong = trajectory_of(history_of(mean[np.newaxis], independent[np.newaxis])).std_position[0]
     assert np.abs(wrong / std - 1).max() > 3 * SAMPLING

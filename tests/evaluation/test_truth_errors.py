@@ -16,7 +16,13 @@ from spinfilters.attitude.conversions import (
 from spinfilters.errors import InputError
 from spinfilters.evaluation.body import body_estimate
 from spinfilters.evaluation.consistency import true_states
-from spinfilters.evaluation.errors import Alignment, attitude_alignment, body_errors, common_stamps, truth_errors
+from spinfilters.evaluation.errors import (
+    Alignment,
+    attitude_alignment,
+    body_errors,
+    common_stamps,
+    truth_errors,
+)
 from spinfilters.evaluation.trajectory import Trajectory, trajectory_of
 from spinfilters.logs.truth import Truth
 from spinfilters.state.gaussian import Gaussian
@@ -86,7 +92,9 @@ def test_the_second_half_of_the_time_leaves_out_the_first() -> None:
 
 
 def test_only_common_stamps_are_compared() -> None:
-    rows, reference = common_stamps(np.array([0.0, 0.5, 1.0 + 4e-7, 2.0, 9.0]), np.array([0.5, 1.0, 2.1, 9.0]))
+    rows, reference = common_stamps(
+        np.array([0.0, 0.5, 1.0 + 4e-7, 2.0, 9.0]), np.array([0.5, 1.0, 2.1, 9.0])
+    )
     assert rows.tolist() == [1, 2, 4]
     assert reference.tolist() == [0, 1, 3]
     assert common_stamps(np.array([3.0]), np.array([3.0]))[0].tolist() == [0]
@@ -120,7 +128,9 @@ def test_principal_axes_are_compared_in_the_frame_of_the_truth() -> None:
     frame = quaternion_from_rotation_vector(np.array([0.5, 1.0, -0.3]))
     body = body_estimate(Gaussian(FULL, true_states(TRUTH, FULL)[0], 1e-3 * np.eye(FULL.error_dim)))
     elsewhere = replace(body, principal_axes_g=rotate(inverse(frame), AXES))
-    assert body_errors(elsewhere, TRUTH).axes_angle.max() > 0.3  # pyright: ignore[reportOptionalMemberAccess]
-    errors = body_errors(elsewhere, TRUTH, frame)
-    np.testing.assert_allclose(errors.axes_angle, 0.0, atol=1e-7)  # pyright: ignore[reportArgumentType]
-    assert errors.center_of_mass_g is None
+    unaligned, aligned = body_errors(elsewhere, TRUTH), body_errors(elsewhere, TRUTH, frame)
+    assert unaligned.axes_angle is not None
+    assert aligned.axes_angle is not None
+    assert unaligned.axes_angle.max() > 0.3
+    np.testing.assert_allclose(aligned.axes_angle, 0.0, atol=1e-7)
+    assert aligned.center_of_mass_g is None

@@ -1,0 +1,170 @@
+"""Quick proofs that this installation computes what it should: each returns what it measured, or raises."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter
+from typing import Final, NamedTuple
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.attitude import conversions
+from spinfilters.dynamics.mass_distribution import from_inertia
+from spinfilters.estimators.estimator import Estimator
+from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
+from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf
+from spinfilters.estimators.run import run
+from spinfilters.estimators.timeline import SensorNoise, build_timeline
+from spinfilters.logs.truth import Truth
+from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.simulation.scenario import Scenario, simulate
+from spinfilters.state.gaussian import Gaussian
+from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
+from spinfilters.state.status import Verdict
+from spinfilters.symbolic import Compiled
+from spinfilters.symbolic.c_library import cache_folder
+
+REINSTALL: Final[str] = "install again (make clean, then make compare); if it stays, report it with this page"
+ROUND_TRIP_TOLERANCE: Final[float] = 1e-13
+"""A few hundred roundings of unit numbers, over four conversions."""
+DIFFERENCE_STEP: Final[float] = 1e-5
+DERIVATIVE_TOLERANCE: Final[float] = 1e-6
+"""Central differences at that step miss by its square and by the integrator's tolerance over it, of order 1e-9."""
+
+
+class CheckFailed(Exception):
+    """A check ran to its end and its result is not what it must be; the text holds the numbers."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One self-check: ``measure`` returns a short text of numbers or raises; ``cure`` is what to do then."""
+
+    name: str
+    measure: Callable[[], str]
+    cure: str
+
+
+def attitude_round_trip() -> str:
+    """Quaternion to matrix, 4 x MRP, rotation vector and back, half turns included."""
+    generator = np.random.default_rng(0)
+    vectors = generator.standard_normal((50, 3))
+    vectors *= np.concatenate([np.full(5, np.pi), generator.uniform(1e-9, 3.1, 45)])[:, None] / _norm(vectors)
+    q = conversions.quaternion_from_rotation_vector(vectors)
+    p = conversions.quaternion_from_matrix(conversions.matrix_from_quaternion(q))
+    p = conversions.quaternion_from_mrp(conversions.mrp_from_quaternion(p))
+    p = conversions.quaternion_from_rotation_vector(conversions.rotation_vector_from_quaternion(p))
+    error = float(np.abs(p * np.sign(np.sum(p * q, axis=1, keepdims=True)) - q).max())
+    return _within(error, ROUND_TRIP_TOLERANCE, "largest error of a component")
+
+
+def process_linearisation() -> str:
+    """The process model's error transition against central differences of its own steps."""
+    process, dt = TorqueFreeProcess(StateLayout(ROTATION_BLOCKS), ProcessNoise()), 0.1
+    layout = process.layout
+    x = layout.origin()
+    x[layout.mean_slice("w")] = [0.4, 1.0, -0.3]
+    x[layout.mean_slice("s")] = [0.3, -0.1, 0.05, -0.2, 0.1]
+    after, transition, _ = process.linearise(x, dt)
+    offsets = DIFFERENCE_STEP * np.eye(layout.error_dim)
+    ahead = layout.local(after, process.step(layout.retract(x, offsets), dt))
+    behind = layout.local(after, process.step(layout.retract(x, -offsets), dt))
+    differences = ((ahead - behind) / (2 * DIFFERENCE_STEP)).T
+    error = float(np.abs(transition - differences).max())
+    return _within(error, DERIVATIVE_TOLERANCE, "largest difference of an entry")
+
+
+def filters_run() -> str:
+    """Both filters on two seconds of a simulated gyro, from a belief near the truth."""
+    process = TorqueFreeProcess(StateLayout(ROTATION_BLOCKS), ProcessNoise())
+    dataset = simulate(Scenario(kind="gyro", frames=20, interval=0.1))
+    assert dataset.truth is not None
+    timeline = build_timeline(dataset.log, process.layout, SensorNoise())
+    belief = Gaussian(process.layout, _first_state(process.layout, dataset.truth), 0.03 * np.eye(11))
+    filters: tuple[Estimator, ...] = (MultiplicativeEkf(process), MultiplicativeUkf(process))
+    texts = []
+    for estimator in filters:
+        history = run(estimator, belief, timeline[0].time, timeline)
+        finite = bool(np.isfinite(history.mean).all() and np.isfinite(history.factor).all())
+        if history.status.verdict is not Verdict.OK or not finite:
+            raise CheckFailed(f"{history.name}: {'; '.join(history.status.reasons) or 'not finite'}")
+        texts.append(f"{history.name} {1e6 * float(np.median(history.runtime)):.0f} us")
+    return f"per frame: {', '.join(texts)}"
+
+
+def figure_written() -> str:
+    """A figure drawn without a screen and written as PNG."""
+    from matplotlib.figure import Figure  # here, because a broken drawing library must not hide the other checks
+
+    folder = cache_folder()
+    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    with TemporaryDirectory(dir=folder) as scratch:
+        path = Path(scratch) / "figure.png"
+        figure = Figure(figsize=(2, 1.5))
+        figure.add_subplot().plot([0.0, 1.0], [0.0, 1.0])
+        figure.savefig(path, format="png")
+        size = path.stat().st_size
+        if not path.read_bytes().startswith(b"\x89PNG"):
+            raise CheckFailed(f"{size} bytes that are no PNG")
+    return f"{size} bytes"
+
+
+CHECKS: Final[tuple[Check, ...]] = (
+    Check("attitude round trip", attitude_round_trip, REINSTALL),
+    Check("process linearisation", process_linearisation, REINSTALL),
+    Check("simulated EKF and UKF run", filters_run, REINSTALL),
+    Check("figure", figure_written, "make the cache folder writable, or name another: export SPINFILTERS_CACHE=/tmp/cache"),
+)
+
+
+class Comparison(NamedTuple):
+    """Compiled code beside CasADi's virtual machine: whether there is a library, equal bits, times as fast."""
+
+    is_c: bool
+    equal: bool
+    speedup: float
+
+
+def compare_with_virtual_machine() -> Comparison:
+    """One small expression both ways, compiled where a compiler works (into the cache)."""
+    x, A = ca.SX.sym("x", 6), ca.SX.sym("A", 6, 6)
+    function = ca.Function("doctor", [x, A], [ca.sin(A @ x) / (1 + ca.sumsqr(x)), A @ A.T], ["x", "A"], ["y", "B"])
+    compiled, interpreted = Compiled(function), Compiled.interpreted(function)
+    generator = np.random.default_rng(0)
+    arguments = generator.standard_normal((100, 6)), generator.standard_normal((100, 6, 6))
+    equal = all(map(np.array_equal, compiled(*arguments), interpreted(*arguments)))
+    single = arguments[0][0], arguments[1][0]
+    return Comparison(compiled.is_c, equal, _seconds(interpreted, *single) / _seconds(compiled, *single))
+
+
+def _seconds(function: Compiled, *arguments: np.ndarray) -> float:
+    """The least of several measurements of 200 calls: whatever else runs on the machine only adds."""
+    times = []
+    for _ in range(5):
+        begin = perf_counter()
+        for _ in range(200):
+            function(*arguments)
+        times.append(perf_counter() - begin)
+    return min(times)
+
+
+def _first_state(layout: StateLayout, truth: Truth) -> Float[np.ndarray, " m"]:
+    x = layout.origin()
+    x[layout.mean_slice("a")] = truth.q_ig[0]
+    x[layout.mean_slice("w")] = conversions.matrix_from_quaternion(truth.q_ig[0]).T @ truth.rate_i[0]
+    axes, moments = truth.principal_axes_g, truth.principal_moments
+    x[layout.mean_slice("s")] = from_inertia(axes.T @ np.diag(moments) @ axes)
+    return x
+
+
+def _within(error: float, tolerance: float, what: str) -> str:
+    if not error <= tolerance:
+        raise CheckFailed(f"{what} {error:.1e}, allowed {tolerance:.0e}")
+    return f"{what} {error:.1e}"
+
+
+def _norm(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 1"]:
+    return np.linalg.norm(vectors, axis=1, keepdims=True)

@@ -1,0 +1,102 @@
+"""The page of `spinfilters doctor`: complete, honest about failures, and leaving nothing behind."""
+
+from io import StringIO
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+import spinfilters
+from spinfilters.cli import doctor_checks
+from spinfilters.cli.doctor import doctor
+from spinfilters.cli.doctor_checks import CHECKS, Check, CheckFailed, compare_with_virtual_machine
+from spinfilters.models.process import TorqueFreeProcess
+from spinfilters.symbolic import c_library
+
+
+def page(checks: tuple[Check, ...] | None = None) -> tuple[int, str]:
+    """Exit code and text of the page."""
+    console = Console(file=StringIO(), width=100)
+    code = doctor(console, checks)
+    assert isinstance(console.file, StringIO)
+    return code, console.file.getvalue()
+
+
+def test_every_self_check_passes_on_this_machine() -> None:
+    code, text = page()
+    assert code == 0, text
+    assert text.count("\nok ") == len(CHECKS)
+    assert "FAILED" not in text
+
+
+def test_the_page_names_versions_compiler_and_cache() -> None:
+    _, text = page(())
+    assert f"spinfilters                 {spinfilters.__version__}" in text
+    for name in ("Python", "platform", "numpy", "scipy", "casadi", "filterpy", "matplotlib", "C compiler"):
+        assert f"\n{name:<28}" in text
+    assert str(c_library.cache_folder()) in text
+
+
+def test_a_failed_check_shows_its_numbers_and_a_cure_and_the_others_still_run() -> None:
+    def fail() -> str:
+        raise CheckFailed("error 1, allowed [0]")
+
+    code, text = page((Check("broken", fail, "mend it"), Check("sound", lambda: "fine", "")))
+    assert code == 1
+    lines = [line.split() for line in text.splitlines()[-3:]]
+    assert lines[0] == ["FAILED", "broken", "CheckFailed:", "error", "1,", "allowed", "[0]"]
+    assert lines[1] == ["cure", "mend", "it"]
+    assert lines[2] == ["ok", "sound", "fine"]
+
+
+def test_a_wrong_derivative_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    exact = TorqueFreeProcess.linearise
+
+    def off_by_a_thousandth(self: TorqueFreeProcess, x: object, dt: float) -> tuple[object, ...]:
+        after, transition, noise = exact(self, x, dt)  # pyright: ignore[reportArgumentType]
+        return after, 1.001 * transition, noise
+
+    monkeypatch.setattr(TorqueFreeProcess, "linearise", off_by_a_thousandth)
+    with pytest.raises(CheckFailed, match="largest difference of an entry 1"):
+        doctor_checks.process_linearisation()
+
+
+def test_an_inexact_attitude_conversion_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    exact = doctor_checks.conversions.matrix_from_quaternion
+    monkeypatch.setattr(doctor_checks.conversions, "matrix_from_quaternion", lambda q: exact(q) * (1 + 1e-9))
+    with pytest.raises(CheckFailed, match="largest error of a component"):
+        doctor_checks.attitude_round_trip()
+
+
+def test_a_cache_folder_that_cannot_be_written_is_named_with_its_cure(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("SPINFILTERS_CACHE", str(tmp_path / "file" / "cache"))
+    code, text = page(CHECKS[-1:])
+    assert code == 1
+    assert str(tmp_path / "file" / "cache") in text
+    assert "SPINFILTERS_CACHE=" in text
+
+
+def test_without_a_compiler_the_page_says_so_and_nothing_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SPINFILTERS_COMPILE", "off")
+    c_library.compiler.cache_clear()
+    try:
+        comparison = compare_with_virtual_machine()
+        code, text = page(())
+    finally:
+        c_library.compiler.cache_clear()
+    assert (comparison.is_c, comparison.equal, code) == (False, True, 0)
+    assert "works without, but slower" in text
+
+
+def test_nothing_is_left_outside_the_cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    here, cache = tmp_path / "here", tmp_path / "cache"
+    here.mkdir()
+    monkeypatch.chdir(here)
+    monkeypatch.setenv("SPINFILTERS_CACHE", str(cache))
+    monkeypatch.setenv("TMPDIR", str(here))
+    assert page(CHECKS[-1:])[0] == 0
+    assert list(here.iterdir()) == []
+    assert all(path.suffix == ".so" for path in cache.rglob("*"))

@@ -1,0 +1,159 @@
+"""Every figure of a run shows its data, with units on its axes and nothing that is not finite."""
+
+from collections.abc import Callable
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from run_samples import MOMENTS, START_END, SampleRuns, full_runs, nearly_spherical, rotation_runs
+
+from spinfilters.errors import InputError
+from spinfilters.evaluation.rates import BodyRates, estimated_rates, true_rates
+from spinfilters.logs.camera import StereoRig
+from spinfilters.plots.consistency import consistency_figure
+from spinfilters.plots.error_bands import error_bands_figure
+from spinfilters.plots.inertia import inertia_figure
+from spinfilters.plots.polhode import estimated_polhode_figure
+from spinfilters.plots.rates import rates_figure
+from spinfilters.plots.scene import scene_figure
+from spinfilters.plots.style import estimator_lines, save_figure
+from spinfilters.plots.summary import headline, summary_figure
+
+FULL, ROTATIONS = full_runs(), rotation_runs()
+RIG = StereoRig(fx=466.7, fy=466.7, cx=320.0, cy=240.0, width=640, height=480, baseline_m=0.09)
+POINTS = np.random.default_rng(0).standard_normal((300, 3)) * 0.05
+Maker = Callable[[SampleRuns], Figure]
+
+
+def estimates(runs: SampleRuns) -> list[BodyRates]:
+    return [estimated_rates(evaluation.history) for evaluation in runs.with_truth]
+
+
+MAKERS: dict[str, Maker] = {
+    "error bands": lambda runs: error_bands_figure(runs.with_truth[0], START_END),
+    "estimate bands": lambda runs: error_bands_figure(runs.without_truth[0], START_END),
+    "rates": lambda runs: rates_figure(estimates(runs), true_rates(runs.truth), start_end=START_END),
+    "inertia": lambda runs: inertia_figure(runs.with_truth, MOMENTS, START_END),
+    "consistency": lambda runs: consistency_figure(runs.with_truth, START_END),
+    "summary": lambda runs: summary_figure(runs.with_truth, true_rates(runs.truth), MOMENTS, START_END),
+    "summary without truth": lambda runs: summary_figure(runs.without_truth, start_end=START_END),
+    "polhode": lambda runs: estimated_polhode_figure(estimates(runs)[0], runs.with_truth[0].body),
+    "scene": lambda runs: scene_figure(runs.with_truth[0].trajectory, runs.with_truth[0].body, RIG, POINTS),
+}
+
+
+def rendered_size(figure: Figure) -> int:
+    """Bytes of the figure as PNG; drawing it raises what is wrong with it."""
+    target = BytesIO()
+    figure.savefig(target, dpi=40)
+    return len(target.getvalue())
+
+
+def data_axes(figure: Figure) -> list[Axes]:
+    """Panels with lines in them (a colour bar has none)."""
+    return [axes for axes in figure.axes if axes.lines]
+
+
+@pytest.mark.parametrize("runs", [FULL, ROTATIONS], ids=["full state", "rotations"])
+@pytest.mark.parametrize("name", MAKERS)
+def test_every_figure_is_drawn_with_finite_data_and_units(name: str, runs: SampleRuns) -> None:
+    figure = MAKERS[name](runs)
+    assert rendered_size(figure) > 4000
+    assert data_axes(figure)
+    for axes in data_axes(figure):
+        for line in axes.lines:
+            assert np.isfinite(np.asarray(line.get_xydata(), dtype=float)).all()
+    labels = [label for axes in figure.axes for label in (axes.get_xlabel(), axes.get_ylabel()) if label]
+    assert labels
+    assert all("[" in label for label in labels)
+
+
+@pytest.mark.parametrize("name", ["error bands", "rates", "inertia", "consistency", "summary"])
+def test_the_frames_of_the_start_are_shaded_from_the_first_to_the_last(name: str) -> None:
+    spans = [patch for patch in MAKERS[name](FULL).axes[0].patches if isinstance(patch, Rectangle)]
+    assert any(
+        span.get_x() == pytest.approx(0.0) and span.get_width() == pytest.approx(START_END) for span in spans
+    )
+
+
+@pytest.mark.parametrize("name", ["rates", "inertia", "consistency"])
+def test_the_legend_names_every_estimator(name: str) -> None:
+    legend = MAKERS[name](FULL).legends[0]
+    names = {text.get_text() for text in legend.get_texts()}
+    assert {"MEKF", "UKF", "frames of the start"} <= names
+
+
+def test_error_panels_hold_the_errors_of_their_axis_in_the_unit_of_the_label() -> None:
+    evaluation = FULL.with_truth[0]
+    figure = error_bands_figure(evaluation)
+    assert len(figure.axes) == 12
+    errors = evaluation.errors
+    assert errors is not None
+    assert errors.position is not None
+    np.testing.assert_allclose(np.asarray(figure.axes[1].lines[0].get_ydata()), 1e3 * errors.position[:, 1])
+    np.testing.assert_allclose(
+        np.asarray(figure.axes[5].lines[0].get_ydata()), np.rad2deg(errors.attitude[:, 2])
+    )
+    assert figure.axes[3].get_ylabel() == "attitude [deg]"
+
+
+def test_a_run_of_rotations_has_no_panels_of_position() -> None:
+    assert len(error_bands_figure(ROTATIONS.with_truth[0]).axes) == 6
+    assert len(error_bands_figure(ROTATIONS.without_truth[0]).axes) == 6
+
+
+def test_rates_are_those_of_the_estimators_in_degrees_per_second() -> None:
+    axes = rates_figure(estimates(FULL), true_rates(FULL.truth)).axes[1]
+    truth, first, second = axes.lines[:3]
+    np.testing.assert_allclose(np.asarray(truth.get_ydata()), np.rad2deg(true_rates(FULL.truth).rate[:, 1]))
+    for line, estimate in zip((first, second), estimates(FULL), strict=True):
+        np.testing.assert_allclose(np.asarray(line.get_ydata()), np.rad2deg(estimate.rate[:, 1]))
+
+
+def test_true_ratios_are_inside_the_panels_of_the_inertia() -> None:
+    for axes, ratio in zip(inertia_figure(FULL.with_truth, 3 * MOMENTS[::-1]).axes, (0.6, 0.85), strict=True):
+        assert any(np.allclose(np.asarray(line.get_ydata(), dtype=float), ratio) for line in axes.lines)
+        low, high = axes.get_ylim()
+        assert low < ratio < high
+
+
+def test_a_body_of_which_nothing_is_known_is_drawn_too() -> None:
+    sphere = nearly_spherical(FULL.with_truth[0])
+    assert rendered_size(inertia_figure([sphere])) > 4000
+    assert rendered_size(estimated_polhode_figure(estimated_rates(sphere.history), sphere.body)) > 4000
+    assert rendered_size(summary_figure([sphere])) > 4000
+
+
+def test_the_headline_counts_the_flips_of_the_intermediate_axis() -> None:
+    rate = true_rates(FULL.truth).rate[:, 1]
+    flips = np.count_nonzero(np.diff(np.sign(rate)))
+    assert flips > 0
+    assert f" {flips} flip" in headline(FULL.with_truth[0])
+
+
+def test_many_innovations_are_grouped_without_losing_any() -> None:
+    evaluation = FULL.without_truth[0]
+    line = consistency_figure([evaluation]).axes[0].lines[0]
+    history = evaluation.history
+    used = history.dof > 0
+    assert np.asarray(line.get_ydata()).sum() == pytest.approx((history.nis[used] / history.dof[used]).sum())
+
+
+def test_estimators_differ_in_colour_and_dashes_whatever_their_names() -> None:
+    lines = estimator_lines(["mekf", "ukf", "smoother", "other"])
+    assert len({line.color for line in lines}) == 4
+    assert len({line.dashes for line in lines}) == 4
+
+
+def test_a_figure_is_saved_as_a_complete_png_or_not_at_all(tmp_path: Path) -> None:
+    figure = MAKERS["consistency"](FULL)
+    save_figure(figure, tmp_path / "figure.png")
+    data = (tmp_path / "figure.png").read_bytes()
+    assert data.startswith(b"\x89PNG")
+    assert b"IEND" in data[-12:]
+    with pytest.raises(InputError, match="cannot be written"):
+        save_figure(figure, tmp_path / "nowhere" / "figure.png")

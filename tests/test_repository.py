@@ -1,0 +1,120 @@
+"""Promises of the repository as a whole: versions agree, layers are complete, files stay small, nothing is evaluated."""
+
+import ast
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from setuptools import find_packages
+
+import spinfilters
+
+ROOT = Path(__file__).parents[1]
+LONGEST_FILE = 300
+PACKAGES = [name for name in ("spinfilters", "observability", "experiments") if (ROOT / name).is_dir()]
+SOURCES = [path for name in PACKAGES for path in sorted((ROOT / name).rglob("*.py"))]
+FORBIDDEN_MODULES = {"pickle", "cPickle", "dill", "joblib", "marshal", "shelve"}
+FORBIDDEN_CALLS = {"eval", "exec", "yaml.load", "yaml.unsafe_load", "yaml.full_load", "os.system"}
+
+
+def pyproject() -> dict[str, Any]:
+    """The build file."""
+    return tomllib.loads((ROOT / "pyproject.toml").read_text())
+
+
+def layers() -> set[str]:
+    """Modules that the contract of import-linter puts in a layer."""
+    rows = pyproject()["tool"]["importlinter"]["contracts"][0]["layers"]
+    return {module.strip() for row in rows for module in row.split("|")}
+
+
+def unsafe(text: str) -> Iterator[str]:
+    """What a source text imports or calls that could run code out of data."""
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names if alias.name.split(".")[0] in FORBIDDEN_MODULES)
+        elif isinstance(node, ast.ImportFrom):
+            names = [f"{node.module}.{alias.name}" for alias in node.names]
+            yield from (name for name in names if name.split(".")[0] in FORBIDDEN_MODULES or name in FORBIDDEN_CALLS)
+        elif isinstance(node, ast.Call):
+            called = ast.unparse(node.func)
+            arguments = {argument.arg: ast.unparse(argument.value) for argument in node.keywords}
+            if called in FORBIDDEN_CALLS or arguments.get("allow_pickle") == "True" or arguments.get("shell") == "True":
+                yield called
+
+
+def test_the_version_of_the_package_is_that_of_the_build_file() -> None:
+    assert spinfilters.__version__ == pyproject()["project"]["version"]
+
+
+def test_every_package_module_and_folder_stands_in_a_layer() -> None:
+    parts = {
+        f"spinfilters.{path.stem}"
+        for path in (ROOT / "spinfilters").iterdir()
+        if path.suffix == ".py" or (path / "__init__.py").exists()
+    } - {"spinfilters.__init__", "spinfilters.__main__"}
+    others = set(PACKAGES) - {"spinfilters"}
+    assert parts | others == layers()
+    assert set(PACKAGES) == set(pyproject()["tool"]["importlinter"]["root_packages"])
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_a_file_is_short_enough_to_be_one_noun(path: Path) -> None:
+    assert len(path.read_text().splitlines()) <= LONGEST_FILE
+
+
+def test_no_file_of_the_packages_can_run_code_out_of_data() -> None:
+    found = {str(path.relative_to(ROOT)): list(unsafe(path.read_text())) for path in SOURCES}
+    assert {path: names for path, names in found.items() if names} == {}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "import pickle",
+        "from pickle import loads",
+        "eval('1')",
+        "import yaml\nyaml.load(stream, Loader=yaml.Loader)",
+        "np.load(path, allow_pickle=True)",
+        "subprocess.run(line, shell=True)",
+    ],
+)
+def test_the_search_for_such_code_finds_it(text: str) -> None:
+    assert list(unsafe(text))
+
+
+def test_safe_look_alikes_are_not_reported() -> None:
+    assert list(unsafe("yaml.safe_load(stream)\nmodel.eval()\nnp.load(path, allow_pickle=False)")) == []
+
+
+def test_what_is_built_holds_the_packages_and_neither_tests_nor_runs() -> None:
+    found = find_packages(str(ROOT), include=pyproject()["tool"]["setuptools"]["packages"]["find"]["include"])
+    assert {name.split(".")[0] for name in found} == set(PACKAGES)
+    folders = {".".join(path.parent.relative_to(ROOT).parts) for path in SOURCES}
+    assert set(found) == folders, "a folder of sources without __init__.py is missing from the wheel"
+
+
+def test_every_make_command_of_the_readme_exists_and_the_two_first_ones_are_shown() -> None:
+    shown = set(re.findall(r"\bmake ([a-z]+)\b", "\n".join(code_of((ROOT / "README.md").read_text()))))
+    assert {"compare", "test"} <= shown
+    assert shown <= targets()
+
+
+def test_everything_that_the_makefile_says_of_itself_is_a_target() -> None:
+    head = (ROOT / "Makefile").read_text().partition("\n\n")[0]
+    assert set(re.findall(r"\bmake ([a-z]+)\b", head)) == targets()
+
+
+def code_of(markdown: str) -> list[str]:
+    """Fenced blocks and inline code of a page."""
+    fenced = re.findall(r"^```[^\n]*\n(.*?)^```", markdown, re.MULTILINE | re.DOTALL)
+    return fenced + re.findall(r"`([^`\n]+)`", markdown)
+
+
+def targets() -> set[str]:
+    """Targets of the Makefile that are commands."""
+    (line,) = re.findall(r"^\.PHONY:(.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    return set(line.split())
