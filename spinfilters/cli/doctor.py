@@ -1,4 +1,4 @@
-"""``spinfilters doctor``: what is installed here, and whether it works; the page to send with a bug report."""
+"""``spinfilters doctor``: what is installed here and whether it works; the page to send with a bug report."""
 
 import os
 import platform
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from spinfilters.cli.doctor_checks import Check
 
 NAME_WIDTH: Final[int] = 28
+COMPILING_FAILED: Final[str] = "compiling failed, or the cache folder is not writable"
 COMPILER_CURE: Final[str] = "works without, but slower; for speed: sudo apt-get install -y gcc libc6-dev"
 
 
@@ -90,7 +91,7 @@ def _compiled_code() -> str:
     except Exception as error:
         return f"could not be compared with the virtual machine ({_reason(error)})"
     if not found.is_c:
-        return "not used" if compiler() is None else f"not used: compiling failed, or the cache folder is not writable; {COMPILER_CURE}"
+        return "not used" if compiler() is None else f"not used: {COMPILING_FAILED}; {COMPILER_CURE}"
     equal = "equal to" if found.equal else "NOT EQUAL to"
     return f"{equal} the virtual machine, {found.speedup:.1f} times as fast on a small function"
 

@@ -52,21 +52,26 @@ class Correction:
 
 
 def apply_gain(prediction: MeasurementPrediction) -> Correction:
-    """The correction of a predicted measurement (formulas in the module's docstring)."""
+    """The correction of a predicted measurement (formulas in the module's docstring).
+
+    Trailing columns of X that the measurement does not see keep their place: U is the identity there.
+    """
     X, Y = prediction.state_factor, prediction.measurement_factor
-    n, r = X.shape
-    k = len(prediction.innovation)
+    n, k = len(X), len(Y)
+    seen = np.flatnonzero(Y.any(axis=0))
+    r = int(seen[-1]) + 1 if seen.size else 1
     array = np.zeros((k + r, r + 1), order="F")
-    array[:k, :r] = Y
+    array[:k, :r] = Y[:, :r]
     array[:k, r] = prediction.innovation
     array[k:, :r].flat[:: r + 1] = 1.0
     R = dgeqrf(array, overwrite_a=1)[0]
-    root, _ = dtrtrs(R[:r, :r], X.T, trans=1)
-    error = R[:r, r] @ root
+    root = X.T.copy()
+    root[:r] = dtrtrs(R[:r, :r], root[:r], trans=1)[0]
+    error = R[:r, r] @ root[:r]
     nis = float(R[r, r] ** 2) + prediction.residual if k else prediction.residual
     log_root = float(np.log(np.abs(R.diagonal()[:r])).sum())
     log_likelihood = -0.5 * (nis + prediction.dof * LOG_2_PI) - log_root - prediction.log_noise
-    factor = root.T if r == n else triangular_factor(root)
+    factor = root.T if len(root) == n else triangular_factor(root)
     return Correction(error, factor, nis, log_likelihood)
 
 

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement, ProcessModel
-from spinfilters.estimators.gain import MeasurementPrediction, triangular_factor
+from spinfilters.estimators.gain import MeasurementPrediction, compressed, triangular_factor
 from spinfilters.estimators.multiplicative_filter import MultiplicativeFilter, nothing_usable, usable
 
 
@@ -64,17 +64,29 @@ class MultiplicativeUkf(MultiplicativeFilter):
 
     def _predict_measurement(self, measurement: Measurement) -> tuple[MeasurementPrediction, int]:
         model, parameters, values = measurement.model, measurement.parameters, measurement.values
-        innovations, valid = model.innovations(self._sigma_points()[:, None], parameters, values)
+        distinct, which = self._distinct(model.columns)
+        points = self.layout.retract(self._mean, self._offsets[distinct] @ self._factor.T)
+        innovations, valid = model.innovations(points[:, None], parameters, values)
         keep = usable(innovations, valid).all(axis=0)
         used = int(np.count_nonzero(keep))
         if not used:
             return nothing_usable(self._factor)
-        whitening = model.whitening(self._mean, parameters)
-        if used < len(keep):
-            innovations, whitening = innovations[:, keep], whitening[keep]
-        whitened = (whitening @ innovations[..., None]).reshape(len(innovations), -1)
-        mean = self._mean_weights @ whitened
-        Y = (self._root_weights[:, None] * (mean - whitened)).T
+        whitening = model.whitening(self._mean, parameters[keep])
+        whitened = np.einsum("kij,pkj->pki", whitening, innovations[:, keep]).reshape(len(points), -1)
+        mean = np.bincount(which, self._mean_weights) @ whitened
+        rho, Y, residual = compressed(mean, (mean - whitened).T)
         X = (self._root_weights[:, None] * (self._offsets @ self._factor.T)).T
         log_noise = -float(np.log(np.diagonal(whitening, axis1=-2, axis2=-1)).sum())
-        return MeasurementPrediction(mean, Y, X, 0.0, used * model.dim, log_noise), used
+        dof = used * model.dim
+        return MeasurementPrediction(rho, Y[:, which] * self._root_weights, X, residual, dof, log_noise), used
+
+    def _distinct(self, columns: list[int]) -> tuple[Int[np.ndarray, " d"], Int[np.ndarray, " p"]]:
+        """Sigma points that differ in these error components, the centre first, and which of them stands for each point.
+
+        The factor is lower triangular, so a sensor of the pose sees 13 different points of the 41 of the full state.
+        """
+        moving = 1 + np.flatnonzero(self._factor[columns].any(axis=0))
+        distinct = np.concatenate([[0], moving, moving + self.layout.error_dim])
+        which = np.zeros(len(self._offsets), dtype=int)
+        which[distinct] = np.arange(len(distinct))
+        return distinct, which

@@ -11,11 +11,11 @@ from spinfilters.estimators.start import StartOptions, StartReport, start_from_d
 from spinfilters.estimators.timeline import SensorNoise, StereoView, Timeline, build_timeline
 from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.models.process import TorqueFreeProcess
+from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.perception.map_building import poses_without_map
 from spinfilters.perception.track_poses import poses_with_map
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
-from spinfilters.workflow.gyro_noise import FIRST_SCALE, GyroNoise, identify_gyro_noise
+from spinfilters.workflow.gyro_noise import FIRST_SCALE, GyroNoise, disturbance_psd, identify_gyro_noise
 from spinfilters.workflow.settings import AUTO, Settings
 
 WHOLE_RECORDING = 400
@@ -58,9 +58,11 @@ def prepare(dataset: Dataset, settings: Settings) -> Prepared:
     log, poses, view, map_points = _measurements(dataset, settings)
     blocks = ROTATION_BLOCKS if log.sensors == ("gyro",) else FULL_BLOCKS
     layout = StateLayout((*blocks, "d") if settings.process.drag else blocks)
-    process = TorqueFreeProcess(layout, settings.process.noise, settings.process.tolerance)
+    unknown_gyro = "gyro" in log.sensors and _gyro_is_unknown(dataset, settings)
+    torque_psd = disturbance_psd(log.stream("gyro")) if unknown_gyro else ProcessNoise.torque_psd
+    process = TorqueFreeProcess(layout, settings.process.noise(torque_psd), settings.process.tolerance)
     noise, gyro_noise = _noise(dataset, settings), None
-    if "gyro" in log.sensors and _gyro_is_unknown(dataset, settings):
+    if unknown_gyro:
         gyro_noise = _identify(log, process, noise, settings.start)
         noise = replace(noise, gyro_scale_std=gyro_noise.scale_std)
     timeline = build_timeline(log, layout, noise, view)

@@ -52,7 +52,10 @@ def _own_doubts(evaluation: Evaluation) -> list[str]:
         reasons.append(f"the moments of inertia are not determined: standard deviation {worst:.2g} of the largest")
     ratio = evaluation.nis_ratio
     if ratio is not None and ratio > LARGEST_NIS:
-        reasons.append(f"innovations are {ratio:.1f} times as large (squared) as the noise explains")
+        reasons.append(
+            f"innovations are {ratio:.1f} times as large (squared) as the noise explains: raise process.force_psd, "
+            "process.torque_psd or the sensor's standard deviation in a config file"
+        )
     rejected, total = int(history.rejected.sum()), int((history.rejected + history.accepted).sum())
     if total and rejected > total / 2:
         reasons.append(f"{rejected} of {total} measurements could not be used")

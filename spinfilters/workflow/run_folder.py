@@ -59,6 +59,8 @@ def summary(comparison: Comparison) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "dataset": _dataset(prepared),
+        "process": {"blocks": list(prepared.process.layout.blocks), **vars(prepared.process.noise)},
+        "sensors": vars(prepared.noise),
         "start": _start(prepared),
         "estimators": {evaluation.name: _estimator(evaluation) for evaluation in comparison.evaluations},
     }

@@ -23,20 +23,22 @@ class ProcessSettings:
 
     Attributes
     ----------
-    force_psd: (m/s^2)^2/Hz.   torque_psd: (rad/s^2)^2/Hz.
+    force_psd: (m/s^2)^2/Hz.
+    torque_psd: (rad/s^2)^2/Hz; "auto" is the default of `ProcessNoise`, or for a gyro of unknown error what the disturbances of
+        thrown bodies were found to be (`spinfilters.workflow.gyro_noise`).
     drag: whether the state has an aerodynamic drag coefficient.
     tolerance: of the integrator, rad and relative rate per step.
     """
 
     force_psd: float = ProcessNoise.force_psd
-    torque_psd: float = ProcessNoise.torque_psd
+    torque_psd: float | str = AUTO
     drag: bool = False
     tolerance: float = 1e-8
 
-    @property
-    def noise(self) -> ProcessNoise:
+    def noise(self, automatic_torque_psd: float) -> ProcessNoise:
         """Its noise densities, checked."""
-        return ProcessNoise(self.force_psd, self.torque_psd)
+        torque_psd = automatic_torque_psd if isinstance(self.torque_psd, str) else self.torque_psd
+        return ProcessNoise(self.force_psd, torque_psd)
 
 
 @dataclass(frozen=True)

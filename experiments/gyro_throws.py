@@ -1,0 +1,89 @@
+"""The real throws: a bare phone, and a phone on a racquet, from their gyro alone.
+
+    python -m experiments.gyro_throws ../shared/data/racquet_phyphox/data [-o runs/throws]
+
+Prints the moments of the phone's clean tosses with the error of rates predicted 0.3 s ahead, and the medians over all racquet
+throws with drag; draws the fitted inertia of every racquet throw.
+"""
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.logs.atomic_write import make_folder
+from spinfilters.logs.dataset import Dataset, read_dataset, read_segments
+from spinfilters.plots.style import save_figure
+from spinfilters.plots.throws import Throw, throws_figure
+from spinfilters.workflow.estimation import compare_estimators
+from spinfilters.workflow.preparation import Prepared, prepare
+from spinfilters.workflow.settings import Settings
+
+PHONE = "round1/Gyroscope rotation rate 2025-01-16 17-10-11"
+SETTINGS = Settings(estimators=("mekf", "ukf"))
+AHEAD = 0.3
+
+
+def main() -> None:
+    """Run the study."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data", type=Path)
+    parser.add_argument("-o", "--output", type=Path, default=Path("runs/throws"))
+    options = parser.parse_args()
+    make_folder(options.output)
+    for segment in (3, 4):
+        prepared, evaluations = estimate(read_dataset(options.data / PHONE, segment), SETTINGS)
+        for evaluation in evaluations:
+            error = prediction_errors(prepared, evaluation)
+            print(
+                f"phone, segment {segment}, {evaluation.name}: moments {np.round(evaluation.body.principal_moments, 3)}, rate "
+                f"{AHEAD} s ahead: rms {100 * np.sqrt(np.mean(error**2)):.1f} %, largest {100 * error.max():.1f} % of |w|"
+            )
+    racquet(options.data, options.output)
+
+
+def racquet(data: Path, output: Path) -> None:
+    """Every kept throw of rounds 2 and 3, with drag."""
+    settings = replace(SETTINGS, process=replace(SETTINGS.process, drag=True))
+    folders = sorted(path for round_ in ("round2", "round3") for path in (data / round_).iterdir())
+    results: dict[str, list[tuple[Throw, bool]]] = {name: [] for name in SETTINGS.estimators}
+    for dataset in [dataset for folder in folders for dataset in read_segments(folder)]:
+        for evaluation in estimate(dataset, settings)[1]:
+            ok = evaluation.history.status.verdict == "ok"
+            number = len(results[evaluation.name])
+            results[evaluation.name].append((Throw.from_body(number, evaluation.body, not ok), ok))
+    for name, throws in results.items():
+        ratios = np.array([throw.ratios for throw, ok in throws if ok])
+        std = np.array([np.sqrt(np.diag(throw.covariance)) for throw, ok in throws if ok])
+        middle = np.median(ratios, axis=0)
+        print(
+            f"racquet, {name}: {len(ratios)} of {len(throws)} throws ok, median J1/J3 {middle[0]:.4f}, J2/J3 {middle[1]:.4f}, "
+            f"rms departure from the median in own standard deviations {np.sqrt(np.mean(((ratios - middle) / std) ** 2)):.2f}"
+        )
+        save_figure(throws_figure([throw for throw, _ in throws]), output / f"throws-{name}.png")
+
+
+def estimate(dataset: Dataset, settings: Settings) -> tuple[Prepared, tuple[Evaluation, ...]]:
+    """Both filters on one throw."""
+    prepared = prepare(dataset, settings)
+    return prepared, compare_estimators(prepared, settings, lambda *_: None).evaluations
+
+
+def prediction_errors(prepared: Prepared, evaluation: Evaluation) -> np.ndarray:
+    """|w predicted - w measured| / |w measured|, 0.3 s ahead of every frame from the end of the start on."""
+    gyro, history = prepared.dataset.log.stream("gyro"), evaluation.history
+    rate = history.layout.mean_slice("w")
+    errors = []
+    for index in np.flatnonzero(history.time >= prepared.start_end):
+        later = int(np.searchsorted(gyro.time, history.time[index] + AHEAD))
+        if later < len(gyro.time):
+            ahead = prepared.process.step(history.mean[index], float(gyro.time[later] - history.time[index]))
+            measured = gyro.values[later]
+            errors.append(np.linalg.norm(ahead[rate] - measured) / np.linalg.norm(measured))
+    return np.array(errors)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,71 @@
+"""Is the filters' covariance honest? NEES of the embedded default with its known map, over seeds.
+
+    python -m experiments.known_map_consistency [--seeds 20] [-o runs/consistency]
+
+Prints mean NEES over runs (20 degrees of freedom) with its 95 % band and the NEES of every block, and draws it over time.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from spinfilters.evaluation.consistency import chi_square_band
+from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.logs.atomic_write import make_folder
+from spinfilters.plots.style import save_figure
+from spinfilters.simulation.scenario import Scenario, simulate
+from spinfilters.workflow.estimation import compare_estimators
+from spinfilters.workflow.preparation import prepare
+from spinfilters.workflow.settings import Settings
+
+NAMES = ("mekf", "ukf")
+
+
+def main() -> None:
+    """Run the study."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("-o", "--output", type=Path, default=Path("runs/consistency"))
+    options = parser.parse_args()
+    make_folder(options.output)
+    runs = [evaluate_seed(seed) for seed in range(options.seeds)]
+    totals = {name: np.array([run[name].nees.total for run in runs]) for name in NAMES}
+    band = chi_square_band(20, options.seeds)
+    for name in NAMES:
+        over_runs = totals[name].mean(axis=0)
+        inside = np.mean((over_runs >= band[0]) & (over_runs <= band[1]))
+        print(
+            f"{name}: mean NEES {totals[name].mean():.2f}, last frame {over_runs[-1]:.2f}, band of {options.seeds} runs "
+            f"{band[0]:.2f} .. {band[1]:.2f}, frames inside {100 * inside:.0f} %"
+        )
+    save_figure(figure(runs[0]["mekf"].history.time, totals, band), options.output / "nees.png")
+    print(f"picture: {options.output / 'nees.png'}")
+
+
+def evaluate_seed(seed: int) -> dict[str, Evaluation]:
+    """Both filters on one seed of the embedded default, by name."""
+    settings = Settings(estimators=NAMES)
+    comparison = compare_estimators(prepare(simulate(Scenario(seed=seed)), settings), settings, lambda *_: None)
+    for evaluation in comparison.evaluations:
+        assert np.isfinite(evaluation.history.factor).all(), f"{evaluation.name} is not finite with seed {seed}"
+        smallest = np.linalg.eigvalsh(evaluation.history.covariance).min()
+        assert smallest >= -1e-18, f"{evaluation.name}: covariance has eigenvalue {smallest} with seed {seed}"
+    return {evaluation.name: evaluation for evaluation in comparison.evaluations}
+
+
+def figure(time: np.ndarray, totals: dict[str, np.ndarray], band: tuple[float, float]) -> Figure:
+    """Mean NEES over runs against time, with its band."""
+    drawn = Figure(figsize=(8.0, 4.5), layout="constrained")
+    axes = drawn.add_subplot()
+    axes.axhspan(*band, color="0.88", label="95 % band of a consistent filter")
+    for (name, values), width in zip(totals.items(), (2.6, 1.2), strict=True):
+        axes.plot(time, values.mean(axis=0), linewidth=width, label=name.upper())
+    axes.set(xlabel="time [s]", ylabel="NEES, 20 degrees of freedom, mean over runs [-]", ylim=(0, None))
+    axes.legend()
+    return drawn
+
+
+if __name__ == "__main__":
+    main()
