@@ -15,7 +15,7 @@ SHARED_DATA = Path(__file__).parents[2] / "shared" / "data"
 
 @pytest.fixture(scope="session")
 def shared_data() -> Callable[[str], Path]:
-    """Path of a recording by its name, ``shared_data("disam115")``; the test is skipped where it is absent."""
+    """Path of a recording, ``shared_data("disam115")``; the test is skipped where it is absent."""
 
     def find(name: str) -> Path:
         path = SHARED_DATA / name

@@ -1,9 +1,9 @@
 """Every shape that an annotation of the package states, checked whenever the tests call it.
 
-A call that returns must have had the shapes it states, in its arguments and in what it gives back; a call that is
-refused is left alone, because refusing is the function's own business and has its own tests. So the same suite
-checks shapes and wrong shapes, in one process. (jaxtyping's own import hook checks arguments before the call: there
-its error hides our `ShapeError`, and it trips over NumPy scalars and over CasADi's types.)
+A call that returns must have had the shapes it states, in its arguments and in its result; one that is
+refused is left alone, because refusing is the function's own business and has its own tests. So one suite
+covers right and wrong shapes. (jaxtyping's own import hook checks arguments before the call: there its error
+hides our `ShapeError`, and it trips over NumPy scalars and CasADi's types.)
 """
 
 import sys
@@ -14,18 +14,18 @@ from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from inspect import signature
 from types import FunctionType, ModuleType
-from typing import Any, NamedTuple, get_args, get_origin
+from typing import Any, get_args, get_origin
 
 import numpy as np
 from jaxtyping import AbstractArray, jaxtyped
 
 
-class ShapeViolation(AssertionError):
+class WrongShapeError(AssertionError):
     """A function went on with, or returned, an array that is not of the shape its annotation states."""
 
 
 def check_shapes_of(package: str) -> None:
-    """Check every function, method and dataclass of the package from now on; call it before the first import."""
+    """Check every function, method and dataclass of the package; to be called before its first import."""
     loaded = sorted(name for name in sys.modules if name == package or name.startswith(f"{package}."))
     if loaded:
         raise ImportError(f"{', '.join(loaded)} imported before its shapes could be checked")
@@ -36,7 +36,7 @@ class _Finder(MetaPathFinder):
     def __init__(self, package: str) -> None:
         self._package = package
 
-    def find_spec(self, fullname: str, path: Any = None, target: ModuleType | None = None) -> ModuleSpec | None:
+    def find_spec(self, fullname: str, path: Any, target: ModuleType | None = None) -> ModuleSpec | None:
         if fullname.partition(".")[0] != self._package:
             return None
         spec = PathFinder.find_spec(fullname, path, target)
@@ -97,10 +97,9 @@ def _check(function: Callable[..., Any], hints: Mapping[str, Any], values: Mappi
     with jaxtyped("context"):  # one meaning of every axis name within one call
         for name, hint in hints.items():
             if not _agrees(values[name], hint, is_result=name == "return"):
-                shapes = {known: np.shape(values[known]) for known in hints if isinstance(values[known], np.ndarray)}
-                raise ShapeViolation(
-                    f"{function.__module__}.{function.__qualname__}: {name} is not {hint}; arrays of the call: {shapes}"
-                )
+                arrays = {known: v.shape for known in hints if isinstance(v := values[known], np.ndarray)}
+                where = f"{function.__module__}.{function.__qualname__}"
+                raise WrongShapeError(f"{where}: {name} is not {hint}; arrays of the call: {arrays}")
 
 
 def _agrees(value: Any, hint: Any, is_result: bool) -> bool:
@@ -112,18 +111,18 @@ def _agrees(value: Any, hint: Any, is_result: bool) -> bool:
         members = get_args(hint)
         members = members[:1] * len(value) if members[1:] == (...,) else members
         return len(members) == len(value) and all(map(_agrees, value, members, [is_result] * len(value)))
-    alternatives = [option for option in get_args(hint) if option is not ... and _states_a_shape(option)]
-    return not isinstance(value, np.ndarray) or any(_agrees(value, option, is_result) for option in alternatives)
+    options = [option for option in get_args(hint) if _states_a_shape(option)]
+    return not isinstance(value, np.ndarray) or any(_agrees(value, option, is_result) for option in options)
 
 
 @cache
 def _broadcasting(hint: Any) -> Any:
-    """The hint with batch axes that broadcast over arguments, as everywhere in the package (`symbolic.Compiled`)."""
+    """The hint with batch axes that broadcast over arguments, as everywhere in the package (`Compiled`)."""
     return hint.dtype[hint.array_type, hint.dim_str.replace("*batch", "*#batch")]
 
 
 def _as_array(value: Any, hint: Any, is_result: bool) -> Any:
-    """NumPy's scalars are arrays of no axes; arguments may be whatever NumPy converts, such as lists and integers."""
+    """NumPy's scalars are arrays of no axes; arguments may be what NumPy converts: lists and integers."""
     if not is_result and not isinstance(value, np.ndarray | np.generic):
         value = np.asarray(value)
     if not is_result and value.dtype.kind in "iub" and "float64" in hint.dtypes:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from spinfilters.attitude.conversions import inverse, matrix_from_quaternion, rotate
 from spinfilters.conventions import STATE_BLOCKS
@@ -42,12 +42,13 @@ def chi_square_band(
 ) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
     """Limits between which the mean of ``runs`` independent chi-square numbers lies with this probability.
 
-    (chi2.ppf(p, runs dof) / runs at both tails; Bar-Shalom, Li, Kirubarajan 2001, section 5.4.) Frames of one
+    (Quantiles of chi-square with runs * dof degrees of freedom over runs, at both tails; Bar-Shalom, Li,
+    Kirubarajan 2001, section 5.4.) Frames of one
     run are not independent in NEES, so compare each frame with runs = 1, or means over separate runs.
     """
     tail = (1.0 - probability) / 2
     count = runs * np.asarray(dof)
-    return chi2.ppf(tail, count) / runs, chi2.ppf(1.0 - tail, count) / runs
+    return chdtri(count, 1.0 - tail) / runs, chdtri(count, tail) / runs
 
 
 def knows_state(truth: Truth, layout: StateLayout) -> bool:

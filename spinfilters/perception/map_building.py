@@ -36,7 +36,9 @@ class _MapInProgress:
     def seen(self) -> Bool[np.ndarray, " n"]:
         return self.information[:, 0, 0] > 0
 
-    def add(self, where: np.ndarray, information: Float[np.ndarray, "k 3 3"], points: Float[np.ndarray, "k 3"]) -> None:
+    def add(
+        self, where: np.ndarray, information: Float[np.ndarray, "k 3 3"], points: Float[np.ndarray, "k 3"]
+    ) -> None:
         np.add.at(self.information, where, information)
         np.add.at(self.weighted, where, (information @ points[..., None])[..., 0])
 
@@ -62,7 +64,11 @@ def poses_without_map(
     frames = track_frames(tracks)
     building, fits = _MapInProgress.empty(ids), {}
     for time, rows in frames:
-        fits[time] = _pose(tracks, rows, building, calibration, pixel_std) if fits else _first(tracks, rows, calibration)
+        fits[time] = (
+            _pose(tracks, rows, building, calibration, pixel_std)
+            if fits
+            else _first(tracks, rows, calibration)
+        )
         _add_sightings(tracks, rows, fits[time], building, calibration, pixel_std)
     for _ in range(PASSES):
         complete, building = building, _MapInProgress.empty(ids)
@@ -121,7 +127,9 @@ def _triangulated(
     return camera, np.isfinite(camera).all(axis=1) & (camera[:, 2] > 0)
 
 
-def _point_information(camera: Float[np.ndarray, "k 3"], calibration: np.ndarray) -> Float[np.ndarray, "k 3 3"]:
+def _point_information(
+    camera: Float[np.ndarray, "k 3"], calibration: np.ndarray
+) -> Float[np.ndarray, "k 3 3"]:
     """Information of a triangulated point per px^2, camera frame: J'J of (u_left, v_left, u_right)."""
     fx, fy, _, _, baseline = calibration
     x, y, z = camera.T

@@ -86,9 +86,12 @@ def _with_map_noise(
     return both[..., 0], both[..., 1:]
 
 
-def _first_pose(points: Float[np.ndarray, "k 3"], seen: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " 7"] | None:
+def _first_pose(
+    points: Float[np.ndarray, "k 3"], seen: Float[np.ndarray, "k 3"]
+) -> Float[np.ndarray, " 7"] | None:
     """Absolute orientation with depth-dependent weights, repeated once without what disagrees grossly."""
     keep = np.isfinite(seen).all(axis=1) & (seen[:, 2] > 0)
+    q, t = np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3)
     for _ in range(3):
         if np.count_nonzero(keep) < 4:
             return None

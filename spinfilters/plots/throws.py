@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse, Patch, Polygon
 from matplotlib.ticker import MaxNLocator
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from spinfilters.evaluation.body import BodyEstimate
 from spinfilters.plots.style import BLACK, BLUE, GREY, RED, legend_below, tidy
@@ -67,7 +67,7 @@ def throws_figure(throws: Sequence[Throw], reference: Float[np.ndarray, "2"] | N
 
 
 def _plane(axes: Axes, throws: Sequence[Throw], reference: np.ndarray | None) -> None:
-    scale = float(np.sqrt(chi2.ppf(ELLIPSE_PROBABILITY, 2)))
+    scale = float(np.sqrt(chdtri(2, 1.0 - ELLIPSE_PROBABILITY)))
     low, high = _limits(throws, reference)
     for throw in throws:
         colour = GREY if throw.degraded else BLUE

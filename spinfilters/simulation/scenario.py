@@ -1,6 +1,6 @@
 """Simulated data sets: a tumbling body before a stereo camera, or with a gyro, or with a pose sensor on it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -34,7 +34,8 @@ class Scenario:
     frames, interval: number of frames and seconds between them.
     range_m: distance of the centre of mass along the camera's axis.   velocity: of the centre of mass, m/s, frame i.
     center_of_mass_g: m.   axes_euler_g: yaw, pitch, roll of the principal axes in g, rad.
-    landmarks: on the surface of a ball of ``radius_m``, seen when they face the camera.
+    landmarks: on the surface of a ball of ``radius_m``, seen when they face the camera; the default shows about 215 a frame, as
+        the thesis' 24,723 observations in 115 frames.
     detection: probability that a visible landmark is found in a frame.
     pixel_std px, position_std m, rotation_std rad, gyro_std rad/s: white noise of the sensors.
     noise: disturbances of the motion (Tweddle 2013, section 6.4).
@@ -50,25 +51,31 @@ class Scenario:
     velocity: tuple[float, float, float] = (0.002, 0.001, -0.001)
     center_of_mass_g: tuple[float, float, float] = (0.02, -0.015, 0.01)
     axes_euler_g: tuple[float, float, float] = (0.5, -0.3, 0.2)
-    landmarks: int = 600
+    landmarks: int = 925
     radius_m: float = 0.11
     detection: float = 0.9
     pixel_std: float = 1.0
     position_std: float = 0.005
     rotation_std: float = 0.01
     gyro_std: float = 0.002
-    noise: ProcessNoise = ProcessNoise()
+    noise: ProcessNoise = field(default_factory=ProcessNoise)
     seed: int = 0
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise InputError(f"scenario kind {self.kind!r} is unknown; use one of {', '.join(KINDS)}")
         if self.frames < 2 or not self.interval > 0:
-            raise InputError(f"a scenario of {self.frames} frames at {self.interval} s; give at least 2 frames and a positive interval")
+            raise InputError(
+                f"a scenario of {self.frames} frames at {self.interval} s; give at least 2 frames and a positive interval"
+            )
         if not 0 < self.detection <= 1 or self.landmarks < 4:
-            raise InputError(f"detection {self.detection} must lie in (0, 1] and landmarks {self.landmarks} be at least 4")
+            raise InputError(
+                f"detection {self.detection} must lie in (0, 1] and landmarks {self.landmarks} be at least 4"
+            )
         if not self.range_m > self.radius_m > 0:
-            raise InputError(f"the body of radius {self.radius_m} m must lie in front of the camera, range_m is {self.range_m} m")
+            raise InputError(
+                f"the body of radius {self.radius_m} m must lie in front of the camera, range_m is {self.range_m} m"
+            )
 
 
 RIG = StereoRig(fx=466.7, fy=466.7, cx=320.0, cy=240.0, width=640, height=480, baseline_m=0.09)
@@ -116,7 +123,14 @@ def _first_state(scenario: Scenario, layout: StateLayout) -> Float[np.ndarray, "
 def _principal_axes(scenario: Scenario) -> Float[np.ndarray, "3 3"]:
     """R_gb: columns are the principal axes in g."""
     yaw, pitch, roll = scenario.axes_euler_g
-    cy, sy, cp, sp, cr, sr = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
+    cy, sy, cp, sp, cr, sr = (
+        np.cos(yaw),
+        np.sin(yaw),
+        np.cos(pitch),
+        np.sin(pitch),
+        np.cos(roll),
+        np.sin(roll),
+    )
     Rz = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
     Ry = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
     return Rz @ Ry @ np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
@@ -144,12 +158,16 @@ def _stereo_tracks(
     times, ids, values = [], [], []
     for t, x in zip(time, states, strict=True):
         pixels = camera.predict(x, parameters)
-        seen = _visible(layout, x, landmarks, normals, pixels) & (generator.random(len(landmarks)) < scenario.detection)
+        seen = _visible(layout, x, landmarks, normals, pixels) & (
+            generator.random(len(landmarks)) < scenario.detection
+        )
         times.append(np.full(np.count_nonzero(seen), t))
         ids.append(np.flatnonzero(seen))
         values.append(pixels[seen] + scenario.pixel_std * generator.standard_normal((times[-1].size, 3)))
     if not sum(map(len, times)):
-        raise InputError("no landmark is ever visible; move the body into the camera's view (range_m, velocity)")
+        raise InputError(
+            "no landmark is ever visible; move the body into the camera's view (range_m, velocity)"
+        )
     return MeasurementStream("stereo", np.concatenate(times), np.concatenate(values), np.concatenate(ids))
 
 
@@ -171,7 +189,12 @@ def _rotation(q: Float[np.ndarray, " 4"]) -> Float[np.ndarray, "3 3"]:
 
 
 def _poses(
-    scenario: Scenario, layout: StateLayout, time: np.ndarray, states: np.ndarray, _: object, generator: np.random.Generator
+    scenario: Scenario,
+    layout: StateLayout,
+    time: np.ndarray,
+    states: np.ndarray,
+    _: object,
+    generator: np.random.Generator,
 ) -> MeasurementStream:
     small = StateLayout(("t", "a"))
     exact = np.concatenate([states[:, layout.mean_slice("t")], states[:, layout.mean_slice("a")]], axis=1)
@@ -181,7 +204,12 @@ def _poses(
 
 
 def _gyro(
-    scenario: Scenario, layout: StateLayout, time: np.ndarray, states: np.ndarray, _: object, generator: np.random.Generator
+    scenario: Scenario,
+    layout: StateLayout,
+    time: np.ndarray,
+    states: np.ndarray,
+    _: object,
+    generator: np.random.Generator,
 ) -> MeasurementStream:
     rates = states[:, layout.mean_slice("w")]
     return MeasurementStream("gyro", time, rates + scenario.gyro_std * generator.standard_normal(rates.shape))

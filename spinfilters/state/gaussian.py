@@ -46,11 +46,15 @@ class Gaussian:
         """
         scale = np.sqrt(np.diag(covariance))
         if not np.all(np.isfinite(scale) & (scale > 0)):
-            raise InputError(f"covariance has the diagonal {np.diag(covariance).tolist()}; every variance must be positive")
+            raise InputError(
+                f"covariance has the diagonal {np.diag(covariance).tolist()}; every variance must be positive"
+            )
         try:
             factor = scale[:, None] * np.linalg.cholesky(covariance / np.outer(scale, scale))
         except np.linalg.LinAlgError as error:
-            raise InputError("covariance is not positive definite; give a symmetric positive definite matrix") from error
+            raise InputError(
+                "covariance is not positive definite; give a symmetric positive definite matrix"
+            ) from error
         return cls(layout, mean, factor)
 
     @property

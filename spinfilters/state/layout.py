@@ -1,5 +1,6 @@
 """Which blocks a state holds, and how a point on its manifold and an error vector meet."""
 
+import builtins
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -38,8 +39,8 @@ FULL_BLOCKS = ("t", "a", "v", "w", "c", "s")
 class StateLayout:
     """The blocks of a state, in the order of `spinfilters.conventions.STATE_BLOCKS`.
 
-    A point ``x`` (mean_dim,) holds the attitude as the quaternion q_ig, an error ``d`` (error_dim,) as 4 x MRP on the body side. The
-    error of the mass distribution is multiplicative too (`spinfilters.dynamics.mass_distribution`); every other block adds.
+    A point ``x`` (mean_dim,) holds the attitude as the quaternion q_ig, an error ``d`` (error_dim,) as 4 x MRP on the body side.
+    The error of the mass distribution is multiplicative too (`spinfilters.dynamics.mass_distribution`); every other block adds.
     """
 
     blocks: tuple[str, ...]
@@ -47,7 +48,9 @@ class StateLayout:
     def __post_init__(self) -> None:
         known = tuple(block for block in STATE_BLOCKS if block in self.blocks)
         if self.blocks != known:
-            raise InputError(f"state blocks {self.blocks} must be distinct, known and in the order {tuple(STATE_BLOCKS)}")
+            raise InputError(
+                f"state blocks {self.blocks} must be distinct, known and in the order {tuple(STATE_BLOCKS)}"
+            )
 
     @cached_property
     def error_dim(self) -> int:
@@ -59,11 +62,11 @@ class StateLayout:
         """Number of components of a point: one more than the error where there is an attitude."""
         return sum(_mean_size(block) for block in self.blocks)
 
-    def slice(self, block: str) -> slice:
+    def slice(self, block: str) -> builtins.slice:
         """Where a block stands in an error vector."""
         return self._error_slices[block]
 
-    def mean_slice(self, block: str) -> slice:
+    def mean_slice(self, block: str) -> builtins.slice:
         """Where a block stands in a point."""
         return self._mean_slices[block]
 
@@ -95,11 +98,15 @@ class StateLayout:
         pairs = ((block, x[self.mean_slice(block)], y[self.mean_slice(block)]) for block in self.blocks)
         return ca.vertcat(*[how.get(block, _subtract)(here, there) for block, here, there in pairs])
 
-    def retract(self, x: Float[np.ndarray, "*batch m"], d: Float[np.ndarray, "*batch n"]) -> Float[np.ndarray, "*batch m"]:
+    def retract(
+        self, x: Float[np.ndarray, "*batch m"], d: Float[np.ndarray, "*batch n"]
+    ) -> Float[np.ndarray, "*batch m"]:
         """The point that lies at error ``d`` from ``x``, its quaternion normalised."""
         return self._retract(x, d)[0]
 
-    def local(self, x: Float[np.ndarray, "*batch m"], y: Float[np.ndarray, "*batch m"]) -> Float[np.ndarray, "*batch n"]:
+    def local(
+        self, x: Float[np.ndarray, "*batch m"], y: Float[np.ndarray, "*batch m"]
+    ) -> Float[np.ndarray, "*batch n"]:
         """The error that takes ``x`` to ``y``."""
         return self._local(x, y)[0]
 
@@ -108,11 +115,11 @@ class StateLayout:
         return self._reset(d)[0]
 
     @cached_property
-    def _error_slices(self) -> dict[str, "slice"]:
+    def _error_slices(self) -> dict[str, builtins.slice]:
         return _slices(self.blocks, [STATE_BLOCKS[block] for block in self.blocks])
 
     @cached_property
-    def _mean_slices(self) -> dict[str, "slice"]:
+    def _mean_slices(self) -> dict[str, builtins.slice]:
         return _slices(self.blocks, [_mean_size(block) for block in self.blocks])
 
     @cached_property

@@ -9,7 +9,7 @@ from rich.console import Console
 import spinfilters
 from spinfilters.cli import doctor_checks
 from spinfilters.cli.doctor import doctor
-from spinfilters.cli.doctor_checks import CHECKS, Check, CheckFailed, compare_with_virtual_machine
+from spinfilters.cli.doctor_checks import CHECKS, Check, CheckError, compare_with_virtual_machine
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.symbolic import c_library
 
@@ -39,12 +39,12 @@ def test_the_page_names_versions_compiler_and_cache() -> None:
 
 def test_a_failed_check_shows_its_numbers_and_a_cure_and_the_others_still_run() -> None:
     def fail() -> str:
-        raise CheckFailed("error 1, allowed [0]")
+        raise CheckError("error 1, allowed [0]")
 
     code, text = page((Check("broken", fail, "mend it"), Check("sound", lambda: "fine", "")))
     assert code == 1
     lines = [line.split() for line in text.splitlines()[-3:]]
-    assert lines[0] == ["FAILED", "broken", "CheckFailed:", "error", "1,", "allowed", "[0]"]
+    assert lines[0] == ["FAILED", "broken", "CheckError:", "error", "1,", "allowed", "[0]"]
     assert lines[1] == ["cure", "mend", "it"]
     assert lines[2] == ["ok", "sound", "fine"]
 
@@ -57,14 +57,14 @@ def test_a_wrong_derivative_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
         return after, 1.001 * transition, noise
 
     monkeypatch.setattr(TorqueFreeProcess, "linearise", off_by_a_thousandth)
-    with pytest.raises(CheckFailed, match="largest difference of an entry 1"):
+    with pytest.raises(CheckError, match="largest difference of an entry 1"):
         doctor_checks.process_linearisation()
 
 
 def test_an_inexact_attitude_conversion_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     exact = doctor_checks.conversions.matrix_from_quaternion
     monkeypatch.setattr(doctor_checks.conversions, "matrix_from_quaternion", lambda q: exact(q) * (1 + 1e-9))
-    with pytest.raises(CheckFailed, match="largest error of a component"):
+    with pytest.raises(CheckError, match="largest error of a component"):
         doctor_checks.attitude_round_trip()
 
 
