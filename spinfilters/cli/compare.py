@@ -1,6 +1,7 @@
 """``spinfilters compare``, ``estimate`` and ``plot``."""
 
 import argparse
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -39,15 +40,25 @@ def compare(options: argparse.Namespace) -> int:
         comparison = compare_estimators(prepared, settings, report)
         write_run(folder, comparison, settings)
         if not comparison.interrupted:
-            draw_run(Pictured.from_comparison(comparison), folder, lambda done, total: report("figures", done, total))
+            draw_run(
+                Pictured.from_comparison(comparison),
+                folder,
+                lambda done, total: report("figures", done, total),
+            )
     console = Console()
     console.print(comparison_table(comparison.evaluations))
     for evaluation in comparison.evaluations:
         for reason in evaluation.history.status.reasons:
-            console.print(f"{evaluation.name} is {evaluation.history.status.verdict}: {reason}", highlight=False)
+            console.print(
+                f"{evaluation.name} is {evaluation.history.status.verdict}: {reason}", highlight=False
+            )
     if comparison.interrupted:
-        raise InputError(f"interrupted; what was estimated is in {folder}, run the command again for the rest")
-    console.print(f"run folder: {folder}   (look at {folder / 'summary.png'})", highlight=False, soft_wrap=True)
+        raise InputError(
+            f"interrupted; what was estimated is in {folder}, run the command again for the rest"
+        )
+    console.print(
+        f"run folder: {folder}   (look at {folder / 'summary.png'})", highlight=False, soft_wrap=True
+    )
     return 0
 
 
@@ -55,7 +66,9 @@ def plot(options: argparse.Namespace) -> int:
     """Draw the figures of a run folder again."""
     folder = Path(options.run)
     with _bars() as report:
-        paths = draw_run(Pictured.from_folder(folder), folder, lambda done, total: report("figures", done, total))
+        paths = draw_run(
+            Pictured.from_folder(folder), folder, lambda done, total: report("figures", done, total)
+        )
     Console().print(f"{len(paths)} figures in {folder}", highlight=False)
     return 0
 
@@ -78,7 +91,9 @@ def _compare_segments(datasets: list[Dataset], folder: Path, settings: Settings)
         raise InputError(
             f"interrupted after {len(results)} of {len(datasets)} segments; run the command again to go on from there"
         )
-    console.print(f"run folder: {folder}   (look at {folder / f'throws-{settings.estimators[0]}.png'})", soft_wrap=True)
+    console.print(
+        f"run folder: {folder}   (look at {folder / f'throws-{settings.estimators[0]}.png'})", soft_wrap=True
+    )
     return 0
 
 
@@ -103,7 +118,7 @@ def _dataset(options: argparse.Namespace) -> Dataset:
         return simulate(Scenario(seed=options.seed))
     segment = None
     if options.segment is not None:
-        if not options.segment.isdigit():
+        if not re.fullmatch(r"[0-9]{1,9}", options.segment):
             raise InputError(f"--segment {options.segment} is no segment; give a number or 'all'")
         segment = int(options.segment)
     return read_dataset(options.dataset, segment)
@@ -113,7 +128,8 @@ def _dataset(options: argparse.Namespace) -> Dataset:
 def _bars() -> Iterator[Report]:
     """Progress bars that appear as work begins, one per name; on standard error, silent where that is no terminal."""
     columns = (TextColumn("{task.description:>12}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         tasks = {}
 
         def report(name: str, done: int, total: int) -> None:

@@ -1,6 +1,7 @@
 """The command ``spinfilters``: arguments, exit codes and one clear line for whatever goes wrong."""
 
 import argparse
+import math
 import sys
 from collections.abc import Sequence
 
@@ -23,7 +24,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return EXIT_BAD_INPUT
     except OSError as error:
         name = f"{error.filename}: " if error.filename else ""
-        return _complain(f"{name}{error.strerror or error}; free space or choose another folder, then run again")
+        return _complain(
+            f"{name}{error.strerror or error}; free space or choose another folder, then run again"
+        )
     except MemoryError:
         return _complain("out of memory; give a shorter recording or close other programs")
 
@@ -62,8 +65,14 @@ def _add_compare(commands: "argparse._SubParsersAction[argparse.ArgumentParser]"
         description="Without DATASET the thesis' own scenario is simulated: a SPHERES-like body at 10 rpm about its "
         "intermediate axis, 115 frames at 0.5 s before a stereo camera.",
     )
-    compare.add_argument("dataset", metavar="DATASET", nargs="?", help="data set folder, phyphox export, gyro .csv or TUM .tum")
-    compare.add_argument("--estimators", metavar="A,B", help="mekf, ukf, filterpy-ekf, filterpy-ukf (default: all; recordings: mekf,ukf)")
+    compare.add_argument(
+        "dataset", metavar="DATASET", nargs="?", help="data set folder, phyphox export, gyro .csv or TUM .tum"
+    )
+    compare.add_argument(
+        "--estimators",
+        metavar="A,B",
+        help="mekf, ukf, filterpy-ekf, filterpy-ukf (default: all; recordings: mekf,ukf)",
+    )
     compare.add_argument("--seed", type=int, default=0, help="of the simulated default")
     _add_run_options(compare)
     compare.set_defaults(command=_compare)
@@ -71,29 +80,50 @@ def _add_compare(commands: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 def _add_estimate(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     estimate = commands.add_parser("estimate", help="one estimator on a recording")
-    estimate.add_argument("dataset", metavar="DATASET", help="data set folder, phyphox export, gyro .csv or TUM .tum")
-    estimate.add_argument("--estimator", dest="estimators", default="ukf", metavar="NAME", help="mekf or ukf (default ukf)")
+    estimate.add_argument(
+        "dataset", metavar="DATASET", help="data set folder, phyphox export, gyro .csv or TUM .tum"
+    )
+    estimate.add_argument(
+        "--estimator", dest="estimators", default="ukf", metavar="NAME", help="mekf or ukf (default ukf)"
+    )
     _add_run_options(estimate)
     estimate.set_defaults(command=_compare, seed=0)
 
 
 def _add_run_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("-o", "--output", metavar="RUN", default="runs/latest", help="run folder (default runs/latest)")
+    parser.add_argument(
+        "-o", "--output", metavar="RUN", default="runs/latest", help="run folder (default runs/latest)"
+    )
     parser.add_argument("--segment", metavar="N", help="segment of a phyphox recording, or 'all'")
     parser.add_argument("--drag", action="store_true", help="estimate an aerodynamic drag coefficient too")
-    parser.add_argument("--config", metavar="FILE", help="TOML file with settings, such as config.toml of another run")
+    parser.add_argument(
+        "--config", metavar="FILE", help="TOML file with settings, such as config.toml of another run"
+    )
 
 
 def _add_simulate(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    simulate = commands.add_parser("simulate", help="write a simulated data set with truth, and a picture of it")
+    simulate = commands.add_parser(
+        "simulate", help="write a simulated data set with truth, and a picture of it"
+    )
     simulate.add_argument("-o", "--output", metavar="DATASET", required=True, help="folder of the data set")
     simulate.add_argument("--kind", default="stereo-tracks", help="stereo-tracks, pose or gyro")
     simulate.add_argument("--seed", type=int, default=0)
     simulate.add_argument("--frames", type=int, default=115)
-    simulate.add_argument("--interval", type=float, default=0.5, help="seconds between frames")
-    simulate.add_argument("--rate-rpm", type=float, nargs=3, default=(0.5, 10.0, 0.5), metavar=("X", "Y", "Z"))
-    simulate.add_argument("--moments", type=float, nargs=3, default=(1.0322, 1.0, 0.8596), metavar=("JX", "JY", "JZ"))
+    simulate.add_argument("--interval", type=_finite, default=0.5, help="seconds between frames")
+    simulate.add_argument(
+        "--rate-rpm", type=_finite, nargs=3, default=(0.5, 10.0, 0.5), metavar=("X", "Y", "Z")
+    )
+    simulate.add_argument(
+        "--moments", type=_finite, nargs=3, default=(1.0322, 1.0, 0.8596), metavar=("JX", "JY", "JZ")
+    )
     simulate.set_defaults(command=_simulate)
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text} is not finite; give a number")
+    return value
 
 
 def _compare(options: argparse.Namespace) -> int:

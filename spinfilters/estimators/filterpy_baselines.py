@@ -1,4 +1,4 @@
-"""Textbook additive EKF and UKF, straight from filterpy, on the same process and sensors: what the multiplicative ones compare with.
+"""Textbook additive EKF and UKF, straight from filterpy, on the same process and sensors: a measure for the multiplicative ones.
 
 Their state is one vector of plain numbers (`spinfilters.estimators.global_chart`), their measurement all rows of a frame stacked,
 with a dense innovation covariance of that size. Rows are whitened, so the measurement noise is the identity. Nothing is repaired:
@@ -28,15 +28,16 @@ class FilterpyFilter(Estimator):
     A value is left out where it is not finite or the sensor is not valid at the mean.
     """
 
-    _filter: ExtendedKalmanFilter | UnscentedKalmanFilter
-
-    def __init__(self, process: ProcessModel) -> None:
+    def __init__(self, process: ProcessModel, wrapped: ExtendedKalmanFilter | UnscentedKalmanFilter) -> None:
         super().__init__(process)
         self._chart = GlobalChart(self.layout)
+        self._filter = wrapped
 
     def start(self, belief: Gaussian) -> None:
         if belief.layout != self.layout:
-            raise InputError(f"belief has the blocks {belief.layout.blocks}, the process has {self.layout.blocks}")
+            raise InputError(
+                f"belief has the blocks {belief.layout.blocks}, the process has {self.layout.blocks}"
+            )
         self._filter.x, self._filter.P = self._chart.from_belief(belief)
 
     @property
@@ -65,10 +66,14 @@ class FilterpyFilter(Estimator):
         innovation, dof = self._filter.y, used * model.dim
         nis = float(innovation @ self._filter.SI @ innovation)
         log_noise = float(about.log_noise[keep].sum())
-        return UpdateReport(nis, dof, used, count - used, -0.5 * (nis + dof * LOG_2_PI) - log_root - log_noise)
+        return UpdateReport(
+            nis, dof, used, count - used, -0.5 * (nis + dof * LOG_2_PI) - log_root - log_noise
+        )
 
     @abstractmethod
-    def _advance(self, dt: float, after: Float[np.ndarray, " n"], half_transition: Float[np.ndarray, "n n"]) -> None:
+    def _advance(
+        self, dt: float, after: Float[np.ndarray, " n"], half_transition: Float[np.ndarray, "n n"]
+    ) -> None:
         """Filterpy's prediction to the coordinates ``after``; its Q is set; ``half_transition`` is C(after) Phi."""
 
     @abstractmethod
@@ -82,20 +87,22 @@ class FilterpyEkf(FilterpyFilter):
     name = "filterpy-ekf"
 
     def __init__(self, process: ProcessModel) -> None:
-        super().__init__(process)
-        self._filter = _ChartEkf(dim_x=self.layout.error_dim, dim_z=1)
+        self._ekf = _ChartEkf(dim_x=process.layout.error_dim, dim_z=1)
+        super().__init__(process, self._ekf)
 
-    def _advance(self, dt: float, after: Float[np.ndarray, " n"], half_transition: Float[np.ndarray, "n n"]) -> None:
-        self._filter.F = half_transition @ np.linalg.inv(self._chart.derivative(self._filter.x))
-        self._filter.after = after
-        self._filter.predict()
+    def _advance(
+        self, dt: float, after: Float[np.ndarray, " n"], half_transition: Float[np.ndarray, "n n"]
+    ) -> None:
+        self._ekf.F = half_transition @ np.linalg.inv(self._chart.derivative(self._ekf.x))
+        self._ekf.after = after
+        self._ekf.predict()
 
     def _correct(self, measurement: Measurement, about: Linearisation) -> float:
-        inverse = np.linalg.inv(self._chart.derivative(self._filter.x))
+        inverse = np.linalg.inv(self._chart.derivative(self._ekf.x))
         rows = about.jacobian.reshape(-1, about.jacobian.shape[-1])
-        H, covariance = rows @ inverse[measurement.model.columns], self._filter.P
+        H, covariance = rows @ inverse[measurement.model.columns], self._ekf.P
         expected = -about.innovation.reshape(-1)
-        self._filter.update(np.zeros(len(H)), lambda _: H, lambda _: expected, R=np.eye(len(H)))
+        self._ekf.update(np.zeros(len(H)), lambda _: H, lambda _: expected, R=np.eye(len(H)))
         return _half_log_determinant(covariance @ (H.T @ H))
 
 
@@ -114,32 +121,39 @@ class FilterpyUkf(FilterpyFilter):
     name = "filterpy-ukf"
 
     def __init__(self, process: ProcessModel, options: SigmaPointOptions | None = None) -> None:
-        super().__init__(process)
-        options, n = options or SigmaPointOptions(), self.layout.error_dim
-        self._points = MerweScaledSigmaPoints(n, options.alpha, options.beta, options.kappa)
-        self._filter = UnscentedKalmanFilter(n, 1, 0.0, hx=None, fx=self._moved, points=self._points)
+        options, n = options or SigmaPointOptions(), process.layout.error_dim
+        self._points = MerweScaledSigmaPoints(n, options.alpha, options.beta, options.kappa, _upper_root)
+        self._ukf = UnscentedKalmanFilter(n, 1, 0.0, hx=None, fx=self._moved, points=self._points)
+        super().__init__(process, self._ukf)
 
     def _moved(self, xi: Float[np.ndarray, " n"], dt: float) -> Float[np.ndarray, " n"]:
         """One sigma point dt seconds later, on the branch that it reaches continuously, as the mean does."""
         return self._chart.coordinates(self.process.step(self._chart.point(xi), dt))
 
-    def _advance(self, dt: float, after: Float[np.ndarray, " n"], half_transition: Float[np.ndarray, "n n"]) -> None:
-        self._filter.predict(dt=dt)
+    def _advance(
+        self, dt: float, after: Float[np.ndarray, " n"], half_transition: Float[np.ndarray, "n n"]
+    ) -> None:
+        self._ukf.predict(dt=dt)
 
     def _correct(self, measurement: Measurement, about: Linearisation) -> float:
         model, parameters, values = measurement.model, measurement.parameters, measurement.values
-        whitening = model.whitening(self._chart.point(self._filter.x), parameters)
+        whitening = model.whitening(self._chart.point(self._ukf.x), parameters)
 
         def expected(xi: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
             innovation, _ = model.innovations(self._chart.point(xi), parameters, values)
             return -np.einsum("kij,kj->ki", whitening, innovation).reshape(-1)
 
         # filterpy keeps the points of its last prediction: a second sensor at one time needs those of the present belief.
-        self._filter.sigmas_f = self._points.sigma_points(self._filter.x, self._filter.P)
+        self._ukf.sigmas_f = self._points.sigma_points(self._ukf.x, self._ukf.P)
         size = values.shape[0] * model.dim
-        self._filter.update(np.zeros(size), R=np.eye(size), hx=expected)
-        deviations = self._filter.sigmas_h - self._points.Wm @ self._filter.sigmas_h
+        self._ukf.update(np.zeros(size), R=np.eye(size), hx=expected)
+        deviations = self._ukf.sigmas_h - self._points.Wm @ self._ukf.sigmas_h
         return _half_log_determinant((self._points.Wc[:, None] * deviations) @ deviations.T)
+
+
+def _upper_root(P: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+    """U with U'U = P; numpy's, because SciPy's meets NaN with a ValueError that `run` would not take for a failed filter."""
+    return np.linalg.cholesky(P).T
 
 
 def _half_log_determinant(A: Float[np.ndarray, "r r"]) -> float:

@@ -110,7 +110,9 @@ def _smooth(
             error, factor = error + correction.error, correction.factor
             cost, dof = cost + correction.nis, dof + prediction.dof
         if k + 1 < len(frames):
-            passed.append(_predict(process, trajectory[k : k + 2], frames[k + 1].time - frame.time, error, factor))
+            passed.append(
+                _predict(process, trajectory[k : k + 2], frames[k + 1].time - frame.time, error, factor)
+            )
             error, factor = passed[-1].predicted_error, passed[-1].predicted_factor
     return *_backward(passed, error, factor), cost, dof
 

@@ -10,7 +10,7 @@ from scipy.optimize import minimize_scalar
 from spinfilters.errors import InputError
 
 SMALLEST_SECOND_MOMENT = 2e-3
-"""Floor of the second moments relative to the largest: a flat plate of 1 : 20 stays as it is, noise cannot make a body impossible."""
+"""Floor of the second moments relative to the largest: a flat plate of 1 : 20 stays, noise cannot make a body impossible."""
 LARGEST_DRAG = 0.2
 """Upper end of the drag coefficients tried, 1/rad: at this value |h| halves within half a revolution."""
 
@@ -44,10 +44,14 @@ def fit_momentum(
     InputError: with fewer than 4 frames, or a body that does not rotate.
     """
     if len(rates) < 4:
-        raise InputError(f"a start from data needs at least 4 frames with attitude and rate, got {len(rates)}")
+        raise InputError(
+            f"a start from data needs at least 4 frames with attitude and rate, got {len(rates)}"
+        )
     speed = np.linalg.norm(rates, axis=1)
     if not speed.max() * (time[-1] - time[0]) > 1e-3:
-        raise InputError("the body does not rotate in the first frames, so its inertia leaves no trace; choose a part where it does")
+        raise InputError(
+            "the body does not rotate in the first frames, so its inertia leaves no trace; choose a part where it does"
+        )
     angle = np.concatenate([[0.0], np.cumsum(np.diff(time) * (speed[1:] + speed[:-1]) / 2)])
     drag = 0.0
     if with_drag:
@@ -59,11 +63,13 @@ def fit_momentum(
     return MomentumFit(_physical(J), drag, residual)
 
 
-def _smallest(rotations: np.ndarray, rates: np.ndarray, angle: np.ndarray, drag: float) -> tuple[np.ndarray, float]:
+def _smallest(
+    rotations: np.ndarray, rates: np.ndarray, angle: np.ndarray, drag: float
+) -> tuple[np.ndarray, float]:
     """J with trace 2 whose momentum varies least, and the relative size of that variation.
 
-    Noise in attitude and rate adds the same amount to the variation of every J of one Frobenius norm. It is the smallest generalised
-    eigenvalue, and is taken off before J is solved for, so that noise does not bend J towards bodies that move little.
+    Noise in attitude and rate adds the same amount to the variation of every J of one Frobenius norm. It is the smallest
+    generalised eigenvalue, and is taken off before J is solved for, so that noise does not bend J towards bodies that move little.
     """
     momentum = rotations @ _momentum_rows(rates) * np.exp(drag * angle)[:, None, None]
     variation = (momentum - momentum.mean(axis=0)).reshape(-1, 6)

@@ -58,7 +58,9 @@ def evidence_from_poses(poses: MeasurementStream, frames: int) -> MotionEvidence
     """
     time, q = poses.time[:frames], poses.values[:frames, 3:]
     if len(time) < 4:
-        raise InputError(f"a start from poses needs at least 4 frames, got {len(time)}; give a longer recording")
+        raise InputError(
+            f"a start from poses needs at least 4 frames, got {len(time)}; give a longer recording"
+        )
     rates = np.array([_rate(time, q, k) for k in range(len(time))])
     return MotionEvidence(time, q, rates, poses.values[:frames, :3])
 
@@ -79,5 +81,7 @@ def _rate(time: Float[np.ndarray, " k"], q: Float[np.ndarray, "k 4"], k: int) ->
     elapsed = time[around[first:last]] - time[k]
     scale = np.abs(elapsed).max()
     degree = min(DEGREE, len(elapsed) - 1)
-    slope = np.linalg.lstsq(np.vander(elapsed / scale, degree + 1, increasing=True), phi[first:last], rcond=None)[0]
+    slope = np.linalg.lstsq(
+        np.vander(elapsed / scale, degree + 1, increasing=True), phi[first:last], rcond=None
+    )[0]
     return slope[1] / scale

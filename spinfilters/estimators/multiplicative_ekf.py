@@ -18,7 +18,9 @@ class MultiplicativeEkf(MultiplicativeFilter):
 
     def _predict_measurement(self, measurement: Measurement) -> tuple[MeasurementPrediction, int]:
         model = measurement.model
-        innovation, jacobian, valid, log_noise = model.linearise(self._mean, measurement.parameters, measurement.values)
+        innovation, jacobian, valid, log_noise = model.linearise(
+            self._mean, measurement.parameters, measurement.values
+        )
         keep = usable(innovation, valid)
         used = int(np.count_nonzero(keep))
         if not used:

@@ -46,7 +46,9 @@ def run(
             rows.append((estimator.belief, reports, perf_counter() - begin))
             if not _finite(rows[-1][0]):
                 rows.pop()
-                status = status.failed(f"the estimate stopped being finite at frame {index}, t = {frame.time:.3f} s")
+                status = status.failed(
+                    f"the estimate stopped being finite at frame {index}, t = {frame.time:.3f} s"
+                )
                 break
             if on_frame is not None:
                 on_frame(index)
@@ -59,12 +61,16 @@ def run(
 
 def _check(time: float, timeline: Timeline) -> None:
     if not timeline:
-        raise InputError("no frame is left after the start; give a longer recording or a shorter start (start.frames)")
+        raise InputError(
+            "no frame is left after the start; give a longer recording or a shorter start (start.frames)"
+        )
     if timeline[0].time < time:
         raise InputError(f"the first frame, t = {timeline[0].time} s, lies before the belief, t = {time} s")
     for before, after in pairwise(timeline):
         if not after.time > before.time:
-            raise InputError(f"time goes from {before.time} s to {after.time} s; frames must be in the order of time")
+            raise InputError(
+                f"time goes from {before.time} s to {after.time} s; frames must be in the order of time"
+            )
 
 
 def _advance(estimator: Estimator, frame: Frame, dt: float) -> list[UpdateReport]:

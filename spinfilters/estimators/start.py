@@ -101,7 +101,9 @@ def start_from_data(
     first, momentum_residual = closed_form(process.layout, evidence)
     frames = timeline[: options.count(timeline)]
     prior = _prior(process.layout, first, options, evidence)
-    found = _best_fit(process, frames, _trial_trajectory(process.layout, frames, first, evidence), prior, options)
+    found = _best_fit(
+        process, frames, _trial_trajectory(process.layout, frames, first, evidence), prior, options
+    )
     fit = float(np.sqrt(found.cost / max(found.dof, 1)))
     return StartReport(process.layout, found, fit, momentum_residual)
 

@@ -78,7 +78,9 @@ def build_timeline(
         for rows in np.split(np.arange(len(time)), edges) if len(time) else []:
             frames[float(time[rows[0]])].append(Measurement(model, values[rows], parameters[rows]))
     if not frames:
-        raise InputError("the log holds no usable measurement; check that landmark ids of the tracks and of the map agree")
+        raise InputError(
+            "the log holds no usable measurement; check that landmark ids of the tracks and of the map agree"
+        )
     return tuple(Frame(time, tuple(frames[time])) for time in sorted(frames))
 
 
@@ -92,7 +94,9 @@ def _joined(
     if stream.sensor == "pose":
         return Pose(layout), stream.values, pose_parameters(_pose_covariance(stream, noise)), stream.time
     if view is None or stream.ids is None:
-        raise InputError("stereo tracks need a known map here; turn them into poses first (absolute orientation)")
+        raise InputError(
+            "stereo tracks need a known map here; turn them into poses first (absolute orientation)"
+        )
     landmarks = view.known_map
     row = np.clip(np.searchsorted(landmarks.ids, stream.ids), 0, len(landmarks.ids) - 1)
     known = landmarks.ids[row] == stream.ids

@@ -10,10 +10,11 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.attitude.expressions import Expression, rotate
-from spinfilters.errors import ShapeError
+from spinfilters.errors import InputError, ShapeError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.derived import with_error_jacobian
 from spinfilters.logs.atomic_write import write_bytes
+from spinfilters.logs.input_file import MAX_TABLE_BYTES, named, require_file
 from spinfilters.logs.measurement_log import MeasurementStream, normalised
 from spinfilters.logs.pose_files import write_tum
 from spinfilters.logs.table_files import write_csv
@@ -99,15 +100,34 @@ def write_map_ply(path: Path, points: Float[np.ndarray, "k 3"]) -> None:
     """
     if points.ndim != 2 or points.shape[1] != 3:
         raise ShapeError(f"map points have shape {points.shape}, expected (k, 3)")
-    header = [
+    write_bytes(path, _ply_header(len(points)) + points.astype("<f8").tobytes())
+
+
+def read_map_ply(path: Path) -> Float[np.ndarray, "k 3"]:
+    """Points of a file of `write_map_ply`. InputError: unreadable, or a PLY that it did not write."""
+    require_file(path, MAX_TABLE_BYTES)
+    raw = path.read_bytes()
+    values = raw.partition(b"end_header\n")[2]
+    points = np.frombuffer(values[: len(values) // 24 * 24], "<f8").reshape(-1, 3)
+    if (
+        raw != _ply_header(len(points)) + values
+        or points.nbytes != len(values)
+        or not np.isfinite(points).all()
+    ):
+        raise InputError(f"{named(path)}: is no map of a run; make the run again")
+    return points
+
+
+def _ply_header(count: int) -> bytes:
+    lines = [
         "ply",
         "format binary_little_endian 1.0",
         "comment landmarks in frame g, m",
-        f"element vertex {len(points)}",
+        f"element vertex {count}",
         *(f"property double {axis}" for axis in "xyz"),
         "end_header",
     ]
-    write_bytes(path, ("\n".join(header) + "\n").encode("ascii") + points.astype("<f8").tobytes())
+    return ("\n".join(lines) + "\n").encode("ascii")
 
 
 @cache

@@ -1,7 +1,8 @@
 """What every sensor is: an expression for its measurement, its noise, and where both are valid."""
 
 from abc import ABC, abstractmethod
-from functools import cached_property
+from collections.abc import Callable
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import casadi as ca
@@ -67,7 +68,7 @@ class MeasurementModel(ABC):
         """Positive where the model applies (a point in front of the camera)."""
         return ca.DM(1)
 
-    @property
+    @cached_property
     def columns(self) -> list[int]:
         """Error components that the measurement depends on."""
         every = np.arange(self.layout.error_dim)
@@ -89,6 +90,17 @@ class MeasurementModel(ABC):
         innovation, valid = self._innovations(x, parameters, measured)
         return innovation, valid[..., 0] > 0
 
+    def innovations_at(
+        self,
+        points: Float[np.ndarray, "p m"],
+        x: Float[np.ndarray, " m"],
+        parameters: Float[np.ndarray, "k p2"],
+        measured: Float[np.ndarray, "k v"],
+    ) -> tuple[Float[np.ndarray, "k r p"], Bool[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+        """Innovations at many points, whitened by the noise at ``x``; where all are valid; log determinant of the noise factor."""
+        innovation, valid, log_noise = self._innovations_at(len(points))(points.T, x, parameters, measured)
+        return np.swapaxes(innovation, 1, 2), valid[:, 0] > 0, log_noise[:, 0]
+
     def whitening(
         self, x: Float[np.ndarray, "*batch m"], parameters: Float[np.ndarray, "*batch p"]
     ) -> Float[np.ndarray, "*batch r r"]:
@@ -103,15 +115,15 @@ class MeasurementModel(ABC):
     ) -> Linearisation:
         """Innovations and their derivatives at a point."""
         innovation, jacobian, valid, log_noise = self._linearise(x, parameters, measured)
-        return Linearisation(innovation, jacobian, valid[..., 0] > 0, log_noise[..., 0])
+        return Linearisation(innovation, np.swapaxes(jacobian, 1, 2), valid[..., 0] > 0, log_noise[..., 0])
 
     @cached_property
     def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
         x = ca.SX.sym("x", self.layout.mean_dim)
         return x, ca.SX.sym("p", self.parameter_dim), ca.SX.sym("z", self.value_dim)
 
-    def _function(self, name: str, inputs: list[ca.SX], outputs: list[Expression]) -> Compiled:
-        return Compiled(ca.Function(f"{self.name}_{name}", inputs, [ca.SX(output) for output in outputs]))
+    def _function(self, name: str, inputs: list[Expression], outputs: list[Expression]) -> Compiled:
+        return Compiled(ca.Function(f"{self.name}_{name}", inputs, outputs))
 
     @cached_property
     def _predict(self) -> Compiled:
@@ -124,6 +136,29 @@ class MeasurementModel(ABC):
         state = self.layout.unpack(x)
         return self._function(
             "innovations", [x, p, z], [self.innovation(self.symbolic(state, p), z), self.valid(state, p)]
+        )
+
+    @cached_property
+    def _innovations_at(self) -> Callable[[int], Compiled]:
+        return cache(self._build_innovations_at)
+
+    def _build_innovations_at(self, count: int) -> Compiled:
+        """Landmarks are the loop of the compiled function and points the loop inside, so that neither is copied for the other."""
+        x, p, z = self._symbols
+        W, state = ca.SX.sym("W", self.dim, self.dim), self.layout.unpack(x)
+        away = W @ self.innovation(self.symbolic(state, p), z)
+        one = ca.Function("one", [x, p, z, W], [away, self.valid(state, p)])
+        factor = ca.SX(self.noise_factor(state, p))
+        noise = ca.Function(
+            "noise", [x, p], [ca.solve(factor, ca.SX.eye(self.dim)), _log_determinant(factor)]
+        )
+        points, at = ca.MX.sym("points", self.layout.mean_dim, count), ca.MX.sym("x", self.layout.mean_dim)
+        p, z = ca.MX.sym("p", self.parameter_dim), ca.MX.sym("z", self.value_dim)
+        whitening, log_noise = noise(at, p)
+        every = one.map("every", "serial", count, [1, 2, 3], [])
+        innovation, valid = every(points, p, z, whitening)
+        return self._function(
+            f"innovations_{count}", [points, at, p, z], [innovation.T, ca.mmin(valid), log_noise]
         )
 
     @cached_property
@@ -144,6 +179,14 @@ class MeasurementModel(ABC):
         factor = ca.SX(self.noise_factor(state, p))
         whitening = ca.solve(factor, ca.SX.eye(self.dim))
         innovation = self.innovation(self.symbolic(state, p), z)
-        log_noise = ca.sum1(ca.log(ca.diag(factor)))
-        outputs = [whitening @ innovation, whitening @ jacobian, self.valid(state, p), log_noise]
+        outputs = [
+            whitening @ innovation,
+            (whitening @ jacobian).T,
+            self.valid(state, p),
+            _log_determinant(factor),
+        ]
         return self._function("linearise", [x, p, z], outputs)
+
+
+def _log_determinant(factor: ca.SX) -> ca.SX:
+    return ca.sum1(ca.log(ca.diag(factor)))

@@ -21,7 +21,6 @@ from spinfilters.errors import InputError
 from spinfilters.models.rotation_steps import RotationIntegrator
 from spinfilters.state.layout import StateLayout
 
-
 SMALLEST_SQUARE = 1e-300
 """Added under a square root, so that the drag of a body at rest has a derivative."""
 

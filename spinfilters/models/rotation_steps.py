@@ -1,9 +1,9 @@
 """Runge-Kutta 4 of the rotation with its error transition and noise covariance, step-doubled until a tolerance is met.
 
 Only attitude and rate need an integrator: the centre of mass moves in closed form. One substep, written in SX, advances
-(q, w), the transition Psi of the error (a, w) with respect to itself, its sensitivity Theta to the constants (inertia and drag), and
-the noise covariance. The noise integral of Psi B B' Psi' is taken by Simpson's rule over the substeps, whose positive weights keep it
-positive semidefinite, and which is exact for dt -> 0; it converges with the order of the integrator.
+(q, w), the transition Psi of the error (a, w) with respect to itself, its sensitivity Theta to the constants (inertia and
+drag), and the noise covariance. The noise integral of Psi B B' Psi' is taken by Simpson's rule over the substeps, whose
+positive weights keep it positive semidefinite, and which is exact for dt -> 0; it converges with the order of the integrator.
 """
 
 from collections.abc import Callable
@@ -33,8 +33,9 @@ Acceleration = Callable[[Expression, Expression, Expression | None], Expression]
 
 MAX_SUBSTEPS = 1 << 14
 """Beyond this, dt |w| is some hundred revolutions per step: the caller is told to use a shorter step."""
-FIRST_ANGLE = 0.06
-"""Turn per substep in rad from which the step control starts."""
+STEP_ERROR = 6e-4
+"""Error of a turn per rad and per fourth power of the substep's angle: where the step control starts. A guess that proves too
+coarse costs one more evaluation, one that is too fine would cost every one."""
 
 
 class RotationIntegrator:
@@ -84,8 +85,9 @@ class RotationIntegrator:
             raise InputError(f"time step is {dt} s; it must be positive and finite")
         w = x[..., self._rate]
         turn = float(np.sqrt(np.max(np.einsum("...i,...i->...", w, w)))) * dt if w.size else 0.0
+        angle = (self._tolerance / (STEP_ERROR * max(turn, self._tolerance))) ** 0.25
         count = 2
-        while count * FIRST_ANGLE < turn and count < MAX_SUBSTEPS:
+        while count * angle < turn and count < MAX_SUBSTEPS:
             count *= 2
         return count
 
@@ -98,9 +100,13 @@ class RotationIntegrator:
         values = self._layout.unpack(x)
         rotation, error = self._rotation(values, dt, count)
         after = self._translated(values, rotation[:4], rotation[4:7], dt)
-        return Compiled(ca.Function(f"step_{count}", [x, dt], [after, error], ["x", "dt"], ["after", "error"]))
+        return Compiled(
+            ca.Function(f"step_{count}", [x, dt], [after, error], ["x", "dt"], ["after", "error"])
+        )
 
-    def _rotation(self, values: dict[str, Expression], dt: Expression, count: int) -> tuple[Expression, Expression]:
+    def _rotation(
+        self, values: dict[str, Expression], dt: Expression, count: int
+    ) -> tuple[Expression, Expression]:
         """(q, w) after dt in ``count`` substeps, and an estimate of its error by step doubling."""
         constants, start = _constants(values), ca.vertcat(values["q"], values["w"])
         fine = _repeat(self._substep(), count, start, constants, dt / count)
@@ -120,11 +126,15 @@ class RotationIntegrator:
         return ca.vertcat(normalised(after[:4]), after[4:7])
 
     def _rotation_rate(self, y: Expression, p: Expression) -> Expression:
-        J = ca.vertcat(ca.horzcat(p[0], p[1], p[2]), ca.horzcat(p[1], p[3], p[4]), ca.horzcat(p[2], p[4], p[5]))
+        J = ca.vertcat(
+            ca.horzcat(p[0], p[1], p[2]), ca.horzcat(p[1], p[3], p[4]), ca.horzcat(p[2], p[4], p[5])
+        )
         drag = p[6] if "d" in self._constant_blocks else None
         return ca.vertcat(quaternion_rate(y[:4], y[4:7]), self._acceleration(y[4:7], J, drag))
 
-    def _translated(self, values: dict[str, Expression], q: Expression, w: Expression, dt: Expression) -> Expression:
+    def _translated(
+        self, values: dict[str, Expression], q: Expression, w: Expression, dt: Expression
+    ) -> Expression:
         """The state after dt from the rotation after dt: r = t + R c moves with v, the rest is constant."""
         after = dict(values) | {"q": q, "w": w}
         if "t" in values:
@@ -152,7 +162,12 @@ class RotationIntegrator:
     def _linear_substep(self) -> ca.Function:
         """One substep of (q, w, Psi, Theta, noise): the noise of a node enters with its Simpson weight, then all moves on."""
         n = self._constant_dim
-        sums, p, h, weight = ca.SX.sym("u", 7 + 36 + 6 * n + 36), ca.SX.sym("p", n), ca.SX.sym("h"), ca.SX.sym("b")
+        sums, p, h, weight = (
+            ca.SX.sym("u", 7 + 36 + 6 * n + 36),
+            ca.SX.sym("p", n),
+            ca.SX.sym("h"),
+            ca.SX.sym("b"),
+        )
         y, after = sums[:7], self._runge_kutta(sums[:7], p, h)
         e = ca.SX.sym("e", 6 + n)
         moved = self._runge_kutta(_rotation_retract(y, e[:6]), p + e[6:], h)
@@ -201,7 +216,12 @@ def _constants(values: dict[str, Expression]) -> Expression:
 
 
 def _repeat(
-    substep: ca.Function, count: int, start: Expression, constants: Expression, h: Expression, *each: Expression
+    substep: ca.Function,
+    count: int,
+    start: Expression,
+    constants: Expression,
+    h: Expression,
+    *each: Expression,
 ) -> Expression:
     if count == 1:
         return substep(start, constants, h, *each)

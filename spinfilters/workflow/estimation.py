@@ -39,7 +39,10 @@ def build_estimator(name: str, prepared: Prepared, settings: Settings) -> Estima
         return MultiplicativeEkf(prepared.process)
     if name == "ukf":
         return MultiplicativeUkf(prepared.process, settings.ukf)
-    from spinfilters.estimators.filterpy_baselines import FilterpyEkf, FilterpyUkf  # slow to import, rarely asked for
+    from spinfilters.estimators.filterpy_baselines import (
+        FilterpyEkf,
+        FilterpyUkf,
+    )  # slow to import, rarely asked for
 
     return FilterpyEkf(prepared.process) if name == "filterpy-ekf" else FilterpyUkf(prepared.process)
 
@@ -48,12 +51,17 @@ def compare_estimators(prepared: Prepared, settings: Settings, progress: Progres
     """Run, evaluate and judge; Ctrl-C keeps what is done and leaves out the rest."""
     evaluations: list[Evaluation] = []
     interrupted = False
-    for name in settings.estimators:
-        history = _run(name, prepared, settings, progress)
-        evaluations.append(_evaluated(history, prepared))
-        interrupted = any("interrupted" in reason for reason in history.status.reasons)
-        if interrupted:
-            break
+    try:
+        for name in settings.estimators:
+            history = _run(name, prepared, settings, progress)
+            evaluations.append(_evaluated(history, prepared))
+            interrupted = any("interrupted" in reason for reason in history.status.reasons)
+            if interrupted:
+                break
+    except KeyboardInterrupt:
+        if not evaluations:
+            raise
+        interrupted = True
     return Comparison(prepared, tuple(_judge(evaluations, prepared)), interrupted)
 
 

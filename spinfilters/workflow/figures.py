@@ -9,9 +9,10 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from spinfilters.errors import InputError
-from spinfilters.evaluation.evaluation import Evaluation, evaluate
 from spinfilters.evaluation.errors import Alignment
+from spinfilters.evaluation.evaluation import Evaluation, evaluate
 from spinfilters.evaluation.rates import BodyRates, estimated_rates, measured_rates, true_rates
+from spinfilters.evaluation.trajectory import read_map_ply
 from spinfilters.logs.dataset import Dataset, read_dataset
 from spinfilters.plots.consistency import consistency_figure
 from spinfilters.plots.error_bands import error_bands_figure
@@ -54,12 +55,12 @@ class Pictured:
         known = dataset.known_map is not None or dataset.kind == "pose"
         alignment = Alignment.NONE if known else Alignment.BODY_FRAME
         try:
-            names, start_end = list(document["estimators"]), float(document["start"]["end_s"])
-        except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"{folder}: summary.json lacks {error}; make the run again") from None
-        histories = [read_history(folder / name / "history.npz") for name in names]
-        evaluations = [evaluate(history, dataset.truth, alignment) for history in histories]
-        points = None if dataset.known_map is None else dataset.known_map.points
+            start_end, names = float(document["start"]["end_s"]), list(document["estimators"])
+            paths, map_path = [folder / name / "history.npz" for name in names], folder / names[0] / "map.ply"
+        except (KeyError, IndexError, TypeError, ValueError) as error:
+            raise InputError(f"{folder}: summary.json is not whole ({error!r}); make the run again") from None
+        evaluations = [evaluate(read_history(path), dataset.truth, alignment) for path in paths]
+        points = read_map_ply(map_path) if map_path.exists() else None
         return cls(dataset, evaluations, points, start_end)
 
 
@@ -81,10 +82,16 @@ def _figures(pictured: Pictured) -> Iterator[tuple[str, Callable[[], Figure]]]:
     moments = None if truth is None else truth.principal_moments
     reference = _reference(pictured.dataset, first)
     yield "summary", lambda: summary_figure(evaluations, reference, moments, end)
-    yield "rates", lambda: rates_figure([estimated_rates(e.history) for e in evaluations], reference, start_end=end)
+    yield (
+        "rates",
+        lambda: rates_figure([estimated_rates(e.history) for e in evaluations], reference, start_end=end),
+    )
     yield "inertia", lambda: inertia_figure(evaluations, moments, end)
     yield "polhode", lambda: estimated_polhode_figure(estimated_rates(first.history), first.body)
-    yield "scene", lambda: scene_figure(first.trajectory, first.body, pictured.dataset.rig, pictured.map_points)
+    yield (
+        "scene",
+        lambda: scene_figure(first.trajectory, first.body, pictured.dataset.rig, pictured.map_points),
+    )
     yield "consistency", lambda: consistency_figure(evaluations, end)
     for evaluation in evaluations:
         yield f"errors-{evaluation.name}", lambda evaluation=evaluation: error_bands_figure(evaluation, end)

@@ -57,7 +57,9 @@ def identify_gyro_noise(gyro: MeasurementStream, fitted: StartReport) -> GyroNoi
 def _correlation_time(residual: Float[np.ndarray, "n 3"]) -> float:
     """1 + 2 sum of the autocorrelation up to where it first reaches zero, in samples."""
     n = len(residual)
-    products = np.array([float(np.sum(residual[lag:] * residual[: n - lag])) for lag in range(max(n // 2, 1))])
+    products = np.array(
+        [float(np.sum(residual[lag:] * residual[: n - lag])) for lag in range(max(n // 2, 1))]
+    )
     if products[0] <= 0:
         return 1.0
     correlation = products / products[0]

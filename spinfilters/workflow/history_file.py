@@ -1,18 +1,32 @@
 """Histories as files, so that figures can be drawn again without running anything."""
 
 import io
+import zlib
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.logs.atomic_write import write_bytes
+from spinfilters.logs.input_file import named, reason
 from spinfilters.state.layout import StateLayout
 from spinfilters.state.status import EstimatorStatus, Verdict
 
 _ARRAYS = ("time", "mean", "factor", "nis", "dof", "log_likelihood", "accepted", "rejected", "runtime")
 LARGEST_FILE = 2 << 30
+_DAMAGED = (
+    OSError,
+    ValueError,
+    TypeError,
+    KeyError,
+    EOFError,
+    NotImplementedError,
+    BadZipFile,
+    zlib.error,
+    InputError,
+)
 
 
 def write_history(path: Path, history: EstimateHistory) -> None:
@@ -38,16 +52,24 @@ def read_history(path: Path) -> EstimateHistory:
     """
     try:
         if path.stat().st_size > LARGEST_FILE:
-            raise InputError(f"{path}: {path.stat().st_size} bytes is larger than any run; make the run again")
-        with np.load(path, allow_pickle=False) as file:
+            raise ValueError(f"{path.stat().st_size} bytes is larger than any run")
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             arrays = {name: file[name] for name in (*_ARRAYS, "name", "blocks", "verdict", "reasons")}
-    except (OSError, ValueError, KeyError, EOFError) as error:
-        raise InputError(f"{path}: is no history of a run ({' '.join(str(error).split())}); make the run again") from None
-    layout = StateLayout(tuple(map(str, arrays["blocks"])))
-    count, shapes = len(arrays["time"]), (layout.mean_dim, layout.error_dim)
-    if arrays["mean"].shape != (count, shapes[0]) or arrays["factor"].shape != (count, shapes[1], shapes[1]):
-        raise InputError(f"{path}: its arrays do not fit its state {layout.blocks}; make the run again")
-    status = EstimatorStatus(Verdict(str(arrays["verdict"])), tuple(map(str, arrays["reasons"])))
-    return EstimateHistory(
-        name=str(arrays["name"]), layout=layout, status=status, **{name: arrays[name] for name in _ARRAYS}
-    )
+        layout = StateLayout(tuple(map(str, arrays["blocks"])))
+        status = EstimatorStatus(Verdict(str(arrays["verdict"])), tuple(map(str, arrays["reasons"])))
+        numbers = {name: _checked(name, arrays[name], len(arrays["time"]), layout) for name in _ARRAYS}
+    except _DAMAGED as error:
+        raise InputError(
+            f"{named(path)}: is no history of a run ({reason(error)}); make the run again"
+        ) from None
+    return EstimateHistory(name=str(arrays["name"]), layout=layout, status=status, **numbers)
+
+
+def _checked(name: str, array: np.ndarray, count: int, layout: StateLayout) -> np.ndarray:
+    shapes = {"mean": (count, layout.mean_dim), "factor": (count, layout.error_dim, layout.error_dim)}
+    kind = "i" if name in ("dof", "accepted", "rejected") else "f"
+    if array.shape != shapes.get(name, (count,)) or array.dtype.kind != kind:
+        raise ValueError(
+            f"{name} is {array.dtype} of shape {array.shape}, which does not fit {layout.blocks}"
+        )
+    return array

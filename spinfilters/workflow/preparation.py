@@ -67,7 +67,9 @@ def prepare(dataset: Dataset, settings: Settings) -> Prepared:
         noise = replace(noise, gyro_scale_std=gyro_noise.scale_std)
     timeline = build_timeline(log, layout, noise, view)
     if len(timeline) < 5:
-        raise InputError(f"{dataset.description or dataset.path} has {len(timeline)} frame(s); give at least 5")
+        raise InputError(
+            f"{dataset.description or dataset.path} has {len(timeline)} frame(s); give at least 5"
+        )
     frames = settings.start.count(timeline)
     evidence = evidence_from_poses(poses, frames) if poses else evidence_from_gyro(log.stream("gyro"), frames)
     start = start_from_data(process, timeline, evidence, settings.start)

@@ -49,7 +49,9 @@ def _own_doubts(evaluation: Evaluation) -> list[str]:
     reasons, body, history = [], evaluation.body, evaluation.history
     worst = float(np.max(body.principal_moments_std))
     if worst > LARGEST_MOMENT_STD:
-        reasons.append(f"the moments of inertia are not determined: standard deviation {worst:.2g} of the largest")
+        reasons.append(
+            f"the moments of inertia are not determined: standard deviation {worst:.2g} of the largest"
+        )
     ratio = evaluation.nis_ratio
     if ratio is not None and ratio > LARGEST_NIS:
         reasons.append(

@@ -1,6 +1,7 @@
 """The run folder: what others read (trajectories, maps, summary.json) and what the figures are drawn from."""
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +12,19 @@ from spinfilters.evaluation.evaluation import Evaluation, numbers
 from spinfilters.evaluation.trajectory import write_map_ply, write_trajectory_csv, write_trajectory_tum
 from spinfilters.logs.atomic_write import make_folder, write_json, write_toml
 from spinfilters.logs.dataset_writing import write_dataset
+from spinfilters.logs.input_file import reason
+from spinfilters.logs.measurement_log import MeasurementStream
+from spinfilters.logs.pose_files import write_tum
+from spinfilters.logs.settings_files import read_toml
 from spinfilters.workflow.estimation import Comparison
 from spinfilters.workflow.history_file import write_history
 from spinfilters.workflow.preparation import Prepared
 from spinfilters.workflow.provenance import provenance
-from spinfilters.workflow.settings import Settings
+from spinfilters.workflow.settings import ESTIMATORS, Settings
 
-SUMMARY_FILE, CONFIG_FILE, DATASET_FOLDER = "summary.json", "config.toml", "dataset"
+SUMMARY_FILE, CONFIG_FILE, DATASET_FOLDER, TRUTH_FILE = "summary.json", "config.toml", "dataset", "truth.tum"
+FIGURES = ("summary", "rates", "inertia", "polhode", "scene", "consistency")
+"""Names of the figures of a run, besides errors-<estimator>."""
 SCHEMA = 1
 LARGEST_SUMMARY = 1 << 26
 
@@ -29,19 +36,27 @@ def open_run_folder(folder: Path) -> None:
     ------
     InputError: it is a file, holds foreign files, or cannot be written.
     """
-    if folder.is_dir() and any(folder.iterdir()):
-        known = (SUMMARY_FILE, CONFIG_FILE, DATASET_FOLDER, "segments")
-        if not any((folder / name).exists() for name in known):
-            raise InputError(f"{folder}: is not empty and not a run folder; choose another folder with -o")
+    if folder.is_dir() and any(folder.iterdir()) and not _is_run(folder):
+        raise InputError(f"{folder}: is not empty and not a run folder; choose another folder with -o")
     make_folder(folder)
+
+
+def write_configuration(folder: Path, settings: Settings) -> None:
+    """config.toml: the settings and what the run was made with. It comes first and marks the folder as a run's."""
+    write_toml(folder / CONFIG_FILE, configuration(settings))
+
+
+def configuration(settings: Settings) -> dict[str, Any]:
+    """The content of config.toml."""
+    return {**settings.document, "provenance": provenance()}
 
 
 def write_run(folder: Path, comparison: Comparison, settings: Settings) -> None:
-    """Everything but the figures; summary.json comes last, so that a folder with one is whole."""
-    make_folder(folder)
-    (folder / SUMMARY_FILE).unlink(missing_ok=True)
-    write_toml(folder / CONFIG_FILE, {**settings.document, "provenance": provenance()})
-    write_dataset(comparison.prepared.dataset, folder / DATASET_FOLDER)
+    """Everything but the figures, in place of an earlier run; summary.json comes last, so that a folder with one is whole."""
+    open_run_folder(folder)
+    write_configuration(folder, settings)
+    _clear(folder, comparison.prepared.dataset.path)
+    _write_measurements(folder, comparison.prepared)
     for evaluation in comparison.evaluations:
         part = folder / evaluation.name
         make_folder(part)
@@ -51,6 +66,33 @@ def write_run(folder: Path, comparison: Comparison, settings: Settings) -> None:
         if comparison.prepared.map_points is not None:
             write_map_ply(part / "map.ply", comparison.prepared.map_points)
     write_json(folder / SUMMARY_FILE, summary(comparison))
+
+
+def _is_run(folder: Path) -> bool:
+    try:
+        return "provenance" in read_toml(folder / CONFIG_FILE)
+    except InputError:
+        return False
+
+
+def _clear(folder: Path, source: Path | None) -> None:
+    """Remove an earlier run, but not its data set when that is what the new run was made from."""
+    figures = [f"{name}.png" for name in (*FIGURES, *(f"errors-{name}" for name in ESTIMATORS))]
+    for name in (SUMMARY_FILE, TRUTH_FILE, *figures):
+        (folder / name).unlink(missing_ok=True)
+    for place in (folder / name for name in (DATASET_FOLDER, *ESTIMATORS)):
+        in_use = source is not None and source.resolve().is_relative_to(place.resolve())
+        if place.is_dir() and not place.is_symlink() and not in_use:
+            shutil.rmtree(place)
+
+
+def _write_measurements(folder: Path, prepared: Prepared) -> None:
+    """The data set; and, where truth and estimates share their frames, the truth in the TUM format."""
+    dataset = prepared.dataset
+    write_dataset(dataset, folder / DATASET_FOLDER)
+    if prepared.known_frames and dataset.truth is not None:
+        poses = np.hstack([dataset.truth.center_of_mass, dataset.truth.q_ig])
+        write_tum(folder / TRUTH_FILE, MeasurementStream("pose", dataset.truth.time, poses))
 
 
 def summary(comparison: Comparison) -> dict[str, Any]:
@@ -76,12 +118,16 @@ def read_summary(folder: Path) -> dict[str, Any]:
     path = folder / SUMMARY_FILE
     try:
         if path.stat().st_size > LARGEST_SUMMARY:
-            raise InputError(f"{path}: {path.stat().st_size} bytes is no summary of a run; make the run again")
+            raise InputError(
+                f"{path}: {path.stat().st_size} bytes is no summary of a run; make the run again"
+            )
         document = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); give a folder made by 'spinfilters compare'") from None
-    except ValueError as error:
-        raise InputError(f"{path}: is not JSON ({' '.join(str(error).split())}); make the run again") from None
+        raise InputError(
+            f"{path}: cannot be read ({error.strerror}); give a folder made by 'spinfilters compare'"
+        ) from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: is not JSON ({reason(error)}); make the run again") from None
     if not isinstance(document, dict) or document.get("schema") != SCHEMA:
         raise InputError(f"{path}: schema is not {SCHEMA}; make the run again with this version")
     return document
@@ -146,4 +192,13 @@ def _estimator(evaluation: Evaluation) -> dict[str, Any]:
     }
 
 
-_ERROR_KEYS = ("rms", "ape", "principal_moments_error", "k1_error", "k2_error", "axes_angle", "center_of_mass_error", "nees")
+_ERROR_KEYS = (
+    "rms",
+    "ape",
+    "principal_moments_error",
+    "k1_error",
+    "k2_error",
+    "axes_angle",
+    "center_of_mass_error",
+    "nees",
+)

@@ -10,13 +10,22 @@ from rich.table import Table
 
 from spinfilters.errors import InputError
 from spinfilters.logs.atomic_write import write_json
-from spinfilters.logs.dataset import Dataset
+from spinfilters.logs.dataset import Dataset, read_dataset
+from spinfilters.logs.measurement_log import MeasurementStream
+from spinfilters.logs.settings_files import read_toml
 from spinfilters.plots.style import save_figure
 from spinfilters.plots.throws import Throw, throws_figure
 from spinfilters.workflow.estimation import Progress, compare_estimators
 from spinfilters.workflow.preparation import prepare
-from spinfilters.workflow.run_folder import read_summary, write_run
-from spinfilters.workflow.settings import Settings, read_settings
+from spinfilters.workflow.run_folder import (
+    CONFIG_FILE,
+    DATASET_FOLDER,
+    configuration,
+    read_summary,
+    write_configuration,
+    write_run,
+)
+from spinfilters.workflow.settings import Settings
 
 SEGMENTS_FOLDER = "segments"
 
@@ -41,6 +50,7 @@ def run_segments(
 
     Ctrl-C ends the loop; what is done is returned.
     """
+    write_configuration(folder, settings)
     results: list[SegmentResult] = []
     try:
         for index, dataset in enumerate(datasets):
@@ -55,7 +65,7 @@ def run_segments(
 def _run_segment(dataset: Dataset, folder: Path, settings: Settings, progress: Progress) -> SegmentResult:
     number = 0 if dataset.segment is None else dataset.segment.number
     place = folder / SEGMENTS_FOLDER / f"{number:03d}"
-    if (done := _finished(place, settings)) is not None:
+    if (done := _finished(place, dataset, settings)) is not None:
         return SegmentResult(number, done)
     try:
         comparison = compare_estimators(prepare(dataset, settings), settings, progress)
@@ -67,19 +77,29 @@ def _run_segment(dataset: Dataset, folder: Path, settings: Settings, progress: P
     return SegmentResult(number, read_summary(place))
 
 
-def _finished(place: Path, settings: Settings) -> dict[str, Any] | None:
+def _finished(place: Path, dataset: Dataset, settings: Settings) -> dict[str, Any] | None:
+    """Summary of a run that was made of the same measurements, settings and versions."""
     try:
-        if read_settings(place / "config.toml") == settings:
-            return read_summary(place)
+        if read_toml(place / CONFIG_FILE) != configuration(settings):
+            return None
+        earlier = read_dataset(place / DATASET_FOLDER).log
+        same = earlier.sensors == dataset.log.sensors and all(
+            map(_equal, earlier.streams, dataset.log.streams)
+        )
+        return read_summary(place) if same else None
     except InputError:
-        pass
-    return None
+        return None
+
+
+def _equal(one: MeasurementStream, other: MeasurementStream) -> bool:
+    return np.array_equal(one.time, other.time) and np.array_equal(one.values, other.values)
 
 
 def write_segments(folder: Path, results: Sequence[SegmentResult], settings: Settings) -> None:
     """segments.json, and throws-<estimator>.png of every estimator that has a result."""
     document = {
-        str(r.number): {"failure": r.failure} if r.summary is None else r.summary["estimators"] for r in results
+        str(r.number): {"failure": r.failure} if r.summary is None else r.summary["estimators"]
+        for r in results
     }
     write_json(folder / "segments.json", {"schema": 1, "segments": document})
     for name in settings.estimators:
@@ -123,7 +143,9 @@ def _cells(estimate: dict[str, Any]) -> tuple[str, ...]:
     )
 
 
-def segment_medians(results: Sequence[SegmentResult], settings: Settings) -> dict[str, tuple[float, float, int, int]]:
+def segment_medians(
+    results: Sequence[SegmentResult], settings: Settings
+) -> dict[str, tuple[float, float, int, int]]:
     """Per estimator: median J1/J3 and J2/J3 of the segments that are ``ok``, how many those are, and of how many."""
     medians = {}
     for name in settings.estimators:

@@ -1,7 +1,6 @@
 """Everything that can be set about a run, read from and written to TOML."""
 
-import math
-import tomllib
+import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
@@ -10,11 +9,12 @@ from typing import Any
 from spinfilters.errors import InputError
 from spinfilters.estimators.multiplicative_ukf import SigmaPointOptions
 from spinfilters.estimators.start import StartOptions
+from spinfilters.logs.input_file import named, shown
+from spinfilters.logs.settings_files import read_toml
 from spinfilters.models.process import ProcessNoise
 
 AUTO = "auto"
 ESTIMATORS = ("mekf", "ukf", "filterpy-ekf", "filterpy-ukf")
-LARGEST_FILE = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,11 @@ class ProcessSettings:
     torque_psd: float | str = AUTO
     drag: bool = False
     tolerance: float = 1e-8
+
+    def __post_init__(self) -> None:
+        if not self.tolerance > 0:
+            raise InputError(f"process.tolerance is {self.tolerance}; it must be positive")
+        self.noise(ProcessNoise.torque_psd)
 
     def noise(self, automatic_torque_psd: float) -> ProcessNoise:
         """Its noise densities, checked."""
@@ -84,7 +89,12 @@ class Settings:
         return {**asdict(self), "estimators": list(self.estimators)}
 
 
-_TABLES = {"process": ProcessSettings, "sensors": SensorSettings, "start": StartOptions, "ukf": SigmaPointOptions}
+_TABLES = {
+    "process": ProcessSettings,
+    "sensors": SensorSettings,
+    "start": StartOptions,
+    "ukf": SigmaPointOptions,
+}
 
 
 def read_settings(path: Path) -> Settings:
@@ -94,15 +104,7 @@ def read_settings(path: Path) -> Settings:
     ------
     InputError: missing, too large, not TOML, an unknown key, a value of another type or out of range.
     """
-    try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise InputError(f"{path}: {path.stat().st_size} bytes is no configuration; give a small TOML file")
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); give the path of a TOML file") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: is not TOML ({' '.join(str(error).split())}); see config.toml of any run") from None
-    return settings_from(document, str(path))
+    return settings_from(read_toml(path), named(path))
 
 
 def settings_from(document: Mapping[str, Any], source: str) -> Settings:
@@ -111,38 +113,48 @@ def settings_from(document: Mapping[str, Any], source: str) -> Settings:
     for key, value in document.items():
         if key == "estimators":
             if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
-                raise InputError(f"{source}: estimators is {value!r}; give a list of names")
+                raise InputError(f"{source}: estimators is {shown(value)}; give a list of names")
             values[key] = tuple(value)
         elif key in _TABLES:
             values[key] = _table(_TABLES[key], key, value, source)
         elif key != "provenance":
             raise InputError(f"{source}: unknown key {key!r}; known are estimators, {', '.join(_TABLES)}")
-    return Settings(**values)
+    try:
+        return Settings(**values)
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None
 
 
 def _table(kind: type, name: str, value: object, source: str) -> Any:
     if not isinstance(value, dict):
-        raise InputError(f"{source}: {name} is {value!r}; it must be a table [{name}]")
+        raise InputError(f"{source}: {name} is {shown(value)}; it must be a table [{name}]")
     known = {item.name: getattr(kind(), item.name) for item in fields(kind)}
     for key, entry in value.items():
         if key not in known:
             raise InputError(f"{source}: unknown key {name}.{key}; known are {', '.join(known)}")
         _check_type(f"{source}: {name}.{key}", known[key], entry)
     try:
-        return kind(**{key: type(known[key])(entry) if isinstance(known[key], float) else entry for key, entry in value.items()})
+        return kind(
+            **{
+                key: type(known[key])(entry) if isinstance(known[key], float) else entry
+                for key, entry in value.items()
+            }
+        )
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
 
 
 def _check_type(where: str, default: object, value: object) -> None:
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    number = (
+        isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+    )
     if isinstance(default, bool):
         good, wanted = isinstance(value, bool), "true or false"
     elif default == AUTO:
-        good, wanted = (number and math.isfinite(value) and value >= 0) or value == AUTO, 'a number of at least 0 or "auto"'
+        good, wanted = (number and value >= 0) or value == AUTO, 'a number of at least 0 or "auto"'
     elif isinstance(default, int):
         good, wanted = isinstance(value, int) and number, "a whole number"
     else:
-        good, wanted = number and math.isfinite(value), "a finite number"
+        good, wanted = number, "a finite number"
     if not good:
-        raise InputError(f"{where} is {value!r}; give {wanted}")
+        raise InputError(f"{where} is {shown(value)}; give {wanted}")

@@ -1,0 +1,175 @@
+"""Our filters against filterpy's on the same frames: time of one prediction and update, interleaved by blocks in one run.
+
+    python -m experiments.benchmarks.filters --frames 24 --out /tmp/benchmark
+
+Both sides get the same compiled models and the same stacked, whitened rows of the simulated default (about 215
+landmarks a frame, known map). Machines differ and get busy, so the result is a ratio. The filters take turns by
+blocks of frames, and the ratio's range over blocks is printed beside it. They do not take turns by single frames:
+filterpy's dense matrices of some megabytes then sweep the processor's caches before each of our frames, which makes
+those three times as long.
+"""
+
+import argparse
+import os
+import platform
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from pathlib import Path
+from time import perf_counter
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+from spinfilters.estimators.estimator import Estimator
+from spinfilters.estimators.timeline import Frame
+from spinfilters.logs.atomic_write import write_json
+from spinfilters.plots.style import BLUE, GREY, RED, save_figure, tidy
+from spinfilters.simulation.scenario import Scenario, simulate
+from spinfilters.workflow.estimation import build_estimator
+from spinfilters.workflow.preparation import Prepared, prepare
+from spinfilters.workflow.settings import Settings
+
+PAIRS: Final = (("mekf", "filterpy-ekf"), ("ukf", "filterpy-ukf"))
+NAMES: Final = tuple(name for pair in PAIRS for name in pair)
+WARM_FRAMES: Final = 3
+"""Frames of every block before the clock starts: compiling, buffers, caches."""
+PASSES: Final = {"mekf": 50, "ukf": 25, "filterpy-ekf": 1, "filterpy-ukf": 1}
+"""Over the frames of a block: as many as give each filter about the same share of the clock, and of its disturbances."""
+ONE_THREAD: Final[dict[str, str]] = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
+)
+
+
+@dataclass(frozen=True)
+class SpeedRatio:
+    """One of ours against one of filterpy's: medians in ms per frame, their ratio, its least and greatest over blocks."""
+
+    ours: str
+    theirs: str
+    ours_ms: float
+    theirs_ms: float
+    ratio: float
+    least: float
+    greatest: float
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Measure, print, and write ``filters.json`` and ``filters.png``."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--frames", type=int, default=24, help="timed frames of a block")
+    parser.add_argument("--blocks", type=int, default=5, help="blocks, each from the same start")
+    parser.add_argument("--out", type=Path, help="folder for filters.json and filters.png")
+    options = parser.parse_args(arguments)
+    _use_one_thread()
+    prepared = prepare(simulate(Scenario()), Settings())
+    seconds = time_frames(prepared, options.frames, options.blocks)
+    ratios = [speed_ratio(seconds, *pair) for pair in PAIRS]
+    landmarks = float(np.mean([len(frame.measurements[0].values) for frame in prepared.timeline]))
+    _print(ratios, landmarks, seconds.shape)
+    if options.out is not None:
+        options.out.mkdir(parents=True, exist_ok=True)
+        document = {
+            "machine": f"{platform.machine()}, {os.cpu_count()} cores, one thread used",
+            "python": platform.python_version(),
+            "landmarks_per_frame": round(landmarks, 1),
+            "blocks": seconds.shape[0],
+            "frames_per_block": seconds.shape[1],
+            "ratios": [asdict(ratio) for ratio in ratios],
+        }
+        write_json(options.out / "filters.json", document)
+        save_figure(speed_figure(ratios, landmarks), options.out / "filters.png")
+
+
+def time_frames(prepared: Prepared, frames: int, blocks: int) -> Float[np.ndarray, "b n 4"]:
+    """Seconds per frame of every filter in `NAMES`, each from the same start over the same frames, in every block."""
+    filters = [build_estimator(name, prepared, Settings()) for name in NAMES]
+    first = len(prepared.start.frames.mean)
+    steps = list(pairwise(prepared.timeline[first - 1 : first + WARM_FRAMES + frames]))
+    rows = [[_passes(estimator, prepared, steps) for estimator in filters] for _ in range(blocks)]
+    return np.moveaxis(np.array(rows), 1, 2)
+
+
+def _passes(
+    estimator: Estimator, prepared: Prepared, steps: Sequence[tuple[Frame, Frame]]
+) -> Float[np.ndarray, " n"]:
+    """Seconds of one filter for each step but the first ones, the median of its passes over them."""
+    rows = []
+    for _ in range(PASSES[estimator.name]):
+        estimator.start(prepared.start.belief)
+        rows.append([_seconds(estimator, after, after.time - before.time) for before, after in steps])
+    return np.median(rows, axis=0)[WARM_FRAMES:]
+
+
+def speed_ratio(seconds: Float[np.ndarray, "b n 4"], ours: str, theirs: str) -> SpeedRatio:
+    """Ratio of the medians of two columns of `time_frames`, and its range over blocks."""
+    pair = seconds[..., [NAMES.index(ours), NAMES.index(theirs)]]
+    medians = np.median(pair, axis=1)
+    over_blocks = medians[:, 1] / medians[:, 0]
+    mine, other = np.median(pair, axis=(0, 1)).tolist()
+    return SpeedRatio(
+        ours,
+        theirs,
+        1e3 * mine,
+        1e3 * other,
+        other / mine,
+        float(over_blocks.min()),
+        float(over_blocks.max()),
+    )
+
+
+def speed_figure(ratios: Sequence[SpeedRatio], landmarks: float) -> Figure:
+    """Milliseconds per frame as bars on a logarithmic axis, each of ours beside its counterpart."""
+    figure = Figure(figsize=(7.0, 4.4), layout="constrained")
+    axes = figure.add_subplot()
+    names = [name for ratio in ratios for name in (ratio.ours, ratio.theirs)]
+    times = [time for ratio in ratios for time in (ratio.ours_ms, ratio.theirs_ms)]
+    bars = axes.bar(names, times, color=[BLUE, GREY, RED, GREY][: len(names)], width=0.65)
+    labels = [
+        text
+        for r in ratios
+        for text in (f"{r.ours_ms:.2f} ms\n{r.ratio:.0f}x faster", f"{r.theirs_ms:.1f} ms")
+    ]
+    axes.bar_label(bars, labels, padding=3)
+    axes.set_yscale("log")
+    axes.set_ylim(min(times) / 3, max(times) * 4)
+    axes.set_ylabel("time per frame  [ms]")
+    axes.set_title(f"Prediction and update with {landmarks:.0f} stereo landmarks, one thread")
+    tidy(axes)
+    axes.grid(visible=False, axis="x")
+    return figure
+
+
+def _seconds(estimator: Estimator, frame: Frame, dt: float) -> float:
+    begin = perf_counter()
+    estimator.predict(dt)
+    for measurement in frame.measurements:
+        estimator.update(measurement)
+    return perf_counter() - begin
+
+
+def _use_one_thread() -> None:
+    """Start over with one thread per library: linear algebra libraries read these variables only when they are loaded."""
+    if any(os.environ.get(name) != value for name, value in ONE_THREAD.items()):
+        os.environ.update(ONE_THREAD)
+        os.execv(sys.executable, [sys.executable, "-m", "experiments.benchmarks.filters", *sys.argv[1:]])
+
+
+def _print(ratios: Sequence[SpeedRatio], landmarks: float, shape: tuple[int, ...]) -> None:
+    print(
+        f"{shape[0]} blocks of {shape[1]} frames, {landmarks:.0f} stereo landmarks a frame, one thread, medians"
+    )
+    for r in ratios:
+        print(
+            f"{r.ours:>5} {r.ours_ms:7.3f} ms   {r.theirs:>12} {r.theirs_ms:7.2f} ms   "
+            f"ratio {r.ratio:5.1f} ({r.least:.1f} to {r.greatest:.1f} over blocks)"
+        )
+
+
+if __name__ == "__main__":
+    main()
