@@ -22,6 +22,7 @@ from spinfilters.workflow.run_folder import open_run_folder, write_run
 from spinfilters.workflow.segments import run_segments, segment_medians, segment_table, write_segments
 from spinfilters.workflow.settings import Settings, read_settings
 
+WIDTH_OF_FILES = 150
 RECORDING_ESTIMATORS = ("mekf", "ukf")
 
 
@@ -45,7 +46,7 @@ def compare(options: argparse.Namespace) -> int:
                 folder,
                 lambda done, total: report("figures", done, total),
             )
-    console = Console()
+    console = _wide_console()
     console.print(comparison_table(comparison.evaluations))
     for evaluation in comparison.evaluations:
         for reason in evaluation.history.status.reasons:
@@ -54,7 +55,7 @@ def compare(options: argparse.Namespace) -> int:
             )
     if comparison.interrupted:
         raise InputError(
-            f"interrupted; what was estimated is in {folder}, run the command again for the rest"
+            f"interrupted; what was estimated is in {folder}, run the command again for all of it"
         )
     console.print(
         f"run folder: {folder}   (look at {folder / 'summary.png'})", highlight=False, soft_wrap=True
@@ -80,7 +81,7 @@ def _compare_segments(datasets: list[Dataset], folder: Path, settings: Settings)
             datasets, folder, settings, lambda *_: None, lambda done, total: report("segments", done, total)
         )
     write_segments(folder, results, settings)
-    console = Console()
+    console = _wide_console()
     console.print(segment_table(results, settings))
     for name, (first, second, good, total) in segment_medians(results, settings).items():
         console.print(
@@ -122,6 +123,12 @@ def _dataset(options: argparse.Namespace) -> Dataset:
             raise InputError(f"--segment {options.segment} is no segment; give a number or 'all'")
         segment = int(options.segment)
     return read_dataset(options.dataset, segment)
+
+
+def _wide_console() -> Console:
+    """A terminal at its own width; a file or a pipe at one that the tables fit into."""
+    console = Console()
+    return console if console.is_terminal else Console(width=WIDTH_OF_FILES)
 
 
 @contextmanager

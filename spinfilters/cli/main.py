@@ -2,8 +2,10 @@
 
 import argparse
 import math
+import os
 import sys
 from collections.abc import Sequence
+from typing import NoReturn
 
 from spinfilters import __version__
 from spinfilters.errors import SpinfiltersError
@@ -13,6 +15,8 @@ EXIT_OK, EXIT_BAD_INPUT = 0, 2
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit code: 0, or 2 for anything that the user can mend."""
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")  # before NumPy loads: threads only slow matrices this small
     options = _parser().parse_args(arguments)
     try:
         return options.command(options)
@@ -39,7 +43,7 @@ def _complain(text: str) -> int:
 class _Parser(argparse.ArgumentParser):
     """An argument parser whose complaint is one line."""
 
-    def error(self, message: str) -> None:
+    def error(self, message: str) -> NoReturn:
         raise SystemExit(_complain(f"{message}; see '{self.prog} --help'"))
 
 
@@ -58,7 +62,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _add_compare(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+def _add_compare(commands: "argparse._SubParsersAction[_Parser]") -> None:
     compare = commands.add_parser(
         "compare",
         help="estimators side by side on identical measurements",
@@ -78,7 +82,7 @@ def _add_compare(commands: "argparse._SubParsersAction[argparse.ArgumentParser]"
     compare.set_defaults(command=_compare)
 
 
-def _add_estimate(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+def _add_estimate(commands: "argparse._SubParsersAction[_Parser]") -> None:
     estimate = commands.add_parser("estimate", help="one estimator on a recording")
     estimate.add_argument(
         "dataset", metavar="DATASET", help="data set folder, phyphox export, gyro .csv or TUM .tum"
@@ -101,7 +105,7 @@ def _add_run_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_simulate(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+def _add_simulate(commands: "argparse._SubParsersAction[_Parser]") -> None:
     simulate = commands.add_parser(
         "simulate", help="write a simulated data set with truth, and a picture of it"
     )

@@ -1,5 +1,6 @@
 """Everything that can be set about a run, read from and written to TOML."""
 
+import math
 import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
@@ -145,16 +146,21 @@ def _table(kind: type, name: str, value: object, source: str) -> Any:
 
 
 def _check_type(where: str, default: object, value: object) -> None:
-    number = (
-        isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
-    )
+    number = _number(value)
     if isinstance(default, bool):
         good, wanted = isinstance(value, bool), "true or false"
     elif default == AUTO:
-        good, wanted = (number and value >= 0) or value == AUTO, 'a number of at least 0 or "auto"'
+        good, wanted = number >= 0 or value == AUTO, 'a number of at least 0 or "auto"'
     elif isinstance(default, int):
-        good, wanted = isinstance(value, int) and number, "a whole number"
+        good, wanted = isinstance(value, int) and not isinstance(value, bool), "a whole number"
     else:
-        good, wanted = number, "a finite number"
+        good, wanted = math.isfinite(number), "a finite number"
     if not good:
         raise InputError(f"{where} is {shown(value)}; give {wanted}")
+
+
+def _number(value: object) -> float:
+    """The value as a float; NaN for what is no finite number."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return math.nan
+    return float(value) if abs(value) <= sys.float_info.max else math.nan

@@ -1,6 +1,7 @@
 """Our trajectory errors are those of evo (M. Grupp), run as a program of its own.
 
-Recipe: ``python3 -m venv evo && evo/bin/pip install evo``, then ``SPINFILTERS_EVO_APE=evo/bin/evo_ape pytest tests/workflow/test_evo.py``.
+Recipe: ``python3 -m venv evo && evo/bin/pip install evo``, then
+``SPINFILTERS_EVO_APE=evo/bin/evo_ape pytest tests/workflow/test_evo.py``.
 By hand: ``evo_ape tum RUN/truth.tum RUN/ukf/trajectory.tum`` and the same with ``-r angle_deg``.
 """
 

@@ -76,20 +76,20 @@ def test_throws_of_a_racquet_agree_and_need_drag(shared_data: Callable[[str], Pa
     with_drag = Settings(estimators=("mekf",), process=ProcessSettings(drag=True))
     without = replace(with_drag, process=ProcessSettings(drag=False))
     moments, ratios = [], []
-    for number in range(8):
+    for number in range(6):
         dataset = read_dataset(folder, number)
         run = compared(dataset, with_drag)
         moments.append(run.evaluations[0].body.principal_moments)
-        free, damped = prepare(dataset, without).gyro_noise, run.prepared.gyro_noise
-        assert free is not None
-        assert damped is not None
-        ratios.append(free.relative_error / damped.relative_error)
+        if number < 3:
+            free, damped = prepare(dataset, without).gyro_noise, run.prepared.gyro_noise
+            assert free is not None
+            assert damped is not None
+            ratios.append(free.relative_error / damped.relative_error)
     median = np.median(moments, axis=0)
     print(f"median J1/J3 {median[0]:.4f}, J2/J3 {median[1]:.4f}; gyro error without / with drag {ratios}")
     assert median[0] == pytest.approx(0.0705, abs=0.005)
     assert median[1] == pytest.approx(0.932, abs=0.01)
-    assert min(ratios) > 1.1
-    assert np.median(ratios) > 1.25
+    assert min(ratios) > 1.15
 
 
 def test_tracks_made_elsewhere_give_their_body_and_attitude(shared_data: Callable[[str], Path]) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from spinfilters.cli.main import main
 from spinfilters.evaluation.trajectory import STD_COLUMNS, read_map_ply
-from spinfilters.logs.dataset import read_dataset
+from spinfilters.logs.dataset import Dataset, read_dataset
 from spinfilters.logs.dataset_writing import write_dataset
 from spinfilters.logs.pose_files import read_tum
 from spinfilters.logs.table_files import read_csv
@@ -162,7 +162,7 @@ def test_map_found_from_tracks_alone_is_drawn_again(tmp_path: Path) -> None:
     assert not (tmp_path / "run" / "truth.tum").exists()
 
 
-def read_unmapped(folder: Path):
+def read_unmapped(folder: Path) -> Dataset:
     """Tracks whose landmarks are not known."""
     write_dataset(simulate(Scenario(frames=20, landmarks=40)), folder)
     (folder / "landmarks.csv").unlink()
