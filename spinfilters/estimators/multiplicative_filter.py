@@ -26,7 +26,9 @@ class MultiplicativeFilter(Estimator):
 
     def start(self, belief: Gaussian) -> None:
         if belief.layout != self.layout:
-            raise InputError(f"belief has the blocks {belief.layout.blocks}, the process has {self.layout.blocks}")
+            raise InputError(
+                f"belief has the blocks {belief.layout.blocks}, the process has {self.layout.blocks}"
+            )
         self._mean, self._factor = belief.mean.copy(), belief.factor.copy()
 
     @property

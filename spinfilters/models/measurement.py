@@ -99,7 +99,8 @@ class MeasurementModel(ABC):
     ) -> tuple[Float[np.ndarray, "k r p"], Bool[np.ndarray, " k"], Float[np.ndarray, " k"]]:
         """Innovations at many points, whitened by the noise at ``x``; where all are valid; log determinant of the noise factor."""
         innovation, valid, log_noise = self._innovations_at(len(points))(points.T, x, parameters, measured)
-        return np.swapaxes(innovation, 1, 2), valid[:, 0] > 0, log_noise[:, 0]
+        rows = innovation.reshape(len(measured), len(points), self.dim)
+        return np.swapaxes(rows, 1, 2), valid[:, 0] > 0, log_noise[:, 0]
 
     def whitening(
         self, x: Float[np.ndarray, "*batch m"], parameters: Float[np.ndarray, "*batch p"]
@@ -115,7 +116,8 @@ class MeasurementModel(ABC):
     ) -> Linearisation:
         """Innovations and their derivatives at a point."""
         innovation, jacobian, valid, log_noise = self._linearise(x, parameters, measured)
-        return Linearisation(innovation, np.swapaxes(jacobian, 1, 2), valid[..., 0] > 0, log_noise[..., 0])
+        rows = jacobian.reshape(len(innovation), len(self.columns), self.dim)
+        return Linearisation(innovation, np.swapaxes(rows, 1, 2), valid[..., 0] > 0, log_noise[..., 0])
 
     @cached_property
     def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:

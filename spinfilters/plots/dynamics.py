@@ -18,6 +18,7 @@ from spinfilters.dynamics.axis_stability import AxisStability, Stability
 from spinfilters.dynamics.polhode import Polhode, PolhodeKind
 from spinfilters.dynamics.spin_threshold import InspectionMission, spin_threshold
 from spinfilters.dynamics.torque_free import TorqueFreeMotion
+from spinfilters.plots.space import draw_ellipsoid, draw_wires, space_figure
 
 BLUE: Final[str] = "#0072B2"
 RED: Final[str] = "#D55E00"
@@ -30,11 +31,9 @@ AXIS_COLOURS: Final[tuple[str, str, str]] = (BLUE, RED, GREEN)
 
 def polhode_figure(polhode: Polhode, rate: Float[np.ndarray, "3"]) -> Figure:
     """Momentum and energy ellipsoids, their polhode and the rate (rad/s), in body axes (as Figure 2-6)."""
-    figure = Figure(figsize=(7.0, 6.6), layout="constrained")
-    axes = figure.add_subplot(projection="3d", computed_zorder=False)
-    assert isinstance(axes, Axes3D)
-    _ellipsoid(axes, polhode.energy_semi_axes, BLUE)
-    _ellipsoid(axes, polhode.momentum_semi_axes, RED)
+    figure, axes = space_figure(7.0, 6.6)
+    draw_ellipsoid(axes, polhode.energy_semi_axes, BLUE)
+    draw_wires(axes, polhode.momentum_semi_axes, RED)
     for curve in polhode.curves:
         marker = "o" if polhode.kind is PolhodeKind.POINT else None
         axes.plot(*curve.T, color=BLACK, linewidth=2.2, marker=marker, markersize=5, zorder=3)
@@ -45,7 +44,7 @@ def polhode_figure(polhode: Polhode, rate: Float[np.ndarray, "3"]) -> Figure:
     figure.legend(
         handles=[
             Patch(color=BLUE, alpha=0.35, label="constant energy"),
-            Patch(color=RED, alpha=0.35, label="constant momentum"),
+            Line2D([], [], color=RED, alpha=0.6, linewidth=0.7, label="constant momentum"),
             Line2D([], [], color=BLACK, linewidth=2.2, label="polhode (both)"),
             Line2D([], [], color=GREEN, marker="o", label="rate at t = 0"),
         ],
@@ -99,17 +98,6 @@ def _body_rate_axes(axes: Axes3D, extent: Float[np.ndarray, "3"]) -> None:
         axis.set_major_locator(MaxNLocator(5, prune="both"))
         axis.set_label_text(f"$\\omega_{name}$ [rad/s]")
         axis.labelpad = 9.0
-
-
-def _ellipsoid(axes: Axes3D, semi_axes: Float[np.ndarray, "3"], colour: str) -> None:
-    """A translucent ellipsoid about the origin."""
-    longitude, latitude = np.meshgrid(np.linspace(0, 2 * np.pi, 49), np.linspace(-np.pi / 2, np.pi / 2, 25))
-    x, y, z = np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)
-    a, b, c = semi_axes
-    axes.plot_surface(a * x, b * y, c * z, color=colour, alpha=0.22, linewidth=0, rstride=1, cstride=1)
-    axes.plot_wireframe(
-        a * x, b * y, c * z, color=colour, alpha=0.25, linewidth=0.5, rstride=4, cstride=4, zorder=2
-    )
 
 
 def _stability_text(stability: AxisStability) -> str:

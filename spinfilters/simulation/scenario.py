@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Float
 
+from spinfilters.attitude.conversions import matrix_from_quaternion, quaternion_from_euler321
 from spinfilters.conventions import RPM
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.errors import InputError
@@ -122,18 +123,7 @@ def _first_state(scenario: Scenario, layout: StateLayout) -> Float[np.ndarray, "
 
 def _principal_axes(scenario: Scenario) -> Float[np.ndarray, "3 3"]:
     """R_gb: columns are the principal axes in g."""
-    yaw, pitch, roll = scenario.axes_euler_g
-    cy, sy, cp, sp, cr, sr = (
-        np.cos(yaw),
-        np.sin(yaw),
-        np.cos(pitch),
-        np.sin(pitch),
-        np.cos(roll),
-        np.sin(roll),
-    )
-    Rz = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
-    Ry = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
-    return Rz @ Ry @ np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    return matrix_from_quaternion(quaternion_from_euler321(np.array(scenario.axes_euler_g)))
 
 
 def _ball(scenario: Scenario, generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -174,18 +164,12 @@ def _stereo_tracks(
 def _visible(
     layout: StateLayout, x: np.ndarray, landmarks: np.ndarray, normals: np.ndarray, pixels: np.ndarray
 ) -> Bool[np.ndarray, " k"]:
-    R = _rotation(x[layout.mean_slice("a")])
+    R = matrix_from_quaternion(x[layout.mean_slice("a")])
     points, outward = landmarks @ R.T + x[layout.mean_slice("t")], normals @ R.T
     facing = -np.einsum("ij,ij->i", outward, points) > FACING_COSINE * np.linalg.norm(points, axis=1)
     u_left, v_left, u_right = pixels.T
     inside = (u_right >= 0) & (u_left < RIG.width) & (v_left >= 0) & (v_left < RIG.height)
     return facing & inside & (points[:, 2] > 0.05)
-
-
-def _rotation(q: Float[np.ndarray, " 4"]) -> Float[np.ndarray, "3 3"]:
-    x, y, z, w = q
-    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + 2 * w * K + 2 * K @ K
 
 
 def _poses(
@@ -216,7 +200,7 @@ def _gyro(
 
 
 def _truth(scenario: Scenario, layout: StateLayout, time: np.ndarray, states: np.ndarray) -> Truth:
-    rotations = np.array([_rotation(q) for q in states[:, layout.mean_slice("a")]])
+    rotations = matrix_from_quaternion(states[:, layout.mean_slice("a")])
     R_gb = _principal_axes(scenario)
     order = np.argsort(scenario.principal_moments)
     axes = R_gb.T[order]
