@@ -99,14 +99,14 @@ class MeasurementModel(ABC):
     ) -> tuple[Float[np.ndarray, "k r p"], Bool[np.ndarray, " k"], Float[np.ndarray, " k"]]:
         """Innovations at many points, whitened by the noise at ``x``; where all are valid; log determinant of the noise factor."""
         innovation, valid, log_noise = self._innovations_at(len(points))(points.T, x, parameters, measured)
-        rows = innovation.reshape(len(measured), len(points), self.dim)
-        return np.swapaxes(rows, 1, 2), valid[:, 0] > 0, log_noise[:, 0]
+        return innovation.reshape(len(measured), self.dim, len(points)), valid[:, 0] > 0, log_noise[:, 0]
 
     def whitening(
         self, x: Float[np.ndarray, "*batch m"], parameters: Float[np.ndarray, "*batch p"]
     ) -> Float[np.ndarray, "*batch r r"]:
         """Inverse of the noise factor."""
-        return self._whitening(x, parameters)[0]
+        rows = self._whitening(x, parameters)[0]
+        return rows.reshape(*rows.shape[:-1], self.dim, self.dim)
 
     def linearise(
         self,
@@ -116,8 +116,8 @@ class MeasurementModel(ABC):
     ) -> Linearisation:
         """Innovations and their derivatives at a point."""
         innovation, jacobian, valid, log_noise = self._linearise(x, parameters, measured)
-        rows = jacobian.reshape(len(innovation), len(self.columns), self.dim)
-        return Linearisation(innovation, np.swapaxes(rows, 1, 2), valid[..., 0] > 0, log_noise[..., 0])
+        jacobian = jacobian.reshape(*innovation.shape, len(self.columns))
+        return Linearisation(innovation, jacobian, valid[..., 0] > 0, log_noise[..., 0])
 
     @cached_property
     def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -160,14 +160,14 @@ class MeasurementModel(ABC):
         every = one.map("every", "serial", count, [1, 2, 3], [])
         innovation, valid = every(points, p, z, whitening)
         return self._function(
-            f"innovations_{count}", [points, at, p, z], [innovation.T, ca.mmin(valid), log_noise]
+            f"innovations_{count}", [points, at, p, z], [_row_by_row(innovation), ca.mmin(valid), log_noise]
         )
 
     @cached_property
     def _whitening(self) -> Compiled:
         x, p, _ = self._symbols
         root = self.noise_factor(self.layout.unpack(x), p)
-        return self._function("whitening", [x, p], [ca.solve(root, ca.SX.eye(self.dim))])
+        return self._function("whitening", [x, p], [_row_by_row(ca.solve(root, ca.SX.eye(self.dim)))])
 
     @cached_property
     def _linearise(self) -> Compiled:
@@ -183,7 +183,7 @@ class MeasurementModel(ABC):
         innovation = self.innovation(self.symbolic(state, p), z)
         outputs = [
             whitening @ innovation,
-            (whitening @ jacobian).T,
+            _row_by_row(whitening @ jacobian),
             self.valid(state, p),
             _log_determinant(factor),
         ]
@@ -192,3 +192,8 @@ class MeasurementModel(ABC):
 
 def _log_determinant(factor: ca.SX) -> ca.SX:
     return ca.sum1(ca.log(ca.diag(factor)))
+
+
+def _row_by_row(matrix: Expression) -> Expression:
+    """All elements in one column, in the order of a NumPy array of that shape."""
+    return ca.vec(matrix.T)

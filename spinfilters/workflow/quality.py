@@ -7,7 +7,7 @@ import numpy as np
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.logs.gyro_files import saturated
 from spinfilters.state.status import EstimatorStatus, Verdict
-from spinfilters.workflow.preparation import Prepared
+from spinfilters.workflow.preparation import DETERMINED_STD, Prepared, moments_std_of
 
 LARGEST_MOMENT_STD = 0.1
 """Of a principal moment relative to the largest: beyond it the body's shape is not known."""
@@ -25,6 +25,12 @@ def shared_doubts(prepared: Prepared) -> list[str]:
     frames = prepared.start.frames
     if not frames.converged:
         reasons.append(f"the start did not settle in {frames.iterations} iterations")
+    std = moments_std_of(prepared.start)
+    if std > DETERMINED_STD:
+        reasons.append(
+            f"the first {len(frames.mean)} frames leave the moments uncertain by {std:.2f}: what follows is over-confident; give a "
+            "longer recording, a richer motion or a larger start.share"
+        )
     noise = prepared.gyro_noise
     if noise is not None and noise.relative_error > LARGEST_GYRO_ERROR:
         reasons.append(

@@ -1,0 +1,71 @@
+"""The embedded default and its starts, made once for all tests of estimators."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.estimators.estimator import Estimator
+from spinfilters.estimators.history import EstimateHistory
+from spinfilters.estimators.motion_evidence import MotionEvidence
+from spinfilters.estimators.run import run
+from spinfilters.estimators.start import StartOptions, StartReport, start_from_data
+from spinfilters.estimators.timeline import SensorNoise, StereoView, Timeline, build_timeline
+from spinfilters.evaluation.consistency import true_states
+from spinfilters.logs.dataset import Dataset
+from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.simulation.scenario import Scenario, simulate
+from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+
+FULL = StateLayout(FULL_BLOCKS)
+PROCESS = TorqueFreeProcess(FULL, ProcessNoise())
+START = StartOptions(frames=60)
+
+
+@dataclass(frozen=True)
+class Embedded:
+    """A simulated data set with its frames of measurements and true states (k, m)."""
+
+    dataset: Dataset
+    timeline: Timeline
+    truth: Float[np.ndarray, "k m"]
+
+
+@cache
+def embedded(seed: int) -> Embedded:
+    """The embedded default."""
+    dataset = simulate(Scenario(seed=seed))
+    assert dataset.truth is not None
+    return Embedded(dataset, stereo_timeline(dataset, 1.0), true_states(dataset.truth, FULL))
+
+
+def stereo_timeline(dataset: Dataset, pixel_std: float) -> Timeline:
+    """Frames of a stereo data set with its known map."""
+    assert dataset.known_map is not None
+    assert dataset.rig is not None
+    view = StereoView(dataset.known_map, dataset.rig.calibration)
+    return build_timeline(dataset.log, FULL, SensorNoise(pixel_std=pixel_std), view)
+
+
+@cache
+def started(seed: int) -> StartReport:
+    """The start that filters go on from; the smoother sets out from the true attitudes and rates, which saves fitting poses."""
+    sample = embedded(seed)
+    truth = sample.truth[: START.frames]
+    time = np.array([frame.time for frame in sample.timeline[: START.frames]])
+    blocks = (truth[:, FULL.mean_slice(block)] for block in ("a", "w", "t"))
+    return start_from_data(PROCESS, sample.timeline, MotionEvidence(time, *blocks), START)
+
+
+def run_on(estimator: Estimator, seed: int, timeline: Timeline | None = None) -> EstimateHistory:
+    """An estimator over the frames after the start."""
+    timeline = embedded(seed).timeline if timeline is None else timeline
+    return run(estimator, started(seed).belief, timeline[START.frames - 1].time, timeline[START.frames :])
+
+
+def nees(history: EstimateHistory, seed: int) -> Float[np.ndarray, " n"]:
+    """Normalised estimation error squared of every frame, the error in the tangent space at the estimate."""
+    error = FULL.local(history.mean, embedded(seed).truth[START.frames :][: len(history.mean)])
+    whitened = np.linalg.solve(history.factor, error[..., np.newaxis])[..., 0]
+    return np.square(whitened).sum(axis=1)
