@@ -72,7 +72,7 @@ class MultiplicativeUkf(MultiplicativeFilter):
         innovation, valid, log_noise = model.innovations_at(
             points, self._mean, measurement.parameters, measurement.values
         )
-        keep = usable(innovation.reshape(len(valid), -1), valid)
+        keep = usable(innovation.reshape(len(valid), model.dim * len(points)), valid)
         used = int(np.count_nonzero(keep))
         if not used:
             return nothing_usable(self._factor)

@@ -74,3 +74,10 @@ def linear_belief(generator: np.random.Generator) -> Gaussian:
     """A start with correlations."""
     root = generator.standard_normal((N, N))
     return Gaussian.from_covariance(LAYOUT, generator.standard_normal(N), root @ root.T + np.eye(N))
+
+
+def log_density(innovation: Float[np.ndarray, " k"], covariance: Float[np.ndarray, "k k"]) -> float:
+    """Logarithm of a normal density with mean zero."""
+    log_determinant = np.linalg.slogdet(covariance)[1]
+    square = innovation @ np.linalg.solve(covariance, innovation)
+    return -0.5 * float(square + log_determinant + len(innovation) * np.log(2 * np.pi))

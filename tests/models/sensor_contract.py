@@ -29,7 +29,9 @@ def check_sensor_contract(
     _check_not_finite_values_stay_alone(model, x, parameters, measured)
 
 
-def _check_shapes(model: MeasurementModel, x: np.ndarray, parameters: np.ndarray, measured: np.ndarray) -> None:
+def _check_shapes(
+    model: MeasurementModel, x: np.ndarray, parameters: np.ndarray, measured: np.ndarray
+) -> None:
     k, columns = len(parameters), len(model.columns)
     assert set(model.needs) <= set(model.layout.blocks)
     assert measured.shape == (k, model.value_dim)
@@ -50,7 +52,9 @@ def _check_exact_measurement(
     np.testing.assert_allclose(model.linearise(x, parameters, exact).innovation, 0.0, atol=1e-6)
 
 
-def _check_noise(model: MeasurementModel, x: np.ndarray, parameters: np.ndarray, measured: np.ndarray) -> None:
+def _check_noise(
+    model: MeasurementModel, x: np.ndarray, parameters: np.ndarray, measured: np.ndarray
+) -> None:
     whitening, log_noise = model.whitening(x, parameters), model.linearise(x, parameters, measured).log_noise
     for row, W, log_determinant in zip(parameters, whitening, log_noise, strict=True):
         factor = np.asarray(ca.DM(model.noise_factor(model.layout.unpack(ca.DM(x)), ca.DM(row))))
@@ -59,7 +63,9 @@ def _check_noise(model: MeasurementModel, x: np.ndarray, parameters: np.ndarray,
         assert np.isclose(log_determinant, np.linalg.slogdet(factor)[1])
 
 
-def _check_jacobian(model: MeasurementModel, x: np.ndarray, parameters: np.ndarray, values: np.ndarray) -> None:
+def _check_jacobian(
+    model: MeasurementModel, x: np.ndarray, parameters: np.ndarray, values: np.ndarray
+) -> None:
     """Against central differences of the innovation along every error component, those it does not need included."""
     n = model.layout.error_dim
     innovation, jacobian, *_ = model.linearise(x, parameters, values)

@@ -27,7 +27,9 @@ def precise() -> dict[StateLayout, TorqueFreeProcess]:
 
 
 @pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: "".join(layout.blocks))
-@pytest.mark.parametrize(("dt", "rate"), [(1e-6, 1.0), (0.01, 60.0), (0.5, 1.0), (0.5, 0.01), (0.5, 0.0), (5.0, 1.0)])
+@pytest.mark.parametrize(
+    ("dt", "rate"), [(1e-6, 1.0), (0.01, 60.0), (0.5, 1.0), (0.5, 0.01), (0.5, 0.0), (5.0, 1.0)]
+)
 def test_the_transition_is_the_derivative_of_the_step(
     precise: dict[StateLayout, TorqueFreeProcess], layout: StateLayout, dt: float, rate: float
 ) -> None:
@@ -59,7 +61,10 @@ def test_the_noise_free_motion_is_the_analytic_one(dt: float) -> None:
 
 
 def test_momentum_and_energy_are_kept_over_many_steps() -> None:
-    process, x = TorqueFreeProcess(ROTATION, ProcessNoise()), random_point(ROTATION, 1.0, np.random.default_rng(8))
+    process, x = (
+        TorqueFreeProcess(ROTATION, ProcessNoise()),
+        random_point(ROTATION, 1.0, np.random.default_rng(8)),
+    )
     momentum, energy = _momentum(ROTATION, x), _energy(x)
     for _ in range(400):
         x = process.step(x, 0.5)

@@ -25,9 +25,9 @@ SAMPLES = 200_000
 def _sampled_covariance(dt: float) -> Float[np.ndarray, "6 6"]:
     """Covariance of (a, w) after dt, by integrating the stochastic equation for many bodies."""
     process, x = _process(ROTATION), embedded_point(ROTATION, RATE)
-    end = simulate_motion(
-        process, np.tile(x, (SAMPLES, 1)), np.array([0.0, dt]), np.random.default_rng(1)
-    )[-1]
+    end = simulate_motion(process, np.tile(x, (SAMPLES, 1)), np.array([0.0, dt]), np.random.default_rng(1))[
+        -1
+    ]
     error = ROTATION.local(process.step(x, dt), end)[:, :6]
     return error.T @ error / SAMPLES
 
@@ -50,7 +50,9 @@ def test_the_noise_covariance_is_that_of_the_stochastic_equation(dt: float) -> N
 
 
 @pytest.mark.parametrize(("dt", "least", "greatest"), [(0.5, 0.61, 1.6), (2.0, 0.2, 4.0)])
-def test_the_published_linearisation_gives_another_covariance(dt: float, least: float, greatest: float) -> None:
+def test_the_published_linearisation_gives_another_covariance(
+    dt: float, least: float, greatest: float
+) -> None:
     values = _whitened_eigenvalues(_published_covariance(dt), _sampled_covariance(dt))
     assert values[0] < least
     assert values[-1] > greatest
@@ -85,11 +87,18 @@ def test_noise_of_place_and_velocity_of_the_centre_of_mass_is_that_of_a_double_i
 
 @pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: "".join(layout.blocks))
 @pytest.mark.parametrize("dt", [1e-8, 1e-6, 1e-3, 0.1, 1.0, 10.0])
-def test_the_noise_covariance_is_positive_semidefinite_at_every_time_step(layout: StateLayout, dt: float) -> None:
+def test_the_noise_covariance_is_positive_semidefinite_at_every_time_step(
+    layout: StateLayout, dt: float
+) -> None:
     Q = _process(layout).noise_covariance(random_point(layout, 1.0, np.random.default_rng(12)), dt)
     assert np.isfinite(Q).all()
     np.testing.assert_array_equal(Q, Q.T)
-    moving = [k for b in ("t", "a", "v", "w") if b in layout.blocks for k in range(layout.error_dim)[layout.slice(b)]]
+    moving = [
+        k
+        for b in ("t", "a", "v", "w")
+        if b in layout.blocks
+        for k in range(layout.error_dim)[layout.slice(b)]
+    ]
     std = np.sqrt(np.diag(Q)[moving])
     assert (std > 0).all()
     assert np.linalg.eigvalsh(Q[np.ix_(moving, moving)] / np.outer(std, std))[0] > 1e-4

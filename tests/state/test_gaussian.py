@@ -27,7 +27,9 @@ def test_standard_deviations_may_span_thirty_orders_of_magnitude() -> None:
     scale = np.logspace(-15, 15, 11)
     P = _covariance() + 20 * np.eye(11)
     belief = Gaussian.from_covariance(LAYOUT, MEAN, P * np.outer(scale, scale))
-    np.testing.assert_allclose(belief.factor @ belief.factor.T / np.outer(scale, scale), P, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(
+        belief.factor @ belief.factor.T / np.outer(scale, scale), P, rtol=1e-12, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("variance", [0.0, -1.0, np.nan, np.inf])

@@ -1,0 +1,159 @@
+"""The start: inertia in closed form from exact motion, and convergence from every kind of data."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from filter_samples import FULL, PROCESS, START, embedded, started
+from scipy.special import chdtri
+
+from spinfilters.attitude.conversions import matrix_from_quaternion
+from spinfilters.dynamics.mass_distribution import inertia_matrix
+from spinfilters.errors import InputError
+from spinfilters.estimators.momentum_start import fit_momentum
+from spinfilters.estimators.motion_evidence import MotionEvidence, evidence_from_gyro, evidence_from_poses
+from spinfilters.estimators.start import StartOptions, StartReport, closed_form, start_from_data
+from spinfilters.estimators.timeline import SensorNoise, build_timeline
+from spinfilters.evaluation.consistency import true_states
+from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.simulation.scenario import Scenario, simulate
+from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
+
+ROTATION = StateLayout(ROTATION_BLOCKS)
+DRAGGED = StateLayout((*ROTATION_BLOCKS, "d"))
+TUMBLING = (3.0, 10.0, 4.0)
+"""rpm: far from every principal axis, so that half a minute tells the whole inertia."""
+
+
+def _exact_motion(layout: StateLayout, seed: int, drag: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Times and points of a random body that tumbles without noise."""
+    generator = np.random.default_rng(seed)
+    process = TorqueFreeProcess(layout, ProcessNoise(), tolerance=1e-12)
+    x = layout.retract(layout.origin(), 0.4 * generator.standard_normal(layout.error_dim))
+    x[layout.mean_slice("w")] = generator.uniform(0.5, 1.5, 3) * generator.choice([-1, 1], 3)
+    if "d" in layout.blocks:
+        x[layout.mean_slice("d")] = drag
+    points = [x]
+    for _ in range(59):
+        points.append(process.step(points[-1], 0.3))
+    return 0.3 * np.arange(60), np.array(points)
+
+
+def _scaled(J: np.ndarray) -> np.ndarray:
+    return 2 * J / np.trace(J)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_conserved_momentum_gives_the_inertia_of_any_body(seed: int) -> None:
+    time, points = _exact_motion(ROTATION, seed)
+    rotations = matrix_from_quaternion(points[:, ROTATION.mean_slice("a")])
+    fit = fit_momentum(rotations, points[:, ROTATION.mean_slice("w")], time, False)
+    expected = _scaled(inertia_matrix(points[0, ROTATION.mean_slice("s")]))
+    np.testing.assert_allclose(fit.inertia, expected, atol=1e-7)
+    assert fit.residual < 1e-7
+    assert fit.drag == 0.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("drag", [0.0, 0.01, 0.05])
+def test_a_momentum_that_decays_gives_inertia_and_drag(seed: int, drag: float) -> None:
+    time, points = _exact_motion(DRAGGED, seed, drag)
+    rotations = matrix_from_quaternion(points[:, DRAGGED.mean_slice("a")])
+    fit = fit_momentum(rotations, points[:, DRAGGED.mean_slice("w")], time, True)
+    assert fit.drag == pytest.approx(drag, abs=1e-3)
+    expected = _scaled(inertia_matrix(points[0, DRAGGED.mean_slice("s")]))
+    np.testing.assert_allclose(fit.inertia, expected, atol=0.02)
+
+
+def test_the_closed_form_finds_centre_of_mass_and_velocity_of_an_exact_motion() -> None:
+    process = TorqueFreeProcess(FULL, ProcessNoise(), tolerance=1e-12)
+    points = [embedded(0).truth[0]]
+    for _ in range(40):
+        points.append(process.step(points[-1], 0.5))
+    truth = np.array(points)
+    blocks = (truth[:, FULL.mean_slice(block)] for block in ("a", "w", "t"))
+    x, residual = closed_form(FULL, MotionEvidence(0.5 * np.arange(41), *blocks))
+    for block in ("t", "v", "c"):
+        np.testing.assert_allclose(x[FULL.mean_slice(block)], truth[0, FULL.mean_slice(block)], atol=1e-9)
+    assert residual < 1e-8
+
+
+def _check(report: StartReport, truth: np.ndarray) -> None:
+    """Converged, residuals of the size of the noise, and an error that its covariance explains (999 of 1000 runs)."""
+    frames = report.frames
+    assert frames.converged
+    assert report.fit == pytest.approx(1.0, abs=5 / np.sqrt(frames.dof))
+    error = report.layout.local(report.belief.mean, truth)
+    whitened = np.linalg.solve(report.belief.factor, error)
+    assert float(whitened @ whitened) < chdtri(len(error), 1e-3)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_start_from_stereo_converges_to_the_truth(seed: int) -> None:
+    _check(started(seed), embedded(seed).truth[START.frames - 1])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_start_from_poses_converges_to_the_truth(seed: int) -> None:
+    dataset = simulate(Scenario(kind="pose", rate_rpm=TUMBLING, seed=seed))
+    assert dataset.truth is not None
+    timeline = build_timeline(dataset.log, FULL, SensorNoise())
+    evidence = evidence_from_poses(dataset.log.stream("pose"), START.frames)
+    report = start_from_data(PROCESS, timeline, evidence, START)
+    _check(report, true_states(dataset.truth, FULL)[START.frames - 1])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_start_from_a_gyro_converges_to_the_truth(seed: int) -> None:
+    scenario = Scenario(kind="gyro", rate_rpm=TUMBLING, interval=0.1, frames=120, seed=seed)
+    dataset = simulate(scenario)
+    assert dataset.truth is not None
+    process = TorqueFreeProcess(ROTATION, ProcessNoise())
+    timeline = build_timeline(dataset.log, ROTATION, SensorNoise(gyro_noise_std=scenario.gyro_std))
+    evidence = evidence_from_gyro(dataset.log.stream("gyro"), START.frames)
+    report = start_from_data(process, timeline, evidence, START)
+    _check(report, true_states(dataset.truth, ROTATION)[START.frames - 1])
+
+
+def _still(count: int) -> MotionEvidence:
+    return MotionEvidence(
+        np.arange(float(count)), np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)), np.zeros((count, 3))
+    )
+
+
+def _too_short() -> None:
+    embedded_evidence = _still(3)
+    closed_form(ROTATION, embedded_evidence)
+
+
+def _not_turning() -> None:
+    closed_form(ROTATION, _still(20))
+
+
+def _too_few_poses() -> None:
+    evidence_from_poses(simulate(Scenario(kind="pose", frames=3)).log.stream("pose"), 60)
+
+
+def _too_slow_a_camera() -> None:
+    evidence_from_poses(simulate(Scenario(kind="pose", interval=2.8, frames=20)).log.stream("pose"), 60)
+
+
+@pytest.mark.parametrize(
+    ("attempt", "complaint"),
+    [
+        (_too_short, "at least 4 frames"),
+        (_not_turning, "does not rotate"),
+        (_too_few_poses, "at least 4 frames"),
+        (_too_slow_a_camera, "faster frame rate"),
+    ],
+)
+def test_a_start_without_enough_motion_says_so(attempt: Callable[[], None], complaint: str) -> None:
+    with pytest.raises(InputError, match=complaint):
+        attempt()
+
+
+@pytest.mark.parametrize("name", ["frames", "duration", "mass_std", "drag_std"])
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
+def test_an_option_that_is_not_positive_is_refused(name: str, value: float) -> None:
+    with pytest.raises(InputError, match=f"start.{name}"):
+        StartOptions(**{name: value})  # pyright: ignore[reportArgumentType]
