@@ -14,6 +14,7 @@ from scipy.linalg import solve_triangular
 
 from spinfilters.estimators.estimator import Measurement, ProcessModel
 from spinfilters.estimators.gain import MeasurementPrediction, apply_gain, compressed, triangular_factor
+from spinfilters.estimators.multiplicative_filter import usable
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.state.layout import StateLayout
 
@@ -134,8 +135,9 @@ def _predicted(
 ) -> MeasurementPrediction:
     model = measurement.model
     rho, H, valid, log_noise = model.linearise(x, measurement.parameters, measurement.values)
-    if not valid.all():
-        rho, H, log_noise = rho[valid], H[valid], log_noise[valid]
+    keep = usable(rho, valid)
+    if not keep.all():
+        rho, H, log_noise = rho[keep], H[keep], log_noise[keep]
     columns = model.columns
     rows = H.reshape(-1, len(columns))
     innovation, jacobian, residual = compressed(rho.reshape(-1) - rows @ error[columns], rows)

@@ -85,6 +85,8 @@ class RotationIntegrator:
             raise InputError(f"time step is {dt} s; it must be positive and finite")
         w = x[..., self._rate]
         turn = float(np.sqrt(np.max(np.einsum("...i,...i->...", w, w)))) * dt if w.size else 0.0
+        if not np.isfinite(turn):
+            return 2  # no step count helps: the caller sees that the result is not finite
         angle = (self._tolerance / (STEP_ERROR * max(turn, self._tolerance))) ** 0.25
         count = 2
         while count * angle < turn and count < MAX_SUBSTEPS:
