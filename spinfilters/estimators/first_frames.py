@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import solve_triangular
 
-from spinfilters.estimators.estimator import Measurement, ProcessModel
-from spinfilters.estimators.gain import MeasurementPrediction, apply_gain, compressed, triangular_factor
-from spinfilters.estimators.multiplicative_filter import usable
+from spinfilters.estimators.estimator import ProcessModel
+from spinfilters.estimators.gain import apply_gain, triangular_factor
+from spinfilters.estimators.linear_prediction import linear_prediction
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.state.layout import StateLayout
 
@@ -106,7 +106,7 @@ def _smooth(
     cost, dof = 0.0, 0
     for k, frame in enumerate(frames):
         for measurement in frame.measurements:
-            prediction = _predicted(measurement, trajectory[k], error, factor)
+            prediction, _ = linear_prediction(measurement, trajectory[k], factor, error)
             correction = apply_gain(prediction)
             error, factor = error + correction.error, correction.factor
             cost, dof = cost + correction.nis, dof + prediction.dof
@@ -128,22 +128,6 @@ def _predict(
     transition, noise = turn @ transition, turn @ noise
     ahead = triangular_factor(np.concatenate([(transition @ factor).T, noise.T]))
     return _Forward(error, factor, transition, noise, transition @ error + defect, ahead)
-
-
-def _predicted(
-    measurement: Measurement, x: np.ndarray, error: np.ndarray, factor: np.ndarray
-) -> MeasurementPrediction:
-    model = measurement.model
-    rho, H, valid, log_noise = model.linearise(x, measurement.parameters, measurement.values)
-    keep = usable(rho, valid)
-    if not keep.all():
-        rho, H, log_noise = rho[keep], H[keep], log_noise[keep]
-    columns = model.columns
-    rows = H.reshape(-1, len(columns))
-    innovation, jacobian, residual = compressed(rho.reshape(-1) - rows @ error[columns], rows)
-    return MeasurementPrediction(
-        innovation, jacobian @ factor[columns], factor, residual, rho.size, float(log_noise.sum())
-    )
 
 
 def _backward(passed: list[_Forward], error: np.ndarray, factor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -65,7 +65,7 @@ class RotationIntegrator:
         count = self._first_count(x, dt)
         while True:
             after, error = self._stepper(count)(x, dt)
-            if self._good(error, count, dt):
+            if self._good(error, count):
                 return after
             count *= 2
 
@@ -76,7 +76,7 @@ class RotationIntegrator:
         count = self._first_count(x, dt)
         while True:
             after, error, transition, factor = self._lineariser(count)(x, dt, densities)
-            if self._good(error, count, dt):
+            if self._good(error, count):
                 return after, transition, factor
             count *= 2
 
@@ -93,7 +93,7 @@ class RotationIntegrator:
             count *= 2
         return count
 
-    def _good(self, error: np.ndarray, count: int, dt: float) -> bool:
+    def _good(self, error: np.ndarray, count: int) -> bool:
         worst = float(np.max(error)) if error.size else 0.0
         return worst <= self._tolerance or not np.isfinite(worst) or count >= MAX_SUBSTEPS
 
