@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.state.gaussian import Gaussian
@@ -21,11 +21,14 @@ class Measurement:
     model: the sensor.
     values: (k, value_dim) measured values, k at least 0.
     parameters: (k, parameter_dim) what accompanies each value (landmark, calibration, noise).
+    ids: (k,) landmarks that an estimator holds in its own state, each once; their points in ``parameters`` are then not read.
+        None where the map is known, and for sensors without landmarks.
     """
 
     model: MeasurementModel
     values: Float[np.ndarray, "k v"]
     parameters: Float[np.ndarray, "k p"]
+    ids: Int[np.ndarray, " k"] | None = None
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,10 @@ class ProcessModel(Protocol):
     ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "n n"], Float[np.ndarray, "n k"]]: ...
 
 
+Snapshot = dict[str, np.ndarray]
+"""An estimator's whole state as arrays of numbers: what a checkpoint file holds, and what a late measurement goes back to."""
+
+
 class Estimator(ABC):
     """A recursive estimator: start, then predict and update in the order of time."""
 
@@ -85,3 +92,11 @@ class Estimator(ABC):
     @abstractmethod
     def update(self, measurement: Measurement) -> UpdateReport:
         """Take in one sensor's values at the present time."""
+
+    @abstractmethod
+    def snapshot(self) -> Snapshot:
+        """Copies of everything that the future of the estimate depends on, as named arrays."""
+
+    @abstractmethod
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go on from a `snapshot` of an estimator that was built alike: the same numbers follow, bit for bit."""

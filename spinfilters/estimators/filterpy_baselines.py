@@ -12,7 +12,7 @@ from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, Unscen
 from jaxtyping import Float
 
 from spinfilters.errors import InputError
-from spinfilters.estimators.estimator import Estimator, Measurement, ProcessModel, UpdateReport
+from spinfilters.estimators.estimator import Estimator, Measurement, ProcessModel, Snapshot, UpdateReport
 from spinfilters.estimators.global_chart import GlobalChart
 from spinfilters.estimators.multiplicative_filter import usable
 from spinfilters.estimators.multiplicative_ukf import SigmaPointOptions
@@ -69,6 +69,12 @@ class FilterpyFilter(Estimator):
         return UpdateReport(
             nis, dof, used, count - used, -0.5 * (nis + dof * LOG_2_PI) - log_root - log_noise
         )
+
+    def snapshot(self) -> Snapshot:
+        return {"mean": np.array(self._filter.x), "covariance": np.array(self._filter.P)}
+
+    def restore(self, snapshot: Snapshot) -> None:
+        self._filter.x, self._filter.P = snapshot["mean"].copy(), snapshot["covariance"].copy()
 
     @abstractmethod
     def _advance(

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from spinfilters.errors import InputError
-from spinfilters.estimators.estimator import Estimator, Measurement, ProcessModel, UpdateReport
+from spinfilters.estimators.estimator import Estimator, Measurement, ProcessModel, Snapshot, UpdateReport
 from spinfilters.estimators.gain import MeasurementPrediction, apply_gain
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
@@ -44,6 +44,12 @@ class MultiplicativeFilter(Estimator):
         self._mean = self.layout.retract(self._mean, correction.error)
         self._factor = reset_factor(self.layout, correction.error, correction.factor)
         return UpdateReport(correction.nis, prediction.dof, used, count - used, correction.log_likelihood)
+
+    def snapshot(self) -> Snapshot:
+        return {"mean": self._mean.copy(), "factor": self._factor.copy()}
+
+    def restore(self, snapshot: Snapshot) -> None:
+        self._mean, self._factor = snapshot["mean"].copy(), snapshot["factor"].copy()
 
     @abstractmethod
     def _predict_measurement(self, measurement: Measurement) -> tuple[MeasurementPrediction, int]:

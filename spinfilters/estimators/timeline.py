@@ -10,7 +10,6 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.logs.track_files import KnownMap
-from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
 from spinfilters.models.sensors.pose import Pose, pose_parameters
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
@@ -43,9 +42,12 @@ class SensorNoise:
 
 @dataclass(frozen=True)
 class StereoView:
-    """What stereo rows are measured against: landmarks in frame g and the calibration (fx, fy, cx, cy px, baseline m)."""
+    """What stereo rows are measured against: landmarks in frame g and the calibration (fx, fy, cx, cy px, baseline m).
 
-    known_map: KnownMap
+    Without a known map the landmarks are left to the estimators: measurements then carry their ids.
+    """
+
+    known_map: KnownMap | None
     calibration: Float[np.ndarray, " 5"]
 
 
@@ -65,18 +67,18 @@ def build_timeline(
 ) -> Timeline:
     """Frames of a log over a state layout; sensors that measure at the same stamp share a frame.
 
-    Stereo rows whose landmark is not in the map are left out.
+    Stereo rows whose landmark is not in a known map are left out.
 
     Raises
     ------
-    InputError: stereo rows without a map, or a log without any usable measurement.
+    InputError: stereo rows without a view, or a log without any usable measurement.
     """
     frames: dict[float, list[Measurement]] = defaultdict(list)
     for stream in log.streams:
-        model, values, parameters, time = _joined(stream, layout, noise, view)
+        every, time = _joined(stream, layout, noise, view)
         edges = np.flatnonzero(np.diff(time)) + 1
         for rows in np.split(np.arange(len(time)), edges) if len(time) else []:
-            frames[float(time[rows[0]])].append(Measurement(model, values[rows], parameters[rows]))
+            frames[float(time[rows[0]])].append(_rows_of(every, rows))
     if not frames:
         raise InputError(
             "the log holds no usable measurement; check that landmark ids of the tracks and of the map agree"
@@ -84,24 +86,32 @@ def build_timeline(
     return tuple(Frame(time, tuple(frames[time])) for time in sorted(frames))
 
 
+def _rows_of(every: Measurement, rows: np.ndarray) -> Measurement:
+    ids = None if every.ids is None else every.ids[rows]
+    return Measurement(every.model, every.values[rows], every.parameters[rows], ids)
+
+
 def _joined(
     stream: MeasurementStream, layout: StateLayout, noise: SensorNoise, view: StereoView | None
-) -> tuple[MeasurementModel, np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[Measurement, np.ndarray]:
+    """All rows of a stream as if they were measured at once, and their times."""
     count = len(stream.time)
     if stream.sensor == "gyro":
         parameters = gyro_parameters(count, noise.gyro_noise_std, noise.gyro_scale_std)
-        return Gyro(layout), stream.values, parameters, stream.time
+        return Measurement(Gyro(layout), stream.values, parameters), stream.time
     if stream.sensor == "pose":
-        return Pose(layout), stream.values, pose_parameters(_pose_covariance(stream, noise)), stream.time
+        parameters = pose_parameters(_pose_covariance(stream, noise))
+        return Measurement(Pose(layout), stream.values, parameters), stream.time
     if view is None or stream.ids is None:
-        raise InputError(
-            "stereo tracks need a known map here; turn them into poses first (absolute orientation)"
-        )
+        raise InputError("stereo tracks need a calibration here; give the view they were taken with")
+    if view.known_map is None:
+        parameters = stereo_parameters(np.zeros((count, 3)), view.calibration, noise.pixel_std)
+        return Measurement(StereoLandmark(layout), stream.values, parameters, stream.ids), stream.time
     landmarks = view.known_map
     row = np.clip(np.searchsorted(landmarks.ids, stream.ids), 0, len(landmarks.ids) - 1)
     known = landmarks.ids[row] == stream.ids
     parameters = stereo_parameters(landmarks.points[row[known]], view.calibration, noise.pixel_std)
-    return StereoLandmark(layout), stream.values[known], parameters, stream.time[known]
+    return Measurement(StereoLandmark(layout), stream.values[known], parameters), stream.time[known]
 
 
 def _pose_covariance(stream: MeasurementStream, noise: SensorNoise) -> Float[np.ndarray, "n 6 6"]:

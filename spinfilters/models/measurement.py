@@ -160,14 +160,19 @@ class MeasurementModel(ABC):
         every = one.map("every", "serial", count, [1, 2, 3], [])
         innovation, valid = every(points, p, z, whitening)
         return self._function(
-            f"innovations_{count}", [points, at, p, z], [_row_by_row(innovation), ca.mmin(valid), log_noise]
+            f"innovations_{count}", [points, at, p, z], [row_by_row(innovation), ca.mmin(valid), log_noise]
         )
 
     @cached_property
     def _whitening(self) -> Compiled:
         x, p, _ = self._symbols
         root = self.noise_factor(self.layout.unpack(x), p)
-        return self._function("whitening", [x, p], [_row_by_row(ca.solve(root, ca.SX.eye(self.dim)))])
+        return self._function("whitening", [x, p], [row_by_row(ca.solve(root, ca.SX.eye(self.dim)))])
+
+    def _whitening_expression(self, x: ca.SX, p: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Inverse of the noise factor, and the log determinant of the factor."""
+        factor = ca.SX(self.noise_factor(self.layout.unpack(x), p))
+        return ca.solve(factor, ca.SX.eye(self.dim)), _log_determinant(factor)
 
     @cached_property
     def _linearise(self) -> Compiled:
@@ -178,14 +183,13 @@ class MeasurementModel(ABC):
         expected = self.symbolic(moved, p)
         away = self.innovation(expected, z)
         jacobian = ca.substitute(-ca.jacobian(away, d)[:, self.columns], d, ca.SX.zeros(*d.shape))
-        factor = ca.SX(self.noise_factor(state, p))
-        whitening = ca.solve(factor, ca.SX.eye(self.dim))
+        whitening, log_noise = self._whitening_expression(x, p)
         innovation = self.innovation(self.symbolic(state, p), z)
         outputs = [
             whitening @ innovation,
-            _row_by_row(whitening @ jacobian),
+            row_by_row(whitening @ jacobian),
             self.valid(state, p),
-            _log_determinant(factor),
+            log_noise,
         ]
         return self._function("linearise", [x, p, z], outputs)
 
@@ -194,6 +198,6 @@ def _log_determinant(factor: ca.SX) -> ca.SX:
     return ca.sum1(ca.log(ca.diag(factor)))
 
 
-def _row_by_row(matrix: Expression) -> Expression:
+def row_by_row(matrix: Expression) -> Expression:
     """All elements in one column, in the order of a NumPy array of that shape."""
     return ca.vec(matrix.T)

@@ -4,14 +4,18 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.attitude.expressions import Expression, rotate
-from spinfilters.models.measurement import MeasurementModel
+from spinfilters.attitude.expressions import Expression, conjugate, rotate
+from spinfilters.models.landmark_sensor import LandmarkSensor
 
 NEAREST_DEPTH = 1e-3
 """Depth in m below which a point counts as at or behind the camera."""
+SMALLEST_DENOMINATOR = 1e-6
+"""Disparity in px that a division is guarded with; such a point is not `determined`."""
+SMALLEST_DISPARITY = 5.0
+"""In standard deviations of a disparity: a depth that is less certain is no point that a linear model could hold."""
 
 
-class StereoLandmark(MeasurementModel):
+class StereoLandmark(LandmarkSensor):
     """z = (u_left, v_left, u_right) in rectified pixels of the point p_g, camera frame = frame i.
 
     p_c = t + R_ig p_g; u_left = fx x/z + cx, v_left = fy y/z + cy, u_right = u_left - fx baseline / z
@@ -37,6 +41,15 @@ class StereoLandmark(MeasurementModel):
 
     def valid(self, state: dict[str, Expression], parameters: Expression) -> Expression:
         return (state["t"] + rotate(state["q"], parameters[:3]))[2] - NEAREST_DEPTH
+
+    def landmark(self, state: dict[str, Expression], measured: Expression, parameters: Expression) -> Expression:
+        fx, fy, cx, cy, baseline = (parameters[k] for k in range(3, 8))
+        depth = fx * baseline / ca.fmax(measured[0] - measured[2], SMALLEST_DENOMINATOR)
+        seen = ca.vertcat((measured[0] - cx) / fx, (measured[1] - cy) / fy, 1) * depth
+        return rotate(conjugate(state["q"]), seen - state["t"])
+
+    def determined(self, measured: Expression, parameters: Expression) -> Expression:
+        return measured[0] - measured[2] - SMALLEST_DISPARITY * ca.sqrt(2) * parameters[8]
 
 
 def stereo_parameters(

@@ -1,0 +1,1 @@
+"""Filters that hold the landmarks in their state."""

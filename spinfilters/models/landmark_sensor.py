@@ -1,0 +1,123 @@
+"""A sensor that sees landmarks which an estimator holds in its state: also differentiated by, and solved for, the landmark."""
+
+from abc import abstractmethod
+from functools import cached_property
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Bool, Float
+
+from spinfilters.attitude.expressions import Expression
+from spinfilters.models.measurement import MeasurementModel, row_by_row
+from spinfilters.symbolic import Compiled
+
+
+class LandmarkLinearisation(NamedTuple):
+    """A sensor about a state and one landmark per value, k values at once, whitened by the noise factor.
+
+    Attributes
+    ----------
+    innovation: (k, dim).   jacobian: (k, dim, c) by the model's `columns` of the state's error.
+    by_landmark: (k, dim, 3) by the landmark, frame g.   valid: (k,).   log_noise: (k,), as in `Linearisation`.
+    """
+
+    innovation: Float[np.ndarray, "k r"]
+    jacobian: Float[np.ndarray, "k r c"]
+    by_landmark: Float[np.ndarray, "k r 3"]
+    valid: Bool[np.ndarray, " k"]
+    log_noise: Float[np.ndarray, " k"]
+
+
+class NewLandmarks(NamedTuple):
+    """Landmarks as one measurement each tells them.
+
+    Attributes
+    ----------
+    points: (k, 3) m, frame g.   jacobian: (k, 3, c) by the model's `columns` of the state's error.
+    root: (k, 3, 3) lower triangular factor of the covariance that the sensor's noise alone gives the point, m.
+    determined: (k,) whether the measurement tells all three coordinates (the depth of a far point is not told).
+    """
+
+    points: Float[np.ndarray, "k 3"]
+    jacobian: Float[np.ndarray, "k 3 c"]
+    root: Float[np.ndarray, "k 3 3"]
+    determined: Bool[np.ndarray, " k"]
+
+
+class LandmarkSensor(MeasurementModel):
+    """A sensor whose parameters begin with the landmark's point in frame g (3, m)."""
+
+    @abstractmethod
+    def landmark(self, state: dict[str, Expression], measured: Expression, parameters: Expression) -> Expression:
+        """The point (3, frame g) that would give exactly this measurement from this state; its parameters are not read."""
+
+    @abstractmethod
+    def determined(self, measured: Expression, parameters: Expression) -> Expression:
+        """Positive where `landmark` is far better known than nothing (the disparity stands out of its noise)."""
+
+    def linearise_landmarks(
+        self,
+        x: Float[np.ndarray, " m"],
+        parameters: Float[np.ndarray, "k p"],
+        measured: Float[np.ndarray, "k v"],
+    ) -> LandmarkLinearisation:
+        """Innovations and their derivatives at a state and at the landmarks that lead the parameters."""
+        innovation, jacobian, by_landmark, valid, log_noise = self._linearise_landmarks(x, parameters, measured)
+        return LandmarkLinearisation(
+            innovation,
+            jacobian.reshape(*innovation.shape, len(self.columns)),
+            by_landmark.reshape(*innovation.shape, 3),
+            valid[..., 0] > 0,
+            log_noise[..., 0],
+        )
+
+    def new_landmarks(
+        self,
+        x: Float[np.ndarray, " m"],
+        parameters: Float[np.ndarray, "k p"],
+        measured: Float[np.ndarray, "k v"],
+    ) -> NewLandmarks:
+        """Landmarks from one measurement each, with how they depend on the state's error and on the sensor's noise."""
+        points, jacobian, root, determined = self._new_landmarks(x, parameters, measured)
+        count = len(measured)
+        return NewLandmarks(
+            points, jacobian.reshape(count, 3, len(self.columns)), root.reshape(count, 3, 3), determined[..., 0] > 0
+        )
+
+    @cached_property
+    def _linearise_landmarks(self) -> Compiled:
+        x, p, z = self._symbols
+        whitening, log_noise = self._whitening_expression(x, p)
+        at, d = self._moved(x)
+        expected = self.innovation(self.symbolic(at, p), z)
+        state = self.layout.unpack(x)
+        here = self.innovation(self.symbolic(state, p), z)
+        jacobian = ca.substitute(-ca.jacobian(expected, d)[:, self.columns], d, ca.SX.zeros(*d.shape))
+        by_landmark = -ca.jacobian(here, p)[:, :3]
+        outputs = [
+            whitening @ here,
+            row_by_row(whitening @ jacobian),
+            row_by_row(whitening @ by_landmark),
+            self.valid(state, p),
+            log_noise,
+        ]
+        return self._function("linearise_landmarks", [x, p, z], outputs)
+
+    @cached_property
+    def _new_landmarks(self) -> Compiled:
+        x, p, z = self._symbols
+        at, d = self._moved(x)
+        state = self.layout.unpack(x)
+        point = self.landmark(state, z, p)
+        moved = self.landmark(at, z, p)
+        jacobian = ca.substitute(ca.jacobian(moved, d)[:, self.columns], d, ca.SX.zeros(*d.shape))
+        spread = ca.jacobian(point, z) @ ca.SX(self.noise_factor(state, p))
+        root = ca.qr(spread.T)[1].T
+        valid = ca.fmin(self.determined(z, p), self.valid(state, ca.vertcat(point, p[3:])))
+        outputs = [point, row_by_row(jacobian), row_by_row(root), valid]
+        return self._function("new_landmarks", [x, p, z], outputs)
+
+    def _moved(self, x: ca.SX) -> tuple[dict[str, Expression], ca.SX]:
+        d = ca.SX.sym("d", self.layout.error_dim)
+        return self.layout.unpack(self.layout.retract_expression(x, d)), d
