@@ -1,26 +1,41 @@
 """Simulated data sets: a tumbling body before a stereo camera, or with a gyro, or with a pose sensor on it."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from spinfilters.attitude.conversions import matrix_from_quaternion, quaternion_from_euler321
 from spinfilters.conventions import RPM
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.errors import InputError
-from spinfilters.logs.camera import StereoRig
 from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.dataset_options import DatasetOptions
 from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.logs.track_files import KnownMap
 from spinfilters.logs.truth import Truth
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
-from spinfilters.simulation.motion import simulate_motion
+from spinfilters.simulation.motion import Motion, simulate_motion
+from spinfilters.simulation.stereo_tracks import (
+    RIG,
+    EveryAppearance,
+    FrontEnd,
+    Recognition,
+    SomeAppearances,
+    ball,
+    stays_in_view,
+    stereo_tracks,
+)
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 KINDS = ("stereo-tracks", "pose", "gyro")
+
+THESIS_RPM: Final = (0.5, 10.0, 0.5)
+"""Initial rate about the principal axes of the thesis' experiment: nearly about the intermediate axis, one flip in a minute, so
+that the attitude about the spin axis, the rates and the inertia are weakly observable."""
+RICH_RPM: Final = (4.0, 9.0, 3.0)
+"""Initial rate about the principal axes of a motion in which everything is well observable."""
 
 
 @dataclass(frozen=True)
@@ -31,21 +46,22 @@ class Scenario:
     ----------
     kind: "stereo-tracks", "pose" or "gyro".
     principal_moments: along the principal axes x, y, z, any scale (Tweddle 2013, section 6.5.2).
-    rate_rpm: initial rate about the principal axes.
+    rate_rpm: initial rate about the principal axes, such as `THESIS_RPM` or `RICH_RPM`.
     frames, interval: number of frames and seconds between them.
     range_m: distance of the centre of mass along the camera's axis.   velocity: of the centre of mass, m/s, frame i.
     center_of_mass_g: m.   axes_euler_g: yaw, pitch, roll of the principal axes in g, rad.
     landmarks: on the surface of a ball of ``radius_m``, seen when they face the camera; the default shows about 215 a frame, as
         the thesis' 24,723 observations in 115 frames.
-    detection: probability that a visible landmark is found in a frame.
+    detection, facing_cosine, recognition, fewest_sightings: see `FrontEnd`.
     pixel_std px, position_std m, rotation_std rad, gyro_std rad/s: white noise of the sensors.
     noise: disturbances of the motion (Tweddle 2013, section 6.4).
+    candidates: motions that are drawn; the first that keeps the whole body in view is taken, or the first of all if none does.
     seed: of everything random.
     """
 
     kind: str = "stereo-tracks"
     principal_moments: tuple[float, float, float] = (1.0322, 1.0, 0.8596)
-    rate_rpm: tuple[float, float, float] = (0.5, 10.0, 0.5)
+    rate_rpm: tuple[float, float, float] = THESIS_RPM
     frames: int = 115
     interval: float = 0.5
     range_m: float = 0.6
@@ -55,11 +71,15 @@ class Scenario:
     landmarks: int = 925
     radius_m: float = 0.11
     detection: float = 0.9
+    facing_cosine: float = 0.35
+    recognition: Recognition = field(default_factory=EveryAppearance)
+    fewest_sightings: int = 0
     pixel_std: float = 1.0
     position_std: float = 0.005
     rotation_std: float = 0.01
     gyro_std: float = 0.002
     noise: ProcessNoise = field(default_factory=ProcessNoise)
+    candidates: int = 1
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -69,44 +89,81 @@ class Scenario:
             raise InputError(
                 f"a scenario of {self.frames} frames at {self.interval} s; give at least 2 frames and a positive interval"
             )
-        if not 0 < self.detection <= 1 or self.landmarks < 4:
+        if self.landmarks < 4 or self.candidates < 1:
             raise InputError(
-                f"detection {self.detection} must lie in (0, 1] and landmarks {self.landmarks} be at least 4"
+                f"landmarks {self.landmarks} must be at least 4 and candidates {self.candidates} at least 1"
             )
+        _ = self.front_end
         if not self.range_m > self.radius_m > 0:
             raise InputError(
                 f"the body of radius {self.radius_m} m must lie in front of the camera, range_m is {self.range_m} m"
             )
 
+    @classmethod
+    def rich(cls, seed: int = 0) -> "Scenario":
+        """The default body and camera in a motion that makes everything observable."""
+        return cls(rate_rpm=RICH_RPM, seed=seed)
 
-RIG = StereoRig(fx=466.7, fy=466.7, cx=320.0, cy=240.0, width=640, height=480, baseline_m=0.09)
-"""The Goggles' cameras (Tweddle 2013, Tables 5.1 and 5.4)."""
+    @classmethod
+    def disam115(cls, rate_rpm: tuple[float, float, float] = THESIS_RPM, seed: int = 0) -> "Scenario":
+        """A recording with the statistics of the common workload disam115, whose landmarks are mapped while they are tracked.
 
-FACING_COSINE = 0.35
-"""A landmark is seen when its outward normal makes less than about 70 degrees with the line of sight."""
+        About 2447 landmarks with 24,723 sightings in 115 frames, 215 in each, at least two of each landmark; percentiles 10, 50,
+        90 and 99 of the sightings of a landmark: 2, 8, 22 and 36. A landmark stays for one to five frames of a revolution and
+        comes back after seven to ten.
+        """
+        return cls(
+            rate_rpm=rate_rpm,
+            landmarks=4250,
+            radius_m=0.12,
+            facing_cosine=0.4,
+            detection=0.88,
+            recognition=SomeAppearances(0.45, 1.4),
+            fewest_sightings=2,
+            noise=ProcessNoise(force_psd=1e-6, torque_psd=1e-6),
+            candidates=48,
+            seed=seed,
+        )
+
+    @property
+    def front_end(self) -> FrontEnd:
+        """How landmarks are found."""
+        return FrontEnd(
+            self.pixel_std, self.detection, self.facing_cosine, self.recognition, self.fewest_sightings
+        )
 
 
 def simulate(scenario: Scenario) -> Dataset:
-    """A data set with truth, from a seed."""
+    """A data set with truth, from a seed; stereo tracks come with the map of their landmarks."""
     generator = np.random.default_rng(scenario.seed)
     layout = StateLayout(FULL_BLOCKS)
     process = TorqueFreeProcess(layout, scenario.noise)
     time = scenario.interval * np.arange(scenario.frames)
-    states = simulate_motion(process, _first_state(scenario, layout), time, generator)
-    landmarks, normals = _ball(scenario, generator)
-    stream = {"stereo-tracks": _stereo_tracks, "pose": _poses, "gyro": _gyro}[scenario.kind]
-    log = MeasurementLog((stream(scenario, layout, time, states, (landmarks, normals), generator),))
-    stereo = scenario.kind == "stereo-tracks"
-    known_map = KnownMap(np.arange(scenario.landmarks), landmarks) if stereo else None
+    starts = np.tile(_first_state(scenario, layout), (scenario.candidates, 1))
+    states = simulate_motion(process, starts, time, generator)
+    motions = [Motion(layout, time, states[:, k]) for k in range(scenario.candidates)]
+    motion = next((m for m in motions if stays_in_view(m, scenario.radius_m)), motions[0])
+    surface = ball(scenario.landmarks, scenario.radius_m, generator)
+    known_map = None
+    if scenario.kind == "stereo-tracks":
+        stream, kept = stereo_tracks(scenario.front_end, surface, motion, generator)
+        known_map = KnownMap(np.arange(len(kept)), surface.points[kept])
+    else:
+        stream = {"pose": _poses, "gyro": _gyro}[scenario.kind](scenario, motion, generator)
     return Dataset(
         kind=scenario.kind,
-        log=log,
+        log=MeasurementLog((stream,)),
         description=f"simulated {scenario.kind}, {scenario.frames} frames at {scenario.interval} s, seed {scenario.seed}",
-        truth=_truth(scenario, layout, time, states),
-        rig=RIG if stereo else None,
+        truth=_truth(scenario, motion),
+        rig=None if known_map is None else RIG,
         known_map=known_map,
         options=_options(scenario),
     )
+
+
+def without_map(dataset: Dataset) -> Dataset:
+    """The same data for estimators that must find the landmarks themselves."""
+    return replace(dataset, known_map=None)
 
 
 def _first_state(scenario: Scenario, layout: StateLayout) -> Float[np.ndarray, " m"]:
@@ -126,91 +183,31 @@ def _principal_axes(scenario: Scenario) -> Float[np.ndarray, "3 3"]:
     return matrix_from_quaternion(quaternion_from_euler321(np.array(scenario.axes_euler_g)))
 
 
-def _ball(scenario: Scenario, generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Landmarks (m, frame g) on a slightly dented ball about the origin of g, and outward normals."""
-    normals = generator.standard_normal((scenario.landmarks, 3))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    depth = scenario.radius_m * generator.uniform(0.8, 1.0, (scenario.landmarks, 1))
-    return depth * normals, normals
-
-
-def _stereo_tracks(
-    scenario: Scenario,
-    layout: StateLayout,
-    time: np.ndarray,
-    states: np.ndarray,
-    surface: tuple[np.ndarray, np.ndarray],
-    generator: np.random.Generator,
-) -> MeasurementStream:
-    landmarks, normals = surface
-    camera = StereoLandmark(layout)
-    parameters = stereo_parameters(landmarks, RIG.calibration, scenario.pixel_std)
-    times, ids, values = [], [], []
-    for t, x in zip(time, states, strict=True):
-        pixels = camera.predict(x, parameters)
-        seen = _visible(layout, x, landmarks, normals, pixels) & (
-            generator.random(len(landmarks)) < scenario.detection
-        )
-        times.append(np.full(np.count_nonzero(seen), t))
-        ids.append(np.flatnonzero(seen))
-        values.append(pixels[seen] + scenario.pixel_std * generator.standard_normal((times[-1].size, 3)))
-    if not sum(map(len, times)):
-        raise InputError(
-            "no landmark is ever visible; move the body into the camera's view (range_m, velocity)"
-        )
-    return MeasurementStream("stereo", np.concatenate(times), np.concatenate(values), np.concatenate(ids))
-
-
-def _visible(
-    layout: StateLayout, x: np.ndarray, landmarks: np.ndarray, normals: np.ndarray, pixels: np.ndarray
-) -> Bool[np.ndarray, " k"]:
-    R = matrix_from_quaternion(x[layout.mean_slice("a")])
-    points, outward = landmarks @ R.T + x[layout.mean_slice("t")], normals @ R.T
-    facing = -np.einsum("ij,ij->i", outward, points) > FACING_COSINE * np.linalg.norm(points, axis=1)
-    u_left, v_left, u_right = pixels.T
-    inside = (u_right >= 0) & (u_left < RIG.width) & (v_left >= 0) & (v_left < RIG.height)
-    return facing & inside & (points[:, 2] > 0.05)
-
-
-def _poses(
-    scenario: Scenario,
-    layout: StateLayout,
-    time: np.ndarray,
-    states: np.ndarray,
-    _: object,
-    generator: np.random.Generator,
-) -> MeasurementStream:
+def _poses(scenario: Scenario, motion: Motion, generator: np.random.Generator) -> MeasurementStream:
     small = StateLayout(("t", "a"))
-    exact = np.concatenate([states[:, layout.mean_slice("t")], states[:, layout.mean_slice("a")]], axis=1)
+    exact = np.concatenate([motion.block("t"), motion.block("a")], axis=1)
     std = np.repeat([scenario.position_std, scenario.rotation_std], 3)
-    noisy = small.retract(exact, std * generator.standard_normal((len(time), 6)))
-    return MeasurementStream("pose", time, noisy, None, np.tile(np.diag(std**2), (len(time), 1, 1)))
+    noisy = small.retract(exact, std * generator.standard_normal((len(exact), 6)))
+    return MeasurementStream("pose", motion.time, noisy, None, np.tile(np.diag(std**2), (len(exact), 1, 1)))
 
 
-def _gyro(
-    scenario: Scenario,
-    layout: StateLayout,
-    time: np.ndarray,
-    states: np.ndarray,
-    _: object,
-    generator: np.random.Generator,
-) -> MeasurementStream:
-    rates = states[:, layout.mean_slice("w")]
-    return MeasurementStream("gyro", time, rates + scenario.gyro_std * generator.standard_normal(rates.shape))
+def _gyro(scenario: Scenario, motion: Motion, generator: np.random.Generator) -> MeasurementStream:
+    rates = motion.block("w")
+    noise = scenario.gyro_std * generator.standard_normal(rates.shape)
+    return MeasurementStream("gyro", motion.time, rates + noise)
 
 
-def _truth(scenario: Scenario, layout: StateLayout, time: np.ndarray, states: np.ndarray) -> Truth:
-    rotations = matrix_from_quaternion(states[:, layout.mean_slice("a")])
-    R_gb = _principal_axes(scenario)
+def _truth(scenario: Scenario, motion: Motion) -> Truth:
+    rotations = motion.rotations
     order = np.argsort(scenario.principal_moments)
-    axes = R_gb.T[order]
+    axes = _principal_axes(scenario).T[order]
     axes[2] *= np.sign(np.linalg.det(axes))
     return Truth(
-        time=time,
-        center_of_mass=states[:, layout.mean_slice("t")] + rotations @ np.array(scenario.center_of_mass_g),
-        q_ig=states[:, layout.mean_slice("a")],
-        velocity=states[:, layout.mean_slice("v")],
-        rate_i=np.einsum("kij,kj->ki", rotations, states[:, layout.mean_slice("w")]),
+        time=motion.time,
+        center_of_mass=motion.block("t") + rotations @ np.array(scenario.center_of_mass_g),
+        q_ig=motion.block("a"),
+        velocity=motion.block("v"),
+        rate_i=np.einsum("kij,kj->ki", rotations, motion.block("w")),
         principal_moments=np.array(scenario.principal_moments)[order] / max(scenario.principal_moments),
         principal_axes_g=axes,
         center_of_mass_g=np.array(scenario.center_of_mass_g),

@@ -12,8 +12,17 @@ from spinfilters.evaluation.consistency import true_states
 from spinfilters.logs.dataset import Dataset
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
-from spinfilters.simulation.motion import simulate_motion
-from spinfilters.simulation.scenario import KINDS, RIG, Scenario, simulate
+from spinfilters.simulation.motion import Motion, simulate_motion
+from spinfilters.simulation.scenario import (
+    KINDS,
+    RICH_RPM,
+    RIG,
+    THESIS_RPM,
+    Scenario,
+    simulate,
+    without_map,
+)
+from spinfilters.simulation.stereo_tracks import EveryAppearance, SomeAppearances, stays_in_view
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 FULL = StateLayout(FULL_BLOCKS)
@@ -41,7 +50,8 @@ def test_a_seed_gives_the_same_data_again_and_another_seed_other_data(kind: str)
 def _whitened_noise(dataset: Dataset, scenario: Scenario) -> np.ndarray:
     """Measured minus true over the standard deviation asked for."""
     stream, states = dataset.log.streams[0], _states(dataset)
-    rows = np.searchsorted(np.unique(stream.time), stream.time)
+    assert dataset.truth is not None
+    rows = np.searchsorted(dataset.truth.time, stream.time)
     if scenario.kind == "gyro":
         return (stream.values - states[:, FULL.mean_slice("w")]) / scenario.gyro_std
     if scenario.kind == "pose":
@@ -140,6 +150,9 @@ def test_the_truth_says_the_inertia_that_was_asked_for() -> None:
         {"detection": 0.0},
         {"detection": 1.1},
         {"landmarks": 3},
+        {"candidates": 0},
+        {"facing_cosine": 1.0},
+        {"fewest_sightings": -1},
         {"range_m": 0.1},
         {"principal_moments": (3.0, 1.0, 1 / 3)},
     ],
@@ -153,3 +166,92 @@ def test_a_scenario_that_cannot_be_is_refused(wrong: dict[str, object]) -> None:
 def test_a_recording_in_which_nothing_is_ever_seen_is_refused() -> None:
     with pytest.raises(InputError, match="ever visible"):
         simulate(replace(SHORT, frames=2, landmarks=4, detection=1e-9))
+
+
+@pytest.mark.parametrize("rate_rpm", [THESIS_RPM, RICH_RPM], ids=["thesis", "rich"])
+def test_a_recording_like_disam115_has_its_statistics(rate_rpm: tuple[float, float, float]) -> None:
+    dataset = simulate(Scenario.disam115(rate_rpm, seed=4))
+    stream = dataset.log.stream("stereo")
+    assert stream.ids is not None
+    assert dataset.known_map is not None
+    sightings, per_frame = np.bincount(stream.ids), np.diff(stream.frame_offsets)
+    assert len(stream) == pytest.approx(24723, rel=0.1)
+    assert len(dataset.known_map.ids) == len(sightings) == pytest.approx(2447, rel=0.1)
+    assert sightings.min() == 2
+    assert len(per_frame) == 115
+    assert np.median(per_frame) == pytest.approx(215, rel=0.1)
+    assert per_frame.min() > 150
+    np.testing.assert_allclose(np.percentile(sightings, [10, 50, 90, 99]), [2.5, 8, 22, 36], rtol=0.25)
+
+
+def runs_and_gaps(dataset: Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """Lengths in frames of the contiguous sightings of a landmark, and of what lies between two of them."""
+    stream = dataset.log.stream("stereo")
+    assert stream.ids is not None
+    frame = np.searchsorted(stream.frame_times, stream.time)
+    order = np.lexsort((frame, stream.ids))
+    step, landmark = np.diff(frame[order]), np.diff(stream.ids[order])
+    ends = np.append(np.flatnonzero((step != 1) | (landmark != 0)), len(frame) - 1)
+    return np.diff(ends, prepend=-1), step[(landmark == 0) & (step > 1)] - 1
+
+
+def test_landmarks_of_disam115_stay_for_a_few_frames_and_come_back_after_a_revolution() -> None:
+    runs, gaps = runs_and_gaps(simulate(Scenario.disam115(seed=2)))
+    assert runs.max() <= 6
+    np.testing.assert_allclose(np.bincount(runs)[1:5] / len(runs), 0.25, atol=0.08)
+    assert np.mean((gaps > 1) & (gaps < 6)) < 0.05
+    assert 0.4 < np.mean((gaps >= 7) & (gaps <= 11)) < 0.9
+
+
+def test_the_body_of_disam115_stays_in_view_though_its_force_would_take_it_out() -> None:
+    scenario = Scenario.disam115(seed=5)
+    for candidates, expected in ((scenario.candidates, True), (1, False)):
+        states = _states(simulate(replace(scenario, candidates=candidates)))
+        motion = Motion(FULL, np.arange(115.0), states)
+        assert stays_in_view(motion, scenario.radius_m) == expected
+
+
+def test_a_landmark_is_known_again_for_a_whole_appearance() -> None:
+    visible = np.tile(np.array([1, 1, 0, 1, 1, 1, 0, 0, 1], dtype=bool)[:, np.newaxis], (1, 20000))
+    known = SomeAppearances(2.0, 6.0).known(visible, np.random.default_rng(0))
+    assert not known[~visible].any()
+    for rows in ([0, 1], [3, 4, 5], [8]):
+        assert (known[rows] == known[rows[0]]).all()
+        assert known[rows[0]].mean() == pytest.approx(0.25, abs=0.02)
+    both = np.mean(known[0] & known[3])
+    assert both == pytest.approx(2 * 3 / (8 * 9), abs=0.01)  # of a Beta: E p^2; independent would be 1/16
+    np.testing.assert_array_equal(EveryAppearance().known(visible, np.random.default_rng(0)), visible)
+
+
+@pytest.mark.parametrize("shapes", [(0.0, 1.0), (1.0, -1.0), (np.nan, 1.0)])
+def test_shapes_of_recognition_are_positive(shapes: tuple[float, float]) -> None:
+    with pytest.raises(InputError, match="shapes"):
+        SomeAppearances(*shapes)
+
+
+def test_landmarks_seen_too_rarely_are_left_out_and_the_map_still_fits_the_tracks() -> None:
+    scenario = replace(SHORT, landmarks=300, fewest_sightings=9)
+    dataset = simulate(scenario)
+    stream = dataset.log.stream("stereo")
+    assert stream.ids is not None
+    assert dataset.known_map is not None
+    assert np.bincount(stream.ids).min() >= 9
+    assert 4 < len(dataset.known_map.ids) < 300
+    noise = _whitened_noise(dataset, scenario)
+    assert noise.std() == pytest.approx(1.0, abs=4 / np.sqrt(2 * noise.size))
+
+
+def test_a_data_set_without_its_map_is_otherwise_the_same() -> None:
+    dataset = simulate(SHORT)
+    blind = without_map(dataset)
+    assert blind.known_map is None
+    for name in ("log", "truth", "rig", "kind", "options"):
+        assert getattr(blind, name) is getattr(dataset, name)
+
+
+def test_the_rich_motion_is_the_default_one_with_other_rates() -> None:
+    assert Scenario.rich(7) == Scenario(rate_rpm=(4.0, 9.0, 3.0), seed=7)
+    truth = simulate(replace(Scenario.rich(), frames=2)).truth
+    assert truth is not None
+    turning = np.linalg.norm(truth.rate_i[0])
+    assert turning == pytest.approx(np.linalg.norm(RICH_RPM) * 2 * np.pi / 60)

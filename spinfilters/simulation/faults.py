@@ -1,0 +1,218 @@
+"""What goes wrong with measurements: seeded faults of a data set. The truth, the map and what was not hit stay as they are."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.errors import InputError
+from spinfilters.logs.camera import StereoRig
+from spinfilters.logs.dataset import Dataset
+from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.logs.track_files import SMALLEST_DISPARITY_PX
+
+GYRO_FULL_SCALE = 35.0
+"""Largest rate of a gyro's outlier, rad/s: 2000 deg/s, the full scale of a common sensor."""
+POSE_REACH_M = 1.0
+"""Largest coordinate of a pose's outlier, m."""
+_ROUNDING_PX = 1e-9  # keeps a difference of two coordinates on the right side of a bound
+
+
+class Fault(ABC):
+    """Something that goes wrong. A subclass is a frozen dataclass of its parameters."""
+
+    @abstractmethod
+    def apply(self, dataset: Dataset, generator: np.random.Generator) -> Dataset:
+        """The data set with this fault; InputError where it cannot have it."""
+
+
+def with_faults(dataset: Dataset, faults: Sequence[Fault], seed: int) -> Dataset:
+    """The data set after all faults, one upon the other; the draws of a fault depend on the seed and its place only."""
+    for fault, sequence in zip(faults, np.random.SeedSequence(seed).spawn(len(faults)), strict=True):
+        dataset = fault.apply(dataset, np.random.default_rng(sequence))
+    return dataset
+
+
+@dataclass(frozen=True)
+class WrongAssociations(Fault):
+    """In every frame a ``fraction`` of the stereo rows (rounded; at least two, or none) exchange their landmarks in a ring."""
+
+    fraction: float
+
+    def __post_init__(self) -> None:
+        _require_fraction(self.fraction)
+
+    def apply(self, dataset: Dataset, generator: np.random.Generator) -> Dataset:
+        stream = dataset.log.stream("stereo")
+        ids = _ids(stream).copy()
+        for rows in _frames(stream):
+            count = round(self.fraction * len(rows))
+            if count > 1:
+                chosen = generator.choice(rows, count, replace=False)
+                ids[chosen] = ids[np.roll(chosen, 1)]
+        return _with_stream(dataset, replace(stream, ids=ids))
+
+
+@dataclass(frozen=True)
+class Outliers(Fault):
+    """In all, a ``fraction`` of the rows (rounded) of a sensor is replaced by values that have nothing to do with the body.
+
+    Stereo: uniform over both images, at a disparity of at least zero, where a matcher looks.
+    Gyro: uniform within +-`GYRO_FULL_SCALE`.   Pose: origin uniform within +-`POSE_REACH_M`, attitude uniform over all rotations.
+    """
+
+    fraction: float
+    sensor: str = "stereo"
+
+    def __post_init__(self) -> None:
+        _require_fraction(self.fraction)
+
+    def apply(self, dataset: Dataset, generator: np.random.Generator) -> Dataset:
+        stream = dataset.log.stream(self.sensor)
+        values = stream.values.copy()
+        rows = generator.choice(len(values), round(self.fraction * len(values)), replace=False)
+        values[rows] = _anything(self.sensor, len(rows), dataset.rig, generator)
+        return _with_stream(dataset, replace(stream, values=values))
+
+
+@dataclass(frozen=True)
+class Dropout(Fault):
+    """No sensor says anything from ``start`` to ``end`` (s, both included)."""
+
+    start: float
+    end: float
+
+    def apply(self, dataset: Dataset, generator: np.random.Generator) -> Dataset:
+        left = []
+        for stream in dataset.log.streams:
+            kept = np.flatnonzero((stream.time < self.start) | (stream.time > self.end))
+            if not kept.size:
+                raise InputError(
+                    f"a dropout from {self.start} s to {self.end} s leaves no {stream.sensor} measurement; shorten it"
+                )
+            left.append(_rows(stream, kept))
+        return replace(dataset, log=MeasurementLog(tuple(left)))
+
+
+@dataclass(frozen=True)
+class FrozenFrames(Fault):
+    """A sensor repeats frame ``frame`` (0 is its first) in each of the ``count`` frames that follow, under their stamps."""
+
+    frame: int
+    count: int
+    sensor: str = "stereo"
+
+    def apply(self, dataset: Dataset, generator: np.random.Generator) -> Dataset:
+        stream = dataset.log.stream(self.sensor)
+        frames, times = _frames(stream), stream.frame_times
+        last = self.frame + self.count
+        if not 0 <= self.frame <= last < len(frames):
+            raise InputError(
+                f"frames {self.frame} to {last} are not all among the {len(frames)} of the {self.sensor} measurements"
+            )
+        shown = [self.frame if self.frame <= k <= last else k for k in range(len(frames))]
+        repeated = _rows(
+            stream, np.concatenate([frames[k] for k in shown]), times.repeat([len(frames[k]) for k in shown])
+        )
+        return _with_stream(dataset, repeated)
+
+
+@dataclass(frozen=True)
+class PointsAtInfinity(Fault):
+    """Every frame shows ``count`` points that are no part of the body: fixed pixels, no disparity, white noise on all three.
+
+    They bear ids of their own, above all others; ``pixel_std`` in px. A disparity is bounded below by the smallest that track files
+    may hold (`SMALLEST_DISPARITY_PX`).
+    """
+
+    count: int
+    pixel_std: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.count < 1 or not self.pixel_std > 0:
+            raise InputError(
+                f"{self.count} points with {self.pixel_std} px; give at least 1, and a positive noise"
+            )
+
+    def apply(self, dataset: Dataset, generator: np.random.Generator) -> Dataset:
+        stream, rig = dataset.log.stream("stereo"), _rig(dataset.rig)
+        u, v = generator.uniform(0, rig.width, self.count), generator.uniform(0, rig.height, self.count)
+        times = stream.frame_times
+        exact = np.tile(np.stack([u, v, u], axis=1), (len(times), 1))
+        values = exact + self.pixel_std * generator.standard_normal(exact.shape)
+        values[:, 2] = np.minimum(values[:, 2], values[:, 0] - SMALLEST_DISPARITY_PX - _ROUNDING_PX)
+        far = MeasurementStream(
+            "stereo",
+            times.repeat(self.count),
+            values,
+            np.tile(_ids(stream).max() + 1 + np.arange(self.count), len(times)),
+            np.tile(self.pixel_std**2 * np.eye(3), (len(exact), 1, 1)),
+        )
+        return _with_stream(dataset, _merged(stream, far))
+
+
+def _merged(stream: MeasurementStream, more: MeasurementStream) -> MeasurementStream:
+    """Rows of both in the order of time; covariances where the first has them."""
+    time = np.concatenate([stream.time, more.time])
+    order = np.argsort(time, kind="stable")
+    covariance = None
+    if stream.covariance is not None and more.covariance is not None:
+        covariance = np.concatenate([stream.covariance, more.covariance])[order]
+    values = np.concatenate([stream.values, more.values])[order]
+    ids = np.concatenate([_ids(stream), _ids(more)])[order]
+    return MeasurementStream("stereo", time[order], values, ids, covariance)
+
+
+def _anything(
+    sensor: str, count: int, rig: StereoRig | None, generator: np.random.Generator
+) -> Float[np.ndarray, "n m"]:
+    """Values of a sensor that look at nothing."""
+    if sensor == "gyro":
+        return generator.uniform(-GYRO_FULL_SCALE, GYRO_FULL_SCALE, (count, 3))
+    if sensor == "pose":
+        q = generator.standard_normal((count, 4))
+        place = generator.uniform(-POSE_REACH_M, POSE_REACH_M, (count, 3))
+        return np.hstack([place, q / np.linalg.norm(q, axis=1, keepdims=True)])
+    width, height = _rig(rig).width, _rig(rig).height
+    pixels = generator.uniform(0.0, [width, height, width], (count, 3))
+    pixels[:, [2, 0]] = np.sort(pixels[:, [2, 0]], axis=1)
+    return pixels
+
+
+def _rows(
+    stream: MeasurementStream, rows: Int[np.ndarray, " k"], time: Float[np.ndarray, " k"] | None = None
+) -> MeasurementStream:
+    """These rows, under their own stamps or others."""
+    ids = None if stream.ids is None else stream.ids[rows]
+    covariance = None if stream.covariance is None else stream.covariance[rows]
+    return MeasurementStream(
+        stream.sensor, stream.time[rows] if time is None else time, stream.values[rows], ids, covariance
+    )
+
+
+def _frames(stream: MeasurementStream) -> list[Int[np.ndarray, " k"]]:
+    """Rows of every frame."""
+    return np.split(np.arange(len(stream)), stream.frame_offsets[1:-1])
+
+
+def _with_stream(dataset: Dataset, stream: MeasurementStream) -> Dataset:
+    """The data set with another stream of that sensor."""
+    streams = [stream if old.sensor == stream.sensor else old for old in dataset.log.streams]
+    return replace(dataset, log=MeasurementLog(tuple(streams)))
+
+
+def _ids(stream: MeasurementStream) -> Int[np.ndarray, " n"]:
+    assert stream.ids is not None  # a stereo stream always has them
+    return stream.ids
+
+
+def _rig(rig: StereoRig | None) -> StereoRig:
+    assert rig is not None  # a data set with stereo measurements always has one
+    return rig
+
+
+def _require_fraction(fraction: float) -> None:
+    if not 0 <= fraction <= 1:
+        raise InputError(f"fraction {fraction} of measurements with a fault must lie in [0, 1]")

@@ -1,0 +1,179 @@
+"""What a stereo front end would report of a body: which landmarks it sees, finds and knows again, and where."""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from spinfilters.errors import InputError
+from spinfilters.logs.camera import StereoRig
+from spinfilters.logs.measurement_log import MeasurementStream
+from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.simulation.motion import Motion
+
+RIG = StereoRig(fx=466.7, fy=466.7, cx=320.0, cy=240.0, width=640, height=480, baseline_m=0.09)
+"""The Goggles' cameras (Tweddle 2013, Tables 5.1 and 5.4)."""
+
+NEAREST_M = 0.05
+"""Depth in m below which nothing is in focus."""
+
+DEPTHS = (0.65, 1.5)
+"""Smallest and largest depth, over the first one, of a body that stays in view."""
+
+
+class Recognition(Protocol):
+    """Which of the landmarks in view the front end knows again."""
+
+    def known(
+        self, visible: Bool[np.ndarray, "n k"], generator: np.random.Generator
+    ) -> Bool[np.ndarray, "n k"]:
+        """Those of the visible landmarks (frame by landmark) whose track goes on."""
+        ...
+
+
+@dataclass(frozen=True)
+class EveryAppearance:
+    """Every landmark is known again whenever it comes into view."""
+
+    def known(
+        self, visible: Bool[np.ndarray, "n k"], generator: np.random.Generator
+    ) -> Bool[np.ndarray, "n k"]:
+        """All that are visible."""
+        return visible
+
+
+@dataclass(frozen=True)
+class SomeAppearances:
+    """A landmark is known again, or missed, for a whole appearance (a stretch of frames in which it is in view).
+
+    The probability is the landmark's own, drawn from the Beta distribution with shapes ``alpha`` and ``beta``: few landmarks
+    are distinct enough to be known again at every revolution.
+    """
+
+    alpha: float
+    beta: float
+
+    def __post_init__(self) -> None:
+        if not (self.alpha > 0 and self.beta > 0):
+            raise InputError(
+                f"shapes {self.alpha}, {self.beta} of the Beta distribution of recognition must be positive"
+            )
+
+    def known(
+        self, visible: Bool[np.ndarray, "n k"], generator: np.random.Generator
+    ) -> Bool[np.ndarray, "n k"]:
+        """The visible landmarks of those appearances in which they are known again."""
+        frames, count = visible.shape
+        probability = generator.beta(self.alpha, self.beta, count)
+        begins = visible & ~np.vstack([np.zeros((1, count), dtype=bool), visible[:-1]])
+        appearance = np.cumsum(begins, axis=0) - 1
+        drawn = generator.random((frames, count)) < probability
+        return visible & np.take_along_axis(drawn, np.maximum(appearance, 0), axis=0)
+
+
+@dataclass(frozen=True)
+class FrontEnd:
+    """How landmarks are found.
+
+    Attributes
+    ----------
+    pixel_std: white noise of each pixel coordinate, px.
+    detection: probability that a landmark in view, and known, is found in a frame.
+    facing_cosine: a landmark is in view when the cosine between its outward normal and the line to the camera exceeds this.
+    recognition: which landmarks in view are known again.
+    fewest_sightings: landmarks with fewer in the whole recording are left out, and the others numbered anew.
+    """
+
+    pixel_std: float = 1.0
+    detection: float = 0.9
+    facing_cosine: float = 0.35
+    recognition: Recognition = field(default_factory=EveryAppearance)
+    fewest_sightings: int = 0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.detection <= 1:
+            raise InputError(f"detection {self.detection} must lie in (0, 1]")
+        if not (-1 <= self.facing_cosine < 1 and self.fewest_sightings >= 0):
+            raise InputError(
+                f"facing_cosine {self.facing_cosine} must lie in [-1, 1) and fewest_sightings "
+                f"{self.fewest_sightings} be at least 0"
+            )
+
+
+class Surface(NamedTuple):
+    """Landmarks (k, 3) m and their outward unit normals (k, 3), frame g."""
+
+    points: Float[np.ndarray, "k 3"]
+    normals: Float[np.ndarray, "k 3"]
+
+
+def ball(count: int, radius_m: float, generator: np.random.Generator) -> Surface:
+    """Landmarks on a slightly dented ball about the origin of g."""
+    normals = generator.standard_normal((count, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return Surface(radius_m * generator.uniform(0.8, 1.0, (count, 1)) * normals, normals)
+
+
+def stays_in_view(motion: Motion, radius_m: float) -> bool:
+    """Whether a ball about the origin of g is whole in both images all the time, at about its first depth (`DEPTHS`)."""
+    x, y, z = motion.block("t").T
+    nearest = z - radius_m
+    inside = (z > DEPTHS[0] * z[0]) & (z < DEPTHS[1] * z[0])
+    half_width, half_height = RIG.width / 2 / RIG.fx, RIG.height / 2 / RIG.fy
+    inside &= np.maximum(x, RIG.baseline_m - x) + radius_m < half_width * nearest
+    inside &= np.abs(y) + radius_m < half_height * nearest
+    return bool(inside.all())
+
+
+def stereo_tracks(
+    front_end: FrontEnd, surface: Surface, motion: Motion, generator: np.random.Generator
+) -> tuple[MeasurementStream, Int[np.ndarray, " m"]]:
+    """Tracks over a motion, and the rows of the surface that its landmarks 0, 1, 2 .. are.
+
+    Raises
+    ------
+    InputError: when no landmark is ever found.
+    """
+    camera = StereoLandmark(motion.layout)
+    parameters = stereo_parameters(surface.points, RIG.calibration, front_end.pixel_std)
+    pixels = np.stack([camera.predict(x, parameters) for x in motion.states])
+    visible = _visible(front_end.facing_cosine, surface, motion, pixels)
+    known = front_end.recognition.known(visible, generator)
+    frames, ids, values = [], [], []
+    for index, (exact, candidates) in enumerate(zip(pixels, known, strict=True)):
+        found = np.flatnonzero(candidates & (generator.random(len(candidates)) < front_end.detection))
+        frames.append(np.full(found.size, index))
+        ids.append(found)
+        values.append(exact[found] + front_end.pixel_std * generator.standard_normal((found.size, 3)))
+    found, kept = _often_enough(np.concatenate(ids), len(surface.points), front_end.fewest_sightings)
+    if not found.any():
+        raise InputError(
+            "no landmark is ever visible; move the body into the camera's view (range_m, velocity)"
+        )
+    time, number = (
+        motion.time[np.concatenate(frames)][found],
+        np.searchsorted(kept, np.concatenate(ids)[found]),
+    )
+    return MeasurementStream("stereo", time, np.concatenate(values)[found], number), kept
+
+
+def _often_enough(
+    ids: np.ndarray, count: int, fewest: int
+) -> tuple[Bool[np.ndarray, " n"], Int[np.ndarray, " m"]]:
+    """Rows of landmarks that are seen often enough, and these landmarks."""
+    enough = np.bincount(ids, minlength=count) >= fewest
+    return enough[ids], np.flatnonzero(enough)
+
+
+def _visible(
+    facing_cosine: float, surface: Surface, motion: Motion, pixels: Float[np.ndarray, "n k 3"]
+) -> Bool[np.ndarray, "n k"]:
+    """Which landmarks face the camera inside both images."""
+    turned = np.swapaxes(motion.rotations, 1, 2)
+    points = surface.points @ turned + motion.block("t")[:, np.newaxis]
+    towards = -np.einsum("nki,nki->nk", surface.normals @ turned, points)
+    facing = towards > facing_cosine * np.linalg.norm(points, axis=2)
+    u_left, v_left, u_right = np.moveaxis(pixels, 2, 0)
+    inside = (u_right >= 0) & (u_left < RIG.width) & (v_left >= 0) & (v_left < RIG.height)
+    return facing & inside & (points[..., 2] > NEAREST_M)
