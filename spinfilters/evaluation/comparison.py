@@ -71,6 +71,14 @@ def _nees(evaluation: Evaluation) -> str | None:
     return None if nees is None else f"{np.mean(nees.total) / nees.dof:.2f}"
 
 
+def _block_nees(block: str) -> Cell:
+    def cell(evaluation: Evaluation) -> str | None:
+        mean = None if evaluation.nees is None else evaluation.nees.block_means.get(block)
+        return None if mean is None else f"{mean:.2f}"
+
+    return cell
+
+
 def _nis(evaluation: Evaluation) -> str | None:
     return None if evaluation.nis_ratio is None else f"{evaluation.nis_ratio:.3f}"
 
@@ -79,6 +87,17 @@ def _runtime(evaluation: Evaluation) -> str | None:
     value = evaluation.milliseconds_per_frame
     return None if value is None else f"{value:.3g}"
 
+
+BLOCK_NAMES: dict[str, str] = {
+    "t": "position of g",
+    "a": "attitude",
+    "v": "velocity",
+    "w": "rate",
+    "c": "centre of mass",
+    "s": "mass distribution",
+    "d": "drag",
+}
+"""What the blocks of a state are called in the table."""
 
 ROWS: tuple[tuple[str, Cell], ...] = (
     ("status", lambda evaluation: str(evaluation.history.status.verdict)),
@@ -93,6 +112,7 @@ ROWS: tuple[tuple[str, Cell], ...] = (
     ("velocity error [mm/s]", _rms("velocity", 1e-3)),
     ("rate error [deg/s]", _rms("rate", float(np.deg2rad(1.0)))),
     ("NEES per dof", _nees),
+    *((f"NEES per dof, {name}", _block_nees(block)) for block, name in BLOCK_NAMES.items()),
     ("NIS per dof", _nis),
     (
         "measurements accepted / rejected",

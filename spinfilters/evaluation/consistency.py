@@ -87,7 +87,10 @@ def true_states(truth: Truth, layout: StateLayout) -> Float[np.ndarray, "n m"]:
 
 
 def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedErrors:
-    """NEES of a history at its common stamps with a truth in the same frames i and g.
+    """NEES of a history at its common stamps with a truth in the same frames i and g (`truth_in_first_frame`, if need be).
+
+    The tangent is taken at the estimate. Where the pose of g at the first frame is exact by definition, the error and the NEES
+    of blocks t and a vanish there, and the whole state has six degrees of freedom less in that one frame.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """Everything that is said of one estimator's run, put together once for tables, files and figures."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +14,9 @@ from spinfilters.evaluation.errors import (
     RmsErrors,
     TruthErrors,
     body_errors,
+    tells_first_frame,
     truth_errors,
+    truth_in_first_frame,
 )
 from spinfilters.evaluation.trajectory import Trajectory, trajectory_of
 from spinfilters.logs.truth import Truth
@@ -27,6 +29,7 @@ class Evaluation:
     Attributes
     ----------
     bodies: after every frame; `body` is the last.
+    alignment: that was applied before the estimate was compared with the truth.
     errors, body_errors: against the truth, None without one.
     nees: None when the truth does not tell the whole state in the estimate's frames.
     """
@@ -34,6 +37,7 @@ class Evaluation:
     history: EstimateHistory
     trajectory: Trajectory
     bodies: BodyHistory
+    alignment: Alignment = Alignment.NONE
     errors: TruthErrors | None = None
     body_errors: BodyErrors | None = None
     nees: NormalisedErrors | None = None
@@ -67,7 +71,8 @@ def evaluate(
 
     Parameters
     ----------
-    alignment: whether the g of the estimate is that of the truth (known map) or turned by a constant.
+    alignment: how the g of the estimate relates to that of the truth; `Alignment.FIRST_FRAME` becomes `Alignment.BODY_FRAME`
+        where the truth does not tell enough for it.
 
     Raises
     ------
@@ -77,14 +82,26 @@ def evaluate(
         raise InputError(
             f"{history.name} left no frame to evaluate: {'; '.join(history.status.reasons) or 'no reason'}"
         )
-    trajectory, bodies = trajectory_of(history), body_history(history)
+    evaluation = Evaluation(history, trajectory_of(history), body_history(history))
     if truth is None:
-        return Evaluation(history, trajectory, bodies)
-    errors = truth_errors(trajectory, truth, alignment)
-    same_frames = alignment is Alignment.NONE and knows_state(truth, history.layout)
-    nees = normalised_errors(history, truth) if same_frames else None
-    return Evaluation(
-        history, trajectory, bodies, errors, body_errors(bodies.at(-1), truth, errors.frame), nees
+        return evaluation
+    if alignment is Alignment.FIRST_FRAME and not tells_first_frame(history, truth):
+        alignment = Alignment.BODY_FRAME
+    return _compared(evaluation, truth, alignment)
+
+
+def _compared(evaluation: Evaluation, truth: Truth, alignment: Alignment) -> Evaluation:
+    history = evaluation.history
+    errors = truth_errors(evaluation.trajectory, truth, alignment)
+    common = truth_in_first_frame(history, truth) if alignment is Alignment.FIRST_FRAME else truth
+    frame = errors.frame if alignment is Alignment.BODY_FRAME else None
+    known = frame is None and knows_state(common, history.layout)
+    return replace(
+        evaluation,
+        alignment=alignment,
+        errors=errors,
+        body_errors=body_errors(evaluation.body, common, frame),
+        nees=normalised_errors(history, common) if known else None,
     )
 
 
@@ -115,10 +132,11 @@ def numbers(evaluation: Evaluation) -> dict[str, float | int | str | list[float]
 
 
 def _error_numbers(evaluation: Evaluation) -> dict[str, float | int | str | list[float] | None]:
-    errors, body, nees = evaluation.errors, evaluation.body_errors, evaluation.nees
+    errors, body = evaluation.errors, evaluation.body_errors
     if errors is None or body is None:
         return {}
     return {
+        "alignment": str(evaluation.alignment),
         **_rms_numbers("rms", errors.rms),
         **_rms_numbers("rms_second_half", errors.rms_second_half),
         "ape_rmse_m": errors.ape_rmse,
@@ -128,8 +146,17 @@ def _error_numbers(evaluation: Evaluation) -> dict[str, float | int | str | list
         "k2_error": body.k2,
         "axes_angle_rad": _listed(body.axes_angle),
         "center_of_mass_error_m": _listed(body.center_of_mass_g),
-        "nees_per_dof": None if nees is None else _finite(np.mean(nees.total) / nees.dof),
+        **_nees_numbers(evaluation),
     }
+
+
+def _nees_numbers(evaluation: Evaluation) -> dict[str, float | None]:
+    """NEES per degree of freedom, mean over the frames: of the whole state, and of each block as nees_per_dof_<block>."""
+    nees = evaluation.nees
+    if nees is None:
+        return {"nees_per_dof": None}
+    blocks = {f"nees_per_dof_{block}": _finite(mean) for block, mean in nees.block_means.items()}
+    return {"nees_per_dof": _finite(np.mean(nees.total) / nees.dof), **blocks}
 
 
 def _rms_numbers(prefix: str, rms: RmsErrors) -> dict[str, float | None]:
