@@ -1,69 +1,49 @@
 """Poses and a map from stereo tracks alone, by turns: a frame's pose from the map so far, its sightings into the map."""
 
-from dataclasses import dataclass
-
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.errors import InputError
 from spinfilters.geometry.triangulation import triangulate
 from spinfilters.logs.measurement_log import MeasurementStream
 from spinfilters.logs.track_files import KnownMap
+from spinfilters.perception.map_in_progress import MapInProgress
 from spinfilters.perception.pose_fit import FittedPose, fit_pose
 from spinfilters.perception.track_poses import find_landmarks, pose_stream, track_frames
 
 PASSES = 4
 """Rounds over all frames after the first sweep, each with a better map."""
-
-
-@dataclass
-class _MapInProgress:
-    """Sums of information of every landmark: its point is the information-weighted mean of its sightings.
-
-    A sighting is poor along its line of sight, so points seen from several sides are far better than any one sighting.
-    """
-
-    ids: Int[np.ndarray, " n"]
-    information: Float[np.ndarray, "n 3 3"]
-    weighted: Float[np.ndarray, "n 3"]
-
-    @classmethod
-    def empty(cls, ids: Int[np.ndarray, " n"]) -> "_MapInProgress":
-        return cls(ids, np.zeros((len(ids), 3, 3)), np.zeros((len(ids), 3)))
-
-    @property
-    def seen(self) -> Bool[np.ndarray, " n"]:
-        return self.information[:, 0, 0] > 0
-
-    def add(
-        self, where: np.ndarray, information: Float[np.ndarray, "k 3 3"], points: Float[np.ndarray, "k 3"]
-    ) -> None:
-        np.add.at(self.information, where, information)
-        np.add.at(self.weighted, where, (information @ points[..., None])[..., 0])
-
-    def points(self, where: np.ndarray) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3 3"]]:
-        covariance = np.linalg.inv(self.information[where])
-        return (covariance @ self.weighted[where][..., None])[..., 0], covariance
+SMALLEST_DISPARITY_PX = 0.1
+"""Below it a point is at infinity: its information has no third direction that numbers could hold."""
 
 
 def poses_without_map(
-    tracks: MeasurementStream, calibration: Float[np.ndarray, " 5"], pixel_std: float
+    tracks: MeasurementStream,
+    calibration: Float[np.ndarray, " 5"],
+    pixel_std: float,
+    frames: int | None = None,
 ) -> tuple[MeasurementStream, KnownMap]:
     """Poses and a map from tracks alone; frame g stands at the median of the first frame's points, axes along i.
 
     A pose is weighted by pixel noise and by how well each point is known. Errors common to many frames (slow drift of the map)
     are not in the poses' covariances; filters that hold the landmarks in their state do not have that weakness.
 
+    Wrong associations are outvoted: a pose is what most matches of its frame agree on, a landmark what most of its sightings do.
+
+    Parameters
+    ----------
+    frames: how many of the first frames to look at; all when None.
+
     Raises
     ------
     InputError: when fewer than four landmarks are seen at first, or no frame can be fitted.
     """
     assert tracks.ids is not None
-    ids = np.unique(tracks.ids)
-    frames = track_frames(tracks)
-    building, fits = _MapInProgress.empty(ids), {}
-    for time, rows in frames:
+    chosen = track_frames(tracks)[:frames]
+    ids = np.unique(tracks.ids[: chosen[-1][1].stop])
+    building, fits = MapInProgress.empty(ids), {}
+    for time, rows in chosen:
         fits[time] = (
             _pose(tracks, rows, building, calibration, pixel_std)
             if fits
@@ -71,8 +51,8 @@ def poses_without_map(
         )
         _add_sightings(tracks, rows, fits[time], building, calibration, pixel_std)
     for _ in range(PASSES):
-        complete, building = building, _MapInProgress.empty(ids)
-        for time, rows in frames:
+        complete, building = building, MapInProgress.empty(ids)
+        for time, rows in chosen:
             fits[time] = _pose(tracks, rows, complete, calibration, pixel_std)
             _add_sightings(tracks, rows, fits[time], building, calibration, pixel_std)
     seen = np.flatnonzero(building.seen)
@@ -91,7 +71,7 @@ def _first(tracks: MeasurementStream, rows: slice, calibration: np.ndarray) -> F
 
 
 def _pose(
-    tracks: MeasurementStream, rows: slice, known: _MapInProgress, calibration: np.ndarray, pixel_std: float
+    tracks: MeasurementStream, rows: slice, known: MapInProgress, calibration: np.ndarray, pixel_std: float
 ) -> FittedPose | None:
     assert tracks.ids is not None
     index, _ = find_landmarks(known.ids, tracks.ids[rows])
@@ -106,7 +86,7 @@ def _add_sightings(
     tracks: MeasurementStream,
     rows: slice,
     fitted: FittedPose | None,
-    building: _MapInProgress,
+    building: MapInProgress,
     calibration: np.ndarray,
     pixel_std: float,
 ) -> None:
@@ -123,8 +103,10 @@ def _add_sightings(
 def _triangulated(
     tracks: MeasurementStream, rows: slice, calibration: np.ndarray
 ) -> tuple[Float[np.ndarray, "k 3"], Bool[np.ndarray, " k"]]:
-    camera = triangulate(tracks.values[rows], calibration)
-    return camera, np.isfinite(camera).all(axis=1) & (camera[:, 2] > 0)
+    pixels = tracks.values[rows]
+    near = pixels[:, 0] - pixels[:, 2] > SMALLEST_DISPARITY_PX
+    camera = triangulate(pixels, calibration)
+    return camera, near & np.isfinite(camera).all(axis=1)
 
 
 def _point_information(

@@ -1,4 +1,4 @@
-"""The pose of one frame from a stereo pair's points and a map: absolute orientation, then Gauss-Newton on the pixels."""
+"""The pose of one frame from a stereo pair's points and a map: what most matches agree on, then Gauss-Newton on the pixels."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -6,16 +6,16 @@ from functools import cache
 import numpy as np
 from jaxtyping import Bool, Float
 
-from spinfilters.attitude.conversions import matrix_from_quaternion, rotate
-from spinfilters.errors import InputError
-from spinfilters.geometry.absolute_orientation import absolute_orientation
-from spinfilters.geometry.triangulation import triangulate
+from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.perception.pose_consensus import SMALLEST_SHARE, consensus_pose
 from spinfilters.state.layout import StateLayout
 
 ITERATIONS = 8
 GATE_PX = 6.0
 """Residual in standard deviations beyond which a match counts as wrong."""
+OPENING = 6.0
+"""Times the lower quartile of the residuals: less than the gate when all matches are right and so is their noise."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def fit_pose(
         a fit without it would turn the body to please the depths.
     """
     model, parameters = _stereo(), stereo_parameters(points, calibration, pixel_std)
-    pose = _first_pose(points, triangulate(pixels, calibration))
+    pose = consensus_pose(points, pixels, calibration)
     if pose is None:
         return None
     inliers = np.ones(len(points), dtype=bool)
@@ -58,9 +58,8 @@ def fit_pose(
         innovation, jacobian, valid, _ = model.linearise(pose, parameters, pixels)
         if covariance is not None:
             innovation, jacobian = _with_map_noise(pose, innovation, jacobian, covariance)
-        size = np.abs(innovation).max(axis=1)
-        inliers = valid & (size < max(GATE_PX, 4 * float(np.median(size))))
-        if np.count_nonzero(inliers) < 4:
+        inliers = valid & _within_gate(np.abs(innovation).max(axis=1))
+        if np.count_nonzero(inliers) < max(4, SMALLEST_SHARE * len(points)):
             return None
         A, b = jacobian[inliers].reshape(-1, 6), innovation[inliers].reshape(-1)
         information = A.T @ A
@@ -71,6 +70,11 @@ def fit_pose(
     if np.linalg.eigvalsh(information)[0] <= 0:
         return None
     return FittedPose(pose, np.linalg.inv(information), inliers)
+
+
+def _within_gate(size: Float[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
+    """Residuals (standard deviations) below a gate that opens while the pose is off, judged by the quarter that fits best."""
+    return size < max(GATE_PX, OPENING * float(np.quantile(size, 0.25)))
 
 
 def _with_map_noise(
@@ -84,21 +88,3 @@ def _with_map_noise(
     root = np.linalg.cholesky(np.eye(3) + by_point @ covariance @ np.swapaxes(by_point, 1, 2))
     both = np.linalg.solve(root, np.concatenate([innovation[..., None], jacobian], axis=2))
     return both[..., 0], both[..., 1:]
-
-
-def _first_pose(
-    points: Float[np.ndarray, "k 3"], seen: Float[np.ndarray, "k 3"]
-) -> Float[np.ndarray, " 7"] | None:
-    """Absolute orientation with depth-dependent weights, repeated once without what disagrees grossly."""
-    keep = np.isfinite(seen).all(axis=1) & (seen[:, 2] > 0)
-    q, t = np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3)
-    for _ in range(3):
-        if np.count_nonzero(keep) < 4:
-            return None
-        try:
-            q, t = absolute_orientation(seen[keep], points[keep], seen[keep, 2] ** -4)
-        except InputError:
-            return None
-        error = np.linalg.norm(seen - (rotate(q, points) + t), axis=1)
-        keep = keep & (error <= 4 * np.median(error[keep]) + 1e-12)
-    return np.concatenate([t, q])
