@@ -9,6 +9,7 @@ hides our `ShapeError`, and it trips over NumPy scalars and CasADi's types.)
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import is_dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property, wraps
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
@@ -75,6 +76,11 @@ def check_class(cls: type) -> None:
         setattr(cls, maker, checked(made))
 
 
+@dataclass
+class _WithFactory:
+    made: list[int] = field(default_factory=list)
+
+
 def checked(function: Callable[..., Any]) -> Callable[..., Any]:
     """The function, with the shapes of its arguments and of its result checked after it has returned."""
     hints = {name: hint for name, hint in function.__annotations__.items() if _states_a_shape(hint)}
@@ -102,8 +108,12 @@ def _check(function: Callable[..., Any], hints: Mapping[str, Any], values: Mappi
                 raise WrongShapeError(f"{where}: {name} is not {hint}; arrays of the call: {arrays}")
 
 
+_DEFAULT_FACTORY = type(signature(_WithFactory).parameters["made"].default)
+"""What stands for a dataclass field's default until it is made."""
+
+
 def _agrees(value: Any, hint: Any, is_result: bool) -> bool:
-    if not _states_a_shape(hint) or value is None:
+    if not _states_a_shape(hint) or value is None or isinstance(value, _DEFAULT_FACTORY):
         return True
     if isinstance(hint, type) and issubclass(hint, AbstractArray):
         return isinstance(_as_array(value, hint, is_result), hint if is_result else _broadcasting(hint))

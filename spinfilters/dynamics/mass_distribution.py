@@ -39,6 +39,12 @@ def second_moments(s: Expression) -> Expression:
     return L @ L.T
 
 
+def from_second_moments(S: Expression) -> Expression:
+    """The s of a positive definite S, 3 x 3, of determinant one."""
+    L = _cholesky(S)
+    return ca.vertcat(ca.log(L[0, 0]), ca.log(L[1, 1]), L[1, 0], L[2, 0], L[2, 1])
+
+
 def inertia(s: Expression) -> Expression:
     """J(s) in g axes up to scale, 3 x 3: tr(S) I - S."""
     S = second_moments(s)

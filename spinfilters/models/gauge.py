@@ -1,0 +1,66 @@
+"""The gauge of the geometric frame: moving g against the body changes every number of the state and nothing that is measured.
+
+A move (theta, rho) takes a point p_g to R(theta) p_g + rho. With it
+
+    q_ig -> q_ig (x) dq(-theta),  t -> t - R_ig R(theta)' rho,  w -> R w,  c -> R c + rho,  S -> R S R',  v -> v,
+
+the motion, the centre of mass in i and every sighting stay what they were: six directions of the state in which only the definition
+of g, and nothing observed, may put information.
+"""
+
+from functools import cache
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.attitude.expressions import (
+    Expression,
+    matrix_from_quaternion,
+    product,
+    quaternion_from_mrp,
+    rotate,
+)
+from spinfilters.dynamics.mass_distribution import from_second_moments, second_moments
+from spinfilters.state.layout import StateLayout
+from spinfilters.symbolic import Compiled
+
+GAUGE_DIM = 6
+"""Rotation vector theta (rad), then translation rho (m), both in g axes."""
+
+
+def gauge_move(layout: StateLayout, x: Expression, move: Expression) -> Expression:
+    """The state that describes the same motion after g has been moved by (theta, rho); theta is 4 x MRP."""
+    values = layout.unpack(x)
+    turn, rho = quaternion_from_mrp(move[:3]), move[3:]
+    R = matrix_from_quaternion(turn)
+    moved = dict(values)
+    moved["q"] = product(values["q"], quaternion_from_mrp(-move[:3]))
+    moved["w"] = R @ values["w"]
+    moved["s"] = from_second_moments(R @ second_moments(values["s"]) @ R.T)
+    if "t" in values:
+        moved["t"] = values["t"] - rotate(moved["q"], rho)
+        moved["c"] = R @ values["c"] + rho
+    return layout.pack(moved)
+
+
+def gauge_directions(layout: StateLayout, x: Float[np.ndarray, " m"]) -> Float[np.ndarray, "n 6"]:
+    """Errors of the state at ``x`` per unit of (theta, rho)."""
+    return _directions(layout)(x)[0]
+
+
+def gauge_of_points(points: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "l 6"]:
+    """Errors of landmarks per unit of (theta, rho): theta x p + rho; l = 3 k."""
+    x, y, z = points.T
+    zero = np.zeros(len(points))
+    turn = np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=1).reshape(-1, 3, 3)
+    shift = np.broadcast_to(np.eye(3), turn.shape)
+    return np.concatenate([turn, shift], axis=2).reshape(-1, GAUGE_DIM)
+
+
+@cache
+def _directions(layout: StateLayout) -> Compiled:
+    x, move = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("move", GAUGE_DIM)
+    error = layout.near_local_expression(x, gauge_move(layout, x, move))
+    slope = ca.substitute(ca.jacobian(error, move), move, ca.SX.zeros(GAUGE_DIM))
+    return Compiled(ca.Function("gauge_directions", [x], [slope], ["x"], ["N"]))

@@ -1,0 +1,40 @@
+"""Moving the frame g changes no sighting and no motion, and its directions are exactly those."""
+
+import numpy as np
+import pytest
+
+from spinfilters.models.gauge import gauge_directions, gauge_of_points
+from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+
+LAYOUT = StateLayout(FULL_BLOCKS)
+CALIBRATION = np.array([466.7, 466.7, 320.0, 240.0, 0.09])
+
+
+def state(seed):
+    generator = np.random.default_rng(seed)
+    x = LAYOUT.retract(LAYOUT.origin(), 0.5 * generator.standard_normal(20))
+    x[2] += 3.0
+    return x
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_motion_carries_gauge_directions_into_gauge_directions(seed):
+    process = TorqueFreeProcess(LAYOUT, ProcessNoise(), 1e-12)
+    x = state(seed)
+    after, transition, _ = process.linearise(x, 0.7)
+    np.testing.assert_allclose(
+        transition @ gauge_directions(LAYOUT, x), gauge_directions(LAYOUT, after), atol=1e-10
+    )
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_sighting_sees_a_gauge_direction(seed):
+    sensor, x = StereoLandmark(LAYOUT), state(seed)
+    points = 0.2 * np.random.default_rng(seed).standard_normal((5, 3))
+    at = sensor.linearise_landmarks(x, stereo_parameters(points, CALIBRATION, 1.0), np.zeros((5, 3)))
+    seen = at.jacobian @ gauge_directions(LAYOUT, x)[sensor.columns]
+    seen = seen + at.by_landmark @ gauge_of_points(points).reshape(-1, 3, 6)
+    assert np.abs(seen).max() < 1e-10 * np.abs(at.jacobian).max()
+    assert np.abs(at.jacobian @ gauge_directions(LAYOUT, x)[sensor.columns]).max() > 1  # alone they are seen

@@ -1,0 +1,89 @@
+"""A sensor that sees landmarks: its derivative by them, its inverse, and the anchored coordinates of what it found."""
+
+import numpy as np
+import pytest
+
+from spinfilters.models.anchored_point import anchored_coordinates, anchored_points
+from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.state.layout import StateLayout
+
+LAYOUT = StateLayout(("t", "a"))
+SENSOR = StereoLandmark(LAYOUT)
+CALIBRATION = np.array([466.7, 460.0, 320.0, 240.0, 0.09])
+STEP = 1e-6
+
+
+@pytest.fixture
+def scene():
+    generator = np.random.default_rng(5)
+    x = LAYOUT.retract(np.array([0.02, -0.01, 0.7, 0, 0, 0, 1.0]), generator.standard_normal(6) * 0.3)
+    return x, stereo_parameters(0.1 * generator.standard_normal((6, 3)), CALIBRATION, 1.3)
+
+
+def test_derivative_by_the_landmark_is_the_finite_difference(scene):
+    x, parameters = scene
+    measured = SENSOR.predict(x, parameters)
+    by_landmark = SENSOR.linearise_landmarks(x, parameters, measured).by_landmark
+    for k in range(3):
+        there, back = parameters.copy(), parameters.copy()
+        there[:, k] += STEP
+        back[:, k] -= STEP
+        slope = (SENSOR.predict(x, there) - SENSOR.predict(x, back)) / (2 * STEP)
+        np.testing.assert_allclose(1.3 * by_landmark[:, :, k], slope, atol=1e-4)
+
+
+def test_a_new_landmark_is_where_the_sighting_says_and_moves_as_its_derivative_says(scene):
+    x, parameters = scene
+    measured = SENSOR.predict(x, parameters)
+    found = SENSOR.new_landmarks(x, parameters, measured)
+    np.testing.assert_allclose(found.points, parameters[:, :3], atol=1e-12)
+    assert found.determined.all()
+    for k in range(6):
+        d = STEP * np.eye(6)[k]
+        ahead = SENSOR.new_landmarks(LAYOUT.retract(x, d), parameters, measured).points
+        behind = SENSOR.new_landmarks(LAYOUT.retract(x, -d), parameters, measured).points
+        np.testing.assert_allclose(found.jacobian[:, :, k], (ahead - behind) / (2 * STEP), atol=1e-8)
+
+
+def test_the_noise_of_a_new_landmark_is_that_of_its_pixels(scene):
+    x, parameters = scene
+    measured = SENSOR.predict(x, parameters)
+    root = SENSOR.new_landmarks(x, parameters, measured).root
+    by_landmark = SENSOR.linearise_landmarks(x, parameters, measured).by_landmark
+    seen = by_landmark @ root
+    np.testing.assert_allclose(seen @ seen.transpose(0, 2, 1), np.tile(np.eye(3), (6, 1, 1)), atol=1e-9)
+    assert not np.triu(root, 1).any()
+
+
+def test_a_landmark_at_infinity_is_not_determined(scene):
+    x, parameters = scene
+    far = np.array([[300.0, 200.0, 299.0], [300.0, 200.0, 301.0], [300.0, 200.0, 200.0]])
+    found = SENSOR.new_landmarks(x, parameters[:3], far)
+    assert found.determined.tolist() == [False, False, True]
+    assert np.isfinite(found.points).all()
+
+
+def test_anchored_coordinates_are_a_chart_of_space(scene):
+    x, parameters = scene
+    anchors = np.tile(x, (6, 1))
+    coordinates = anchored_coordinates(anchors, parameters[:, :3])
+    points, slopes = anchored_points(anchors, coordinates)
+    np.testing.assert_allclose(points, parameters[:, :3], atol=1e-13)
+    for k in range(3):
+        d = STEP * np.eye(3)[k]
+        moved = anchored_points(anchors, coordinates + d)[0] - anchored_points(anchors, coordinates - d)[0]
+        np.testing.assert_allclose(slopes[:, :, k], moved / (2 * STEP), atol=1e-8)
+
+
+def test_the_covariance_of_a_fresh_sighting_does_not_depend_on_depth_in_anchored_coordinates(scene):
+    """That is what they are for: pixel noise is pixel noise at any range."""
+    x, _ = scene
+    near, far = (np.array([[300.0 + shift, 200.0, 300.0]]) for shift in (140.0, 35.0))
+    parameters = stereo_parameters(np.zeros((1, 3)), CALIBRATION, 1.0)
+    stds = []
+    for measured in (near, far):
+        found = SENSOR.new_landmarks(x, parameters, measured)
+        slopes = anchored_points(x[None], anchored_coordinates(x[None], found.points))[1]
+        root = np.linalg.solve(slopes, found.root)[0]
+        stds.append(np.sqrt(np.diag(root @ root.T)))
+    np.testing.assert_allclose(stds[0], stds[1], rtol=1e-9)
