@@ -1,0 +1,95 @@
+"""A tumbling body whose landmarks nobody knows: small recordings, and filters started near the truth."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from spinfilters.estimators.estimator import Measurement
+from spinfilters.estimators.landmarks.approximation import Approximation, FirstOrder
+from spinfilters.estimators.landmarks.landmark_filter import LandmarkFilter
+from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.landmarks.unscented import Unscented
+from spinfilters.estimators.timeline import Frame, SensorNoise, StereoView, Timeline, build_timeline
+from spinfilters.evaluation.consistency import true_states
+from spinfilters.logs.dataset import Dataset
+from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
+from spinfilters.state.gaussian import Gaussian
+from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+
+LAYOUT = StateLayout(FULL_BLOCKS)
+NOISE = ProcessNoise(force_psd=1e-6, torque_psd=1e-6)
+PROCESS = TorqueFreeProcess(LAYOUT, NOISE, 1e-8)
+START_STD = np.repeat([1e-6, 1e-6, 0.002, 0.003, 0.002, 0.01], [3, 3, 3, 3, 3, 5])
+"""Of the belief at the first frame, whose pose defines g."""
+APPROXIMATIONS = {"mekf": FirstOrder, "ukf": Unscented}
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Truth and measurements: states (n, m) in the truth's g, one frame of sightings each; the true map."""
+
+    dataset: Dataset
+    states: np.ndarray
+    timeline: Timeline
+    points: np.ndarray
+
+
+@cache
+def recording(seed: int = 0, frames: int = 30, landmarks: int = 150, pixel_std: float = 1.0) -> Recording:
+    """A richly tumbling body."""
+    scenario = Scenario(
+        rate_rpm=RICH_RPM, seed=seed, frames=frames, landmarks=landmarks, pixel_std=pixel_std, noise=NOISE
+    )
+    whole = simulate(scenario)
+    dataset = without_map(whole)
+    assert whole.truth is not None
+    assert whole.known_map is not None
+    return Recording(dataset, true_states(whole.truth, LAYOUT), timeline_of(dataset), whole.known_map.points)
+
+
+def timeline_of(dataset: Dataset, pixel_std: float = 1.0) -> Timeline:
+    """Frames of sightings whose landmarks are left to the filter."""
+    assert dataset.rig is not None
+    view = StereoView(None, dataset.rig.calibration)
+    return build_timeline(dataset.log, LAYOUT, SensorNoise(pixel_std=pixel_std), view)
+
+
+def first_belief(states: np.ndarray, seed: int = 0) -> Gaussian:
+    """A belief about the first state whose error is drawn from its covariance; the pose, which defines g, is exact."""
+    error = START_STD * np.random.default_rng(1000 + seed).standard_normal(20)
+    error[:6] = 0
+    return Gaussian(LAYOUT, LAYOUT.retract(states[0], error), np.diag(START_STD))
+
+
+def landmark_filter(
+    approximation: Approximation | None = None, options: LandmarkOptions | None = None, process: TorqueFreeProcess = PROCESS
+) -> LandmarkFilter:
+    """A filter that has not been started."""
+    return LandmarkFilter(process, approximation or FirstOrder(), options)
+
+
+def run_through(estimator: LandmarkFilter, timeline: Timeline, first: int = 0) -> list[Gaussian]:
+    """Beliefs after every frame from this one on; the filter stands at the frame before."""
+    beliefs = []
+    for k in range(first, len(timeline)):
+        if k:
+            estimator.predict(timeline[k].time - timeline[k - 1].time)
+        for measurement in timeline[k].measurements:
+            estimator.update(measurement)
+        beliefs.append(estimator.belief)
+    return beliefs
+
+
+def nees(beliefs: list[Gaussian], states: np.ndarray) -> np.ndarray:
+    """Of every frame, 20 degrees of freedom, in the tangent at the estimate."""
+    errors = [LAYOUT.local(belief.mean, x) for belief, x in zip(beliefs, states, strict=True)]
+    whitened = [np.linalg.solve(belief.factor, e) for belief, e in zip(beliefs, errors, strict=True)]
+    return np.array([w @ w for w in whitened])
+
+
+def with_values(frame: Frame, values: np.ndarray) -> Frame:
+    """The frame with other measured values."""
+    old = frame.measurements[0]
+    return Frame(frame.time, (Measurement(old.model, values, old.parameters, old.ids),))

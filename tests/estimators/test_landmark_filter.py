@@ -1,0 +1,335 @@
+"""Filters with landmarks in their state: exact where they must be, consistent, and no worse for what goes wrong around them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from landmark_samples import (
+    APPROXIMATIONS,
+    LAYOUT,
+    PROCESS,
+    START_STD,
+    first_belief,
+    landmark_filter,
+    nees,
+    recording,
+    run_through,
+    timeline_of,
+    with_values,
+)
+
+from spinfilters.errors import InputError
+from spinfilters.estimators.estimator import Measurement
+from spinfilters.estimators.iterated import IterationOptions
+from spinfilters.estimators.landmarks.approximation import FirstOrder
+from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.landmarks.unscented import Unscented
+from spinfilters.estimators.timeline import Frame
+from spinfilters.evaluation.consistency import chi_square_band
+from spinfilters.models.anchored_point import anchored_points
+from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
+from spinfilters.simulation.faults import (
+    Dropout,
+    FrozenFrames,
+    PointsAtInfinity,
+    WrongAssociations,
+    with_faults,
+)
+from spinfilters.state.gaussian import Gaussian
+
+BOTH = pytest.mark.parametrize("name", APPROXIMATIONS)
+SEEDS = 6
+
+
+def started(name="mekf", options=None, seed=0, frames=30):
+    estimator = landmark_filter(APPROXIMATIONS[name](), options)
+    estimator.start(first_belief(recording(seed, frames).states, seed))
+    return estimator
+
+
+def covariance(belief):
+    return belief.factor @ belief.factor.T
+
+
+def test_prediction_and_update_are_those_of_the_textbook():
+    """Dense EKF over state and landmarks, from the same derivatives."""
+    recorded = recording()
+    estimator = landmark_filter(FirstOrder(IterationOptions(1)), LandmarkOptions(gauge="standard", capacity=30))
+    estimator.start(first_belief(recorded.states))
+    estimator.update(recorded.timeline[0].measurements[0])
+    before, held = estimator.landmark_belief, estimator.held
+    P, x = covariance(before), before.mean
+    frame = recorded.timeline[1]
+    moved, Phi, G = PROCESS.linearise(x, frame.time - recorded.timeline[0].time)
+    whole = np.eye(len(P))
+    whole[:20, :20] = Phi
+    P = whole @ P @ whole.T
+    P[:20, :20] += G @ G.T
+    measured = frame.measurements[0]
+    sightings = [(row, held.tolist().index(i)) for row, i in enumerate(measured.ids) if i in held]
+    H, rho = np.zeros((3 * len(sightings), len(P))), np.zeros(3 * len(sightings))
+    for k, (row, at) in enumerate(sightings):
+        parameters = measured.parameters[row : row + 1].copy()
+        parameters[:, :3] = before.points[at]
+        linear = measured.model.linearise_landmarks(moved, parameters, measured.values[row : row + 1])
+        H[3 * k : 3 * k + 3, measured.model.columns] = linear.jacobian[0]
+        H[3 * k : 3 * k + 3, 20 + 3 * at : 23 + 3 * at] = linear.by_landmark[0]
+        rho[3 * k : 3 * k + 3] = linear.innovation[0]
+    K = P @ H.T @ np.linalg.inv(H @ P @ H.T + np.eye(len(H)))
+    error = K @ rho
+    estimator.predict(frame.time - recorded.timeline[0].time)
+    report = estimator.update(measured)
+    assert report.accepted == len(sightings)
+    np.testing.assert_allclose(LAYOUT.local(moved, estimator.belief.mean), error[:20], atol=1e-9)
+    J = LAYOUT.reset_jacobian(error[:20])
+    expected = J @ (P - K @ H @ P)[:20, :20] @ J.T
+    scale = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(
+        covariance(estimator.belief) / np.outer(scale, scale), expected / np.outer(scale, scale), atol=1e-7
+    )
+
+
+def test_a_new_landmark_has_the_correlation_that_one_stereo_pair_gives_it():
+    recorded = recording()
+    estimator = landmark_filter(None, LandmarkOptions(capacity=4))
+    wide = first_belief(recorded.states)
+    wide = Gaussian(LAYOUT, wide.mean, 1e-3 * np.tril(np.random.default_rng(2).standard_normal((20, 20))))
+    estimator.start(wide)
+    measured = recorded.timeline[0].measurements[0]
+    estimator.update(measured)
+    belief = estimator.landmark_belief
+    rows = [measured.ids.tolist().index(i) for i in belief.ids]
+    fresh = measured.model.new_landmarks(wide.mean, measured.parameters[rows], measured.values[rows])
+    J = np.zeros((12, 20))
+    J[:, measured.model.columns] = fresh.jacobian.reshape(12, -1)
+    P = covariance(belief)
+    np.testing.assert_allclose(belief.points, fresh.points, atol=1e-12)
+    np.testing.assert_allclose(P[20:, :20], J @ covariance(wide), atol=1e-12)
+    own = np.zeros((12, 12))
+    for k, root in enumerate(fresh.root):
+        own[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = root @ root.T
+    np.testing.assert_allclose(P[20:, 20:], J @ covariance(wide) @ J.T + own, atol=1e-10)
+
+
+@BOTH
+def test_noise_free_sightings_from_the_true_start_give_no_error(name):
+    recorded = recording()
+    estimator = landmark_filter(APPROXIMATIONS[name]())
+    tiny = np.diag(np.full(20, 1e-9))
+    quiet = landmark_filter(APPROXIMATIONS[name](), process=type(PROCESS)(LAYOUT, type(PROCESS.noise)(0.0, 0.0), 1e-12))
+    del estimator
+    quiet.start(Gaussian(LAYOUT, recorded.states[0], tiny))
+    x = recorded.states[0]
+    for k, frame in enumerate(recorded.timeline[:8]):
+        if k:
+            x = PROCESS.step(x, frame.time - recorded.timeline[k - 1].time)
+            quiet.predict(frame.time - recorded.timeline[k - 1].time)
+        measured = frame.measurements[0]
+        parameters = measured.parameters.copy()
+        parameters[:, :3] = recorded.points[measured.ids]
+        quiet.update(with_values(frame, measured.model.predict(x, parameters)).measurements[0])
+    assert np.abs(LAYOUT.local(quiet.belief.mean, x)).max() < 1e-6
+
+
+@BOTH
+def test_errors_are_as_large_as_the_covariance_says(name):
+    runs = []
+    for seed in range(SEEDS):
+        recorded = recording(seed)
+        estimator = started(name, seed=seed)
+        runs.append(nees(run_through(estimator, recorded.timeline)[10:], recorded.states[10:]))
+    low, high = chi_square_band(20, SEEDS)
+    assert low < np.mean(runs) < high
+
+
+def test_a_filter_that_believes_in_half_the_pixel_noise_is_caught():
+    runs = []
+    for seed in range(SEEDS):
+        recorded = recording(seed)
+        estimator = started(seed=seed)
+        wrong = timeline_of(recorded.dataset, pixel_std=0.5)
+        runs.append(nees(run_through(estimator, wrong)[10:], recorded.states[10:]))
+    assert np.mean(runs) > chi_square_band(20, SEEDS)[1]
+
+
+def test_both_filters_agree_where_little_is_uncertain():
+    beliefs = {name: run_through(started(name), recording().timeline)[-1] for name in APPROXIMATIONS}
+    gap = LAYOUT.local(beliefs["mekf"].mean, beliefs["ukf"].mean) / beliefs["mekf"].std
+    assert np.abs(gap).max() < 0.3
+    np.testing.assert_allclose(beliefs["mekf"].std, beliefs["ukf"].std, rtol=0.05)
+
+
+def test_iterating_changes_nothing_where_the_linear_model_was_right():
+    recorded = recording(pixel_std=1.0)
+    beliefs = []
+    for iterations in (1, 4):
+        estimator = landmark_filter(FirstOrder(IterationOptions(iterations)))
+        estimator.start(Gaussian(LAYOUT, recorded.states[0], np.diag(1e-4 * START_STD)))
+        beliefs.append(run_through(estimator, recorded.timeline[:1])[-1])
+    assert (beliefs[0].mean == beliefs[1].mean).all()
+    assert (beliefs[0].factor == beliefs[1].factor).all()
+
+
+def test_iterating_finds_the_point_that_one_linearisation_misses():
+    """An attitude that is off by half a radian, and a map that is known: the residuals tell how far each got."""
+    recorded = recording()
+    frame = recorded.timeline[0]
+    sums = []
+    for iterations in (1, 6):
+        estimator = landmark_filter(FirstOrder(IterationOptions(iterations)), LandmarkOptions(capacity=40))
+        estimator.start(Gaussian(LAYOUT, recorded.states[0], np.diag(1e-7 * np.ones(20))))
+        estimator.update(frame.measurements[0])
+        known = estimator.landmark_belief
+        off = LAYOUT.retract(known.mean, np.r_[0, 0, 0, 0.3, -0.3, 0.3, np.zeros(14)])
+        factor = np.diag(np.r_[np.full(3, 1e-3), np.full(3, 0.5), np.full(len(known.factor) - 6, 1e-4)])
+        estimator.start(replace(known, mean=off, factor=factor))
+        estimator.update(frame.measurements[0])
+        sums.append(np.abs(LAYOUT.local(estimator.belief.mean, recorded.states[0])[3:6]).max())
+    assert sums[1] < 0.2 * sums[0]
+
+
+@BOTH
+def test_a_snapshot_goes_on_to_the_same_bits(name):
+    recorded, estimator = recording(), started(name)
+    run_through(estimator, recorded.timeline[:12])
+    kept = estimator.snapshot()
+    expected = run_through(estimator, recorded.timeline, 12)
+    other = landmark_filter(APPROXIMATIONS[name]())
+    other.restore({key: value.copy() for key, value in kept.items()})
+    found = run_through(other, recorded.timeline, 12)
+    for a, b in zip(expected, found, strict=True):
+        assert (a.mean == b.mean).all()
+        assert (a.factor == b.factor).all()
+
+
+def test_the_map_never_holds_more_than_its_capacity():
+    recorded, estimator = recording(landmarks=400), landmark_filter(None, LandmarkOptions(capacity=25))
+    estimator.start(first_belief(recorded.states))
+    for k, frame in enumerate(recorded.timeline):
+        if k:
+            estimator.predict(0.5)
+        estimator.update(frame.measurements[0])
+        assert len(estimator.held) <= 25
+        assert estimator.landmark_belief.factor.shape == (20 + 3 * len(estimator.held),) * 2
+
+
+@BOTH
+def test_wrong_associations_are_refused_and_do_no_harm(name):
+    recorded = recording()
+    faulty = timeline_of(with_faults(recorded.dataset, (WrongAssociations(0.3),), 1))
+    estimator, true = started(name), [frame.measurements[0].ids for frame in recorded.timeline]
+    reports = []
+    for k, frame in enumerate(faulty):
+        if k:
+            estimator.predict(0.5)
+        reports.append((estimator.update(frame.measurements[0]).map_change, frame.measurements[0].ids))
+    errors = nees([estimator.belief], recorded.states[-1:])
+    wrong = [
+        np.isin(change.used, ids[ids != right]).mean()
+        for (change, ids), right in zip(reports[1:], true[1:], strict=True)
+    ]
+    assert np.mean(wrong) < 0.01
+    assert errors < chi_square_band(20, 1, 0.999)[1]
+
+
+def test_a_landmark_at_infinity_never_enters_the_map():
+    recorded = recording()
+    faulty = with_faults(recorded.dataset, (PointsAtInfinity(3),), 1)
+    estimator = started()
+    run_through(estimator, timeline_of(faulty))
+    far = set(np.unique(faulty.log.stream("stereo").ids)) - set(np.unique(recorded.dataset.log.stream("stereo").ids))
+    assert len(far) == 3
+    assert not far & set(estimator.held.tolist())
+
+
+def test_a_frozen_camera_is_no_news():
+    recorded = recording()
+    frozen = timeline_of(with_faults(recorded.dataset, (FrozenFrames(12, 3),), 1))
+    estimator = started()
+    run_through(estimator, frozen[:13])
+    for k in (13, 14, 15):
+        estimator.predict(frozen[k].time - frozen[k - 1].time)
+        before = estimator.belief
+        report = estimator.update(frozen[k].measurements[0])
+        assert report.accepted == 0
+        assert (estimator.belief.mean == before.mean).all()
+    errors = nees(run_through(estimator, frozen, 16), recorded.states[16:])
+    assert np.median(errors) < chi_square_band(20, 1)[1]
+
+
+def test_a_dropout_of_ten_seconds_is_survived():
+    recorded = recording(frames=60)
+    faulty = timeline_of(with_faults(recorded.dataset, (Dropout(10.2, 20.2),), 1))
+    estimator = started(frames=60)
+    run_through(estimator, faulty)
+    last = recorded.states[-1]
+    error = LAYOUT.local(estimator.belief.mean, last)
+    whitened = np.linalg.solve(estimator.belief.factor, error)
+    assert len(faulty) < 45
+    assert whitened @ whitened < chi_square_band(20, 1, 0.999)[1]
+
+
+def test_the_same_frame_twice_counts_once():
+    recorded, estimator = recording(), started()
+    run_through(estimator, recorded.timeline[:5])
+    before = estimator.belief
+    report = estimator.update(recorded.timeline[4].measurements[0])
+    assert report.accepted == 0
+    assert (estimator.belief.factor == before.factor).all()
+
+
+@BOTH
+def test_a_gyro_beside_the_camera_corrects_the_rates(name):
+    recorded, estimator = recording(), started(name)
+    run_through(estimator, recorded.timeline[:3])
+    rate = recorded.states[2][LAYOUT.mean_slice("w")]
+    report = estimator.update(Measurement(Gyro(LAYOUT), rate[None], gyro_parameters(1, 1e-5, 0.0)))
+    assert report.accepted == 1
+    belief = estimator.belief
+    assert (belief.std[LAYOUT.slice("w")] < 2e-5).all()
+    np.testing.assert_allclose(belief.mean[LAYOUT.mean_slice("w")], rate, atol=1e-4)
+
+
+def test_single_precision_says_the_same():
+    beliefs = {}
+    for precision in ("float64", "float32"):
+        estimator = started(options=LandmarkOptions(precision=precision))
+        beliefs[precision] = run_through(estimator, recording().timeline)[-1]
+    np.testing.assert_allclose(beliefs["float32"].std, beliefs["float64"].std, rtol=1e-2)
+    gap = LAYOUT.local(beliefs["float64"].mean, beliefs["float32"].mean) / beliefs["float64"].std
+    assert np.abs(gap).max() < 0.2
+
+
+def test_the_map_comes_out_in_metres_where_it_is():
+    recorded, estimator = recording(), started()
+    run_through(estimator, recorded.timeline)
+    belief = estimator.landmark_belief
+    errors = belief.points - recorded.points[belief.ids]
+    covariances = (belief.factor[20:] @ belief.factor[20:].T).reshape(len(errors), 3, len(errors), 3)
+    own = covariances[np.arange(len(errors)), :, np.arange(len(errors))]
+    distance = np.einsum("ki,kij,kj->k", errors, np.linalg.inv(own), errors)
+    assert 2.0 < distance.mean() < 4.5
+    assert anchored_points(np.zeros((0, 7)), np.zeros((0, 3)))[0].shape == (0, 3)
+
+
+def test_misuse_is_named():
+    with pytest.raises(InputError, match="capacity is 3"):
+        LandmarkOptions(capacity=3)
+    with pytest.raises(InputError, match="gauge rule 'loose' is unknown"):
+        LandmarkOptions(gauge="loose")
+    with pytest.raises(InputError, match="precision 'half'"):
+        LandmarkOptions(precision="half")
+    other = replace_layout()
+    with pytest.raises(InputError, match="belief has the blocks"):
+        landmark_filter(Unscented()).start(other)
+    with pytest.raises(InputError, match="cannot see them"):
+        started().update(Measurement(Gyro(LAYOUT), np.zeros((1, 3)), gyro_parameters(1, 0.1, 0.0), np.array([4])))
+
+
+def replace_layout():
+    layout = type(LAYOUT)(("a", "w", "s"))
+    return Gaussian(layout, layout.origin(), np.eye(11))
+
+
+def frame_of(time, measurement):
+    return Frame(time, (measurement,))
