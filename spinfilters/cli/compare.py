@@ -14,11 +14,12 @@ from spinfilters.errors import InputError
 from spinfilters.evaluation.comparison import comparison_table
 from spinfilters.logs.dataset import Dataset, read_dataset, read_segments
 from spinfilters.simulation.scenario import Scenario, simulate
+from spinfilters.workflow.checkpointing import keep_in, remove_checkpoints
+from spinfilters.workflow.estimation import Comparison, compare_estimators
 from spinfilters.workflow.estimation import Progress as Report
-from spinfilters.workflow.estimation import compare_estimators
 from spinfilters.workflow.figures import Pictured, draw_run
 from spinfilters.workflow.preparation import prepare
-from spinfilters.workflow.run_folder import open_run_folder, write_run
+from spinfilters.workflow.run_folder import finished_run, mark_run_folder, open_run_folder, write_run
 from spinfilters.workflow.segments import run_segments, segment_medians, segment_table, write_segments
 from spinfilters.workflow.settings import Settings, read_settings
 
@@ -34,11 +35,25 @@ def compare(options: argparse.Namespace) -> int:
         return _compare_segments(read_segments(options.dataset), folder, settings)
     dataset = _dataset(options)
     open_run_folder(folder)
+    if options.resume and finished_run(folder, dataset, settings) is not None:
+        console = _wide_console()
+        console.print(f"run folder: {folder} is complete, nothing is left to do", highlight=False)
+        return 0
+    comparison = _compared(dataset, folder, settings, bool(options.resume))
+    _print_comparison(comparison, folder)
+    return 0
+
+
+def _compared(dataset: Dataset, folder: Path, settings: Settings, resume: bool) -> Comparison:
+    """Run, write and draw, going on from checkpoints when resuming."""
     with _bars() as report:
         report("start", 0, 1)
         prepared = prepare(dataset, settings)
         report("start", 1, 1)
-        comparison = compare_estimators(prepared, settings, report)
+        if not resume:
+            remove_checkpoints(folder)
+        mark_run_folder(folder, settings)
+        comparison = compare_estimators(prepared, settings, report, keep_in(folder, prepared, settings))
         write_run(folder, comparison, settings)
         if not comparison.interrupted:
             draw_run(
@@ -46,6 +61,10 @@ def compare(options: argparse.Namespace) -> int:
                 folder,
                 lambda done, total: report("figures", done, total),
             )
+    return comparison
+
+
+def _print_comparison(comparison: Comparison, folder: Path) -> None:
     console = _wide_console()
     console.print(comparison_table(comparison.evaluations))
     for evaluation in comparison.evaluations:
@@ -55,12 +74,11 @@ def compare(options: argparse.Namespace) -> int:
             )
     if comparison.interrupted:
         raise InputError(
-            f"interrupted; what was estimated is in {folder}, run the command again for all of it"
+            f"interrupted; what was estimated is in {folder}, run the command again with --resume to go on from there"
         )
     console.print(
         f"run folder: {folder}   (look at {folder / 'summary.png'})", highlight=False, soft_wrap=True
     )
-    return 0
 
 
 def plot(options: argparse.Namespace) -> int:

@@ -89,7 +89,8 @@ def filters_run() -> str:
     filters: tuple[Estimator, ...] = (MultiplicativeEkf(process), MultiplicativeUkf(process))
     texts = []
     for estimator in filters:
-        history = run(estimator, belief, timeline[0].time, timeline)
+        estimator.start(belief)
+        history = run(estimator, timeline[0].time, timeline)
         finite = bool(np.isfinite(history.mean).all() and np.isfinite(history.factor).all())
         if history.status.verdict is not Verdict.OK or not finite:
             raise CheckError(f"{history.name}: {'; '.join(history.status.reasons) or 'not finite'}")

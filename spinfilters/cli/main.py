@@ -23,7 +23,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except SpinfiltersError as error:
         return _complain(str(error))
     except KeyboardInterrupt:
-        return _complain("interrupted; what was finished before is kept")
+        return _complain(
+            "interrupted; what was finished before is kept, compare with --resume goes on from it"
+        )
     except BrokenPipeError:
         return EXIT_BAD_INPUT
     except OSError as error:
@@ -97,6 +99,11 @@ def _add_estimate(commands: "argparse._SubParsersAction[_Parser]") -> None:
 def _add_run_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", metavar="RUN", default="runs/latest", help="run folder (default runs/latest)"
+    )
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on from what an interrupted run has left in RUN, to the same numbers",
     )
     parser.add_argument("--segment", metavar="N", help="segment of a phyphox recording, or 'all'")
     parser.add_argument("--drag", action="store_true", help="estimate an aerodynamic drag coefficient too")

@@ -32,6 +32,16 @@ class Measurement:
 
 
 @dataclass(frozen=True)
+class MapChange:
+    """What an update did to the landmarks in the state: ids that it used (with their weights), took in, and let go."""
+
+    used: Int[np.ndarray, " u"]
+    weights: Float[np.ndarray, " u"]
+    added: Int[np.ndarray, " a"]
+    removed: Int[np.ndarray, " r"]
+
+
+@dataclass(frozen=True)
 class UpdateReport:
     """What an update did.
 
@@ -41,6 +51,7 @@ class UpdateReport:
     dof: number of scalar measurements used.
     accepted, rejected: numbers of measurements used and left out (point at or behind the camera, not finite).
     log_likelihood: of the values used, given everything before.
+    map_change: of an estimator that holds landmarks in its state, None otherwise.
     """
 
     nis: float
@@ -48,6 +59,7 @@ class UpdateReport:
     accepted: int
     rejected: int
     log_likelihood: float = 0.0
+    map_change: MapChange | None = None
 
 
 class ProcessModel(Protocol):

@@ -44,12 +44,34 @@ class MeasurementPrediction:
 
 @dataclass(frozen=True)
 class Correction:
-    """Error estimate d (n,), factor (n, n) of its covariance, normalised innovation squared, and log-likelihood."""
+    """What a measurement says.
+
+    Attributes
+    ----------
+    error: (n,) estimate d.   factor: (n, n) of its covariance.
+    nis: normalised innovation squared.   log_likelihood: of the measurement.   dof: number of its scalars.
+    root: (r, r) U in the upper triangle; the first r coordinates of the state's factor are what the measurement sees.
+    shift: (r,) U y, the estimate in standard deviations of what is left, y those coordinates (d = X y).
+    """
 
     error: Float[np.ndarray, " n"]
     factor: Float[np.ndarray, "n n"]
     nis: float
     log_likelihood: float
+    dof: int
+    root: Float[np.ndarray, "r r"]
+    shift: Float[np.ndarray, " r"]
+
+    @property
+    def coordinates(self) -> Float[np.ndarray, " n"]:
+        """y, of all coordinates of the state's factor: those that the measurement does not see stay at zero."""
+        y = np.zeros(len(self.error))
+        y[: len(self.shift)] = dtrtrs(self.root, self.shift)[0]
+        return y
+
+    def length(self, step: Float[np.ndarray, " n"]) -> float:
+        """A step of y in standard deviations of what is left."""
+        return float(np.linalg.norm(np.triu(self.root) @ step[: len(self.shift)]))
 
 
 def apply_gain(prediction: MeasurementPrediction) -> Correction:
@@ -72,12 +94,12 @@ def apply_gain(prediction: MeasurementPrediction) -> Correction:
     log_root = float(np.log(np.abs(R.diagonal()[:r])).sum())
     log_likelihood = -0.5 * (nis + prediction.dof * LOG_2_PI) - log_root - prediction.log_noise
     factor = root.T if len(root) == n else triangular_factor(root)
-    return Correction(error, factor, nis, log_likelihood)
+    return Correction(error, factor, nis, log_likelihood, prediction.dof, R[:r, :r], R[:r, r])
 
 
 def last_nonzero(columns: Float[np.ndarray, "k r"]) -> int:
     """How many leading columns hold everything but zeros, at least 1."""
-    filled = np.flatnonzero(columns.any(axis=0))
+    filled = columns.T.nonzero()[0]
     return int(filled[-1]) + 1 if filled.size else 1
 
 

@@ -1,11 +1,93 @@
 """A measurement predicted to first order: what the EKF and the smoother of the start share."""
 
+from dataclasses import dataclass, replace
+
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.gain import MeasurementPrediction, compressed
 from spinfilters.estimators.multiplicative_filter import nothing_usable, usable
+
+
+@dataclass(frozen=True)
+class LinearRows:
+    """The usable values of a measurement about a point, whitened: innovation = jacobian @ error[columns] + unit noise.
+
+    Attributes
+    ----------
+    measurement: the values that are used.
+    innovation: (k, d).   jacobian: (k, d, c) with respect to the error's ``columns``.
+    log_noise: (k,) log determinant of the factor by which each was whitened.
+    root_weights: (k,) square roots of the weights that are in all this, None for 1.
+    """
+
+    measurement: Measurement
+    innovation: Float[np.ndarray, "k d"]
+    jacobian: Float[np.ndarray, "k d c"]
+    columns: list[int] | slice
+    log_noise: Float[np.ndarray, " k"]
+    root_weights: Float[np.ndarray, " k"] | None = None
+
+    @property
+    def dof(self) -> int:
+        """Number of scalar measurements."""
+        return self.innovation.size
+
+    def deviations(
+        self, factor: Float[np.ndarray, "n r"], chosen: Bool[np.ndarray, " k"]
+    ) -> Float[np.ndarray, "s d r"]:
+        """What unit deviations of the state, error = factor @ y, do to the chosen values."""
+        return self.jacobian[chosen] @ factor[self.columns]
+
+    def only(self, keep: Bool[np.ndarray, " k"]) -> "LinearRows":
+        """The chosen rows."""
+        m = self.measurement
+        return LinearRows(
+            Measurement(m.model, m.values[keep], m.parameters[keep]),
+            self.innovation[keep],
+            self.jacobian[keep],
+            self.columns,
+            self.log_noise[keep],
+            None if self.root_weights is None else self.root_weights[keep],
+        )
+
+    def weighted(self, weights: Float[np.ndarray, " k"]) -> "LinearRows":
+        """Rows as if the noise had a covariance of 1/weight; those of weight 0 are left out."""
+        used = weights > 0
+        rows = self if used.all() else self.only(used)
+        root = np.sqrt(weights[used])
+        return rows if (root == 1).all() else rows._times(root)
+
+    def _times(self, root: Float[np.ndarray, " k"]) -> "LinearRows":
+        return replace(
+            self,
+            innovation=self.innovation * root[:, np.newaxis],
+            jacobian=self.jacobian * root[:, np.newaxis, np.newaxis],
+            log_noise=self.log_noise - self.innovation.shape[1] * np.log(root),
+            root_weights=root if self.root_weights is None else root * self.root_weights,
+        )
+
+    def predicted(
+        self, factor: Float[np.ndarray, "n r"], error: Float[np.ndarray, " n"] | None = None
+    ) -> MeasurementPrediction:
+        """The prediction by a state whose error has a covariance factor and a mean, None for zero."""
+        rho, jacobian = self.innovation.reshape(-1), self.jacobian.reshape(-1, self.jacobian.shape[2])
+        if error is not None:
+            rho = rho - jacobian @ error[self.columns]
+        rho, H, residual = compressed(rho, jacobian)
+        return MeasurementPrediction(
+            rho, H @ factor[self.columns], factor, residual, self.dof, float(self.log_noise.sum())
+        )
+
+
+def linear_rows(measurement: Measurement, x: Float[np.ndarray, " m"]) -> LinearRows:
+    """A measurement linearised at ``x``, its valid and finite values only."""
+    model = measurement.model
+    innovation, jacobian, valid, log_noise = model.linearise(x, measurement.parameters, measurement.values)
+    rows = LinearRows(measurement, innovation, jacobian, _sliced(model.columns), log_noise)
+    keep = usable(innovation, valid)
+    return rows if np.count_nonzero(keep) == len(keep) else rows.only(keep)
 
 
 def linear_prediction(
@@ -20,18 +102,12 @@ def linear_prediction(
     ----------
     factor: covariance factor of the error about ``x``.   error: its mean, None for zero.
     """
-    model = measurement.model
-    innovation, jacobian, valid, log_noise = model.linearise(x, measurement.parameters, measurement.values)
-    keep = usable(innovation, valid)
-    used = int(np.count_nonzero(keep))
-    if not used:
-        return nothing_usable(factor)
-    if used < len(keep):
-        innovation, jacobian, log_noise = innovation[keep], jacobian[keep], log_noise[keep]
-    columns = model.columns
-    rho, rows = innovation.reshape(-1), jacobian.reshape(-1, len(columns))
-    if error is not None:
-        rho = rho - rows @ error[columns]
-    rho, H, residual = compressed(rho, rows)
-    Y = H @ factor[columns]
-    return MeasurementPrediction(rho, Y, factor, residual, used * model.dim, float(log_noise.sum())), used
+    rows = linear_rows(measurement, x)
+    used = len(rows.innovation)
+    return (rows.predicted(factor, error), used) if used else nothing_usable(factor)
+
+
+def _sliced(columns: list[int]) -> list[int] | slice:
+    """Increasing columns as a slice where none is left out, which indexes in a third of the time."""
+    first, last = columns[0], columns[-1]
+    return slice(first, last + 1) if last - first + 1 == len(columns) else columns

@@ -8,9 +8,17 @@ from filterpy.kalman import MerweScaledSigmaPoints
 from jaxtyping import Float
 
 from spinfilters.errors import InputError
+from spinfilters.estimators.adaptation import AdaptationOptions, PredictedMotion
 from spinfilters.estimators.estimator import Measurement, ProcessModel
-from spinfilters.estimators.gain import MeasurementPrediction, compressed, last_nonzero, triangular_factor
-from spinfilters.estimators.multiplicative_filter import MultiplicativeFilter, nothing_usable, usable
+from spinfilters.estimators.gain import (
+    MeasurementPrediction,
+    apply_gain,
+    compressed,
+    last_nonzero,
+    triangular_factor,
+)
+from spinfilters.estimators.multiplicative_filter import Corrected, MultiplicativeFilter, usable
+from spinfilters.estimators.robustness import RobustOptions, SensorGuard
 
 
 @dataclass(frozen=True)
@@ -27,7 +35,7 @@ class MultiplicativeUkf(MultiplicativeFilter):
 
     Parameters
     ----------
-    process: the process model.
+    process, robust, adaptation: see `MultiplicativeFilter`.
     options: of the sigma-point set.
 
     Raises
@@ -37,8 +45,14 @@ class MultiplicativeUkf(MultiplicativeFilter):
 
     name = "ukf"
 
-    def __init__(self, process: ProcessModel, options: SigmaPointOptions | None = None) -> None:
-        super().__init__(process)
+    def __init__(
+        self,
+        process: ProcessModel,
+        options: SigmaPointOptions | None = None,
+        robust: RobustOptions | None = None,
+        adaptation: AdaptationOptions | None = None,
+    ) -> None:
+        super().__init__(process, robust or RobustOptions(), adaptation or AdaptationOptions())
         options = options or SigmaPointOptions()
         n = self.layout.error_dim
         points = MerweScaledSigmaPoints(n, options.alpha, options.beta, options.kappa)
@@ -52,38 +66,52 @@ class MultiplicativeUkf(MultiplicativeFilter):
         self._root_weights = np.sqrt(points.Wc)
         self._subset = cache(self._build_subset)
 
-    def predict(self, dt: float) -> None:
-        noise = self.process.linearise(self._mean, dt)[2]
+    def _moved(self, dt: float) -> PredictedMotion:
+        _, transition, noise = self.process.linearise(self._mean, dt)
+        noise = self._adaptation.scaled(noise)
         moved = self.process.step(self._sigma_points(), dt)
         centre = moved[0]
         shift = self._mean_weights @ self.layout.local(centre, moved)
-        self._mean = self.layout.retract(centre, shift)
-        deviations = self._root_weights[:, None] * self.layout.local(self._mean, moved)
-        self._factor = triangular_factor(np.concatenate([deviations, noise.T]))
+        mean = self.layout.retract(centre, shift)
+        deviations = self._root_weights[:, None] * self.layout.local(mean, moved)
+        factor = triangular_factor(np.concatenate([deviations, noise.T]))
+        return PredictedMotion(mean, factor, transition, noise)
 
     def _sigma_points(self) -> Float[np.ndarray, "p m"]:
         return self.layout.retract(self._mean, self._offsets @ self._factor.T)
 
-    def _predict_measurement(self, measurement: Measurement) -> tuple[MeasurementPrediction, int]:
-        model, n = measurement.model, self.layout.error_dim
-        seen = last_nonzero(self._factor[model.columns])
-        subset = self._subset(seen)
+    def _corrected(self, measurement: Measurement, guard: SensorGuard, scale: float) -> Corrected | None:
+        subset = self._subset(last_nonzero(self._factor[measurement.model.columns]))
+        seen = self._seen(measurement, subset)
+        if len(seen.log_noise) and scale != 1:
+            seen = seen.weighted(np.full(len(seen.log_noise), 1 / scale))
+        weights = guard.weights(
+            seen.mean, lambda chosen: (seen.mean[chosen, :, np.newaxis] - seen.points[chosen]) @ subset.mixing
+        )
+        if weights is not None:
+            seen = seen.weighted(weights)
+        if not seen.mean.size:
+            return None
+        mean, points = seen.mean.reshape(-1), seen.points.reshape(seen.mean.size, -1)
+        rho, H, residual = compressed(mean, mean[:, np.newaxis] - points)
+        n = self.layout.error_dim
+        X = np.concatenate([np.zeros((n, subset.mixing.shape[1] - n)), self._factor], axis=1)
+        log_noise = float(seen.log_noise.sum())
+        prediction = MeasurementPrediction(rho, H @ subset.mixing, X, residual, mean.size, log_noise)
+        correction = apply_gain(prediction)
+        return Corrected(self.layout.retract(self._mean, correction.error), correction)
+
+    def _seen(self, measurement: Measurement, subset: "_SigmaSubset") -> "_SeenPoints":
+        """The usable values as the points see them."""
+        model = measurement.model
         points = self.layout.retract(self._mean, subset.offsets @ self._factor.T)
         innovation, valid, log_noise = model.innovations_at(
             points, self._mean, measurement.parameters, measurement.values
         )
         keep = usable(innovation.reshape(len(valid), model.dim * len(points)), valid)
-        used = int(np.count_nonzero(keep))
-        if not used:
-            return nothing_usable(self._factor)
-        if used < len(keep):
+        if not keep.all():
             innovation, log_noise = innovation[keep], log_noise[keep]
-        rows = innovation.reshape(-1, len(points))
-        mean = rows @ subset.mean_weights
-        rho, H, residual = compressed(mean, mean[:, None] - rows)
-        X = np.concatenate([np.zeros((n, seen + 1)), self._factor], axis=1)
-        dof = used * model.dim
-        return MeasurementPrediction(rho, H @ subset.mixing, X, residual, dof, float(log_noise.sum())), used
+        return _SeenPoints(innovation @ subset.mean_weights, innovation, log_noise)
 
     def _build_subset(self, seen: int) -> "_SigmaSubset":
         n = self.layout.error_dim
@@ -99,6 +127,27 @@ class MultiplicativeUkf(MultiplicativeFilter):
         mixing[plus, pairs + seen] = weight / np.sqrt(2)
         mixing[minus, pairs + seen] = -weight / np.sqrt(2)
         return _SigmaSubset(self._offsets[chosen], mean_weights, mixing)
+
+
+@dataclass(frozen=True)
+class _SeenPoints:
+    """Whitened innovations of k values: their mean (k, d), at each of the p points (k, d, p), and log determinants of the noise."""
+
+    mean: Float[np.ndarray, "k d"]
+    points: Float[np.ndarray, "k d p"]
+    log_noise: Float[np.ndarray, " k"]
+
+    def weighted(self, weights: Float[np.ndarray, " k"]) -> "_SeenPoints":
+        """Values as if the noise had a covariance of 1/weight; those of weight 0 are left out."""
+        used = weights > 0
+        root = np.sqrt(weights[used])
+        if (root == 1).all():
+            return _SeenPoints(self.mean[used], self.points[used], self.log_noise[used])
+        return _SeenPoints(
+            self.mean[used] * root[:, np.newaxis],
+            self.points[used] * root[:, np.newaxis, np.newaxis],
+            self.log_noise[used] - self.mean.shape[1] * np.log(root),
+        )
 
 
 @dataclass(frozen=True)

@@ -100,9 +100,9 @@ def start_from_data(
     """
     first, momentum_residual = closed_form(process.layout, evidence)
     frames = timeline[: options.count(timeline)]
-    prior = _prior(process.layout, first, options, evidence)
+    prior = wide_prior(process.layout, first, options, evidence)
     found = _best_fit(
-        process, frames, _trial_trajectory(process.layout, frames, first, evidence), prior, options
+        process, frames, trial_trajectory(process.layout, frames, first, evidence), prior, options
     )
     fit = float(np.sqrt(found.cost / max(found.dof, 1)))
     return StartReport(process.layout, found, fit, momentum_residual)
@@ -134,7 +134,7 @@ def _straight_centre(evidence: MotionEvidence) -> tuple[np.ndarray, np.ndarray]:
     return solution[:3], solution[6:]
 
 
-def _trial_trajectory(
+def trial_trajectory(
     layout: StateLayout, frames: Timeline, first: np.ndarray, evidence: MotionEvidence
 ) -> Float[np.ndarray, "k m"]:
     """One point per frame: what was seen nearest to its time, with the constants of the first state."""
@@ -147,7 +147,7 @@ def _trial_trajectory(
     return trajectory
 
 
-def _prior(
+def wide_prior(
     layout: StateLayout, first: np.ndarray, options: StartOptions, evidence: MotionEvidence
 ) -> FirstStatePrior:
     """Wide prior: spheres, at the pose and rate that were seen; tight only where the first frame defines a frame."""

@@ -2,7 +2,7 @@
 
 import ctypes
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import casadi as ca
@@ -11,6 +11,7 @@ import numpy as np
 from spinfilters.errors import ShapeError
 from spinfilters.symbolic.c_library import interpret, load_loop
 
+_FLOAT = np.dtype(np.float64)
 Loader = Callable[[ca.Function], ctypes.PyDLL | None]
 """Makes the C library of a function's loop, or None to interpret it."""
 
@@ -44,6 +45,10 @@ class Compiled:
         self._library: ctypes.PyDLL | None = None
         self._loaded = False
         self._virtual_machines: dict[int, ca.Function] = {}
+        self._widths = [rows if cols == 1 else 0 for _, (rows, cols) in self._inputs]
+        self._pointers_in = ctypes.c_void_p * len(self._inputs)
+        self._pointers_out = ctypes.c_void_p * len(self._outputs)
+        self._longs_in = ctypes.c_longlong * len(self._inputs)
         self._strides_out = _long_array([rows * cols for rows, cols in self._outputs])
         self._bound = _BoundBuffers([size for _, size in self._inputs], self._outputs)
 
@@ -69,23 +74,33 @@ class Compiled:
             return self._bound.run(self._library, self._strides_out)
         if len(arguments) != len(self._inputs):
             raise ShapeError(f"{self.name} takes {len(self._inputs)} arguments, got {len(arguments)}")
+        count, strides = _plain_batch(arguments, self._widths)
+        if count:
+            results = self._empty_results(count)
+            self._run(count, arguments, strides, results)
+            return tuple([result if result.ndim == 2 else result.swapaxes(1, 2) for result in results])
         arrays = [self._column_major(k, argument) for k, argument in enumerate(arguments)]
         batch, arrays, strides = _broadcast(arrays, [size for _, size in self._inputs])
         count = math.prod(batch)
-        results = [np.empty((count, cols, rows)) for rows, cols in self._outputs]
+        results = self._empty_results(count)
         if count:
             self._run(count, arrays, strides, results)
         return tuple(self._natural(k, result, batch) for k, result in enumerate(results))
 
-    def _run(
-        self, count: int, arrays: list[np.ndarray], strides: list[int], results: list[np.ndarray]
-    ) -> None:
+    def _empty_results(self, count: int) -> list[np.ndarray]:
+        """Room for each output of ``count`` items, (count, rows), or column by column (count, cols, rows)."""
+        return [
+            np.empty((count, rows)) if cols == 1 else np.empty((count, cols, rows))
+            for rows, cols in self._outputs
+        ]
+
+    def _run(self, count: int, arrays: Sequence[Any], strides: list[int], results: list[np.ndarray]) -> None:
         if self.is_c and self._library is not None:
             flag = self._library.spinfilters_loop(
                 ctypes.c_longlong(count),
-                _pointers(arrays),
-                _long_array(strides),
-                _pointers(results),
+                self._pointers_in(*map(_address, arrays)),
+                self._longs_in(*strides),
+                self._pointers_out(*map(_address, results)),
                 self._strides_out,
             )
             if flag:
@@ -125,11 +140,7 @@ class Compiled:
         rows, cols = self._outputs[index]
         if cols == 1:
             return result.reshape(*batch, rows)
-        return (
-            np.swapaxes(result, 1, 2).reshape(*batch, rows, cols)
-            if len(batch) != 1
-            else np.swapaxes(result, 1, 2)
-        )
+        return np.swapaxes(result, 1, 2).reshape(*batch, rows, cols)
 
 
 class _BoundBuffers:
@@ -177,6 +188,25 @@ def _densified(function: ca.Function) -> ca.Function:
     return ca.Function(function.name(), symbols, dense, names_in, names_out)
 
 
+def _plain_batch(arguments: tuple[Any, ...], widths: list[int]) -> tuple[int, list[int]]:
+    """Number of items and strides where arguments are (width,) or (count, width), ready to be read in place; 0 where not.
+
+    What `_broadcast` finds too, in a fifth of its time.
+    """
+    count, strides = 0, []
+    for array, width in zip(arguments, widths, strict=True):
+        if type(array) is not np.ndarray or array.dtype is not _FLOAT or not array.flags.c_contiguous:
+            return 0, []
+        if array.shape == (width,):
+            strides.append(0)
+        elif array.ndim == 2 and array.shape[1] == width and count in (0, len(array)):
+            count = len(array)
+            strides.append(width)
+        else:
+            return 0, []
+    return count, strides
+
+
 def _broadcast(
     arrays: list[np.ndarray], sizes: list[tuple[int, int]]
 ) -> tuple[tuple[int, ...], list[np.ndarray], list[int]]:
@@ -206,7 +236,15 @@ def _repeated(array: np.ndarray, count: int, stride: int) -> np.ndarray:
 
 
 def _pointers(arrays: list[np.ndarray]) -> ctypes.Array[ctypes.c_void_p]:
-    return (ctypes.c_void_p * len(arrays))(*[array.__array_interface__["data"][0] for array in arrays])
+    return (ctypes.c_void_p * len(arrays))(*map(_address, arrays))
+
+
+def _address(array: np.ndarray) -> int:
+    """Where a contiguous array's data begin; of the writable ones, the usual case, in a quarter of the time."""
+    try:
+        return ctypes.addressof(ctypes.c_char.from_buffer(array))  # pyright: ignore[reportArgumentType]
+    except (TypeError, ValueError):  # read-only, or of no size
+        return array.__array_interface__["data"][0]
 
 
 def _long_array(values: list[int]) -> ctypes.Array[ctypes.c_longlong]:

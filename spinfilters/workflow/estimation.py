@@ -1,18 +1,25 @@
 """Every estimator on the identical measurements of one prepared data set."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from jaxtyping import Float
 
+from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Estimator
-from spinfilters.estimators.history import EstimateHistory
+from spinfilters.estimators.history import EstimateHistory, GrowingHistory
+from spinfilters.estimators.landmarks.approximation import FirstOrder
+from spinfilters.estimators.landmarks.belief import LandmarkBelief
+from spinfilters.estimators.landmarks.landmark_filter import LandmarkFilter
+from spinfilters.estimators.landmarks.unscented import Unscented
 from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf
 from spinfilters.estimators.run import run
 from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
 from spinfilters.state.status import Verdict
+from spinfilters.workflow.checkpointing import Keeper, KeeperOf, forget
 from spinfilters.workflow.preparation import Prepared
 from spinfilters.workflow.quality import judged, shared_doubts
 from spinfilters.workflow.settings import Settings
@@ -26,19 +33,38 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class Comparison:
-    """All evaluations of a run, in the order asked for, and whether Ctrl-C cut it short."""
+    """All evaluations of a run, in the order asked for, and whether Ctrl-C cut it short.
+
+    Attributes
+    ----------
+    maps: by estimator, the landmarks (k, 3) m in g that it ended with, or the map that all were given; empty without any.
+    """
 
     prepared: Prepared
     evaluations: tuple[Evaluation, ...]
     interrupted: bool
+    maps: Mapping[str, Float[np.ndarray, "k 3"]] = field(default_factory=dict)
 
 
 def build_estimator(name: str, prepared: Prepared, settings: Settings) -> Estimator:
-    """The estimator of a name in `spinfilters.workflow.settings.ESTIMATORS`."""
+    """The estimator of a name in `spinfilters.workflow.settings.ESTIMATORS`.
+
+    Raises
+    ------
+    InputError: a baseline of filterpy, which holds no landmarks, for tracks without a known map.
+    """
+    process, robust, adaptation = prepared.process, settings.robust, settings.adaptation
+    if isinstance(prepared.belief, LandmarkBelief) and name in OURS:
+        approximation = FirstOrder(settings.iteration) if name == "mekf" else Unscented(settings.ukf)
+        return LandmarkFilter(process, approximation, settings.landmarks, robust, adaptation)
+    if isinstance(prepared.belief, LandmarkBelief):
+        raise InputError(
+            f"{name} holds no landmarks; give the tracks' map (landmarks.csv), or choose estimators among {', '.join(OURS)}"
+        )
     if name == "mekf":
-        return MultiplicativeEkf(prepared.process)
+        return MultiplicativeEkf(process, robust, adaptation, settings.iteration)
     if name == "ukf":
-        return MultiplicativeUkf(prepared.process, settings.ukf)
+        return MultiplicativeUkf(process, settings.ukf, robust, adaptation)
     from spinfilters.estimators.filterpy_baselines import (
         FilterpyEkf,
         FilterpyUkf,
@@ -47,36 +73,81 @@ def build_estimator(name: str, prepared: Prepared, settings: Settings) -> Estima
     return FilterpyEkf(prepared.process) if name == "filterpy-ekf" else FilterpyUkf(prepared.process)
 
 
-def compare_estimators(prepared: Prepared, settings: Settings, progress: Progress) -> Comparison:
-    """Run, evaluate and judge; Ctrl-C keeps what is done and leaves out the rest."""
+def compare_estimators(
+    prepared: Prepared, settings: Settings, progress: Progress, keeper_of: KeeperOf = forget
+) -> Comparison:
+    """Run, evaluate and judge; Ctrl-C keeps what is done and leaves out the rest.
+
+    Parameters
+    ----------
+    keeper_of: gives each estimator's name what keeps its run, `spinfilters.workflow.checkpointing.keep_in` for instance.
+
+    Raises
+    ------
+    InputError: no frame is left after the start; what was kept is damaged or of another run; it cannot be written.
+    """
     evaluations: list[Evaluation] = []
+    maps: dict[str, np.ndarray] = {}
     interrupted = False
+    estimators = {name: build_estimator(name, prepared, settings) for name in settings.estimators}
     try:
-        for name in settings.estimators:
-            history = _run(name, prepared, settings, progress)
+        for name, estimator in estimators.items():
+            history = _with_start(_run(name, estimator, prepared, progress, keeper_of(name)), prepared)
             evaluations.append(_evaluated(history, prepared))
-            interrupted = any("interrupted" in reason for reason in history.status.reasons)
+            maps |= _map_of(name, estimator, history, prepared)
+            interrupted = _is_cut_short(history, len(prepared.timeline))
             if interrupted:
                 break
     except KeyboardInterrupt:
         if not evaluations:
             raise
         interrupted = True
-    return Comparison(prepared, tuple(_judge(evaluations, prepared)), interrupted)
+    return Comparison(prepared, tuple(_judge(evaluations, prepared)), interrupted, maps)
 
 
-def _run(name: str, prepared: Prepared, settings: Settings, progress: Progress) -> EstimateHistory:
-    first = len(prepared.start.frames.mean)
-    rest = prepared.timeline[first:]
-    progress(name, 0, len(rest))
-    history = run(
-        build_estimator(name, prepared, settings),
-        prepared.start.belief,
-        prepared.start_end,
-        rest,
-        lambda index: progress(name, index + 1, len(rest)),
-    )
-    return _with_start(replace(history, name=name), prepared)
+def _run(
+    name: str, estimator: Estimator, prepared: Prepared, progress: Progress, keeper: Keeper
+) -> EstimateHistory:
+    """From where the keeper left off, or from the start; a run that had ended is not made again."""
+    rest = prepared.timeline[len(prepared.start.frames.mean) :]
+    _start(estimator, prepared)
+    kept = keeper.resume(estimator)
+    rows = GrowingHistory(estimator.layout, prepared.start_end) if kept is None else kept.rows
+    progress(name, len(rows), len(rest))
+    if kept is not None and kept.status is not None:
+        return rows.ended(name, kept.status)
+    with keeper.running(estimator, rows) as keep:
+
+        def on_frame(_: int) -> None:
+            progress(name, len(rows), len(rest))
+            keep()
+
+        history = replace(run(estimator, rows.time, rest[len(rows) :], on_frame, rows), name=name)
+        if not _is_cut_short(history, len(rest)):
+            keeper.end(estimator, history, rows)
+    return history
+
+
+def _map_of(
+    name: str, estimator: Estimator, history: EstimateHistory, prepared: Prepared
+) -> dict[str, Float[np.ndarray, "k 3"]]:
+    """The landmarks that an estimator ended with; those of the start where it failed or holds none."""
+    if isinstance(estimator, LandmarkFilter) and history.status.verdict is not Verdict.FAILED:
+        return {name: estimator.landmark_belief.points}
+    return {} if prepared.map_points is None else {name: prepared.map_points}
+
+
+def _start(estimator: Estimator, prepared: Prepared) -> None:
+    """With its landmarks for a filter that holds them."""
+    if isinstance(estimator, LandmarkFilter):
+        estimator.start(prepared.belief)
+    else:
+        estimator.start(prepared.start.belief)
+
+
+def _is_cut_short(history: EstimateHistory, frames: int) -> bool:
+    """Whether Ctrl-C ended it: it neither failed nor did all its frames."""
+    return history.status.verdict is not Verdict.FAILED and len(history.time) < frames
 
 
 def _with_start(history: EstimateHistory, prepared: Prepared) -> EstimateHistory:
@@ -101,7 +172,7 @@ def _with_start(history: EstimateHistory, prepared: Prepared) -> EstimateHistory
 
 
 def _evaluated(history: EstimateHistory, prepared: Prepared) -> Evaluation:
-    alignment = Alignment.NONE if prepared.known_frames else Alignment.BODY_FRAME
+    alignment = Alignment.NONE if prepared.known_frames else Alignment.FIRST_FRAME
     return evaluate(history, prepared.dataset.truth, alignment)
 
 

@@ -39,8 +39,10 @@ class Pictured:
     @classmethod
     def from_comparison(cls, comparison: Comparison) -> "Pictured":
         """Of a run that has just ended."""
-        prepared = comparison.prepared
-        return cls(prepared.dataset, comparison.evaluations, prepared.map_points, prepared.start_end)
+        prepared, first = comparison.prepared, comparison.evaluations[0].name
+        return cls(
+            prepared.dataset, comparison.evaluations, comparison.maps.get(first), prepared.start_end
+        )
 
     @classmethod
     def from_folder(cls, folder: Path) -> "Pictured":
@@ -53,7 +55,7 @@ class Pictured:
         document = read_summary(folder)
         dataset = read_dataset(folder / DATASET_FOLDER)
         known = dataset.known_map is not None or dataset.kind == "pose"
-        alignment = Alignment.NONE if known else Alignment.BODY_FRAME
+        alignment = Alignment.NONE if known else Alignment.FIRST_FRAME
         try:
             start_end, names = float(document["start"]["end_s"]), list(document["estimators"])
             paths, map_path = [folder / name / "history.npz" for name in names], folder / names[0] / "map.ply"

@@ -1,11 +1,15 @@
 """A data set and settings made ready for any estimator: process, timeline, start."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from spinfilters.errors import InputError
+from spinfilters.estimators.landmarks.belief import LandmarkBelief
+from spinfilters.estimators.landmarks.start import LandmarkStartReport, start_with_landmarks
+from spinfilters.estimators.landmarks.start_result import LandmarkSmoothing
 from spinfilters.estimators.motion_evidence import MotionEvidence, evidence_from_gyro, evidence_from_poses
 from spinfilters.estimators.start import StartOptions, StartReport, start_from_data
 from spinfilters.estimators.timeline import SensorNoise, StereoView, Timeline, build_timeline
@@ -15,6 +19,7 @@ from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.perception.map_building import poses_without_map
 from spinfilters.perception.track_poses import poses_with_map
+from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 from spinfilters.workflow.gyro_noise import FIRST_SCALE, GyroNoise, disturbance_psd, identify_gyro_noise
 from spinfilters.workflow.settings import AUTO, Settings
@@ -34,7 +39,9 @@ class Prepared:
     ----------
     timeline: all frames.   start: of which the first have been smoothed.
     known_frames: whether the estimate's frames are the truth's (a known map, poses, or a simulated gyro).
-    map_points: (k, 3) m in g, or None.   gyro_noise: identified, or None when it was stated.
+    belief: what every filter begins from at the end of the start, with landmarks where the map is not known.
+    map_points: (k, 3) m in g: the known map or that of the start, or None.
+    gyro_noise: identified, or None when it was stated.
     """
 
     dataset: Dataset
@@ -43,6 +50,7 @@ class Prepared:
     noise: SensorNoise
     start: StartReport
     known_frames: bool
+    belief: Gaussian | LandmarkBelief
     map_points: Float[np.ndarray, "k 3"] | None
     gyro_noise: GyroNoise | None
 
@@ -59,7 +67,7 @@ def prepare(dataset: Dataset, settings: Settings) -> Prepared:
     ------
     InputError: too few frames, no rotation, tracks that no pose can be found from.
     """
-    log, poses, view, map_points = _measurements(dataset, settings)
+    log, view = dataset.log, _view(dataset)
     blocks = ROTATION_BLOCKS if log.sensors == ("gyro",) else FULL_BLOCKS
     layout = StateLayout((*blocks, "d") if settings.process.drag else blocks)
     unknown_gyro = "gyro" in log.sensors and _gyro_is_unknown(dataset, settings)
@@ -74,9 +82,13 @@ def prepare(dataset: Dataset, settings: Settings) -> Prepared:
         raise InputError(
             f"{dataset.description or dataset.path} has {len(timeline)} frame(s); give at least 5"
         )
-    start = _long_enough_start(process, timeline, poses or log.stream("gyro"), settings.start)
+    make = _start_maker(dataset, process, timeline, noise)
+    start = _long_enough_start(timeline, make, settings.start)
     known = dataset.known_map is not None or dataset.kind == "pose"
-    return Prepared(dataset, process, timeline, noise, start, known, map_points, gyro_noise)
+    belief, points = start.belief, None if dataset.known_map is None else dataset.known_map.points
+    if isinstance(start, LandmarkStartReport):
+        belief, points = _most_useful(start.landmarks, settings.landmarks.capacity), start.landmarks.points
+    return Prepared(dataset, process, timeline, noise, start, known, belief, points, gyro_noise)
 
 
 def moments_std_of(start: StartReport) -> float:
@@ -85,38 +97,79 @@ def moments_std_of(start: StartReport) -> float:
 
 
 def _long_enough_start(
-    process: TorqueFreeProcess, timeline: Timeline, seen: MeasurementStream, options: StartOptions
+    timeline: Timeline, make: Callable[[StartOptions], StartReport], options: StartOptions
 ) -> StartReport:
     """A start that looks at twice the frames until it knows the moments, or has looked at its share of the recording.
 
     A filter that linearises while the inertia is hardly known is over-confident ever after; the smoother of the start is not.
     """
-    evidence_of = evidence_from_poses if seen.sensor == "pose" else evidence_from_gyro
     while True:
         frames = options.count(timeline)
-        start = start_from_data(process, timeline, evidence_of(seen, frames), options)
+        start = make(options)
         longer = replace(options, frames=2 * options.frames)
         if moments_std_of(start) <= DETERMINED_STD or longer.count(timeline) == frames:
             return start
         options = longer
 
 
-def _measurements(
-    dataset: Dataset, settings: Settings
-) -> tuple[MeasurementLog, MeasurementStream | None, StereoView | None, np.ndarray | None]:
-    """The log that the filters see, poses for the start, the stereo view, and the map."""
+def _view(dataset: Dataset) -> StereoView | None:
+    """What stereo rows are measured against, None without any."""
+    if "stereo" not in dataset.log.sensors:
+        return None
+    assert dataset.rig is not None
+    return StereoView(dataset.known_map, dataset.rig.calibration)
+
+
+def _start_maker(
+    dataset: Dataset, process: TorqueFreeProcess, timeline: Timeline, noise: SensorNoise
+) -> Callable[[StartOptions], StartReport]:
+    """What makes a start of this data set: from a gyro, from poses, from sightings of a known map or of an unknown one."""
     log = dataset.log
     if "stereo" not in log.sensors:
-        return log, log.stream("pose") if "pose" in log.sensors else None, None, None
+        return lambda options: _plain_start(process, timeline, _sensor_evidence(log, timeline, options), options)
     assert dataset.rig is not None
-    calibration, pixel_std = dataset.rig.calibration, _noise(dataset, settings).pixel_std
-    tracks = log.stream("stereo")
-    if dataset.known_map is not None:
-        poses = poses_with_map(tracks, dataset.known_map, calibration, pixel_std)
-        return log, poses, StereoView(dataset.known_map, calibration), dataset.known_map.points
-    poses, found = poses_without_map(tracks, calibration, pixel_std)
-    others = tuple(stream for stream in log.streams if stream.sensor not in ("stereo", "pose"))
-    return MeasurementLog((poses, *others)), poses, None, found.points
+    tracks, calibration = log.stream("stereo"), dataset.rig.calibration
+    if dataset.known_map is None:
+        return lambda options: _start_of_tracks(process, timeline, tracks, (calibration, noise.pixel_std), options)
+    poses = poses_with_map(tracks, dataset.known_map, calibration, noise.pixel_std)
+    return lambda options: _plain_start(
+        process, timeline, evidence_from_poses(poses, options.count(timeline)), options
+    )
+
+
+def _plain_start(
+    process: TorqueFreeProcess, timeline: Timeline, evidence: MotionEvidence, options: StartOptions
+) -> StartReport:
+    return start_from_data(process, timeline, evidence, options)
+
+
+def _sensor_evidence(log: MeasurementLog, timeline: Timeline, options: StartOptions) -> MotionEvidence:
+    frames = options.count(timeline)
+    if "pose" in log.sensors:
+        return evidence_from_poses(log.stream("pose"), frames)
+    return evidence_from_gyro(log.stream("gyro"), frames)
+
+
+def _start_of_tracks(
+    process: TorqueFreeProcess,
+    timeline: Timeline,
+    tracks: MeasurementStream,
+    camera: tuple[np.ndarray, float],
+    options: StartOptions,
+) -> StartReport:
+    """A start whose landmarks nobody knew: nothing after its last frame is looked at."""
+    frames = options.count(timeline)
+    first = tracks.slice(timeline[0].time, timeline[frames - 1].time)
+    assert first is not None
+    poses, found = poses_without_map(first, *camera)
+    return start_with_landmarks(process, timeline, evidence_from_poses(poses, frames), found, options)
+
+
+def _most_useful(smoothing: LandmarkSmoothing, capacity: int) -> LandmarkBelief:
+    """The joint belief with the landmarks that were seen most often."""
+    hits = smoothing.hits(smoothing.ids)
+    most = np.argsort(-hits, kind="stable")[:capacity]
+    return smoothing.joint(np.sort(smoothing.ids[most]))
 
 
 def _noise(dataset: Dataset, settings: Settings) -> SensorNoise:

@@ -11,11 +11,14 @@ from spinfilters.errors import InputError
 from spinfilters.evaluation.evaluation import Evaluation, numbers
 from spinfilters.evaluation.trajectory import write_map_ply, write_trajectory_csv, write_trajectory_tum
 from spinfilters.logs.atomic_write import make_folder, write_json, write_toml
+from spinfilters.logs.dataset import Dataset, read_dataset
 from spinfilters.logs.dataset_writing import write_dataset
 from spinfilters.logs.input_file import reason
 from spinfilters.logs.measurement_log import MeasurementStream
 from spinfilters.logs.pose_files import write_tum
 from spinfilters.logs.settings_files import read_toml
+from spinfilters.state.status import Verdict
+from spinfilters.workflow.checkpointing import CHECKPOINT_FILE, remove_checkpoints
 from spinfilters.workflow.estimation import Comparison
 from spinfilters.workflow.history_file import write_history
 from spinfilters.workflow.preparation import Prepared
@@ -51,8 +54,17 @@ def configuration(settings: Settings) -> dict[str, Any]:
     return {**settings.document, "provenance": provenance()}
 
 
+def mark_run_folder(folder: Path, settings: Settings) -> None:
+    """Mark a folder that holds no run yet as that of one, before anything is kept in it."""
+    if not _is_run(folder):
+        write_configuration(folder, settings)
+
+
 def write_run(folder: Path, comparison: Comparison, settings: Settings) -> None:
-    """Everything but the figures, in place of an earlier run; summary.json comes last, so that a folder with one is whole."""
+    """Everything but the figures, in place of an earlier run; summary.json comes last, so that a folder with one is whole.
+
+    Checkpoints stay until then, and beyond where Ctrl-C cut the run short.
+    """
     open_run_folder(folder)
     write_configuration(folder, settings)
     _clear(folder, comparison.prepared.dataset.path)
@@ -63,9 +75,39 @@ def write_run(folder: Path, comparison: Comparison, settings: Settings) -> None:
         write_trajectory_csv(part / "trajectory.csv", evaluation.trajectory)
         write_trajectory_tum(part / "trajectory.tum", evaluation.trajectory)
         write_history(part / "history.npz", evaluation.history)
-        if comparison.prepared.map_points is not None:
-            write_map_ply(part / "map.ply", comparison.prepared.map_points)
+        if evaluation.name in comparison.maps:
+            write_map_ply(part / "map.ply", comparison.maps[evaluation.name])
     write_json(folder / SUMMARY_FILE, summary(comparison))
+    if not comparison.interrupted:
+        remove_checkpoints(folder)
+
+
+def finished_run(folder: Path, dataset: Dataset, settings: Settings) -> dict[str, Any] | None:
+    """Summary of a whole run that was made of the same measurements, settings and versions; None where there is none."""
+    try:
+        if read_toml(folder / CONFIG_FILE) != configuration(settings):
+            return None
+        earlier = read_dataset(folder / DATASET_FOLDER).log
+        same = earlier.sensors == dataset.log.sensors and all(
+            map(_equal, earlier.streams, dataset.log.streams)
+        )
+        document = read_summary(folder)
+        return document if same and _is_whole(document, settings) else None
+    except InputError:
+        return None
+
+
+def _equal(one: MeasurementStream, other: MeasurementStream) -> bool:
+    return np.array_equal(one.time, other.time) and np.array_equal(one.values, other.values)
+
+
+def _is_whole(document: dict[str, Any], settings: Settings) -> bool:
+    """Whether every estimator did all frames or failed."""
+    try:
+        total, made = document["dataset"]["frames"], [document["estimators"][n] for n in settings.estimators]
+        return all(each["frames"] == total or each["status"] == str(Verdict.FAILED) for each in made)
+    except (KeyError, TypeError):
+        return False
 
 
 def _is_run(folder: Path) -> bool:
@@ -76,14 +118,25 @@ def _is_run(folder: Path) -> bool:
 
 
 def _clear(folder: Path, source: Path | None) -> None:
-    """Remove an earlier run, but not its data set when that is what the new run was made from."""
+    """Remove an earlier run, but not its data set when that is what the new run was made from, and no checkpoint."""
     figures = [f"{name}.png" for name in (*FIGURES, *(f"errors-{name}" for name in ESTIMATORS))]
     for name in (SUMMARY_FILE, TRUTH_FILE, *figures):
         (folder / name).unlink(missing_ok=True)
     for place in (folder / name for name in (DATASET_FOLDER, *ESTIMATORS)):
         in_use = source is not None and source.resolve().is_relative_to(place.resolve())
         if place.is_dir() and not place.is_symlink() and not in_use:
-            shutil.rmtree(place)
+            _empty(place)
+
+
+def _empty(place: Path) -> None:
+    """Remove what a folder holds but a checkpoint, and the folder where nothing is left."""
+    for path in place.iterdir():
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        elif path.name != CHECKPOINT_FILE:
+            path.unlink()
+    if not any(place.iterdir()):
+        place.rmdir()
 
 
 def _write_measurements(folder: Path, prepared: Prepared) -> None:

@@ -10,21 +10,12 @@ from rich.table import Table
 
 from spinfilters.errors import InputError
 from spinfilters.logs.atomic_write import write_json
-from spinfilters.logs.dataset import Dataset, read_dataset
-from spinfilters.logs.measurement_log import MeasurementStream
-from spinfilters.logs.settings_files import read_toml
+from spinfilters.logs.dataset import Dataset
 from spinfilters.plots.style import save_figure
 from spinfilters.plots.throws import Throw, throws_figure
 from spinfilters.workflow.estimation import Progress, compare_estimators
 from spinfilters.workflow.preparation import prepare
-from spinfilters.workflow.run_folder import (
-    CONFIG_FILE,
-    DATASET_FOLDER,
-    configuration,
-    read_summary,
-    write_configuration,
-    write_run,
-)
+from spinfilters.workflow.run_folder import finished_run, read_summary, write_configuration, write_run
 from spinfilters.workflow.settings import Settings
 
 SEGMENTS_FOLDER = "segments"
@@ -65,7 +56,7 @@ def run_segments(
 def _run_segment(dataset: Dataset, folder: Path, settings: Settings, progress: Progress) -> SegmentResult:
     number = 0 if dataset.segment is None else dataset.segment.number
     place = folder / SEGMENTS_FOLDER / f"{number:03d}"
-    if (done := _finished(place, dataset, settings)) is not None:
+    if (done := finished_run(place, dataset, settings)) is not None:
         return SegmentResult(number, done)
     try:
         comparison = compare_estimators(prepare(dataset, settings), settings, progress)
@@ -75,24 +66,6 @@ def _run_segment(dataset: Dataset, folder: Path, settings: Settings, progress: P
         raise KeyboardInterrupt
     write_run(place, comparison, settings)
     return SegmentResult(number, read_summary(place))
-
-
-def _finished(place: Path, dataset: Dataset, settings: Settings) -> dict[str, Any] | None:
-    """Summary of a run that was made of the same measurements, settings and versions."""
-    try:
-        if read_toml(place / CONFIG_FILE) != configuration(settings):
-            return None
-        earlier = read_dataset(place / DATASET_FOLDER).log
-        same = earlier.sensors == dataset.log.sensors and all(
-            map(_equal, earlier.streams, dataset.log.streams)
-        )
-        return read_summary(place) if same else None
-    except InputError:
-        return None
-
-
-def _equal(one: MeasurementStream, other: MeasurementStream) -> bool:
-    return np.array_equal(one.time, other.time) and np.array_equal(one.values, other.values)
 
 
 def write_segments(folder: Path, results: Sequence[SegmentResult], settings: Settings) -> None:

@@ -8,7 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from spinfilters.errors import InputError
+from spinfilters.estimators.adaptation import AdaptationOptions
+from spinfilters.estimators.iterated import IterationOptions
+from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.estimators.multiplicative_ukf import SigmaPointOptions
+from spinfilters.estimators.robustness import RobustOptions
 from spinfilters.estimators.start import StartOptions
 from spinfilters.logs.input_file import named, shown
 from spinfilters.logs.settings_files import read_toml
@@ -74,6 +78,10 @@ class Settings:
     sensors: SensorSettings = field(default_factory=SensorSettings)
     start: StartOptions = field(default_factory=StartOptions)
     ukf: SigmaPointOptions = field(default_factory=SigmaPointOptions)
+    landmarks: LandmarkOptions = field(default_factory=LandmarkOptions)
+    robust: RobustOptions = field(default_factory=RobustOptions)
+    iteration: IterationOptions = field(default_factory=IterationOptions)
+    adaptation: AdaptationOptions = field(default_factory=AdaptationOptions)
 
     def __post_init__(self) -> None:
         unknown = [name for name in self.estimators if name not in ESTIMATORS]
@@ -95,6 +103,10 @@ _TABLES = {
     "sensors": SensorSettings,
     "start": StartOptions,
     "ukf": SigmaPointOptions,
+    "landmarks": LandmarkOptions,
+    "robust": RobustOptions,
+    "iteration": IterationOptions,
+    "adaptation": AdaptationOptions,
 }
 
 
@@ -153,6 +165,8 @@ def _check_type(where: str, default: object, value: object) -> None:
         good, wanted = number >= 0 or value == AUTO, 'a number of at least 0 or "auto"'
     elif isinstance(default, int):
         good, wanted = isinstance(value, int) and not isinstance(value, bool), "a whole number"
+    elif isinstance(default, str):
+        good, wanted = isinstance(value, str), "a name"
     else:
         good, wanted = math.isfinite(number), "a finite number"
     if not good:

@@ -1,6 +1,7 @@
 """What users get wrong: exit code 2, one line on standard error that names file or value, and nothing half-written."""
 
 import shutil
+import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -300,6 +301,25 @@ def archive(**changes: np.ndarray) -> Change:
     return change
 
 
+def archive_member(data: bytes) -> Change:
+    """Put these bytes in the place of an array of a history, packed."""
+
+    def change(folder: Path) -> None:
+        path = folder / "mekf" / "history.npz"
+        with np.load(path) as file:
+            arrays = {name: file[name] for name in file if name != "mean"}
+        np.savez(path, **arrays)  # pyright: ignore[reportArgumentType]
+        with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as file:
+            file.writestr("mean.npy", data)
+
+    return change
+
+
+def archive_bomb(folder: Path) -> None:
+    """Half a gigabyte of zeros in the place of an array."""
+    archive_member(bytes(1 << 29))(folder)
+
+
 RUN_FAULTS = {
     "history missing": (without("mekf"), "history.npz"),
     "history cut off": (
@@ -312,6 +332,11 @@ RUN_FAULTS = {
     "history of words": (archive(mean=np.array(["a", "b"])), "history.npz"),
     "history of unknown status": (archive(verdict=np.array("fine")), "'fine'"),
     "history with objects": (archive(reasons=np.array([{}], dtype=object)), "history.npz"),
+    "history that is a bomb": (archive_bomb, "history.npz"),
+    "history with a header of brackets": (
+        archive_member(b"\x93NUMPY\x01\x00\x00\x10" + 4096 * b"("),
+        "history.npz",
+    ),
     "summary not JSON": (text("summary.json", "{"), "summary.json"),
     "summary of another schema": (text("summary.json", '{"schema": 99}'), "schema"),
     "summary without estimators": (text("summary.json", '{"schema": 1}'), "summary.json"),

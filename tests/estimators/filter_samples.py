@@ -61,7 +61,8 @@ def started(seed: int) -> StartReport:
 def run_on(estimator: Estimator, seed: int, timeline: Timeline | None = None) -> EstimateHistory:
     """An estimator over the frames after the start."""
     timeline = embedded(seed).timeline if timeline is None else timeline
-    return run(estimator, started(seed).belief, timeline[START.frames - 1].time, timeline[START.frames :])
+    estimator.start(started(seed).belief)
+    return run(estimator, timeline[START.frames - 1].time, timeline[START.frames :])
 
 
 def nees(history: EstimateHistory, seed: int) -> Float[np.ndarray, " n"]:

@@ -162,10 +162,9 @@ def test_sigma_points_that_make_a_covariance_indefinite_fail_the_run() -> None:
     wide = Gaussian(FULL, belief.mean, 300 * belief.factor)
     timeline = embedded(0).timeline
     estimator = FilterpyUkf(PROCESS, SigmaPointOptions(alpha=1e-3))
+    estimator.start(wide)
     with np.errstate(all="ignore"):
-        history = run(
-            estimator, wide, timeline[START.frames - 1].time, timeline[START.frames : START.frames + 10]
-        )
+        history = run(estimator, timeline[START.frames - 1].time, timeline[START.frames : START.frames + 10])
     assert history.status.verdict is Verdict.FAILED
     assert "factorised" in history.status.reasons[0]
     assert len(history.time) < 10

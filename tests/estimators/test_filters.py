@@ -109,8 +109,10 @@ def test_a_run_that_breaks_ends_as_failed_and_keeps_only_what_is_finite(build: B
     calm, sensor = linear_process(generator), linear_sensor(2, generator)
     exploding = LinearProcess(1e80 * calm.A, calm.noise)
     frames = tuple(Frame(0.1 * k, (sensor.measurement(np.zeros((1, 2))),)) for k in range(1, 12))
+    estimator = build(exploding)
+    estimator.start(linear_belief(generator))
     with np.errstate(all="ignore"):
-        history = run(build(exploding), linear_belief(generator), 0.0, frames)
+        history = run(estimator, 0.0, frames)
     assert history.status.verdict is Verdict.FAILED
     assert "frame" in history.status.reasons[0]
     assert len(history.time) < len(frames)

@@ -89,6 +89,27 @@ def test_numbers_integers_and_views_are_arguments_too(affine: Compiled) -> None:
             np.testing.assert_array_equal(found, value)
 
 
+def test_a_batch_is_read_alike_in_place_read_only_or_strided(affine: Compiled) -> None:
+    _, v, s = _arguments(6)
+    A = _arguments()[0]
+    fixed = v.copy()
+    fixed.flags.writeable = False
+    strided = np.concatenate([v, v], axis=1)[:, :3]
+    expected = affine(A, v, s)
+    for rows in (fixed, strided, np.asfortranarray(v), v.astype(np.longdouble)):
+        for found, value in zip(affine(A, rows, s), expected, strict=True):
+            np.testing.assert_array_equal(found, value)
+
+
+def test_vectors_alone_give_a_batch_of_matrices() -> None:
+    x, y = ca.SX.sym("x", 3), ca.SX.sym("y", 2)
+    points, fixed = np.random.default_rng(1).normal(size=(5, 3)), np.array([2.0, 3.0])
+    fixed.flags.writeable = False
+    for build in (Compiled, Compiled.interpreted):
+        (outer,) = build(ca.Function("outer", [x, y], [x @ y.T]))(points, fixed)
+        np.testing.assert_array_equal(outer, points[:, :, np.newaxis] * fixed)
+
+
 def test_outputs_share_no_memory_with_later_calls(affine: Compiled) -> None:
     first = affine(*_arguments())
     kept = [value.copy() for value in first]

@@ -1,0 +1,213 @@
+"""The linear problem behind each step of a landmark filter, and three other ways of solving it.
+
+A step takes the covariance P of all errors to T P+ T' + G G', P+ = P - K S K' the update with unit noise and rows H. The
+reference solves it by the square-root array of Morf and Kailath (1975) with Householder reflections in extended precision (64
+bits of mantissa); the conventional filters form covariances in the precision that is tried, and symmetrise them.
+"""
+
+from dataclasses import dataclass
+
+import mpmath
+import numpy as np
+from jaxtyping import Float
+
+from experiments.arithmetic_runs import LAYOUT, RandomRun, Step
+from spinfilters.estimators.landmarks.gauge_rules import Point, gauge_rule
+from spinfilters.models.anchored_point import anchored_points
+from spinfilters.models.landmark_sensor import LandmarkSensor
+
+STATE = LAYOUT.error_dim
+DIGITS = 80
+"""Of mpmath where extended precision cannot tell: more than any product of two factors has."""
+
+
+@dataclass(frozen=True)
+class LinearStep:
+    """P -> T P+ T' + G G'; ``rows`` H (m, N) whitened, ``transition`` T (M, N), ``noise`` G (M, k)."""
+
+    rows: Float[np.ndarray, "m N"]
+    transition: Float[np.ndarray, "M N"]
+    noise: Float[np.ndarray, "M k"]
+
+
+def linear_step(run: RandomRun, step: Step) -> LinearStep:
+    """What the filter of first order solved in this step."""
+    size = len(step.before["factor"])
+    if step.measurement is None:
+        _, transition, noise = run.process.linearise(step.before["mean"], run.dt)
+        T, G = np.eye(size), np.zeros((size, noise.shape[1]))
+        T[:STATE, :STATE], G[:STATE] = transition, noise
+        return LinearStep(np.zeros((0, size)), T, G)
+    carried = _carried(run, step)
+    if step.change is None:
+        return LinearStep(_reading_rows(step, size), carried, np.zeros((size, 0)))
+    stay = ~np.isin(step.before["map.ids"], step.change.removed)
+    carried = carried[np.concatenate([np.ones(STATE, dtype=bool), np.repeat(stay, 3)])]
+    by_state, own = _newcomers(step)
+    T = np.concatenate([carried, by_state @ carried[:STATE]])
+    G = np.concatenate([np.zeros((len(carried), own.shape[1])), own])
+    return LinearStep(_sighting_rows(step, size), T, G)
+
+
+def _carried(run: RandomRun, step: Step) -> Float[np.ndarray, "N N"]:
+    """How errors about the mean before an update become errors about the mean after it."""
+    before, after = step.before, step.after
+    where = {i: row for row, i in enumerate(after["map.ids"].tolist())}
+    removed = set() if step.change is None else set(step.change.removed.tolist())
+    coordinates = before["map.coordinates"].copy()
+    for row, i in enumerate(before["map.ids"].tolist()):
+        if i not in removed:
+            coordinates[row] = after["map.coordinates"][where[i]]
+    old = Point(before["mean"], before["map.anchors"], before["map.coordinates"])
+    new = Point(after["mean"], before["map.anchors"], coordinates)
+    reset = LAYOUT.reset_jacobian(LAYOUT.local(before["mean"], after["mean"]))
+    state, landmarks = gauge_rule(run.options.gauge).carried(LAYOUT, old, new, reset)
+    T = np.eye(len(before["factor"]))
+    T[:STATE, :STATE], T[STATE:, :STATE] = state, landmarks
+    return T
+
+
+def _reading_rows(step: Step, size: int) -> Float[np.ndarray, "m N"]:
+    measured = step.measurement
+    assert measured is not None
+    at = measured.model.linearise(step.before["mean"], measured.parameters, measured.values)
+    H = np.zeros((at.jacobian.shape[1] * bool(step.accepted), size))
+    if step.accepted:
+        H[:, measured.model.columns] = at.jacobian[0]
+    return H
+
+
+def _sighting_rows(step: Step, size: int) -> Float[np.ndarray, "m N"]:
+    measured, change, before = step.measurement, step.change, step.before
+    assert measured is not None
+    assert change is not None
+    assert isinstance(measured.model, LandmarkSensor)
+    where = [before["map.ids"].tolist().index(i) for i in change.used.tolist()]
+    rows = [measured.ids.tolist().index(i) for i in change.used.tolist()] if measured.ids is not None else []
+    points, slopes = anchored_points(before["map.anchors"][where], before["map.coordinates"][where])
+    parameters = np.concatenate([points, measured.parameters[rows, 3:]], axis=1)
+    at = measured.model.linearise_landmarks(before["mean"], parameters, measured.values[rows])
+    H = np.zeros((len(rows), 3, size))
+    H[:, :, measured.model.columns] = at.jacobian
+    for k, row in enumerate(where):
+        H[k, :, STATE + 3 * row : STATE + 3 * row + 3] = at.by_landmark[k] @ slopes[k]
+    return (np.sqrt(change.weights)[:, None, None] * H).reshape(-1, size)
+
+
+def _newcomers(step: Step) -> tuple[Float[np.ndarray, "l n"], Float[np.ndarray, "l l"]]:
+    measured, change, after = step.measurement, step.change, step.after
+    assert measured is not None
+    assert measured.ids is not None
+    assert change is not None
+    assert isinstance(measured.model, LandmarkSensor)
+    rows = [measured.ids.tolist().index(i) for i in change.added.tolist()]
+    first = len(after["map.ids"]) - len(rows)
+    slopes = anchored_points(after["map.anchors"][first:], after["map.coordinates"][first:])[1]
+    fresh = measured.model.new_landmarks(after["mean"], measured.parameters[rows], measured.values[rows])
+    by_state, own = np.zeros((len(rows), 3, STATE)), np.zeros((3 * len(rows),) * 2)
+    by_state[:, :, measured.model.columns] = np.linalg.solve(slopes, fresh.jacobian)
+    for k, root in enumerate(np.linalg.solve(slopes, fresh.root)):
+        own[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = root
+    return by_state.reshape(-1, STATE), own
+
+
+def reference(factor: Float[np.ndarray, "N N"], step: LinearStep) -> Float[np.ndarray, "M M"]:
+    """Factor after a step, in extended precision."""
+    exact = [part.astype(np.longdouble) for part in (step.rows, step.transition, step.noise)]
+    H, T, G = exact
+    count = len(H)
+    array = np.block(
+        [[np.eye(count, dtype=np.longdouble), H @ factor], [np.zeros((len(factor), count)), factor]]
+    )
+    corrected = lower(array)[count:, count:]
+    return lower(np.concatenate([T @ corrected, G], axis=1))
+
+
+def lower(rows: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n n"]:
+    """Lower triangular L with L L' = rows rows', by Householder reflections in the precision of the rows."""
+    n, k = rows.shape
+    A = np.zeros((max(n, k), n), dtype=rows.dtype)
+    A[:k] = rows.T
+    for j in range(n):
+        v = A[j:, j].copy()
+        length = np.sqrt(v @ v)
+        if length > 0:
+            v[0] += np.copysign(length, v[0])
+            A[j:, j:] -= np.outer(v * (2 / (v @ v)), v @ A[j:, j:])
+    return np.tril(A[:n].T)
+
+
+def subtracted(P: Float[np.ndarray, "N N"], step: LinearStep) -> Float[np.ndarray, "M M"]:
+    """Covariance after a step by P - K S K'."""
+    H, T, G = (part.astype(P.dtype) for part in (step.rows, step.transition, step.noise))
+    S = H @ P @ H.T + np.eye(len(H), dtype=P.dtype)
+    K = P @ H.T @ np.linalg.inv(S)
+    return _symmetric(T @ (P - K @ S @ K.T) @ T.T + G @ G.T)
+
+
+def joseph(P: Float[np.ndarray, "N N"], step: LinearStep) -> Float[np.ndarray, "M M"]:
+    """Covariance after a step by (I - K H) P (I - K H)' + K K'."""
+    H, T, G = (part.astype(P.dtype) for part in (step.rows, step.transition, step.noise))
+    K = P @ H.T @ np.linalg.inv(H @ P @ H.T + np.eye(len(H), dtype=P.dtype))
+    A = np.eye(len(P), dtype=P.dtype) - K @ H
+    return _symmetric(T @ (A @ P @ A.T + K @ K.T) @ T.T + G @ G.T)
+
+
+CONVENTIONAL = {"P - K S K'": subtracted, "Joseph": joseph}
+
+
+def _symmetric(P: np.ndarray) -> np.ndarray:
+    return (P + P.T) / 2
+
+
+def is_definite(P: Float[np.ndarray, "N N"]) -> bool:
+    """Whether the covariance, as it is stored, is positive definite: its correlations by Cholesky in extended precision."""
+    variances = np.diagonal(P).astype(np.longdouble)
+    if not (np.isfinite(P).all() and (variances > 0).all()):
+        return False
+    scale = 1 / np.sqrt(variances)
+    A = P.astype(np.longdouble) * scale[:, None] * scale
+    for j in range(len(A)):
+        if not A[j, j] > 0:
+            return False
+        A[j + 1 :, j + 1 :] -= np.outer(A[j + 1 :, j] / A[j, j], A[j, j + 1 :])
+    return True
+
+
+def forms_definite(factor: Float[np.ndarray, "N N"]) -> bool:
+    """Whether the covariance formed from a factor is positive definite; the precision rises until that is proven or refuted.
+
+    In double precision correlations minus a bound of their rounding must have a Cholesky factor; then in extended precision; what
+    neither can tell is formed and factored in `DIGITS` digits.
+    """
+    scale = np.linalg.norm(factor.astype(np.longdouble), axis=1, keepdims=True)
+    if not (np.isfinite(scale).all() and (scale > 0).all()):
+        return False
+    rows, eye = factor / scale, np.eye(len(factor))
+    double = rows.astype(float)
+    try:
+        np.linalg.cholesky(double @ double.T - _rounding(double) * eye)
+    except np.linalg.LinAlgError:
+        return is_definite(rows @ rows.T - _rounding(rows) * eye) or _exactly_definite(factor)
+    return True
+
+
+def _rounding(rows: np.ndarray) -> np.floating:
+    """Bound of what products of unit rows and their Cholesky factor lose."""
+    return 4 * len(rows) ** 2 * np.finfo(rows.dtype).eps
+
+
+def _exactly_definite(factor: Float[np.ndarray, "N N"]) -> bool:
+    with mpmath.workdps(DIGITS):
+        exact = mpmath.matrix(factor.astype(float).tolist())
+        try:
+            mpmath.cholesky(exact * exact.T)
+        except ValueError:
+            return False
+    return True
+
+
+def stds(factor: np.ndarray) -> np.ndarray:
+    """Standard deviations, in the precision of extended numbers."""
+    rows = factor.astype(np.longdouble)
+    return np.sqrt((rows * rows).sum(axis=1))

@@ -1,0 +1,181 @@
+"""When a run's checkpoints are written, where they lie, and what Ctrl-C does while they are."""
+
+import signal
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from spinfilters.errors import InputError
+from spinfilters.estimators.estimator import Estimator
+from spinfilters.estimators.history import EstimateHistory, GrowingHistory
+from spinfilters.logs.atomic_write import make_folder
+from spinfilters.logs.input_file import named
+from spinfilters.state.status import Verdict
+from spinfilters.workflow.checkpoint import Checkpoint, load_checkpoint, save_checkpoint, save_ended
+from spinfilters.workflow.preparation import Prepared
+from spinfilters.workflow.run_identity import ANEW, RunIdentity, identify_run
+from spinfilters.workflow.settings import ESTIMATORS, Settings
+
+CHECKPOINT_FILE = "checkpoint.npz"
+
+AfterFrame = Callable[[], None]
+"""To be called when a frame is done."""
+
+
+@dataclass(frozen=True)
+class Pace:
+    """A checkpoint every so many ``seconds``, less often where writing would take more than this ``share`` of the time."""
+
+    seconds: float = 5.0
+    share: float = 0.02
+
+
+class Keeper(ABC):
+    """Keeps what one estimator's run has reached."""
+
+    @abstractmethod
+    def resume(self, estimator: Estimator) -> Checkpoint | None:
+        """What was kept, the estimator brought there; None where nothing was."""
+
+    @abstractmethod
+    def running(self, estimator: Estimator, rows: GrowingHistory) -> AbstractContextManager[AfterFrame]:
+        """Keep while the block runs; the block calls what it is given after every frame."""
+
+    @abstractmethod
+    def end(self, estimator: Estimator, history: EstimateHistory, rows: GrowingHistory) -> None:
+        """Keep a run that has come to an end by itself: the estimator at its last frame, or that it failed."""
+
+
+class Forgetful(Keeper):
+    """Keeps nothing."""
+
+    def resume(self, estimator: Estimator) -> Checkpoint | None:
+        return None
+
+    def running(self, estimator: Estimator, rows: GrowingHistory) -> AbstractContextManager[AfterFrame]:
+        return nullcontext(lambda: None)
+
+    def end(self, estimator: Estimator, history: EstimateHistory, rows: GrowingHistory) -> None:
+        return None
+
+
+KeeperOf = Callable[[str], Keeper]
+"""Gives every estimator's name its keeper."""
+
+
+@dataclass(frozen=True)
+class CheckpointFile(Keeper):
+    """Keeps a run in one file.
+
+    Attributes
+    ----------
+    identity: of the run.   time: of the frames that it is to do, s.
+    """
+
+    path: Path
+    identity: RunIdentity
+    time: tuple[float, ...]
+    pace: Pace = field(default_factory=Pace)
+
+    def resume(self, estimator: Estimator) -> Checkpoint | None:
+        if not self.path.exists():
+            return None
+        found = load_checkpoint(self.path, estimator, self.identity)
+        done = found.rows.arrays()["time"]
+        if not np.array_equal(done, self.time[: len(done)]):
+            raise InputError(
+                f"{named(self.path)}: is no whole checkpoint (its frames are not the first of this run); delete it, {ANEW}"
+            )
+        return found
+
+    @contextmanager
+    def running(self, estimator: Estimator, rows: GrowingHistory) -> Iterator[AfterFrame]:
+        """Ctrl-C takes effect when a frame is done and kept; a second one at once."""
+        due = perf_counter() + self.pace.seconds
+        with _held_interrupts() as pressed:
+
+            def after_frame() -> None:
+                nonlocal due
+                begin = perf_counter()
+                if begin >= due or pressed():
+                    self._save(estimator, rows)
+                    end = perf_counter()
+                    due = end + max(self.pace.seconds, (end - begin) / self.pace.share)
+                if pressed():
+                    raise KeyboardInterrupt
+
+            yield after_frame
+
+    def _save(self, estimator: Estimator, rows: GrowingHistory) -> None:
+        make_folder(self.path.parent)
+        save_checkpoint(self.path, estimator, rows, self.identity)
+
+    def end(self, estimator: Estimator, history: EstimateHistory, rows: GrowingHistory) -> None:
+        if history.status.verdict is Verdict.FAILED:
+            make_folder(self.path.parent)
+            save_ended(self.path, history, rows.begin, self.identity)
+        else:
+            self._save(estimator, rows)
+
+
+def forget(_: str) -> Keeper:
+    """Keep nothing of any estimator."""
+    return Forgetful()
+
+
+def keep_in(folder: Path, prepared: Prepared, settings: Settings, pace: Pace | None = None) -> KeeperOf:
+    """Keep every estimator's run in ``folder/<its name>/checkpoint.npz``, and go on from what is there."""
+    identity = identify_run("", prepared.timeline, prepared.belief, settings.document)
+    time = tuple(frame.time for frame in prepared.timeline[len(prepared.start.frames.mean) :])
+
+    def keeper(name: str) -> Keeper:
+        path = folder / name / CHECKPOINT_FILE
+        return CheckpointFile(path, replace(identity, estimator=name), time, pace or Pace())
+
+    return keeper
+
+
+def remove_checkpoints(folder: Path) -> None:
+    """Remove the checkpoints of a run folder, and the folders of estimators that then are empty."""
+    for name in ESTIMATORS:
+        (folder / name / CHECKPOINT_FILE).unlink(missing_ok=True)
+        with suppress(OSError):  # absent, or results are in it
+            (folder / name).rmdir()
+
+
+@contextmanager
+def _held_interrupts() -> Iterator[Callable[[], bool]]:
+    """Note the first Ctrl-C instead of raising it; gives a function that tells whether there was one.
+
+    One that nobody asked for takes effect when the block ends. Where Ctrl-C is not this thread's business nothing changes.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(before):
+        yield lambda: False
+        return
+    noted, told = False, False
+
+    def note(number: int, frame: object) -> None:
+        nonlocal noted
+        if noted:
+            raise KeyboardInterrupt
+        noted = True
+
+    def pressed() -> bool:
+        nonlocal told
+        told = told or noted
+        return noted
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield pressed
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if noted and not told:
+        raise KeyboardInterrupt
