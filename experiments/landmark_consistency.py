@@ -2,11 +2,11 @@
 
     python -m experiments.landmark_consistency [--motion rich|thesis] [--seeds 24] [--wrong 0.3] [-o runs/landmarks]
 
-Simulates the workload disam115 without its map (`Scenario.disam115`). Prints errors of position and velocity in the second half and
-of the moments at the end beside the Cramer-Rao bound of the measurements that the filter used, and mean NEES over runs (20 degrees of
-freedom) from the second revolution on, with its 95 % band, in all and by block; draws NEES over time. With --scale-q or --scale-r the
-filters believe in a wrong process or pixel noise, which the band must show. A seed that has been run is read from the output folder,
-so that an interrupted study goes on where it was.
+Simulates the workload disam115 without its map (`Scenario.disam115`). Prints errors of position and velocity in the second half
+and of the moments at the end beside the Cramer-Rao bound of the measurements that the filter used, and mean NEES over runs (20
+degrees of freedom) from the second revolution on, with its 95 % band, in all and by block; draws NEES over time. With --scale-q or
+--scale-r the filters believe in a wrong process or pixel noise, which the band must show. A seed that has been run is read from the
+output folder, so that an interrupted study goes on where it was.
 """
 
 import argparse
@@ -44,7 +44,13 @@ def main() -> None:
     settings = scaled(SETTINGS, options.scale_q, options.scale_r)
     cases = [Case(options.motion, seed, options.wrong) for seed in range(options.seeds)]
     label = f"q{options.scale_q:g}-r{options.scale_r:g}"
-    runs = list(track(run_all(cases, settings, options.output / label, options.jobs), total=len(cases), description="runs"))
+    runs = list(
+        track(
+            run_all(cases, settings, options.output / label, options.jobs),
+            total=len(cases),
+            description="runs",
+        )
+    )
     for name in NAMES:
         print(accuracy(name, runs))
     for name in NAMES:
@@ -55,12 +61,21 @@ def main() -> None:
 
 
 def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--motion", choices=("rich", "thesis"), default="rich")
     parser.add_argument("--seeds", type=int, default=24)
     parser.add_argument("--wrong", type=float, default=0.0, help="share of wrong associations")
-    parser.add_argument("--scale-q", type=float, default=1.0, help="factor of the process noise that the filters believe in")
-    parser.add_argument("--scale-r", type=float, default=1.0, help="factor of the pixels' variance that the filters believe in")
+    parser.add_argument(
+        "--scale-q", type=float, default=1.0, help="factor of the process noise that the filters believe in"
+    )
+    parser.add_argument(
+        "--scale-r",
+        type=float,
+        default=1.0,
+        help="factor of the pixels' variance that the filters believe in",
+    )
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("-o", "--output", type=Path, default=Path("runs/landmarks"))
     return parser.parse_args()
@@ -76,7 +91,9 @@ def scaled(settings: Settings, q: float, r: float) -> Settings:
     return replace(settings, process=process, sensors=replace(settings.sensors, pixel_std=float(np.sqrt(r))))
 
 
-def run_all(cases: list[Case], settings: Settings, folder: Path, jobs: int) -> Iterable[dict[str, np.ndarray]]:
+def run_all(
+    cases: list[Case], settings: Settings, folder: Path, jobs: int
+) -> Iterable[dict[str, np.ndarray]]:
     """Every case's arrays, in order; each is kept in a file of its own."""
     make_folder(folder)
     with ProcessPoolExecutor(jobs) as pool:
@@ -99,7 +116,8 @@ def accuracy(name: str, runs: Runs) -> str:
             f"  {what}, second half: rms {1e3 * error:.3f} {unit}, bound {1e3 * bound:.3f} {unit}, ratio {error / bound:.2f}"
         )
     error, bound = (
-        np.sqrt(np.mean([run[f"{name}/{key}"][-1, :2] ** 2 for run in runs])) for key in ("moments", "moments_bound")
+        np.sqrt(np.mean([run[f"{name}/{key}"][-1, :2] ** 2 for run in runs]))
+        for key in ("moments", "moments_bound")
     )
     lines.append(f"  moments, last frame: rms {error:.5f}, bound {bound:.5f}, ratio {error / bound:.2f}")
     return "\n".join(lines)

@@ -117,6 +117,8 @@ def _figures(evaluation: Evaluation, bound: EstimateHistory) -> dict[str, np.nda
     """
     assert evaluation.nees is not None
     assert evaluation.errors is not None
+    assert evaluation.errors.position is not None
+    assert evaluation.errors.velocity is not None
     assert evaluation.body_errors is not None
     limits, body = trajectory_of(bound), body_history(bound)
     own, moments = evaluation.bodies.principal_moments, body.principal_moments[-1]

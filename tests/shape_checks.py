@@ -8,8 +8,7 @@ hides our `ShapeError`, and it trips over NumPy scalars and CasADi's types.)
 
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import is_dataclass
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, is_dataclass
 from functools import cache, cached_property, wraps
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader

@@ -14,14 +14,13 @@ covariance. Log scale moves by log(1 + (y'Dy - tr D K) / I) with I the sum of tr
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg.lapack import dtrtri, dtrtrs
 
 from spinfilters.errors import InputError
-from spinfilters.estimators.gain import Correction
 from spinfilters.state.layout import StateLayout
 
 SOURCES = {"torque": slice(0, 6), "force": slice(6, None)}
@@ -79,6 +78,22 @@ class NoiseScale:
         return NoiseScale(float(np.clip(self.logarithm + step, -limit, limit)), information)
 
 
+class Explained(Protocol):
+    """What an update says, in the coordinates y of the belief before it (`spinfilters.estimators.gain.Correction`)."""
+
+    @property
+    def coordinates(self) -> Float[np.ndarray, " n"]: ...
+
+    @property
+    def root(self) -> Float[np.ndarray, "r r"]: ...
+
+    @property
+    def nis(self) -> float: ...
+
+    @property
+    def dof(self) -> int: ...
+
+
 class PredictedMotion(NamedTuple):
     """A predicted belief and how it came about: mean (m,), covariance factor (n, n) lower triangular, transition (n, n) of the
     error, and factor (n, k) of the noise that came in, as scaled."""
@@ -114,7 +129,7 @@ class NoiseAdaptation:
             result[:, columns] *= np.sqrt(self.process_scale(source))
         return result
 
-    def observe_measurement(self, sensor: str, correction: Correction) -> None:
+    def observe_measurement(self, sensor: str, correction: Explained) -> None:
         """Learn a sensor's scale from its update, which was made with `measurement_scale`."""
         if self.options.measurement:
             self._learn(f"sensor.{sensor}", residual_evidence(correction), self.options.measurement)
@@ -178,7 +193,7 @@ class NoiseAdaptation:
         self._scales[name] = self._scales.get(name, NoiseScale()).after(evidence, horizon)
 
 
-def residual_evidence(correction: Correction) -> NoiseEvidence:
+def residual_evidence(correction: Explained) -> NoiseEvidence:
     """Of a sensor's noise: |r|^2 = nis - |y|^2, and S^-1 has r eigenvalues of (U'U)^-1 and else ones."""
     y, inverse = correction.coordinates, np.triu(dtrtri(correction.root)[0])
     left = inverse @ inverse.T

@@ -49,7 +49,9 @@ class LandmarkSensor(MeasurementModel):
     """A sensor whose parameters begin with the landmark's point in frame g (3, m)."""
 
     @abstractmethod
-    def landmark(self, state: dict[str, Expression], measured: Expression, parameters: Expression) -> Expression:
+    def landmark(
+        self, state: dict[str, Expression], measured: Expression, parameters: Expression
+    ) -> Expression:
         """The point (3, frame g) that would give exactly this measurement from this state; its parameters are not read."""
 
     @abstractmethod
@@ -63,7 +65,9 @@ class LandmarkSensor(MeasurementModel):
         measured: Float[np.ndarray, "k v"],
     ) -> LandmarkLinearisation:
         """Innovations and their derivatives at a state and at the landmarks that lead the parameters."""
-        innovation, jacobian, by_landmark, valid, log_noise = self._linearise_landmarks(x, parameters, measured)
+        innovation, jacobian, by_landmark, valid, log_noise = self._linearise_landmarks(
+            x, parameters, measured
+        )
         return LandmarkLinearisation(
             innovation,
             jacobian.reshape(*innovation.shape, len(self.columns)),
@@ -82,7 +86,10 @@ class LandmarkSensor(MeasurementModel):
         points, jacobian, root, determined = self._new_landmarks(x, parameters, measured)
         count = len(measured)
         return NewLandmarks(
-            points, jacobian.reshape(count, 3, len(self.columns)), root.reshape(count, 3, 3), determined[..., 0] > 0
+            points,
+            jacobian.reshape(count, 3, len(self.columns)),
+            root.reshape(count, 3, 3),
+            determined[..., 0] > 0,
         )
 
     @cached_property

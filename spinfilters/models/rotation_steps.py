@@ -2,8 +2,8 @@
 
 Only attitude and rate need an integrator: the centre of mass moves in closed form. One substep, written in SX, advances
 (q, w), the transition Psi of the error (a, w) with respect to itself, its sensitivity Theta to the constants (inertia and
-drag), and the noise covariance. The noise integral of Psi B B' Psi' is taken by Simpson's rule over the substeps, whose
-positive weights keep it positive semidefinite, and which is exact for dt -> 0; it converges with the order of the integrator.
+drag), and the noise covariance. The noise integral of Psi B B' Psi' is taken by Boole's rule over the substeps, whose positive
+weights keep it positive semidefinite, and which is exact for dt -> 0.
 """
 
 from collections.abc import Callable
@@ -33,6 +33,10 @@ Acceleration = Callable[[Expression, Expression, Expression | None], Expression]
 
 MAX_SUBSTEPS = 1 << 14
 """Beyond this, dt |w| is some hundred revolutions per step: the caller is told to use a shorter step."""
+FEWEST = 4
+"""Substeps of a step: a panel of Boole's rule."""
+BOOLE_ERROR, NOISE_ERROR = 0.1, 1e-6
+"""Relative error of the noise covariance per rad^4 of turn and sixth power of the number of substeps, and what is allowed of it."""
 STEP_ERROR = 6e-4
 """Error of a turn per rad and per fourth power of the substep's angle: where the step control starts. A guess that proves too
 coarse costs one more evaluation, one that is too fine would cost every one."""
@@ -84,12 +88,16 @@ class RotationIntegrator:
         if not (np.isfinite(dt) and dt > 0):
             raise InputError(f"time step is {dt} s; it must be positive and finite")
         w = x[..., self._rate]
-        turn = float(np.sqrt(np.max(np.einsum("...i,...i->...", w, w)))) * dt if w.size else 0.0
+        squared = w @ w if w.ndim == 1 else np.max(np.einsum("...i,...i->...", w, w), initial=0.0)
+        turn = float(squared) ** 0.5 * dt
         if not np.isfinite(turn):
-            return 2  # no step count helps: the caller sees that the result is not finite
+            return FEWEST  # no step count helps: the caller sees that the result is not finite
         angle = (self._tolerance / (STEP_ERROR * max(turn, self._tolerance))) ** 0.25
-        count = 2
-        while count * angle < turn and count < MAX_SUBSTEPS:
+        count, noise_angle = (
+            FEWEST,
+            (NOISE_ERROR / BOOLE_ERROR) ** (1 / 6) * max(turn, NOISE_ERROR) ** (1 / 3),
+        )
+        while count * min(angle, noise_angle) < turn and count < MAX_SUBSTEPS:
             count *= 2
         return count
 
@@ -149,10 +157,10 @@ class RotationIntegrator:
         values = self._layout.unpack(x)
         constants, start = _constants(values), ca.vertcat(values["q"], values["w"])
         sums = ca.vertcat(start, ca.DM.eye(6)[:], ca.DM.zeros(6 * self._constant_dim), ca.DM.zeros(36))
-        weights = np.array([1.0, *([4.0, 2.0] * (count // 2))][:count]) / 3
+        weights = np.array([7.0, *([32.0, 12.0, 32.0, 14.0] * (count // 4))][:count]) * 2 / 45
         moved = _repeat(self._linear_substep(), count, sums, constants, dt / count, ca.DM(weights).T)
         coarse = _repeat(self._substep(), count // 2, start, constants, 2 * dt / count)
-        last = ca.diagcat(ca.DM.zeros(3, 3), ca.DM.eye(3)) * dt / count / 3
+        last = ca.diagcat(ca.DM.zeros(3, 3), ca.DM.eye(3)) * dt / count * 14 / 45
         noise = ca.reshape(moved[-36:], 6, 6) + last
         after, transition, factor = self._assemble()(x, dt, densities, moved[:-36], noise)
         error = _difference(coarse, moved[:7]) / 15

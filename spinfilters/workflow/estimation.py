@@ -47,20 +47,11 @@ class Comparison:
 
 
 def build_estimator(name: str, prepared: Prepared, settings: Settings) -> Estimator:
-    """The estimator of a name in `spinfilters.workflow.settings.ESTIMATORS`.
-
-    Raises
-    ------
-    InputError: a baseline of filterpy, which holds no landmarks, for tracks without a known map.
-    """
+    """The estimator of a name in `spinfilters.workflow.settings.ESTIMATORS`; filterpy's need a known map or none at all."""
     process, robust, adaptation = prepared.process, settings.robust, settings.adaptation
     if isinstance(prepared.belief, LandmarkBelief) and name in OURS:
         approximation = FirstOrder(settings.iteration) if name == "mekf" else Unscented(settings.ukf)
         return LandmarkFilter(process, approximation, settings.landmarks, robust, adaptation)
-    if isinstance(prepared.belief, LandmarkBelief):
-        raise InputError(
-            f"{name} holds no landmarks; give the tracks' map (landmarks.csv), or choose estimators among {', '.join(OURS)}"
-        )
     if name == "mekf":
         return MultiplicativeEkf(process, robust, adaptation, settings.iteration)
     if name == "ukf":
@@ -84,14 +75,16 @@ def compare_estimators(
 
     Raises
     ------
-    InputError: no frame is left after the start; what was kept is damaged or of another run; it cannot be written.
+    InputError: an estimator that holds no landmarks, for tracks without a known map; no frame is left after the start; what was
+        kept is damaged or of another run; it cannot be written.
     """
     evaluations: list[Evaluation] = []
     maps: dict[str, np.ndarray] = {}
     interrupted = False
-    estimators = {name: build_estimator(name, prepared, settings) for name in settings.estimators}
+    _check(settings, prepared)
     try:
-        for name, estimator in estimators.items():
+        for name in settings.estimators:
+            estimator = build_estimator(name, prepared, settings)
             history = _with_start(_run(name, estimator, prepared, progress, keeper_of(name)), prepared)
             evaluations.append(_evaluated(history, prepared))
             maps |= _map_of(name, estimator, history, prepared)
@@ -103,6 +96,15 @@ def compare_estimators(
             raise
         interrupted = True
     return Comparison(prepared, tuple(_judge(evaluations, prepared)), interrupted, maps)
+
+
+def _check(settings: Settings, prepared: Prepared) -> None:
+    without = [name for name in settings.estimators if name not in OURS]
+    if without and isinstance(prepared.belief, LandmarkBelief):
+        raise InputError(
+            f"{', '.join(without)}: holds no landmarks; give the tracks' map (landmarks.csv), or choose estimators among "
+            f"{', '.join(OURS)}"
+        )
 
 
 def _run(

@@ -40,9 +40,7 @@ class Pictured:
     def from_comparison(cls, comparison: Comparison) -> "Pictured":
         """Of a run that has just ended."""
         prepared, first = comparison.prepared, comparison.evaluations[0].name
-        return cls(
-            prepared.dataset, comparison.evaluations, comparison.maps.get(first), prepared.start_end
-        )
+        return cls(prepared.dataset, comparison.evaluations, comparison.maps.get(first), prepared.start_end)
 
     @classmethod
     def from_folder(cls, folder: Path) -> "Pictured":

@@ -126,11 +126,15 @@ def _start_maker(
     """What makes a start of this data set: from a gyro, from poses, from sightings of a known map or of an unknown one."""
     log = dataset.log
     if "stereo" not in log.sensors:
-        return lambda options: _plain_start(process, timeline, _sensor_evidence(log, timeline, options), options)
+        return lambda options: _plain_start(
+            process, timeline, _sensor_evidence(log, timeline, options), options
+        )
     assert dataset.rig is not None
     tracks, calibration = log.stream("stereo"), dataset.rig.calibration
     if dataset.known_map is None:
-        return lambda options: _start_of_tracks(process, timeline, tracks, (calibration, noise.pixel_std), options)
+        return lambda options: _start_of_tracks(
+            process, timeline, tracks, (calibration, noise.pixel_std), options
+        )
     poses = poses_with_map(tracks, dataset.known_map, calibration, noise.pixel_std)
     return lambda options: _plain_start(
         process, timeline, evidence_from_poses(poses, options.count(timeline)), options

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.logs.gyro_files import saturated
 from spinfilters.state.status import EstimatorStatus, Verdict
@@ -15,6 +16,10 @@ LARGEST_NIS = 2.5
 """NIS per degree of freedom above which measurement or process noise is clearly understated."""
 LARGEST_GYRO_ERROR = 0.04
 """Relative rms of a gyro's residual: beyond it this is no torque-free flight of a rigid body."""
+LARGEST_REJECTED = 0.2
+"""Share of measurements left out, beyond which whatever makes them cannot be trusted."""
+LARGEST_GAP = 10.0
+"""Between two frames, in median intervals: beyond it the estimate in between is a prediction."""
 DISAGREEMENT_STD, DISAGREEMENT = 4.0, 0.01
 """Two estimators on the same measurements disagree beyond both of these."""
 
@@ -64,9 +69,25 @@ def _own_doubts(evaluation: Evaluation) -> list[str]:
             f"innovations are {ratio:.1f} times as large (squared) as the noise explains: raise process.force_psd, "
             "process.torque_psd or the sensor's standard deviation in a config file"
         )
+    return [*reasons, *_left_out(history)]
+
+
+def _left_out(history: EstimateHistory) -> list[str]:
+    """Doubts about measurements that were not there or not believed."""
+    reasons = []
     rejected, total = int(history.rejected.sum()), int((history.rejected + history.accepted).sum())
-    if total and rejected > total / 2:
-        reasons.append(f"{rejected} of {total} measurements could not be used")
+    if total and rejected > LARGEST_REJECTED * total:
+        reasons.append(f"{rejected} of {total} measurements could not be used or were not believed")
+    empty = int(np.count_nonzero((history.accepted == 0) & (history.rejected > 0)))
+    if empty:
+        reasons.append(
+            f"{empty} of {len(history.time)} frames told nothing: all of them was refused, or they only repeated the frame before"
+        )
+    gaps = np.diff(history.time)
+    if gaps.size and gaps.max() > LARGEST_GAP * np.median(gaps):
+        reasons.append(
+            f"nothing was measured for {gaps.max():.3g} s after t = {history.time[gaps.argmax()]:.3f} s"
+        )
     return reasons
 
 

@@ -64,7 +64,9 @@ def first_belief(states: np.ndarray, seed: int = 0) -> Gaussian:
 
 
 def landmark_filter(
-    approximation: Approximation | None = None, options: LandmarkOptions | None = None, process: TorqueFreeProcess = PROCESS
+    approximation: Approximation | None = None,
+    options: LandmarkOptions | None = None,
+    process: TorqueFreeProcess = PROCESS,
 ) -> LandmarkFilter:
     """A filter that has not been started."""
     return LandmarkFilter(process, approximation or FirstOrder(), options)

@@ -13,6 +13,7 @@ from spinfilters.estimators.estimator import Estimator, Measurement, ProcessMode
 from spinfilters.estimators.filterpy_baselines import FilterpyEkf, FilterpyUkf
 from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf, SigmaPointOptions
+from spinfilters.estimators.robustness import RobustOptions
 from spinfilters.estimators.run import run
 from spinfilters.estimators.timeline import Frame
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
@@ -161,7 +162,7 @@ def test_a_ukf_update_is_that_of_its_sigma_points_one_by_one() -> None:
     """The reference forms every point's measurement, P_zz and P_xz as sums over all 41 points."""
     belief, frame = started(0).belief, embedded(0).timeline[START.frames]
     model, values, parameters = (getattr(frame.measurements[0], k) for k in ("model", "values", "parameters"))
-    ukf = MultiplicativeUkf(PROCESS)
+    ukf = MultiplicativeUkf(PROCESS, robust=RobustOptions(gate_probability=1.0))
     wide = Gaussian(FULL, belief.mean, 20 * belief.factor)
     ukf.start(wide)
     report = ukf.update(Measurement(model, values[:30], parameters[:30]))

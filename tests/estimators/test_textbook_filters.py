@@ -1,6 +1,7 @@
 """On a linear model every estimator, filterpy's included, is the textbook's Kalman filter."""
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,9 +13,17 @@ from spinfilters.estimators.filterpy_baselines import FilterpyEkf, FilterpyUkf
 from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.multiplicative_filter import MultiplicativeFilter
 from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf
+from spinfilters.estimators.robustness import RobustOptions
 from spinfilters.state.gaussian import Gaussian
 
-ESTIMATORS = (MultiplicativeEkf, MultiplicativeUkf, FilterpyEkf, FilterpyUkf)
+UNGATED = RobustOptions(gate_probability=1.0)
+"""The values here are drawn from no model: a gate would rightly refuse them."""
+ESTIMATORS = (
+    partial(MultiplicativeEkf, robust=UNGATED),
+    partial(MultiplicativeUkf, robust=UNGATED),
+    FilterpyEkf,
+    FilterpyUkf,
+)
 Build = Callable[[ProcessModel], Estimator]
 
 

@@ -158,8 +158,15 @@ def test_map_found_from_tracks_alone_is_drawn_again(tmp_path: Path) -> None:
     write_run(tmp_path / "run", comparison, settings)
     points = Pictured.from_folder(tmp_path / "run").map_points
     assert points is not None
-    np.testing.assert_array_equal(points, comparison.prepared.map_points)
+    np.testing.assert_array_equal(points, comparison.maps["mekf"])
     assert not (tmp_path / "run" / "truth.tum").exists()
+
+
+def test_a_filter_that_holds_no_landmarks_is_refused_without_a_map(tmp_path: Path) -> None:
+    settings = Settings(estimators=("mekf", "filterpy-ekf"))
+    prepared = prepare(read_unmapped(tmp_path / "data"), settings)
+    with pytest.raises(InputError, match="filterpy-ekf: holds no landmarks; give the tracks' map"):
+        compare_estimators(prepared, settings, silent)
 
 
 def read_unmapped(folder: Path) -> Dataset:

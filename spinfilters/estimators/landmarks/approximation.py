@@ -3,8 +3,8 @@
 Both say how errors and sightings depend on the coordinates y of the joint factor (error = F y, y standard normal). The first-order
 filter differentiates. The unscented one takes sigma points through what is nonlinear and regresses on y (statistical linear
 regression, Lefebvre, Bruyninckx, De Schutter 2002): of the state's n components in a prediction, of the pose and one landmark in a
-sighting. Whatever enters linearly - a landmark's constancy, its correlation with everything else - needs no points: the residual
-of the regression, of which only its covariance is known, is noise to all the rest. So neither cost grows faster than the joint factor.
+sighting. Whatever enters linearly - a landmark's constancy, its correlation with everything else - needs no points: what the
+regression leaves is noise to all the rest. So neither cost grows faster than the joint factor.
 """
 
 from abc import ABC, abstractmethod
@@ -27,12 +27,14 @@ class Propagation:
     Attributes
     ----------
     rest: (n, p) what the approximation could not explain by y.   noise: (n, k) of the process.
+    transition: (n, n) derivative at the mean.
     """
 
     mean: Float[np.ndarray, " m"]
     by_root: Float[np.ndarray, "n n"]
     rest: Float[np.ndarray, "n p"]
     noise: Float[np.ndarray, "n k"]
+    transition: Float[np.ndarray, "n n"]
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ class SightedFrom:
     anchors, coordinates: (k, 7) and (k, 3) of the landmarks (`spinfilters.models.anchored_point`).
     linearised_at: (k, 3) coordinates where first derivatives are taken.
     shared: (k, 3, n) factor rows of the landmarks' coordinates on those of the state.
-    own: (k, 3, 3) covariance of the rest of their errors.
+    rest: (k, 3, c) factor rows on the landmarks' coordinates.
     """
 
     mean: Float[np.ndarray, " m"]
@@ -54,7 +56,7 @@ class SightedFrom:
     coordinates: Float[np.ndarray, "k 3"]
     linearised_at: Float[np.ndarray, "k 3"]
     shared: Float[np.ndarray, "k 3 n"]
-    own: Float[np.ndarray, "k 3 3"]
+    rest: Float[np.ndarray, "k 3 c"]
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,7 @@ class Approximation(ABC):
         values: Float[np.ndarray, "k v"],
         parameters: Float[np.ndarray, "k p"],
     ) -> Rows:
-        """Predicted values of a sensor that sees no landmark (``by_landmark`` is empty, the landmarks of ``place`` are not read)."""
+        """Predicted values of a sensor that sees no landmark (``by_landmark`` is empty; no landmark of ``place`` is read)."""
 
 
 class FirstOrder(Approximation):
@@ -138,7 +140,7 @@ class FirstOrder(Approximation):
         self, process: ProcessModel, mean: Float[np.ndarray, " m"], root: Float[np.ndarray, "n n"], dt: float
     ) -> Propagation:
         after, transition, noise = process.linearise(mean, dt)
-        return Propagation(after, transition @ root, np.zeros((len(root), 0)), noise)
+        return Propagation(after, transition @ root, np.zeros((len(root), 0)), noise, transition)
 
     def sightings(
         self,

@@ -1,9 +1,9 @@
 """The Cramer-Rao bound of what a landmark filter used.
 
-The posterior bound of a filter is the covariance that the same recursion gives when everything is linearised at the truth instead of
-at an estimate (Tichavsky, Muravchik, Nehorai 1998). A filter's decisions - which sightings it believed, which landmarks it took in and
-let go - are taken from its reports, so that the bound is that of the measurements it used. A landmark that was let go and came
-back is a new unknown, as it is for the filter.
+The posterior bound of a filter is the covariance that the same recursion gives when everything is linearised at the truth instead
+of at an estimate (Tichavsky, Muravchik, Nehorai 1998). A filter's decisions - which sightings it believed, which landmarks it took
+in and let go - are taken from its reports, so that the bound is that of the measurements it used. A landmark that was let go and
+came back is a new unknown, as it is for the filter.
 """
 
 from dataclasses import dataclass
@@ -14,12 +14,10 @@ from jaxtyping import Float, Int
 from spinfilters.estimators.estimator import MapChange, Measurement, ProcessModel
 from spinfilters.estimators.iterated import IterationOptions
 from spinfilters.estimators.landmarks.approximation import FirstOrder
-from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.joint_factor import after_correction, corrected
 from spinfilters.estimators.landmarks.landmark_filter import LandmarkFilter
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.estimators.landmarks.sightings import predicted_sightings, stacked
-from spinfilters.state.gaussian import Gaussian
 
 
 @dataclass(frozen=True)
@@ -43,13 +41,11 @@ class CramerRaoBound(LandmarkFilter):
     """
 
     def __init__(self, process: ProcessModel, landmarks: TrueLandmarks) -> None:
-        super().__init__(process, FirstOrder(IterationOptions(iterations=1)), LandmarkOptions(capacity=1 << 30))
+        super().__init__(
+            process, FirstOrder(IterationOptions(iterations=1)), LandmarkOptions(capacity=1 << 30)
+        )
         self.name = "bound"
         self._landmarks = landmarks
-
-    def begin(self, belief: LandmarkBelief) -> None:
-        """Start from a belief whose means are true."""
-        self.start(belief)
 
     def step(self, truth: Float[np.ndarray, " m"], dt: float) -> None:
         """Go on to the true state dt seconds later."""
@@ -79,8 +75,3 @@ class CramerRaoBound(LandmarkFilter):
         parameters[:, :3] = self._landmarks.of(ids)
         values = measurement.model.predict(self._mean, parameters)
         return Measurement(measurement.model, values, parameters)
-
-    @property
-    def gaussian(self) -> Gaussian:
-        """Bound on the state alone, about the truth."""
-        return self.belief

@@ -85,7 +85,9 @@ def extended(
     return result
 
 
-def reduced(factor: Float[np.ndarray, "N N"], n: int, keep: Bool[np.ndarray, " k"]) -> Float[np.ndarray, "M M"]:
+def reduced(
+    factor: Float[np.ndarray, "N N"], n: int, keep: Bool[np.ndarray, " k"]
+) -> Float[np.ndarray, "M M"]:
     """Factor without the landmarks that are not kept: their rows go, what they share with others stays."""
     rows = np.repeat(keep, 3)
     landmarks = factor[n:][rows]
@@ -113,7 +115,9 @@ def corrected_state(rows: Float[np.ndarray, "k n"], innovation: Float[np.ndarray
     return _corrected(rows, innovation, 0)
 
 
-def after_correction(factor: Float[np.ndarray, "N N"], correction: JointCorrection) -> Float[np.ndarray, "N N"]:
+def after_correction(
+    factor: Float[np.ndarray, "N N"], correction: JointCorrection
+) -> Float[np.ndarray, "N N"]:
     """Factor F U^-1 with U'U = I + Y'Y, U lower triangular."""
     size = len(correction.root)
     result = factor.copy()
@@ -154,7 +158,9 @@ def _corrected(
     return JointCorrection(y, root, float(R[size, size]) ** 2, log_root)
 
 
-def _absorbed(triangle: Float[np.ndarray, "m m"], extra: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "m m"]:
+def _absorbed(
+    triangle: Float[np.ndarray, "m m"], extra: Float[np.ndarray, "m k"]
+) -> Float[np.ndarray, "m m"]:
     """Lower triangular C with C C' = triangle triangle' + extra extra'."""
     if not extra.size:
         return triangle

@@ -20,8 +20,8 @@ from spinfilters.estimators.landmarks.sightings import LANDMARK_DIM, JointState,
 from spinfilters.models.anchored_point import anchored_points
 from spinfilters.state.layout import StateLayout
 
-Weigh = Callable[[Rows, Float[np.ndarray, "q 3 3"]], Float[np.ndarray, " q"]]
-"""Weights of predicted sightings, from them and the covariances of their landmarks' own errors."""
+Weigh = Callable[[Rows, Float[np.ndarray, "q 3 c"]], Float[np.ndarray, " q"]]
+"""Weights of predicted sightings, from them and their landmarks' factor rows on the landmarks' coordinates."""
 
 
 @dataclass(frozen=True)
@@ -77,8 +77,8 @@ class SightingProblem:
 
     def solve(self, weigh: Weigh, options: IterationOptions) -> JointUpdate:
         """The update; weights are those of the first prediction throughout."""
-        rows, own = self._predicted_from(self.joint)
-        weights = weigh(rows, own)
+        rows, rest = self._predicted_from(self.joint)
+        weights = weigh(rows, rest)
         first = JointUpdate(rows, weights, corrected(*stacked(rows, weights, self.at, self.joint.factor)))
         if options.iterations == 1 or self._is_good(first, options):
             return first
@@ -141,12 +141,13 @@ class SightingProblem:
         factor = joint.factor.copy()
         factor[:n, :n] = state @ joint.factor[:n, :n]
         factor[n:, :n] += landmarks @ joint.factor[:n, :n]
-        moved = replace(joint, mean=mean, coordinates=coordinates, linearised_at=coordinates, factor=factor)
+        at = coordinates if joint.linearised_at is joint.coordinates else joint.linearised_at
+        moved = replace(joint, mean=mean, coordinates=coordinates, linearised_at=at, factor=factor)
         return self._predicted_from(moved)[0]
 
-    def _predicted_from(self, joint: JointState) -> tuple[Rows, Float[np.ndarray, "q 3 3"]]:
-        rows, own = predicted_sightings(self.approximation, joint, self.measurement, self.at)
-        return rows.scaled(self.scale), own
+    def _predicted_from(self, joint: JointState) -> tuple[Rows, Float[np.ndarray, "q 3 c"]]:
+        rows, rest = predicted_sightings(self.approximation, joint, self.measurement, self.at)
+        return rows.scaled(self.scale), rest
 
     def _change(self, rows: Rows, y: Float[np.ndarray, " N"]) -> Float[np.ndarray, "q r"]:
         """What coordinates y move in the sightings, to first order."""

@@ -43,6 +43,10 @@ NEAREST_DEPTH = 0.05
 SMALLEST_INVERSE_DEPTH = 1e-6
 """1/m; a landmark that an update has taken farther is at infinity or beyond: its next sighting makes it anew."""
 
+NO_IDS = np.zeros(0, dtype=np.int64)
+NOTHING_CHANGED = MapChange(NO_IDS, np.zeros(0), NO_IDS, NO_IDS)
+"""What an update that could not be made did to the map."""
+
 
 class LandmarkFilter(Estimator):
     """Pose, motion, centre of mass, mass distribution and map in one state, from sightings alone.
@@ -116,19 +120,17 @@ class LandmarkFilter(Estimator):
     def predict(self, dt: float) -> None:
         self._guards.pass_time()
         self._adaptation.observe_motion(self.layout, self._mean, self._root)
-        root = self._root
-        step = self._approximation.propagate(self.process, self._mean, root, dt)
+        step = self._approximation.propagate(self.process, self._mean, self._root, dt)
         noise = self._adaptation.scaled(step.noise)
         self._mean = step.mean
         self._factor = propagated(self._factor, step.by_root, np.concatenate([step.rest, noise], axis=1))
-        transition = np.linalg.solve(root.T, step.by_root.T).T
-        self._adaptation.expect_motion(PredictedMotion(step.mean, self._root, transition, noise))
+        self._adaptation.expect_motion(PredictedMotion(step.mean, self._root, step.transition, noise))
 
     def update(self, measurement: Measurement) -> UpdateReport:
         keys = measurement.parameters if measurement.ids is None else measurement.ids
         guard = self._guards.of(measurement.model.name)
         if guard.frames.repeats(keys, measurement.values):
-            return UpdateReport(0.0, 0, 0, len(measurement.values))
+            return UpdateReport(0.0, 0, 0, len(measurement.values), map_change=NOTHING_CHANGED)
         if measurement.ids is None:
             return self._read(measurement, guard)
         return self._sight(measurement, measurement.ids, guard)
@@ -148,7 +150,8 @@ class LandmarkFilter(Estimator):
         dtype = self._factor.dtype
         correction = corrected_state(every.astype(dtype), rho.astype(dtype))
         found = JointUpdate(rows, weights, replace(correction, nis=correction.nis + rest))
-        self._apply(found.correction)
+        if not self._apply(found.correction):
+            return UpdateReport(0.0, 0, 0, len(values))
         self._adaptation.observe_measurement(sensor.name, found)
         return _report(found)
 
@@ -170,31 +173,38 @@ class LandmarkFilter(Estimator):
             scale,
         )
         found = problem.solve(
-            lambda rows, own: guarded_weights(guard, rows, own), self._approximation.iteration
+            lambda rows, rest: guarded_weights(guard, rows, rest), self._approximation.iteration
         )
-        self._apply(found.correction)
+        if not self._apply(found.correction):
+            return UpdateReport(0.0, 0, 0, len(ids), map_change=NOTHING_CHANGED)
         self._adaptation.observe_measurement(measurement.model.name, found)
         used = found.weights > 0
         self._map.record(at[order], used)
-        removed = self._drop(
-            ~self._map.mistaken & (self._map.coordinates[:, 2] > SMALLEST_INVERSE_DEPTH)
-        )
+        removed = self._drop(~self._map.mistaken & (self._map.coordinates[:, 2] > SMALLEST_INVERSE_DEPTH))
         newcomers = np.flatnonzero((at < 0) | np.isin(ids, removed))
         added, replaced = self._take_in(_only(measurement, newcomers), ids[newcomers])
         removed = np.concatenate([removed, replaced])
         return _report(found, MapChange(ids[order][used], found.weights[used], added, removed))
 
-    def _apply(self, correction: JointCorrection) -> None:
-        """Fold the correction into the point and carry the factor to the new point."""
+    def _apply(self, correction: JointCorrection) -> bool:
+        """Fold the correction into the point and carry the factor there; False, and nothing done, if that is not finite."""
         layout, n = self.layout, self.layout.error_dim
-        error = (self._factor[:, : len(correction.coordinates)] @ correction.coordinates).astype(float)
+        error = self._factor[:, : len(correction.coordinates)] @ correction.coordinates.astype(
+            self._factor.dtype, copy=False
+        )
         anchors, coordinates = self._map.anchors, self._map.coordinates
-        before = Point(self._mean, anchors, coordinates)
-        self._mean = layout.retract(self._mean, error[:n])
-        self._map.coordinates = coordinates + error[n:].reshape(-1, 3)
-        after = Point(self._mean, anchors, self._map.coordinates)
-        state, landmarks = self._rule.carried(layout, before, after, layout.reset_jacobian(error[:n]))
-        self._factor = moved(after_correction(self._factor, correction), state, landmarks)
+        mean = layout.retract(self._mean, error[:n].astype(float))
+        moved_to = coordinates + error[n:].astype(float).reshape(-1, 3)
+        if not (np.isfinite(mean).all() and np.isfinite(moved_to).all()):
+            return False
+        before, after = Point(self._mean, anchors, coordinates), Point(mean, anchors, moved_to)
+        reset = layout.reset_jacobian(error[:n].astype(float))
+        state, landmarks = self._rule.carried(layout, before, after, reset)
+        factor = moved(after_correction(self._factor, correction), state, landmarks)
+        if not np.isfinite(factor).all():
+            return False
+        self._mean, self._map.coordinates, self._factor = mean, moved_to, factor
+        return True
 
     def _take_in(
         self, measurement: Measurement, ids: Int[np.ndarray, " q"]
@@ -213,7 +223,9 @@ class LandmarkFilter(Estimator):
         coordinates = anchored_coordinates(anchors, points)
         slopes = anchored_points(anchors, coordinates)[1]
         by_state = np.linalg.solve(slopes, fresh.jacobian[chosen]) @ self._root[sensor.columns]
-        own = np.linalg.solve(slopes, np.sqrt(self._adaptation.measurement_scale(sensor.name)) * fresh.root[chosen])
+        own = np.linalg.solve(
+            slopes, np.sqrt(self._adaptation.measurement_scale(sensor.name)) * fresh.root[chosen]
+        )
         own = np.linalg.qr(np.swapaxes(own, 1, 2), mode="r")
         n = self.layout.error_dim
         self._factor = extended(self._factor, by_state.reshape(-1, n), np.swapaxes(own, 1, 2))
@@ -250,13 +262,20 @@ class LandmarkFilter(Estimator):
 
     def snapshot(self) -> Snapshot:
         named = {f"map.{name}": np.array(value) for name, value in vars(self._map).items()}
-        return {"mean": self._mean.copy(), "factor": self._factor.copy(), **named, **self._guards.snapshot(), **self._adaptation.snapshot()}
+        return {
+            "mean": self._mean.copy(),
+            "factor": self._factor.copy(),
+            **named,
+            **self._guards.snapshot(),
+            **self._adaptation.snapshot(),
+        }
 
     def restore(self, snapshot: Snapshot) -> None:
         self._mean, self._factor = snapshot["mean"].copy(), snapshot["factor"].copy()
         mapped = [name for name in snapshot if name.startswith("map.")]
         named: dict[str, Any] = {name.removeprefix("map."): snapshot[name].copy() for name in mapped}
-        self._map = LandmarkMap(**(named | {"frame": int(named["frame"])}))
+        named["frame"] = int(named["frame"])
+        self._map = LandmarkMap(**named)
         self._guards.restore(snapshot)
         self._adaptation.restore(snapshot)
 

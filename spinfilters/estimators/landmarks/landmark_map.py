@@ -21,8 +21,6 @@ CONFIRMED = 2
 """Sightings that agree, from which on a landmark is believed more than a sighting that does not."""
 WRONG_IN_A_ROW = 3
 """Sightings in a row outside the gate after which the landmark, not the sightings, is taken to be wrong."""
-
-
 PRECISIONS = ("float64", "float32")
 
 
@@ -45,7 +43,8 @@ class LandmarkOptions:
     def __post_init__(self) -> None:
         if self.capacity < 4 or self.replaced_per_frame < 1:
             raise InputError(
-                f"landmarks.capacity is {self.capacity}, landmarks.replaced_per_frame {self.replaced_per_frame}; give at least 4 and 1"
+                f"landmarks.capacity is {self.capacity}, landmarks.replaced_per_frame is {self.replaced_per_frame}; "
+                "give at least 4 and 1"
             )
         gauge_rule(self.gauge)
         if self.precision not in PRECISIONS:
@@ -134,7 +133,9 @@ class LandmarkMap:
         self.waiting[again, 1] += 1
         self.waiting[again, 3] = self.frame
         fresh = ids[~known]
-        rows = np.stack([fresh, *(np.full(len(fresh), value) for value in (1, self.frame, self.frame))], axis=1)
+        rows = np.stack(
+            [fresh, *(np.full(len(fresh), value) for value in (1, self.frame, self.frame))], axis=1
+        )
         self.waiting = np.concatenate([self.waiting, rows])
         if len(self.waiting) > LARGEST_WAITING_LIST:
             latest = np.argsort(self.waiting[:, 3], kind="stable")[-LARGEST_WAITING_LIST:]
@@ -144,12 +145,14 @@ class LandmarkMap:
         """Sightings per frame expected of landmarks with such records; for few frames, what is usual."""
         return (hits + USUAL_RATE * MEMORY) / (self.frame - since + 1 + MEMORY)
 
-    def admission(self, ids: Int[np.ndarray, " q"], options: LandmarkOptions) -> tuple[np.ndarray, np.ndarray]:
+    def admission(
+        self, ids: Int[np.ndarray, " q"], options: LandmarkOptions
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Which of the newcomers come in (rows of ``ids``, best first), and which landmarks stay (mask)."""
         rates = self.expected_rate(*self._record_of(ids))
         order = np.argsort(-rates, kind="stable")
         stay = np.ones(len(self), dtype=bool)
-        free = options.capacity - len(self)
+        free = max(options.capacity - len(self), 0)
         if len(ids) <= free:
             return order, stay
         own = self.expected_rate(self.hits, self.since)

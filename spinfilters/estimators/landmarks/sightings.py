@@ -34,12 +34,12 @@ class JointState:
         """What sightings of the landmarks in these rows are predicted from."""
         n = self.state_dim
         blocks = _chosen(self.factor[n:].reshape(-1, LANDMARK_DIM, len(self.factor)), rows)
-        rest = blocks[:, :, n:]
-        own = (rest @ np.swapaxes(rest, 1, 2)).astype(float, copy=False)
         here = self.coordinates[rows]
         at = here if self.linearised_at is self.coordinates else self.linearised_at[rows]
-        shared = blocks[:, :, :n].astype(float, copy=False)
-        return SightedFrom(self.mean, self.root, self.anchors[rows], here, at, shared, own)
+        rows_of = blocks.astype(float, copy=False)
+        return SightedFrom(
+            self.mean, self.root, self.anchors[rows], here, at, rows_of[:, :, :n], rows_of[:, :, n:]
+        )
 
     @property
     def root(self) -> Float[np.ndarray, "n n"]:
@@ -50,13 +50,13 @@ class JointState:
 
 def predicted_sightings(
     approximation: Approximation, joint: JointState, measurement: Measurement, at: Int[np.ndarray, " q"]
-) -> tuple[Rows, Float[np.ndarray, "q 3 3"]]:
-    """Predicted sightings of the landmarks in rows ``at``, one per value, and covariances of the landmarks' own errors."""
+) -> tuple[Rows, Float[np.ndarray, "q 3 c"]]:
+    """Predicted sightings of the landmarks in rows ``at``, one per value, and the landmarks' factor rows on their coordinates."""
     sensor = measurement.model
     if not isinstance(sensor, LandmarkSensor) or sensor.dim > LANDMARK_DIM:
         raise InputError(f"sensor {sensor.name!r} names landmarks, but cannot see them; leave out their ids")
     place = joint.seen_from(at)
-    return approximation.sightings(sensor, place, measurement.values, measurement.parameters), place.own
+    return approximation.sightings(sensor, place, measurement.values, measurement.parameters), place.rest
 
 
 def stacked(
@@ -70,7 +70,10 @@ def stacked(
     count = (size - n) // LANDMARK_DIM
     use = np.flatnonzero(weights > 0)
     scale, at = np.sqrt(weights[use]), at[use]
-    every = np.concatenate([rows.by_landmark, rows.by_state, rows.innovation[:, :, None]], axis=2)[use] * scale[:, None, None]
+    every = (
+        np.concatenate([rows.by_landmark, rows.by_state, rows.innovation[:, :, None]], axis=2)[use]
+        * scale[:, None, None]
+    )
     blocks = factor[n:, n:].reshape(count, LANDMARK_DIM, size - n)
     diagonal = blocks[at[:, None], :, (LANDMARK_DIM * at)[:, None] + np.arange(LANDMARK_DIM)]
     diagonal = np.swapaxes(diagonal, 1, 2)
@@ -106,13 +109,13 @@ def _without_rounding(Y: Float[np.ndarray, "k 3 N"], n: int) -> Float[np.ndarray
 
 
 def guarded_weights(
-    guard: SensorGuard, rows: Rows, own: Float[np.ndarray, "q l l"]
+    guard: SensorGuard, rows: Rows, rest: Float[np.ndarray, "q l c"]
 ) -> Float[np.ndarray, " q"]:
     """Weights of predicted values; 0 for those that are not valid, not finite, or refused by the gate.
 
     Parameters
     ----------
-    own: covariances of the landmarks' own errors; (q, 0, 0) for sensors that see none.
+    rest: the landmarks' factor rows on their own coordinates; (q, 0, 0) for sensors that see none.
     """
     keep = np.flatnonzero(usable(rows.innovation, rows.valid))
     result = np.zeros(len(rows.innovation))
@@ -121,8 +124,7 @@ def guarded_weights(
 
     def deviations(chosen: Bool[np.ndarray, " k"]) -> Float[np.ndarray, "s r c"]:
         those = keep[chosen]
-        by_landmark = rows.by_landmark[those] @ np.linalg.cholesky(own[those])
-        return np.concatenate([rows.by_state[those], by_landmark], axis=2)
+        return np.concatenate([rows.by_state[those], rows.by_landmark[those] @ rest[those]], axis=2)
 
     weights = guard.weights(rows.innovation[keep], deviations)
     result[keep] = 1.0 if weights is None else weights

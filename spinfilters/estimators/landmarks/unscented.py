@@ -35,11 +35,11 @@ class Unscented(Approximation):
         self, process: ProcessModel, mean: Float[np.ndarray, " m"], root: Float[np.ndarray, "n n"], dt: float
     ) -> Propagation:
         layout, points = process.layout, _points(len(root), self._options)
-        noise = process.linearise(mean, dt)[2]
+        _, transition, noise = process.linearise(mean, dt)
         moved = process.step(layout.retract(mean, points.offsets @ root.T), dt)
         after = layout.retract(moved[0], points.mean_weights @ layout.local(moved[0], moved))
         by_root, rest = points.regressed(layout.local(after, moved).T)
-        return Propagation(after, by_root, rest, noise)
+        return Propagation(after, by_root, rest, noise, transition)
 
     def sightings(
         self,
@@ -51,7 +51,7 @@ class Unscented(Approximation):
         seen = last_nonzero(place.root[sensor.columns])
         points = _points(seen + 3, self._options)
         late = place.shared[:, :, seen:]
-        own = np.linalg.cholesky(place.own + late @ np.swapaxes(late, 1, 2))
+        own = _lower_root(np.concatenate([late, place.rest], axis=2))
         spread = np.einsum("pj,kij->pki", points.offsets[:, :seen], place.shared[:, :, :seen])
         spread += np.einsum("pj,kij->pki", points.offsets[:, seen:], own)
         moved = np.broadcast_to(parameters, (len(spread), *parameters.shape)).copy()
@@ -128,11 +128,17 @@ def _regressed_rows(
     rows = np.einsum("kij,pkj->kip", whitening, innovations)
     mean = rows @ points.mean_weights
     slope, rest = points.regressed(mean[..., None] - rows)
-    root = np.linalg.cholesky(np.eye(rows.shape[1]) + rest @ np.swapaxes(rest, 1, 2))
+    unit = np.broadcast_to(np.eye(rows.shape[1]), (len(rows), rows.shape[1], rows.shape[1]))
+    root = _lower_root(np.concatenate([unit, rest], axis=2))
     both = np.linalg.solve(root, np.concatenate([mean[..., None], slope], axis=2))
     log_noise = _log_diagonal(root) - _log_diagonal(whitening)
     empty = np.zeros((*mean.shape, 0))
     return Rows(both[..., 0], both[..., 1:], empty, _all(valid), log_noise)
+
+
+def _lower_root(rows: Float[np.ndarray, "k r c"]) -> Float[np.ndarray, "k r r"]:
+    """Lower triangular L with L L' = rows rows' of every item, by QR: squares of what is wide apart would be lost to rounding."""
+    return np.swapaxes(np.linalg.qr(np.swapaxes(rows, 1, 2), mode="r"), 1, 2)
 
 
 def _log_diagonal(roots: Float[np.ndarray, "k r r"]) -> Float[np.ndarray, " k"]:

@@ -42,7 +42,9 @@ class StereoLandmark(LandmarkSensor):
     def valid(self, state: dict[str, Expression], parameters: Expression) -> Expression:
         return (state["t"] + rotate(state["q"], parameters[:3]))[2] - NEAREST_DEPTH
 
-    def landmark(self, state: dict[str, Expression], measured: Expression, parameters: Expression) -> Expression:
+    def landmark(
+        self, state: dict[str, Expression], measured: Expression, parameters: Expression
+    ) -> Expression:
         fx, fy, cx, cy, baseline = (parameters[k] for k in range(3, 8))
         depth = fx * baseline / ca.fmax(measured[0] - measured[2], SMALLEST_DENOMINATOR)
         seen = ca.vertcat((measured[0] - cx) / fx, (measured[1] - cy) / fy, 1) * depth
