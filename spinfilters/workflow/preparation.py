@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.errors import InputError
+from spinfilters.estimators.landmark_start.result import LandmarkSmoothing
+from spinfilters.estimators.landmark_start.start import LandmarkStartReport, start_with_landmarks
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
-from spinfilters.estimators.landmarks.start import LandmarkStartReport, start_with_landmarks
-from spinfilters.estimators.landmarks.start_result import LandmarkSmoothing
 from spinfilters.estimators.motion_evidence import MotionEvidence, evidence_from_gyro, evidence_from_poses
 from spinfilters.estimators.start import StartOptions, StartReport, start_from_data
 from spinfilters.estimators.timeline import SensorNoise, StereoView, Timeline, build_timeline

@@ -12,9 +12,9 @@ from scipy.special import chdtri
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.first_frames import FirstStatePrior
-from spinfilters.estimators.landmarks.start import LandmarkStartReport, start_with_landmarks
-from spinfilters.estimators.landmarks.start_result import LandmarkSmoothing
-from spinfilters.estimators.landmarks.start_smoother import SmoothingOptions, Trial, smooth_with_landmarks
+from spinfilters.estimators.landmark_start.result import LandmarkSmoothing
+from spinfilters.estimators.landmark_start.smoother import SmoothingOptions, Trial, smooth_with_landmarks
+from spinfilters.estimators.landmark_start.start import LandmarkStartReport, start_with_landmarks
 from spinfilters.estimators.motion_evidence import MotionEvidence
 from spinfilters.estimators.start import StartOptions
 from spinfilters.estimators.timeline import Frame, SensorNoise, StereoView, Timeline, build_timeline

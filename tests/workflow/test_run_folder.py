@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from spinfilters.cli.main import main
+from spinfilters.errors import InputError
 from spinfilters.evaluation.trajectory import STD_COLUMNS, read_map_ply
 from spinfilters.logs.dataset import Dataset, read_dataset
 from spinfilters.logs.dataset_writing import write_dataset

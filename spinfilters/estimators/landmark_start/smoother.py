@@ -14,22 +14,22 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import ProcessModel
 from spinfilters.estimators.first_frames import LARGEST_MASS_STEP, SETTLED, FirstStatePrior
 from spinfilters.estimators.gain import triangular_factor
-from spinfilters.estimators.landmarks.start_elimination import (
+from spinfilters.estimators.landmark_start.elimination import (
     Eliminated,
     Solution,
     eliminate,
     solve_reduced,
 )
-from spinfilters.estimators.landmarks.start_motion import (
+from spinfilters.estimators.landmark_start.motion import (
     MOVING,
     NormalEquations,
     Unknowns,
     dynamics_equations,
     sensor_equations,
 )
-from spinfilters.estimators.landmarks.start_result import LandmarkSmoothing
-from spinfilters.estimators.landmarks.start_revival import revived
-from spinfilters.estimators.landmarks.start_sightings import (
+from spinfilters.estimators.landmark_start.result import LandmarkSmoothing
+from spinfilters.estimators.landmark_start.revival import revived
+from spinfilters.estimators.landmark_start.sightings import (
     Gate,
     LinearSightings,
     Sightings,

@@ -7,9 +7,9 @@ from jaxtyping import Bool, Float, Int
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.gain import triangular_factor
+from spinfilters.estimators.landmark_start.elimination import Eliminated
+from spinfilters.estimators.landmark_start.motion import Unknowns
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
-from spinfilters.estimators.landmarks.start_elimination import Eliminated
-from spinfilters.estimators.landmarks.start_motion import Unknowns
 from spinfilters.state.layout import StateLayout
 
 

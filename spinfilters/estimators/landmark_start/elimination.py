@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.linalg.lapack import dpotrf, dtrtri
 
-from spinfilters.estimators.landmarks.start_motion import POSE, NormalEquations, Unknowns
-from spinfilters.estimators.landmarks.start_sightings import (
+from spinfilters.estimators.landmark_start.motion import POSE, NormalEquations, Unknowns
+from spinfilters.estimators.landmark_start.sightings import (
     SIGHTINGS_NEEDED,
     LinearSightings,
     Sightings,

@@ -7,7 +7,7 @@ sighting of such a landmark tells a point with a covariance by itself; the one t
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinfilters.estimators.landmarks.start_sightings import SIGHTINGS_NEEDED, Sightings
+from spinfilters.estimators.landmark_start.sightings import SIGHTINGS_NEEDED, Sightings
 
 
 def revived(
