@@ -35,6 +35,7 @@ check:
 bench:
 	$(environment)
 	@$(bin)/python -m experiments.benchmarks.filters
+	@$(bin)/python -m experiments.benchmarks.landmark_filters --frames 1000
 
 clean:
 	rm -rf .venv build dist spinfilters.egg-info .ruff_cache .hypothesis .pytest_cache .import_linter_cache
