@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.errors import InputError
-from spinfilters.estimators.landmark_start.result import LandmarkSmoothing
+from spinfilters.estimators.landmark_start.choice import most_useful
 from spinfilters.estimators.landmark_start.start import LandmarkStartReport, start_with_landmarks
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.motion_evidence import MotionEvidence, evidence_from_gyro, evidence_from_poses
@@ -87,7 +87,8 @@ def prepare(dataset: Dataset, settings: Settings) -> Prepared:
     known = dataset.known_map is not None or dataset.kind == "pose"
     belief, points = start.belief, None if dataset.known_map is None else dataset.known_map.points
     if isinstance(start, LandmarkStartReport):
-        belief, points = _most_useful(start.landmarks, settings.landmarks.capacity), start.landmarks.points
+        ids = most_useful(timeline, start.landmarks, settings.landmarks.capacity)
+        belief, points = start.landmarks.joint(ids), start.landmarks.points
     return Prepared(dataset, process, timeline, noise, start, known, belief, points, gyro_noise)
 
 
@@ -167,13 +168,6 @@ def _start_of_tracks(
     assert first is not None
     poses, found = poses_without_map(first, *camera)
     return start_with_landmarks(process, timeline, evidence_from_poses(poses, frames), found, options)
-
-
-def _most_useful(smoothing: LandmarkSmoothing, capacity: int) -> LandmarkBelief:
-    """The joint belief with the landmarks that were seen most often."""
-    hits = smoothing.hits(smoothing.ids)
-    most = np.argsort(-hits, kind="stable")[:capacity]
-    return smoothing.joint(np.sort(smoothing.ids[most]))
 
 
 def _noise(dataset: Dataset, settings: Settings) -> SensorNoise:

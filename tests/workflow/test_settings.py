@@ -20,11 +20,38 @@ def test_an_empty_document_is_the_defaults() -> None:
     assert settings_from({}, "test") == Settings()
 
 
+OTHER_NAMES = {
+    "gauge": "standard",
+    "precision": "float32",
+    "kernel": "huber",
+    "gate_probability": 0.99,
+    "shape": 1.0,
+}
+"""Of settings that cannot take one more than their default."""
+
+
+def another(key: str, default: bool | float | str) -> bool | float | str:
+    if key in OTHER_NAMES:
+        return OTHER_NAMES[key]
+    if isinstance(default, bool):
+        return not default
+    return 0.5 if isinstance(default, str) else default + 1
+
+
 @pytest.mark.parametrize("table", TABLES)
 def test_every_setting_is_taken_from_its_table(table: str) -> None:
     for key, default in Settings().document[table].items():
-        changed = not default if isinstance(default, bool) else 0.5 if default == "auto" else default + 1
+        changed = another(key, default)
         assert settings_from({table: {key: changed}}, "test").document[table][key] == changed
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "value"),
+    [("robust", "kernel", "soft"), ("landmarks", "gauge", 3), ("landmarks", "capacity", 2.5)],
+)
+def test_a_setting_that_cannot_be_is_named(table: str, key: str, value: object) -> None:
+    with pytest.raises(InputError, match=rf"test: .*{key}"):
+        settings_from({table: {key: value}}, "test")
 
 
 @pytest.mark.parametrize("table", TABLES)
