@@ -8,12 +8,20 @@ from spinfilters.estimators.timeline import Timeline
 
 
 def most_useful(frames: Timeline, smoothing: LandmarkSmoothing, capacity: int) -> Int[np.ndarray, " c"]:
-    """Ids, ascending, of at most ``capacity`` landmarks that show as much as possible from every side.
+    """Ids, ascending, of at most ``capacity`` landmarks that show as much as possible from every side."""
+    return smoothing.ids[covering(_seen(frames, smoothing), capacity)]
 
-    One after the other, that landmark is taken whose sum over its frames of 1 / (1 + landmarks seen there so far) is largest:
-    often seen counts, and seen when few others are counts more. The most often seen ones alone may all lie on one side of the body.
+
+def covering(seen: Float[np.ndarray, "L k"], capacity: int) -> Int[np.ndarray, " c"]:
+    """Rows, ascending, of landmarks that together are seen as evenly over the k frames as possible.
+
+    One after the other, that landmark is taken whose sum over its frames of 1 / (1 + landmarks seen there so far) is largest: often
+    seen counts, and seen when few others are counts more. The most often seen ones alone may all lie on one side of the body.
+
+    Parameters
+    ----------
+    seen: 1 where a landmark is seen in a frame, else 0.
     """
-    seen = _seen(frames, smoothing)
     crowd, left = np.zeros(seen.shape[1]), np.ones(len(seen))
     chosen = []
     for _ in range(min(capacity, len(seen))):
@@ -21,7 +29,7 @@ def most_useful(frames: Timeline, smoothing: LandmarkSmoothing, capacity: int) -
         crowd += seen[best]
         left[best] = -1.0
         chosen.append(best)
-    return np.sort(smoothing.ids[chosen])
+    return np.sort(np.array(chosen, dtype=np.int64))
 
 
 def _seen(frames: Timeline, smoothing: LandmarkSmoothing) -> Float[np.ndarray, "L k"]:
