@@ -112,6 +112,11 @@ def triangular_factor(rows: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "n n"
     return R[:n].T * _lower_ones(n)
 
 
+def lower_roots(rows: Float[np.ndarray, "k r c"]) -> Float[np.ndarray, "k r r"]:
+    """Lower triangular L with L L' = rows rows' of every item, by QR: squares of what is wide apart would be lost to rounding."""
+    return np.swapaxes(np.linalg.qr(np.swapaxes(rows, 1, 2), mode="r"), 1, 2)
+
+
 def compressed(
     innovation: Float[np.ndarray, " k"], jacobian: Float[np.ndarray, "k c"]
 ) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, "q c"], float]:

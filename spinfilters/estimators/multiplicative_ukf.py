@@ -29,6 +29,21 @@ class SigmaPointOptions:
     beta: float = 2.0
     kappa: float = 0.0
 
+    def points(self, n: int) -> MerweScaledSigmaPoints:
+        """filterpy's set over n coordinates.
+
+        Raises
+        ------
+        InputError: when a covariance weight is negative, with which a covariance could become indefinite.
+        """
+        points = MerweScaledSigmaPoints(n, self.alpha, self.beta, self.kappa)
+        if np.min(points.Wc) < 0:
+            raise InputError(
+                f"sigma points with alpha={self.alpha}, beta={self.beta} have a covariance weight of {np.min(points.Wc):.3g}"
+                "; choose alpha >= 0.518 with beta = 2 so that covariances stay positive"
+            )
+        return points
+
 
 class MultiplicativeUkf(MultiplicativeFilter):
     """Sigma points on the manifold, set and weights from filterpy.
@@ -40,7 +55,7 @@ class MultiplicativeUkf(MultiplicativeFilter):
 
     Raises
     ------
-    InputError: when the options give a negative covariance weight, with which a covariance could become indefinite.
+    InputError: as `SigmaPointOptions.points`.
     """
 
     name = "ukf"
@@ -53,14 +68,8 @@ class MultiplicativeUkf(MultiplicativeFilter):
         adaptation: AdaptationOptions | None = None,
     ) -> None:
         super().__init__(process, robust or RobustOptions(), adaptation or AdaptationOptions())
-        options = options or SigmaPointOptions()
         n = self.layout.error_dim
-        points = MerweScaledSigmaPoints(n, options.alpha, options.beta, options.kappa)
-        if np.min(points.Wc) < 0:
-            raise InputError(
-                f"sigma points with alpha={options.alpha}, beta={options.beta} have a covariance weight of {np.min(points.Wc):.3g}"
-                "; choose alpha >= 0.518 with beta = 2 so that covariances stay positive"
-            )
+        points = (options or SigmaPointOptions()).points(n)
         self._offsets = points.sigma_points(np.zeros(n), np.eye(n))
         self._mean_weights = points.Wm
         self._root_weights = np.sqrt(points.Wc)

@@ -127,7 +127,7 @@ def _start_maker(
     """What makes a start of this data set: from a gyro, from poses, from sightings of a known map or of an unknown one."""
     log = dataset.log
     if "stereo" not in log.sensors:
-        return lambda options: _plain_start(
+        return lambda options: start_from_data(
             process, timeline, _sensor_evidence(log, timeline, options), options
         )
     assert dataset.rig is not None
@@ -137,15 +137,9 @@ def _start_maker(
             process, timeline, tracks, (calibration, noise.pixel_std), options
         )
     poses = poses_with_map(tracks, dataset.known_map, calibration, noise.pixel_std)
-    return lambda options: _plain_start(
+    return lambda options: start_from_data(
         process, timeline, evidence_from_poses(poses, options.count(timeline)), options
     )
-
-
-def _plain_start(
-    process: TorqueFreeProcess, timeline: Timeline, evidence: MotionEvidence, options: StartOptions
-) -> StartReport:
-    return start_from_data(process, timeline, evidence, options)
 
 
 def _sensor_evidence(log: MeasurementLog, timeline: Timeline, options: StartOptions) -> MotionEvidence:

@@ -72,6 +72,15 @@ def landmark_filter(
     return LandmarkFilter(process, approximation or FirstOrder(), options)
 
 
+def started(
+    name: str = "mekf", options: LandmarkOptions | None = None, seed: int = 0, frames: int = 30
+) -> LandmarkFilter:
+    """A filter that stands at the first frame of a recording, before its sightings."""
+    estimator = landmark_filter(APPROXIMATIONS[name](), options)
+    estimator.start(first_belief(recording(seed, frames).states, seed))
+    return estimator
+
+
 def run_through(estimator: LandmarkFilter, timeline: Timeline, first: int = 0) -> list[Gaussian]:
     """Beliefs after every frame from this one on; the filter stands at the frame before."""
     beliefs = []

@@ -17,7 +17,7 @@ from spinfilters.estimators.estimator import (
     Snapshot,
     UpdateReport,
 )
-from spinfilters.estimators.gain import LOG_2_PI, compressed
+from spinfilters.estimators.gain import LOG_2_PI, compressed, lower_roots, triangular_factor
 from spinfilters.estimators.landmarks.approximation import Approximation
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.gauge_rules import Point, gauge_rule
@@ -96,8 +96,7 @@ class LandmarkFilter(Estimator):
             slopes = anchored_points(anchors, coordinates)[1]
             rows[n:] = np.linalg.solve(slopes, rows[n:].reshape(-1, 3, len(rows))).reshape(-1, len(rows))
             self._map.append(belief.ids.astype(np.int64), anchors, coordinates, CONFIRMED)
-        factor = np.linalg.qr(rows.T, mode="r").T
-        self._factor = np.ascontiguousarray(factor, dtype=self.options.precision)
+        self._factor = np.ascontiguousarray(triangular_factor(rows.T), dtype=self.options.precision)
 
     @property
     def belief(self) -> Gaussian:
@@ -109,8 +108,7 @@ class LandmarkFilter(Estimator):
         n, factor = self.layout.error_dim, self._factor.astype(float)
         points, slopes = anchored_points(self._map.anchors, self._map.coordinates)
         factor[n:] = (slopes @ factor[n:].reshape(-1, 3, len(factor))).reshape(-1, len(factor))
-        factor = np.linalg.qr(factor.T, mode="r").T
-        return LandmarkBelief(self.layout, self._mean, self._map.ids, points, factor)
+        return LandmarkBelief(self.layout, self._mean, self._map.ids, points, triangular_factor(factor.T))
 
     @property
     def held(self) -> Int[np.ndarray, " k"]:
@@ -226,9 +224,8 @@ class LandmarkFilter(Estimator):
         own = np.linalg.solve(
             slopes, np.sqrt(self._adaptation.measurement_scale(sensor.name)) * fresh.root[chosen]
         )
-        own = np.linalg.qr(np.swapaxes(own, 1, 2), mode="r")
         n = self.layout.error_dim
-        self._factor = extended(self._factor, by_state.reshape(-1, n), np.swapaxes(own, 1, 2))
+        self._factor = extended(self._factor, by_state.reshape(-1, n), lower_roots(own))
         self._map.append(ids[chosen], anchors, coordinates)
         return ids[chosen], removed
 
@@ -256,9 +253,7 @@ class LandmarkFilter(Estimator):
 
     @property
     def _root(self) -> Float[np.ndarray, "n n"]:
-        """Factor of the state alone."""
-        n = self.layout.error_dim
-        return self._factor[:n, :n].astype(float)
+        return self._joint.root
 
     def snapshot(self) -> Snapshot:
         named = {f"map.{name}": np.array(value) for name, value in vars(self._map).items()}

@@ -4,12 +4,10 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from filterpy.kalman import MerweScaledSigmaPoints
 from jaxtyping import Bool, Float
 
-from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import ProcessModel
-from spinfilters.estimators.gain import last_nonzero
+from spinfilters.estimators.gain import last_nonzero, lower_roots
 from spinfilters.estimators.landmarks.approximation import Approximation, Propagation, Rows, SightedFrom
 from spinfilters.estimators.multiplicative_ukf import SigmaPointOptions
 from spinfilters.models.anchored_point import anchored_points
@@ -22,7 +20,7 @@ class Unscented(Approximation):
 
     Parameters
     ----------
-    options: of the set; a negative covariance weight is an InputError, because a covariance could become indefinite.
+    options: of the set; see `SigmaPointOptions.points` for what is refused.
     """
 
     name = "ukf"
@@ -51,7 +49,7 @@ class Unscented(Approximation):
         seen = last_nonzero(place.root[sensor.columns])
         points = _points(seen + 3, self._options)
         late = place.shared[:, :, seen:]
-        own = _lower_root(np.concatenate([late, place.rest], axis=2))
+        own = lower_roots(np.concatenate([late, place.rest], axis=2))
         spread = np.einsum("pj,kij->pki", points.offsets[:, :seen], place.shared[:, :, :seen])
         spread += np.einsum("pj,kij->pki", points.offsets[:, seen:], own)
         moved = np.broadcast_to(parameters, (len(spread), *parameters.shape)).copy()
@@ -103,12 +101,7 @@ class _PointSet:
 
 @cache
 def _points(n: int, options: SigmaPointOptions) -> _PointSet:
-    merwe = MerweScaledSigmaPoints(n, options.alpha, options.beta, options.kappa)
-    if np.min(merwe.Wc) < 0:
-        raise InputError(
-            f"sigma points with alpha={options.alpha}, beta={options.beta} have a covariance weight of {np.min(merwe.Wc):.3g}"
-            "; choose alpha >= 0.518 with beta = 2 so that covariances stay positive"
-        )
+    merwe = options.points(n)
     return _PointSet(merwe.sigma_points(np.zeros(n), np.eye(n)), merwe.Wm, np.sqrt(merwe.Wc))
 
 
@@ -129,16 +122,11 @@ def _regressed_rows(
     mean = rows @ points.mean_weights
     slope, rest = points.regressed(mean[..., None] - rows)
     unit = np.broadcast_to(np.eye(rows.shape[1]), (len(rows), rows.shape[1], rows.shape[1]))
-    root = _lower_root(np.concatenate([unit, rest], axis=2))
+    root = lower_roots(np.concatenate([unit, rest], axis=2))
     both = np.linalg.solve(root, np.concatenate([mean[..., None], slope], axis=2))
     log_noise = _log_diagonal(root) - _log_diagonal(whitening)
     empty = np.zeros((*mean.shape, 0))
     return Rows(both[..., 0], both[..., 1:], empty, _all(valid), log_noise)
-
-
-def _lower_root(rows: Float[np.ndarray, "k r c"]) -> Float[np.ndarray, "k r r"]:
-    """Lower triangular L with L L' = rows rows' of every item, by QR: squares of what is wide apart would be lost to rounding."""
-    return np.swapaxes(np.linalg.qr(np.swapaxes(rows, 1, 2), mode="r"), 1, 2)
 
 
 def _log_diagonal(roots: Float[np.ndarray, "k r r"]) -> Float[np.ndarray, " k"]:
