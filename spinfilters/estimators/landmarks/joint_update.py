@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.iterated import IterationOptions, agrees, iterate
 from spinfilters.estimators.landmarks.approximation import Approximation, Rows
-from spinfilters.estimators.landmarks.gauge_rules import GaugeRule, Point
+from spinfilters.estimators.landmarks.gauge_rules import GaugeRule
 from spinfilters.estimators.landmarks.joint_factor import JointCorrection, corrected
 from spinfilters.estimators.landmarks.sightings import LANDMARK_DIM, JointState, predicted_sightings, stacked
 from spinfilters.models.anchored_point import anchored_points
@@ -116,33 +116,27 @@ class SightingProblem:
         self, y: Float[np.ndarray, " N"]
     ) -> tuple[Float[np.ndarray, "q r"], Bool[np.ndarray, " q"]]:
         """Innovations from x(y), whitened as at y = 0, and where they are valid."""
-        mean, coordinates = self._moved(y)
+        there = self.joint.displaced(self.layout, y)[1]
         sensor, values = self.measurement.model, self.measurement.values
-        points = anchored_points(self.joint.anchors[self.at], coordinates[self.at])[0]
+        points = anchored_points(there.anchors[self.at], there.coordinates[self.at])[0]
         placed = np.concatenate([points, self.measurement.parameters[:, LANDMARK_DIM:]], axis=1)
-        innovation, valid = sensor.innovations(mean, placed, values)
+        innovation, valid = sensor.innovations(there.mean, placed, values)
         whitening = sensor.whitening(self.joint.mean, placed) / np.sqrt(self.scale)
         return (whitening @ innovation[..., None])[..., 0], valid
-
-    def _moved(self, y: Float[np.ndarray, " N"]) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "k 3"]]:
-        """The state's point and the landmarks' coordinates at x(y)."""
-        joint, n = self.joint, self.joint.state_dim
-        error = (joint.factor @ y.astype(joint.factor.dtype, copy=False)).astype(float, copy=False)
-        return self.layout.retract(joint.mean, error[:n]), joint.coordinates + error[n:].reshape(-1, 3)
 
     def _predicted_at(self, y: Float[np.ndarray, " N"]) -> Rows:
         """Sightings from x(y), in the coordinates of the prior's factor."""
         joint, n = self.joint, self.joint.state_dim
-        mean, coordinates = self._moved(y)
-        before = Point(joint.mean, joint.anchors, joint.coordinates)
-        after = Point(mean, joint.anchors, coordinates)
-        reset = self.layout.reset_jacobian(self.layout.local(joint.mean, mean))
-        state, landmarks = self.rule.carried(self.layout, before, after, reset)
+        error, there = joint.displaced(self.layout, y)
+        reset = self.layout.reset_jacobian(error)
+        state, landmarks = self.rule.carried(self.layout, joint.here, there, reset)
         factor = joint.factor.copy()
         factor[:n, :n] = state @ joint.factor[:n, :n]
         factor[n:, :n] += landmarks @ joint.factor[:n, :n]
-        at = coordinates if joint.linearised_at is joint.coordinates else joint.linearised_at
-        moved = replace(joint, mean=mean, coordinates=coordinates, linearised_at=at, factor=factor)
+        at = there.coordinates if joint.linearised_at is joint.coordinates else joint.linearised_at
+        moved = replace(
+            joint, mean=there.mean, coordinates=there.coordinates, linearised_at=at, factor=factor
+        )
         return self._predicted_from(moved)[0]
 
     def _predicted_from(self, joint: JointState) -> tuple[Rows, Float[np.ndarray, "q 3 c"]]:

@@ -20,7 +20,7 @@ from spinfilters.estimators.estimator import (
 from spinfilters.estimators.gain import LOG_2_PI, compressed, lower_roots, triangular_factor
 from spinfilters.estimators.landmarks.approximation import Approximation
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
-from spinfilters.estimators.landmarks.gauge_rules import Point, gauge_rule
+from spinfilters.estimators.landmarks.gauge_rules import gauge_rule
 from spinfilters.estimators.landmarks.joint_factor import (
     JointCorrection,
     after_correction,
@@ -186,22 +186,15 @@ class LandmarkFilter(Estimator):
 
     def _apply(self, correction: JointCorrection) -> bool:
         """Fold the correction into the point and carry the factor there; False, and nothing done, if that is not finite."""
-        layout, n = self.layout, self.layout.error_dim
-        error = self._factor[:, : len(correction.coordinates)] @ correction.coordinates.astype(
-            self._factor.dtype, copy=False
-        )
-        anchors, coordinates = self._map.anchors, self._map.coordinates
-        mean = layout.retract(self._mean, error[:n].astype(float))
-        moved_to = coordinates + error[n:].astype(float).reshape(-1, 3)
-        if not (np.isfinite(mean).all() and np.isfinite(moved_to).all()):
+        joint, layout = self._joint, self.layout
+        error, there = joint.displaced(layout, correction.coordinates)
+        if not (np.isfinite(there.mean).all() and np.isfinite(there.coordinates).all()):
             return False
-        before, after = Point(self._mean, anchors, coordinates), Point(mean, anchors, moved_to)
-        reset = layout.reset_jacobian(error[:n].astype(float))
-        state, landmarks = self._rule.carried(layout, before, after, reset)
+        state, landmarks = self._rule.carried(layout, joint.here, there, layout.reset_jacobian(error))
         factor = moved(after_correction(self._factor, correction), state, landmarks)
         if not np.isfinite(factor).all():
             return False
-        self._mean, self._map.coordinates, self._factor = mean, moved_to, factor
+        self._mean, self._map.coordinates, self._factor = there.mean, there.coordinates, factor
         return True
 
     def _take_in(

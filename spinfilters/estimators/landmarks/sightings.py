@@ -8,9 +8,11 @@ from jaxtyping import Bool, Float, Int
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.landmarks.approximation import Approximation, Rows, SightedFrom
+from spinfilters.estimators.landmarks.gauge_rules import Point
 from spinfilters.estimators.multiplicative_filter import usable
 from spinfilters.estimators.robustness import SensorGuard
 from spinfilters.models.landmark_sensor import LandmarkSensor
+from spinfilters.state.layout import StateLayout
 
 LANDMARK_DIM = 3
 
@@ -40,6 +42,21 @@ class JointState:
         return SightedFrom(
             self.mean, self.root, self.anchors[rows], here, at, rows_of[:, :, :n], rows_of[:, :, n:]
         )
+
+    @property
+    def here(self) -> Point:
+        """Where its errors are counted from."""
+        return Point(self.mean, self.anchors, self.coordinates)
+
+    def displaced(
+        self, layout: StateLayout, y: Float[np.ndarray, " m"]
+    ) -> tuple[Float[np.ndarray, " n"], Point]:
+        """The state's error at the first m coordinates ``y`` of the factor, and the point that lies there."""
+        n = self.state_dim
+        error = self.factor[:, : len(y)] @ y.astype(self.factor.dtype, copy=False)
+        error = error.astype(float, copy=False)
+        coordinates = self.coordinates + error[n:].reshape(-1, LANDMARK_DIM)
+        return error[:n], Point(layout.retract(self.mean, error[:n]), self.anchors, coordinates)
 
     @property
     def root(self) -> Float[np.ndarray, "n n"]:
