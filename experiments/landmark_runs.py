@@ -8,7 +8,8 @@ from jaxtyping import Float
 from spinfilters.estimators.estimator import MapChange
 from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
-from spinfilters.estimators.landmark_start.smoother import SmoothingOptions, Trial, smooth_with_landmarks
+from spinfilters.estimators.landmark_start.smoother import SmoothingOptions, smooth_with_landmarks
+from spinfilters.estimators.smoothing.problem import Trial
 from spinfilters.estimators.landmark_start.start import GAUGE_STD, LandmarkStartReport
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.bound import CramerRaoBound, TrueLandmarks

@@ -46,6 +46,7 @@ def doctor(console: Console | None = None, checks: "Iterable[Check] | None" = No
         _row(console, "compiled code", _compiled_code())
     _row(console, "cache folder", _cache())
     _row(console, "BLAS threads", _threads())
+    _row(console, "noise scaling", _scaling())
     console.print()
     passed = [_passes(console, check) for check in (doctor_checks.CHECKS if checks is None else checks)]
     return 0 if all(passed) else 1
@@ -110,6 +111,20 @@ def _cache() -> str:
 def _threads() -> str:
     count = os.environ.get("OMP_NUM_THREADS")
     return count or "every core; on a busy machine small matrices are faster with OMP_NUM_THREADS=1"
+
+
+def _scaling() -> str:
+    """Of the embedded default's time step and rate."""
+    import numpy as np
+
+    from observability.conditioning import suggest_scaling
+    from spinfilters.conventions import RPM
+    from spinfilters.simulation.scenario import THESIS_RPM
+
+    try:
+        return str(suggest_scaling(0.5, RPM * np.array(THESIS_RPM)))
+    except Exception as error:
+        return f"could not be computed ({_reason(error)})"
 
 
 def _passes(console: Console, check: "Check") -> bool:

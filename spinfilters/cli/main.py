@@ -56,6 +56,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_compare(commands)
     _add_estimate(commands)
     _add_simulate(commands)
+    _add_observe(commands)
     plot = commands.add_parser("plot", help="draw the figures of a run folder again")
     plot.add_argument("run", metavar="RUN", help="folder made by compare or estimate")
     plot.set_defaults(command=_plot)
@@ -119,15 +120,53 @@ def _add_simulate(commands: "argparse._SubParsersAction[_Parser]") -> None:
     simulate.add_argument("-o", "--output", metavar="DATASET", required=True, help="folder of the data set")
     simulate.add_argument("--kind", default="stereo-tracks", help="stereo-tracks, pose or gyro")
     simulate.add_argument("--seed", type=int, default=0)
-    simulate.add_argument("--frames", type=int, default=115)
-    simulate.add_argument("--interval", type=_finite, default=0.5, help="seconds between frames")
-    simulate.add_argument(
+    _add_motion(simulate)
+    simulate.set_defaults(command=_simulate)
+
+
+def _add_observe(commands: "argparse._SubParsersAction[_Parser]") -> None:
+    observe = commands.add_parser(
+        "observe", help="what a sensor can determine of a motion, proved, and how well"
+    )
+    observe.add_argument(
+        "-o",
+        "--output",
+        metavar="FOLDER",
+        default="runs/observe",
+        help="text, JSON and pictures (default runs/observe)",
+    )
+    observe.add_argument(
+        "--sensor", default="stereo", help="stereo, monocular, pose, attitude or gyro (default stereo)"
+    )
+    observe.add_argument(
+        "--landmarks", type=int, default=4, metavar="N", help="that a camera sees (default 4)"
+    )
+    observe.add_argument("--known-map", action="store_true", help="the landmarks are known")
+    observe.add_argument(
+        "--chart", default="principal", help="principal, tensor or filter (default principal)"
+    )
+    observe.add_argument(
+        "--torque", nargs="+", choices=tuple("xyz"), metavar="AXIS", help="known torques: x, y, z"
+    )
+    observe.add_argument(
+        "--manoeuvre", nargs="+", choices=tuple("xyz"), metavar="AXIS", help="of the inspector: x, y, z"
+    )
+    observe.add_argument(
+        "--study", action="store_true", help="maps of the bound against motion, duration, frames, landmarks"
+    )
+    _add_motion(observe)
+    observe.set_defaults(command=_observe)
+
+
+def _add_motion(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--frames", type=int, default=115)
+    parser.add_argument("--interval", type=_finite, default=0.5, help="seconds between frames")
+    parser.add_argument(
         "--rate-rpm", type=_finite, nargs=3, default=(0.5, 10.0, 0.5), metavar=("X", "Y", "Z")
     )
-    simulate.add_argument(
+    parser.add_argument(
         "--moments", type=_finite, nargs=3, default=(1.0322, 1.0, 0.8596), metavar=("JX", "JY", "JZ")
     )
-    simulate.set_defaults(command=_simulate)
 
 
 def _finite(text: str) -> float:
@@ -147,6 +186,12 @@ def _simulate(options: argparse.Namespace) -> int:
     from spinfilters.cli.simulate import simulate
 
     return simulate(options)
+
+
+def _observe(options: argparse.Namespace) -> int:
+    from spinfilters.cli.observe import observe
+
+    return observe(options)
 
 
 def _plot(options: argparse.Namespace) -> int:

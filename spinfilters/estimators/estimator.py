@@ -74,6 +74,14 @@ class ProcessModel(Protocol):
         self, x: Float[np.ndarray, " m"], dt: float
     ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "n n"], Float[np.ndarray, "n k"]]: ...
 
+    def steps(
+        self, x: Float[np.ndarray, "s m"], dt: Float[np.ndarray, " s"]
+    ) -> Float[np.ndarray, "s m"]: ...
+
+    def linearise_steps(
+        self, x: Float[np.ndarray, "s m"], dt: Float[np.ndarray, " s"]
+    ) -> tuple[Float[np.ndarray, "s m"], Float[np.ndarray, "s n n"], Float[np.ndarray, "s n k"]]: ...
+
 
 Snapshot = dict[str, np.ndarray]
 """An estimator's whole state as arrays of numbers: what a checkpoint file holds, and what a late measurement goes back to."""

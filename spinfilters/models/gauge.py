@@ -44,7 +44,9 @@ def gauge_move(layout: StateLayout, x: Expression, move: Expression) -> Expressi
     return layout.pack(moved)
 
 
-def gauge_directions(layout: StateLayout, x: Float[np.ndarray, " m"]) -> Float[np.ndarray, "n 6"]:
+def gauge_directions(
+    layout: StateLayout, x: Float[np.ndarray, "*batch m"]
+) -> Float[np.ndarray, "*batch n 6"]:
     """Errors of the state at ``x`` per unit of (theta, rho)."""
     return _directions(layout)(x)[0]
 

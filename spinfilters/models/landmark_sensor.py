@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 from spinfilters.attitude.expressions import Expression
 from spinfilters.models.measurement import MeasurementModel, row_by_row
-from spinfilters.symbolic import Compiled
+from spinfilters.symbolic import Compiled, Lanes
 
 
 class LandmarkLinearisation(NamedTuple):
@@ -78,11 +78,14 @@ class LandmarkSensor(MeasurementModel):
 
     def new_landmarks(
         self,
-        x: Float[np.ndarray, " m"],
+        x: Float[np.ndarray, "*points m"],
         parameters: Float[np.ndarray, "k p"],
         measured: Float[np.ndarray, "k v"],
     ) -> NewLandmarks:
-        """Landmarks from one measurement each, with how they depend on the state's error and on the sensor's noise."""
+        """Landmarks from one measurement each, at a point (m,) or each at a point of its own (k, m).
+
+        With how they depend on the state's error and on the sensor's noise.
+        """
         points, jacobian, root, determined = self._new_landmarks(x, parameters, measured)
         count = len(measured)
         return NewLandmarks(
@@ -93,23 +96,40 @@ class LandmarkSensor(MeasurementModel):
         )
 
     @cached_property
+    def sighting_rows(self) -> Lanes:
+        """What `linearise_landmarks` gives of a sighting, for many states, landmarks and sightings side by side.
+
+        Inputs: a point of the layout, a landmark (3, m, frame g), the rest of the parameters, the measured value. Outputs: per
+        component of the innovation a row (by the model's `columns`, by the landmark, the whitened innovation itself), row after row;
+        and what is positive where the model applies.
+        """
+        x, p, z = self._symbols
+        whitening, here, jacobian, by_landmark = self._derivatives(x, p, z)
+        rows = ca.horzcat(whitening @ jacobian, whitening @ by_landmark, whitening @ here)
+        valid = self.valid(self.layout.unpack(x), p)
+        name = f"{self.name}_sighting_rows"
+        return Lanes(ca.Function(name, [x, p[:3], p[3:], z], [row_by_row(rows), valid]))
+
+    @cached_property
     def _linearise_landmarks(self) -> Compiled:
         x, p, z = self._symbols
-        whitening, log_noise = self._whitening_expression(x, p)
-        at, d = self._moved(x)
-        expected = self.innovation(self.symbolic(at, p), z)
-        state = self.layout.unpack(x)
-        here = self.innovation(self.symbolic(state, p), z)
-        jacobian = ca.substitute(-ca.jacobian(expected, d)[:, self.columns], d, ca.SX.zeros(*d.shape))
-        by_landmark = -ca.jacobian(here, p)[:, :3]
+        whitening, here, jacobian, by_landmark = self._derivatives(x, p, z)
         outputs = [
             whitening @ here,
             row_by_row(whitening @ jacobian),
             row_by_row(whitening @ by_landmark),
-            self.valid(state, p),
-            log_noise,
+            self.valid(self.layout.unpack(x), p),
+            self._whitening_expression(x, p)[1],
         ]
         return self._function("linearise_landmarks", [x, p, z], outputs)
+
+    def _derivatives(self, x: ca.SX, p: ca.SX, z: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+        """Whitening, innovation, and its derivatives by the model's columns and by the landmark, signed as those of the expectation."""
+        at, d = self._moved(x)
+        expected = self.innovation(self.symbolic(at, p), z)
+        here = self.innovation(self.symbolic(self.layout.unpack(x), p), z)
+        jacobian = ca.substitute(-ca.jacobian(expected, d)[:, self.columns], d, ca.SX.zeros(*d.shape))
+        return self._whitening_expression(x, p)[0], here, jacobian, -ca.jacobian(here, p)[:, :3]
 
     @cached_property
     def _new_landmarks(self) -> Compiled:

@@ -110,11 +110,11 @@ class MeasurementModel(ABC):
 
     def linearise(
         self,
-        x: Float[np.ndarray, " m"],
+        x: Float[np.ndarray, "*points m"],
         parameters: Float[np.ndarray, "k p"],
         measured: Float[np.ndarray, "k v"],
     ) -> Linearisation:
-        """Innovations and their derivatives at a point."""
+        """Innovations and their derivatives at a point (m,), or each value's at a point of its own (k, m)."""
         innovation, jacobian, valid, log_noise = self._linearise(x, parameters, measured)
         jacobian = jacobian.reshape(*innovation.shape, len(self.columns))
         return Linearisation(innovation, jacobian, valid[..., 0] > 0, log_noise[..., 0])

@@ -18,6 +18,7 @@ from jaxtyping import Float
 from spinfilters.attitude.expressions import Expression, quaternion_rate, rotate
 from spinfilters.dynamics.mass_distribution import inertia
 from spinfilters.errors import InputError
+from spinfilters.models.many_steps import ManySteps
 from spinfilters.models.rotation_steps import RotationIntegrator
 from spinfilters.state.layout import StateLayout
 
@@ -83,6 +84,7 @@ class TorqueFreeProcess:
         self.layout = layout
         self.noise = noise
         self._integrator = RotationIntegrator(layout, body_acceleration, tolerance)
+        self._many = ManySteps(layout, self._integrator)
 
     def step(self, x: Float[np.ndarray, "*batch m"], dt: float) -> Float[np.ndarray, "*batch m"]:
         """Points after ``dt`` seconds (dt > 0) without noise."""
@@ -93,6 +95,18 @@ class TorqueFreeProcess:
     ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "n n"], Float[np.ndarray, "n k"]]:
         """The point after dt, the transition of the multiplicative error, and a factor of the noise covariance Q = G G'."""
         return self._integrator.linearise(x, dt, self._densities)
+
+    def steps(
+        self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"]
+    ) -> Float[np.ndarray, "k m"]:
+        """`step` from k states over k time steps at once."""
+        return self._many.step(x, dt)
+
+    def linearise_steps(
+        self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"]
+    ) -> tuple[Float[np.ndarray, "k m"], Float[np.ndarray, "k n n"], Float[np.ndarray, "k n q"]]:
+        """`linearise` from k states over k time steps at once."""
+        return self._many.linearise(x, dt, self._densities)
 
     def noise_covariance(self, x: Float[np.ndarray, " m"], dt: float) -> Float[np.ndarray, "n n"]:
         """Q of the multiplicative error gathered over dt seconds, from the stochastic equation, for a motion that starts at x."""

@@ -66,10 +66,10 @@ class RotationIntegrator:
 
     def step(self, x: Float[np.ndarray, "*batch m"], dt: float) -> Float[np.ndarray, "*batch m"]:
         """Points after dt > 0 seconds."""
-        count = self._first_count(x, dt)
+        count = self.first_count(x, dt)
         while True:
             after, error = self._stepper(count)(x, dt)
-            if self._good(error, count):
+            if self.good(error, count):
                 return after
             count *= 2
 
@@ -77,14 +77,14 @@ class RotationIntegrator:
         self, x: Float[np.ndarray, " m"], dt: float, densities: Float[np.ndarray, " 2"]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Point after dt, error transition (n, n), factor (n, 6 or 12) of the noise covariance."""
-        count = self._first_count(x, dt)
+        count = self.first_count(x, dt)
         while True:
             after, error, transition, factor = self._lineariser(count)(x, dt, densities)
-            if self._good(error, count):
+            if self.good(error, count):
                 return after, transition, factor
             count *= 2
 
-    def _first_count(self, x: np.ndarray, dt: float) -> int:
+    def first_count(self, x: np.ndarray, dt: float) -> int:
         if not (np.isfinite(dt) and dt > 0):
             raise InputError(f"time step is {dt} s; it must be positive and finite")
         w = x[..., self._rate]
@@ -101,7 +101,7 @@ class RotationIntegrator:
             count *= 2
         return count
 
-    def _good(self, error: np.ndarray, count: int) -> bool:
+    def good(self, error: np.ndarray, count: int) -> bool:
         worst = float(np.max(error)) if error.size else 0.0
         return worst <= self._tolerance or not np.isfinite(worst) or count >= MAX_SUBSTEPS
 
@@ -109,7 +109,7 @@ class RotationIntegrator:
         x, dt = ca.MX.sym("x", self._layout.mean_dim), ca.MX.sym("dt")
         values = self._layout.unpack(x)
         rotation, error = self._rotation(values, dt, count)
-        after = self._translated(values, rotation[:4], rotation[4:7], dt)
+        after = self.translated(values, rotation[:4], rotation[4:7], dt)
         return Compiled(
             ca.Function(f"step_{count}", [x, dt], [after, error], ["x", "dt"], ["after", "error"])
         )
@@ -118,12 +118,12 @@ class RotationIntegrator:
         self, values: dict[str, Expression], dt: Expression, count: int
     ) -> tuple[Expression, Expression]:
         """(q, w) after dt in ``count`` substeps, and an estimate of its error by step doubling."""
-        constants, start = _constants(values), ca.vertcat(values["q"], values["w"])
-        fine = _repeat(self._substep(), count, start, constants, dt / count)
-        coarse = _repeat(self._substep(), count // 2, start, constants, 2 * dt / count)
-        return fine, _difference(coarse, fine) / 15
+        constants, start = rotation_constants(values), ca.vertcat(values["q"], values["w"])
+        fine = _repeat(self.substep(), count, start, constants, dt / count)
+        coarse = _repeat(self.substep(), count // 2, start, constants, 2 * dt / count)
+        return fine, rotation_difference(coarse, fine) / 15
 
-    def _substep(self) -> ca.Function:
+    def substep(self) -> ca.Function:
         y, p, h = ca.SX.sym("y", 7), ca.SX.sym("p", self._constant_dim), ca.SX.sym("h")
         return ca.Function("substep", [y, p, h], [self._runge_kutta(y, p, h)])
 
@@ -142,7 +142,7 @@ class RotationIntegrator:
         drag = p[6] if "d" in self._constant_blocks else None
         return ca.vertcat(quaternion_rate(y[:4], y[4:7]), self._acceleration(y[4:7], J, drag))
 
-    def _translated(
+    def translated(
         self, values: dict[str, Expression], q: Expression, w: Expression, dt: Expression
     ) -> Expression:
         """The state after dt from the rotation after dt: r = t + R c moves with v, the rest is constant."""
@@ -155,21 +155,21 @@ class RotationIntegrator:
     def _build_lineariser(self, count: int) -> Compiled:
         x, dt, densities = ca.MX.sym("x", self._layout.mean_dim), ca.MX.sym("dt"), ca.MX.sym("psd", 2)
         values = self._layout.unpack(x)
-        constants, start = _constants(values), ca.vertcat(values["q"], values["w"])
+        constants, start = rotation_constants(values), ca.vertcat(values["q"], values["w"])
         sums = ca.vertcat(start, ca.DM.eye(6)[:], ca.DM.zeros(6 * self._constant_dim), ca.DM.zeros(36))
-        weights = np.array([7.0, *([32.0, 12.0, 32.0, 14.0] * (count // 4))][:count]) * 2 / 45
-        moved = _repeat(self._linear_substep(), count, sums, constants, dt / count, ca.DM(weights).T)
-        coarse = _repeat(self._substep(), count // 2, start, constants, 2 * dt / count)
-        last = ca.diagcat(ca.DM.zeros(3, 3), ca.DM.eye(3)) * dt / count * 14 / 45
+        weights = ca.DM(boole_weights(count)).T
+        moved = _repeat(self.linear_substep(), count, sums, constants, dt / count, weights[:count])
+        coarse = _repeat(self.substep(), count // 2, start, constants, 2 * dt / count)
+        last = ca.diagcat(ca.DM.zeros(3, 3), ca.DM.eye(3)) * dt / count * weights[count]
         noise = ca.reshape(moved[-36:], 6, 6) + last
-        after, transition, factor = self._assemble()(x, dt, densities, moved[:-36], noise)
-        error = _difference(coarse, moved[:7]) / 15
+        after, transition, factor = self.assemble()(x, dt, densities, moved[:-36], noise)
+        error = rotation_difference(coarse, moved[:7]) / 15
         names = (["x", "dt", "psd"], ["after", "error", "transition", "factor"])
         return Compiled(
             ca.Function(f"linearise_{count}", [x, dt, densities], [after, error, transition, factor], *names)
         )
 
-    def _linear_substep(self) -> ca.Function:
+    def linear_substep(self) -> ca.Function:
         """One substep of (q, w, Psi, Theta, noise): the noise of a node enters with its Simpson weight, then all moves on."""
         n = self._constant_dim
         sums, p, h, weight = (
@@ -188,22 +188,22 @@ class RotationIntegrator:
         out = ca.vertcat(after, (A @ Psi)[:], (A @ Theta + B)[:], (A @ noise @ A.T)[:])
         return ca.Function("linear_substep", [sums, p, h, weight], [out])
 
-    def _assemble(self) -> ca.Function:
+    def assemble(self) -> ca.Function:
         """Whole state, transition and noise factor from those of the rotation, differentiated through the translation."""
         layout, n = self._layout, self._constant_dim
         x, dt, psd = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("dt"), ca.SX.sym("psd", 2)
         moved, noise = ca.SX.sym("u", 43 + 6 * n), ca.SX.sym("Q", 6, 6)
         d, e = ca.SX.sym("d", layout.error_dim), ca.SX.sym("e", 12)
         Psi, Theta = ca.reshape(moved[7:43], 6, 6), ca.reshape(moved[43:], 6, n)
-        after = self._translated(layout.unpack(x), moved[:4], moved[4:7], dt)
+        after = self.translated(layout.unpack(x), moved[:4], moved[4:7], dt)
         turned = Psi @ ca.vertcat(d[layout.slice("a")], d[layout.slice("w")])
-        constants = _constants(layout.unpack(layout.retract_expression(x, d)))
+        constants = rotation_constants(layout.unpack(layout.retract_expression(x, d)))
         turned += Theta @ (ca.substitute(ca.jacobian(constants, d), d, 0) @ d)
         rotation = _rotation_retract(moved[:7], turned + e[:6])
         values = layout.unpack(layout.retract_expression(x, d))
         if "t" in values:
             values = values | {"t": values["t"] + e[6:9]}
-        shifted = layout.unpack(self._translated(values, rotation[:4], rotation[4:7], dt))
+        shifted = layout.unpack(self.translated(values, rotation[:4], rotation[4:7], dt))
         if "t" in shifted:
             shifted["v"] = shifted["v"] + e[9:12]
         error = layout.near_local_expression(after, layout.pack(shifted))
@@ -218,11 +218,16 @@ class RotationIntegrator:
         return ca.Function("assemble", [x, dt, psd, moved, noise], [after, transition, entry @ root])
 
 
-def _constants(values: dict[str, Expression]) -> Expression:
+def rotation_constants(values: dict[str, Expression]) -> Expression:
     """What the rotation's constants enter by: the six entries of J(s), then the drag."""
     J = inertia(values["s"])
     entries = ca.vertcat(J[0, 0], J[1, 0], J[2, 0], J[1, 1], J[2, 1], J[2, 2])
     return ca.vertcat(entries, values["d"]) if "d" in values else entries
+
+
+def boole_weights(count: int) -> Float[np.ndarray, " nodes"]:
+    """Of the noise of every node of ``count`` substeps and of the end, over panels of four (Boole's rule)."""
+    return np.array([7.0, *([32.0, 12.0, 32.0, 14.0] * (count // 4))[:-1], 7.0]) * 2 / 45
 
 
 def _repeat(
@@ -248,7 +253,7 @@ def _rotation_local(y: Expression, z: Expression) -> Expression:
     return ca.vertcat(short_mrp_from_quaternion(product(conjugate(y[:4]), z[:4])), z[4:7] - y[4:7])
 
 
-def _difference(coarse: Expression, fine: Expression) -> Expression:
+def rotation_difference(coarse: Expression, fine: Expression) -> Expression:
     """Largest component of the difference: attitude in rad, rate relative to |w|."""
     turn = 2 * (fine[3] * coarse[:3] - coarse[3] * fine[:3] - ca.cross(fine[:3], coarse[:3]))
     scale = ca.sqrt(ca.dot(fine[4:7], fine[4:7])) + 1e-300

@@ -110,7 +110,7 @@ class StateLayout:
         """The error that takes ``x`` to ``y``."""
         return self._local(x, y)[0]
 
-    def reset_jacobian(self, d: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n n"]:
+    def reset_jacobian(self, d: Float[np.ndarray, "*batch n"]) -> Float[np.ndarray, "*batch n n"]:
         """Derivative of the error about retract(x, d) with respect to the error about x, at d."""
         return self._reset(d)[0]
 

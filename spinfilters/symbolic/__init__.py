@@ -1,5 +1,6 @@
 """CasADi expressions turned into numbers: the only place that knows buffers, densifying and C caches."""
 
 from spinfilters.symbolic.compiled import Compiled
+from spinfilters.symbolic.lanes import Fold, Lanes
 
-__all__ = ["Compiled"]
+__all__ = ["Compiled", "Fold", "Lanes"]

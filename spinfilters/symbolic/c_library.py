@@ -1,4 +1,4 @@
-"""C of a CasADi function, compiled once and cached by a hash of everything that shapes it."""
+"""C text, of CasADi functions above all, compiled once and cached by a hash of everything that shapes it."""
 
 import ctypes
 import hashlib
@@ -15,6 +15,8 @@ import platformdirs
 
 FLAGS = ("-O2", "-ffp-contract=off", "-shared", "-fPIC")
 """No contraction into fused multiply-adds, so that compiled code rounds as CasADi's virtual machine does."""
+NATIVE = "-march=native"
+"""Every instruction of this machine: for code that handles many items side by side."""
 
 _LOOP = """
 #include <stdlib.h>
@@ -52,21 +54,36 @@ def cache_folder() -> Path:
 
 
 def load_loop(function: ca.Function) -> ctypes.PyDLL | None:
-    """The function's loop over items as a shared library, or None (the caller then interprets).
+    """The function's loop over items as a shared library, or None (the caller then interprets)."""
+    return load_text(function.name(), _source(function), FLAGS) if compiler() else None
+
+
+def load_text(name: str, text: str, flags: tuple[str, ...]) -> ctypes.PyDLL | None:
+    """C text as a shared library, or None.
 
     A damaged file in the cache is built again; without a working compiler there is no library.
     """
     cc = compiler()
     if cc is None:
         return None
-    text = _source(function)
-    key = "\0".join((text, cc, " ".join(FLAGS), ca.__version__, platform.system(), platform.machine()))
-    stem = f"{function.name()}-{_digest(key.encode())}"
+    machine = (platform.system(), platform.machine(), processor() if NATIVE in flags else "")
+    key = "\0".join((text, cc, " ".join(flags), ca.__version__, *machine))
+    stem = f"{name}-{_digest(key.encode())}"
     try:
-        library = _undamaged(stem) or _compile(cc, text, stem)
+        library = _undamaged(stem) or _compile((cc, *flags), text, stem)
         return ctypes.PyDLL(str(library))
     except (OSError, subprocess.SubprocessError):
         return None
+
+
+@cache
+def processor() -> str:
+    """What tells this machine's instructions from another's that shares the cache folder."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line for line in lines if line.startswith(("flags", "Features"))), platform.processor())
 
 
 def interpret(function: ca.Function) -> None:
@@ -100,13 +117,13 @@ def _source(function: ca.Function) -> str:
     return generator.dump() + loop
 
 
-def _compile(cc: str, text: str, stem: str) -> Path:
+def _compile(command: tuple[str, ...], text: str, stem: str) -> Path:
     folder = cache_folder()
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     with tempfile.TemporaryDirectory(dir=folder) as scratch:
         source, built = Path(scratch) / "source.c", Path(scratch) / "built.so"
         source.write_text(text)
-        subprocess.run([cc, *FLAGS, "-o", built, source, "-lm"], check=True, capture_output=True, timeout=120)
+        subprocess.run([*command, "-o", built, source, "-lm"], check=True, capture_output=True, timeout=120)
         library = folder / f"{stem}-{_digest(built.read_bytes())}.so"
         os.replace(built, library)
     return library

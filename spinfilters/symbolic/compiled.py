@@ -58,6 +58,11 @@ class Compiled:
         return cls(function, interpret)
 
     @property
+    def function(self) -> ca.Function:
+        """The expression, every output dense."""
+        return self._function
+
+    @property
     def is_c(self) -> bool:
         """Whether calls run generated C (True) or CasADi's virtual machine (False). Compiles on first use."""
         if not self._loaded:

@@ -13,7 +13,8 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.landmark_start.result import LandmarkSmoothing
-from spinfilters.estimators.landmark_start.smoother import SmoothingOptions, Trial, smooth_with_landmarks
+from spinfilters.estimators.landmark_start.smoother import SmoothingOptions, smooth_with_landmarks
+from spinfilters.estimators.smoothing.problem import Trial
 from spinfilters.estimators.landmark_start.start import LandmarkStartReport, start_with_landmarks
 from spinfilters.estimators.motion_evidence import MotionEvidence
 from spinfilters.estimators.start import StartOptions
@@ -291,7 +292,7 @@ def _no_place() -> None:
     [
         (lambda: _linearised().joint(np.array([10_000])), "not in the fit"),
         (lambda: _smoothed(_small(), replace(_small().trial, ids=np.arange(40) + 10_000)), "seen twice"),
-        (_no_place, "blocks t, a, v, w"),
+        (_no_place, "blocks t, a"),
     ],
 )
 def test_misuse_says_what_is_wrong(attempt: Callable[[], object], complaint: str) -> None:

@@ -7,9 +7,8 @@ from jaxtyping import Bool, Float, Int
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.gain import triangular_factor
-from spinfilters.estimators.landmark_start.elimination import Eliminated
-from spinfilters.estimators.landmark_start.motion import Unknowns
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
+from spinfilters.estimators.smoothing.marginals import Marginals
 from spinfilters.state.layout import StateLayout
 
 
@@ -24,7 +23,7 @@ class LandmarkSmoothing:
     cost: sum of squared whitened residuals about the mean, prior and dynamics included.
     dof: scalar measurements less three per landmark: what the least cost is expected to be.
     rejected: sightings outside the gate.   used: per frame, which of its sightings count.
-    root: (N, N) factor of the covariance of all frames' errors (`Unknowns`).   eliminated: how the landmarks follow them.
+    marginals: covariances of everything, or None where some direction is not determined.
     """
 
     layout: StateLayout
@@ -39,8 +38,7 @@ class LandmarkSmoothing:
     converged: bool
     used: tuple[Bool[np.ndarray, " _"], ...]
     counts: Int[np.ndarray, " L"]
-    root: Float[np.ndarray, "N N"]
-    eliminated: Eliminated
+    marginals: Marginals | None
 
     def hits(self, ids: Int[np.ndarray, " q"]) -> Int[np.ndarray, " q"]:
         """How many sightings of each landmark count; 0 for one that is not in the fit."""
@@ -59,18 +57,27 @@ class LandmarkSmoothing:
             raise InputError(
                 f"landmarks {np.asarray(ids)[~known].tolist()} are not in the fit; choose among its ids"
             )
-        unknowns = Unknowns(self.layout, len(self.mean))
-        rows = self.root[unknowns.state(-1)]
-        out = np.swapaxes(self.eliminated.root[where], 1, 2)
-        coupling = self.eliminated.coupling.reshape(len(self.ids), 3, -1)[where]
-        follow = np.linalg.solve(out, coupling @ self.root[unknowns.poses])
+        if self.marginals is None:
+            size = self.factor.shape[1] + 3 * len(where)
+            nothing = np.full((size, size), np.nan)
+            return LandmarkBelief(self.layout, self.mean[-1], self.ids[where], self.points[where], nothing)
+        return LandmarkBelief(
+            self.layout, self.mean[-1], self.ids[where], self.points[where], self._joint_factor(where)
+        )
+
+    def _joint_factor(self, where: Int[np.ndarray, " q"]) -> Float[np.ndarray, "j j"]:
+        assert self.marginals is not None
+        assert self.marginals.eliminated is not None
+        rows = self.marginals.frame_rows(len(self.mean) - 1)
+        told = np.flatnonzero(self.marginals.eliminated.told)
+        follow, out = self.marginals.landmark_rows(told[where])
+        size, width = 3 * len(where), follow.shape[2]
         own = np.zeros((len(where), 3, len(where), 3))
-        own[np.arange(len(where)), :, np.arange(len(where))] = np.linalg.inv(out)
-        size = 3 * len(where)
+        own[np.arange(len(where)), :, np.arange(len(where))] = out
         top = np.concatenate([rows, np.zeros((len(rows), size))], axis=1)
-        below = np.concatenate([-follow.reshape(size, self.root.shape[1]), own.reshape(size, size)], axis=1)
-        factor = triangular_factor(np.concatenate([top, below]).T)
-        return LandmarkBelief(self.layout, self.mean[-1], self.ids[where], self.points[where], factor)
+        gap = np.zeros((size, rows.shape[1] - width))
+        below = np.concatenate([follow.reshape(size, width), gap, own.reshape(size, size)], axis=1)
+        return triangular_factor(np.concatenate([top, below]).T)
 
     def _rows(self, ids: Int[np.ndarray, " q"]) -> tuple[Int[np.ndarray, " q"], Bool[np.ndarray, " q"]]:
         where = np.clip(np.searchsorted(self.ids, ids), 0, max(len(self.ids) - 1, 0))

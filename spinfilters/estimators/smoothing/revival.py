@@ -7,7 +7,7 @@ sighting of such a landmark tells a point with a covariance by itself; the one t
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinfilters.estimators.landmark_start.sightings import SIGHTINGS_NEEDED, Sightings
+from spinfilters.estimators.smoothing.sightings import SIGHTINGS_NEEDED, Sightings
 
 
 def revived(
@@ -50,15 +50,17 @@ def _own_points(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Those of the rows that tell a point by themselves, the points, and factors of their covariances."""
     found, points, roots = [np.zeros(0, dtype=int)], [np.zeros((0, 3))], [np.zeros((0, 3, 3))]
-    edges = np.searchsorted(rows, [group.rows.start for group in sightings.groups] + [len(sightings.frame)])
-    for group, first, last in zip(sightings.groups, edges[:-1], edges[1:], strict=True):
-        if last > first:
-            at = rows[first:last] - group.rows.start
-            new = group.model.new_landmarks(trajectory[group.frame], group.parameters[at], group.values[at])
-            good = new.determined & np.isfinite(new.points).all(axis=1)
-            found.append(rows[first:last][good])
-            points.append(new.points[good])
-            roots.append(new.root[good])
+    for group in sightings.groups:
+        at = np.flatnonzero(np.isin(group.rows, rows))
+        if not len(at):
+            continue
+        of = group.rows[at]
+        parameters = np.concatenate([np.zeros((len(at), 3)), group.parameters[at]], axis=1)
+        new = group.model.new_landmarks(trajectory[sightings.frame[of]], parameters, group.values[at])
+        good = new.determined & np.isfinite(new.points).all(axis=1)
+        found.append(of[good])
+        points.append(new.points[good])
+        roots.append(new.root[good])
     return np.concatenate(found), np.concatenate(points), np.concatenate(roots)
 
 

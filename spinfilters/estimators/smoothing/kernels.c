@@ -1,0 +1,231 @@
+/* Loops of the smoother over sightings and over time. `elimination.py` and `chain.py` say what they compute, and say it again in
+ * NumPy for machines without a compiler. Matrices are row by row. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { R = 3, POSE = 6, WIDE = 8, ROW = POSE + 3 + 1 };
+typedef long long integer;
+typedef double wide __attribute__((vector_size(8 * WIDE), aligned(8 * WIDE)));
+typedef double unaligned_wide __attribute__((vector_size(8 * WIDE), aligned(8)));
+
+static int cholesky(double* a, int n) {
+  for (int j = 0; j < n; ++j) {
+    for (int k = 0; k < j; ++k) a[j * n + j] -= a[j * n + k] * a[j * n + k];
+    if (!(a[j * n + j] > 0)) return 0;
+    a[j * n + j] = sqrt(a[j * n + j]);
+    for (int i = j + 1; i < n; ++i) {
+      for (int k = 0; k < j; ++k) a[i * n + j] -= a[i * n + k] * a[j * n + k];
+      a[i * n + j] /= a[j * n + j];
+      a[j * n + i] = 0;
+    }
+  }
+  return 1;
+}
+
+/* Information V (lower root on return) and gradient of a landmark from its sightings; 0 where it is not told. */
+static int landmark_root(integer first, integer last, const double* rows, const double* weight, double flattest,
+                         double V[9], double y[3]) {
+  int hits = 0;
+  memset(V, 0, 9 * sizeof(double));
+  y[0] = y[1] = y[2] = 0;
+  for (integer i = first; i < last; ++i) {
+    if (!(weight[i] > 0)) continue;
+    ++hits;
+    for (int r = 0; r < R; ++r) {
+      const double *J = rows + (i * R + r) * ROW + POSE, z = J[3];
+      for (int a = 0; a < 3; ++a) {
+        y[a] += weight[i] * J[a] * z;
+        for (int b = 0; b <= a; ++b) V[3 * a + b] += weight[i] * J[a] * J[b];
+      }
+    }
+  }
+  double scale = V[0] * V[4] * V[8];
+  if (hits < 2 || !cholesky(V, 3)) return 0;
+  double root = V[0] * V[4] * V[8];
+  if (!(root * root > flattest * scale)) return 0;
+  y[0] /= V[0];
+  y[1] = (y[1] - V[3] * y[0]) / V[4];
+  y[2] = (y[2] - V[6] * y[0] - V[7] * y[1]) / V[8];
+  return 1;
+}
+
+/* What one sighting gives its pose, and its coupling L^-1 J_p' J_x, added to Y (3 rows of WIDE). */
+static void one_sighting(const double* rows, double weight, const double* L, wide* H, double* g, wide Y[3]) {
+  wide W[3] = {{0}, {0}, {0}};
+  for (int r = 0; r < R; ++r) {
+    const double* J = rows + r * ROW;
+    wide x = {J[0], J[1], J[2], J[3], J[4], J[5], 0, 0};
+    wide scaled = weight * x;
+    for (int a = 0; a < POSE; ++a) H[a] += J[a] * scaled;
+    for (int a = 0; a < 3; ++a) W[a] += J[POSE + a] * scaled;
+    for (int a = 0; a < POSE; ++a) g[a] += scaled[a] * J[ROW - 1];
+  }
+  wide y0 = W[0] / L[0], y1 = (W[1] - L[3] * y0) / L[4];
+  Y[0] += y0;
+  Y[1] += y1;
+  Y[2] += (W[2] - L[6] * y0 - L[7] * y1) / L[8];
+}
+
+static void subtract_block(wide* S, const wide* left, const wide* right) {
+  wide r0 = right[0], r1 = right[1], r2 = right[2];
+  for (int a = 0; a < POSE; ++a) S[a] -= left[0][a] * r0 + left[1][a] * r1 + left[2][a] * r2;
+}
+
+/* Landmarks [L] with sightings start[l] .. start[l + 1], sorted by frame. Out: told [L], root [L][9], y [L][3], Y [N][18] (zero for
+ * a sighting that is not the first of its landmark in its frame), S: pairs of frames i >= j, block i (i + 1) / 2 + j, [6][8];
+ * gradient [frames][6]. */
+int eliminate_landmarks(integer landmarks, integer frames, const integer* start, const integer* frame, const double* rows,
+                        const double* weight, double flattest, unsigned char* told, double* root, double* y, double* Y,
+                        double* blocks, double* gradient) {
+  integer most = 1;
+  for (integer l = 0; l < landmarks; ++l)
+    if (start[l + 1] - start[l] > most) most = start[l + 1] - start[l];
+  void* raw = malloc(most * 3 * sizeof(wide) + most * sizeof(integer) + 64);
+  if (raw == 0) return 1;
+  wide* couple = (wide*)(((size_t)raw + 63) & ~(size_t)63);
+  integer* seen = (integer*)(couple + 3 * most);
+  wide* S = (wide*)blocks;
+  memset(blocks, 0, frames * (frames + 1) / 2 * POSE * sizeof(wide));
+  memset(gradient, 0, frames * POSE * sizeof(double));
+  for (integer l = 0; l < landmarks; ++l) {
+    double *V = root + 9 * l, *v = y + 3 * l;
+    memset(Y + start[l] * 18, 0, (start[l + 1] - start[l]) * 18 * sizeof(double));
+    told[l] = landmark_root(start[l], start[l + 1], rows, weight, flattest, V, v);
+    if (!told[l]) continue;
+    integer count = 0;
+    for (integer i = start[l]; i < start[l + 1]; ++i) {
+      if (!(weight[i] > 0)) continue;
+      int again = count && frame[seen[count - 1]] == frame[i];
+      wide* mine = couple + 3 * (count - again);
+      if (!again) {
+        mine[0] = mine[1] = mine[2] = (wide){0};
+        seen[count++] = i;
+      }
+      integer f = frame[i];
+      one_sighting(rows + i * R * ROW, weight[i], V, S + (f * (f + 1) / 2 + f) * POSE, gradient + f * POSE, mine);
+    }
+    for (integer i = 0; i < count; ++i) {
+      integer f = frame[seen[i]];
+      const wide* left = couple + 3 * i;
+      for (int a = 0; a < 3; ++a)
+        for (int b = 0; b < POSE; ++b) {
+          Y[seen[i] * 18 + a * POSE + b] = left[a][b];
+          gradient[f * POSE + b] -= left[a][b] * v[a];
+        }
+      wide* line = S + f * (f + 1) / 2 * POSE;
+      for (integer j = 0; j <= i; ++j) subtract_block(line + frame[seen[j]] * POSE, left, couple + 3 * j);
+    }
+  }
+  free(raw);
+  return 0;
+}
+
+/* Blocks of pairs of frames into the lower triangle of a matrix with rows of n. */
+void spread_blocks(integer frames, integer n, const double* blocks, double* M) {
+  for (integer i = 0; i < frames; ++i)
+    for (integer j = 0; j <= i; ++j) {
+      const double* block = blocks + (i * (i + 1) / 2 + j) * POSE * WIDE;
+      for (int a = 0; a < POSE; ++a) memcpy(M + (i * POSE + a) * n + j * POSE, block + a * WIDE, POSE * sizeof(double));
+    }
+}
+
+/* How landmarks follow a step of the poses: L^-T (y - sum Y e); zero where a landmark is not told. */
+void follow_poses(integer landmarks, const integer* start, const integer* frame, const unsigned char* told, const double* root,
+                  const double* y, const double* Y, const double* poses, double* step) {
+  for (integer l = 0; l < landmarks; ++l) {
+    double z[3] = {y[3 * l], y[3 * l + 1], y[3 * l + 2]};
+    const double* L = root + 9 * l;
+    double* out = step + 3 * l;
+    out[0] = out[1] = out[2] = 0;
+    if (!told[l]) continue;
+    for (integer i = start[l]; i < start[l + 1]; ++i)
+      for (int a = 0; a < 3; ++a)
+        for (int b = 0; b < POSE; ++b) z[a] -= Y[18 * i + POSE * a + b] * poses[POSE * frame[i] + b];
+    out[2] = z[2] / L[8];
+    out[1] = (z[1] - L[7] * out[2]) / L[4];
+    out[0] = (z[0] - L[3] * out[1] - L[6] * out[2]) / L[0];
+  }
+}
+
+/* to -= factor * from, over the columns low .. high and tail .. width. */
+static void subtract_row(double* to, const double* from, double factor, integer low, integer high, integer tail, integer width) {
+  for (integer j = low; j < high; ++j) to[j] -= factor * from[j];
+  for (integer j = tail; j < width; ++j) to[j] -= factor * from[j];
+}
+
+/* First block of p columns of X that has not faded below `faded` of its largest element so far, counted from `low` on. */
+static integer not_faded(const double* X, double* largest, double faded, integer v, integer p, integer low, integer last,
+                         integer high, integer width) {
+  int fading = 1;
+  for (integer m = low; m < high; ++m) {
+    double most = 0;
+    for (integer a = 0; a < v; ++a)
+      for (integer j = m * p; j < (m + 1) * p; ++j) most = fmax(most, fabs(X[a * width + j]));
+    if (most > largest[m]) largest[m] = most;
+    if (fading && m < last && most <= faded * largest[m]) low = m + 1;
+    else fading = 0;
+  }
+  return low;
+}
+
+/* Block-tridiagonal elimination: D [K][v][v], E [K-1][v][v] (row k, column k + 1), G [K][v][width] (its coupling to what remains) in
+ * place: G becomes X = L^-1 (G - F' X_before), D becomes L, E becomes F = L^-1 E. The first `blocks` blocks of p columns are poses;
+ * row k knows those up to k + 1 and up to `reach`, and forgets those on the left that have faded: begin[k] is the first it feels.
+ * Returns the number of a block that is not positive definite plus 1, or 0. */
+integer eliminate_chain(integer K, integer v, integer p, integer blocks, integer width, integer reach, double faded, double* D,
+                        double* E, double* G, integer* begin) {
+  double* largest = (double*)calloc(blocks + 1, sizeof(double));
+  if (largest == 0) return -1;
+  integer low = 0, failed = 0, tail = blocks * p;
+  for (integer k = 0; k < K; ++k) {
+    double *T = D + k * v * v, *X = G + k * v * width;
+    integer end = k + 2 > reach ? k + 2 : reach;
+    integer last = end < blocks ? end : blocks;
+    if (k > 0) {
+      const double *F = E + (k - 1) * v * v, *before = X - v * width;
+      for (integer c = 0; c < v; ++c)
+        for (integer a = 0; a < v; ++a) {
+          for (integer b = 0; b < v; ++b) T[a * v + b] -= F[c * v + a] * F[c * v + b];
+          subtract_row(X + a * width, before + c * width, F[c * v + a], low * p, last * p, tail, width);
+        }
+    }
+    if (!cholesky(T, (int)v)) {
+      failed = k + 1;
+      break;
+    }
+    for (integer a = 0; a < v; ++a) {
+      double *x = X + a * width, d = 1 / T[a * v + a];
+      for (integer b = 0; b < a; ++b) subtract_row(x, X + b * width, T[a * v + b], low * p, last * p, tail, width);
+      for (integer j = low * p; j < last * p; ++j) x[j] *= d;
+      for (integer j = tail; j < width; ++j) x[j] *= d;
+    }
+    if (k + 1 < K) {
+      double* e = E + k * v * v;
+      for (integer a = 0; a < v; ++a) {
+        for (integer b = 0; b < a; ++b)
+          for (integer j = 0; j < v; ++j) e[a * v + j] -= T[a * v + b] * e[b * v + j];
+        for (integer j = 0; j < v; ++j) e[a * v + j] /= T[a * v + a];
+      }
+    }
+    begin[k] = low;
+    low = not_faded(X, largest, faded, v, p, low, k, last, width);
+  }
+  free(largest);
+  return failed;
+}
+
+/* Behind a solution of what remains: right [K][v] becomes L_k^-T (right_k - F_k out_k+1). */
+void solve_chain(integer K, integer v, const double* L, const double* F, double* right) {
+  for (integer k = K - 1; k >= 0; --k) {
+    const double *T = L + k * v * v, *f = F + k * v * v, *after = right + (k + 1) * v;
+    double* x = right + k * v;
+    if (k + 1 < K)
+      for (integer a = 0; a < v; ++a)
+        for (integer b = 0; b < v; ++b) x[a] -= f[a * v + b] * after[b];
+    for (integer a = v - 1; a >= 0; --a) {
+      for (integer b = a + 1; b < v; ++b) x[a] -= T[b * v + a] * x[b];
+      x[a] /= T[a * v + a];
+    }
+  }
+}

@@ -1,0 +1,258 @@
+"""Landmarks and frames that leave: what they say of the rest goes, by orthogonal transformations alone, into what is carried.
+
+A landmark leaves with all its sightings (its three errors projected out of their rows), the oldest frame with its measurements, its
+prior and the step that follows. All rows are stacked under the carried root, the leaving errors' columns first; a QR decomposition
+then leaves the new root below theirs. Nothing is subtracted, so no information can become indefinite.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.linalg.lapack import dgeqrf
+
+from spinfilters.estimators.smoothing.carried import Carried, column_errors, gauge_columns
+from spinfilters.estimators.smoothing.elimination import POSE, Eliminated
+from spinfilters.estimators.smoothing.motion import Motion, prior_rows
+from spinfilters.estimators.smoothing.problem import Normal, Point, Problem
+from spinfilters.estimators.smoothing.sightings import LinearSightings
+from spinfilters.estimators.smoothing.unknowns import CONSTANT, Unknowns
+from spinfilters.estimators.smoothing.window import Window
+
+
+def without_landmarks(
+    window: Window, problem: Problem, at: tuple[Point, Normal], landmarks: Bool[np.ndarray, " L"]
+) -> Window:
+    """The window with some landmarks, numbered as in its sightings, turned into what is carried.
+
+    Parameters
+    ----------
+    at: the linear problem in which they are eliminated, and the point it is about.
+    """
+    here, unknowns = at[0].trajectory, problem.unknowns
+    first = _first_estimates(window, here)
+    root = _triangular([_carried_rows(window, unknowns), _of_landmarks(at, landmarks, unknowns, first)])
+    return replace(
+        window.without(landmarks), carried=_carried(root, unknowns, first, 0, window.carried)
+    )
+
+
+def without_oldest(
+    window: Window,
+    problem: Problem,
+    at: tuple[Point, Normal] | None = None,
+    landmarks: Bool[np.ndarray, " L"] | None = None,
+) -> Window:
+    """The window without its oldest frame, and without some landmarks, among which are all that it saw.
+
+    Parameters
+    ----------
+    at: as for `without_landmarks`; None when no landmarks leave, and everything is linearised where the window is.
+    """
+    unknowns = problem.unknowns
+    point = problem.at(window.trajectory, window.points) if at is None else at[0]
+    here, v = point.trajectory, len(unknowns.chain)
+    first = _first_estimates(window, here)
+    rows = [_spread_step(point.dynamics.rows[0], unknowns)]
+    rows += [_spread_frame(part, unknowns) for part in _alone(problem.motion, here)]
+    parts = [
+        _with_gap(_carried_rows(window, unknowns), v),
+        _at_first_estimates(np.concatenate(rows), unknowns, first, here, v),
+    ]
+    if at is not None and landmarks is not None and landmarks.any():
+        parts.append(_with_gap(_of_landmarks(at, landmarks, unknowns, first), v))
+        window = window.without(landmarks)
+    root = _triangular([part[:, _leaving_first(unknowns)] for part in parts])
+    after, gone = replace(unknowns, frames=unknowns.frames - 1), len(unknowns.moving)
+    first = _handed_over(unknowns, first, here[1])
+    return window.shifted(_carried(root, after, first, gone, window.carried))
+
+
+def _of_landmarks(
+    at: tuple[Point, Normal],
+    landmarks: Bool[np.ndarray, " L"],
+    unknowns: Unknowns,
+    first: Float[np.ndarray, "k m"],
+) -> Float[np.ndarray, "r w"]:
+    """Rows of leaving landmarks over a carried quadratic's columns, about the first estimates."""
+    here, normal = at
+    c, v = len(unknowns.constant), len(unknowns.chain)
+    poses = unknowns.frames * len(unknowns.pose)
+    if normal.eliminated is None or here.linear is None:
+        return np.zeros((0, poses + c + v + 1))
+    rows = landmark_rows(normal, here.linear, landmarks, unknowns.frames)
+    new = np.zeros((len(rows), poses + c + v + 1))
+    new[:, :poses], new[:, -1] = rows[:, :-1], rows[:, -1]
+    return _at_first_estimates(new, unknowns, first, here.trajectory)
+
+
+def _with_gap(rows: Float[np.ndarray, "r w"], width: int) -> Float[np.ndarray, "r x"]:
+    """Room for the second frame's chain before the right-hand side."""
+    return np.concatenate([rows[:, :-1], np.zeros((len(rows), width)), rows[:, -1:]], axis=1)
+
+
+def _leaving_first(unknowns: Unknowns) -> np.ndarray:
+    """Columns in the order: the oldest frame's pose and chain, then the rest as a carried quadratic has it."""
+    p, v = len(unknowns.pose), len(unknowns.chain)
+    chain = unknowns.frames * p + len(unknowns.constant)
+    parts = [(0, p), (chain, chain + v), (p, chain), (chain + v, chain + 2 * v + 1)]
+    return np.concatenate([np.arange(*part) for part in parts])
+
+
+def landmark_rows(
+    normal: Normal, linear: LinearSightings, landmarks: Bool[np.ndarray, " L"], frames: int
+) -> Float[np.ndarray, "r w"]:
+    """What the sightings of some landmarks say of the poses when those are unknown: whitened rows with the right-hand side."""
+    fit = normal.eliminated
+    assert fit is not None
+    rows = np.flatnonzero(fit.used & landmarks[fit.sightings.landmark])
+    landmark, frame = fit.sightings.landmark[rows], fit.sightings.frame[rows]
+    size = frames * POSE
+    weight = np.sqrt(normal.stage.kernel.weight(linear.square)[rows])[:, None, None]
+    scaled = weight * linear.rows[rows]
+    Q = np.linalg.solve(fit.root[landmark], scaled[:, :, POSE:-1].swapaxes(1, 2)).swapaxes(1, 2)
+    whole, number = _whole_coupling(fit, landmarks, size)
+    out = np.zeros((len(rows), 3, size + 1))
+    at = np.arange(len(rows))
+    columns = frame[:, None] * POSE + np.arange(POSE)
+    out[at[:, None], :, columns] = scaled[:, :, :POSE].swapaxes(1, 2)
+    out[:, :, -1] = scaled[:, :, -1]
+    out -= Q @ whole[number[landmark]]
+    return out.reshape(-1, size + 1)
+
+
+def _whole_coupling(
+    fit: Eliminated, landmarks: Bool[np.ndarray, " L"], size: int
+) -> tuple[Float[np.ndarray, "l 3 w"], np.ndarray]:
+    """Y of some landmarks over all poses, with y as last column, and where each landmark stands there."""
+    chosen = landmarks & fit.told
+    number = np.cumsum(chosen) - 1
+    whole = np.zeros((int(chosen.sum()), 3, size + 1))
+    rows = np.flatnonzero(chosen[fit.sightings.landmark])
+    at = number[fit.sightings.landmark[rows]]
+    columns = fit.sightings.frame[rows][:, None] * POSE + np.arange(POSE)
+    np.add.at(whole, (at[:, None], slice(None), columns), fit.coupling[rows].swapaxes(1, 2))  # pyright: ignore[reportArgumentType]
+    whole[:, :, -1] = fit.gradient[chosen]
+    return whole, number
+
+
+def _first_estimates(window: Window, now: Float[np.ndarray, "k m"]) -> Float[np.ndarray, "k m"]:
+    """Of frames that are carried already the points at which they were, of the others those of now."""
+    known = now[:0] if window.carried is None else window.carried.first
+    return np.concatenate([known, now[len(known) :]])
+
+
+def _handed_over(
+    unknowns: Unknowns, first: Float[np.ndarray, "k m"], now: Float[np.ndarray, " m"]
+) -> Float[np.ndarray, "j m"]:
+    """First estimates without the oldest frame: the next one has the constants' from it, and its own velocities as they are now."""
+    layout, after = unknowns.layout, first[1:].copy()
+    chained = set(unknowns.chain.tolist())
+    for block in layout.blocks:
+        at = layout.mean_slice(block)
+        if block in CONSTANT:
+            after[0, at] = first[0, at]
+        elif layout.slice(block).start in chained:
+            after[0, at] = now[at]
+    return after
+
+
+def _carried_rows(window: Window, unknowns: Unknowns) -> Float[np.ndarray, "q q1"]:
+    """The carried root over all frames of the window."""
+    p, c, v = len(unknowns.pose), len(unknowns.constant), len(unknowns.chain)
+    size = unknowns.frames * p + c + v
+    if window.carried is None:
+        return np.zeros((0, size + 1))
+    old = window.carried
+    poses = len(old.first) * p
+    rows = np.zeros((len(old.root), size + 1))
+    rows[:, :poses] = old.root[:, :poses]
+    rows[:, unknowns.frames * p : -1] = old.root[:, poses:]
+    rows[:, -1] = old.right
+    return rows
+
+
+def _at_first_estimates(
+    rows: Float[np.ndarray, "r w"],
+    unknowns: Unknowns,
+    first: Float[np.ndarray, "k m"],
+    here: Float[np.ndarray, "k m"],
+    more: int = 0,
+) -> Float[np.ndarray, "r w"]:
+    """Rows made about the points of now, about the first estimates, and blind to the same moves of frame g there.
+
+    Parameters
+    ----------
+    more: columns between those of a carried quadratic and the right-hand side, of errors whose first estimate is that of now.
+    """
+    result, p, last = rows.copy(), len(unknowns.pose), rows.shape[1] - 1 - more
+    if p:
+        now, then = gauge_columns(unknowns, here), gauge_columns(unknowns, first)
+        change = rows[:, :last] @ (now - then)
+        result[:, :p] += np.linalg.solve(then[:p].T, change.T).T
+    away = column_errors(unknowns, unknowns.layout.local(first, here))
+    result[:, -1] += result[:, :last] @ away
+    return result
+
+
+def _spread_step(rows: Float[np.ndarray, "d w"], unknowns: Unknowns) -> Float[np.ndarray, "d x"]:
+    """Rows of the first step over poses, constants, the first chain and the second, right-hand side."""
+    p, c, v, K = len(unknowns.pose), len(unknowns.constant), len(unknowns.chain), unknowns.frames
+    d, chain = p + v, K * p + c
+    out = np.zeros((len(rows), chain + 2 * v + 1))
+    out[:, :p], out[:, p : 2 * p] = rows[:, :p], rows[:, d : d + p]
+    out[:, chain : chain + v], out[:, chain + v : -1] = rows[:, p:d], rows[:, d + p : 2 * d]
+    out[:, K * p : chain], out[:, -1] = rows[:, 2 * d : -1], rows[:, -1]
+    return out
+
+
+def _spread_frame(rows: Float[np.ndarray, "r w"], unknowns: Unknowns) -> Float[np.ndarray, "r x"]:
+    """Rows of the first frame alone over the same columns."""
+    p, c, v, K = len(unknowns.pose), len(unknowns.constant), len(unknowns.chain), unknowns.frames
+    chain = K * p + c
+    out = np.zeros((len(rows), chain + 2 * v + 1))
+    out[:, :p], out[:, chain : chain + v] = rows[:, :p], rows[:, p : p + v]
+    out[:, K * p : chain], out[:, -1] = rows[:, p + v : -1], rows[:, -1]
+    return out
+
+
+def _alone(motion: Motion, trajectory: Float[np.ndarray, "k m"]) -> list[Float[np.ndarray, "r w"]]:
+    """Rows of the first frame's prior and sensors."""
+    parts: list[np.ndarray] = []
+    if motion.prior is not None:
+        inside = prior_rows(motion.unknowns, trajectory[0], motion.prior)
+        parts.append(inside)
+    for sensor in motion.sensors:
+        here = sensor.frame == 0
+        if here.any():
+            mine = replace(
+                sensor,
+                frame=sensor.frame[here],
+                values=sensor.values[here],
+                parameters=sensor.parameters[here],
+            )
+            rows = motion.sensor_rows(mine, trajectory)[0]
+            parts.append(rows.reshape(-1, rows.shape[2]))
+    return parts
+
+
+def _triangular(parts: list[Float[np.ndarray, "r w"]]) -> Float[np.ndarray, "w w"]:
+    """Upper triangle of a QR decomposition of stacked rows, square."""
+    width, count = parts[0].shape[1], sum(len(part) for part in parts)
+    rows, done = np.zeros((max(count, width), width), order="F"), 0
+    for part in parts:
+        rows[done : done + len(part)] = part
+        done += len(part)
+    return np.triu(dgeqrf(rows, overwrite_a=1)[0][:width])
+
+
+def _carried(
+    root: Float[np.ndarray, "w w"],
+    unknowns: Unknowns,
+    first: Float[np.ndarray, "k m"],
+    gone: int,
+    before: Carried | None,
+) -> Carried:
+    """What is below the rows of those that left."""
+    lost = float(root[-1, -1] ** 2) + (0.0 if before is None else before.lost)
+    return Carried(unknowns, first, root[gone:-1, gone:-1].copy(), root[gone:-1, -1].copy(), lost)

@@ -1,0 +1,111 @@
+"""Covariances of everything that a smoother estimated, from the factors that its last linear problem left behind.
+
+With C the inverse of the reduced root, transposed, the errors of poses and constants are C n. Chained errors follow by the recursion of
+the elimination backwards in time,
+
+    e_k = L_k^-T (n_k - X_k e - F_k e_k+1) = A_k e + own noise,   A_k = -L_k^-T (X_k + F_k A_k+1),
+
+which gives their blocks of the covariance one after the other (Takahashi et al. 1973); nothing of the order of all unknowns is formed.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.linalg.lapack import dtrtri
+from scipy.sparse import bsr_array
+
+from spinfilters.estimators.gain import triangular_factor
+from spinfilters.estimators.smoothing.elimination import Eliminated
+from spinfilters.estimators.smoothing.reduced import Reduced
+
+
+@dataclass(frozen=True)
+class Marginals:
+    """Covariance factors on demand.
+
+    Attributes
+    ----------
+    solution: of the linear problem at the estimate.   eliminated: its landmarks, or None.
+    """
+
+    solution: Reduced
+    eliminated: Eliminated | None
+
+    @cached_property
+    def root(self) -> Float[np.ndarray, "r r"]:
+        """C with covariance C C' of poses and constants."""
+        lower = self.solution.root
+        return np.triu(dtrtri(lower.T, lower=0)[0]) if lower.size else lower
+
+    @cached_property
+    def factors(self) -> Float[np.ndarray, "k n n"]:
+        """Lower triangular factor of every frame's covariance, components in the order of the layout."""
+        rows = np.array([self.frame_rows(k) for k in range(self.solution.unknowns.frames)])
+        covariance = rows @ rows.swapaxes(1, 2)
+        try:
+            return np.linalg.cholesky(covariance)
+        except np.linalg.LinAlgError:
+            return np.array([triangular_factor(each.T) for each in rows])
+
+    def frame_rows(self, frame: int) -> Float[np.ndarray, "n w"]:
+        """Errors of a frame by the noise of what remains and by v own numbers; products of rows are covariances."""
+        unknowns = self.solution.unknowns
+        size, p = unknowns.frames * len(unknowns.pose), len(unknowns.pose)
+        r, v = len(self.root), len(unknowns.chain)
+        rows = np.zeros((unknowns.layout.error_dim, r + v))
+        rows[unknowns.pose, :r] = self.root[frame * p : (frame + 1) * p]
+        rows[unknowns.chain, :r] = self._chain_rows[frame]
+        rows[unknowns.chain, r:] = self._own_roots[frame]
+        rows[unknowns.constant, :r] = self.root[size:]
+        return rows
+
+    def landmark_rows(self, landmarks: Int[np.ndarray, " q"]) -> tuple[np.ndarray, np.ndarray]:
+        """Errors of landmarks by the noise of what remains (q, 3, r), and roots (q, 3, 3) of what is their own.
+
+        Landmarks must be told.
+        """
+        assert self.eliminated is not None
+        unknowns, e = self.solution.unknowns, self.eliminated
+        out = np.swapaxes(e.root[landmarks], 1, 2)
+        size = unknowns.frames * len(unknowns.pose)
+        start = e.sightings.start
+        pick = np.concatenate([np.arange(0), *[np.arange(start[k], start[k + 1]) for k in landmarks]])
+        count = (start[1:] - start[:-1])[landmarks]
+        index = np.concatenate([[0], np.cumsum(count)])
+        blocks = bsr_array(
+            (e.coupling[pick], e.sightings.frame[pick], index), shape=(3 * len(landmarks), size)
+        )
+        pull = (blocks @ self.root[:size]).reshape(len(landmarks), 3, -1)
+        return -np.linalg.solve(out, pull), np.linalg.inv(out)
+
+    def landmark_covariance(self, landmarks: Int[np.ndarray, " q"]) -> Float[np.ndarray, "q 3 3"]:
+        """Of told landmarks, m^2."""
+        rows, own = self.landmark_rows(landmarks)
+        return rows @ rows.swapaxes(1, 2) + own @ own.swapaxes(1, 2)
+
+    @cached_property
+    def _chain_rows(self) -> Float[np.ndarray, "k v r"]:
+        return self._chained[0]
+
+    @cached_property
+    def _own_roots(self) -> Float[np.ndarray, "k v v"]:
+        return self._chained[1]
+
+    @cached_property
+    def _chained(self) -> tuple[np.ndarray, np.ndarray]:
+        """A_k C, and roots of the covariances of what is the chained errors' own."""
+        chain = self.solution.chain
+        K, v, width = chain.coupling.shape
+        follow, own = np.empty((K, v, width - 1)), np.empty((K, v, v))
+        after, after_own = np.zeros((v, width - 1)), np.zeros((v, v))
+        for k in range(K - 1, -1, -1):
+            out = np.linalg.inv(chain.roots[k]).T
+            pull, noise = chain.coupling[k, :, :-1], [np.eye(v)]
+            if k + 1 < K:
+                pull = pull + chain.next[k] @ after
+                noise.append((chain.next[k] @ after_own).T)
+            after = follow[k] = -out @ pull
+            after_own = own[k] = out @ triangular_factor(np.concatenate(noise))
+        return (follow.reshape(K * v, -1) @ self.root).reshape(K, v, -1), own

@@ -1,0 +1,97 @@
+"""How long a smoother keeps what: everything, everything but landmarks that went out of sight, or a window."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from spinfilters.errors import InputError
+from spinfilters.estimators.smoothing.window import Window
+from spinfilters.state.layout import StateLayout
+
+DETERMINED = 0.2
+"""Standard deviation of the mass distribution (logarithm of second moments) above which no frame leaves a window: a linear model of
+the inertia made while it is hardly known would be kept for ever."""
+LONGEST_STARTUP = 120
+"""Frames after which even an undetermined inertia must leave: a body in pure spin never tells it."""
+
+
+class Mode(ABC):
+    """What leaves after a frame has been taken in."""
+
+    @abstractmethod
+    def frozen(self, window: Window, layout: StateLayout) -> Bool[np.ndarray, " L"]:
+        """Landmarks whose sightings are turned into what is carried."""
+
+    @abstractmethod
+    def longest(self, mass_std: float) -> float:
+        """How many frames may stay."""
+
+
+@dataclass(frozen=True)
+class Full(Mode):
+    """Everything stays (the thesis' way)."""
+
+    def frozen(self, window: Window, layout: StateLayout) -> Bool[np.ndarray, " L"]:
+        return np.zeros(len(window.ids), dtype=bool)
+
+    def longest(self, mass_std: float) -> float:
+        return np.inf
+
+
+@dataclass(frozen=True)
+class FrozenVision(Mode):
+    """Landmarks unseen for some revolutions are eliminated once; every frame's dynamics stay live, up to a longest window.
+
+    Attributes
+    ----------
+    revolutions: of the body, since a landmark was last seen.   frames: that stay, at most.
+    """
+
+    revolutions: float = 2.0
+    frames: int = 120
+
+    def __post_init__(self) -> None:
+        if not self.revolutions > 0:
+            raise InputError(f"revolutions is {self.revolutions}; give a positive number")
+        _enough(self.frames)
+
+    def frozen(self, window: Window, layout: StateLayout) -> Bool[np.ndarray, " L"]:
+        if not len(window.frames):
+            return np.zeros(len(window.ids), dtype=bool)
+        time = np.array([frame.time for frame in window.frames])
+        turn = _turns(window.trajectory[:, layout.mean_slice("w")], time)
+        last = window.last_seen()
+        return (last >= 0) & (turn[-1] - turn[last] > self.revolutions)
+
+    def longest(self, mass_std: float) -> float:
+        return self.frames
+
+
+@dataclass(frozen=True)
+class FixedLag(Mode):
+    """The newest frames; older ones are marginalised once the inertia is determined."""
+
+    frames: int = 20
+
+    def __post_init__(self) -> None:
+        _enough(self.frames)
+
+    def frozen(self, window: Window, layout: StateLayout) -> Bool[np.ndarray, " L"]:
+        return np.zeros(len(window.ids), dtype=bool)
+
+    def longest(self, mass_std: float) -> float:
+        return self.frames if mass_std <= DETERMINED else max(self.frames, LONGEST_STARTUP)
+
+
+def _turns(rates: Float[np.ndarray, "k 3"], time: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    """Revolutions since the first frame."""
+    speed = np.linalg.norm(rates, axis=1)
+    steps = np.diff(time) * (speed[1:] + speed[:-1]) / 2
+    return np.concatenate([[0.0], np.cumsum(steps)]) / (2 * np.pi)
+
+
+def _enough(frames: int) -> None:
+    if frames < 2:
+        raise InputError(f"a window of {frames} frames holds no step; give at least 2")

@@ -1,0 +1,193 @@
+"""Whitened rows of a motion: its dynamics, the prior of its first state, and every sensor that sees no landmark.
+
+About a trial trajectory x_0 .. x_K-1 the errors obey, with the defect b_k by which the trial misses its own dynamics,
+
+    e_k+1 = Phi e_k + b_k + G n,     (e_0 about x_0) = (prior mean [-] x_0) + std n.
+
+Each line divided by its noise is a row of a least-squares problem (Bell 1994). What is kept of the rows is their Gram matrix with the
+right-hand side as last column, one per frame and one per step.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.estimators.estimator import ProcessModel
+from spinfilters.estimators.first_frames import FirstStatePrior
+from spinfilters.estimators.smoothing.robust_kernels import RobustKernel
+from spinfilters.estimators.smoothing.unknowns import CONSTANT, Unknowns
+from spinfilters.estimators.timeline import Timeline
+from spinfilters.models.measurement import MeasurementModel
+
+NOTHING = np.zeros((0, 1, 1))
+NOISE_FLOOR = 1e-8
+"""Of every moving component per step (m, rad, m/s, rad/s): far below any sensor, it stands in where a disturbance is zero."""
+
+
+@dataclass(frozen=True)
+class Grams:
+    """Gram matrices of rows [J | y] and how much they cost.
+
+    Attributes
+    ----------
+    frames: (k, n + 1, n + 1) of each frame alone, components in `Unknowns.order`, then the right-hand side.
+    steps: (k - 1, 2 d + c + 1, ...) of each step: moving here, moving there, constants, right-hand side.
+    cost: sum of (robust) squares.   rows: (k - 1, d, 2 d + c + 1) of the steps, whitened.
+    """
+
+    frames: Float[np.ndarray, "k n1 n1"]
+    steps: Float[np.ndarray, "j s1 s1"]
+    cost: float
+    rows: Float[np.ndarray, "j d s1"]
+
+
+@dataclass(frozen=True)
+class SensorRows:
+    """All measurements of one sensor that sees no landmark."""
+
+    model: MeasurementModel
+    frame: Int[np.ndarray, " r"]
+    values: Float[np.ndarray, "r v"]
+    parameters: Float[np.ndarray, "r p"]
+
+
+def collect_sensors(frames: Timeline) -> tuple[SensorRows, ...]:
+    """Measurements without ids, by sensor."""
+    parts: dict[int, tuple[MeasurementModel, list[np.ndarray], list[np.ndarray], list[np.ndarray]]] = {}
+    for k, frame in enumerate(frames):
+        for m in frame.measurements:
+            if m.ids is None and len(m.values):
+                rows = parts.setdefault(id(m.model), (m.model, [], [], []))
+                rows[1].append(np.full(len(m.values), k))
+                rows[2].append(m.values)
+                rows[3].append(m.parameters)
+    return tuple(SensorRows(model, *map(np.concatenate, lists)) for model, *lists in parts.values())
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The dynamics, prior and sensors of some frames.
+
+    Attributes
+    ----------
+    dt: (k - 1,) s.   prior: of the first state, or None where something else holds it.
+    kernel: of each measurement's whitened length.   first: (m,) whose constants the steps are linearised about, or None for their own.
+    """
+
+    process: ProcessModel
+    unknowns: Unknowns
+    dt: Float[np.ndarray, " j"]
+    sensors: tuple[SensorRows, ...]
+    prior: FirstStatePrior | None
+    kernel: RobustKernel
+    first: Float[np.ndarray, " m"] | None = None
+
+    @cached_property
+    def measured(self) -> int:
+        """Scalar measurements of sensors that see no landmark."""
+        return sum(rows.values.shape[0] * rows.model.dim for rows in self.sensors)
+
+    def dynamics(self, trajectory: Float[np.ndarray, "k m"]) -> Grams:
+        """The steps from frame to frame, about a trajectory whose constants are the same in every frame."""
+        if not len(self.dt):
+            return Grams(NOTHING, NOTHING, 0.0, NOTHING)
+        rows = self.step_rows(trajectory, self.dt)
+        steps = rows.swapaxes(1, 2) @ rows
+        return Grams(NOTHING, steps, float(steps[:, -1, -1].sum()), rows)
+
+    def step_rows(
+        self, trajectory: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " j"]
+    ) -> Float[np.ndarray, "j d w"]:
+        """Whitened rows of steps: moving errors here and there, constants, right-hand side."""
+        unknowns, layout = self.unknowns, self.process.layout
+        if self.first is None:
+            moved, transition, noise = self.process.linearise_steps(trajectory[:-1], dt)
+        else:
+            moved = self.process.steps(trajectory[:-1], dt)
+            _, transition, noise = self.process.linearise_steps(self._at_first_constants(trajectory[:-1]), dt)
+        defect = layout.local(trajectory[1:], moved)
+        _turn(unknowns, defect, transition, noise)
+        d, moving = len(unknowns.moving), unknowns.moving
+        rows = np.zeros((len(moved), d, d + len(unknowns.order) + 1))
+        rows[:, :, :d] = -transition[:, moving[:, None], moving]
+        rows[:, :, d : 2 * d] = np.eye(d)
+        rows[:, :, 2 * d : -1] = -transition[:, moving[:, None], unknowns.constant]
+        rows[:, :, -1] = defect[:, moving]
+        noise = noise[:, moving]
+        spread = noise @ noise.swapaxes(1, 2)
+        spread[:, np.arange(d), np.arange(d)] += NOISE_FLOOR**2
+        try:
+            return np.linalg.solve(np.linalg.cholesky(spread), rows)
+        except np.linalg.LinAlgError:  # a trial that is not finite: its cost says so
+            return np.full_like(rows, np.nan)
+
+    def _at_first_constants(self, trajectory: Float[np.ndarray, "k m"]) -> Float[np.ndarray, "k m"]:
+        """With the constants at which something is carried already: other slopes would claim to know what nothing has told."""
+        assert self.first is not None
+        at, layout = trajectory.copy(), self.process.layout
+        for block in layout.blocks:
+            if block in CONSTANT:
+                at[:, layout.mean_slice(block)] = self.first[layout.mean_slice(block)]
+        return at
+
+    def measurements(self, trajectory: Float[np.ndarray, "k m"]) -> Grams:
+        """The prior, and every sensor that sees no landmark."""
+        n = self.process.layout.error_dim
+        grams, cost = np.zeros((len(trajectory), n + 1, n + 1)), 0.0
+        if self.prior is not None:
+            rows = prior_rows(self.unknowns, trajectory[0], self.prior)
+            grams[0] += rows.T @ rows
+            cost += float(rows[:, -1] @ rows[:, -1])
+        for sensor in self.sensors:
+            rows, costs = self.sensor_rows(sensor, trajectory)
+            first = np.flatnonzero(np.diff(sensor.frame, prepend=-1))
+            grams[sensor.frame[first]] += np.add.reduceat(rows.swapaxes(1, 2) @ rows, first, axis=0)
+            cost += float(costs.sum())
+        return Grams(grams, NOTHING, cost, NOTHING)
+
+    def sensor_rows(
+        self, sensor: SensorRows, trajectory: Float[np.ndarray, "k m"]
+    ) -> tuple[Float[np.ndarray, "r i n1"], Float[np.ndarray, " r"]]:
+        """Weighted whitened rows of every measurement by its frame's errors, with the right-hand side, and what each costs."""
+        innovation, jacobian, valid, _ = sensor.model.linearise(
+            trajectory[sensor.frame], sensor.parameters, sensor.values
+        )
+        with np.errstate(invalid="ignore", over="ignore"):
+            square = np.einsum("nr,nr->n", innovation, innovation)
+        good = valid & np.isfinite(square)
+        square = np.where(good, square, np.inf)
+        weight = np.where(good, np.sqrt(self.kernel.weight(square)), 0.0)[:, None]
+        rows = np.zeros((*innovation.shape, self.process.layout.error_dim + 1))
+        rows[:, :, _inverse(self.unknowns.order)[sensor.model.columns]] = jacobian * weight[..., None]
+        rows[:, :, -1] = innovation * weight
+        rows[~good] = 0.0
+        return rows, np.where(good, self.kernel.cost(square), 0.0)
+
+
+def _turn(unknowns: Unknowns, defect: np.ndarray, transition: np.ndarray, noise: np.ndarray) -> None:
+    """Errors about the predicted point into errors about the trial's, in place; only the attitude's differ."""
+    layout = unknowns.layout
+    if "a" not in layout.blocks:
+        return
+    a = layout.slice("a")
+    turn = layout.reset_jacobian(defect)[:, a, a]
+    transition[:, a] = np.linalg.solve(turn, transition[:, a])
+    noise[:, a] = np.linalg.solve(turn, noise[:, a])
+
+
+def prior_rows(
+    unknowns: Unknowns, first: Float[np.ndarray, " m"], prior: FirstStatePrior
+) -> Float[np.ndarray, "n n1"]:
+    """The error about the prior's mean, where the prior is Gaussian, by the error about the trial."""
+    layout = unknowns.layout
+    away = layout.local(prior.mean, first)
+    by_trial = np.linalg.inv(layout.reset_jacobian(away))[:, unknowns.order]
+    return np.concatenate([by_trial, -away[:, None]], axis=1) / prior.std[:, None]
+
+
+def _inverse(order: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+    result = np.empty(len(order), dtype=int)
+    result[order] = np.arange(len(order))
+    return result

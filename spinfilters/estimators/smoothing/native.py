@@ -1,0 +1,39 @@
+"""The loops of `kernels.c`, compiled once, or nothing where there is no compiler: the callers then do the same in NumPy."""
+
+import ctypes
+from functools import cache
+from importlib.resources import files
+
+import numpy as np
+
+from spinfilters.symbolic.c_library import FLAGS, NATIVE, load_text
+
+KERNEL_FLAGS = (*(flag for flag in FLAGS if "contract" not in flag), "-O3", NATIVE, "-fno-math-errno")
+
+
+@cache
+def kernels() -> ctypes.PyDLL | None:
+    """The library, or None."""
+    text = files("spinfilters.estimators.smoothing").joinpath("kernels.c").read_text()
+    library = load_text("smoother_kernels", text, KERNEL_FLAGS)
+    if library is not None:
+        library.eliminate_chain.restype = ctypes.c_longlong
+        library.spread_blocks.restype = library.follow_poses.restype = None
+    return library
+
+
+def pointer(array: np.ndarray) -> ctypes.c_void_p:
+    """Where a contiguous array begins."""
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+def integer(value: int) -> ctypes.c_longlong:
+    """As the kernels take it."""
+    return ctypes.c_longlong(value)
+
+
+def aligned(count: int) -> np.ndarray:
+    """Room for ``count`` numbers that begins where a vector instruction wants it."""
+    raw = np.empty(count + 8)
+    first = (-raw.ctypes.data // 8) % 8
+    return raw[first : first + count]

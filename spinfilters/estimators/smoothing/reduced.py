@@ -1,0 +1,154 @@
+"""The linear problem of an iteration: landmarks and velocities eliminated, what remains factored and solved.
+
+What remains is a symmetric matrix over poses and constants, its lower triangle, with the right-hand side as one more row. Constants
+come last, so their covariance is in the corner of the Cholesky factor.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg.lapack import dpotrf, dtrtrs
+
+from spinfilters.estimators.smoothing.carried import CarriedAt
+from spinfilters.estimators.smoothing.chain import Chain, eliminate_chain
+from spinfilters.estimators.smoothing.elimination import Eliminated
+from spinfilters.estimators.smoothing.motion import Grams
+from spinfilters.estimators.smoothing.unknowns import Unknowns
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """A factored linear problem.
+
+    Attributes
+    ----------
+    root: (r, r) Cholesky factor of what remains, in the lower triangle; the rest is not zero.   chain: what was eliminated before.
+    gradient: (r,) right-hand side of what remains.
+    kept: (r,) step of poses and constants.   chains: (k, v) of the rest.
+    decrement: by how much the linear problem's cost falls.
+    """
+
+    unknowns: Unknowns
+    root: Float[np.ndarray, "r r"]
+    chain: Chain
+    kept: Float[np.ndarray, " r"]
+    chains: Float[np.ndarray, "k v"]
+    gradient: Float[np.ndarray, " r"]
+    decrement: float
+
+    @property
+    def errors(self) -> Float[np.ndarray, "k n"]:
+        """Step of every frame, in the order of the layout."""
+        return self.unknowns.errors(self.kept, self.chains)
+
+    @property
+    def poses(self) -> Float[np.ndarray, "k p"]:
+        """Step of every pose."""
+        size = self.unknowns.frames * len(self.unknowns.pose)
+        return self.kept[:size].reshape(self.unknowns.frames, -1)
+
+
+def solve_reduced(
+    unknowns: Unknowns,
+    grams: tuple[Grams, ...],
+    eliminated: Eliminated | None,
+    carried: CarriedAt | None,
+    damping: float = 0.0,
+) -> Reduced | int:
+    """Solve; the number of the first unknown that nothing determines where the system is not positive definite.
+
+    Unknowns are numbered as in the elimination: chained errors frame after frame, then poses, then constants.
+    """
+    M, (D, E, G) = _assembled(unknowns, grams, eliminated)
+    if carried is not None:
+        carried.add_to(M, D, G)
+    v, kept = len(unknowns.chain), unknowns.kept
+    if damping:
+        D[:, np.arange(v), np.arange(v)] *= 1 + damping
+        M.flat[: kept * kept : kept + 1] *= 1 + damping
+    chain = eliminate_chain(D, E, G, len(unknowns.pose), 0 if carried is None else carried.frames)
+    if chain.failed >= 0:
+        return chain.failed * v
+    chain.reduce(M)
+    gradient = M[-1].copy()
+    upper, failed = dpotrf(M[:-1].T, lower=0, overwrite_a=1, clean=0) if kept else (M[:-1].T, 0)
+    half = dtrtrs(upper, gradient, lower=0, trans=1)[0] if kept and not failed else gradient
+    if failed or not np.isfinite(half).all():
+        return unknowns.frames * v + max(failed - 1, 0)
+    step = dtrtrs(upper, half, lower=0)[0] if kept else half
+    decrement = float(half @ half) + float((chain.coupling[:, :, -1] ** 2).sum())
+    return Reduced(unknowns, upper.T, chain, step, chain.back(step), gradient, decrement)
+
+
+def _assembled(
+    unknowns: Unknowns, grams: tuple[Grams, ...], eliminated: Eliminated | None
+) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """M: lower triangle over poses and constants, then the right-hand side as a row; and D, E, G of the chain."""
+    K, p, v, c = unknowns.frames, len(unknowns.pose), len(unknowns.chain), len(unknowns.constant)
+    size, width = K * p, unknowns.kept + 1
+    if eliminated is None:
+        M = np.zeros((width, width - 1))
+    else:
+        M = eliminated.information
+        M[-1, :size] += eliminated.pose_gradient[:size]
+    D, E, G = np.zeros((K, v, v)), np.zeros((max(K - 1, 0), v, v)), np.zeros((K, v, width))
+    for part in grams:
+        if len(part.frames):
+            _add_frames(M, D, G, part.frames, p)
+        if len(part.steps):
+            _add_steps(M, (D, E, G), part.steps, (p, v, c))
+    return M, (D, E, G)
+
+
+def _add_frames(M: np.ndarray, D: np.ndarray, G: np.ndarray, grams: np.ndarray, p: int) -> None:
+    """Grams of single frames: pose, chain, constants, right-hand side."""
+    K, v = D.shape[:2]
+    rest = slice(K * p, None)
+    D += grams[:, p : p + v, p : p + v]
+    G[:, :, rest] += grams[:, p : p + v, p + v :]
+    M[rest, rest] += grams[:, p + v :, p + v : -1].sum(axis=0)
+    if p:
+        at = np.arange(K)
+        G[:, :, : K * p].reshape(K, v, K, p)[at, :, at] += grams[:, p : p + v, :p]
+        _diagonal(M, K, p)[...] += grams[:, :p, :p]
+        M[rest, : K * p] += grams[:, p + v :, :p].transpose(1, 0, 2).reshape(-1, K * p)
+
+
+def _add_steps(
+    M: np.ndarray,
+    chain: tuple[np.ndarray, np.ndarray, np.ndarray],
+    grams: np.ndarray,
+    sizes: tuple[int, int, int],
+) -> None:
+    """Grams of steps: pose and chain here, pose and chain there, constants, right-hand side."""
+    (D, E, G), (p, v, _) = chain, sizes
+    K, d = len(D), p + v
+    rest, after = slice(K * p, None), slice(2 * d, None)
+    here, there = slice(p, d), slice(d + p, 2 * d)
+    D[:-1] += grams[:, here, here]
+    D[1:] += grams[:, there, there]
+    E += grams[:, here, there]
+    G[:-1, :, rest] += grams[:, here, after]
+    G[1:, :, rest] += grams[:, there, after]
+    M[rest, rest] += grams[:, after, 2 * d : -1].sum(axis=0)
+    if not p:
+        return
+    pose, next_pose, at = slice(0, p), slice(d, d + p), np.arange(K - 1)
+    by_pose = G[:, :, : K * p].reshape(K, v, K, p)
+    by_pose[at, :, at] += grams[:, here, pose]
+    by_pose[at, :, at + 1] += grams[:, here, next_pose]
+    by_pose[at + 1, :, at] += grams[:, there, pose]
+    by_pose[at + 1, :, at + 1] += grams[:, there, next_pose]
+    diagonal = _diagonal(M, K, p)
+    diagonal[:-1] += grams[:, pose, pose]
+    diagonal[1:] += grams[:, next_pose, next_pose]
+    _diagonal(M[p:], K - 1, p)[...] += grams[:, next_pose, pose]
+    M[rest, : (K - 1) * p] += grams[:, after, pose].transpose(1, 0, 2).reshape(-1, (K - 1) * p)
+    M[rest, p : K * p] += grams[:, after, next_pose].transpose(1, 0, 2).reshape(-1, (K - 1) * p)
+
+
+def _diagonal(M: Float[np.ndarray, "a b"], count: int, p: int) -> Float[np.ndarray, "k p p"]:
+    """The first ``count`` blocks of p x p on a matrix' diagonal, as a view."""
+    row, column = M.strides
+    return np.lib.stride_tricks.as_strided(M, (count, p, p), (p * (row + column), row, column))

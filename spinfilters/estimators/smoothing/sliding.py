@@ -1,0 +1,269 @@
+"""A smoother that takes one frame after the other and re-solves what it keeps after each."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.errors import InputError
+from spinfilters.estimators.estimator import ProcessModel
+from spinfilters.estimators.first_frames import FirstStatePrior
+from spinfilters.estimators.smoothing.closed_form import Tried, at_closed_form
+from spinfilters.estimators.smoothing.marginalisation import without_landmarks, without_oldest
+from spinfilters.estimators.smoothing.marginals import Marginals
+from spinfilters.estimators.smoothing.modes import DETERMINED, FrozenVision, Mode
+from spinfilters.estimators.smoothing.newest import newest_factor
+from spinfilters.estimators.smoothing.problem import Normal, Point, Problem, Stage
+from spinfilters.estimators.smoothing.reduced import Reduced
+from spinfilters.estimators.smoothing.revival import revived
+from spinfilters.estimators.smoothing.robust_kernels import Gate
+from spinfilters.estimators.smoothing.sightings import SIGHTINGS_NEEDED, linearise_sightings
+from spinfilters.estimators.smoothing.solver import advanced, moved
+from spinfilters.estimators.smoothing.step_rules import GaussNewton
+from spinfilters.estimators.smoothing.window import Window
+from spinfilters.estimators.timeline import Frame
+from spinfilters.state.gaussian import Gaussian
+
+FAR = 1e6
+"""Standard deviations: no residual of a camera is as long."""
+STRANGE = 0.3
+"""Share of the newest frame's sightings outside the gate from which the frame's guess, not the sightings, is taken to be wrong."""
+SURPRISE = 10.0
+"""Fall of the cost per scalar measurement of the newest frame from which a step is checked and followed by another."""
+DROPPED_AT_ONCE = 2
+"""Frames that leave after one that comes, at most: a window that has grown through its start-up shrinks gently."""
+
+
+@dataclass(frozen=True)
+class SlidingOptions:
+    """How a sliding smoother works.
+
+    Attributes
+    ----------
+    mode: what it keeps.   gate: standard deviations beyond which a sighting counts as a wrong association.
+    iterations: per frame, at most; one is enough where nothing surprises.
+    retired: whether frames that leave are handed back with their covariance, which costs a factorisation more.
+    """
+
+    mode: Mode = field(default_factory=FrozenVision)
+    gate: float = 5.0
+    iterations: int = 4
+    retired: bool = True
+
+    def __post_init__(self) -> None:
+        if self.iterations < 1 or not self.gate > 0:
+            raise InputError(
+                f"iterations is {self.iterations}, gate {self.gate}; give at least 1 and more than 0"
+            )
+
+
+@dataclass(frozen=True)
+class Retired:
+    """A frame that left the window: the last that was said of it."""
+
+    time: float
+    mean: Float[np.ndarray, " m"]
+    factor: Float[np.ndarray, "n n"]
+
+
+@dataclass(frozen=True)
+class Taken:
+    """What taking in a frame did.
+
+    Attributes
+    ----------
+    accepted, rejected: sightings of the frame that count and that do not.   linearisations: how many it took.
+    retired: frames that left.
+    """
+
+    accepted: int
+    rejected: int
+    linearisations: int
+    retired: tuple[Retired, ...] = ()
+
+
+class SlidingSmoother:
+    """Smoothing after every frame.
+
+    Parameters
+    ----------
+    process: of the motion.   prior: of the first frame's state; its pose says where g is.
+    tied: whether there are sightings of landmarks.
+    """
+
+    def __init__(
+        self, process: ProcessModel, prior: FirstStatePrior, options: SlidingOptions, tied: bool
+    ) -> None:
+        self.process, self.options, self._tied = process, options, tied
+        self._prior: FirstStatePrior | None = prior
+        self._first_guess = prior.mean
+        self._tried = Tried()
+        self._linear: tuple[Point, Normal] | None = None
+        self.window = Window.empty(process.layout.mean_dim)
+
+    def add(self, frame: Frame, guess: Float[np.ndarray, " 7"] | None = None) -> Taken:
+        """Take in a frame.
+
+        Parameters
+        ----------
+        guess: pose (t m, q_ig) to begin from; without it the last state is predicted.
+
+        Raises
+        ------
+        InputError: when time does not go forwards.
+        """
+        self.window = self.window.grown(frame, self._guess(frame.time, guess))
+        problem = self.problem()
+        here = problem.at(self.window.trajectory, self.window.points)
+        count, here, normal = self._solved(problem, here)
+        here, tries = self._from_closed_form(problem, here, normal)
+        accepted, rejected = self._counted(here, normal)
+        self._linear = (here, normal)
+        retired = self._slide(problem)
+        return Taken(accepted, rejected, count + tries, retired)
+
+    def problem(self) -> Problem:
+        """The least-squares problem of the window."""
+        return self.window.problem(self.process, self._prior, self._tied)
+
+    @property
+    def belief(self) -> Gaussian:
+        """Of the newest frame; its factor is not finite where something is not determined."""
+        return Gaussian(self.process.layout, self.window.trajectory[-1], self._newest_factor())
+
+    @property
+    def mass_std(self) -> float:
+        """Largest standard deviation of the mass distribution (logarithm of second moments)."""
+        layout = self.process.layout
+        if "s" not in layout.blocks:
+            return 0.0
+        std = np.linalg.norm(self._newest_factor()[layout.slice("s")], axis=1).max()
+        return float(std) if np.isfinite(std) else np.inf
+
+    def smoothed(self) -> list[Retired]:
+        """All frames of the window with their covariances."""
+        assert self._linear is not None
+        solution, n = self._linear[1].solution, self.process.layout.error_dim
+        count = len(self.window.frames)
+        if isinstance(solution, int):
+            factors = np.full((count, n, n), np.nan)
+        else:
+            factors = Marginals(solution, None).factors[-count:]
+        rows = zip(self.window.frames, self.window.trajectory, factors, strict=True)
+        return [Retired(frame.time, mean, factor) for frame, mean, factor in rows]
+
+    def _guess(self, time: float, guess: np.ndarray | None) -> Float[np.ndarray, " m"]:
+        """A first state for a new frame: predicted, at the guessed pose."""
+        if self.window.frames:
+            dt = time - self.window.frames[-1].time
+            if not dt > 0:
+                raise InputError(
+                    f"time goes from {self.window.frames[-1].time} s to {time} s; frames must be in the order of time"
+                )
+            state = self.process.step(self.window.trajectory[-1], dt)
+        else:
+            state = self._first_guess.copy()
+        if guess is not None:
+            layout = self.process.layout
+            state[layout.mean_slice("t")], state[layout.mean_slice("a")] = guess[:3], guess[3:]
+        return state
+
+    def _solved(self, problem: Problem, here: Point) -> tuple[int, Point, Normal]:
+        """The linear problem at the last linearisation, which the window's states are one step beyond, and how many there were."""
+        surprise = SURPRISE * self._measured()
+        for count in range(1, self.options.iterations + 1):
+            stage = self._stage(here)
+            here = self._repaired(problem, here, stage)
+            normal = problem.normal(here, stage)
+            if normal.decrement <= surprise or isinstance(normal.solution, int):
+                break
+            there, _, _ = advanced(problem, here, normal, (GaussNewton(), 1.0))
+            if there is None:
+                break
+            here = there
+        step = GaussNewton().propose(lambda _: normal, problem.layout, 1.0) if normal.solved else None
+        trajectory, points = (here.trajectory, here.points) if step is None else moved(problem, here, step)
+        self.window = replace(self.window, trajectory=trajectory, points=points)
+        return count, here, normal
+
+    def _measured(self) -> int:
+        """Scalar measurements of the newest frame, and unknowns of its state."""
+        frame = self.window.frames[-1]
+        return sum(m.values.size for m in frame.measurements) + self.process.layout.error_dim
+
+    def _stage(self, here: Point) -> Stage:
+        """The strict gate, or none on the outside where most of the newest frame would be lost."""
+        gate, linear = self.options.gate, here.linear
+        if linear is None:
+            return Stage(Gate(gate, gate))
+        sizes = linear.size[self.window.sightings.frame == len(self.window.frames) - 1]
+        strange = bool(len(sizes)) and float(np.mean(sizes > gate)) > STRANGE
+        return Stage(Gate(gate, FAR if strange else gate))
+
+    def _repaired(self, problem: Problem, here: Point, stage: Stage) -> Point:
+        """With landmarks placed anew whose sightings are not believed."""
+        if problem.sightings is None or here.linear is None:
+            return here
+        believed = stage.kernel.weight(here.linear.square) > 0
+        landmark, count = problem.sightings.landmark, problem.sightings.landmarks
+        all_of = np.bincount(landmark, minlength=count)
+        good = np.bincount(landmark[believed], minlength=count)
+        if not ((all_of > SIGHTINGS_NEEDED) & (good < SIGHTINGS_NEEDED)).any():
+            return here
+        points = revived(problem.sightings, here.trajectory, here.points, believed, self.options.gate)
+        if points is None:
+            return here
+        return replace(
+            here, points=points, linear=linearise_sightings(problem.sightings, here.trajectory, points)
+        )
+
+    def _from_closed_form(self, problem: Problem, here: Point, normal: Normal) -> tuple[Point, int]:
+        """While the inertia is not determined, the closed form of the momentum may know a better place to go on from."""
+        self._linear = (here, normal)
+        if not self._tried.due(len(self.window.frames)) or self.mass_std <= DETERMINED:
+            return here, 0
+        times = np.array([frame.time for frame in self.window.frames])
+        found, tries = at_closed_form(problem, here, normal, times)
+        if found is not None:
+            self.window = replace(self.window, trajectory=found.trajectory, points=found.points)
+        return here, tries
+
+    def _counted(self, here: Point, normal: Normal) -> tuple[int, int]:
+        """Values of the newest frame that count, and that do not."""
+        frame = self.window.frames[-1]
+        rest = sum(len(m.values) for m in frame.measurements if m.ids is None)
+        every = sum(len(m.values) for m in frame.measurements if m.ids is not None)
+        if here.linear is None:
+            return rest, every
+        newest = self.window.sightings.frame == len(self.window.frames) - 1
+        good = int(np.count_nonzero(normal.stage.kernel.weight(here.linear.square[newest]) > 0))
+        return rest + good, every - good
+
+    def _slide(self, problem: Problem) -> tuple[Retired, ...]:
+        """Let go what the mode lets go."""
+        assert self._linear is not None
+        window, mode = self.window, self.options.mode
+        landmarks = mode.frozen(window, self.process.layout)
+        over = min(len(window.frames) - mode.longest(self.mass_std), DROPPED_AT_ONCE)
+        if over < 1 or not self._linear[1].solved:
+            if landmarks.any() and self._linear[1].solved:
+                self.window = without_landmarks(window, problem, self._linear, landmarks)
+            return ()
+        landmarks[window.seen.landmark[window.seen.frame < over]] = True
+        retired = self._leaving(int(over))
+        window, self._prior = without_oldest(window, problem, self._linear, landmarks), None
+        for _ in range(1, int(over)):
+            window = without_oldest(window, window.problem(self.process, None, self._tied))
+        self.window = window
+        return retired
+
+    def _leaving(self, count: int) -> tuple[Retired, ...]:
+        return tuple(self.smoothed()[:count]) if self.options.retired else ()
+
+    def _newest_factor(self) -> Float[np.ndarray, "n n"]:
+        assert self._linear is not None
+        solution = self._linear[1].solution
+        if isinstance(solution, Reduced):
+            return newest_factor(solution)
+        n = self.process.layout.error_dim
+        return np.full((n, n), np.nan)

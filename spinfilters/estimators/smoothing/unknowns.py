@@ -1,0 +1,85 @@
+"""How the errors of many frames are split: what sightings tie together, what only the dynamics chain, and what is constant.
+
+Landmarks tie the poses of all frames that saw them, so poses make a dense system. Velocities meet only their neighbours in time and
+are eliminated along the chain. Without sightings nothing is tied, and whole states are chained.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.errors import InputError
+from spinfilters.state.layout import StateLayout
+
+CONSTANT = ("c", "s", "d")
+"""Blocks that are the same in every frame."""
+PLACE = ("t", "a")
+"""Blocks that a sighting of a landmark depends on."""
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """Errors of ``frames`` frames over a layout.
+
+    Attributes
+    ----------
+    tied: whether sightings tie the poses together.
+    """
+
+    layout: StateLayout
+    frames: int
+    tied: bool
+
+    def __post_init__(self) -> None:
+        if self.tied and self.layout.blocks[:2] != PLACE:
+            raise InputError(
+                f"landmarks need a state that begins with blocks t, a; the layout has {self.layout.blocks}"
+            )
+
+    @cached_property
+    def pose(self) -> Int[np.ndarray, " p"]:
+        """Error components of a frame that sightings tie."""
+        return self._of([b for b in self.layout.blocks if b in PLACE and self.tied])
+
+    @cached_property
+    def chain(self) -> Int[np.ndarray, " v"]:
+        """Error components of a frame that only its neighbours in time meet."""
+        skip = (*CONSTANT, *(PLACE if self.tied else ()))
+        return self._of([b for b in self.layout.blocks if b not in skip])
+
+    @cached_property
+    def constant(self) -> Int[np.ndarray, " c"]:
+        """Error components that are the same in every frame."""
+        return self._of([b for b in self.layout.blocks if b in CONSTANT])
+
+    @cached_property
+    def moving(self) -> Int[np.ndarray, " d"]:
+        """Pose, then chain."""
+        return np.concatenate([self.pose, self.chain])
+
+    @cached_property
+    def order(self) -> Int[np.ndarray, " n"]:
+        """All components of a frame: pose, chain, constant."""
+        return np.concatenate([self.moving, self.constant])
+
+    @property
+    def kept(self) -> int:
+        """Unknowns that remain when chains are eliminated: all poses, then the constants."""
+        return self.frames * len(self.pose) + len(self.constant)
+
+    def errors(
+        self, kept: Float[np.ndarray, " r"], chains: Float[np.ndarray, "k v"]
+    ) -> Float[np.ndarray, "k n"]:
+        """Each frame's error in the order of the layout."""
+        p = len(self.pose)
+        result = np.empty((self.frames, self.layout.error_dim))
+        result[:, self.pose] = kept[: self.frames * p].reshape(self.frames, p)
+        result[:, self.chain] = chains
+        result[:, self.constant] = kept[self.frames * p :]
+        return result
+
+    def _of(self, blocks: list[str]) -> Int[np.ndarray, " b"]:
+        every = np.arange(self.layout.error_dim)
+        return np.concatenate([every[:0], *[every[self.layout.slice(block)] for block in blocks]])

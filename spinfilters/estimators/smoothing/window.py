@@ -1,0 +1,170 @@
+"""The frames of a window with all that was measured in them, as arrays that grow at one end and shrink at the other."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from spinfilters.estimators.estimator import ProcessModel
+from spinfilters.estimators.first_frames import FirstStatePrior
+from spinfilters.estimators.smoothing.carried import Carried
+from spinfilters.estimators.smoothing.motion import Motion, collect_sensors
+from spinfilters.estimators.smoothing.problem import Problem
+from spinfilters.estimators.smoothing.robust_kernels import LeastSquares
+from spinfilters.estimators.smoothing.sightings import SensorGroup, Sightings
+from spinfilters.estimators.smoothing.unknowns import Unknowns
+from spinfilters.estimators.timeline import Frame
+from spinfilters.models.landmark_sensor import LandmarkSensor
+
+@dataclass(frozen=True)
+class Seen:
+    """Sightings that still count, in the order of time.
+
+    Attributes
+    ----------
+    frame: (N,) number in the window.   landmark: (N,) number among the window's.   sensor: (N,) number of the sensor.   values: (N, v).   parameters: (N, p), without the landmark's point.
+    """
+
+    frame: Int[np.ndarray, " N"]
+    landmark: Int[np.ndarray, " N"]
+    sensor: Int[np.ndarray, " N"]
+    values: Float[np.ndarray, "N v"]
+    parameters: Float[np.ndarray, "N p"]
+
+    def chosen(self, rows: Bool[np.ndarray, " N"]) -> "Seen":
+        """Some of them."""
+        return Seen(*(array[rows] for array in vars(self).values()))
+
+    def plus(self, other: "Seen") -> "Seen":
+        """Others behind them."""
+        if not len(self.frame):
+            return other
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return Seen(*(np.concatenate(pair) for pair in pairs))
+
+
+@dataclass(frozen=True)
+class Window:
+    """Frames, their states, and landmarks.
+
+    A landmark whose sightings have been used up is a new one when it is seen again: the old one's position is not forgotten, it has
+    become part of what is carried.
+
+    Attributes
+    ----------
+    frames: k of them.   trajectory: (k, m).   seen: their sightings.   models: sensors of landmarks, by number.
+    ids: (L,) of the landmarks, each once.   points: (L, 3) m, frame g.   carried: what is left of those that have gone.
+    """
+
+    frames: tuple[Frame, ...]
+    trajectory: Float[np.ndarray, "k m"]
+    seen: Seen
+    models: tuple[LandmarkSensor, ...]
+    ids: Int[np.ndarray, " L"]
+    points: Float[np.ndarray, "L 3"]
+    carried: Carried | None = None
+
+    @classmethod
+    def empty(cls, mean_dim: int) -> "Window":
+        """Without a frame."""
+        none = np.zeros(0, dtype=int)
+        seen = Seen(none, none, none, np.zeros((0, 3)), np.zeros((0, 6)))
+        return cls((), np.zeros((0, mean_dim)), seen, (), none, np.zeros((0, 3)))
+
+    @cached_property
+    def sightings(self) -> Sightings:
+        """As the elimination wants them: landmark after landmark."""
+        s, many = self.seen, len(self.ids) > np.iinfo(np.uint16).max
+        order = np.argsort(s.landmark if many else s.landmark.astype(np.uint16), kind="stable")
+        groups = []
+        for number, model in enumerate(self.models):
+            rows = np.flatnonzero(s.sensor[order] == number)
+            at = order[rows]
+            groups.append(SensorGroup(model, rows, s.values[at], s.parameters[at]))
+        counts = np.bincount(s.frame, minlength=len(self.frames))
+        place = np.zeros(len(order), dtype=int)
+        chosen = tuple(group for group in groups if len(group.rows))
+        return Sightings(s.frame[order], s.landmark[order], place, counts, len(self.ids), chosen)
+
+    def problem(self, process: ProcessModel, prior: FirstStatePrior | None, tied: bool) -> Problem:
+        """The least-squares problem of the window."""
+        unknowns = Unknowns(process.layout, len(self.frames), tied)
+        dt = np.array([there.time - here.time for here, there in pairwise(self.frames)])
+        motion = Motion(
+            process,
+            unknowns,
+            dt,
+            collect_sensors(self.frames),
+            prior,
+            LeastSquares(),
+            None if self.carried is None else self.carried.first[0],
+        )
+        return Problem(motion, self.sightings if tied else None, self.carried)
+
+    def last_seen(self) -> Int[np.ndarray, " L"]:
+        """The last frame in which each landmark has a sighting that counts."""
+        last = np.full(len(self.ids), -1)
+        np.maximum.at(last, self.seen.landmark, self.seen.frame)
+        return last
+
+    def grown(self, frame: Frame, state: Float[np.ndarray, " m"]) -> "Window":
+        """With one more frame at a first guess of its state; landmarks that are new begin where this frame puts them."""
+        grown = replace(
+            self, frames=(*self.frames, frame), trajectory=np.concatenate([self.trajectory, state[None]])
+        )
+        for m in frame.measurements:
+            if m.ids is not None and len(m.ids):
+                assert isinstance(m.model, LandmarkSensor)
+                grown = _with_sightings(grown, m.model, (m.ids, m.values, m.parameters))
+        return grown
+
+    def without(self, landmarks: Bool[np.ndarray, " L"]) -> "Window":
+        """Without some landmarks and their sightings."""
+        number = np.cumsum(~landmarks) - 1
+        seen = self.seen.chosen(~landmarks[self.seen.landmark])
+        seen = replace(seen, landmark=number[seen.landmark])
+        return replace(self, seen=seen, ids=self.ids[~landmarks], points=self.points[~landmarks])
+
+    def shifted(self, carried: Carried) -> "Window":
+        """Without the oldest frame, of which no sighting may be left."""
+        seen = replace(self.seen, frame=self.seen.frame - 1)
+        return replace(
+            self, frames=self.frames[1:], trajectory=self.trajectory[1:], seen=seen, carried=carried
+        )
+
+
+def _with_sightings(
+    window: Window, model: LandmarkSensor, measured: tuple[np.ndarray, np.ndarray, np.ndarray]
+) -> Window:
+    """With one sensor's sightings in the newest frame; those that tell no landmark and are not of a known one are left out."""
+    ids, values, parameters = measured
+    if not any(known is model for known in window.models):
+        window = replace(window, models=(*window.models, model))
+    landmark = _numbers(window.ids, ids)
+    fresh = np.flatnonzero(landmark < 0)
+    if len(fresh):
+        made = model.new_landmarks(window.trajectory[-1], parameters[fresh], values[fresh])
+        good = np.flatnonzero(made.determined & np.isfinite(made.points).all(axis=1))
+        good = good[np.sort(np.unique(ids[fresh[good]], return_index=True)[1])]
+        landmark[fresh[good]] = len(window.ids) + np.arange(len(good))
+        window = replace(
+            window,
+            ids=np.concatenate([window.ids, ids[fresh[good]]]),
+            points=np.concatenate([window.points, made.points[good]]),
+        )
+    use = np.flatnonzero(landmark >= 0)
+    frame = np.full(len(use), len(window.frames) - 1)
+    sensor = np.full(len(use), next(k for k, known in enumerate(window.models) if known is model))
+    here = Seen(frame, landmark[use], sensor, values[use], parameters[use, 3:])
+    return replace(window, seen=window.seen.plus(here))
+
+
+def _numbers(known: Int[np.ndarray, " L"], ids: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
+    """Which of the known ids each is, or -1."""
+    if not len(known):
+        return np.full(len(ids), -1)
+    order = np.argsort(known)
+    at = order[np.clip(np.searchsorted(known, ids, sorter=order), 0, len(order) - 1)]
+    return np.where(known[at] == ids, at, -1)

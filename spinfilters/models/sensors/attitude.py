@@ -1,0 +1,47 @@
+"""A measured attitude of the geometric frame: a star tracker's, or a scan match of which only the turn is trusted."""
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.attitude.expressions import Expression, conjugate, product, short_mrp_from_quaternion
+from spinfilters.models.measurement import MeasurementModel
+
+_LOWER = [(row, col) for row in range(3) for col in range(row + 1)]
+
+
+class Attitude(MeasurementModel):
+    """z = q_ig with an innovation of 4 x MRP on the body side.
+
+    Parameters of a measurement: the 6 entries, row by row, of the lower Cholesky factor of its covariance (rad).
+    """
+
+    name = "attitude"
+    dim = 3
+    value_dim = 4
+    parameter_dim = 6
+    needs = ("a",)
+
+    def symbolic(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        return state["q"]
+
+    def innovation(self, expected: Expression, measured: Expression) -> Expression:
+        return short_mrp_from_quaternion(product(conjugate(expected), measured))
+
+    def noise_factor(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        factor = ca.SX.zeros(3, 3)
+        for index, (row, col) in enumerate(_LOWER):
+            factor[row, col] = parameters[index]
+        return factor
+
+
+def attitude_parameters(covariance: Float[np.ndarray, "count 3 3"]) -> Float[np.ndarray, "count 6"]:
+    """Parameters of attitudes with these covariances, rad^2.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError: when a covariance is not positive definite.
+    """
+    factor = np.linalg.cholesky(covariance)
+    rows, cols = zip(*_LOWER, strict=True)
+    return factor[:, rows, cols]

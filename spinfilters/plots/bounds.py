@@ -1,0 +1,108 @@
+"""Figures of what can be determined, and how well."""
+
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+
+from observability.certificate import Certificate
+from observability.study import Curve, Quantity, Study
+from observability.wording import sentences
+from spinfilters.plots.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY, tidy
+
+COLOURS: Final = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY)
+
+
+def observability_figure(
+    certificate: Certificate,
+    time: Float[np.ndarray, " n"],
+    quantities: dict[Quantity, Float[np.ndarray, " n"]],
+    title: str,
+) -> Figure:
+    """Ranks by order with the verdict, beside the Cramer-Rao bound of every quantity over time, s."""
+    figure = Figure(figsize=(11.0, 5.4), layout="constrained")
+    ranks, bounds = figure.subplots(1, 2)
+    _rank_panel(ranks, certificate)
+    for (name, unit), color in zip(quantities, COLOURS, strict=False):
+        bounds.semilogy(
+            time, quantities[name, unit], color=color, label=f"{name} [{unit}]" if unit != "1" else name
+        )
+    bounds.set(xlabel="time [s]", ylabel="Cramer-Rao bound, standard deviation")
+    bounds.legend(frameon=False, fontsize="small")
+    tidy(bounds)
+    figure.suptitle(title, fontsize="large")
+    figure.supxlabel("\n".join(_wrapped(sentences(certificate))), fontsize="small", x=0.02, ha="left")
+    return figure
+
+
+def study_figure(study: Study) -> Figure:
+    """Bound against duration, frame rate, landmarks, and as a map over the direction of the rate."""
+    panels = len(study.curves) + 1
+    figure = Figure(figsize=(11.0, 8.4 if panels > 2 else 4.4), layout="constrained")
+    axes = figure.subplots(2 if panels > 2 else 1, 2).ravel()
+    for each, curve in zip(axes, study.curves, strict=False):
+        _curve_panel(each, curve)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
+    _motion_panel(figure, axes[len(study.curves)], study)
+    for unused in axes[panels:]:
+        unused.set_axis_off()
+    return figure
+
+
+def _rank_panel(axes: Axes, certificate: Certificate) -> None:
+    shown = certificate.ranks[: certificate.order + 3]
+    axes.bar(range(len(shown)), shown, color=BLUE, width=0.7)
+    axes.axhline(certificate.dimension, color=BLACK, linewidth=1.0, linestyle="--")
+    axes.annotate(
+        "unknowns", (len(shown) - 0.6, certificate.dimension), (0, 4), textcoords="offset points", ha="right"
+    )
+    for order, rank in enumerate(shown):
+        axes.annotate(str(rank), (order, rank), (0, 2), textcoords="offset points", ha="center")
+    axes.set(
+        xlabel="highest derivative of the outputs",
+        ylabel="exact rank",
+        ylim=(0, 1.15 * certificate.dimension),
+    )
+    axes.set_xticks(range(len(shown)))
+    tidy(axes)
+
+
+def _wrapped(lines: list[str], width: int = 150) -> list[str]:
+    wrapped = []
+    for line in lines:
+        while len(line) > width:
+            cut = line.rfind(" ", 0, width)
+            wrapped.append(line[:cut])
+            line = line[cut + 1 :]
+        wrapped.append(line)
+    return wrapped
+
+
+def _curve_panel(axes: Axes, curve: Curve) -> None:
+    for (name, unit), color in zip(curve.std, COLOURS, strict=False):
+        label = f"{name} [{unit}]" if unit != "1" else name
+        axes.loglog(curve.choices, curve.std[name, unit], "o-", color=color, markersize=3.5, label=label)
+    axes.set(xlabel=curve.label, ylabel="bound after the last frame")
+    axes.set_xticks(curve.choices, [f"{choice:g}" for choice in curve.choices], minor=False)
+    axes.minorticks_off()
+    tidy(axes)
+
+
+def _motion_panel(figure: Figure, axes: Axes, study: Study) -> None:
+    values = np.clip(study.moments, 1e-12, None)
+    norm = LogNorm(values.min(), max(values.max(), 1.001 * values.min()))
+    edges = np.arange(len(study.tilts) + 1) - 0.5
+    picture = axes.pcolormesh(edges, edges, values, norm=norm, cmap="cividis")
+    axes.set_xticks(range(len(study.turns)), [f"{angle:g}" for angle in study.turns], fontsize="small")
+    axes.set_yticks(range(len(study.tilts)), [f"{angle:g}" for angle in study.tilts], fontsize="small")
+    axes.set(
+        xlabel="turned from the intermediate (0) to the major axis (90) [deg]",
+        ylabel="tilted from the minor axis [deg]",
+    )
+    axes.set_title("inertia ratios by the direction of the rate", loc="left", fontsize="medium")
+    axes.tick_params(color=GREY)
+    figure.colorbar(picture, ax=axes, label="bound, standard deviation")

@@ -1,0 +1,86 @@
+"""Figures of how process noise is conditioned: the thesis' 4-6, 4-7 and 4-8 with the corrected rule, and the full state."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from observability.conditioning import (
+    BEST_CONDITION,
+    best_time_step,
+    condition_number,
+    double_integrator_covariance,
+    jacobi_scaling,
+    noise_covariance,
+    scaled,
+)
+from spinfilters.plots.style import BLACK, BLUE, GREEN, GREY, RED, tidy
+
+TIME_STEPS: Final = np.geomspace(1e-2, 1e2, 161)
+ALPHAS: Final = (0.1, 1.0, 10.0)
+ELLIPSES: Final = ((0.6, BLUE), (float(np.sqrt(3)), GREEN), (3.0, RED))
+"""Time steps in s: shorter than the best one, best, longer."""
+
+
+def conditioning_figure(rate: Float[np.ndarray, " 3"]) -> Figure:
+    """Condition number against time step, one-sigma ellipses, other units of velocity, and the full state at a body rate, rad/s."""
+    figure = Figure(figsize=(11.0, 8.4), layout="constrained")
+    over_time, ellipses, units, whole = figure.subplots(2, 2).ravel()
+    _condition_panel(over_time, (1.0,))
+    over_time.set_title("double integrator (as Figure 4-6)", loc="left", fontsize="medium")
+    _ellipse_panel(ellipses)
+    _condition_panel(units, ALPHAS)
+    units.set_title(r"velocity in units of $\alpha$ (as Figure 4-8)", loc="left", fontsize="medium")
+    _full_state_panel(whole, rate)
+    return figure
+
+
+def _condition_panel(axes: Axes, alphas: Sequence[float]) -> None:
+    for alpha, color in zip(
+        alphas, (GREEN, BLUE, RED)[-len(alphas) :] if len(alphas) > 1 else (BLUE,), strict=True
+    ):
+        values = [condition_number(double_integrator_covariance(float(dt), alpha)) for dt in TIME_STEPS]
+        axes.loglog(TIME_STEPS, values, color=color, label=rf"$\alpha$ = {alpha:g} 1/s")
+        axes.plot(best_time_step(alpha), BEST_CONDITION, "o", color=color, markersize=5)
+    axes.axhline(BEST_CONDITION, color=BLACK, linewidth=0.8, linestyle="--")
+    axes.annotate(
+        r"best at $\sqrt{3}/\alpha$: $7 + 4\sqrt{3}$ = 13.93",
+        (TIME_STEPS[0], BEST_CONDITION),
+        (4, -13),
+        textcoords="offset points",
+    )
+    axes.set(xlabel="time step [s]", ylabel="condition number", ylim=(5, 1e7))
+    axes.legend(frameon=False)
+    tidy(axes)
+
+
+def _ellipse_panel(axes: Axes) -> None:
+    angle = np.linspace(0, 2 * np.pi, 200)
+    circle = np.stack([np.cos(angle), np.sin(angle)])
+    for dt, color in ELLIPSES:
+        ellipse = np.linalg.cholesky(double_integrator_covariance(dt)) @ circle
+        axes.plot(*ellipse, color=color, label=f"{dt:.3g} s")
+    axes.plot([-2, 2], [-2, 2], color=GREY, linewidth=0.8, linestyle="--", label="45 degrees")
+    axes.set(xlabel="position", ylabel="velocity", aspect="equal")
+    axes.set_title("one sigma after a time step (as Figure 4-7)", loc="left", fontsize="medium")
+    axes.legend(frameon=False)
+    tidy(axes)
+
+
+def _full_state_panel(axes: Axes, rate: Float[np.ndarray, " 3"]) -> None:
+    steps = TIME_STEPS[TIME_STEPS <= 10]
+    for turning, color in ((np.zeros(3), BLUE), (rate, RED)):
+        covariances = [noise_covariance(float(dt), turning) for dt in steps]
+        speed = float(np.linalg.norm(turning))
+        axes.loglog(
+            steps, list(map(condition_number, covariances)), color=color, label=f"SI units, {speed:.2g} rad/s"
+        )
+        jacobi = [condition_number(scaled(C, jacobi_scaling(C))) for C in covariances]
+        axes.loglog(steps, jacobi, color=color, linestyle="--", label=f"Jacobi scaling, {speed:.2g} rad/s")
+    axes.set(xlabel="time step [s]", ylabel="condition number")
+    axes.set_title("pose and velocities together", loc="left", fontsize="medium")
+    axes.legend(frameon=False)
+    tidy(axes)
