@@ -24,7 +24,7 @@ from spinfilters.workflow.segments import run_segments, segment_medians, segment
 from spinfilters.workflow.settings import Settings, read_settings
 
 WIDTH_OF_FILES = 150
-RECORDING_ESTIMATORS = ("mekf", "ukf")
+RECORDING_ESTIMATORS = ("mekf", "ukf", "smoother")
 
 
 def compare(options: argparse.Namespace) -> int:

@@ -108,7 +108,8 @@ def _title(case: Case) -> str:
 
 
 def _bound_lines(final: dict[tuple[str, str], float], options: argparse.Namespace) -> list[str]:
-    when = f"Cramer-Rao bound after {options.frames} frames at {options.interval:g} s, torque-free:"
+    known = " without the known inputs" if options.torque or options.manoeuvre else ""
+    when = f"Cramer-Rao bound after {options.frames} frames at {options.interval:g} s{known}:"
     return [
         when,
         *[

@@ -72,12 +72,14 @@ class StartReport:
     frames: smoothed trajectory with covariance; the filters begin from its last frame.
     fit: rms of the whitened innovations of those frames: 1 when noise and model are right.
     momentum_residual: how far the closed form's angular momentum was from constant (relative rms).
+    prior: of the first frame's state.
     """
 
     layout: StateLayout
     frames: SmoothedFrames
     fit: float
     momentum_residual: float
+    prior: FirstStatePrior
 
     @property
     def belief(self) -> Gaussian:
@@ -105,7 +107,7 @@ def start_from_data(
         process, frames, trial_trajectory(process.layout, frames, first, evidence), prior, options
     )
     fit = float(np.sqrt(found.cost / max(found.dof, 1)))
-    return StartReport(process.layout, found, fit, momentum_residual)
+    return StartReport(process.layout, found, fit, momentum_residual, prior)
 
 
 def closed_form(layout: StateLayout, evidence: MotionEvidence) -> tuple[Float[np.ndarray, " m"], float]:

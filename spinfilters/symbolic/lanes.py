@@ -7,6 +7,7 @@ machine, and the result is the same bits.
 
 import ctypes
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -174,6 +175,7 @@ class Fold:
 
 
 _NO_TURNS = np.zeros(1)
+_FLOAT, _INTEGER = np.dtype(np.float64), np.dtype(np.int64)
 
 
 def _run(
@@ -183,9 +185,9 @@ def _run(
     shapes: list[tuple[int, int]],
     each: np.ndarray = _NO_TURNS,
 ) -> tuple[np.ndarray, ...]:
-    arrays = [np.ascontiguousarray(argument, dtype=float) for argument in arguments]
-    chosen = [None if row is None else np.ascontiguousarray(row, dtype=np.int64) for row in rows]
-    results, each = tuple(np.empty(shape) for shape in shapes), np.ascontiguousarray(each, dtype=float)
+    arrays = [_plain(argument, _FLOAT) for argument in arguments]
+    chosen = [None if row is None else _plain(row, _INTEGER) for row in rows]
+    results, each = tuple(np.empty(shape) for shape in shapes), _plain(each, _FLOAT)
     pointers, longs = ctypes.c_void_p * len(arrays), ctypes.c_longlong * len(arrays)
     library.spinfilters_lanes(
         ctypes.c_longlong(shapes[0][0]),
@@ -197,6 +199,13 @@ def _run(
         ctypes.c_void_p(each.ctypes.data),
     )
     return results
+
+
+def _plain(array: np.ndarray, kind: np.dtype[Any]) -> np.ndarray:
+    """Contiguous and of one kind, the array itself where it is."""
+    if array.dtype is kind and array.flags.c_contiguous:
+        return array
+    return np.ascontiguousarray(array, dtype=kind)
 
 
 def lane_text(function: ca.Function, folded: bool = False) -> str | None:

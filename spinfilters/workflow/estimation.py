@@ -23,8 +23,10 @@ from spinfilters.workflow.checkpointing import Keeper, KeeperOf, forget
 from spinfilters.workflow.preparation import Prepared
 from spinfilters.workflow.quality import judged, shared_doubts
 from spinfilters.workflow.settings import Settings
+from spinfilters.workflow.smoothing import NAME as SMOOTHER
+from spinfilters.workflow.smoothing import run_smoother
 
-OURS = ("mekf", "ukf")
+OURS = ("mekf", "ukf", SMOOTHER)
 """Estimators whose disagreement casts doubt; a baseline that goes astray says nothing of them."""
 
 Progress = Callable[[str, int, int], None]
@@ -84,10 +86,9 @@ def compare_estimators(
     _check(settings, prepared)
     try:
         for name in settings.estimators:
-            estimator = build_estimator(name, prepared, settings)
-            history = _with_start(_run(name, estimator, prepared, progress, keeper_of(name)), prepared)
+            history, points = _estimated(name, prepared, settings, (progress, keeper_of))
             evaluations.append(_evaluated(history, prepared))
-            maps |= _map_of(name, estimator, history, prepared)
+            maps |= {} if points is None else {name: points}
             interrupted = _is_cut_short(history, len(prepared.timeline))
             if interrupted:
                 break
@@ -96,6 +97,19 @@ def compare_estimators(
             raise
         interrupted = True
     return Comparison(prepared, tuple(_judge(evaluations, prepared)), interrupted, maps)
+
+
+def _estimated(
+    name: str, prepared: Prepared, settings: Settings, follow: tuple[Progress, KeeperOf]
+) -> tuple[EstimateHistory, Float[np.ndarray, "k 3"] | None]:
+    """One estimator's history of all frames, and its landmarks if it has any."""
+    progress, keeper_of = follow
+    if name == SMOOTHER:
+        smoothed = run_smoother(prepared, settings, lambda done, every: progress(name, done, every))
+        return smoothed.history, prepared.map_points if smoothed.points is None else smoothed.points
+    estimator = build_estimator(name, prepared, settings)
+    history = _with_start(_run(name, estimator, prepared, progress, keeper_of(name)), prepared)
+    return history, _map_of(estimator, history, prepared)
 
 
 def _check(settings: Settings, prepared: Prepared) -> None:
@@ -131,12 +145,12 @@ def _run(
 
 
 def _map_of(
-    name: str, estimator: Estimator, history: EstimateHistory, prepared: Prepared
-) -> dict[str, Float[np.ndarray, "k 3"]]:
+    estimator: Estimator, history: EstimateHistory, prepared: Prepared
+) -> Float[np.ndarray, "k 3"] | None:
     """The landmarks that an estimator ended with; those of the start where it failed or holds none."""
     if isinstance(estimator, LandmarkFilter) and history.status.verdict is not Verdict.FAILED:
-        return {name: estimator.landmark_belief.points}
-    return {} if prepared.map_points is None else {name: prepared.map_points}
+        return estimator.landmark_belief.points
+    return prepared.map_points
 
 
 def _start(estimator: Estimator, prepared: Prepared) -> None:

@@ -17,9 +17,10 @@ from spinfilters.estimators.start import StartOptions
 from spinfilters.logs.input_file import named, shown
 from spinfilters.logs.settings_files import read_toml
 from spinfilters.models.process import ProcessNoise
+from spinfilters.workflow.smoother_settings import SmootherSettings
 
 AUTO = "auto"
-ESTIMATORS = ("mekf", "ukf", "filterpy-ekf", "filterpy-ukf")
+ESTIMATORS = ("mekf", "ukf", "smoother", "filterpy-ekf", "filterpy-ukf")
 
 
 @dataclass(frozen=True)
@@ -82,6 +83,7 @@ class Settings:
     robust: RobustOptions = field(default_factory=RobustOptions)
     iteration: IterationOptions = field(default_factory=IterationOptions)
     adaptation: AdaptationOptions = field(default_factory=AdaptationOptions)
+    smoother: SmootherSettings = field(default_factory=SmootherSettings)
 
     def __post_init__(self) -> None:
         unknown = [name for name in self.estimators if name not in ESTIMATORS]
@@ -107,6 +109,7 @@ _TABLES = {
     "robust": RobustOptions,
     "iteration": IterationOptions,
     "adaptation": AdaptationOptions,
+    "smoother": SmootherSettings,
 }
 
 

@@ -66,7 +66,7 @@ def start_with_landmarks(
         found.mean, found.factor, found.cost, found.dof, found.iterations, found.converged
     )
     fit = float(np.sqrt(found.cost / max(found.dof, 1)))
-    return LandmarkStartReport(process.layout, smoothed, fit, momentum_residual, found)
+    return LandmarkStartReport(process.layout, smoothed, fit, momentum_residual, prior, found)
 
 
 def _fixing_g(

@@ -37,6 +37,10 @@ class Carried:
         """R'R."""
         return self.root.T @ self.root
 
+    @cached_property
+    def _gauge(self) -> Float[np.ndarray, "q 6"]:
+        return gauge_columns(self.unknowns, self.first)
+
     def at(self, trajectory: Float[np.ndarray, "k m"]) -> "CarriedAt":
         """About a trajectory that begins with the F frames."""
         here = trajectory[: len(self.first)]
@@ -55,8 +59,8 @@ class Carried:
     def shift(self, here: Float[np.ndarray, "F m"]) -> Float[np.ndarray, "q p"]:
         """D in R_now = R (I + D on the oldest pose's columns)."""
         p = len(self.unknowns.pose)
-        now, first = gauge_columns(self.unknowns, here), gauge_columns(self.unknowns, self.first)
-        return np.linalg.solve(now[:p].T, (first - now).T).T
+        now = gauge_columns(self.unknowns, here)
+        return np.linalg.solve(now[:p].T, (self._gauge - now).T).T
 
     def root_at(self, here: Float[np.ndarray, "F m"]) -> Float[np.ndarray, "q q1"]:
         """Rows [R_now | y_now] about other points of the F frames."""

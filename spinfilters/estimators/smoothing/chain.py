@@ -115,6 +115,8 @@ def _eliminated(D: np.ndarray, E: np.ndarray, G: np.ndarray) -> int:
             D[k] = np.linalg.cholesky(D[k])
         except np.linalg.LinAlgError:
             return k
+        if not np.isfinite(D[k]).all():
+            return k
         G[k] = solve_triangular(D[k], G[k], lower=True, check_finite=False)
         if k + 1 < len(D):
             E[k] = solve_triangular(D[k], E[k], lower=True, check_finite=False)

@@ -27,13 +27,14 @@ class Eliminated:
 
     Attributes
     ----------
-    told: (L,) which of the sightings' landmarks.   used: (N,) sightings that count: those of a told landmark with a weight.
+    weight: (N,) of each sighting.   told: (L,) which of the sightings' landmarks.   used: (N,) sightings that count: those of a told landmark with a weight.
     root: (L, 3, 3) lower triangular L.   gradient: (L, 3) y.   coupling: (N, 3, 6) Y of each sighting; that of the first of a
     landmark's sightings in a frame holds them all.
     information: (r + 1, r) what is left to the poses, in the lower triangle, and an empty row.   pose_gradient: (r,).
     """
 
     sightings: Sightings
+    weight: Float[np.ndarray, " N"]
     told: Bool[np.ndarray, " L"]
     used: Bool[np.ndarray, " N"]
     root: Float[np.ndarray, "L 3 3"]
@@ -96,7 +97,7 @@ def eliminate(
         raise MemoryError("no memory to eliminate the landmarks")
     library.spread_blocks(integer(frames), integer(kept), pointer(blocks), pointer(information))
     used = (weight > 0) & told[sightings.landmark]
-    return Eliminated(sightings, told, used, root, gradient, coupling, information, slope)
+    return Eliminated(sightings, weight, told, used, root, gradient, coupling, information, slope)
 
 
 def eliminate_in_numpy(
@@ -125,7 +126,7 @@ def eliminate_in_numpy(
         information[at, at] += blocks[k]
     slope[:size] = slopes.reshape(-1) - Y.T @ gradient.reshape(-1)
     coupling = whole.swapaxes(1, 2)[landmark, frame] * _firsts(sightings, used)[:, None, None]
-    return Eliminated(sightings, told, used, root, gradient, coupling, np.tril(information), slope)
+    return Eliminated(sightings, weight, told, used, root, gradient, coupling, np.tril(information), slope)
 
 
 def _told(

@@ -9,15 +9,19 @@ from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.linalg.lapack import dgeqrf
+from scipy.linalg.lapack import dgeqrt
 
 from spinfilters.estimators.smoothing.carried import Carried, column_errors, gauge_columns
 from spinfilters.estimators.smoothing.elimination import POSE, Eliminated
 from spinfilters.estimators.smoothing.motion import Motion, prior_rows
+from spinfilters.estimators.smoothing.native import integer, kernels, pointer
 from spinfilters.estimators.smoothing.problem import Normal, Point, Problem
 from spinfilters.estimators.smoothing.sightings import LinearSightings
 from spinfilters.estimators.smoothing.unknowns import CONSTANT, Unknowns
 from spinfilters.estimators.smoothing.window import Window
+
+NARROW, WIDE, WIDE_ENOUGH = 8, 32, 300
+"""Columns per block of a QR decomposition, of matrices narrower than the last number and of others: what was fastest."""
 
 
 def without_landmarks(
@@ -31,7 +35,9 @@ def without_landmarks(
     """
     here, unknowns = at[0].trajectory, problem.unknowns
     first = _first_estimates(window, here)
-    root = _triangular([_carried_rows(window, unknowns), _of_landmarks(at, landmarks, unknowns, first)])
+    rows = _spread_poses(_of_landmarks(at, landmarks, unknowns), unknowns, 0)
+    new = _at_first_estimates(rows, unknowns, first, here)
+    root = _triangular([_carried_rows(window, unknowns), new])
     return replace(
         window.without(landmarks), carried=_carried(root, unknowns, first, 0, window.carried)
     )
@@ -55,35 +61,33 @@ def without_oldest(
     first = _first_estimates(window, here)
     rows = [_spread_step(point.dynamics.rows[0], unknowns)]
     rows += [_spread_frame(part, unknowns) for part in _alone(problem.motion, here)]
-    parts = [
-        _with_gap(_carried_rows(window, unknowns), v),
-        _at_first_estimates(np.concatenate(rows), unknowns, first, here, v),
-    ]
     if at is not None and landmarks is not None and landmarks.any():
-        parts.append(_with_gap(_of_landmarks(at, landmarks, unknowns, first), v))
+        rows.append(_spread_poses(_of_landmarks(at, landmarks, unknowns), unknowns, v))
+    new = _at_first_estimates(np.concatenate(rows), unknowns, first, here, v)
+    old = _with_gap(_carried_rows(window, unknowns), v)
+    if landmarks is not None:
         window = window.without(landmarks)
-    root = _triangular([part[:, _leaving_first(unknowns)] for part in parts])
+    root = _triangular([part[:, _leaving_first(unknowns)] for part in (old, new)])
     after, gone = replace(unknowns, frames=unknowns.frames - 1), len(unknowns.moving)
     first = _handed_over(unknowns, first, here[1])
     return window.shifted(_carried(root, after, first, gone, window.carried))
 
 
 def _of_landmarks(
-    at: tuple[Point, Normal],
-    landmarks: Bool[np.ndarray, " L"],
-    unknowns: Unknowns,
-    first: Float[np.ndarray, "k m"],
+    at: tuple[Point, Normal], landmarks: Bool[np.ndarray, " L"], unknowns: Unknowns
 ) -> Float[np.ndarray, "r w"]:
-    """Rows of leaving landmarks over a carried quadratic's columns, about the first estimates."""
     here, normal = at
-    c, v = len(unknowns.constant), len(unknowns.chain)
-    poses = unknowns.frames * len(unknowns.pose)
     if normal.eliminated is None or here.linear is None:
-        return np.zeros((0, poses + c + v + 1))
-    rows = landmark_rows(normal, here.linear, landmarks, unknowns.frames)
-    new = np.zeros((len(rows), poses + c + v + 1))
-    new[:, :poses], new[:, -1] = rows[:, :-1], rows[:, -1]
-    return _at_first_estimates(new, unknowns, first, here.trajectory)
+        return np.zeros((0, unknowns.frames * len(unknowns.pose) + 1))
+    return landmark_rows(normal, here.linear, landmarks, unknowns.frames)
+
+
+def _spread_poses(rows: Float[np.ndarray, "r w"], unknowns: Unknowns, more: int) -> Float[np.ndarray, "r x"]:
+    """Rows over poses alone over a carried quadratic's columns and ``more``."""
+    size = rows.shape[1] - 1 + len(unknowns.constant) + len(unknowns.chain) + more
+    out = np.zeros((len(rows), size + 1))
+    out[:, : rows.shape[1] - 1], out[:, -1] = rows[:, :-1], rows[:, -1]
+    return out
 
 
 def _with_gap(rows: Float[np.ndarray, "r w"], width: int) -> Float[np.ndarray, "r x"]:
@@ -105,17 +109,40 @@ def landmark_rows(
     """What the sightings of some landmarks say of the poses when those are unknown: whitened rows with the right-hand side."""
     fit = normal.eliminated
     assert fit is not None
-    rows = np.flatnonzero(fit.used & landmarks[fit.sightings.landmark])
-    landmark, frame = fit.sightings.landmark[rows], fit.sightings.frame[rows]
+    sightings, library = fit.sightings, kernels()
+    rows = np.flatnonzero(fit.used & landmarks[sightings.landmark])
+    weight = fit.weight
     size = frames * POSE
-    weight = np.sqrt(normal.stage.kernel.weight(linear.square)[rows])[:, None, None]
-    scaled = weight * linear.rows[rows]
+    if library is None:
+        return _landmark_rows(fit, linear, weight, (landmarks, rows), size)
+    out = np.zeros((len(rows), 3, size + 1))
+    library.project_landmarks(
+        integer(len(rows)),
+        *map(pointer, (rows, sightings.landmark, sightings.start, sightings.frame)),
+        *map(pointer, (linear.rows, weight, fit.root, fit.gradient, fit.coupling)),
+        integer(size + 1),
+        integer(size),
+        pointer(out),
+    )
+    return out.reshape(-1, size + 1)
+
+
+def _landmark_rows(
+    fit: Eliminated,
+    linear: LinearSightings,
+    weight: Float[np.ndarray, " N"],
+    which: tuple[Bool[np.ndarray, " L"], np.ndarray],
+    size: int,
+) -> Float[np.ndarray, "r w"]:
+    """`landmark_rows` for machines without a compiler."""
+    landmarks, rows = which
+    landmark, frame = fit.sightings.landmark[rows], fit.sightings.frame[rows]
+    scaled = np.sqrt(weight[rows])[:, None, None] * linear.rows[rows]
     Q = np.linalg.solve(fit.root[landmark], scaled[:, :, POSE:-1].swapaxes(1, 2)).swapaxes(1, 2)
     whole, number = _whole_coupling(fit, landmarks, size)
     out = np.zeros((len(rows), 3, size + 1))
-    at = np.arange(len(rows))
     columns = frame[:, None] * POSE + np.arange(POSE)
-    out[at[:, None], :, columns] = scaled[:, :, :POSE].swapaxes(1, 2)
+    out[np.arange(len(rows))[:, None], :, columns] = scaled[:, :, :POSE].swapaxes(1, 2)
     out[:, :, -1] = scaled[:, :, -1]
     out -= Q @ whole[number[landmark]]
     return out.reshape(-1, size + 1)
@@ -243,7 +270,7 @@ def _triangular(parts: list[Float[np.ndarray, "r w"]]) -> Float[np.ndarray, "w w
     for part in parts:
         rows[done : done + len(part)] = part
         done += len(part)
-    return np.triu(dgeqrf(rows, overwrite_a=1)[0][:width])
+    return np.triu(dgeqrt(NARROW if width < WIDE_ENOUGH else WIDE, rows, overwrite_a=1)[0][:width])
 
 
 def _carried(

@@ -16,6 +16,9 @@ the inertia made while it is hardly known would be kept for ever."""
 LONGEST_STARTUP = 120
 """Frames after which even an undetermined inertia must leave: a body in pure spin never tells it."""
 
+TOGETHER = 100
+"""Landmarks that are frozen at once, at least: each time costs a decomposition."""
+
 
 class Mode(ABC):
     """What leaves after a frame has been taken in."""
@@ -63,7 +66,8 @@ class FrozenVision(Mode):
         time = np.array([frame.time for frame in window.frames])
         turn = _turns(window.trajectory[:, layout.mean_slice("w")], time)
         last = window.last_seen()
-        return (last >= 0) & (turn[-1] - turn[last] > self.revolutions)
+        gone = (last >= 0) & (turn[-1] - turn[last] > self.revolutions)
+        return gone if np.count_nonzero(gone) >= TOGETHER else np.zeros_like(gone)
 
     def longest(self, mass_std: float) -> float:
         return self.frames

@@ -8,14 +8,16 @@ Each line divided by its noise is a row of a least-squares problem (Bell 1994). 
 right-hand side as last column, one per frame and one per step.
 """
 
+import ctypes
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from spinfilters.estimators.estimator import ProcessModel
 from spinfilters.estimators.first_frames import FirstStatePrior
+from spinfilters.estimators.smoothing.native import integer, kernels, pointer
 from spinfilters.estimators.smoothing.robust_kernels import RobustKernel
 from spinfilters.estimators.smoothing.unknowns import CONSTANT, Unknowns
 from spinfilters.estimators.timeline import Timeline
@@ -109,19 +111,13 @@ class Motion:
             _, transition, noise = self.process.linearise_steps(self._at_first_constants(trajectory[:-1]), dt)
         defect = layout.local(trajectory[1:], moved)
         _turn(unknowns, defect, transition, noise)
-        d, moving = len(unknowns.moving), unknowns.moving
+        d, moving, constant = len(unknowns.moving), span(unknowns.moving), span(unknowns.constant)
         rows = np.zeros((len(moved), d, d + len(unknowns.order) + 1))
-        rows[:, :, :d] = -transition[:, moving[:, None], moving]
+        rows[:, :, :d] = -transition[:, moving][:, :, moving]
         rows[:, :, d : 2 * d] = np.eye(d)
-        rows[:, :, 2 * d : -1] = -transition[:, moving[:, None], unknowns.constant]
+        rows[:, :, 2 * d : -1] = -transition[:, moving][:, :, constant]
         rows[:, :, -1] = defect[:, moving]
-        noise = noise[:, moving]
-        spread = noise @ noise.swapaxes(1, 2)
-        spread[:, np.arange(d), np.arange(d)] += NOISE_FLOOR**2
-        try:
-            return np.linalg.solve(np.linalg.cholesky(spread), rows)
-        except np.linalg.LinAlgError:  # a trial that is not finite: its cost says so
-            return np.full_like(rows, np.nan)
+        return whitened(rows, np.ascontiguousarray(noise[:, moving]))
 
     def _at_first_constants(self, trajectory: Float[np.ndarray, "k m"]) -> Float[np.ndarray, "k m"]:
         """With the constants at which something is carried already: other slopes would claim to know what nothing has told."""
@@ -164,6 +160,38 @@ class Motion:
         rows[:, :, -1] = innovation * weight
         rows[~good] = 0.0
         return rows, np.where(good, self.kernel.cost(square), 0.0)
+
+    def believed(
+        self, sensor: SensorRows, trajectory: Float[np.ndarray, "k m"]
+    ) -> Bool[np.ndarray, " r"]:
+        """Which of a sensor's measurements have a weight."""
+        return np.abs(self.sensor_rows(sensor, trajectory)[0]).max(axis=(1, 2)) > 0
+
+
+def whitened(rows: Float[np.ndarray, "k d w"], noise: Float[np.ndarray, "k d q"]) -> Float[np.ndarray, "k d w"]:
+    """Rows divided by the root of noise noise' + floor^2; not a number where it is not positive definite. May change ``rows``."""
+    (K, d, width), library = rows.shape, kernels()
+    if library is not None:
+        scratch = np.empty((d, d))
+        library.whiten_rows(
+            *map(integer, (K, d, width, noise.shape[2])),
+            ctypes.c_double(NOISE_FLOOR),
+            *map(pointer, (noise, rows, scratch)),
+        )
+        return rows
+    spread = noise @ noise.swapaxes(1, 2)
+    spread[:, np.arange(d), np.arange(d)] += NOISE_FLOOR**2
+    try:
+        return np.linalg.solve(np.linalg.cholesky(spread), rows)
+    except np.linalg.LinAlgError:  # a trial that is not finite: its cost says so
+        return np.full_like(rows, np.nan)
+
+
+def span(index: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"] | slice:
+    """A slice where the components are consecutive, which is read without a copy."""
+    if len(index) and (np.diff(index) == 1).all():
+        return slice(int(index[0]), int(index[-1]) + 1)
+    return index
 
 
 def _turn(unknowns: Unknowns, defect: np.ndarray, transition: np.ndarray, noise: np.ndarray) -> None:

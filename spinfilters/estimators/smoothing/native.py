@@ -18,7 +18,8 @@ def kernels() -> ctypes.PyDLL | None:
     library = load_text("smoother_kernels", text, KERNEL_FLAGS)
     if library is not None:
         library.eliminate_chain.restype = ctypes.c_longlong
-        library.spread_blocks.restype = library.follow_poses.restype = None
+        for name in ("spread_blocks", "follow_poses", "solve_chain", "whiten_rows", "project_landmarks"):
+            getattr(library, name).restype = None
     return library
 
 

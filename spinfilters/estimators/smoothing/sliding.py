@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import ProcessModel
@@ -12,20 +12,22 @@ from spinfilters.estimators.smoothing.closed_form import Tried, at_closed_form
 from spinfilters.estimators.smoothing.marginalisation import without_landmarks, without_oldest
 from spinfilters.estimators.smoothing.marginals import Marginals
 from spinfilters.estimators.smoothing.modes import DETERMINED, FrozenVision, Mode
-from spinfilters.estimators.smoothing.newest import newest_factor
+from spinfilters.estimators.smoothing.newest import constant_std, newest_factor
 from spinfilters.estimators.smoothing.problem import Normal, Point, Problem, Stage
 from spinfilters.estimators.smoothing.reduced import Reduced
 from spinfilters.estimators.smoothing.revival import revived
-from spinfilters.estimators.smoothing.robust_kernels import Gate
+from spinfilters.estimators.smoothing.robust_kernels import Gate, Huber, RobustKernel
 from spinfilters.estimators.smoothing.sightings import SIGHTINGS_NEEDED, linearise_sightings
 from spinfilters.estimators.smoothing.solver import advanced, moved
 from spinfilters.estimators.smoothing.step_rules import GaussNewton
+from spinfilters.estimators.smoothing.undetermined import undetermined_directions
 from spinfilters.estimators.smoothing.window import Window
-from spinfilters.estimators.timeline import Frame
+from spinfilters.estimators.timeline import Frame, Timeline
 from spinfilters.state.gaussian import Gaussian
 
-FAR = 1e6
-"""Standard deviations: no residual of a camera is as long."""
+WIDTH = 5.0
+"""Standard deviations: of the kernel that takes over where the kernel proper would lose most of a frame, and within which sightings'
+own points agree."""
 STRANGE = 0.3
 """Share of the newest frame's sightings outside the gate from which the frame's guess, not the sightings, is taken to be wrong."""
 SURPRISE = 10.0
@@ -43,18 +45,25 @@ class SlidingOptions:
     mode: what it keeps.   gate: standard deviations beyond which a sighting counts as a wrong association.
     iterations: per frame, at most; one is enough where nothing surprises.
     retired: whether frames that leave are handed back with their covariance, which costs a factorisation more.
+    kernel: of a sighting's residual, in place of the gate.
     """
 
     mode: Mode = field(default_factory=FrozenVision)
     gate: float = 5.0
     iterations: int = 4
     retired: bool = True
+    kernel: RobustKernel | None = None
 
     def __post_init__(self) -> None:
         if self.iterations < 1 or not self.gate > 0:
             raise InputError(
                 f"iterations is {self.iterations}, gate {self.gate}; give at least 1 and more than 0"
             )
+
+    @property
+    def sighting_kernel(self) -> RobustKernel:
+        """The kernel, or the gate."""
+        return Gate(self.gate, self.gate) if self.kernel is None else self.kernel
 
 
 @dataclass(frozen=True)
@@ -101,6 +110,23 @@ class SlidingSmoother:
         self._linear: tuple[Point, Normal] | None = None
         self.window = Window.empty(process.layout.mean_dim)
 
+    def begin(
+        self,
+        frames: Timeline,
+        trajectory: Float[np.ndarray, "k m"],
+        ids: Int[np.ndarray, " L"],
+        points: Float[np.ndarray, "L 3"],
+    ) -> list[Taken]:
+        """Take in the first frames at once, with states and landmarks (m, frame g) that a start has found for them."""
+        window = self.window
+        for frame, state in zip(frames, trajectory, strict=True):
+            window = window.grown(frame, state)
+        self.window = window.placed(ids, points)
+        problem = self.problem()
+        _, here, normal = self._solved(problem, problem.at(self.window.trajectory, self.window.points))
+        self._linear = (here, normal)
+        return [Taken(*self._counted(normal, k), 1) for k in range(len(frames))]
+
     def add(self, frame: Frame, guess: Float[np.ndarray, " 7"] | None = None) -> Taken:
         """Take in a frame.
 
@@ -117,7 +143,7 @@ class SlidingSmoother:
         here = problem.at(self.window.trajectory, self.window.points)
         count, here, normal = self._solved(problem, here)
         here, tries = self._from_closed_form(problem, here, normal)
-        accepted, rejected = self._counted(here, normal)
+        accepted, rejected = self._counted(normal)
         self._linear = (here, normal)
         retired = self._slide(problem)
         return Taken(accepted, rejected, count + tries, retired)
@@ -134,11 +160,15 @@ class SlidingSmoother:
     @property
     def mass_std(self) -> float:
         """Largest standard deviation of the mass distribution (logarithm of second moments)."""
-        layout = self.process.layout
+        assert self._linear is not None
+        solution, layout = self._linear[1].solution, self.process.layout
         if "s" not in layout.blocks:
             return 0.0
-        std = np.linalg.norm(self._newest_factor()[layout.slice("s")], axis=1).max()
-        return float(std) if np.isfinite(std) else np.inf
+        if isinstance(solution, int):
+            return np.inf
+        std, first = constant_std(solution), layout.slice("s").start
+        at = int(np.searchsorted(solution.unknowns.constant, first))
+        return float(std[at : at + layout.slice("s").stop - first].max())
 
     def smoothed(self) -> list[Retired]:
         """All frames of the window with their covariances."""
@@ -151,6 +181,14 @@ class SlidingSmoother:
             factors = Marginals(solution, None).factors[-count:]
         rows = zip(self.window.frames, self.window.trajectory, factors, strict=True)
         return [Retired(frame.time, mean, factor) for frame, mean, factor in rows]
+
+    def undetermined(self) -> list[str]:
+        """What the measurements so far do not determine, in words; only while the first frame is in the window."""
+        assert self._linear is not None
+        count = len(self.window.frames)
+        if self._linear[0].trajectory.shape[0] != count:
+            return []
+        return undetermined_directions(self.problem(), *self._linear)
 
     def _guess(self, time: float, guess: np.ndarray | None) -> Float[np.ndarray, " m"]:
         """A first state for a new frame: predicted, at the guessed pose."""
@@ -172,7 +210,7 @@ class SlidingSmoother:
         """The linear problem at the last linearisation, which the window's states are one step beyond, and how many there were."""
         surprise = SURPRISE * self._measured()
         for count in range(1, self.options.iterations + 1):
-            stage = self._stage(here)
+            stage = self._stage(problem, here)
             here = self._repaired(problem, here, stage)
             normal = problem.normal(here, stage)
             if normal.decrement <= surprise or isinstance(normal.solution, int):
@@ -191,14 +229,15 @@ class SlidingSmoother:
         frame = self.window.frames[-1]
         return sum(m.values.size for m in frame.measurements) + self.process.layout.error_dim
 
-    def _stage(self, here: Point) -> Stage:
-        """The strict gate, or none on the outside where most of the newest frame would be lost."""
-        gate, linear = self.options.gate, here.linear
-        if linear is None:
-            return Stage(Gate(gate, gate))
-        sizes = linear.size[self.window.sightings.frame == len(self.window.frames) - 1]
-        strange = bool(len(sizes)) and float(np.mean(sizes > gate)) > STRANGE
-        return Stage(Gate(gate, FAR if strange else gate))
+    def _stage(self, problem: Problem, here: Point) -> Stage:
+        """The kernel, or one that loses nothing where most of the newest frame would be lost."""
+        kernel, linear = self.options.sighting_kernel, here.linear
+        if linear is None or problem.sightings is None:
+            return Stage(kernel)
+        newest = problem.sightings.frame == len(self.window.frames) - 1
+        lost = kernel.weight(linear.square[newest]) == 0
+        strange = bool(len(lost)) and float(np.mean(lost)) > STRANGE
+        return Stage(Huber(WIDTH) if strange else kernel)
 
     def _repaired(self, problem: Problem, here: Point, stage: Stage) -> Point:
         """With landmarks placed anew whose sightings are not believed."""
@@ -210,7 +249,7 @@ class SlidingSmoother:
         good = np.bincount(landmark[believed], minlength=count)
         if not ((all_of > SIGHTINGS_NEEDED) & (good < SIGHTINGS_NEEDED)).any():
             return here
-        points = revived(problem.sightings, here.trajectory, here.points, believed, self.options.gate)
+        points = revived(problem.sightings, here.trajectory, here.points, believed, WIDTH)
         if points is None:
             return here
         return replace(
@@ -228,15 +267,15 @@ class SlidingSmoother:
             self.window = replace(self.window, trajectory=found.trajectory, points=found.points)
         return here, tries
 
-    def _counted(self, here: Point, normal: Normal) -> tuple[int, int]:
-        """Values of the newest frame that count, and that do not."""
-        frame = self.window.frames[-1]
+    def _counted(self, normal: Normal, number: int = -1) -> tuple[int, int]:
+        """Values of a frame that count, and that do not."""
+        frame = self.window.frames[number]
         rest = sum(len(m.values) for m in frame.measurements if m.ids is None)
         every = sum(len(m.values) for m in frame.measurements if m.ids is not None)
-        if here.linear is None:
+        if normal.eliminated is None:
             return rest, every
-        newest = self.window.sightings.frame == len(self.window.frames) - 1
-        good = int(np.count_nonzero(normal.stage.kernel.weight(here.linear.square[newest]) > 0))
+        inside = normal.eliminated.sightings.frame == number % len(self.window.frames)
+        good = int(np.count_nonzero(normal.eliminated.weight[inside] > 0))
         return rest + good, every - good
 
     def _slide(self, problem: Problem) -> tuple[Retired, ...]:

@@ -131,7 +131,7 @@ def advanced(
     allowed = here.cost(normal.used, normal.stage)
 
     def again(damping: float) -> Normal:
-        return normal if damping == 0.0 else problem.solved(here, normal, damping)
+        return normal if damping == 0.0 else problem.normal(here, normal.stage, damping)
 
     for tried in range(1, rule.tries + 1):
         step = rule.propose(again, problem.layout, number)

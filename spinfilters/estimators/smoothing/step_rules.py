@@ -134,7 +134,7 @@ class Dogleg(StepRule):
         poses = cap * kept[:size].reshape(solution.unknowns.frames, -1)
         points = None if normal.eliminated is None else normal.eliminated.points_step(poses)
         errors = solution.unknowns.errors(cap * kept, solution.chain.back(cap * kept))
-        lost = solution.root.T @ (solution.kept - cap * kept)
+        lost = np.tril(solution.root).T @ (solution.kept - cap * kept)
         return Step(errors, points, normal, normal.decrement - float(lost @ lost), share * cap)
 
     def adapted(self, number: float, gain: float, step: Step) -> float:
@@ -145,12 +145,13 @@ class Dogleg(StepRule):
 
 def _dogleg(solution: Reduced, radius: float) -> tuple[Float[np.ndarray, " r"], float]:
     """The dogleg step within a radius, and its length over the radius."""
-    scale = np.sqrt(np.einsum("ij,ij->i", solution.root, solution.root))
+    root = np.tril(solution.root)
+    scale = np.sqrt(np.einsum("ij,ij->i", root, root))
     newton = scale * solution.kept
     if np.linalg.norm(newton) <= radius:
         return solution.kept, float(np.linalg.norm(newton)) / radius
     down = solution.gradient / scale
-    along = solution.root.T @ (down / scale)
+    along = root.T @ (down / scale)
     cauchy = down * float(down @ down) / float(along @ along)
     if np.linalg.norm(cauchy) >= radius:
         return cauchy / scale * radius / np.linalg.norm(cauchy), 1.0

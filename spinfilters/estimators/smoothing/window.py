@@ -120,6 +120,12 @@ class Window:
                 grown = _with_sightings(grown, m.model, (m.ids, m.values, m.parameters))
         return grown
 
+    def placed(self, ids: Int[np.ndarray, " k"], points: Float[np.ndarray, "k 3"]) -> "Window":
+        """With those of its landmarks that have these ids at these points (m, frame g)."""
+        at, moved = _numbers(self.ids, ids), self.points.copy()
+        moved[at[at >= 0]] = points[at >= 0]
+        return replace(self, points=moved)
+
     def without(self, landmarks: Bool[np.ndarray, " L"]) -> "Window":
         """Without some landmarks and their sightings."""
         number = np.cumsum(~landmarks) - 1

@@ -1,0 +1,65 @@
+"""A whole recording smoothed at once, for sensors that tie nothing together: states are chained, and the cost grows with time alone.
+
+It sets out from a trajectory that a filter has found. Where sightings of landmarks without a map tie poses together, see `sliding`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.estimators.estimator import ProcessModel
+from spinfilters.estimators.first_frames import FirstStatePrior
+from spinfilters.estimators.smoothing.marginals import Marginals
+from spinfilters.estimators.smoothing.problem import problem_of, with_common_constants
+from spinfilters.estimators.smoothing.robust_kernels import RobustKernel
+from spinfilters.estimators.smoothing.solver import Solved, SolverOptions, solve
+from spinfilters.estimators.smoothing.undetermined import undetermined_directions
+from spinfilters.estimators.timeline import Timeline
+
+NO_LANDMARKS = np.zeros(0, dtype=int)
+
+
+@dataclass(frozen=True)
+class BatchSmoothing:
+    """The most probable trajectory.
+
+    Attributes
+    ----------
+    mean: (k, m).   factor: (k, n, n) of each frame's covariance given everything; not finite where something is not determined.
+    accepted, rejected: (k,) measurements of each frame that count, and that do not.
+    undetermined: what the measurements do not determine, a sentence each.
+    """
+
+    mean: Float[np.ndarray, "k m"]
+    factor: Float[np.ndarray, "k n n"]
+    accepted: Int[np.ndarray, " k"]
+    rejected: Int[np.ndarray, " k"]
+    solved: Solved
+    undetermined: list[str]
+
+
+def smooth_recording(
+    process: ProcessModel,
+    frames: Timeline,
+    trajectory: Float[np.ndarray, "k m"],
+    prior: FirstStatePrior,
+    kernel: RobustKernel,
+    options: SolverOptions | None = None,
+) -> BatchSmoothing:
+    """Smooth measurements without landmark ids from a first trajectory (its constants are those of the last frame)."""
+    problem = problem_of(process, frames, NO_LANDMARKS, prior, 2, kernel)
+    start = with_common_constants(process.layout, trajectory[::-1])[::-1]
+    solved = solve(problem, problem.at(np.ascontiguousarray(start), np.zeros((0, 3))), options or SolverOptions())
+    solution, here, n = solved.normal.solution, solved.point.trajectory, process.layout.error_dim
+    if isinstance(solution, int):
+        factor = np.full((len(frames), n, n), np.nan)
+    else:
+        factor = Marginals(solution, None).factors
+    accepted, rejected = np.zeros(len(frames), dtype=int), np.zeros(len(frames), dtype=int)
+    for sensor in problem.motion.sensors:
+        good = problem.motion.believed(sensor, here)
+        np.add.at(accepted, sensor.frame[good], 1)
+        np.add.at(rejected, sensor.frame[~good], 1)
+    directions = undetermined_directions(problem, solved.point, solved.normal)
+    return BatchSmoothing(here, factor, accepted, rejected, solved, directions)

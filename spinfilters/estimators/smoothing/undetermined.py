@@ -1,0 +1,94 @@
+"""What a system does not determine, in words: directions in which everything measured has added nothing to the prior.
+
+A direction of the first state counts as undetermined when its standard deviation is still most of the prior's. The pose of the first
+frame is left out: it defines frame g and is not measured.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.estimators.smoothing.marginals import Marginals
+from spinfilters.estimators.smoothing.problem import Normal, Point, Problem
+from spinfilters.estimators.smoothing.unknowns import Unknowns
+
+LEFT = 0.7
+"""Of the prior's standard deviation, above which nothing has been learnt."""
+ALONG = 0.95
+"""Cosine of the angle within which a direction is called an axis."""
+BLOCK_NAMES = {
+    "t": "the position of frame g",
+    "a": "the attitude",
+    "v": "the velocity of the centre of mass",
+    "w": "the body rate",
+    "c": "the centre of mass",
+    "s": "the mass distribution",
+    "d": "the drag",
+}
+MOVED_BY_PRIOR = ("v", "w", "c", "s", "d")
+
+
+def undetermined_directions(problem: Problem, here: Point, normal: Normal) -> list[str]:
+    """A sentence for everything that the measurements do not determine; empty when they determine it all.
+
+    Parameters
+    ----------
+    normal: the linear problem about ``here``.
+    """
+    solution = normal.solution
+    if isinstance(solution, int):
+        return [f"nothing determines {unknown_name(problem.unknowns, solution)}"]
+    prior = problem.motion.prior
+    if prior is None:
+        return []
+    layout, first = problem.layout, here.trajectory[0]
+    rows = Marginals(solution, None).frame_rows(0)
+    covariance = rows @ rows.T
+    axis = first[layout.mean_slice("w")] if "w" in layout.blocks else np.zeros(3)
+    sentences = []
+    for block in layout.blocks:
+        if block in MOVED_BY_PRIOR:
+            at = layout.slice(block)
+            own = covariance[at, at] / np.outer(prior.std[at], prior.std[at])
+            sentences += _sentences(block, own, axis)
+    return sentences
+
+
+def unknown_name(unknowns: Unknowns, number: int) -> str:
+    """The unknown of a number: chained errors frame after frame, then poses, then constants."""
+    v, p = len(unknowns.chain), len(unknowns.pose)
+    chained, tied = unknowns.frames * v, unknowns.frames * p
+    if number < chained:
+        component, where = unknowns.chain[number % v], f" in frame {number // v}"
+    elif number < chained + tied:
+        component, where = unknowns.pose[(number - chained) % p], f" in frame {(number - chained) // p}"
+    else:
+        component, where = unknowns.constant[min(number - chained - tied, len(unknowns.constant) - 1)], ""
+    layout = unknowns.layout
+    block = next(b for b in layout.blocks if layout.slice(b).start <= component < layout.slice(b).stop)
+    return BLOCK_NAMES[block] + where
+
+
+def _sentences(
+    block: str, covariance: Float[np.ndarray, "b b"], axis: Float[np.ndarray, " 3"]
+) -> list[str]:
+    """Of one block whose covariance is in units of the prior's."""
+    values, vectors = np.linalg.eigh(covariance)
+    left = values > LEFT**2
+    count, size = int(left.sum()), len(values)
+    if not count:
+        return []
+    name = BLOCK_NAMES[block]
+    if count == size:
+        return [f"nothing measured determines {name}"]
+    if size == 3 and count == 1:
+        return [f"nothing measured determines {name} {_direction(vectors[:, left][:, 0], axis)}"]
+    return [f"nothing measured determines {count} of the {size} directions of {name}"]
+
+
+def _direction(vector: Float[np.ndarray, " 3"], axis: Float[np.ndarray, " 3"]) -> str:
+    length = float(np.linalg.norm(axis))
+    if length > 0 and abs(float(vector @ axis)) > ALONG * length:
+        return "along the axis of rotation"
+    x, y, z = vector * np.sign(vector[np.argmax(np.abs(vector))])
+    return f"along ({x:.2f}, {y:.2f}, {z:.2f}) in frame g"
+

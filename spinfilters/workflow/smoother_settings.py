@@ -1,0 +1,73 @@
+"""What can be set about the smoother."""
+
+from dataclasses import dataclass
+
+from spinfilters.errors import InputError
+from spinfilters.estimators.smoothing.modes import FixedLag, FrozenVision, Full, Mode
+from spinfilters.estimators.smoothing.robust_kernels import (
+    Barron,
+    Gate,
+    Huber,
+    LeastSquares,
+    PseudoHuber,
+    RobustKernel,
+)
+from spinfilters.estimators.smoothing.sliding import SlidingOptions
+
+MODES = ("auto", "full", "frozen", "window")
+KERNELS = ("gate", "huber", "pseudo-huber", "barron", "none")
+FEW = 150
+"""Frames up to which "auto" keeps everything."""
+
+
+@dataclass(frozen=True)
+class SmootherSettings:
+    """How the smoother works on tracks without a map; other sensors tie nothing together and are always smoothed in full.
+
+    Attributes
+    ----------
+    mode: "full" keeps everything, "frozen" eliminates landmarks for good that have not been seen for some revolutions, "window" keeps
+        the newest frames; "auto" is "full" for short recordings and "frozen" for others.
+    frames: that stay at most, in the modes "frozen" and "window".   revolutions: see "frozen".
+    kernel: of a residual: "gate" (nothing beyond width), "huber", "pseudo-huber", "barron" (alpha = shape) or "none" (least squares).
+    width: where it begins to bend, standard deviations.   shape: Barron's alpha, at most 2.
+    iterations: per frame, at most.
+    """
+
+    mode: str = "auto"
+    frames: int = 120
+    revolutions: float = 2.0
+    kernel: str = "gate"
+    width: float = 5.0
+    shape: float = 0.0
+    iterations: int = 4
+
+    def __post_init__(self) -> None:
+        if self.mode not in MODES:
+            raise InputError(f"smoother.mode {self.mode!r} is unknown; choose from {', '.join(MODES)}")
+        if self.kernel not in KERNELS:
+            raise InputError(f"smoother.kernel {self.kernel!r} is unknown; choose from {', '.join(KERNELS)}")
+        FrozenVision(self.revolutions, self.frames)
+        self.options(0)
+
+    def options(self, frames: int) -> SlidingOptions:
+        """For a recording of so many frames."""
+        mode = self._mode(frames)
+        return SlidingOptions(mode, iterations=self.iterations, kernel=self.robust_kernel)
+
+    @property
+    def robust_kernel(self) -> RobustKernel:
+        """Of every sensor's residuals."""
+        kernels: dict[str, RobustKernel] = {
+            "gate": Gate(self.width, self.width),
+            "huber": Huber(self.width),
+            "pseudo-huber": PseudoHuber(self.width),
+            "barron": Barron(self.shape, self.width),
+            "none": LeastSquares(),
+        }
+        return kernels[self.kernel]
+
+    def _mode(self, frames: int) -> Mode:
+        if self.mode == "full" or (self.mode == "auto" and frames <= FEW):
+            return Full()
+        return FixedLag(self.frames) if self.mode == "window" else FrozenVision(self.revolutions, self.frames)
