@@ -74,9 +74,7 @@ class ProcessModel(Protocol):
         self, x: Float[np.ndarray, " m"], dt: float
     ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "n n"], Float[np.ndarray, "n k"]]: ...
 
-    def steps(
-        self, x: Float[np.ndarray, "s m"], dt: Float[np.ndarray, " s"]
-    ) -> Float[np.ndarray, "s m"]: ...
+    def steps(self, x: Float[np.ndarray, "s m"], dt: Float[np.ndarray, " s"]) -> Float[np.ndarray, "s m"]: ...
 
     def linearise_steps(
         self, x: Float[np.ndarray, "s m"], dt: Float[np.ndarray, " s"]

@@ -100,8 +100,8 @@ class LandmarkSensor(MeasurementModel):
         """What `linearise_landmarks` gives of a sighting, for many states, landmarks and sightings side by side.
 
         Inputs: a point of the layout, a landmark (3, m, frame g), the rest of the parameters, the measured value. Outputs: per
-        component of the innovation a row (by the model's `columns`, by the landmark, the whitened innovation itself), row after row;
-        and what is positive where the model applies.
+        component of the innovation a row (by the model's `columns`, by the landmark, the whitened innovation itself), row after
+        row; and what is positive where the model applies.
         """
         x, p, z = self._symbols
         whitening, here, jacobian, by_landmark = self._derivatives(x, p, z)
@@ -124,7 +124,8 @@ class LandmarkSensor(MeasurementModel):
         return self._function("linearise_landmarks", [x, p, z], outputs)
 
     def _derivatives(self, x: ca.SX, p: ca.SX, z: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-        """Whitening, innovation, and its derivatives by the model's columns and by the landmark, signed as those of the expectation."""
+        """Whitening, innovation, and its derivatives by the model's columns and by the landmark, signed as those of the
+        expectation."""
         at, d = self._moved(x)
         expected = self.innovation(self.symbolic(at, p), z)
         here = self.innovation(self.symbolic(self.layout.unpack(x), p), z)

@@ -1,7 +1,7 @@
 """The steps of a whole trajectory linearised side by side: what `RotationIntegrator.linearise` gives, for many states at once.
 
-A smoother linearises the dynamics about every frame in every iteration. The substeps here are those of the integrator, from the same
-expressions and with the same control of their number, evaluated in lanes.
+A smoother linearises the dynamics about every frame in every iteration. The substeps here are those of the integrator, from the
+same expressions and with the same control of their number, evaluated in lanes.
 """
 
 from functools import cached_property

@@ -96,9 +96,7 @@ class TorqueFreeProcess:
         """The point after dt, the transition of the multiplicative error, and a factor of the noise covariance Q = G G'."""
         return self._integrator.linearise(x, dt, self._densities)
 
-    def steps(
-        self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"]
-    ) -> Float[np.ndarray, "k m"]:
+    def steps(self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k m"]:
         """`step` from k states over k time steps at once."""
         return self._many.step(x, dt)
 

@@ -47,9 +47,7 @@ def run_smoother(prepared: Prepared, settings: Settings, on_frame: OnFrame) -> S
     return Smoothed(_batch(prepared, settings, on_frame), None)
 
 
-def _slide(
-    prepared: Prepared, start: LandmarkStartReport, settings: Settings, on_frame: OnFrame
-) -> Smoothed:
+def _slide(prepared: Prepared, start: LandmarkStartReport, settings: Settings, on_frame: OnFrame) -> Smoothed:
     """Frame after frame, from the frames of the start on."""
     timeline, first = prepared.timeline, len(start.frames.mean)
     options = settings.smoother.options(len(timeline))

@@ -1,8 +1,8 @@
 """A smoother of the first frames with the landmarks as unknowns, drawn in from afar and robust to wrong associations.
 
-It is the smoother of `spinfilters.estimators.smoothing` with a schedule for a poor trial: disturbances are taken for larger than they are
-until the trajectory obeys its dynamics, the gate that wrong associations fall to is wide at first and strict at last, and landmarks
-that a wrong association misplaced are placed anew.
+It is the smoother of `spinfilters.estimators.smoothing` with a schedule for a poor trial: disturbances are taken for larger than
+they are until the trajectory obeys its dynamics, the gate that wrong associations fall to is wide at first and strict at last,
+and landmarks that a wrong association misplaced are placed anew.
 """
 
 from dataclasses import dataclass, replace
@@ -14,7 +14,6 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import ProcessModel
 from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.landmark_start.result import LandmarkSmoothing
-from spinfilters.estimators.smoothing.revival import revived
 from spinfilters.estimators.smoothing.marginals import Marginals
 from spinfilters.estimators.smoothing.problem import (
     Normal,
@@ -25,6 +24,7 @@ from spinfilters.estimators.smoothing.problem import (
     problem_of,
     with_common_constants,
 )
+from spinfilters.estimators.smoothing.revival import revived
 from spinfilters.estimators.smoothing.robust_kernels import Gate
 from spinfilters.estimators.smoothing.sightings import (
     NOTHING_TWICE,

@@ -14,8 +14,8 @@ from spinfilters.estimators.estimator import ProcessModel
 from spinfilters.estimators.first_frames import FirstStatePrior, SmoothedFrames
 from spinfilters.estimators.landmark_start.result import LandmarkSmoothing
 from spinfilters.estimators.landmark_start.smoother import SmoothingOptions, smooth_with_landmarks
-from spinfilters.estimators.smoothing.problem import Trial
 from spinfilters.estimators.motion_evidence import MotionEvidence
+from spinfilters.estimators.smoothing.problem import Trial
 from spinfilters.estimators.start import (
     MASS_SHARES,
     SETTLED_FIT,

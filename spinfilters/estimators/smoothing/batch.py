@@ -1,4 +1,5 @@
-"""A whole recording smoothed at once, for sensors that tie nothing together: states are chained, and the cost grows with time alone.
+"""A whole recording smoothed at once, for sensors that tie nothing together: states are chained, and the cost grows with time
+alone.
 
 It sets out from a trajectory that a filter has found. Where sightings of landmarks without a map tie poses together, see `sliding`.
 """
@@ -50,12 +51,12 @@ def smooth_recording(
     """Smooth measurements without landmark ids from a first trajectory (its constants are those of the last frame)."""
     problem = problem_of(process, frames, NO_LANDMARKS, prior, 2, kernel)
     start = with_common_constants(process.layout, trajectory[::-1])[::-1]
-    solved = solve(problem, problem.at(np.ascontiguousarray(start), np.zeros((0, 3))), options or SolverOptions())
+    solved = solve(
+        problem, problem.at(np.ascontiguousarray(start), np.zeros((0, 3))), options or SolverOptions()
+    )
     solution, here, n = solved.normal.solution, solved.point.trajectory, process.layout.error_dim
-    if isinstance(solution, int):
-        factor = np.full((len(frames), n, n), np.nan)
-    else:
-        factor = Marginals(solution, None).factors
+    unknown = np.full((len(frames), n, n), np.nan)
+    factor = unknown if isinstance(solution, int) else Marginals(solution, None).factors
     accepted, rejected = np.zeros(len(frames), dtype=int), np.zeros(len(frames), dtype=int)
     for sensor in problem.motion.sensors:
         good = problem.motion.believed(sensor, here)

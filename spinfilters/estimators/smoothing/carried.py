@@ -1,7 +1,8 @@
 """What frames and landmarks that have left still say of the frames within: a square root, kept at first estimates.
 
-It is a quadratic |R e - y|^2 in the errors e of poses, constants and the oldest frame's velocities about the points where each was when
-it was first carried. Its directions that a change of frame g moves along must stay those that it was made with, or moved estimates
+It is a quadratic |R e - y|^2 in the errors e of poses, constants and the oldest frame's velocities about the points where each
+was when it was first carried. Its directions that a change of frame g moves along must stay those that it was made with, or
+moved estimates
 would seem to have measured the gauge: about a new point R is corrected by R_now N_now = R N_first, with N the gauge's directions
 (Huang et al. 2010 call for it; here the oldest pose takes the correction).
 """

@@ -1,7 +1,7 @@
 """Velocities, or whole states, eliminated along the chain of time.
 
-With D_k the information of a frame's chained errors, E_k their coupling to the next frame's, and G_k that to all that remains (poses,
-constants, right-hand side), elimination forward in time is
+With D_k the information of a frame's chained errors, E_k their coupling to the next frame's, and G_k that to all that remains
+(poses, constants, right-hand side), elimination forward in time is
 
     T_k = D_k - F_k-1' F_k-1 = L_k L_k',   F_k = L_k^-1 E_k,   X_k = L_k^-1 (G_k - F_k-1' X_k-1),
 

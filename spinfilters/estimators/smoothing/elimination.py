@@ -1,7 +1,7 @@
 """Landmarks taken out of a least-squares problem, and put back behind its solution.
 
-A landmark's information V = L L' is its own 3 x 3 block, whatever other landmarks there are, so it is eliminated in closed form: with
-W its coupling to the poses and Y = L^-1 W', the poses keep H - Y'Y, and p = L^-T (y - Y e) + L^-T n follows their error e.
+A landmark's information V = L L' is its own 3 x 3 block, whatever other landmarks there are, so it is eliminated in closed form:
+with W its coupling to the poses and Y = L^-1 W', the poses keep H - Y'Y, and p = L^-T (y - Y e) + L^-T n follows their error e.
 """
 
 import ctypes
@@ -27,7 +27,8 @@ class Eliminated:
 
     Attributes
     ----------
-    weight: (N,) of each sighting.   told: (L,) which of the sightings' landmarks.   used: (N,) sightings that count: those of a told landmark with a weight.
+    weight: (N,) of each sighting.   told: (L,) which of the sightings' landmarks.   used: (N,) sightings that count: those of a
+    told landmark with a weight.
     root: (L, 3, 3) lower triangular L.   gradient: (L, 3) y.   coupling: (N, 3, 6) Y of each sighting; that of the first of a
     landmark's sightings in a frame holds them all.
     information: (r + 1, r) what is left to the poses, in the lower triangle, and an empty row.   pose_gradient: (r,).

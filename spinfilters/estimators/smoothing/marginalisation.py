@@ -38,9 +38,7 @@ def without_landmarks(
     rows = _spread_poses(_of_landmarks(at, landmarks, unknowns), unknowns, 0)
     new = _at_first_estimates(rows, unknowns, first, here)
     root = _triangular([_carried_rows(window, unknowns), new])
-    return replace(
-        window.without(landmarks), carried=_carried(root, unknowns, first, 0, window.carried)
-    )
+    return replace(window.without(landmarks), carried=_carried(root, unknowns, first, 0, window.carried))
 
 
 def without_oldest(

@@ -1,11 +1,12 @@
 """Covariances of everything that a smoother estimated, from the factors that its last linear problem left behind.
 
-With C the inverse of the reduced root, transposed, the errors of poses and constants are C n. Chained errors follow by the recursion of
-the elimination backwards in time,
+With C the inverse of the reduced root, transposed, the errors of poses and constants are C n. Chained errors follow by the
+recursion of the elimination backwards in time,
 
     e_k = L_k^-T (n_k - X_k e - F_k e_k+1) = A_k e + own noise,   A_k = -L_k^-T (X_k + F_k A_k+1),
 
-which gives their blocks of the covariance one after the other (Takahashi et al. 1973); nothing of the order of all unknowns is formed.
+which gives their blocks of the covariance one after the other (Takahashi et al. 1973); nothing of the order of all unknowns is
+formed.
 """
 
 from dataclasses import dataclass
@@ -71,7 +72,8 @@ class Marginals:
         out = np.swapaxes(e.root[landmarks], 1, 2)
         size = unknowns.frames * len(unknowns.pose)
         start = e.sightings.start
-        pick = np.concatenate([np.arange(0), *[np.arange(start[k], start[k + 1]) for k in landmarks]])
+        every = [np.arange(int(start[k]), int(start[k + 1])) for k in landmarks]
+        pick = np.concatenate([np.arange(0), *every])
         count = (start[1:] - start[:-1])[landmarks]
         index = np.concatenate([[0], np.cumsum(count)])
         blocks = bsr_array(

@@ -4,8 +4,8 @@ About a trial trajectory x_0 .. x_K-1 the errors obey, with the defect b_k by wh
 
     e_k+1 = Phi e_k + b_k + G n,     (e_0 about x_0) = (prior mean [-] x_0) + std n.
 
-Each line divided by its noise is a row of a least-squares problem (Bell 1994). What is kept of the rows is their Gram matrix with the
-right-hand side as last column, one per frame and one per step.
+Each line divided by its noise is a row of a least-squares problem (Bell 1994). What is kept of the rows is their Gram matrix
+with the right-hand side as last column, one per frame and one per step.
 """
 
 import ctypes
@@ -75,7 +75,8 @@ class Motion:
     Attributes
     ----------
     dt: (k - 1,) s.   prior: of the first state, or None where something else holds it.
-    kernel: of each measurement's whitened length.   first: (m,) whose constants the steps are linearised about, or None for their own.
+    kernel: of each measurement's whitened length.   first: (m,) whose constants the steps are linearised about, or None for
+    their own.
     """
 
     process: ProcessModel
@@ -161,14 +162,14 @@ class Motion:
         rows[~good] = 0.0
         return rows, np.where(good, self.kernel.cost(square), 0.0)
 
-    def believed(
-        self, sensor: SensorRows, trajectory: Float[np.ndarray, "k m"]
-    ) -> Bool[np.ndarray, " r"]:
+    def believed(self, sensor: SensorRows, trajectory: Float[np.ndarray, "k m"]) -> Bool[np.ndarray, " r"]:
         """Which of a sensor's measurements have a weight."""
         return np.abs(self.sensor_rows(sensor, trajectory)[0]).max(axis=(1, 2)) > 0
 
 
-def whitened(rows: Float[np.ndarray, "k d w"], noise: Float[np.ndarray, "k d q"]) -> Float[np.ndarray, "k d w"]:
+def whitened(
+    rows: Float[np.ndarray, "k d w"], noise: Float[np.ndarray, "k d q"]
+) -> Float[np.ndarray, "k d w"]:
     """Rows divided by the root of noise noise' + floor^2; not a number where it is not positive definite. May change ``rows``."""
     (K, d, width), library = rows.shape, kernels()
     if library is not None:

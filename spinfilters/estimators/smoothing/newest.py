@@ -11,8 +11,8 @@ from spinfilters.estimators.smoothing.reduced import Reduced
 def newest_factor(solution: Reduced) -> Float[np.ndarray, "n n"]:
     """Lower triangular covariance factor of the last frame's state, components in the order of the layout.
 
-    Poses ascend in the reduced system and constants come last, so the covariance of the last poses and the constants is in the corner
-    of its root, as far back as the last velocity feels.
+    Poses ascend in the reduced system and constants come last, so the covariance of the last poses and the constants is in the
+    corner of its root, as far back as the last velocity feels.
     """
     unknowns, chain = solution.unknowns, solution.chain
     p, v = len(unknowns.pose), len(unknowns.chain)

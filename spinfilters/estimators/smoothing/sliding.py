@@ -13,11 +13,10 @@ from spinfilters.estimators.smoothing.marginalisation import without_landmarks, 
 from spinfilters.estimators.smoothing.marginals import Marginals
 from spinfilters.estimators.smoothing.modes import DETERMINED, FrozenVision, Mode
 from spinfilters.estimators.smoothing.newest import constant_std, newest_factor
-from spinfilters.estimators.smoothing.problem import Normal, Point, Problem, Stage
+from spinfilters.estimators.smoothing.newest_sightings import stage_for_newest, with_landmarks_put_right
+from spinfilters.estimators.smoothing.problem import Normal, Point, Problem
 from spinfilters.estimators.smoothing.reduced import Reduced
-from spinfilters.estimators.smoothing.revival import revived
-from spinfilters.estimators.smoothing.robust_kernels import Gate, Huber, RobustKernel
-from spinfilters.estimators.smoothing.sightings import SIGHTINGS_NEEDED, linearise_sightings
+from spinfilters.estimators.smoothing.robust_kernels import Gate, RobustKernel
 from spinfilters.estimators.smoothing.solver import advanced, moved
 from spinfilters.estimators.smoothing.step_rules import GaussNewton
 from spinfilters.estimators.smoothing.undetermined import undetermined_directions
@@ -25,11 +24,6 @@ from spinfilters.estimators.smoothing.window import Window
 from spinfilters.estimators.timeline import Frame, Timeline
 from spinfilters.state.gaussian import Gaussian
 
-WIDTH = 5.0
-"""Standard deviations: of the kernel that takes over where the kernel proper would lose most of a frame, and within which sightings'
-own points agree."""
-STRANGE = 0.3
-"""Share of the newest frame's sightings outside the gate from which the frame's guess, not the sightings, is taken to be wrong."""
 SURPRISE = 10.0
 """Fall of the cost per scalar measurement of the newest frame from which a step is checked and followed by another."""
 DROPPED_AT_ONCE = 2
@@ -175,10 +169,8 @@ class SlidingSmoother:
         assert self._linear is not None
         solution, n = self._linear[1].solution, self.process.layout.error_dim
         count = len(self.window.frames)
-        if isinstance(solution, int):
-            factors = np.full((count, n, n), np.nan)
-        else:
-            factors = Marginals(solution, None).factors[-count:]
+        unknown = np.full((count, n, n), np.nan)
+        factors = unknown if isinstance(solution, int) else Marginals(solution, None).factors[-count:]
         rows = zip(self.window.frames, self.window.trajectory, factors, strict=True)
         return [Retired(frame.time, mean, factor) for frame, mean, factor in rows]
 
@@ -208,53 +200,29 @@ class SlidingSmoother:
 
     def _solved(self, problem: Problem, here: Point) -> tuple[int, Point, Normal]:
         """The linear problem at the last linearisation, which the window's states are one step beyond, and how many there were."""
-        surprise = SURPRISE * self._measured()
-        for count in range(1, self.options.iterations + 1):
-            stage = self._stage(problem, here)
-            here = self._repaired(problem, here, stage)
-            normal = problem.normal(here, stage)
-            if normal.decrement <= surprise or isinstance(normal.solution, int):
-                break
+        surprise, count = SURPRISE * self._measured(), 1
+        here, normal = self._linear_problem(problem, here)
+        while count < self.options.iterations and normal.solved and normal.decrement > surprise:
             there, _, _ = advanced(problem, here, normal, (GaussNewton(), 1.0))
             if there is None:
                 break
-            here = there
+            here, normal = self._linear_problem(problem, there)
+            count += 1
         step = GaussNewton().propose(lambda _: normal, problem.layout, 1.0) if normal.solved else None
         trajectory, points = (here.trajectory, here.points) if step is None else moved(problem, here, step)
         self.window = replace(self.window, trajectory=trajectory, points=points)
         return count, here, normal
 
+    def _linear_problem(self, problem: Problem, here: Point) -> tuple[Point, Normal]:
+        """About the point, or one at which misplaced landmarks have been put right."""
+        stage = stage_for_newest(problem, here, self.options.sighting_kernel)
+        here = with_landmarks_put_right(problem, here, stage)
+        return here, problem.normal(here, stage)
+
     def _measured(self) -> int:
         """Scalar measurements of the newest frame, and unknowns of its state."""
         frame = self.window.frames[-1]
         return sum(m.values.size for m in frame.measurements) + self.process.layout.error_dim
-
-    def _stage(self, problem: Problem, here: Point) -> Stage:
-        """The kernel, or one that loses nothing where most of the newest frame would be lost."""
-        kernel, linear = self.options.sighting_kernel, here.linear
-        if linear is None or problem.sightings is None:
-            return Stage(kernel)
-        newest = problem.sightings.frame == len(self.window.frames) - 1
-        lost = kernel.weight(linear.square[newest]) == 0
-        strange = bool(len(lost)) and float(np.mean(lost)) > STRANGE
-        return Stage(Huber(WIDTH) if strange else kernel)
-
-    def _repaired(self, problem: Problem, here: Point, stage: Stage) -> Point:
-        """With landmarks placed anew whose sightings are not believed."""
-        if problem.sightings is None or here.linear is None:
-            return here
-        believed = stage.kernel.weight(here.linear.square) > 0
-        landmark, count = problem.sightings.landmark, problem.sightings.landmarks
-        all_of = np.bincount(landmark, minlength=count)
-        good = np.bincount(landmark[believed], minlength=count)
-        if not ((all_of > SIGHTINGS_NEEDED) & (good < SIGHTINGS_NEEDED)).any():
-            return here
-        points = revived(problem.sightings, here.trajectory, here.points, believed, WIDTH)
-        if points is None:
-            return here
-        return replace(
-            here, points=points, linear=linearise_sightings(problem.sightings, here.trajectory, points)
-        )
 
     def _from_closed_form(self, problem: Problem, here: Point, normal: Normal) -> tuple[Point, int]:
         """While the inertia is not determined, the closed form of the momentum may know a better place to go on from."""

@@ -1,7 +1,7 @@
 """How far to go: Gauss-Newton with halved steps, Levenberg-Marquardt, and Powell's dogleg, each with capped steps.
 
-Landmarks and velocities follow the poses and constants exactly, whatever the rule (variable projection): what is damped or held within a
-radius is the system that remains.
+Landmarks and velocities follow the poses and constants exactly, whatever the rule (variable projection): what is damped or held
+within a radius is the system that remains.
 """
 
 from abc import ABC, abstractmethod

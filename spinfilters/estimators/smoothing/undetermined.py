@@ -1,6 +1,7 @@
 """What a system does not determine, in words: directions in which everything measured has added nothing to the prior.
 
-A direction of the first state counts as undetermined when its standard deviation is still most of the prior's. The pose of the first
+A direction of the first state counts as undetermined when its standard deviation is still most of the prior's. The pose of the
+first
 frame is left out: it defines frame g and is not measured.
 """
 
@@ -68,9 +69,7 @@ def unknown_name(unknowns: Unknowns, number: int) -> str:
     return BLOCK_NAMES[block] + where
 
 
-def _sentences(
-    block: str, covariance: Float[np.ndarray, "b b"], axis: Float[np.ndarray, " 3"]
-) -> list[str]:
+def _sentences(block: str, covariance: Float[np.ndarray, "b b"], axis: Float[np.ndarray, " 3"]) -> list[str]:
     """Of one block whose covariance is in units of the prior's."""
     values, vectors = np.linalg.eigh(covariance)
     left = values > LEFT**2
@@ -91,4 +90,3 @@ def _direction(vector: Float[np.ndarray, " 3"], axis: Float[np.ndarray, " 3"]) -
         return "along the axis of rotation"
     x, y, z = vector * np.sign(vector[np.argmax(np.abs(vector))])
     return f"along ({x:.2f}, {y:.2f}, {z:.2f}) in frame g"
-

@@ -18,13 +18,15 @@ from spinfilters.estimators.smoothing.unknowns import Unknowns
 from spinfilters.estimators.timeline import Frame
 from spinfilters.models.landmark_sensor import LandmarkSensor
 
+
 @dataclass(frozen=True)
 class Seen:
     """Sightings that still count, in the order of time.
 
     Attributes
     ----------
-    frame: (N,) number in the window.   landmark: (N,) number among the window's.   sensor: (N,) number of the sensor.   values: (N, v).   parameters: (N, p), without the landmark's point.
+    frame: (N,) number in the window.   landmark: (N,) number among the window's.   sensor: (N,) number of the sensor.   values:
+    (N, v).   parameters: (N, p), without the landmark's point.
     """
 
     frame: Int[np.ndarray, " N"]
