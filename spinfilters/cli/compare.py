@@ -14,6 +14,7 @@ from spinfilters.errors import InputError
 from spinfilters.evaluation.comparison import comparison_table
 from spinfilters.logs.dataset import Dataset, read_dataset, read_segments
 from spinfilters.simulation.scenario import Scenario, simulate
+from spinfilters.workflow.additions import Additions
 from spinfilters.workflow.checkpointing import keep_in, remove_checkpoints
 from spinfilters.workflow.estimation import Comparison, compare_estimators
 from spinfilters.workflow.estimation import Progress as Report
@@ -30,26 +31,32 @@ RECORDING_ESTIMATORS = ("mekf", "ukf", "smoother")
 def compare(options: argparse.Namespace) -> int:
     """Run the estimators, write the run folder and its figures, print the table."""
     settings = _settings(options)
-    folder = Path(options.output)
+    folder, additions = Path(options.output), Additions(options.predict, options.convergence)
     if options.segment == "all":
+        additions.require_one_run()
         return _compare_segments(read_segments(options.dataset), folder, settings)
     dataset = _dataset(options)
     open_run_folder(folder)
-    if options.resume and finished_run(folder, dataset, settings) is not None:
+    finished = options.resume and finished_run(folder, dataset, settings) is not None
+    if finished and not additions.missing(folder):
         console = _wide_console()
         console.print(f"run folder: {folder} is complete, nothing is left to do", highlight=False)
         return 0
-    comparison = _compared(dataset, folder, settings, bool(options.resume))
+    comparison = _compared(dataset, (folder, bool(options.resume)), settings, additions)
     _print_comparison(comparison, folder)
     return 0
 
 
-def _compared(dataset: Dataset, folder: Path, settings: Settings, resume: bool) -> Comparison:
-    """Run, write and draw, going on from checkpoints when resuming."""
+def _compared(
+    dataset: Dataset, place: tuple[Path, bool], settings: Settings, additions: Additions
+) -> Comparison:
+    """Run, write and draw in a folder, going on from its checkpoints when resuming."""
+    folder, resume = place
     with _bars() as report:
         report("start", 0, 1)
         prepared = prepare(dataset, settings)
         report("start", 1, 1)
+        additions.check(prepared, settings)
         if not resume:
             remove_checkpoints(folder)
         mark_run_folder(folder, settings)
@@ -60,6 +67,9 @@ def _compared(dataset: Dataset, folder: Path, settings: Settings, resume: bool) 
                 Pictured.from_comparison(comparison),
                 folder,
                 lambda done, total: report("figures", done, total),
+            )
+            additions.write(
+                folder, comparison, settings, lambda done, total: report("convergence", done, total)
             )
     return comparison
 

@@ -1,6 +1,7 @@
 """The command ``spinfilters``: arguments, exit codes and one clear line for whatever goes wrong."""
 
 import argparse
+import logging
 import math
 import os
 import sys
@@ -18,6 +19,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # before NumPy loads: threads only slow matrices this small
     options = _parser().parse_args(arguments)
+    compiling = logging.getLogger("spinfilters.compile")
+    compiling.setLevel(logging.INFO)
+    if not compiling.handlers:
+        compiling.addHandler(_CompileNotice())
     try:
         return options.command(options)
     except SpinfiltersError as error:
@@ -35,6 +40,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
     except MemoryError:
         return _complain("out of memory; give a shorter recording or close other programs")
+
+
+class _CompileNotice(logging.Handler):
+    """One line, before the first library is built."""
+
+    told = False
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if not _CompileNotice.told:
+            _CompileNotice.told = True
+            print("spinfilters: compiling the models for this machine, once ...", file=sys.stderr)
 
 
 def _complain(text: str) -> int:
@@ -111,6 +127,17 @@ def _add_run_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--config", metavar="FILE", help="TOML file with settings, such as config.toml of another run"
     )
+    parser.add_argument(
+        "--predict",
+        type=_positive,
+        metavar="SECONDS",
+        help="go on for so long after the last frame: <estimator>/prediction.csv, prediction.png",
+    )
+    parser.add_argument(
+        "--convergence",
+        action="store_true",
+        help="show how the smoother's estimates settle on tracks without a map: convergence.png, smoother/convergence.npz",
+    )
 
 
 def _add_simulate(commands: "argparse._SubParsersAction[_Parser]") -> None:
@@ -173,6 +200,16 @@ def _finite(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
         raise argparse.ArgumentTypeError(f"{text} is not finite; give a number")
+    return value
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text} is no positive finite number; give seconds, such as 10")
     return value
 
 

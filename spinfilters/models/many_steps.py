@@ -56,14 +56,19 @@ class ManySteps:
             return x.copy()
         start, constants = self._begin(x, rows=(None,))
         while True:
-            h = dt[:, None] / count
-            fine = self._plain(start, constants, h, each=np.ones(count))
-            coarse = self._plain(start, constants, h, each=np.full(count // 2, 2.0))
-            (error,) = self._error(coarse, fine, rows=(None, None))
+            fine, error = self._rotated(start, constants, dt[:, None] / count, count)
             if self._integrator.good(error, count):
                 break
             count *= 2
         return self._translated(x, fine, dt[:, None], rows=(None,) * 3)[0]
+
+    def _rotated(
+        self, start: np.ndarray, constants: np.ndarray, h: np.ndarray, count: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(q, w) after ``count`` substeps, and its error."""
+        fine = self._plain(start, constants, h, each=np.ones(count))
+        coarse = self._plain(start, constants, h, each=np.full(count // 2, 2.0))
+        return fine, self._error(coarse, fine, rows=(None, None))[0]
 
     def _count(self, x: np.ndarray, dt: np.ndarray) -> int:
         wrong = dt[~(np.isfinite(dt) & (dt > 0))]

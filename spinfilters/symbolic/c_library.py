@@ -2,6 +2,7 @@
 
 import ctypes
 import hashlib
+import logging
 import os
 import platform
 import shutil
@@ -117,7 +118,12 @@ def _source(function: ca.Function) -> str:
     return generator.dump() + loop
 
 
+LOGGER = logging.getLogger("spinfilters.compile")
+"""Says, at level INFO, that a library is being built: it takes seconds, and only the first time."""
+
+
 def _compile(command: tuple[str, ...], text: str, stem: str) -> Path:
+    LOGGER.info("compiling %s", stem)
     folder = cache_folder()
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     with tempfile.TemporaryDirectory(dir=folder) as scratch:

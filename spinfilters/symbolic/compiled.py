@@ -103,9 +103,9 @@ class Compiled:
         if self.is_c and self._library is not None:
             flag = self._library.spinfilters_loop(
                 ctypes.c_longlong(count),
-                self._pointers_in(*map(_address, arrays)),
+                self._pointers_in(*map(address, arrays)),
                 self._longs_in(*strides),
-                self._pointers_out(*map(_address, results)),
+                self._pointers_out(*map(address, results)),
                 self._strides_out,
             )
             if flag:
@@ -241,10 +241,10 @@ def _repeated(array: np.ndarray, count: int, stride: int) -> np.ndarray:
 
 
 def _pointers(arrays: list[np.ndarray]) -> ctypes.Array[ctypes.c_void_p]:
-    return (ctypes.c_void_p * len(arrays))(*map(_address, arrays))
+    return (ctypes.c_void_p * len(arrays))(*map(address, arrays))
 
 
-def _address(array: np.ndarray) -> int:
+def address(array: np.ndarray) -> int:
     """Where a contiguous array's data begin; of the writable ones, the usual case, in a quarter of the time."""
     try:
         return ctypes.addressof(ctypes.c_char.from_buffer(array))  # pyright: ignore[reportArgumentType]

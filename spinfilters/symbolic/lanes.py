@@ -1,8 +1,8 @@
 """A CasADi function of scalars evaluated for many items side by side, in the lanes of vector instructions.
 
 CasADi's own C handles one item after the other. Here the instruction tape of the same expression is written out as the body of a
-loop that a compiler turns into vector instructions: no formula is typed twice, every operation rounds as in CasADi's virtual
-machine, and the result is the same bits.
+loop that a compiler turns into vector instructions: no formula is typed twice, and every operation rounds as in CasADi's virtual
+machine.
 """
 
 import ctypes
@@ -15,7 +15,7 @@ from jaxtyping import Int
 
 from spinfilters.errors import ShapeError
 from spinfilters.symbolic.c_library import FLAGS, NATIVE, load_text
-from spinfilters.symbolic.compiled import Compiled
+from spinfilters.symbolic.compiled import Compiled, address
 
 LANES = 8
 """Items side by side: one vector of 512 bits, two of 256."""
@@ -35,7 +35,7 @@ _FORMS = {
     ca.OP_FMIN: "({0}<{1}?{0}:{1})",
     ca.OP_FMAX: "({0}>{1}?{0}:{1})",
     ca.OP_IF_ELSE_ZERO: "({0}?{1}:0.)",
-    ca.OP_SIGN: "(double)(({0}>0.)-({0}<0.))",
+    ca.OP_SIGN: "({0}>0.?1.:({0}<0.?-1.:{0}))",
     ca.OP_COPYSIGN: "copysign({0},{1})",
     ca.OP_EXP: "exp({0})",
     ca.OP_LOG: "log({0})",
@@ -115,8 +115,7 @@ class Lanes:
         """
         count = self._count(arguments, rows)
         if self._library is None:
-            taken = [a if row is None else a[row] for a, row in zip(arguments, rows, strict=True)]
-            return self._plain(*taken)
+            return _interpreted(self._plain, arguments, rows)
         return _run(self._library, arguments, rows, [(count, made) for made in self._made])
 
     def _count(self, arguments: tuple[np.ndarray, ...], rows: tuple[np.ndarray | None, ...]) -> int:
@@ -160,10 +159,11 @@ class Fold:
 
     def __call__(self, *arguments: np.ndarray, each: np.ndarray) -> np.ndarray:
         """x (k, width) after len(each) turns; every argument is (k, width of its input)."""
-        if self._library is None:
-            x, *rest = arguments
+        if self._library is None or not len(each):
+            x, same = arguments[0].copy(), (None,) * (len(arguments) + 1)
             for number in each:
-                (x,) = self._plain(x, *rest, float(number))
+                turn = np.full((len(x), 1), float(number))
+                (x,) = _interpreted(self._plain, (x, *arguments[1:], turn), same)
             return x
         every = (*arguments, np.zeros((len(arguments[0]), 1)))
         return _run(self._library, every, (None,) * len(every), [(len(arguments[0]), self.width)], each)[0]
@@ -191,14 +191,29 @@ def _run(
     pointers, longs = ctypes.c_void_p * len(arrays), ctypes.c_longlong * len(arrays)
     library.spinfilters_lanes(
         ctypes.c_longlong(shapes[0][0]),
-        pointers(*[array.ctypes.data for array in arrays]),
+        pointers(*[address(array) for array in arrays]),
         longs(*[array.shape[1] for array in arrays]),
-        pointers(*[None if row is None else row.ctypes.data for row in chosen]),
-        (ctypes.c_void_p * len(results))(*[result.ctypes.data for result in results]),
+        pointers(*[None if row is None else address(row) for row in chosen]),
+        (ctypes.c_void_p * len(results))(*[address(result) for result in results]),
         ctypes.c_longlong(len(each)),
-        ctypes.c_void_p(each.ctypes.data),
+        ctypes.c_void_p(address(each)),
     )
     return results
+
+
+def _interpreted(
+    plain: Compiled, arguments: tuple[np.ndarray, ...], rows: tuple[np.ndarray | None, ...]
+) -> tuple[np.ndarray, ...]:
+    """The same without lanes; matrices lie column by column in the rows of arguments and results."""
+    taken = [a if row is None else a[row] for a, row in zip(arguments, rows, strict=True)]
+    for k, array in enumerate(taken):
+        high, wide = plain.function.size_in(k)
+        if wide != 1:
+            taken[k] = array.reshape(len(array), wide, high).swapaxes(1, 2)
+    results = plain(*taken)
+    made = [plain.function.numel_out(k) for k in range(len(results))]
+    pairs = zip(results, made, strict=True)
+    return tuple(result.swapaxes(1, -1).reshape(len(result), width) for result, width in pairs)
 
 
 def _plain(array: np.ndarray, kind: np.dtype[Any]) -> np.ndarray:

@@ -28,6 +28,8 @@ from spinfilters.workflow.settings import ESTIMATORS, Settings
 SUMMARY_FILE, CONFIG_FILE, DATASET_FOLDER, TRUTH_FILE = "summary.json", "config.toml", "dataset", "truth.tum"
 FIGURES = ("summary", "rates", "inertia", "polhode", "scene", "consistency")
 """Names of the figures of a run, besides errors-<estimator>."""
+ASKED_FOR = ("prediction", "convergence")
+"""Names of figures that a run has where they were asked for (`spinfilters.workflow.additions`)."""
 SCHEMA = 1
 LARGEST_SUMMARY = 1 << 26
 
@@ -119,7 +121,7 @@ def _is_run(folder: Path) -> bool:
 
 def _clear(folder: Path, source: Path | None) -> None:
     """Remove an earlier run, but not its data set when that is what the new run was made from, and no checkpoint."""
-    figures = [f"{name}.png" for name in (*FIGURES, *(f"errors-{name}" for name in ESTIMATORS))]
+    figures = [f"{name}.png" for name in (*FIGURES, *ASKED_FOR, *(f"errors-{name}" for name in ESTIMATORS))]
     for name in (SUMMARY_FILE, TRUTH_FILE, *figures):
         (folder / name).unlink(missing_ok=True)
     for place in (folder / name for name in (DATASET_FOLDER, *ESTIMATORS)):

@@ -42,6 +42,11 @@ class Carried:
     def _gauge(self) -> Float[np.ndarray, "q 6"]:
         return gauge_columns(self.unknowns, self.first)
 
+    @cached_property
+    def knows_constants(self) -> bool:
+        """Whether frames have left, not landmarks alone: those say nothing of constants and velocities."""
+        return bool(self.root[:, len(self.first) * len(self.unknowns.pose) :].any())
+
     def at(self, trajectory: Float[np.ndarray, "k m"]) -> "CarriedAt":
         """About a trajectory that begins with the F frames."""
         here = trajectory[: len(self.first)]

@@ -14,6 +14,8 @@ from spinfilters.logs.measurement_log import MeasurementStream
 
 FIRST, GROWTH = 5, 1.5
 """Number of frames at which it is first asked, and by how much more before it is asked again."""
+GOOD_FIT, BELIEVED = 1.5, 0.9
+"""Cost per degree of freedom, and share of the sightings, from which a fit is not in doubt."""
 STEPS = 4
 """From where it points to."""
 
@@ -30,6 +32,17 @@ class Tried:
             return False
         self.next = GROWTH * frames
         return True
+
+
+def fits(here: Point, normal: Normal) -> bool:
+    """Whether the fit, after the step that the linear problem promises, is as good as noise allows."""
+    if normal.eliminated is None or here.linear is None or not normal.solved:
+        return False
+    used = int(np.count_nonzero(normal.eliminated.used))
+    dof = here.linear.rows.shape[1] * used - 3 * int(np.count_nonzero(normal.eliminated.told))
+    every = int(np.count_nonzero(normal.eliminated.told[normal.eliminated.sightings.landmark]))
+    cost = here.cost(normal.used, normal.stage) - normal.decrement
+    return used >= BELIEVED * every and cost <= GOOD_FIT * max(dof, 1)
 
 
 def at_closed_form(

@@ -173,32 +173,6 @@ void whiten_rows(integer K, integer d, integer w, integer q, double floor, const
   }
 }
 
-/* What sightings [n] say of the poses when their landmarks are unknown: rows [n][3][width], right-hand side in column `right`. L, y of
- * the landmarks, Y [N][18] of all sightings, start [L + 1] as above. */
-void project_landmarks(integer n, const integer* which, const integer* landmark, const integer* start, const integer* frame,
-                       const double* rows, const double* weight, const double* root, const double* y, const double* Y,
-                       integer width, integer right, double* out) {
-  for (integer k = 0; k < n; ++k) {
-    integer i = which[k], l = landmark[i];
-    const double* L = root + 9 * l;
-    double scale = sqrt(weight[i]);
-    for (int r = 0; r < R; ++r) {
-      const double* J = rows + (i * R + r) * ROW;
-      double *to = out + (k * R + r) * width, q[3];
-      q[0] = scale * J[POSE] / L[0];
-      q[1] = (scale * J[POSE + 1] - L[3] * q[0]) / L[4];
-      q[2] = (scale * J[POSE + 2] - L[6] * q[0] - L[7] * q[1]) / L[8];
-      for (int a = 0; a < POSE; ++a) to[frame[i] * POSE + a] += scale * J[a];
-      to[right] = scale * J[ROW - 1] - q[0] * y[3 * l] - q[1] * y[3 * l + 1] - q[2] * y[3 * l + 2];
-      for (integer j = start[l]; j < start[l + 1]; ++j) {
-        const double* c = Y + 18 * j;
-        for (int a = 0; a < POSE; ++a)
-          to[frame[j] * POSE + a] -= q[0] * c[a] + q[1] * c[POSE + a] + q[2] * c[2 * POSE + a];
-      }
-    }
-  }
-}
-
 /* First block of p columns of X that has not faded below `faded` of its largest element so far, counted from `low` on. */
 static integer not_faded(const double* X, double* largest, double faded, integer v, integer p, integer low, integer last,
                          integer high, integer width) {

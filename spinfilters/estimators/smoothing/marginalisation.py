@@ -1,20 +1,20 @@
-"""Landmarks and frames that leave: what they say of the rest goes, by orthogonal transformations alone, into what is carried.
+"""Landmarks and frames that leave: what they say of the rest goes, in square-root form, into what is carried.
 
-A landmark leaves with all its sightings (its three errors projected out of their rows), the oldest frame with its measurements, its
-prior and the step that follows. All rows are stacked under the carried root, the leaving errors' columns first; a QR decomposition
-then leaves the new root below theirs. Nothing is subtracted, so no information can become indefinite.
+A landmark leaves with all its sightings: a root of what they say of the poses is all that stays. The oldest frame leaves with its
+measurements, its prior and the step that follows. Their rows are stacked under the carried root, the leaving errors' columns
+first; a QR decomposition then leaves the new root below theirs, so that what is carried is never subtracted from and cannot
+become indefinite.
 """
 
 from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.linalg.lapack import dgeqrt
+from scipy.linalg.lapack import dgeqrt, dpstrf, dtrtrs
 
 from spinfilters.estimators.smoothing.carried import Carried, column_errors, gauge_columns
-from spinfilters.estimators.smoothing.elimination import POSE, Eliminated
+from spinfilters.estimators.smoothing.elimination import POSE, eliminate
 from spinfilters.estimators.smoothing.motion import Motion, prior_rows
-from spinfilters.estimators.smoothing.native import integer, kernels, pointer
 from spinfilters.estimators.smoothing.problem import Normal, Point, Problem
 from spinfilters.estimators.smoothing.sightings import LinearSightings
 from spinfilters.estimators.smoothing.unknowns import CONSTANT, Unknowns
@@ -34,7 +34,7 @@ def without_landmarks(
     at: the linear problem in which they are eliminated, and the point it is about.
     """
     here, unknowns = at[0].trajectory, problem.unknowns
-    first = _first_estimates(window, here)
+    first = _first_estimates(window, unknowns, here)
     rows = _spread_poses(_of_landmarks(at, landmarks, unknowns), unknowns, 0)
     new = _at_first_estimates(rows, unknowns, first, here)
     root = _triangular([_carried_rows(window, unknowns), new])
@@ -56,7 +56,7 @@ def without_oldest(
     unknowns = problem.unknowns
     point = problem.at(window.trajectory, window.points) if at is None else at[0]
     here, v = point.trajectory, len(unknowns.chain)
-    first = _first_estimates(window, here)
+    first = _first_estimates(window, unknowns, here)
     rows = [_spread_step(point.dynamics.rows[0], unknowns)]
     rows += [_spread_frame(part, unknowns) for part in _alone(problem.motion, here)]
     if at is not None and landmarks is not None and landmarks.any():
@@ -104,67 +104,48 @@ def _leaving_first(unknowns: Unknowns) -> np.ndarray:
 def landmark_rows(
     normal: Normal, linear: LinearSightings, landmarks: Bool[np.ndarray, " L"], frames: int
 ) -> Float[np.ndarray, "r w"]:
-    """What the sightings of some landmarks say of the poses when those are unknown: whitened rows with the right-hand side."""
+    """What the sightings of some landmarks say of the poses when those are unknown: a root of it, with the right-hand side.
+
+    The root is that of the information which elimination leaves to the poses, scaled and with pivots, for it lacks the rank that
+    the gauge and unseen poses would need. Its last row holds what no pose can explain.
+    """
     fit = normal.eliminated
     assert fit is not None
-    sightings, library = fit.sightings, kernels()
-    rows = np.flatnonzero(fit.used & landmarks[sightings.landmark])
-    weight = fit.weight
+    weight = np.where(landmarks[fit.sightings.landmark] & fit.used, fit.weight, 0.0)
     size = frames * POSE
-    if library is None:
-        return _landmark_rows(fit, linear, weight, (landmarks, rows), size)
-    out = np.zeros((len(rows), 3, size + 1))
-    library.project_landmarks(
-        integer(len(rows)),
-        *map(pointer, (rows, sightings.landmark, sightings.start, sightings.frame)),
-        *map(pointer, (linear.rows, weight, fit.root, fit.gradient, fit.coupling)),
-        integer(size + 1),
-        integer(size),
-        pointer(out),
+    part = eliminate(fit.sightings, linear, weight, size, frames)
+    scale = np.sqrt(np.maximum(np.diagonal(part.information), 0.0))
+    scale[scale == 0] = 1.0
+    lower, pivots, rank, _ = dpstrf((part.information[:-1] / scale / scale[:, None]).T)
+    root = np.triu(lower)[:rank]
+    order = pivots - 1
+    y = (
+        dtrtrs(root[:, :rank], (part.pose_gradient / scale)[order][:rank], trans=1)[0]
+        if rank
+        else np.zeros(0)
     )
-    return out.reshape(-1, size + 1)
+    rows = np.zeros((rank + 1, size + 1))
+    rows[:rank, order] = root
+    rows[:, :-1] *= scale
+    rows[:rank, -1] = y
+    rest = weight @ np.where(weight > 0, linear.square, 0.0) - (part.gradient[part.told] ** 2).sum() - y @ y
+    rows[rank, -1] = np.sqrt(max(rest, 0.0))
+    return rows
 
 
-def _landmark_rows(
-    fit: Eliminated,
-    linear: LinearSightings,
-    weight: Float[np.ndarray, " N"],
-    which: tuple[Bool[np.ndarray, " L"], np.ndarray],
-    size: int,
-) -> Float[np.ndarray, "r w"]:
-    """`landmark_rows` for machines without a compiler."""
-    landmarks, rows = which
-    landmark, frame = fit.sightings.landmark[rows], fit.sightings.frame[rows]
-    scaled = np.sqrt(weight[rows])[:, None, None] * linear.rows[rows]
-    Q = np.linalg.solve(fit.root[landmark], scaled[:, :, POSE:-1].swapaxes(1, 2)).swapaxes(1, 2)
-    whole, number = _whole_coupling(fit, landmarks, size)
-    out = np.zeros((len(rows), 3, size + 1))
-    columns = frame[:, None] * POSE + np.arange(POSE)
-    out[np.arange(len(rows))[:, None], :, columns] = scaled[:, :, :POSE].swapaxes(1, 2)
-    out[:, :, -1] = scaled[:, :, -1]
-    out -= Q @ whole[number[landmark]]
-    return out.reshape(-1, size + 1)
-
-
-def _whole_coupling(
-    fit: Eliminated, landmarks: Bool[np.ndarray, " L"], size: int
-) -> tuple[Float[np.ndarray, "l 3 w"], np.ndarray]:
-    """Y of some landmarks over all poses, with y as last column, and where each landmark stands there."""
-    chosen = landmarks & fit.told
-    number = np.cumsum(chosen) - 1
-    whole = np.zeros((int(chosen.sum()), 3, size + 1))
-    rows = np.flatnonzero(chosen[fit.sightings.landmark])
-    at = number[fit.sightings.landmark[rows]]
-    columns = fit.sightings.frame[rows][:, None] * POSE + np.arange(POSE)
-    np.add.at(whole, (at[:, None], slice(None), columns), fit.coupling[rows].swapaxes(1, 2))  # pyright: ignore[reportArgumentType]
-    whole[:, :, -1] = fit.gradient[chosen]
-    return whole, number
-
-
-def _first_estimates(window: Window, now: Float[np.ndarray, "k m"]) -> Float[np.ndarray, "k m"]:
-    """Of frames that are carried already the points at which they were, of the others those of now."""
-    known = now[:0] if window.carried is None else window.carried.first
-    return np.concatenate([known, now[len(known) :]])
+def _first_estimates(
+    window: Window, unknowns: Unknowns, now: Float[np.ndarray, "k m"]
+) -> Float[np.ndarray, "k m"]:
+    """Of what is carried already the points at which it was, of the rest those of now."""
+    if window.carried is None:
+        return now.copy()
+    first, layout = np.concatenate([window.carried.first, now[len(window.carried.first) :]]), unknowns.layout
+    if not window.carried.knows_constants:
+        posed = set(unknowns.pose.tolist())
+        for block in layout.blocks:
+            if layout.slice(block).start not in posed:
+                first[0, layout.mean_slice(block)] = now[0, layout.mean_slice(block)]
+    return first
 
 
 def _handed_over(

@@ -70,7 +70,7 @@ class FrozenVision(Mode):
         return gone if np.count_nonzero(gone) >= TOGETHER else np.zeros_like(gone)
 
     def longest(self, mass_std: float) -> float:
-        return self.frames
+        return _longest(self.frames, mass_std)
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,12 @@ class FixedLag(Mode):
         return np.zeros(len(window.ids), dtype=bool)
 
     def longest(self, mass_std: float) -> float:
-        return self.frames if mass_std <= DETERMINED else max(self.frames, LONGEST_STARTUP)
+        return _longest(self.frames, mass_std)
+
+
+def _longest(frames: int, mass_std: float) -> float:
+    """Longer while the inertia is not determined."""
+    return frames if mass_std <= DETERMINED else max(frames, LONGEST_STARTUP)
 
 
 def _turns(rates: Float[np.ndarray, "k 3"], time: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:

@@ -97,7 +97,8 @@ class Motion:
         if not len(self.dt):
             return Grams(NOTHING, NOTHING, 0.0, NOTHING)
         rows = self.step_rows(trajectory, self.dt)
-        steps = rows.swapaxes(1, 2) @ rows
+        with np.errstate(invalid="ignore", over="ignore"):  # a trial that is not finite: its cost says so
+            steps = rows.swapaxes(1, 2) @ rows
         return Grams(NOTHING, steps, float(steps[:, -1, -1].sum()), rows)
 
     def step_rows(

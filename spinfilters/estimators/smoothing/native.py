@@ -7,6 +7,7 @@ from importlib.resources import files
 import numpy as np
 
 from spinfilters.symbolic.c_library import FLAGS, NATIVE, load_text
+from spinfilters.symbolic.compiled import address
 
 KERNEL_FLAGS = (*(flag for flag in FLAGS if "contract" not in flag), "-O3", NATIVE, "-fno-math-errno")
 
@@ -18,14 +19,14 @@ def kernels() -> ctypes.PyDLL | None:
     library = load_text("smoother_kernels", text, KERNEL_FLAGS)
     if library is not None:
         library.eliminate_chain.restype = ctypes.c_longlong
-        for name in ("spread_blocks", "follow_poses", "solve_chain", "whiten_rows", "project_landmarks"):
+        for name in ("spread_blocks", "follow_poses", "solve_chain", "whiten_rows"):
             getattr(library, name).restype = None
     return library
 
 
 def pointer(array: np.ndarray) -> ctypes.c_void_p:
     """Where a contiguous array begins."""
-    return ctypes.c_void_p(array.ctypes.data)
+    return ctypes.c_void_p(address(array))
 
 
 def integer(value: int) -> ctypes.c_longlong:

@@ -6,7 +6,7 @@ import numpy as np
 
 from spinfilters.estimators.smoothing.problem import Point, Problem, Stage
 from spinfilters.estimators.smoothing.revival import revived
-from spinfilters.estimators.smoothing.robust_kernels import Huber, RobustKernel
+from spinfilters.estimators.smoothing.robust_kernels import RobustKernel
 from spinfilters.estimators.smoothing.sightings import SIGHTINGS_NEEDED, linearise_sightings
 
 STRANGE = 0.3
@@ -15,14 +15,13 @@ WIDTH = 5.0
 """Standard deviations: of the kernel that then takes over, and within which sightings' own points agree."""
 
 
-def stage_for_newest(problem: Problem, here: Point, kernel: RobustKernel) -> Stage:
-    """The kernel, or one that loses nothing where most of the newest frame would be lost."""
+def is_strange(problem: Problem, here: Point, kernel: RobustKernel) -> bool:
+    """Whether the kernel loses most of the newest frame."""
     if here.linear is None or problem.sightings is None:
-        return Stage(kernel)
+        return False
     newest = problem.sightings.frame == problem.unknowns.frames - 1
     lost = kernel.weight(here.linear.square[newest]) == 0
-    strange = bool(len(lost)) and float(np.mean(lost)) > STRANGE
-    return Stage(Huber(WIDTH) if strange else kernel)
+    return bool(len(lost)) and float(np.mean(lost)) > STRANGE
 
 
 def with_landmarks_put_right(problem: Problem, here: Point, stage: Stage) -> Point:

@@ -132,10 +132,10 @@ class Problem:
             eliminated = eliminate(
                 self.sightings, here.linear, weight, self.unknowns.kept, self.unknowns.frames
             )
-        return self.solved(here, Normal(stage, eliminated, 0), damping)
+        return self._solved(here, Normal(stage, eliminated, 0), damping)
 
-    def solved(self, here: Point, normal: Normal, damping: float) -> Normal:
-        """With another damping."""
+    def _solved(self, here: Point, normal: Normal, damping: float) -> Normal:
+        """With its solution; what is left to the poses is used up."""
         steps = here.dynamics
         if normal.stage.slack != 1.0:
             steps = replace(steps, steps=steps.steps / normal.stage.slack**2)

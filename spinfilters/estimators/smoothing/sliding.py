@@ -8,15 +8,15 @@ from jaxtyping import Float, Int
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import ProcessModel
 from spinfilters.estimators.first_frames import FirstStatePrior
-from spinfilters.estimators.smoothing.closed_form import Tried, at_closed_form
+from spinfilters.estimators.smoothing.closed_form import Tried, at_closed_form, fits
 from spinfilters.estimators.smoothing.marginalisation import without_landmarks, without_oldest
 from spinfilters.estimators.smoothing.marginals import Marginals
 from spinfilters.estimators.smoothing.modes import DETERMINED, FrozenVision, Mode
 from spinfilters.estimators.smoothing.newest import constant_std, newest_factor
-from spinfilters.estimators.smoothing.newest_sightings import stage_for_newest, with_landmarks_put_right
-from spinfilters.estimators.smoothing.problem import Normal, Point, Problem
+from spinfilters.estimators.smoothing.newest_sightings import WIDTH, is_strange, with_landmarks_put_right
+from spinfilters.estimators.smoothing.problem import Normal, Point, Problem, Stage
 from spinfilters.estimators.smoothing.reduced import Reduced
-from spinfilters.estimators.smoothing.robust_kernels import Gate, RobustKernel
+from spinfilters.estimators.smoothing.robust_kernels import Gate, Huber, RobustKernel
 from spinfilters.estimators.smoothing.solver import advanced, moved
 from spinfilters.estimators.smoothing.step_rules import GaussNewton
 from spinfilters.estimators.smoothing.undetermined import undetermined_directions
@@ -26,6 +26,8 @@ from spinfilters.state.gaussian import Gaussian
 
 SURPRISE = 10.0
 """Fall of the cost per scalar measurement of the newest frame from which a step is checked and followed by another."""
+SETTLED = 3
+"""Frames in a row after which the inertia must have been determined before a frame leaves."""
 DROPPED_AT_ONCE = 2
 """Frames that leave after one that comes, at most: a window that has grown through its start-up shrinks gently."""
 
@@ -102,6 +104,7 @@ class SlidingSmoother:
         self._first_guess = prior.mean
         self._tried = Tried()
         self._linear: tuple[Point, Normal] | None = None
+        self._strange, self._determined = False, 0
         self.window = Window.empty(process.layout.mean_dim)
 
     def begin(
@@ -200,24 +203,38 @@ class SlidingSmoother:
 
     def _solved(self, problem: Problem, here: Point) -> tuple[int, Point, Normal]:
         """The linear problem at the last linearisation, which the window's states are one step beyond, and how many there were."""
-        surprise, count = SURPRISE * self._measured(), 1
-        here, normal = self._linear_problem(problem, here)
+        kernel = self.options.sighting_kernel
+        here, count = self._found_back(problem, here, kernel)
+        here, normal = _linear_problem(problem, here, kernel)
+        surprise = SURPRISE * self._measured()
         while count < self.options.iterations and normal.solved and normal.decrement > surprise:
             there, _, _ = advanced(problem, here, normal, (GaussNewton(), 1.0))
             if there is None:
                 break
-            here, normal = self._linear_problem(problem, there)
+            here, normal = _linear_problem(problem, there, kernel)
             count += 1
         step = GaussNewton().propose(lambda _: normal, problem.layout, 1.0) if normal.solved else None
         trajectory, points = (here.trajectory, here.points) if step is None else moved(problem, here, step)
         self.window = replace(self.window, trajectory=trajectory, points=points)
         return count, here, normal
 
-    def _linear_problem(self, problem: Problem, here: Point) -> tuple[Point, Normal]:
-        """About the point, or one at which misplaced landmarks have been put right."""
-        stage = stage_for_newest(problem, here, self.options.sighting_kernel)
-        here = with_landmarks_put_right(problem, here, stage)
-        return here, problem.normal(here, stage)
+    def _found_back(self, problem: Problem, here: Point, kernel: RobustKernel) -> tuple[Point, int]:
+        """Where the newest frame fits, if its guess was so poor that the kernel would lose it; else where it was."""
+        if not is_strange(problem, here, kernel):
+            self._strange = False
+            return here, 1
+        there = here
+        for count in range(1, self.options.iterations + 1):
+            normal = problem.normal(there, Stage(Huber(WIDTH)))
+            moved_there, _, _ = advanced(problem, there, normal, (GaussNewton(), 1.0))
+            if moved_there is None:
+                break
+            there = moved_there
+            if not is_strange(problem, there, kernel):
+                self._strange = False
+                return there, count + 1
+        self._strange = True
+        return here, self.options.iterations + 1
 
     def _measured(self) -> int:
         """Scalar measurements of the newest frame, and unknowns of its state."""
@@ -227,7 +244,7 @@ class SlidingSmoother:
     def _from_closed_form(self, problem: Problem, here: Point, normal: Normal) -> tuple[Point, int]:
         """While the inertia is not determined, the closed form of the momentum may know a better place to go on from."""
         self._linear = (here, normal)
-        if not self._tried.due(len(self.window.frames)) or self.mass_std <= DETERMINED:
+        if fits(here, normal) or self.mass_std <= DETERMINED or not self._tried.due(len(self.window.frames)):
             return here, 0
         times = np.array([frame.time for frame in self.window.frames])
         found, tries = at_closed_form(problem, here, normal, times)
@@ -249,9 +266,11 @@ class SlidingSmoother:
     def _slide(self, problem: Problem) -> tuple[Retired, ...]:
         """Let go what the mode lets go."""
         assert self._linear is not None
-        window, mode = self.window, self.options.mode
+        window, mode, std = self.window, self.options.mode, self.mass_std
+        self._determined = self._determined + 1 if std <= DETERMINED and not self._strange else 0
         landmarks = mode.frozen(window, self.process.layout)
-        over = min(len(window.frames) - mode.longest(self.mass_std), DROPPED_AT_ONCE)
+        longest = mode.longest(std if self._determined >= SETTLED else np.inf)
+        over = min(len(window.frames) - longest, DROPPED_AT_ONCE)
         if over < 1 or not self._linear[1].solved:
             if landmarks.any() and self._linear[1].solved:
                 self.window = without_landmarks(window, problem, self._linear, landmarks)
@@ -274,3 +293,10 @@ class SlidingSmoother:
             return newest_factor(solution)
         n = self.process.layout.error_dim
         return np.full((n, n), np.nan)
+
+
+def _linear_problem(problem: Problem, here: Point, kernel: RobustKernel) -> tuple[Point, Normal]:
+    """About the point, or one at which misplaced landmarks have been put right."""
+    stage = Stage(kernel)
+    here = with_landmarks_put_right(problem, here, stage)
+    return here, problem.normal(here, stage)

@@ -94,15 +94,9 @@ class Window:
         """The least-squares problem of the window."""
         unknowns = Unknowns(process.layout, len(self.frames), tied)
         dt = np.array([there.time - here.time for here, there in pairwise(self.frames)])
-        motion = Motion(
-            process,
-            unknowns,
-            dt,
-            collect_sensors(self.frames),
-            prior,
-            LeastSquares(),
-            None if self.carried is None else self.carried.first[0],
-        )
+        known = self.carried is not None and self.carried.knows_constants
+        first = self.carried.first[0] if self.carried is not None and known else None
+        motion = Motion(process, unknowns, dt, collect_sensors(self.frames), prior, LeastSquares(), first)
         return Problem(motion, self.sightings if tied else None, self.carried)
 
     def last_seen(self) -> Int[np.ndarray, " L"]:

@@ -1,0 +1,72 @@
+"""How a smoother's estimates settle: what it says of every frame, again after every frame.
+
+Rows are solves, columns frames (Tweddle 2013, section 6.7, Figures 6-33 to 6-41: iterations and time). There is no estimate of a
+frame before it came, nor after it left the window: the surfaces are triangles or bands, not a number elsewhere.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.errors import InputError
+from spinfilters.estimators.smoothing.sliding import Retired, SlidingSmoother
+from spinfilters.estimators.timeline import Timeline
+
+MOST_FRAMES = 600
+"""Of a recording: a surface grows with their square."""
+
+Told = Callable[[Sequence[Retired]], Mapping[str, Float[np.ndarray, "k q"]]]
+"""What is kept of the k smoothed frames of a window, by name."""
+OnFrame = Callable[[int, int], None]
+"""Called with frames done and frames in all."""
+
+
+@dataclass(frozen=True)
+class Surfaces:
+    """Everything that was said.
+
+    Attributes
+    ----------
+    time: (f,) s, of the frames; solve number k took in frame number k.
+    values: by name (f, f, q), solves by frames by components; not a number where the frame was not in the window.
+    newest: the frame that each solve took in, as that solve saw it; it holds the constants of the solve.
+    """
+
+    time: Float[np.ndarray, " f"]
+    values: dict[str, Float[np.ndarray, "f f q"]]
+    newest: tuple[Retired, ...]
+
+
+def states(window: Sequence[Retired]) -> dict[str, Float[np.ndarray, "k q"]]:
+    """The states themselves: ``mean`` (k, m), and standard deviations of their errors ``std`` (k, n)."""
+    factor = np.array([row.factor for row in window])
+    return {"mean": np.array([row.mean for row in window]), "std": np.linalg.norm(factor, axis=2)}
+
+
+def record_surfaces(
+    smoother: SlidingSmoother, timeline: Timeline, told: Told = states, on_frame: OnFrame = lambda *_: None
+) -> Surfaces:
+    """Feed a smoother that has seen nothing frame by frame, and keep what it says after each.
+
+    Raises
+    ------
+    InputError: no frame, or more than `MOST_FRAMES`.
+    """
+    count = len(timeline)
+    if not 1 <= count <= MOST_FRAMES:
+        raise InputError(
+            f"the recording has {count} frames; convergence is shown of 1 to {MOST_FRAMES}: give a part of it"
+        )
+    values: dict[str, np.ndarray] = {}
+    newest: list[Retired] = []
+    for solve, frame in enumerate(timeline):
+        smoother.add(frame)
+        window = smoother.smoothed()
+        for name, rows in told(window).items():
+            surface = values.setdefault(name, np.full((count, count, rows.shape[1]), np.nan))
+            surface[solve, solve + 1 - len(rows) : solve + 1] = rows
+        newest.append(window[-1])
+        on_frame(solve + 1, count)
+    return Surfaces(np.array([frame.time for frame in timeline]), values, tuple(newest))

@@ -1,0 +1,200 @@
+"""How a smoother's estimates settle: every frame's estimate after every solve, and the body's after every solve.
+
+After Tweddle (2013), Figures 6-33 to 6-41: iterations (frames taken in) and time span the plane, standard deviations are logarithmic.
+Motions are told by the length of their error, beside its standard deviation on the same scale of colours: equal colours are an honest
+covariance, and colours that do not change any more along a row are an estimate that has settled.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from spinfilters.evaluation.body import BodyHistory
+from spinfilters.plots.style import (
+    AXIS_COLOURS,
+    BLACK,
+    GREY,
+    PRINCIPAL_NAMES,
+    RED,
+    legend_below,
+    tidy,
+    truth_handle,
+)
+
+COLOURS = "viridis"
+_SHARES = (
+    0.03,
+    0.995,
+)  # of all values: what the scale of colours spans; the first pose is exact by definition
+_SETTLING = 0.2  # of the solves: what comes before does not widen the panels of constants
+
+
+@dataclass(frozen=True)
+class Settling:
+    """A motion's surfaces.
+
+    Attributes
+    ----------
+    label: with its unit.   distance: (f, f) length of the error, or of what differs from the last solve; solves by frames.
+    std: (f, f) of that length: the root of the sum of the axes' variances.
+    """
+
+    label: str
+    distance: Float[np.ndarray, "f f"]
+    std: Float[np.ndarray, "f f"]
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """What the figure shows.
+
+    Attributes
+    ----------
+    time: (f,) s of the frames.   motions: a row of panels each.   bodies: after every solve.
+    known: whether distances are from the truth, or from the last solve.
+    true_ratios: k1, k2.   true_center: (3,) m in g; None where it is not known.
+    """
+
+    time: Float[np.ndarray, " f"]
+    motions: Sequence[Settling]
+    bodies: BodyHistory
+    known: bool
+    true_ratios: Float[np.ndarray, "2"] | None = None
+    true_center: Float[np.ndarray, "3"] | None = None
+
+
+def convergence_figure(found: Convergence) -> Figure:
+    """Rows: motions as surfaces of error and standard deviation and their course over the solves; last the body's constants."""
+    rows = len(found.motions) + 1
+    figure = Figure(figsize=(13.0, 2.75 * rows + 0.8), layout="constrained")
+    panels = figure.subplots(rows, 3, squeeze=False, width_ratios=(1.0, 1.0, 0.9))
+    for (error, std, course), motion in zip(panels[:-1], found.motions, strict=True):
+        _surfaces(error, std, found, motion)
+        _course(course, found, motion)
+    _constants(panels[-1], found)
+    for axes in panels[:, 0]:
+        axes.figure.align_ylabels(list(panels[:, 0]))
+    for axes in panels[-1]:
+        axes.set_xlabel("after frame")
+    what = "error" if found.known else "distance from the last solve"
+    figure.suptitle(
+        f"How the smoother settles: {what} and σ of every frame, solved again after every frame",
+        fontsize="large",
+    )
+    _legend(figure, found)
+    return figure
+
+
+def _legend(figure: Figure, found: Convergence) -> None:
+    what = "|error|" if found.known else "distance"
+    handles = [
+        Line2D([], [], color=BLACK, label=f"{what}, rms over the frames so far"),
+        Line2D([], [], color=RED, linestyle="--", label="σ, likewise"),
+        Patch(color=GREY, alpha=0.3, label="±1 σ"),
+    ]
+    legend_below(figure, [*handles, *([truth_handle()] if found.true_ratios is not None else [])])
+
+
+def _surfaces(error: Axes, std: Axes, found: Convergence, motion: Settling) -> None:
+    """Both on one scale."""
+    every = np.concatenate([motion.distance, motion.std])
+    positive = every[np.isfinite(every) & (every > 0)]
+    low, high = np.quantile(positive, _SHARES) if positive.size else (0.1, 1.0)
+    norm = LogNorm(low, max(high, 1.001 * low))
+    what = "|error|" if found.known else "distance from the last solve"
+    for axes, surface, name in ((error, motion.distance, what), (std, motion.std, "σ")):
+        mesh = _mesh(axes, found.time, surface, norm)
+        axes.set_title(f"{motion.label.partition(' [')[0]}: {name}", loc="left", fontsize="medium")
+    error.set_ylabel("time of the frame [s]")
+    std.tick_params(labelleft=False)
+    bar = std.figure.colorbar(mesh, ax=[error, std], extend="both", pad=0.01, aspect=14)
+    bar.set_label(motion.label)
+
+
+def _mesh(axes: Axes, time: np.ndarray, surface: np.ndarray, norm: LogNorm) -> QuadMesh:
+    middles = (time[1:] + time[:-1]) / 2
+    ends = [1.5 * time[:1] - 0.5 * time[1:2], middles, 1.5 * time[-1:] - 0.5 * time[-2:-1]]
+    frames = np.arange(len(time) + 1) + 0.5
+    shown = np.ma.masked_invalid(surface.T)
+    mesh = axes.pcolormesh(
+        frames, np.concatenate(ends), np.ma.maximum(shown, norm.vmin), norm=norm, cmap=COLOURS
+    )
+    mesh.set_rasterized(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    return mesh
+
+
+def _course(axes: Axes, found: Convergence, motion: Settling) -> None:
+    """Root mean squares over the frames of a solve."""
+    for surface, color, dashes in ((motion.distance, BLACK, "-"), (motion.std, RED, "--")):
+        held = np.isfinite(surface)
+        mean = np.where(held, surface, 0.0) ** 2
+        values = np.sqrt(mean.sum(axis=1) / np.maximum(held.sum(axis=1), 1))
+        good = values > 0
+        axes.semilogy(1 + np.flatnonzero(good), values[good], color=color, linestyle=dashes)
+    axes.set_title(f"{motion.label.partition(' [')[0]}: over the solves", loc="left", fontsize="medium")
+    axes.set_ylabel(motion.label)
+    tidy(axes)
+
+
+def _constants(panels: Sequence[Axes], found: Convergence) -> None:
+    bodies = found.bodies
+    ratios, centre, turns = panels
+    _lines(ratios, bodies.log_ratios, bodies.log_ratios_std, found.true_ratios, ("k1", "k2"))
+    ratios.set_title("inertia: k1 = ln(Jmax/Jmid), k2 = ln(Jmid/Jmin)", loc="left", fontsize="medium")
+    ratios.set_ylabel("[-]")
+    if bodies.center_of_mass_g is not None and bodies.center_of_mass_std is not None:
+        true = None if found.true_center is None else 1e3 * found.true_center
+        _lines(
+            centre,
+            1e3 * bodies.center_of_mass_g,
+            1e3 * bodies.center_of_mass_std,
+            true,
+            ("x", "y", "z"),
+        )
+    centre.set_title("centre of mass in g", loc="left", fontsize="medium")
+    centre.set_ylabel("[mm]")
+    std = np.rad2deg(np.sqrt(np.einsum("nii->ni", bodies.principal_axes_cov)))
+    for axis, color in enumerate(AXIS_COLOURS):
+        turns.semilogy(
+            1 + np.arange(len(std)),
+            std[:, axis],
+            color=color,
+            label=f"about the {PRINCIPAL_NAMES[axis]} axis",
+        )
+    turns.set_title("σ of the principal axes", loc="left", fontsize="medium")
+    turns.set_ylabel("[deg]")
+    turns.legend(frameon=False, fontsize="small")
+    tidy(turns)
+
+
+def _lines(
+    axes: Axes, values: np.ndarray, std: np.ndarray, true: np.ndarray | None, names: Sequence[str]
+) -> None:
+    """Components with ±1 sigma over the solves, as high as what comes after the first solves needs."""
+    solves = 1 + np.arange(len(values))
+    for k, name in enumerate(names):
+        low, high = values[:, k] - std[:, k], values[:, k] + std[:, k]
+        axes.fill_between(solves, low, high, color=AXIS_COLOURS[k], alpha=0.17, linewidth=0)
+        axes.plot(solves, values[:, k], color=AXIS_COLOURS[k], label=name, linewidth=1.4)
+        if true is not None:
+            axes.axhline(true[k], color=BLACK, linestyle=(0, (2, 1.5)), linewidth=1.1)
+    late = slice(int(_SETTLING * len(values)), None)
+    edges = [
+        values[late] - std[late],
+        values[late] + std[late],
+        *([] if true is None else [true[np.newaxis]]),
+    ]
+    low, high = np.nanmin(np.concatenate(edges)), np.nanmax(np.concatenate(edges))
+    margin = 0.15 * (high - low)
+    axes.set_ylim(low - margin, high + margin)
+    axes.legend(frameon=False, fontsize="small", loc="upper right", ncols=len(names))
+    tidy(axes)

@@ -1,0 +1,94 @@
+"""What is foretold after the last frame: how fast the estimators become unsure, and how the body will turn."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure, FigureBase
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from spinfilters.evaluation.rates import BodyRates
+from spinfilters.evaluation.trajectory import Trajectory
+from spinfilters.plots.rates import PRINCIPAL_AXES
+from spinfilters.plots.style import BLACK, GREY, EstimatorLine, estimator_lines, legend_below, tidy
+
+PAST = 0.25
+"""Of the time ahead: as much of what was estimated before is shown."""
+
+
+@dataclass(frozen=True)
+class Foretold:
+    """One estimator's last frames and what it predicts from the last of them, which stands at the head of both `ahead`s.
+
+    Attributes
+    ----------
+    before, ahead: motion.   rates_before, rates_ahead: body rates about principal axes; their label is the estimator's name.
+    """
+
+    before: Trajectory
+    ahead: Trajectory
+    rates_before: BodyRates
+    rates_ahead: BodyRates
+
+
+def prediction_figure(foretold: Sequence[Foretold]) -> Figure:
+    """Standard deviations of position and attitude over the time ahead (left), and body rates with 1 sigma (right)."""
+    figure = Figure(figsize=(12.0, 6.8), layout="constrained")
+    left, right = figure.subfigures(1, 2, width_ratios=(1.0, 1.25))
+    lines = estimator_lines([each.rates_ahead.label for each in foretold])
+    panels = [*_growth(left, foretold, lines), *_rates(right, foretold, lines)]
+    end = max(each.ahead.time[-1] - each.ahead.time[0] for each in foretold)
+    for axes in panels:
+        axes.axvline(0.0, color=BLACK, linewidth=0.8)
+        axes.set_xlim(-PAST * end, end)
+        tidy(axes)
+    names = ", ".join(line.name.upper() for line in lines)
+    figure.suptitle(f"Predicted {end:.4g} s ahead of the last frame by {names}", fontsize="large")
+    band = Patch(color=GREY, alpha=0.3, label="±1 σ of the rate")
+    now = Line2D([], [], color=BLACK, linewidth=0.8, label="last frame")
+    legend_below(figure, [*(line.handle for line in lines), band, now])
+    return figure
+
+
+def _growth(place: FigureBase, foretold: Sequence[Foretold], lines: Sequence[EstimatorLine]) -> list[Axes]:
+    """Of position and attitude, or of the attitude alone where nothing sees a position."""
+    rows = [("attitude", "σ [deg]", np.rad2deg(1.0), "std_attitude")]
+    if foretold[0].ahead.sees_position:
+        rows.insert(0, ("position of the centre of mass", "σ [mm]", 1e3, "std_position"))
+    panels = list(place.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0])
+    for axes, (title, label, scale, name) in zip(panels, rows, strict=True):
+        for each, line in zip(foretold, lines, strict=True):
+            for part in (each.before, each.ahead):
+                line.draw(axes, _ahead(each, part.time), scale * _total(getattr(part, name)))
+        axes.set_title(f"{title}: all three axes together", loc="left", fontsize="medium")
+        axes.set_ylabel(label)
+        axes.set_ylim(bottom=0.0)
+    panels[-1].set_xlabel("time ahead [s]")
+    return panels
+
+
+def _rates(place: FigureBase, foretold: Sequence[Foretold], lines: Sequence[EstimatorLine]) -> list[Axes]:
+    panels = list(place.subplots(3, 1, sharex=True))
+    for axis, axes in enumerate(panels):
+        for each, line in zip(foretold, lines, strict=True):
+            for rates in (each.rates_before, each.rates_ahead):
+                value, time = np.rad2deg(rates.rate[:, axis]), _ahead(each, rates.time)
+                if rates.std is not None:
+                    line.fill(axes, time, value, np.rad2deg(rates.std[:, axis]))
+                line.draw(axes, time, value)
+        axes.set_title(f"body rate {PRINCIPAL_AXES[axis]}", loc="left", fontsize="medium")
+        axes.set_ylabel("rate [deg/s]")
+    panels[-1].set_xlabel("time ahead [s]")
+    return panels
+
+
+def _ahead(each: Foretold, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    return time - each.ahead.time[0]
+
+
+def _total(std: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+    """Root of the sum of the variances."""
+    return np.linalg.norm(std, axis=1)

@@ -1,0 +1,174 @@
+"""The smoother's convergence on a recording: solved again after every frame from the first on, as arrays and a picture."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from zipfile import ZIP_DEFLATED
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.attitude.conversions import inverse, multiply, rotation_vector_from_quaternion
+from spinfilters.errors import InputError
+from spinfilters.estimators.history import EstimateHistory, GrowingHistory
+from spinfilters.estimators.landmark_start.start import LandmarkStartReport
+from spinfilters.estimators.smoothing.sliding import Retired, SlidingSmoother
+from spinfilters.estimators.smoothing.surfaces import MOST_FRAMES, Surfaces, record_surfaces
+from spinfilters.evaluation.body import BodyHistory, body_history
+from spinfilters.evaluation.errors import common_stamps, tells_first_frame, truth_in_first_frame
+from spinfilters.evaluation.rates import estimated_rates, true_rates
+from spinfilters.evaluation.trajectory import trajectory_of
+from spinfilters.logs.atomic_write import make_folder
+from spinfilters.logs.truth import Truth
+from spinfilters.plots.convergence import Convergence, Settling, convergence_figure
+from spinfilters.plots.style import save_figure
+from spinfilters.state.gaussian import Gaussian
+from spinfilters.state.layout import StateLayout
+from spinfilters.state.status import EstimatorStatus
+from spinfilters.workflow.array_file import write_arrays
+from spinfilters.workflow.preparation import Prepared
+from spinfilters.workflow.settings import Settings
+from spinfilters.workflow.smoothing import NAME
+
+ARRAYS, PICTURE = "convergence.npz", "convergence.png"
+MOTIONS = {
+    "position": ("position of the centre of mass [mm]", 1e3),
+    "attitude": ("attitude [deg]", float(np.rad2deg(1.0))),
+    "velocity": ("velocity [mm/s]", 1e3),
+    "body_rate": ("body rate [deg/s]", float(np.rad2deg(1.0))),
+}
+"""Labels with units, and what SI is multiplied by for them."""
+
+
+def require_convergence(prepared: Prepared, settings: Settings) -> None:
+    """Refuse a run whose smoother does not take in frame after frame.
+
+    Raises
+    ------
+    InputError: no smoother, measurements that are smoothed all at once, or too many frames.
+    """
+    if NAME not in settings.estimators:
+        raise InputError(f"--convergence shows the estimator {NAME}; name it in --estimators")
+    if not isinstance(prepared.start, LandmarkStartReport):
+        raise InputError(
+            "--convergence needs stereo tracks without a known map (landmarks.csv): other measurements are smoothed all at once"
+        )
+    if len(prepared.timeline) > MOST_FRAMES:
+        raise InputError(
+            f"--convergence is for at most {MOST_FRAMES} frames, the recording has {len(prepared.timeline)}; give a part of it"
+        )
+
+
+def write_convergence(
+    folder: Path, prepared: Prepared, settings: Settings, on_frame: Callable[[int, int], None]
+) -> None:
+    """smoother/convergence.npz and convergence.png.
+
+    Raises
+    ------
+    InputError: as `require_convergence`; a file cannot be written.
+    """
+    require_convergence(prepared, settings)
+    start, layout = prepared.start, prepared.process.layout
+    options = settings.smoother.options(len(prepared.timeline))
+    smoother = SlidingSmoother(prepared.process, start.prior, options, tied=True)
+    found = record_surfaces(smoother, prepared.timeline, lambda window: _motions(layout, window), on_frame)
+    newest = _history(layout, found.newest)
+    bodies = body_history(newest)
+    make_folder(folder / NAME)
+    write_arrays(folder / NAME / ARRAYS, _arrays(found, bodies), ZIP_DEFLATED)
+    save_figure(convergence_figure(_convergence(found, newest, prepared.dataset.truth)), folder / PICTURE)
+
+
+def _motions(layout: StateLayout, window: Sequence[Retired]) -> dict[str, Float[np.ndarray, "k q"]]:
+    """What is kept of a solve, SI: by the names of `MOTIONS`, the attitude as q_ig; and their standard deviations std_<name>."""
+    history = _history(layout, window)
+    trajectory, rates = trajectory_of(history), estimated_rates(history)
+    assert rates.std is not None
+    return {
+        "position": trajectory.position,
+        "attitude": trajectory.q_ig,
+        "velocity": trajectory.velocity,
+        "body_rate": rates.rate,
+        "std_position": trajectory.std_position,
+        "std_attitude": trajectory.std_attitude,
+        "std_velocity": trajectory.std_velocity,
+        "std_body_rate": rates.std,
+    }
+
+
+def _history(layout: StateLayout, rows: Sequence[Retired]) -> EstimateHistory:
+    beliefs = GrowingHistory(layout, rows[0].time)
+    for row in rows:
+        beliefs.append(row.time, Gaussian(layout, row.mean, row.factor), [], 0.0)
+    return beliefs.ended(NAME, EstimatorStatus())
+
+
+def _arrays(found: Surfaces, bodies: BodyHistory) -> dict[str, np.ndarray]:
+    """Surfaces (solves, frames, components), constants (solves, components)."""
+    assert bodies.center_of_mass_g is not None
+    assert bodies.center_of_mass_std is not None
+    return {
+        "time": found.time,
+        **found.values,
+        "log_ratios": bodies.log_ratios,
+        "std_log_ratios": bodies.log_ratios_std,
+        "principal_moments": bodies.principal_moments,
+        "std_principal_moments": bodies.principal_moments_std,
+        "center_of_mass_g": bodies.center_of_mass_g,
+        "std_center_of_mass_g": bodies.center_of_mass_std,
+    }
+
+
+def _convergence(found: Surfaces, newest: EstimateHistory, truth: Truth | None) -> Convergence:
+    """With errors where the truth can be told in the frame g of the first frame, with distances from the last solve otherwise."""
+    known = truth is not None and tells_first_frame(newest, truth)
+    if known:
+        truth = truth_in_first_frame(newest, truth)
+        reference = _true_motions(found.time, truth)
+    else:
+        reference = {name: found.values[name][-1] for name in MOTIONS}
+    motions = [
+        Settling(
+            label,
+            scale * _distance(name, found.values[name], reference[name]),
+            scale * np.linalg.norm(found.values[f"std_{name}"], axis=2),
+        )
+        for name, (label, scale) in MOTIONS.items()
+    ]
+    ratios = _true_ratios(truth) if known else None
+    centre = truth.center_of_mass_g if known and truth is not None else None
+    return Convergence(found.time, motions, body_history(newest), known, ratios, centre)
+
+
+def _true_motions(time: np.ndarray, truth: Truth) -> dict[str, Float[np.ndarray, "f q"]]:
+    """By the names of `MOTIONS`, not a number in frames without a truth."""
+    rows, true_rows = common_stamps(time, truth.time)
+    told = {
+        "position": truth.center_of_mass,
+        "attitude": truth.q_ig,
+        "velocity": truth.velocity,
+        "body_rate": true_rates(truth).rate,
+    }
+    motions = {name: np.full((len(time), values.shape[1]), np.nan) for name, values in told.items()}
+    for name, values in told.items():
+        motions[name][rows] = values[true_rows]
+    return motions
+
+
+def _true_ratios(truth: Truth | None) -> Float[np.ndarray, "2"] | None:
+    if truth is None or truth.principal_moments is None:
+        return None
+    low, middle, high = np.sort(truth.principal_moments)
+    return np.log([high / middle, middle / low])
+
+
+def _distance(name: str, surface: np.ndarray, reference: np.ndarray) -> Float[np.ndarray, "f f"]:
+    """Lengths of differences; of an attitude the angle."""
+    if name != "attitude":
+        return np.linalg.norm(surface - reference, axis=2)
+    held = np.isfinite(surface).all(axis=2) & np.isfinite(reference).all(axis=1)
+    against = np.broadcast_to(reference, surface.shape)[held]
+    angle = np.full(surface.shape[:2], np.nan)
+    turn = multiply(inverse(against), surface[held])
+    angle[held] = np.linalg.norm(rotation_vector_from_quaternion(turn), axis=1)
+    return angle

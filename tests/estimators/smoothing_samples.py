@@ -1,0 +1,115 @@
+"""Small recordings for smoothers: frames, truth and map of a tumbling body, and where to set out from."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.estimators.first_frames import FirstStatePrior
+from spinfilters.estimators.smoothing.modes import Mode
+from spinfilters.estimators.smoothing.problem import Problem, Stage, Trial, problem_of
+from spinfilters.estimators.smoothing.robust_kernels import LeastSquares, RobustKernel
+from spinfilters.estimators.smoothing.sliding import SlidingOptions, SlidingSmoother
+from spinfilters.estimators.smoothing.solver import Plain, Solved, SolverOptions, solve
+from spinfilters.estimators.smoothing.step_rules import GaussNewton, StepRule
+from spinfilters.estimators.timeline import Frame, SensorNoise, StereoView, Timeline, build_timeline
+from spinfilters.evaluation.consistency import true_states
+from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.logs.track_files import KnownMap
+from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.simulation.scenario import RICH_RPM, RIG, Scenario, simulate
+from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+
+LAYOUT = StateLayout(FULL_BLOCKS)
+PROCESS = TorqueFreeProcess(LAYOUT, ProcessNoise())
+STD = np.repeat([1e-6, 1.0, 1.0, 0.5], [6, 6, 3, 5])
+"""Of the first state, whose pose defines g."""
+SMALL = Scenario(rate_rpm=RICH_RPM, frames=5, landmarks=40)
+MIDDLE = Scenario(rate_rpm=RICH_RPM, frames=12, landmarks=150)
+LONG = Scenario(rate_rpm=RICH_RPM, frames=30, landmarks=120)
+PLAIN = Stage(LeastSquares())
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Frames of sightings, true states (k, m) and the true map; frame g is the simulator's."""
+
+    frames: Timeline
+    truth: Float[np.ndarray, "k m"]
+    known: KnownMap
+
+    @property
+    def prior(self) -> FirstStatePrior:
+        """About the true first state."""
+        return FirstStatePrior(self.truth[0], STD)
+
+    @property
+    def problem(self) -> Problem:
+        """Of all frames and landmarks."""
+        return problem_of(PROCESS, self.frames, self.known.ids, self.prior, 2)
+
+
+@cache
+def sample(scenario: Scenario, wrong: float = 0.0) -> Sample:
+    """A simulated recording, in every frame a share of the ids swapped."""
+    dataset = simulate(scenario)
+    assert dataset.truth is not None
+    assert dataset.known_map is not None
+    tracks = _swapped(dataset.log.stream("stereo"), wrong, np.random.default_rng(scenario.seed))
+    view = StereoView(None, RIG.calibration)
+    frames = build_timeline(MeasurementLog((tracks,)), LAYOUT, SensorNoise(), view)
+    return Sample(frames, true_states(dataset.truth, LAYOUT), dataset.known_map)
+
+
+def _swapped(tracks: MeasurementStream, share: float, generator: np.random.Generator) -> MeasurementStream:
+    assert tracks.ids is not None
+    ids = tracks.ids.copy()
+    for first, last in zip(tracks.frame_offsets[:-1], tracks.frame_offsets[1:], strict=True):
+        rows = first + np.flatnonzero(generator.random(last - first) < share)
+        ids[rows] = np.roll(ids[rows], 1)
+    return MeasurementStream("stereo", tracks.time, tracks.values, ids)
+
+
+def perturbed(here: Sample, seed: int, scale: float = 1.0) -> Trial:
+    """Off the truth by what perception and a poor start are off; the first pose defines g."""
+    generator = np.random.default_rng(seed)
+    std = scale * np.repeat([0.003, 0.01, 0.02, 0.05, 0.005, 0.3], [3, 3, 3, 3, 3, 5])
+    errors = std * generator.standard_normal((len(here.truth), 20))
+    errors[0, :6] = 0.0
+    errors[:, 12:] = errors[0, 12:]
+    points = here.known.points + 0.003 * scale * generator.standard_normal(here.known.points.shape)
+    return Trial(LAYOUT.retract(here.truth, errors), here.known.ids, points)
+
+
+def solved(
+    here: Sample, trial: Trial, rule: StepRule | None = None, kernel: RobustKernel | None = None
+) -> Solved:
+    """The problem of a sample solved from a trial."""
+    whole = here.problem
+    options = SolverOptions(80, settled=1e-6, rule=rule or GaussNewton())
+    return solve(whole, whole.at(trial.trajectory, trial.points), options, Plain(kernel or LeastSquares()))
+
+
+@cache
+def optimum(scenario: Scenario) -> Solved:
+    """The clean least-squares solution of a sample."""
+    here = sample(scenario)
+    return solved(here, Trial(here.truth, here.known.ids, here.known.points))
+
+
+def smoother(here: Sample, mode: Mode, std: Float[np.ndarray, " n"] = STD) -> SlidingSmoother:
+    """A sliding smoother that has seen nothing yet; its prior's mean is the truth."""
+    return SlidingSmoother(PROCESS, FirstStatePrior(here.truth[0], std), SlidingOptions(mode), tied=True)
+
+
+def run(sliding: SlidingSmoother, frames: tuple[Frame, ...]) -> SlidingSmoother:
+    """The smoother after these frames."""
+    for frame in frames:
+        sliding.add(frame)
+    return sliding
+
+
+def whitened(factor: Float[np.ndarray, "n n"], error: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """An error in standard deviations, direction by direction."""
+    return np.linalg.solve(factor, error)

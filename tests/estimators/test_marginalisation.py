@@ -1,0 +1,238 @@
+"""What leaves a smoother's window loses nothing: the newest frame, the step and the cost stay, and no gauge becomes known."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from smoothing_samples import (
+    LAYOUT,
+    LONG,
+    PLAIN,
+    PROCESS,
+    STD,
+    run,
+    sample,
+    smoother,
+)
+
+from spinfilters.estimators.first_frames import FirstStatePrior
+from spinfilters.estimators.smoothing import modes
+from spinfilters.estimators.smoothing.carried import gauge_columns
+from spinfilters.estimators.smoothing.marginalisation import without_landmarks, without_oldest
+from spinfilters.estimators.smoothing.modes import DETERMINED, FixedLag, FrozenVision, Full, Mode
+from spinfilters.estimators.smoothing.newest import newest_factor
+from spinfilters.estimators.smoothing.problem import Normal, Point, Problem
+from spinfilters.estimators.smoothing.reduced import Reduced
+from spinfilters.estimators.smoothing.window import Window
+from spinfilters.models.gauge import gauge_directions
+from spinfilters.models.process import ProcessNoise
+
+LOOSE = np.concatenate([np.repeat([0.03, 0.1], 3), STD[6:]])
+"""Of a first pose that hardly says where g is: there anything that the gauge is told wrongly shows."""
+
+
+@cache
+def _window() -> Window:
+    """Nine frames, all still there, about a point that is not the optimum."""
+    whole = run(smoother(sample(LONG), Full(), LOOSE), sample(LONG).frames[:9]).window
+    generator = np.random.default_rng(1)
+    errors = np.repeat([1e-4, 3e-4, 1e-4, 1e-3, 1e-4, 0.02], [3, 3, 3, 3, 3, 5]) * generator.standard_normal(
+        (9, 20)
+    )
+    errors[:, 12:] = errors[0, 12:]
+    points = whole.points + 1e-4 * generator.standard_normal(whole.points.shape)
+    return replace(whole, trajectory=LAYOUT.retract(whole.trajectory, errors), points=points)
+
+
+def _prior(window: Window) -> FirstStatePrior | None:
+    return FirstStatePrior(sample(LONG).truth[0], LOOSE) if window.carried is None else None
+
+
+def _linear(window: Window, prior: FirstStatePrior | None) -> tuple[Problem, Point, Normal]:
+    problem = window.problem(PROCESS, prior, tied=True)
+    here = problem.at(window.trajectory, window.points)
+    return problem, here, problem.normal(here, PLAIN)
+
+
+def _solution(normal: Normal) -> Reduced:
+    assert isinstance(normal.solution, Reduced)
+    return normal.solution
+
+
+def _without(chosen: np.ndarray) -> tuple[Window, FirstStatePrior]:
+    """The window without some landmarks; the prior is still that of its oldest frame."""
+    prior = FirstStatePrior(sample(LONG).truth[0], LOOSE)
+    problem, here, normal = _linear(_window(), prior)
+    return without_landmarks(_window(), problem, (here, normal), chosen), prior
+
+
+def _seen_before(window: Window, frame: int) -> np.ndarray:
+    return np.isin(np.arange(len(window.ids)), window.seen.landmark[window.seen.frame < frame])
+
+
+def _seen_by_the_oldest(window: Window) -> np.ndarray:
+    return _seen_before(window, 1)
+
+
+def _check_same(window: Window, prior: FirstStatePrior | None, gone: int) -> None:
+    """As the whole window, whose first frames are gone."""
+    _, before, whole = _linear(_window(), FirstStatePrior(sample(LONG).truth[0], LOOSE))
+    _, after, rest = _linear(window, prior)
+    expected, found = newest_factor(_solution(whole)), newest_factor(_solution(rest))
+    std = np.linalg.norm(expected, axis=1)
+    correlation = np.outer(std, std)
+    np.testing.assert_allclose(
+        found @ found.T / correlation, expected @ expected.T / correlation, rtol=0, atol=1e-6
+    )
+    np.testing.assert_allclose(
+        _solution(rest).errors / std, _solution(whole).errors[gone:] / std, rtol=1e-6, atol=1e-6
+    )
+    least = before.cost(whole.used, PLAIN) - whole.decrement
+    assert after.cost(rest.used, PLAIN) - rest.decrement == pytest.approx(least, rel=1e-8)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+def test_landmarks_that_leave_change_neither_covariance_nor_step_nor_cost(share: float) -> None:
+    chosen = np.random.default_rng(2).random(len(_window().ids)) < share
+    window, prior = _without(chosen)
+    assert len(window.ids) == np.count_nonzero(~chosen)
+    assert window.carried is not None
+    _check_same(window, prior, 0)
+
+
+def test_the_oldest_frame_that_leaves_changes_neither_covariance_nor_step_nor_cost() -> None:
+    window, prior = _without(_seen_by_the_oldest(_window()))
+    after = without_oldest(window, window.problem(PROCESS, prior, tied=True))
+    assert len(after.frames) == len(_window().frames) - 1
+    _check_same(after, None, 1)
+
+
+def test_two_frames_that_leave_change_neither_covariance_nor_step_nor_cost() -> None:
+    window, prior = _without(_seen_before(_window(), 2))
+    after = without_oldest(window, window.problem(PROCESS, prior, tied=True))
+    after = without_oldest(after, after.problem(PROCESS, None, tied=True))
+    assert len(after.frames) == len(_window().frames) - 2
+    _check_same(after, None, 2)
+
+
+def test_landmarks_may_leave_in_two_parts() -> None:
+    chosen = np.arange(len(_window().ids)) % 3 == 0
+    window, prior = _without(chosen)
+    problem, here, normal = _linear(window, prior)
+    again = without_landmarks(window, problem, (here, normal), np.arange(len(window.ids)) % 2 == 0)
+    _check_same(again, prior, 0)
+
+
+@cache
+def _carried_window() -> Window:
+    window, prior = _without(_seen_by_the_oldest(_window()))
+    return without_oldest(window, window.problem(PROCESS, prior, tied=True))
+
+
+def _moved(window: Window, scale: float) -> np.ndarray:
+    """The trajectory after estimates have moved, as they do when the next frames come."""
+    generator = np.random.default_rng(5)
+    std = scale * np.repeat([0.01, 0.03, 0.02, 0.05, 0.01, 0.2], [3, 3, 3, 3, 3, 5])
+    errors = std * generator.standard_normal((len(window.trajectory), 20))
+    errors[:, 12:] = errors[0, 12:]
+    return LAYOUT.retract(window.trajectory, errors)
+
+
+def _along_the_gauge(window: Window, trajectory: np.ndarray) -> np.ndarray:
+    """Information of what is carried, about this trajectory, along the six directions of the gauge there."""
+    assert window.carried is not None
+    here = trajectory[: len(window.carried.first)]
+    N = gauge_columns(window.carried.unknowns, here)
+    return N.T @ window.carried.at(trajectory).gram @ N
+
+
+def test_moved_estimates_tell_the_carried_quadratic_nothing_of_the_gauge() -> None:
+    window = _carried_window()
+    first = _along_the_gauge(window, window.trajectory)
+    for scale in (0.1, 1.0):
+        found = _along_the_gauge(window, _moved(window, scale))
+        np.testing.assert_allclose(found, first, rtol=1e-6, atol=1e-6 * np.abs(first).max())
+
+
+def test_without_the_correction_moved_estimates_would_tell_the_gauge() -> None:
+    window = _carried_window()
+    assert window.carried is not None
+    N = gauge_columns(window.carried.unknowns, _moved(window, 1.0)[: len(window.carried.first)])
+    first = _along_the_gauge(window, window.trajectory)
+    assert np.abs(N.T @ window.carried.gram @ N - first).max() > 10 * np.abs(first).max()
+
+
+def test_the_root_about_other_points_is_that_of_the_gram_matrix() -> None:
+    window = _carried_window()
+    assert window.carried is not None
+    trajectory = _moved(window, 1.0)
+    about, rows = (
+        window.carried.at(trajectory),
+        window.carried.root_at(trajectory[: len(window.carried.first)]),
+    )
+    gram = rows.T @ rows
+    scale = np.abs(gram).max()
+    np.testing.assert_allclose(gram[:-1, :-1], about.gram, atol=1e-9 * scale)
+    np.testing.assert_allclose(
+        gram[:-1, -1], about.gradient, rtol=1e-6, atol=1e-9 * np.abs(gram[:, -1]).max()
+    )
+    assert about.cost == pytest.approx(gram[-1, -1] + window.carried.lost, rel=1e-9)
+
+
+def _known_of_the_gauge(factor: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Information that a belief has along the gauge, (6, 6)."""
+    seen = np.linalg.solve(factor, gauge_directions(LAYOUT, x))
+    return seen.T @ seen
+
+
+EXACT = replace(LONG, pixel_std=1e-9, noise=ProcessNoise(0.0, 0.0))
+
+
+@pytest.mark.parametrize("mode", [Full(), FixedLag(8), FrozenVision(0.3, 10)], ids=str)
+def test_a_run_without_noise_tells_nothing_of_the_gauge(mode: Mode, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The newest state never knows more of it than the prior did, in any direction."""
+    monkeypatch.setattr(modes, "TOGETHER", 1)
+    here = sample(EXACT)
+    sliding = run(smoother(here, mode, LOOSE), here.frames)
+    root = np.linalg.cholesky(_known_of_the_gauge(np.diag(LOOSE), here.truth[0]))
+    newest = _known_of_the_gauge(sliding.belief.factor, sliding.belief.mean)
+    shares = np.linalg.eigvalsh(np.linalg.solve(root, np.linalg.solve(root, newest).T))
+    assert shares.max() < 1.001
+    assert shares.min() > 0.9
+
+
+def test_frozen_vision_that_freezes_nothing_is_full_smoothing() -> None:
+    here = sample(LONG)
+    full, frozen = (run(smoother(here, mode), here.frames[:12]) for mode in (Full(), FrozenVision(1000.0)))
+    assert frozen.window.carried is None
+    np.testing.assert_array_equal(frozen.window.trajectory, full.window.trajectory)
+    np.testing.assert_array_equal(frozen.belief.factor, full.belief.factor)
+
+
+def test_a_lag_as_long_as_the_run_is_full_smoothing() -> None:
+    here = sample(LONG)
+    full, lag = (run(smoother(here, mode), here.frames[:12]) for mode in (Full(), FixedLag(12)))
+    np.testing.assert_array_equal(lag.window.trajectory, full.window.trajectory)
+    np.testing.assert_array_equal(lag.belief.factor, full.belief.factor)
+
+
+def test_no_frame_leaves_while_the_inertia_is_not_determined() -> None:
+    here, seen = sample(LONG), []
+    sliding = smoother(here, FixedLag(3))
+    for k, frame in enumerate(here.frames):
+        retired = sliding.add(frame).retired
+        seen.append((sliding.mass_std > DETERMINED, k + 1 > 3, len(retired)))
+    assert any(undetermined and longer for undetermined, longer, _ in seen)
+    assert not any(undetermined and retired for undetermined, _, retired in seen)
+    assert sum(retired for *_, retired in seen) > 1
+
+
+def test_landmarks_unseen_for_long_are_frozen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(modes, "TOGETHER", 1)
+    here = sample(LONG)
+    sliding = run(smoother(here, FrozenVision(0.3)), here.frames)
+    full = run(smoother(here, Full()), here.frames)
+    assert sliding.window.carried is not None
+    assert len(sliding.window.seen.landmark) < 0.8 * len(full.window.seen.landmark)
+    assert len(sliding.window.frames) == len(here.frames)
