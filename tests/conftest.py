@@ -8,6 +8,7 @@ import pytest
 from shape_checks import check_shapes_of
 
 check_shapes_of("spinfilters")
+check_shapes_of("observability")
 mpl.use("Agg")
 
 SHARED_DATA = Path(__file__).parents[2] / "shared" / "data"

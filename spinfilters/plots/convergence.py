@@ -16,6 +16,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import NullFormatter
 
 from spinfilters.evaluation.body import BodyHistory
 from spinfilters.plots.style import (
@@ -34,7 +35,7 @@ _SHARES = (
     0.03,
     0.995,
 )  # of all values: what the scale of colours spans; the first pose is exact by definition
-_SETTLING = 0.2  # of the solves: what comes before does not widen the panels of constants
+_SETTLING = 0.25  # of the solves: what comes before does not widen the panels of constants
 
 
 @dataclass(frozen=True)
@@ -43,11 +44,12 @@ class Settling:
 
     Attributes
     ----------
-    label: with its unit.   distance: (f, f) length of the error, or of what differs from the last solve; solves by frames.
+    label, unit: of both.   distance: (f, f) length of the error, or of what differs from the last solve; solves by frames.
     std: (f, f) of that length: the root of the sum of the axes' variances.
     """
 
     label: str
+    unit: str
     distance: Float[np.ndarray, "f f"]
     std: Float[np.ndarray, "f f"]
 
@@ -74,17 +76,16 @@ class Convergence:
 def convergence_figure(found: Convergence) -> Figure:
     """Rows: motions as surfaces of error and standard deviation and their course over the solves; last the body's constants."""
     rows = len(found.motions) + 1
-    figure = Figure(figsize=(13.0, 2.75 * rows + 0.8), layout="constrained")
-    panels = figure.subplots(rows, 3, squeeze=False, width_ratios=(1.0, 1.0, 0.9))
+    figure = Figure(figsize=(13.5, 2.6 * rows + 0.8), layout="constrained")
+    panels = figure.subplots(rows, 3, squeeze=False)
     for (error, std, course), motion in zip(panels[:-1], found.motions, strict=True):
         _surfaces(error, std, found, motion)
         _course(course, found, motion)
     _constants(panels[-1], found)
-    for axes in panels[:, 0]:
-        axes.figure.align_ylabels(list(panels[:, 0]))
+    figure.align_ylabels(list(panels[:, 0]))
     for axes in panels[-1]:
         axes.set_xlabel("after frame")
-    what = "error" if found.known else "distance from the last solve"
+    what = "error" if found.known else "distance from the last solve's estimate"
     figure.suptitle(
         f"How the smoother settles: {what} and σ of every frame, solved again after every frame",
         fontsize="large",
@@ -96,8 +97,8 @@ def convergence_figure(found: Convergence) -> Figure:
 def _legend(figure: Figure, found: Convergence) -> None:
     what = "|error|" if found.known else "distance"
     handles = [
-        Line2D([], [], color=BLACK, label=f"{what}, rms over the frames so far"),
-        Line2D([], [], color=RED, linestyle="--", label="σ, likewise"),
+        Line2D([], [], color=BLACK, label=f"{what}, rms"),
+        Line2D([], [], color=RED, linestyle="--", label="σ, rms"),
         Patch(color=GREY, alpha=0.3, label="±1 σ"),
     ]
     legend_below(figure, [*handles, *([truth_handle()] if found.true_ratios is not None else [])])
@@ -106,17 +107,23 @@ def _legend(figure: Figure, found: Convergence) -> None:
 def _surfaces(error: Axes, std: Axes, found: Convergence, motion: Settling) -> None:
     """Both on one scale."""
     every = np.concatenate([motion.distance, motion.std])
-    positive = every[np.isfinite(every) & (every > 0)]
-    low, high = np.quantile(positive, _SHARES) if positive.size else (0.1, 1.0)
-    norm = LogNorm(low, max(high, 1.001 * low))
-    what = "|error|" if found.known else "distance from the last solve"
+    norm = LogNorm(*_span(every))
+    what = "|error|" if found.known else "distance"
     for axes, surface, name in ((error, motion.distance, what), (std, motion.std, "σ")):
         mesh = _mesh(axes, found.time, surface, norm)
-        axes.set_title(f"{motion.label.partition(' [')[0]}: {name}", loc="left", fontsize="medium")
+        axes.set_title(f"{motion.label}: {name}", loc="left", fontsize="medium")
+        bar = axes.figure.colorbar(mesh, ax=axes, extend="both", pad=0.02, aspect=14)
+        bar.ax.yaxis.set_minor_formatter(NullFormatter())
+        bar.ax.set_title(f"[{motion.unit}]", fontsize="small")
     error.set_ylabel("time of the frame [s]")
-    std.tick_params(labelleft=False)
-    bar = std.figure.colorbar(mesh, ax=[error, std], extend="both", pad=0.01, aspect=14)
-    bar.set_label(motion.label)
+
+
+def _span(values: np.ndarray) -> tuple[float, float]:
+    """Of a logarithmic scale for nearly all of the values, a decade at least."""
+    positive = values[np.isfinite(values) & (values > 0)]
+    low, high = np.quantile(positive, _SHARES).tolist() if positive.size else (0.1, 1.0)
+    middle = np.sqrt(low * high)
+    return min(low, middle / np.sqrt(10)), max(high, middle * np.sqrt(10))
 
 
 def _mesh(axes: Axes, time: np.ndarray, surface: np.ndarray, norm: LogNorm) -> QuadMesh:
@@ -140,8 +147,9 @@ def _course(axes: Axes, found: Convergence, motion: Settling) -> None:
         values = np.sqrt(mean.sum(axis=1) / np.maximum(held.sum(axis=1), 1))
         good = values > 0
         axes.semilogy(1 + np.flatnonzero(good), values[good], color=color, linestyle=dashes)
-    axes.set_title(f"{motion.label.partition(' [')[0]}: over the solves", loc="left", fontsize="medium")
-    axes.set_ylabel(motion.label)
+    axes.set_ylim(bottom=0.5 * _span(motion.std)[0])
+    axes.set_title(f"{motion.label}: all frames so far", loc="left", fontsize="medium")
+    axes.set_ylabel(f"[{motion.unit}]")
     tidy(axes)
 
 

@@ -35,8 +35,8 @@ class Foretold:
 
 
 def prediction_figure(foretold: Sequence[Foretold]) -> Figure:
-    """Standard deviations of position and attitude over the time ahead (left), and body rates with 1 sigma (right)."""
-    figure = Figure(figsize=(12.0, 6.8), layout="constrained")
+    """Standard deviations over the time ahead (left), and the rates themselves with 1 sigma (right)."""
+    figure = Figure(figsize=(12.0, 7.2), layout="constrained")
     left, right = figure.subfigures(1, 2, width_ratios=(1.0, 1.25))
     lines = estimator_lines([each.rates_ahead.label for each in foretold])
     panels = [*_growth(left, foretold, lines), *_rates(right, foretold, lines)]
@@ -53,21 +53,37 @@ def prediction_figure(foretold: Sequence[Foretold]) -> Figure:
     return figure
 
 
-def _growth(place: FigureBase, foretold: Sequence[Foretold], lines: Sequence[EstimatorLine]) -> list[Axes]:
-    """Of position and attitude, or of the attitude alone where nothing sees a position."""
-    rows = [("attitude", "σ [deg]", np.rad2deg(1.0), "std_attitude")]
+def _growth(
+    place: FigureBase, foretold: Sequence[Foretold], lines: Sequence[EstimatorLine]
+) -> list[Axes]:
+    """Of position, attitude and body rate, without the position where nothing sees one."""
+    rows = [("attitude", "deg", np.rad2deg(1.0)), ("body rate", "deg/s", np.rad2deg(1.0))]
     if foretold[0].ahead.sees_position:
-        rows.insert(0, ("position of the centre of mass", "σ [mm]", 1e3, "std_position"))
-    panels = list(place.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0])
-    for axes, (title, label, scale, name) in zip(panels, rows, strict=True):
+        rows.insert(0, ("position", "mm", 1e3))
+    panels = list(place.subplots(len(rows), 1, sharex=True))
+    for axes, (name, unit, scale) in zip(panels, rows, strict=True):
         for each, line in zip(foretold, lines, strict=True):
-            for part in (each.before, each.ahead):
-                line.draw(axes, _ahead(each, part.time), scale * _total(getattr(part, name)))
-        axes.set_title(f"{title}: all three axes together", loc="left", fontsize="medium")
-        axes.set_ylabel(label)
+            before, ahead = _std(name, each)
+            line.draw(axes, _ahead(each, each.before.time), scale * before)
+            line.draw(axes, _ahead(each, each.ahead.time), scale * ahead)
+        axes.set_title(f"σ of the {name}, all three axes together", loc="left", fontsize="medium")
+        axes.set_ylabel(f"σ [{unit}]")
         axes.set_ylim(bottom=0.0)
     panels[-1].set_xlabel("time ahead [s]")
     return panels
+
+
+def _std(name: str, each: Foretold) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " n"]]:
+    """Roots of the sums of the axes' variances, before and ahead."""
+    if name == "body rate":
+        assert each.rates_before.std is not None
+        assert each.rates_ahead.std is not None
+        pair = each.rates_before.std, each.rates_ahead.std
+    elif name == "attitude":
+        pair = each.before.std_attitude, each.ahead.std_attitude
+    else:
+        pair = each.before.std_position, each.ahead.std_position
+    return np.linalg.norm(pair[0], axis=1), np.linalg.norm(pair[1], axis=1)
 
 
 def _rates(place: FigureBase, foretold: Sequence[Foretold], lines: Sequence[EstimatorLine]) -> list[Axes]:
@@ -87,8 +103,3 @@ def _rates(place: FigureBase, foretold: Sequence[Foretold], lines: Sequence[Esti
 
 def _ahead(each: Foretold, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     return time - each.ahead.time[0]
-
-
-def _total(std: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-    """Root of the sum of the variances."""
-    return np.linalg.norm(std, axis=1)

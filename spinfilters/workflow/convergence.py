@@ -1,6 +1,7 @@
 """The smoother's convergence on a recording: solved again after every frame from the first on, as arrays and a picture."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from zipfile import ZIP_DEFLATED
 
@@ -14,7 +15,7 @@ from spinfilters.estimators.landmark_start.start import LandmarkStartReport
 from spinfilters.estimators.smoothing.sliding import Retired, SlidingSmoother
 from spinfilters.estimators.smoothing.surfaces import MOST_FRAMES, Surfaces, record_surfaces
 from spinfilters.evaluation.body import BodyHistory, body_history
-from spinfilters.evaluation.errors import common_stamps, tells_first_frame, truth_in_first_frame
+from spinfilters.evaluation.errors import attitude_alignment, common_stamps, tells_first_frame, truth_in_first_frame
 from spinfilters.evaluation.rates import estimated_rates, true_rates
 from spinfilters.evaluation.trajectory import trajectory_of
 from spinfilters.logs.atomic_write import make_folder
@@ -31,12 +32,12 @@ from spinfilters.workflow.smoothing import NAME
 
 ARRAYS, PICTURE = "convergence.npz", "convergence.png"
 MOTIONS = {
-    "position": ("position of the centre of mass [mm]", 1e3),
-    "attitude": ("attitude [deg]", float(np.rad2deg(1.0))),
-    "velocity": ("velocity [mm/s]", 1e3),
-    "body_rate": ("body rate [deg/s]", float(np.rad2deg(1.0))),
+    "position": ("position", "mm", 1e3),
+    "attitude": ("attitude", "deg", float(np.rad2deg(1.0))),
+    "velocity": ("velocity", "mm/s", 1e3),
+    "body_rate": ("body rate", "deg/s", float(np.rad2deg(1.0))),
 }
-"""Labels with units, and what SI is multiplied by for them."""
+"""Labels and units, and what SI is multiplied by for them; position and velocity are the centre of mass' in i."""
 
 
 def require_convergence(prepared: Prepared, settings: Settings) -> None:
@@ -120,24 +121,37 @@ def _arrays(found: Surfaces, bodies: BodyHistory) -> dict[str, np.ndarray]:
 
 
 def _convergence(found: Surfaces, newest: EstimateHistory, truth: Truth | None) -> Convergence:
-    """With errors where the truth can be told in the frame g of the first frame, with distances from the last solve otherwise."""
-    known = truth is not None and tells_first_frame(newest, truth)
-    if known:
-        truth = truth_in_first_frame(newest, truth)
-        reference = _true_motions(found.time, truth)
-    else:
+    """With errors where there is a truth, with distances from the last solve otherwise."""
+    if truth is None:
         reference = {name: found.values[name][-1] for name in MOTIONS}
+    else:
+        truth = _in_estimated_frame(found, newest, truth)
+        reference = _true_motions(found.time, truth)
     motions = [
         Settling(
             label,
+            unit,
             scale * _distance(name, found.values[name], reference[name]),
             scale * np.linalg.norm(found.values[f"std_{name}"], axis=2),
         )
-        for name, (label, scale) in MOTIONS.items()
+        for name, (label, unit, scale) in MOTIONS.items()
     ]
-    ratios = _true_ratios(truth) if known else None
-    centre = truth.center_of_mass_g if known and truth is not None else None
-    return Convergence(found.time, motions, body_history(newest), known, ratios, centre)
+    ratios = None if truth is None or truth.principal_moments is None else _log_ratios(truth.principal_moments)
+    centre = None if truth is None else truth.center_of_mass_g
+    return Convergence(found.time, motions, body_history(newest), truth is not None, ratios, centre)
+
+
+def _in_estimated_frame(found: Surfaces, newest: EstimateHistory, truth: Truth) -> Truth:
+    """The truth in the g that the first frame defines; where that is not told, in the g that fits the last solve best."""
+    if tells_first_frame(newest, truth):
+        return truth_in_first_frame(newest, truth)
+    rows, true_rows = common_stamps(found.time, truth.time)
+    attitudes = found.values["attitude"][-1, rows]
+    held = np.isfinite(attitudes).all(axis=1)
+    turn = attitude_alignment(attitudes[held], truth.q_ig[true_rows][held])
+    return replace(
+        truth, q_ig=multiply(truth.q_ig, turn), principal_axes_g=None, center_of_mass_g=None
+    )
 
 
 def _true_motions(time: np.ndarray, truth: Truth) -> dict[str, Float[np.ndarray, "f q"]]:
@@ -155,10 +169,9 @@ def _true_motions(time: np.ndarray, truth: Truth) -> dict[str, Float[np.ndarray,
     return motions
 
 
-def _true_ratios(truth: Truth | None) -> Float[np.ndarray, "2"] | None:
-    if truth is None or truth.principal_moments is None:
-        return None
-    low, middle, high = np.sort(truth.principal_moments)
+def _log_ratios(moments: Float[np.ndarray, "3"]) -> Float[np.ndarray, "2"]:
+    """k1, k2."""
+    low, middle, high = np.sort(moments)
     return np.log([high / middle, middle / low])
 
 

@@ -1,0 +1,86 @@
+"""Times of the analyser: every rank of the table with its certificate, growth of the expression, many landmarks, the bound.
+
+python -m experiments.benchmarks.observability_speed
+"""
+
+from collections.abc import Callable
+from functools import partial
+from statistics import median
+from time import perf_counter
+from typing import Any, Final
+
+from observability import sensors
+from observability.cases import Case
+from observability.certificate import STEADY_ORDERS, certify
+from observability.charts.chart import Chart
+from observability.charts.filter_state import FilterChart
+from observability.charts.principal import PrincipalChart
+from observability.charts.tensor import TensorChart
+from observability.codistribution import codistribution
+from observability.elimination import FIELD, eliminate
+from observability.motions import TEN, Motion, landmarks, point_of
+from observability.symbolic_series import lie_derivatives
+from observability.system import System
+
+CHARTS: Final[tuple[Chart, ...]] = (PrincipalChart(), TensorChart(), FilterChart())
+COUNTS: Final = (1, 2, 3, 4, 8)
+RUNS: Final = 3
+"""The least of so many runs is taken: whatever else runs on the machine only adds."""
+
+
+def main() -> None:
+    """Measure and print."""
+    for chart in CHARTS:
+        _print_chart(chart)
+    case = Case(landmarks=18)
+    flight = case.flight(116, 0.5)
+    seconds, bound = timed(lambda: case.bound(flight))
+    print(f"Cramer-Rao bound, {bound.std.shape[0]} frames, {bound.std.shape[1]} unknowns: {seconds:.2f} s")
+
+
+def _print_chart(chart: Chart) -> None:
+    cases = [(motion, count) for motion in TEN for count in COUNTS]
+    exact = [timed(partial(_rank, chart, motion, count))[0] for motion, count in cases]
+    proved = [timed(partial(_certificate, chart, motion, count)) for motion, count in cases]
+    seconds, found = zip(*proved, strict=True)
+    open_cases = sum(not each.certified for each in found)
+    unnamed = sum(each.unnamed for each in found)
+    change = max(x.change for each in found for x in each.explanations if x.finite)
+    print(f"{chart.name}, {len(cases)} cases")
+    print(f"  rank and null space {1e3 * median(exact):.0f} ms, at most {1e3 * max(exact):.0f} ms")
+    print(
+        f"  with names, finite moves and proof {1e3 * median(seconds):.0f} ms, at most {1e3 * max(seconds):.0f} ms"
+    )
+    print(
+        f"  open {open_cases}, unnamed directions {unnamed}, largest change under finite symmetries {change:.1e}"
+    )
+    spent, derivatives = timed(lambda: lie_derivatives(_stereo(chart, 4), 0, 9))
+    print(f"  order 8, any number of landmarks, as expressions: {derivatives.nodes} nodes, {spent:.2f} s")
+    print(f"  100 landmarks, rank and null space: {timed(partial(_rank, chart, TEN[0], 100))[0]:.2f} s")
+
+
+def timed(run: Callable[[], Any]) -> tuple[float, Any]:
+    """Least seconds of several runs, and a result."""
+    times, result = [], None
+    for _ in range(RUNS):
+        begin = perf_counter()
+        result = run()
+        times.append(perf_counter() - begin)
+    return min(times), result
+
+
+def _stereo(chart: Chart, count: int) -> System:
+    return System(chart, [sensors.stereo(landmarks(count))])
+
+
+def _rank(chart: Chart, motion: Motion, count: int) -> Any:
+    rows = codistribution(_stereo(chart, count), point_of(chart, motion), STEADY_ORDERS, FIELD)
+    return eliminate(rows).null_space()
+
+
+def _certificate(chart: Chart, motion: Motion, count: int) -> Any:
+    return certify(_stereo(chart, count), point_of(chart, motion))
+
+
+if __name__ == "__main__":
+    main()

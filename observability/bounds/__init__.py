@@ -1,0 +1,1 @@
+"""How well a motion can be known: observability Gramian and Cramer-Rao bound along a truth."""

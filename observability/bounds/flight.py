@@ -1,0 +1,110 @@
+"""A true motion over frames, and who watches it when."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Bool, Float
+
+from spinfilters.errors import InputError, ShapeError
+from spinfilters.models.measurement import MeasurementModel, row_by_row
+from spinfilters.models.process import TorqueFreeProcess
+from spinfilters.symbolic import Compiled
+
+
+@dataclass(frozen=True)
+class Flight:
+    """True states (n, mean_dim) of a process at ``time`` (n,) s, ascending."""
+
+    process: TorqueFreeProcess
+    time: Float[np.ndarray, " n"]
+    states: Float[np.ndarray, "n m"]
+
+    def __post_init__(self) -> None:
+        expected = (len(self.time), self.process.layout.mean_dim)
+        if self.states.shape != expected or not len(self.time):
+            raise ShapeError(
+                f"a flight over {len(self.time)} frames has states of shape {expected}, got {self.states.shape}"
+            )
+        if not (np.isfinite(self.states).all() and np.all(np.diff(self.time) > 0)):
+            raise InputError("a flight has finite states at ascending times; leave out frames that repeat")
+
+
+def free_flight(
+    process: TorqueFreeProcess, start: Float[np.ndarray, " m"], frames: int, interval: float
+) -> Flight:
+    """The motion without disturbances from a state, at equal intervals in s."""
+    if frames < 1:
+        raise InputError(f"a flight of {frames} frames; give at least 1")
+    states = [start]
+    for _ in range(frames - 1):
+        states.append(process.step(states[-1], interval))
+    return Flight(process, interval * np.arange(frames), np.stack(states))
+
+
+@dataclass(frozen=True)
+class Watch:
+    """One sensor over a flight.
+
+    Attributes
+    ----------
+    model: over the layout of the flight.   parameters: (items, p).
+    unknown: leading parameters of every item that are unknown constants (3 for landmarks to be mapped).
+    seen: (frames, items) which item is measured when.
+    """
+
+    model: MeasurementModel
+    parameters: Float[np.ndarray, "items p"]
+    unknown: int
+    seen: Bool[np.ndarray, "frames items"]
+
+    def __post_init__(self) -> None:
+        items = len(self.parameters)
+        if self.parameters.shape != (items, self.model.parameter_dim) or self.seen.shape[1:] != (items,):
+            raise ShapeError(
+                f"{self.model.name} takes parameters (items, {self.model.parameter_dim}) and seen (frames, items), got "
+                f"{self.parameters.shape} and {self.seen.shape}"
+            )
+        if not self.seen.any():
+            raise InputError(
+                f"{self.model.name} measures nothing over the whole flight; give frames in which it sees something"
+            )
+
+    @property
+    def own(self) -> int:
+        """Unknowns that this sensor adds."""
+        return self.unknown * len(self.parameters)
+
+
+def rows_at(
+    watch: Watch, frame: int, x: Float[np.ndarray, " m"], start: int, total: int
+) -> Float[np.ndarray, "k n"]:
+    """Whitened derivatives of a frame's measurements, by the state's error and, from column ``start``, the sensor's unknowns."""
+    items = np.flatnonzero(watch.seen[frame])
+    columns, dim, unknown = watch.model.columns, watch.model.dim, watch.unknown
+    rows = np.zeros((len(items), dim, total))
+    if len(items):
+        by_state, by_own = derivatives(watch.model, unknown)(x, watch.parameters[items])
+        rows[:, :, columns] = by_state.reshape(len(items), dim, len(columns))
+        for k, item in enumerate(items if unknown else ()):
+            at = start + item * unknown
+            rows[k, :, at : at + unknown] = by_own[k].reshape(dim, unknown)
+    return rows.reshape(-1, total)
+
+
+@cache
+def derivatives(model: MeasurementModel, unknown: int) -> Compiled:
+    """(x, p) -> whitened derivatives of the innovation's negative by the model's columns and by the leading parameters."""
+    layout = model.layout
+    x, p = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("p", model.parameter_dim)
+    d, e = ca.SX.sym("d", layout.error_dim), ca.SX.sym("e", unknown)
+    moved = layout.unpack(layout.retract_expression(x, d))
+    expected = model.symbolic(moved, ca.vertcat(p[:unknown] + e, p[unknown:]))
+    measured = model.symbolic(layout.unpack(x), p)
+    away = model.innovation(expected, measured)
+    slopes = [-ca.jacobian(away, d)[:, model.columns], -ca.jacobian(away, e)]
+    zero = [ca.SX.zeros(*d.shape), ca.SX.zeros(*e.shape)]
+    whitening = ca.solve(ca.SX(model.noise_factor(layout.unpack(x), p)), ca.SX.eye(model.dim))
+    at = [row_by_row(whitening @ slope) for slope in ca.substitute(slopes, [d, e], zero)]
+    return Compiled(ca.Function(f"{model.name}_bound_{unknown}", [x, p], at))

@@ -1,0 +1,179 @@
+"""What is proved: an exact rank from below; from above the symmetries or, of a steady motion, the order of its linear equation."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from fractions import Fraction
+
+import numpy as np
+from jaxtyping import Num
+
+from observability.codistribution import InputSeries, SensorRows, codistribution, motion_series
+from observability.elimination import FIELD, Elimination, eliminate
+from observability.explanation import Explained, explained, tangent_symmetries
+from observability.prime_field import PrimeField
+from observability.rational import Rationals
+from observability.system import System
+
+STEADY_ORDERS = 13
+"""Orders 0 to 12 determine everything of a steady motion. In axes that turn with the body the linearised motion has constant
+coefficients: blocks of degree 3 each for place, velocity, attitude and rate, and 1 for all constants. By Cayley and Hamilton the
+13th and all later derivatives of an output that is linear in those axes are combinations of the first 13."""
+LINEAR_IN_BODY_AXES = {"stereo", "pose", "attitude", "gyro"}
+"""Sensors that tell, each moment, just such an output: a point, a pose, a turn or a rate. A bearing alone is none."""
+
+
+class Proof(StrEnum):
+    """Why a rank is known."""
+
+    FULL = "the exact rank is full"
+    SYMMETRIES = "the exact rank and the symmetries, which hold for finite moves, add up to all unknowns"
+    STEADY = "the motion is steady, so that no higher order can add to the exact rank"
+    OPEN = "open: the exact rank is a lower bound, and no proof from above was found"
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What a system's outputs determine at a point.
+
+    Attributes
+    ----------
+    dimension: unknowns.   names: of all unknowns.
+    ranks: exact, with orders 0, 0 to 1, and so on.   order: the first with the last rank.
+    regular: whether the rank is that of points in general position nearby.
+    null_space: residues, a basis in its columns.   explanations: of the null space, independent of one another.
+    unnamed: null directions that no explanation covers.   proof: of the last rank.
+    """
+
+    dimension: int
+    names: tuple[str, ...]
+    ranks: tuple[int, ...]
+    regular: bool
+    null_space: Num[np.ndarray, "n d"]
+    explanations: tuple[Explained, ...]
+    proof: Proof
+
+    @property
+    def rank(self) -> int:
+        """Of all orders."""
+        return self.ranks[-1]
+
+    @property
+    def order(self) -> int:
+        """At which the rank is reached."""
+        return self.ranks.index(self.rank)
+
+    @property
+    def null_dimension(self) -> int:
+        """Directions that the outputs do not show."""
+        return self.dimension - self.rank
+
+    @property
+    def unnamed(self) -> int:
+        """Null directions without a name."""
+        return self.null_dimension - len(self.explanations)
+
+    @property
+    def certified(self) -> bool:
+        """Whether the rank is proved from both sides."""
+        return self.proof is not Proof.OPEN
+
+
+def certify(system: System, point: Rationals, inputs: Sequence[InputSeries] = ()) -> Certificate:
+    """Rank, null space, names and proof at a point.
+
+    Parameters
+    ----------
+    inputs: experiments with the system's known inputs; their rows are taken together.
+    """
+    experiments = list(inputs) or [()]
+    rows = [codistribution(system, point, STEADY_ORDERS, FIELD, given) for given in experiments]
+    together = [part for sensor in zip(*rows, strict=True) for part in _joined(sensor)]
+    ranks, last = _ranks(together)
+    tangents = tangent_symmetries(system, point, together)
+    explanations = _explained(system, point, tangents.symmetries, experiments)
+    return Certificate(
+        dimension=system.dimension,
+        names=system.names,
+        ranks=ranks,
+        regular=_generic_rank(system, point, experiments) == ranks[-1],
+        null_space=last.null_space(),
+        explanations=tuple(explanations),
+        proof=_proof(system, point, ranks[-1], explanations),
+    )
+
+
+def _joined(parts: Sequence[SensorRows]) -> list[SensorRows]:
+    """Rows of one sensor from several experiments as one: the same unknowns."""
+    return [
+        SensorRows(
+            np.concatenate([part.common for part in parts], axis=2),
+            np.concatenate([part.own for part in parts], axis=2),
+        )
+    ]
+
+
+def _ranks(rows: Sequence[SensorRows]) -> tuple[tuple[int, ...], Elimination]:
+    eliminations = [eliminate([part.upto(orders) for part in rows]) for orders in range(1, STEADY_ORDERS + 1)]
+    return tuple(each.rank for each in eliminations), eliminations[-1]
+
+
+def _explained(
+    system: System, point: Rationals, symmetries: list, experiments: Sequence[InputSeries]
+) -> list[Explained]:
+    """Explanations that hold in every experiment."""
+    if not symmetries:
+        return []
+    found = explained(system, point, symmetries, experiments[0])
+    for given in experiments[1:]:
+        again = {each.symmetry.name: each for each in explained(system, point, symmetries, given)}
+        found = [
+            Explained(
+                each.symmetry,
+                max(each.change, again[each.symmetry.name].change),
+                each.finite and again[each.symmetry.name].finite,
+            )
+            for each in found
+            if each.symmetry.name in again
+        ]
+    return found
+
+
+def _proof(system: System, point: Rationals, rank: int, explanations: Sequence[Explained]) -> Proof:
+    if rank == system.dimension:
+        return Proof.FULL
+    if rank + sum(each.finite for each in explanations) == system.dimension:
+        return Proof.SYMMETRIES
+    linear = all(sensor.model.name in LINEAR_IN_BODY_AXES for sensor in system.sensors)
+    if linear and not system.inputs and _steady(system, point):
+        return Proof.STEADY
+    return Proof.OPEN
+
+
+def _steady(system: System, point: Rationals) -> bool:
+    """Whether the rate's own rate is exactly 0."""
+    coefficients = motion_series(system, point, 2, FIELD)
+    start = 0
+    for block in system.chart.blocks:
+        if block.name == "w":
+            return not coefficients[1, start : start + block.size, 0].any()
+        start += block.size
+    return False
+
+
+def _generic_rank(system: System, point: Rationals, experiments: Sequence[InputSeries]) -> int:
+    """Rank at a random point of the chart; a quaternion is taken along a random turn, whose rank any unit quaternion has."""
+    generator = np.random.default_rng(0)
+    moved = tuple(
+        value + Fraction(int(step), 10**4) if moves else value
+        for value, step, moves in zip(
+            point, generator.integers(1, 1000, len(point)), _additive(system), strict=True
+        )
+    )
+    field = PrimeField(int(generator.integers(2, 1 << 30)))
+    rows = [codistribution(system, moved, STEADY_ORDERS, field, given) for given in experiments]
+    return eliminate([part for sensor in zip(*rows, strict=True) for part in _joined(sensor)]).rank
+
+
+def _additive(system: System) -> list[bool]:
+    return [block.size == len(block.components) for block in system.chart.blocks for _ in range(block.size)]

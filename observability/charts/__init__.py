@@ -1,0 +1,1 @@
+"""Coordinates that a motion can be analysed in, one file each."""

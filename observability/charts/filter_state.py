@@ -1,0 +1,59 @@
+"""The filters' own state: every block as `spinfilters.state` holds it, moved by the process model itself."""
+
+import casadi as ca
+
+from observability.charts.chart import Block, Chart, Values, attitude, vector
+from spinfilters.attitude.expressions import Expression
+from spinfilters.dynamics.mass_distribution import from_second_moments, inertia, lower_factor
+from spinfilters.models.process import derivative
+from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+
+MASS = Block("s", 5, ("D_11", "D_22", "D_21", "D_31", "D_32"))
+
+
+class FilterChart(Chart):
+    """The state of a `StateLayout` without drag, with its own multiplicative errors."""
+
+    def __init__(self, layout: StateLayout | None = None) -> None:
+        self.layout = layout or StateLayout(FULL_BLOCKS)
+        self.name = "filter state"
+        special = {"a": attitude("q"), "s": MASS}
+        self.blocks = tuple(special.get(name) or vector(name) for name in self.layout.blocks)
+
+    def rates(self, values: Values) -> Values:
+        return self.layout.unpack(derivative(self.layout, self.layout.pack(values)))
+
+    def seen(self, values: Values) -> Values:
+        return {name: value for name, value in values.items() if name != "s"}
+
+    def torque_field(self, values: Values) -> Values:
+        return {"w": ca.inv_minor(inertia(values["s"]))}
+
+    def directions(self, values: Values) -> Expression:
+        d = ca.SX.sym("d", self.layout.error_dim)
+        moved = self.layout.retract_expression(self.layout.pack(values), d)
+        return ca.substitute(ca.jacobian(moved, d), d, ca.SX.zeros(*d.shape))
+
+    def change(self, values: Values, moved: Values) -> Expression:
+        """Of the masses as S where a move has put it beside s; no move changes s itself."""
+        return super().change(values, moved | {"s": moved.get("S", moved["s"])})
+
+    def settled(self, moved: Values) -> Values:
+        if "S" not in moved:
+            return moved
+        S = moved["S"]
+        return moved | {"s": from_second_moments(S / ca.det(S) ** (1 / 3))}
+
+    def _block_change(self, block: Block, value: Expression, moved: Expression) -> Expression:
+        """Of the masses, where ``moved`` is S: the traceless part of L^-1 S L^-T, without a logarithm or a root."""
+        if block.name != "s":
+            return super()._block_change(block, value, moved)
+        inverse = ca.inv_minor(lower_factor(value))
+        D = inverse @ moved @ inverse.T
+        mean = ca.trace(D) / 3
+        return ca.vertcat(D[0, 0] - mean, D[1, 1] - mean, D[1, 0], D[2, 0], D[2, 1])
+
+
+def with_second_moments(values: Values, J: Expression) -> Values:
+    """The blocks with another inertia, held as S = tr(J)/2 I - J beside s until the chart settles them."""
+    return values | {"S": ca.trace(J) / 2 * ca.DM.eye(3) - J}

@@ -1,0 +1,188 @@
+"""How well conditioned the covariance of process noise is, and by what to divide a state so that it is best.
+
+Noise that enters a velocity and is integrated once more gives position and velocity uncertainties whose ratio grows with the time
+step. With x1 = r, x2 = v / alpha the covariance after dt of unit noise is (Tweddle 2013, Eq. 4.118)
+
+    [[dt^3 / 3, dt^2 / (2 alpha)], [dt^2 / (2 alpha), dt / alpha^2]]
+
+whose condition number is least where both variances are equal: alpha dt = sqrt(3), which gives 7 + 4 sqrt(3) = 13.93. (Section 4.9
+prints dt = alpha sqrt(3), and both worked examples are inverted with it.)
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import minimize
+
+from spinfilters.dynamics.mass_distribution import from_inertia
+from spinfilters.errors import InputError, ShapeError
+from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+
+BEST_CONDITION: Final = 7 + 4 * np.sqrt(3)
+"""Least condition number of a double integrator's noise over all scalings of its velocity."""
+NOISY_BLOCKS: Final = ("t", "a", "v", "w")
+"""Blocks that process noise reaches; the others are constants."""
+TYPICAL_MOMENTS: Final = (1.0322, 1.0, 0.8596)
+"""Of the body that `suggest_scaling` assumes: the thesis' (Tweddle 2013, section 6.5.2). Others change the result by little."""
+
+
+def double_integrator_covariance(dt: float, alpha: float = 1.0) -> Float[np.ndarray, "2 2"]:
+    """Covariance of (r, v / alpha) after dt s of unit white acceleration (Tweddle 2013, Eq. 4.118).
+
+    Raises
+    ------
+    InputError: unless dt and alpha are positive and finite.
+    """
+    _check_positive(dt=dt, alpha=alpha)
+    return np.array([[dt**3 / 3, dt**2 / (2 * alpha)], [dt**2 / (2 * alpha), dt / alpha**2]])
+
+
+def best_time_step(alpha: float) -> float:
+    """sqrt(3) / alpha: where a velocity in units of alpha is best conditioned, s (Section 4.9, corrected)."""
+    _check_positive(alpha=alpha)
+    return float(np.sqrt(3) / alpha)
+
+
+def best_velocity_unit(dt: float) -> float:
+    """sqrt(3) / dt: the unit alpha of velocity that suits a time step, 1/s times the unit of position."""
+    _check_positive(dt=dt)
+    return float(np.sqrt(3) / dt)
+
+
+def noise_covariance(
+    dt: float, rate: Float[np.ndarray, " 3"], noise: ProcessNoise | None = None
+) -> Float[np.ndarray, "12 12"]:
+    """Covariance of (t, a, v, w) of the filters' process after dt s, for a body of `TYPICAL_MOMENTS` at this rate, rad/s."""
+    process = _process(noise or ProcessNoise())
+    layout = process.layout
+    x = layout.origin()
+    x[layout.mean_slice("w")] = rate
+    x[layout.mean_slice("s")] = from_inertia(np.diag(TYPICAL_MOMENTS))
+    whole = process.noise_covariance(x, dt)
+    every = np.arange(layout.error_dim)
+    noisy = np.concatenate([every[layout.slice(block)] for block in NOISY_BLOCKS])
+    return whole[np.ix_(noisy, noisy)]
+
+
+@cache
+def _process(noise: ProcessNoise) -> TorqueFreeProcess:
+    """One for all time steps: its compiled functions are worth keeping."""
+    return TorqueFreeProcess(StateLayout(FULL_BLOCKS), noise)
+
+
+def condition_number(covariance: Float[np.ndarray, "n n"]) -> float:
+    """Largest over smallest eigenvalue, the smallest found as the largest of the inverse, through Jacobi scaling and Cholesky.
+
+    So it is right, too, where the number exceeds 1/eps because of unequal units (a graded matrix).
+
+    Raises
+    ------
+    InputError: when the matrix is not positive definite.
+    """
+    whitening = whitening_matrix(covariance)
+    return float(np.linalg.eigvalsh(covariance)[-1] * np.linalg.norm(whitening, 2) ** 2)
+
+
+def jacobi_scaling(covariance: Float[np.ndarray, "n n"]) -> Float[np.ndarray, " n"]:
+    """Standard deviations: divided by them, every component has variance 1."""
+    variances = np.diag(covariance)
+    if covariance.ndim != 2 or covariance.shape[0] != covariance.shape[1]:
+        raise ShapeError(f"a covariance is square, got {covariance.shape}")
+    if not np.all(np.isfinite(variances) & (variances > 0)):
+        raise InputError(
+            f"variances {variances.tolist()} must be positive and finite; leave out what no noise reaches"
+        )
+    return np.sqrt(variances)
+
+
+def optimal_scaling(covariance: Float[np.ndarray, "n n"]) -> Float[np.ndarray, " n"]:
+    """Divisors with the least condition number found from Jacobi's, which are within a factor n of it (van der Sluis 1969)."""
+    jacobi = jacobi_scaling(covariance)
+    correlation = scaled(covariance, jacobi)
+
+    def badness(logarithms: Float[np.ndarray, " n"]) -> float:
+        return float(np.log(condition_number(scaled(correlation, np.exp(logarithms)))))
+
+    found = minimize(badness, np.zeros(len(jacobi)), method="Powell", options={"xtol": 1e-8, "ftol": 1e-10})
+    return jacobi * np.exp(found.x) if found.fun < badness(np.zeros(len(jacobi))) else jacobi
+
+
+def scaled(
+    covariance: Float[np.ndarray, "n n"], divisors: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "n n"]:
+    """The covariance of components divided by these numbers."""
+    return covariance / divisors[:, np.newaxis] / divisors
+
+
+def whitening_matrix(covariance: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+    """W, lower triangular, with W C W' = I: the inverse Cholesky factor of the correlation, its columns divided by the deviations.
+
+    Raises
+    ------
+    InputError: when the matrix is not positive definite.
+    """
+    divisors = jacobi_scaling(covariance)
+    try:
+        factor = np.linalg.cholesky(scaled(covariance, divisors))
+    except np.linalg.LinAlgError:
+        raise InputError(
+            "covariance is not positive definite; take a longer time step or leave out constants"
+        ) from None
+    return np.linalg.solve(factor, np.eye(len(divisors))) / divisors
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """By what to divide a state so that its process noise is well conditioned.
+
+    Attributes
+    ----------
+    dt: time step, s.   velocity, rate: units alpha of v relative to that of t, and of w relative to that of a, 1/s.
+    before, after: condition numbers of the noise of (a, w) in SI and in these units; `BEST_CONDITION` where nothing rotates.
+    """
+
+    dt: float
+    velocity: float
+    rate: float
+    before: float
+    after: float
+
+    def __str__(self) -> str:
+        return (
+            f"at {self.dt:g} s hold velocities in units of {self.velocity:.3g} m/s, rates in {self.rate:.3g} rad/s: "
+            f"condition of the rotation's noise {self.before:.3g} -> {self.after:.3g}"
+        )
+
+
+def suggest_scaling(dt: float, w: Float[np.ndarray, " 3"]) -> Scaling:
+    """Units of velocity and rate for a time step (s) and a body rate (rad/s).
+
+    Raises
+    ------
+    InputError: unless dt is positive and all is finite.
+    """
+    _check_positive(dt=dt)
+    if not np.all(np.isfinite(w)):
+        raise InputError(f"body rate {w.tolist()} must be finite, in rad/s")
+    covariance = noise_covariance(dt, w, ProcessNoise(1.0, 1.0))
+    turn = np.r_[3:6, 9:12]
+    rotation = covariance[np.ix_(turn, turn)]
+    variances = np.diag(rotation)
+    alpha = float(np.sqrt(variances[3:].mean() / variances[:3].mean()))
+    return Scaling(
+        dt=dt,
+        velocity=best_velocity_unit(dt),
+        rate=alpha,
+        before=condition_number(rotation),
+        after=condition_number(scaled(rotation, np.repeat([1.0, alpha], 3))),
+    )
+
+
+def _check_positive(**values: float) -> None:
+    for name, value in values.items():
+        if not (np.isfinite(value) and value > 0):
+            raise InputError(f"{name} is {value}; it must be positive and finite")

@@ -1,0 +1,186 @@
+"""The null space in words: which named symmetries span it, and whether each holds for finite moves too."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Bool, Float, Num
+
+from observability.codistribution import InputSeries, SensorRows
+from observability.elimination import FIELD, product_of, reduce_columns
+from observability.guide import guide
+from observability.rational import Rationals, as_floats
+from observability.series import Series
+from observability.simulation import Trajectories, simulate
+from observability.symmetries.candidates import candidates
+from observability.symmetries.symmetry import State, Symmetry
+from observability.system import System
+from observability.tape import tape_of
+
+FINITE_TOLERANCE = 1e-9
+"""Px, m, rad/s, or parts of a quaternion, that outputs may differ by after a finite move along a symmetry: rounding only."""
+TURN = 2.5
+"""Angle in rad over which outputs are compared, or seconds for a body that hardly turns."""
+STEPS = 5
+SQUARE_LAW = (3.5, 4.5)
+"""Halving a move that is a symmetry to first order only divides the change of the outputs by 4."""
+
+
+@dataclass(frozen=True)
+class Explained:
+    """One direction of the null space.
+
+    Attributes
+    ----------
+    symmetry: what it is called.   change: largest difference of any output after the finite move.
+    finite: whether outputs stay; if not, they change with the square of the move.
+    """
+
+    symmetry: Symmetry
+    change: float
+    finite: bool
+
+
+@dataclass(frozen=True)
+class Tangents:
+    """Candidates that no row sees and that are independent, with their directions as residues (n, k)."""
+
+    symmetries: list[Symmetry]
+    directions: Num[np.ndarray, "n k"]
+
+
+def tangent_symmetries(system: System, point: Rationals, rows: Sequence[SensorRows]) -> Tangents:
+    """Exactly: the candidates whose tangents lie in the null space of the rows, as many as are independent."""
+    found = candidates(system, point)
+    if not found:
+        return Tangents([], np.zeros((system.dimension, 0), dtype=np.uint64))
+    tangents = _tangents(system, point, found)
+    unseen = np.flatnonzero(_unseen(rows, tangents))
+    pivots = reduce_columns(tangents[np.newaxis, :, unseen], len(unseen)).pivots[0]
+    kept = unseen[pivots >= 0]
+    return Tangents([found[k] for k in kept], tangents[:, kept])
+
+
+def explained(
+    system: System, point: Rationals, symmetries: Sequence[Symmetry], inputs: InputSeries = ()
+) -> list[Explained]:
+    """Each symmetry with what a finite move does; what is neither a symmetry nor one to first order is left out."""
+    moved = _moved(system, point, symmetries, (1.0, 0.5))
+    outputs = simulate(system, moved, _duration(system, point), STEPS, inputs)
+    differences = np.zeros(2 * len(symmetries))
+    for values in outputs:
+        change = np.abs(values[..., 1:] - values[..., :1])
+        differences = np.maximum(differences, change.reshape(-1, len(differences)).max(axis=0))
+    whole, half = differences.reshape(2, -1)
+    finite = whole <= FINITE_TOLERANCE
+    square = (SQUARE_LAW[0] * half <= whole) & (whole <= SQUARE_LAW[1] * half)
+    found = zip(symmetries, whole, finite, finite | square, strict=True)
+    return [
+        Explained(symmetry, float(change), bool(holds)) for symmetry, change, holds, known in found if known
+    ]
+
+
+def _unseen(rows: Sequence[SensorRows], tangents: Num[np.ndarray, "n k"]) -> Bool[np.ndarray, " k"]:
+    """Whether every row is orthogonal to a tangent."""
+    unseen, offset = np.ones(tangents.shape[1], dtype=bool), rows[0].common.shape[-1]
+    for sensor in rows:
+        items, unknown, common = len(sensor.own), sensor.own.shape[-1], sensor.common.shape[-1]
+        for item in range(items):
+            own = tangents[offset + item * unknown : offset + (item + 1) * unknown]
+            matrix = np.concatenate([sensor.common[item], sensor.own[item]], axis=-1).reshape(
+                -1, common + unknown
+            )
+            unseen &= ~product_of(matrix, np.concatenate([tangents[:common], own])).any(axis=0)
+        offset += items * unknown
+    return unseen
+
+
+def _tangents(system: System, point: Rationals, symmetries: Sequence[Symmetry]) -> Num[np.ndarray, "n k"]:
+    """Directions of the moves at amount 0, as residues."""
+    x, parameters, amount = _symbols(system)
+    errors = [_error(system, x, parameters, symmetry, amount) for symmetry in symmetries]
+    flat = ca.vertcat(x, *[ca.vec(each) for each in parameters])
+    tape = tape_of("a symmetry", [flat, amount], ca.vertcat(*errors))
+    numbers = _flat(system, point)
+    series = Series(tape, guide(tape, [[numbers], [(Fraction(0),)]]), FIELD, (1, 1, 2))
+    values = np.zeros((len(numbers), 1, 2), dtype=np.uint64)
+    values[:, 0, 0] = FIELD.numbers(numbers)
+    series.put(0, 0, values)
+    series.put(1, 0, np.array([[[0, 1]]], dtype=np.uint64))
+    return series.advance(0)[:, 0, 1].reshape(len(symmetries), -1).T
+
+
+def _moved(
+    system: System, point: Rationals, symmetries: Sequence[Symmetry], shares: Sequence[float]
+) -> Trajectories:
+    """The state itself, then moved by each symmetry's amount times the first share, then the next."""
+    x, parameters, share = _symbols(system)
+    flat, numbers = ca.vertcat(x, *[ca.vec(each) for each in parameters]), as_floats(_flat(system, point))
+    columns = []
+    for symmetry in symmetries:
+        state = symmetry.move(_state(system, x, parameters), share * symmetry.amount)
+        settled = system.chart.pack(system.chart.settled(state.values))
+        columns.append(
+            ca.vertcat(settled, *[ca.vec(each) for each in _with_points(system, parameters, state)])
+        )
+    move = ca.Function("move", [flat, share], [ca.densify(ca.horzcat(*columns))])
+    stacked = np.concatenate(
+        [numbers[:, np.newaxis], *[np.asarray(move(numbers, each)) for each in shares]], axis=1
+    )
+    edges = np.cumsum([system.chart.mean_dim, *[each.numel() for each in parameters]])
+    parts = np.split(stacked, edges[:-1])
+    shaped = tuple(
+        part.reshape(sensor.count, -1, stacked.shape[1]).swapaxes(0, 1)
+        for part, sensor in zip(parts[1:], system.sensors, strict=True)
+    )
+    return Trajectories(parts[0], shaped)
+
+
+def _error(system: System, x: ca.SX, parameters: Sequence[ca.SX], symmetry: Symmetry, amount: ca.SX) -> ca.SX:
+    """Error of the moved state against the state, in the order of `System.names`."""
+    state = _state(system, x, parameters)
+    moved = symmetry.move(state, amount)
+    points = [after - before for before, after in zip(state.points, moved.points, strict=True)]
+    own = iter(points)
+    flat = [
+        ca.vec(next(own)) if sensor.unknown == 3 else ca.SX.zeros(sensor.unknown * sensor.count)
+        for sensor in system.sensors
+    ]
+    return ca.vertcat(system.chart.change(state.values, moved.values), *flat)
+
+
+def _symbols(system: System) -> tuple[ca.SX, list[ca.SX], ca.SX]:
+    parameters = [ca.SX.sym("p", sensor.model.parameter_dim, sensor.count) for sensor in system.sensors]
+    return ca.SX.sym("x", system.chart.mean_dim), parameters, ca.SX.sym("amount")
+
+
+def _state(system: System, x: ca.SX, parameters: Sequence[ca.SX]) -> State:
+    mapped = zip(parameters, system.sensors, strict=True)
+    return State(system.chart.unpack(x), tuple(p[:3, :] for p, sensor in mapped if sensor.unknown == 3))
+
+
+def _with_points(system: System, parameters: Sequence[ca.SX], state: State) -> list[ca.SX]:
+    points = iter(state.points)
+    return [
+        ca.vertcat(next(points), p[3:, :]) if sensor.unknown == 3 else p
+        for p, sensor in zip(parameters, system.sensors, strict=True)
+    ]
+
+
+def _flat(system: System, point: Rationals) -> Rationals:
+    return point + tuple(number for sensor in system.sensors for item in sensor.parameters for number in item)
+
+
+def _duration(system: System, point: Rationals) -> float:
+    """Seconds in which the body turns by `TURN`, at most as many as `TURN`."""
+    x = as_floats(point)
+    rate = ca.Function("w", [u := ca.SX.sym("x", len(x))], [system.chart.seen(system.chart.unpack(u))["w"]])(
+        x
+    )
+    return TURN / max(1.0, float(np.linalg.norm(_floats(rate))))
+
+
+def _floats(value: ca.DM) -> Float[np.ndarray, " n"]:
+    return np.asarray(value)[:, 0]

@@ -1,0 +1,1 @@
+"""Changes of a state that no sensor can see, by name."""

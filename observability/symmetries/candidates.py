@@ -1,0 +1,65 @@
+"""Which symmetries to try for a system at a point."""
+
+import casadi as ca
+import numpy as np
+
+from observability.charts.chart import Chart, Values
+from observability.charts.filter_state import FilterChart, with_second_moments
+from observability.charts.principal import PrincipalChart
+from observability.charts.tensor import TensorChart, entries, symmetric
+from observability.rational import Rationals, as_floats
+from observability.symmetries.geometric import GeometricMoves
+from observability.symmetries.principal import principal_symmetries
+from observability.symmetries.symmetry import Symmetry
+from observability.system import System
+from spinfilters.attitude.expressions import Expression
+from spinfilters.dynamics.mass_distribution import inertia
+
+
+def candidates(system: System, point: Rationals) -> list[Symmetry]:
+    """Candidates by preference: where several say the same, the first names it."""
+    chart = system.chart
+    rate = as_floats(point)[_place(chart, "w")]
+    values = chart.unpack(ca.SX.sym("x", chart.mean_dim))
+    still = not rate.any()
+    found = _of_chart(chart, values, rate, still)
+    mapped = [sensor for sensor in system.sensors if sensor.unknown == 3]
+    return [each for each in found if mapped or each.group not in NEED_LANDMARKS]
+
+
+NEED_LANDMARKS = {"turn that looks like drift", "spin about the line to the landmark"}
+
+
+def _of_chart(chart: Chart, values: Values, rate: np.ndarray, still: bool) -> list[Symmetry]:
+    if isinstance(chart, PrincipalChart):
+        equal = "k" in values
+        return list(principal_symmetries(values, still, bool(rate.all()) and equal))
+    spin = None if still else int(np.argmin(np.abs(rate)))
+    if isinstance(chart, TensorChart):
+        return list(GeometricMoves(_tensor, _with_tensor, scale_held=True).symmetries(values, spin))
+    if isinstance(chart, FilterChart):
+        return list(
+            GeometricMoves(_filter_inertia, with_second_moments, scale_held=False).symmetries(values, spin)
+        )
+    return []
+
+
+def _place(chart: Chart, name: str) -> slice:
+    start = 0
+    for block in chart.blocks:
+        if block.name == name:
+            return slice(start, start + block.size)
+        start += block.size
+    return slice(0, 0)
+
+
+def _tensor(values: Values) -> Expression:
+    return symmetric(values["J"])
+
+
+def _with_tensor(values: Values, J: Expression) -> Values:
+    return values | {"J": entries(J)}
+
+
+def _filter_inertia(values: Values) -> Expression:
+    return inertia(values["s"])

@@ -1,0 +1,200 @@
+"""Candidates in the principal chart."""
+
+from collections.abc import Iterator
+
+import casadi as ca
+
+from observability.symmetries.symmetry import (
+    AXES,
+    State,
+    Symmetry,
+    inertial_symmetries,
+    scaled,
+    shifted_points,
+    turn,
+    turned_points,
+    unit,
+)
+from spinfilters.attitude.expressions import Expression, conjugate, product, rotate
+
+
+def principal_symmetries(values: dict[str, Expression], still: bool, crooked: bool) -> Iterator[Symmetry]:
+    """All candidates over a chart with these blocks.
+
+    Parameters
+    ----------
+    still: the body does not rotate, so that no spin axis is defined.   crooked: its rate has no component that is 0.
+    """
+    if "c" in values:
+        yield from (
+            Symmetry("gauge translation", f"translation of g along {AXES[k]}", _shifted(k), 0.05)
+            for k in range(3)
+        )
+    if "q_gb" in values:
+        yield from (
+            Symmetry("gauge rotation", f"rotation of g about {AXES[k]}", _turned(k), 0.3) for k in range(3)
+        )
+    if "J" in values:
+        yield Symmetry("scale of the inertia", "scale of the inertia", _heavier, 0.2)
+    if "r" in values:
+        yield Symmetry("scale of all lengths", "scale of all lengths", _longer, 0.1)
+    if "k" in values:
+        yield from (Symmetry(f"k{k + 1}", f"k{k + 1}", _ratio(k), 0.1) for k in range(2))
+    if "J" in values:
+        yield from (
+            Symmetry(f"moment about {AXES[k]}", f"moment about {AXES[k]}", _moment(k), 0.1) for k in range(3)
+        )
+    if "q_gb" in values:
+        yield from _rolls(still)
+    if "c" in values:
+        yield from _centre(still)
+    if "q_ib" in values:
+        yield from inertial_symmetries("r" if "r" in values else None, "q_ib")
+    if "c" in values:
+        yield from _first_order(still, crooked)
+
+
+def _centre(still: bool) -> Iterator[Symmetry]:
+    if still:
+        for k in range(3):
+            yield Symmetry("centre of mass", f"centre of mass along {AXES[k]}", _centre_along_axis(k), 0.05)
+    else:
+        yield Symmetry(
+            "centre of mass along the spin axis",
+            "centre of mass along the spin axis",
+            _centre_along_spin,
+            0.05,
+        )
+
+
+def _rolls(still: bool) -> Iterator[Symmetry]:
+    if not still:
+        yield Symmetry(
+            "roll about the spin axis", "roll of the principal axes about the spin axis", _rolled(None), 0.3
+        )
+    for k in range(3):
+        yield Symmetry(
+            "roll of the principal axes", f"roll of the principal axes about {AXES[k]}", _rolled(k), 0.3
+        )
+
+
+def _first_order(still: bool, crooked: bool) -> Iterator[Symmetry]:
+    """What one or two landmarks take for something else as long as it is small."""
+    if still:
+        yield Symmetry(
+            "turn that looks like drift", "turn about the line of two landmarks", _slow_turn(None), 0.02
+        )
+        for k in range(3):
+            yield Symmetry(
+                "turn that looks like drift",
+                f"turn about {AXES[k]} that looks like drift",
+                _slow_turn(k),
+                0.02,
+            )
+    elif crooked:
+        yield Symmetry(
+            "spin about the line to the landmark", "spin about the line to the landmark", _precession, 0.02
+        )
+
+
+def _shifted(axis: int):
+    def move(state: State, amount: ca.SX) -> State:
+        shift = amount * unit(axis)
+        return State(state.values | {"c": state.values["c"] + shift}, shifted_points(shift, state))
+
+    return move
+
+
+def _turned(axis: int):
+    def move(state: State, amount: ca.SX) -> State:
+        q = turn(unit(axis), amount)
+        changed = {"q_gb": product(q, state.values["q_gb"])}
+        if "c" in state.values:
+            changed["c"] = rotate(q, state.values["c"])
+        return State(state.values | changed, turned_points(q, state))
+
+    return move
+
+
+def _heavier(state: State, amount: ca.SX) -> State:
+    return state.with_values(J=state.values["J"] * (1 + amount))
+
+
+def _longer(state: State, amount: ca.SX) -> State:
+    return scaled(state, ("r", "v", "c"), amount)
+
+
+def _ratio(index: int):
+    def move(state: State, amount: ca.SX) -> State:
+        return state.with_values(k=state.values["k"] + amount * ca.DM.eye(2)[:, index])
+
+    return move
+
+
+def _moment(axis: int):
+    def move(state: State, amount: ca.SX) -> State:
+        return state.with_values(J=state.values["J"] + amount * unit(axis))
+
+    return move
+
+
+def _rolled(axis: int | None):
+    """The axes b turn within the body, about one of them or about the rate: R_ig and the rate in g stay."""
+
+    def move(state: State, amount: ca.SX) -> State:
+        values = state.values
+        q = turn(values["w"] if axis is None else unit(axis), amount)
+        return state.with_values(
+            q_ib=product(values["q_ib"], q),
+            q_gb=product(values["q_gb"], q),
+            w=rotate(conjugate(q), values["w"]),
+        )
+
+    return move
+
+
+def _centre_moved(state: State, along_b: Expression) -> State:
+    """The centre of mass elsewhere in the body, the body where it is."""
+    values = state.values
+    return state.with_values(
+        c=values["c"] + rotate(values["q_gb"], along_b), r=values["r"] + rotate(values["q_ib"], along_b)
+    )
+
+
+def _centre_along_spin(state: State, amount: ca.SX) -> State:
+    return _centre_moved(state, amount * state.values["w"])
+
+
+def _centre_along_axis(axis: int):
+    def move(state: State, amount: ca.SX) -> State:
+        return _centre_moved(state, amount * unit(axis))
+
+    return move
+
+
+def _slow_turn(axis: int | None):
+    """A rate of a body at rest, about an axis or the line of the first two landmarks, and a velocity that makes up for it."""
+
+    def move(state: State, amount: ca.SX) -> State:
+        values, points = state.values, state.points[0]
+        first, second = points[:, 0], points[:, min(1, points.shape[1] - 1)]
+        line = rotate(conjugate(values["q_gb"]), second - first)
+        rate = amount * (line if axis is None else unit(axis))
+        arm = rotate(conjugate(values["q_gb"]), first - values["c"])
+        drift = rotate(values["q_ib"], ca.cross(rate, arm))
+        return state.with_values(w=values["w"] + rate, v=values["v"] - drift)
+
+    return move
+
+
+def _precession(state: State, amount: ca.SX) -> State:
+    """Of a sphere: a rate about the line from centre to landmark, and moments that make the rest of the rate follow.
+
+    To first order w' = (dJ w) x w has to be amount w x d, so dJ w = -amount d + m w, where dJ = diag(k1, 0, -k2).
+    """
+    values = state.values
+    w = values["w"]
+    d = rotate(conjugate(values["q_gb"]), state.points[0][:, 0] - values["c"])
+    m = d[1] / w[1]
+    ratios = ca.vertcat(m - d[0] / w[0], d[2] / w[2] - m)
+    return state.with_values(w=w + amount * d, k=values["k"] + amount * ratios)

@@ -1,0 +1,159 @@
+"""A system to analyse: a chart's motion, the sensors that watch it, and the inputs that are known."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from observability.charts.chart import Chart, Values
+from observability.rational import Rationals
+from observability.tape import Tape, tape_of
+from spinfilters.errors import InputError, ShapeError
+from spinfilters.models.measurement import MeasurementModel
+
+NEEDED = {"a": "q"}
+"""Blocks of a filter's state under the names that expressions know them by."""
+
+
+class Input(StrEnum):
+    """What is known to act, each along one axis."""
+
+    TORQUE_X = "torque about x"
+    TORQUE_Y = "torque about y"
+    TORQUE_Z = "torque about z"
+    INSPECTOR_X = "inspector's acceleration along x"
+    INSPECTOR_Y = "inspector's acceleration along y"
+    INSPECTOR_Z = "inspector's acceleration along z"
+
+    @property
+    def axis(self) -> int:
+        """0, 1 or 2."""
+        return "xyz".index(self.value[-1])
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A sensor of the filters, once per item of its parameters.
+
+    Attributes
+    ----------
+    model: the sensor, over any layout: only its expressions are used.
+    parameters: of every item (landmark, calibration, noise).
+    unknown: how many of the leading parameters are unknown constants: 3 for a landmark to be mapped, 0 for a known map.
+    """
+
+    model: MeasurementModel
+    parameters: tuple[Rationals, ...]
+    unknown: int = 0
+
+    def __post_init__(self) -> None:
+        wrong = [len(item) for item in self.parameters if len(item) != self.model.parameter_dim]
+        if wrong:
+            raise ShapeError(
+                f"a measurement of {self.model.name} has {self.model.parameter_dim} parameters, got {wrong[0]} of them"
+            )
+        if not self.parameters:
+            raise InputError(
+                f"{self.model.name} measures nothing; give at least one item (a landmark, a sample)"
+            )
+        if not 0 <= self.unknown <= self.model.parameter_dim:
+            raise InputError(
+                f"{self.unknown} of {self.model.parameter_dim} parameters of {self.model.name} cannot be unknown"
+            )
+
+    @property
+    def count(self) -> int:
+        """Items."""
+        return len(self.parameters)
+
+
+@dataclass(frozen=True)
+class System:
+    """x' = f(x) + sum_k g_k(x) u_k with known u, seen by sensors.
+
+    Attributes
+    ----------
+    chart: coordinates of the motion.
+    sensors: at least one.
+    inputs: what acts and is known as a function of time.
+    """
+
+    chart: Chart
+    sensors: Sequence[Sensor]
+    inputs: Sequence[Input] = ()
+
+    def __post_init__(self) -> None:
+        if not self.sensors:
+            raise InputError("nothing is measured: give the system at least one sensor")
+        x = self.chart.unpack(ca.SX.sym("x", self.chart.mean_dim))
+        for sensor in self.sensors:
+            lacking = {NEEDED.get(block, block) for block in sensor.model.needs} - set(self.chart.seen(x))
+            if lacking:
+                raise InputError(
+                    f"{sensor.model.name} needs {', '.join(sorted(lacking))}, which the chart {self.chart.name} does not hold; "
+                    "take a chart with attitude and place"
+                )
+        if any("inspector" in each for each in self.inputs) and "v" not in x:
+            raise InputError(
+                f"an inspector's manoeuvre needs a velocity; the chart {self.chart.name} holds none"
+            )
+
+    @property
+    def dimension(self) -> int:
+        """Unknowns: directions of the chart and unknown parameters."""
+        return self.chart.error_dim + sum(sensor.unknown * sensor.count for sensor in self.sensors)
+
+    @cached_property
+    def motion(self) -> Tape:
+        """(x, u) -> x'."""
+        x, u = ca.SX.sym("x", self.chart.mean_dim), ca.SX.sym("u", len(self.inputs))
+        return tape_of("the motion", [x, u], self.rate(x, u))
+
+    def rate(self, x: ca.SX, u: ca.SX) -> ca.SX:
+        """x' as an expression."""
+        values = self.chart.unpack(x)
+        rates = self.chart.rates(values)
+        for index, each in enumerate(self.inputs):
+            for name, column in _field(self.chart, values, each).items():
+                rates[name] = rates[name] + column * u[index]
+        return self.chart.pack(rates)
+
+    @cached_property
+    def directions(self) -> Tape:
+        """x -> change of a point per error component, column by column."""
+        x = ca.SX.sym("x", self.chart.mean_dim)
+        return tape_of("the chart", [x], ca.vec(self.chart.directions(self.chart.unpack(x))))
+
+    @cached_property
+    def outputs(self) -> tuple[Tape, ...]:
+        """Of each sensor, (x, parameters) -> value."""
+        return tuple(self._output(sensor) for sensor in self.sensors)
+
+    def measured(self, sensor: Sensor, x: ca.SX, parameters: ca.SX) -> ca.SX:
+        """A sensor's value as an expression."""
+        return sensor.model.symbolic(self.chart.seen(self.chart.unpack(x)), parameters)
+
+    def _output(self, sensor: Sensor) -> Tape:
+        x, p = ca.SX.sym("x", self.chart.mean_dim), ca.SX.sym("p", sensor.model.parameter_dim)
+        return tape_of(f"the sensor {sensor.model.name}", [x, p], ca.SX(self.measured(sensor, x, p)))
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Of all unknowns, in order: the chart's directions, then sensor by sensor and item by item the unknown parameters."""
+        own = [
+            f"{sensor.model.name} {item + 1} {'xyz'[k] if sensor.unknown == 3 else k + 1}"
+            for sensor in self.sensors
+            for item in range(sensor.count)
+            for k in range(sensor.unknown)
+        ]
+        return (*self.chart.components, *own)
+
+
+def _field(chart: Chart, values: Values, given: Input) -> Values:
+    """One input's column: a torque by the chart's inertia, a manoeuvre as the opposite acceleration of what is seen."""
+    if "torque" in given:
+        return {name: columns[:, given.axis] for name, columns in chart.torque_field(values).items()}
+    return {"v": -ca.DM(np.eye(3)[:, given.axis])}

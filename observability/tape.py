@@ -1,0 +1,158 @@
+"""The instructions of a CasADi expression, each result in a register of its own, in groups that run as one array operation."""
+
+from collections import defaultdict
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import pairwise
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float, Int
+
+from observability.rational import rational
+from spinfilters.errors import InputError
+
+NAMES = {value: name[3:].lower() for name, value in vars(ca).items() if name.startswith("OP_")}
+"""Of CasADi's operations."""
+LINEAR = {"add", "sub", "neg", "twice", "assign"}
+PRODUCTS = {"mul", "sq", "div", "inv", "sqrt", "exp", "log"}
+CHOICES = {"fmax", "fmin", "if_else_zero", "fabs"}
+"""Piecewise: smooth except where the alternatives meet, which `Guide` refuses."""
+CONDITIONS = {"lt", "le", "eq", "ne", "not", "and", "or"}
+KNOWN = LINEAR | PRODUCTS | CHOICES | CONDITIONS
+
+
+@dataclass(frozen=True)
+class Group:
+    """Equal operations that do not depend on one another: registers out = operation(left, right)."""
+
+    operation: str
+    out: Int[np.ndarray, " g"]
+    left: Int[np.ndarray, " g"]
+    right: Int[np.ndarray, " g"]
+
+
+@dataclass(frozen=True)
+class Tape:
+    """A straight-line program.
+
+    Attributes
+    ----------
+    name: of the expression, for complaints.
+    size: number of registers.
+    inputs: registers of every element of each input.
+    constants: registers and their values.
+    groups: in an order in which every operand is ready.
+    output: registers of the elements of the only output, column by column.
+    """
+
+    name: str
+    size: int
+    inputs: tuple[Int[np.ndarray, " _"], ...]
+    constants: tuple[tuple[int, Fraction], ...]
+    groups: tuple[Group, ...]
+    output: Int[np.ndarray, " _"]
+
+
+def tape_of(name: str, inputs: list[ca.SX], output: ca.SX) -> Tape:
+    """The tape of an expression.
+
+    Raises
+    ------
+    InputError: when the expression holds an operation that has no derivative or no power series here.
+    """
+    function = ca.Function("tape", inputs, [ca.densify(output)])
+    edges = np.concatenate([[0], np.cumsum([function.numel_in(k) for k in range(function.n_in())])])
+    reader = _Reader(name, int(edges[-1]))
+    for k in range(function.n_instructions()):
+        reader.read(function, k, edges)
+    registers = tuple(np.arange(start, stop) for start, stop in pairwise(edges))
+    outputs = np.array([reader.outputs[k] for k in range(function.numel_out(0))], dtype=int)
+    return Tape(name, len(reader.levels), registers, tuple(reader.constants), reader.groups(), outputs)
+
+
+class _Reader:
+    """Renames CasADi's reused work registers as it reads."""
+
+    def __init__(self, name: str, inputs: int) -> None:
+        self._name = name
+        self.levels = [0] * inputs
+        self.constants: list[tuple[int, Fraction]] = []
+        self.outputs: dict[int, int] = {}
+        self._current: dict[int, int] = {}
+        self._instructions: dict[tuple[int, str], list[tuple[int, int, int]]] = defaultdict(list)
+
+    def read(self, function: ca.Function, k: int, edges: Int[np.ndarray, " _"]) -> None:
+        operation = NAMES[function.instruction_id(k)]
+        read, written = function.instruction_input(k), function.instruction_output(k)
+        if operation == "output":
+            self.outputs[written[1]] = self._current[read[0]]
+        elif operation == "input":
+            self._current[written[0]] = int(edges[read[0]]) + read[1]
+        elif operation == "const":
+            self.constants.append((len(self.levels), rational(function.instruction_constant(k))))
+            self._write(written[0], 0)
+        else:
+            self._operate(operation, [self._current[register] for register in read], written[0])
+
+    def _operate(self, operation: str, operands: list[int], written: int) -> None:
+        if operation not in KNOWN:
+            raise InputError(
+                f"{self._name} contains {operation}, which has no power series here; write it with + - * / sqrt, exp, log, "
+                "fmin, fmax or if_else"
+            )
+        level = 1 + max(self.levels[register] for register in operands)
+        entry = (len(self.levels), operands[0], operands[-1])
+        self._instructions[(level, operation)].append(entry)
+        self._write(written, level)
+
+    def _write(self, register: int, level: int) -> None:
+        self._current[register] = len(self.levels)
+        self.levels.append(level)
+
+    def groups(self) -> tuple[Group, ...]:
+        return tuple(
+            Group(operation, *np.array(entries, dtype=int).T)
+            for (_, operation), entries in sorted(self._instructions.items())
+        )
+
+
+def evaluate(tape: Tape, inputs: list[Float[np.ndarray, "_ b"]]) -> Float[np.ndarray, "registers b"]:
+    """Every register as floats, for ``b`` points at once."""
+    registers = np.zeros((tape.size, inputs[0].shape[1]))
+    for where, values in zip(tape.inputs, inputs, strict=True):
+        registers[where] = values
+    for register, value in tape.constants:
+        registers[register] = float(value)
+    with np.errstate(all="ignore"):  # what is not finite is complained of by whoever needs it
+        for group in tape.groups:
+            operation = _FLOATS[group.operation]
+            registers[group.out] = operation(registers[group.left], registers[group.right])
+    return registers
+
+
+_FLOATS = {
+    "add": np.add,
+    "sub": np.subtract,
+    "neg": lambda a, _: -a,
+    "twice": lambda a, _: 2 * a,
+    "assign": lambda a, _: a,
+    "mul": np.multiply,
+    "sq": lambda a, _: a * a,
+    "div": np.divide,
+    "inv": lambda a, _: 1 / a,
+    "sqrt": lambda a, _: np.sqrt(a),
+    "exp": lambda a, _: np.exp(a),
+    "log": lambda a, _: np.log(a),
+    "fmax": np.fmax,
+    "fmin": np.fmin,
+    "fabs": lambda a, _: np.abs(a),
+    "if_else_zero": lambda a, b: np.where(a != 0, b, 0.0),
+    "lt": np.less,
+    "le": np.less_equal,
+    "eq": np.equal,
+    "ne": np.not_equal,
+    "not": lambda a, _: a == 0,
+    "and": np.logical_and,
+    "or": np.logical_or,
+}

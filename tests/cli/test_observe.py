@@ -1,0 +1,122 @@
+"""``spinfilters observe``: what it prints, writes and refuses."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from spinfilters.cli.main import main
+
+QUICK = ["--frames", "6", "--interval", "0.5"]
+
+
+def observed(folder: Path, *arguments: str) -> dict:
+    """The document of a run."""
+    assert main(["observe", "-o", str(folder), *QUICK, *arguments]) == 0
+    return json.loads((folder / "observe.json").read_text())
+
+
+def test_the_default_is_the_thesis_with_four_landmarks_and_lacks_its_gauge(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    found = observed(tmp_path / "run")
+    assert (found["rank"], found["dimension"], found["certified"]) == (26, 32, True)
+    assert {each["group"] for each in found["not_determined"]} == {"gauge translation", "gauge rotation"}
+    text = (tmp_path / "run" / "observe.txt").read_text()
+    assert "26 of 32 unknowns are determined" in text
+    assert text in capsys.readouterr().out.replace("\r", "")
+    assert (tmp_path / "run" / "observe.png").read_bytes().startswith(b"\x89PNG")
+    assert found["bound"]["inertia ratios [1]"] > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "rank", "dimension"),
+    [
+        (["--sensor", "gyro"], 5, 5),
+        (["--sensor", "gyro", "--chart", "tensor"], 8, 9),
+        (["--sensor", "gyro", "--torque", "x"], 6, 6),
+        (["--sensor", "gyro", "--torque", "z", "--rate-rpm", "0", "0", "10"], 4, 6),
+        (["--sensor", "attitude"], 11, 11),
+        (["--sensor", "pose"], 20, 20),
+        (["--sensor", "pose", "--chart", "filter"], 20, 20),
+        (["--sensor", "monocular"], 25, 32),
+        (["--sensor", "monocular", "--manoeuvre", "x"], 26, 32),
+        (["--sensor", "monocular", "--known-map"], 20, 20),
+        (["--landmarks", "3", "--rate-rpm", "0", "0", "10"], 19, 29),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else str(value),
+)
+def test_every_sensor_and_input_has_its_rank(
+    tmp_path: Path, arguments: list[str], rank: int, dimension: int
+) -> None:
+    found = observed(tmp_path, *arguments)
+    assert (found["rank"], found["dimension"], found["certified"], found["unnamed"]) == (
+        rank,
+        dimension,
+        True,
+        0,
+    )
+
+
+def test_a_second_run_replaces_the_first(tmp_path: Path) -> None:
+    assert observed(tmp_path)["rank"] == 26
+    assert observed(tmp_path, "--landmarks", "1")["rank"] == 17
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--sensor", "sonar"], "sensor 'sonar' is unknown; use one of stereo"),
+        (["--chart", "mercator"], "chart 'mercator' is unknown"),
+        (["--landmarks", "0"], "0 landmarks; give at least 1"),
+        (["--landmarks", "100000"], "give at most 200"),
+        (["--frames", "0"], "give 1 to 5000 frames"),
+        (["--interval", "-1"], "a positive interval"),
+        (["--moments", "1", "1", "5"], "are no motion"),
+        (["--rate-rpm", "nan", "0", "0"], "nan is not finite"),
+        (["--torque", "x", "--chart", "filter"], "which the filters' state does not hold"),
+        (["--sensor", "gyro", "--manoeuvre", "x"], "an inspector's manoeuvre needs a velocity"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_bad_input_is_refused_in_one_line(
+    tmp_path: Path, arguments: list[str], text: str, capsys: pytest.CaptureFixture
+) -> None:
+    try:
+        code = main(["observe", "-o", str(tmp_path / "run"), *arguments])
+    except SystemExit as stopped:
+        code = stopped.code
+    complaint = capsys.readouterr().err
+    assert code == 2
+    assert text in complaint
+    assert complaint.count("\n") == 1
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_folder_of_something_else_is_left_alone(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    (tmp_path / "thesis.tex").write_text("chapter 1")
+    assert main(["observe", "-o", str(tmp_path), *QUICK]) == 2
+    assert "is not empty and no result of observe" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_a_study_writes_maps_of_the_bound(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, values in (
+        ("DURATIONS", (1.0, 3.0)),
+        ("INTERVALS", (0.5, 1.0)),
+        ("COUNTS", (2, 6)),
+        ("ANGLES", (0.0, 40.0)),
+    ):
+        monkeypatch.setattr(f"observability.study.{name}", values)
+    observed(tmp_path, "--study", "--frames", "9")
+    found = json.loads((tmp_path / "study.json").read_text())
+    for curve in found["curves"]:
+        first, last = curve["std"]["inertia ratios [1]"]
+        assert (last < first) == (curve["against"] != "seconds between frames"), curve["against"]
+    spin, tumble = (
+        found["inertia_ratios_by_motion"]["std"][0][0],
+        found["inertia_ratios_by_motion"]["std"][1][1],
+    )
+    assert spin > 2 * tumble
+    for name in ("study.png", "conditioning.png"):
+        assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")

@@ -1,0 +1,21 @@
+"""Systems that several tests look at."""
+
+from observability import sensors
+from observability.charts.chart import Chart
+from observability.charts.filter_state import FilterChart
+from observability.charts.principal import MOMENTS, RATIOS, PrincipalChart
+from observability.charts.tensor import TensorChart
+from observability.motions import TEN, Motion, landmarks
+from observability.system import System
+
+CHARTS: tuple[Chart, ...] = (PrincipalChart(), TensorChart(), FilterChart())
+MOTIONS: dict[str, Motion] = {motion.name: motion for motion in TEN}
+TUMBLE = MOTIONS["tumble"]
+Z_SPIN = MOTIONS["spin about the minor axis"]
+EULER = PrincipalChart(MOMENTS, with_attitude=False, with_place=False)
+LOG_RATIOS = PrincipalChart(RATIOS, with_attitude=False, with_place=False)
+
+
+def stereo_system(chart: Chart, count: int) -> System:
+    """Unknown landmarks before a stereo pair."""
+    return System(chart, [sensors.stereo(landmarks(count))])

@@ -1,0 +1,28 @@
+"""Flights before a stereo pair for the tests of the bound."""
+
+import numpy as np
+
+from observability.bounds.flight import Flight, Watch, free_flight
+from observability.charts.filter_state import FilterChart
+from observability.motions import Motion, landmarks, point_of
+from observability.rational import as_floats
+from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+
+LAYOUT = StateLayout(FULL_BLOCKS)
+CALIBRATION = np.array([466.7, 470.0, 320.0, 240.0, 0.09])
+MODEL = StereoLandmark(LAYOUT)
+
+
+def flight_of(motion: Motion, frames: int, interval: float, noise: ProcessNoise) -> Flight:
+    """A free motion over frames."""
+    process = TorqueFreeProcess(LAYOUT, noise, tolerance=1e-13)
+    return free_flight(process, as_floats(point_of(FilterChart(LAYOUT), motion)), frames, interval)
+
+
+def stereo_watch(count: int, frames: int, pixel_std: float = 1.0) -> Watch:
+    """Unknown landmarks, of which each is missed now and then."""
+    points = np.stack([as_floats(point) for point in landmarks(count)])
+    seen = (np.arange(frames)[:, np.newaxis] + np.arange(count)) % 5 > 0
+    return Watch(MODEL, stereo_parameters(points, CALIBRATION, pixel_std), 3, seen)
