@@ -1,6 +1,6 @@
 # make compare   run the filters on the recording that comes with the package; results in runs/embedded
 # make test      run the tests        make check   linter, formatter, types, layers
-# make bench     time the filters     make clean   remove everything but results
+# make bench     time the estimators  make clean   remove everything but results
 # Every target installs what it needs into .venv, once. Choose another Python with PYTHON=python3.12.
 
 .PHONY: compare test check bench clean
@@ -36,6 +36,7 @@ bench:
 	$(environment)
 	@$(bin)/python -m experiments.benchmarks.filters
 	@$(bin)/python -m experiments.benchmarks.landmark_filters --frames 1000
+	@$(bin)/python -m experiments.benchmarks.smoother --motion rich --repeats 3
 
 clean:
 	rm -rf .venv build dist spinfilters.egg-info .ruff_cache .hypothesis .pytest_cache .import_linter_cache

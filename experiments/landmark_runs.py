@@ -9,12 +9,12 @@ from spinfilters.estimators.estimator import MapChange
 from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
 from spinfilters.estimators.landmark_start.smoother import SmoothingOptions, smooth_with_landmarks
-from spinfilters.estimators.smoothing.problem import Trial
 from spinfilters.estimators.landmark_start.start import GAUGE_STD, LandmarkStartReport
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.bound import CramerRaoBound, TrueLandmarks
 from spinfilters.estimators.landmarks.landmark_filter import LandmarkFilter
 from spinfilters.estimators.run import advance
+from spinfilters.estimators.smoothing.problem import Trial
 from spinfilters.evaluation.body import body_history
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.evaluation.errors import Alignment

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from fractions import Fraction
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Num
@@ -19,6 +20,8 @@ STEADY_ORDERS = 13
 """Orders 0 to 12 determine everything of a steady motion. In axes that turn with the body the linearised motion has constant
 coefficients: blocks of degree 3 each for place, velocity, attitude and rate, and 1 for all constants. By Cayley and Hamilton the
 13th and all later derivatives of an output that is linear in those axes are combinations of the first 13."""
+FEW_ORDERS = 6
+"""Enough for all motions in general position so far; where they are not, `STEADY_ORDERS` are taken."""
 LINEAR_IN_BODY_AXES = {"stereo", "pose", "attitude", "gyro"}
 """Sensors that tell, each moment, just such an output: a point, a pose, a turn or a rate. A bearing alone is none."""
 
@@ -87,8 +90,7 @@ def certify(system: System, point: Rationals, inputs: Sequence[InputSeries] = ()
     inputs: experiments with the system's known inputs; their rows are taken together.
     """
     experiments = list(inputs) or [()]
-    rows = [codistribution(system, point, STEADY_ORDERS, FIELD, given) for given in experiments]
-    together = [part for sensor in zip(*rows, strict=True) for part in _joined(sensor)]
+    together = _rows(system, point, (STEADY_ORDERS, FIELD), experiments)
     ranks, last = _ranks(together)
     tangents = tangent_symmetries(system, point, together)
     explanations = _explained(system, point, tangents.symmetries, experiments)
@@ -103,18 +105,29 @@ def certify(system: System, point: Rationals, inputs: Sequence[InputSeries] = ()
     )
 
 
-def _joined(parts: Sequence[SensorRows]) -> list[SensorRows]:
+def _rows(
+    system: System,
+    point: Rationals,
+    kind: tuple[int, PrimeField],
+    experiments: Sequence[InputSeries],
+) -> list[SensorRows]:
+    """Of all experiments together, so many orders in a field."""
+    orders, field = kind
+    rows = [codistribution(system, point, orders, field, given) for given in experiments]
+    return [_joined(parts) for parts in zip(*rows, strict=True)]
+
+
+def _joined(parts: Sequence[SensorRows]) -> SensorRows:
     """Rows of one sensor from several experiments as one: the same unknowns."""
-    return [
-        SensorRows(
-            np.concatenate([part.common for part in parts], axis=2),
-            np.concatenate([part.own for part in parts], axis=2),
-        )
-    ]
+    return SensorRows(
+        np.concatenate([part.common for part in parts], axis=2),
+        np.concatenate([part.own for part in parts], axis=2),
+    )
 
 
 def _ranks(rows: Sequence[SensorRows]) -> tuple[tuple[int, ...], Elimination]:
-    eliminations = [eliminate([part.upto(orders) for part in rows]) for orders in range(1, STEADY_ORDERS + 1)]
+    most = rows[0].own.shape[1]
+    eliminations = [eliminate([part.upto(orders) for part in rows]) for orders in range(1, most + 1)]
     return tuple(each.rank for each in eliminations), eliminations[-1]
 
 
@@ -162,7 +175,11 @@ def _steady(system: System, point: Rationals) -> bool:
 
 
 def _generic_rank(system: System, point: Rationals, experiments: Sequence[InputSeries]) -> int:
-    """Rank at a random point of the chart; a quaternion is taken along a random turn, whose rank any unit quaternion has."""
+    """Rank at a random point of the chart; a quaternion is taken along a random turn, whose rank any unit quaternion has.
+
+    Without inputs the rank of points in general position has grown to its end at the first order that adds nothing (Hermann and
+    Krener 1977), so that few orders tell it where they show such an order.
+    """
     generator = np.random.default_rng(0)
     moved = tuple(
         value + Fraction(int(step), 10**4) if moves else value
@@ -171,8 +188,11 @@ def _generic_rank(system: System, point: Rationals, experiments: Sequence[InputS
         )
     )
     field = PrimeField(int(generator.integers(2, 1 << 30)))
-    rows = [codistribution(system, moved, STEADY_ORDERS, field, given) for given in experiments]
-    return eliminate([part for sensor in zip(*rows, strict=True) for part in _joined(sensor)]).rank
+    if not system.inputs:
+        ranks = _ranks(_rows(system, moved, (FEW_ORDERS, field), experiments))[0]
+        if any(later == earlier for earlier, later in pairwise(ranks)):
+            return ranks[-1]
+    return eliminate(_rows(system, moved, (STEADY_ORDERS, field), experiments)).rank
 
 
 def _additive(system: System) -> list[bool]:

@@ -21,9 +21,9 @@ from observability.tape import tape_of
 
 FINITE_TOLERANCE = 1e-9
 """Px, m, rad/s, or parts of a quaternion, that outputs may differ by after a finite move along a symmetry: rounding only."""
-TURN = 2.5
+TURN = 1.5
 """Angle in rad over which outputs are compared, or seconds for a body that hardly turns."""
-STEPS = 5
+STEPS = 3
 SQUARE_LAW = (3.5, 4.5)
 """Halving a move that is a symmetry to first order only divides the change of the outputs by 4."""
 

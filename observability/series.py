@@ -154,8 +154,11 @@ class Series:
         if weighted:
             weights = self._arithmetic.numbers([Fraction(int(j), order) for j in steps])
             a = product(a, weights[:, np.newaxis, np.newaxis, np.newaxis])
+        value = reduced(product(a[..., 0], b[..., 0]).sum(axis=0))
+        if a.shape[-1] == 1:
+            return value[..., np.newaxis]
         result = reduced(product(a[..., :1], b).sum(axis=0)) + reduced(product(a, b[..., :1]).sum(axis=0))
-        result[..., 0] = product(a[..., 0], b[..., 0]).sum(axis=0)
+        result[..., 0] = value
         return reduced(result)
 
     def _divided(self, a: Num[np.ndarray, "g b m"], b: Num[np.ndarray, "g b m"]) -> Num[np.ndarray, "g b m"]:

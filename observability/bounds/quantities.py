@@ -19,6 +19,7 @@ BLOCK_NAMES = {
     "w": ("body rate", "rad/s"),
     "c": ("centre of mass in g", "m"),
 }
+WEAK_NAMES = {name: words for name, (words, _) in BLOCK_NAMES.items()} | {"s": "mass distribution"}
 PLACE, MOMENTS = ("place of the centre of mass", "m"), ("inertia ratios", "1")
 
 
@@ -44,7 +45,9 @@ def weak_direction_in_words(bound: Bound) -> str:
     count = int(np.searchsorted(np.cumsum(direction[order] ** 2), 0.95)) + 1
     names = _component_names(bound.layout)
     parts = " ".join(f"{direction[k]:+.2f} {names[k]}" for k in order[:count])
-    return f"{parts} (in prior deviations), of which {remains:.2g} of the prior remains"
+    blocks = dict.fromkeys(names[k][0] for k in order[:count])
+    meaning = ", ".join(f"{block}: {WEAK_NAMES[block]}" for block in blocks)
+    return f"{parts} in prior deviations ({meaning}); {100 * remains:.3g} % of the prior's deviation remains"
 
 
 def _component_names(layout: StateLayout) -> list[str]:

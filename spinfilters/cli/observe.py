@@ -60,7 +60,7 @@ def _study(case: Case, options: argparse.Namespace, folder: Path) -> None:
             lambda done, total: progress.update(task, completed=done, total=total),
         )
     write_json(folder / "study.json", found.document())
-    save_figure(study_figure(found), folder / "study.png")
+    save_figure(study_figure(found, _title(case)), folder / "study.png")
     save_figure(conditioning_figure(as_floats(case.motion.rate)), folder / "conditioning.png")
 
 
@@ -98,7 +98,8 @@ def _refuse(options: argparse.Namespace, folder: Path) -> None:
 def _title(case: Case) -> str:
     cameras = {"stereo": "a stereo pair", "monocular": "one camera"}
     if case.sensor in cameras:
-        landmarks = f"{case.landmarks} {'known' if case.known_map else 'unknown'} landmarks"
+        known = "known" if case.known_map else "unknown"
+        landmarks = f"{case.landmarks} {known} landmark{'s' if case.landmarks > 1 else ''}"
         sensor = f"{cameras[case.sensor]} and {landmarks}"
     else:
         sensor = f"the sensor {case.sensor}"

@@ -6,10 +6,19 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
+from spinfilters.evaluation.errors import BodyErrors, RmsErrors
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.evaluation.rounding import with_uncertainty
 
 Cell = Callable[[Evaluation], str | None]
+Errors = tuple[RmsErrors, BodyErrors]
+Source = Callable[[Evaluation], Errors | None]
+"""Of errors, or of the bound in their place."""
+
+BOUND_CAPTION = (
+    "bound: Cramer-Rao, the least standard deviation given all frames; of what moves a smoother can reach it, a filter in its last "
+    "frame only"
+)
 
 
 def comparison_table(evaluations: Sequence[Evaluation]) -> Table:
@@ -18,6 +27,8 @@ def comparison_table(evaluations: Sequence[Evaluation]) -> Table:
     Errors are root mean squares over the second half of the time; NEES and NIS are per degree of freedom.
     """
     table = Table(title="Estimators on identical measurements", title_justify="left")
+    if any(evaluation.bound is not None for evaluation in evaluations):
+        table.caption, table.caption_justify = BOUND_CAPTION, "left"
     table.add_column("")
     for evaluation in evaluations:
         table.add_column(evaluation.name.upper(), justify="right")
@@ -36,29 +47,58 @@ def _moment(index: int) -> Cell:
     return cell
 
 
-def _rms(field: str, unit_in_si: float) -> Cell:
+def _errors(evaluation: Evaluation) -> Errors | None:
+    if evaluation.errors is None or evaluation.body_errors is None:
+        return None
+    return evaluation.errors.rms_second_half, evaluation.body_errors
+
+
+def _bound(evaluation: Evaluation) -> Errors | None:
+    return None if evaluation.bound is None else (evaluation.bound.rms_second_half, evaluation.bound.body)
+
+
+def _rms(source: Source, field: str, unit_in_si: float) -> Cell:
     def cell(evaluation: Evaluation) -> str | None:
-        if evaluation.errors is None:
-            return None
-        value = getattr(evaluation.errors.rms_second_half, field)
+        errors = source(evaluation)
+        value = None if errors is None else getattr(errors[0], field)
         return None if value is None else f"{value / unit_in_si:.3g}"
 
     return cell
 
 
-def _moment_errors(evaluation: Evaluation) -> str | None:
-    errors = None if evaluation.body_errors is None else evaluation.body_errors.principal_moments
-    return None if errors is None else f"{errors[0]:+.2g}, {errors[1]:+.2g}"
+def _moment_errors(source: Source, sign: str) -> Cell:
+    def cell(evaluation: Evaluation) -> str | None:
+        errors = source(evaluation)
+        moments = None if errors is None else errors[1].principal_moments
+        return None if moments is None else f"{moments[0]:{sign}.2g}, {moments[1]:{sign}.2g}"
+
+    return cell
 
 
-def _axes_angle(evaluation: Evaluation) -> str | None:
-    angle = None if evaluation.body_errors is None else evaluation.body_errors.axes_angle
-    return None if angle is None else f"{np.rad2deg(angle.max()):.3g}"
+def _axes_angle(source: Source) -> Cell:
+    def cell(evaluation: Evaluation) -> str | None:
+        errors = source(evaluation)
+        angle = None if errors is None else errors[1].axes_angle
+        return None if angle is None else f"{np.rad2deg(angle.max()):.3g}"
+
+    return cell
 
 
-def _centre_error(evaluation: Evaluation) -> str | None:
-    error = None if evaluation.body_errors is None else evaluation.body_errors.center_of_mass_g
-    return None if error is None else f"{1e3 * np.linalg.norm(error):.3g}"
+def _centre_error(source: Source) -> Cell:
+    def cell(evaluation: Evaluation) -> str | None:
+        errors = source(evaluation)
+        error = None if errors is None else errors[1].center_of_mass_g
+        return None if error is None else f"{1e3 * np.linalg.norm(error):.3g}"
+
+    return cell
+
+
+def _motion_rows(name: str, unit: str, unit_in_si: float) -> tuple[tuple[str, Cell], ...]:
+    """The error of something that moves, and its bound."""
+    return (
+        (f"{name} error [{unit}]", _rms(_errors, name, unit_in_si)),
+        (f"  bound given all frames [{unit}]", _rms(_bound, name, unit_in_si)),
+    )
 
 
 def _drag(evaluation: Evaluation) -> str | None:
@@ -103,14 +143,17 @@ ROWS: tuple[tuple[str, Cell], ...] = (
     ("status", lambda evaluation: str(evaluation.history.status.verdict)),
     ("J smallest / largest", _moment(0)),
     ("J middle / largest", _moment(1)),
-    ("errors of these", _moment_errors),
-    ("largest error of a principal axis [deg]", _axes_angle),
-    ("centre of mass in g, error [mm]", _centre_error),
+    ("errors of these", _moment_errors(_errors, "+")),
+    ("  bound", _moment_errors(_bound, "")),
+    ("largest error of a principal axis [deg]", _axes_angle(_errors)),
+    ("  bound [deg]", _axes_angle(_bound)),
+    ("centre of mass in g, error [mm]", _centre_error(_errors)),
+    ("  bound [mm]", _centre_error(_bound)),
     ("drag [1/rad]", _drag),
-    ("position error [mm]", _rms("position", 1e-3)),
-    ("attitude error [deg]", _rms("attitude", float(np.deg2rad(1.0)))),
-    ("velocity error [mm/s]", _rms("velocity", 1e-3)),
-    ("rate error [deg/s]", _rms("rate", float(np.deg2rad(1.0)))),
+    *_motion_rows("position", "mm", 1e-3),
+    *_motion_rows("attitude", "deg", float(np.deg2rad(1.0))),
+    *_motion_rows("velocity", "mm/s", 1e-3),
+    *_motion_rows("rate", "deg/s", float(np.deg2rad(1.0))),
     ("NEES per dof", _nees),
     *((f"NEES per dof, {name}", _block_nees(block)) for block, name in BLOCK_NAMES.items()),
     ("NIS per dof", _nis),

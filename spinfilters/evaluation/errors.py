@@ -5,7 +5,7 @@ from enum import StrEnum
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from spinfilters.attitude.conversions import inverse, multiply, rotate, rotation_vector_from_quaternion
 from spinfilters.errors import InputError
@@ -37,7 +37,7 @@ class RmsErrors:
     """Root of the mean squared length of the errors: m, rad, m/s, rad/s; None where there is no error."""
 
     position: float | None
-    attitude: float
+    attitude: float | None
     velocity: float | None
     rate: float
 
@@ -71,7 +71,12 @@ class TruthErrors:
     @property
     def rms_second_half(self) -> RmsErrors:
         """Over the second half of the time, where the start no longer shows."""
-        return self._rms(self.time >= (self.time[0] + self.time[-1]) / 2)
+        return self._rms(self.in_second_half)
+
+    @property
+    def in_second_half(self) -> Bool[np.ndarray, " n"]:
+        """Stamps of the second half of the time."""
+        return self.time >= (self.time[0] + self.time[-1]) / 2
 
     @property
     def ape_rmse(self) -> float | None:
@@ -81,12 +86,12 @@ class TruthErrors:
     @property
     def ape_angle_rmse_deg(self) -> float:
         """What `evo_ape tum ... -r angle_deg` prints as rmse, after the alignment if there is one."""
-        return float(np.rad2deg(self.rms.attitude))
+        return float(np.rad2deg(root_mean_square(self.attitude)))
 
     def _rms(self, frames: np.ndarray) -> RmsErrors:
-        position = None if self.position is None else _root_mean_square(self.position[frames])
-        velocity = None if self.velocity is None else _root_mean_square(self.velocity[frames])
-        attitude, rate = _root_mean_square(self.attitude[frames]), _root_mean_square(self.rate[frames])
+        position = None if self.position is None else root_mean_square(self.position[frames])
+        velocity = None if self.velocity is None else root_mean_square(self.velocity[frames])
+        attitude, rate = root_mean_square(self.attitude[frames]), root_mean_square(self.rate[frames])
         return RmsErrors(position, attitude, velocity, rate)
 
 
@@ -236,6 +241,11 @@ def common_stamps(
     return rows, nearest[rows]
 
 
+def root_mean_square(error: Float[np.ndarray, "n 3"]) -> float:
+    """Of the lengths."""
+    return float(np.sqrt(np.mean(np.square(error).sum(axis=1))))
+
+
 def _axes_angle(body: BodyEstimate, truth: Truth, frame: np.ndarray | None) -> Float[np.ndarray, "3"] | None:
     if truth.principal_axes_g is None or truth.principal_moments is None:
         return None
@@ -245,10 +255,6 @@ def _axes_angle(body: BodyEstimate, truth: Truth, frame: np.ndarray | None) -> F
         estimated = rotate(frame, estimated)
     sine = np.linalg.norm(np.cross(estimated, axes), axis=1)
     return np.arctan2(sine, np.abs(np.einsum("ki,ki->k", estimated, axes)))
-
-
-def _root_mean_square(error: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.square(error).sum(axis=1))))
 
 
 def _span(time: np.ndarray) -> str:

@@ -1,12 +1,14 @@
 """Everything that is said of one estimator's run, put together once for tables, files and figures."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.body import BodyEstimate, BodyHistory, body_history
+from spinfilters.evaluation.bound import ErrorBound
 from spinfilters.evaluation.consistency import NormalisedErrors, knows_state, nis_ratio, normalised_errors
 from spinfilters.evaluation.errors import (
     Alignment,
@@ -32,6 +34,7 @@ class Evaluation:
     alignment: that was applied before the estimate was compared with the truth.
     errors, body_errors: against the truth, None without one.
     nees: None when the truth does not tell the whole state in the estimate's frames.
+    bound: beside the errors, where it was asked for and exists.
     """
 
     history: EstimateHistory
@@ -41,6 +44,7 @@ class Evaluation:
     errors: TruthErrors | None = None
     body_errors: BodyErrors | None = None
     nees: NormalisedErrors | None = None
+    bound: ErrorBound | None = None
 
     @property
     def name(self) -> str:
@@ -105,7 +109,7 @@ def _compared(evaluation: Evaluation, truth: Truth, alignment: Alignment) -> Eva
     )
 
 
-def numbers(evaluation: Evaluation) -> dict[str, float | int | str | list[float] | None]:
+def numbers(evaluation: Evaluation) -> dict[str, Any]:
     """The figures of a run by name (with its unit), ready for JSON; None where there is no such figure."""
     history, body = evaluation.history, evaluation.body
     return {
@@ -131,7 +135,7 @@ def numbers(evaluation: Evaluation) -> dict[str, float | int | str | list[float]
     }
 
 
-def _error_numbers(evaluation: Evaluation) -> dict[str, float | int | str | list[float] | None]:
+def _error_numbers(evaluation: Evaluation) -> dict[str, Any]:
     errors, body = evaluation.errors, evaluation.body_errors
     if errors is None or body is None:
         return {}
@@ -141,12 +145,28 @@ def _error_numbers(evaluation: Evaluation) -> dict[str, float | int | str | list
         **_rms_numbers("rms_second_half", errors.rms_second_half),
         "ape_rmse_m": errors.ape_rmse,
         "ape_angle_rmse_deg": errors.ape_angle_rmse_deg,
+        **_body_numbers(body),
+        **_nees_numbers(evaluation),
+        "bound": None if evaluation.bound is None else _bound_numbers(evaluation.bound),
+    }
+
+
+def _bound_numbers(bound: ErrorBound) -> dict[str, Any]:
+    """Under the names of the errors."""
+    return {
+        **_rms_numbers("rms", bound.rms),
+        **_rms_numbers("rms_second_half", bound.rms_second_half),
+        **_body_numbers(bound.body),
+    }
+
+
+def _body_numbers(body: BodyErrors) -> dict[str, float | list[float] | None]:
+    return {
         "principal_moments_error": _listed(body.principal_moments),
         "k1_error": body.k1,
         "k2_error": body.k2,
         "axes_angle_rad": _listed(body.axes_angle),
         "center_of_mass_error_m": _listed(body.center_of_mass_g),
-        **_nees_numbers(evaluation),
     }
 
 

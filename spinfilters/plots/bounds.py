@@ -8,12 +8,18 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
+from observability.bounds.quantities import BLOCK_NAMES, MOMENTS, PLACE
 from observability.certificate import Certificate
 from observability.study import Curve, Quantity, Study
 from observability.wording import sentences
 from spinfilters.plots.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY, tidy
 
-COLOURS: Final = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY)
+COLOURS: Final = dict(
+    zip((*BLOCK_NAMES.values(), PLACE, MOMENTS), (BLUE, RED, GREEN, PURPLE, ORANGE, SKY), strict=True)
+)
+"""Of every quantity, whichever others are there."""
+BRIGHT: Final = 0.6
+"""Share of the colour scale from which dark ink is read more easily."""
 
 
 def observability_figure(
@@ -26,19 +32,13 @@ def observability_figure(
     figure = Figure(figsize=(11.0, 5.4), layout="constrained")
     ranks, bounds = figure.subplots(1, 2)
     _rank_panel(ranks, certificate)
-    for (name, unit), color in zip(quantities, COLOURS, strict=False):
-        bounds.semilogy(
-            time, quantities[name, unit], color=color, label=f"{name} [{unit}]" if unit != "1" else name
-        )
-    bounds.set(xlabel="time [s]", ylabel="Cramer-Rao bound, standard deviation")
-    bounds.legend(frameon=False, fontsize="small")
-    tidy(bounds)
+    _bound_panel(bounds, time, quantities)
     figure.suptitle(title, fontsize="large")
     figure.supxlabel("\n".join(_wrapped(sentences(certificate))), fontsize="small", x=0.02, ha="left")
     return figure
 
 
-def study_figure(study: Study) -> Figure:
+def study_figure(study: Study, title: str) -> Figure:
     """Bound against duration, frame rate, landmarks, and as a map over the direction of the rate."""
     panels = len(study.curves) + 1
     figure = Figure(figsize=(11.0, 8.4 if panels > 2 else 4.4), layout="constrained")
@@ -50,15 +50,43 @@ def study_figure(study: Study) -> Figure:
     _motion_panel(figure, axes[len(study.curves)], study)
     for unused in axes[panels:]:
         unused.set_axis_off()
+    figure.suptitle(title, fontsize="large")
     return figure
+
+
+def _bound_panel(
+    axes: Axes, time: Float[np.ndarray, " n"], quantities: dict[Quantity, Float[np.ndarray, " n"]]
+) -> None:
+    """Over time; what the first frame defines, and knows without a doubt, does not stretch the scale."""
+    for quantity, values in quantities.items():
+        axes.semilogy(time, values, **_style(quantity))
+    learnt = [values[1:].min(initial=values[-1]) for values in quantities.values()]
+    axes.set(xlabel="time [s]", ylabel="Cramer-Rao bound, standard deviation", ylim=(min(learnt) / 3, None))
+    axes.legend(frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+    tidy(axes)
+
+
+def _style(quantity: Quantity) -> dict[str, str]:
+    """The place of the centre of mass is often known as well as the centre itself: dashes show both."""
+    name, unit = quantity
+    return {
+        "color": COLOURS[quantity],
+        "linestyle": "--" if quantity == PLACE else "-",
+        "label": name if unit == "1" else f"{name} [{unit}]",
+    }
 
 
 def _rank_panel(axes: Axes, certificate: Certificate) -> None:
     shown = certificate.ranks[: certificate.order + 3]
+    axes.set_axisbelow(True)
     axes.bar(range(len(shown)), shown, color=BLUE, width=0.7)
     axes.axhline(certificate.dimension, color=BLACK, linewidth=1.0, linestyle="--")
     axes.annotate(
-        "unknowns", (len(shown) - 0.6, certificate.dimension), (0, 4), textcoords="offset points", ha="right"
+        f"{certificate.dimension} unknowns",
+        (len(shown) - 0.6, certificate.dimension),
+        (0, 4),
+        textcoords="offset points",
+        ha="right",
     )
     for order, rank in enumerate(shown):
         axes.annotate(str(rank), (order, rank), (0, 2), textcoords="offset points", ha="center")
@@ -83,9 +111,8 @@ def _wrapped(lines: list[str], width: int = 150) -> list[str]:
 
 
 def _curve_panel(axes: Axes, curve: Curve) -> None:
-    for (name, unit), color in zip(curve.std, COLOURS, strict=False):
-        label = f"{name} [{unit}]" if unit != "1" else name
-        axes.loglog(curve.choices, curve.std[name, unit], "o-", color=color, markersize=3.5, label=label)
+    for quantity, values in curve.std.items():
+        axes.loglog(curve.choices, values, marker="o", markersize=3.5, **_style(quantity))
     axes.set(xlabel=curve.label, ylabel="bound after the last frame")
     axes.set_xticks(curve.choices, [f"{choice:g}" for choice in curve.choices], minor=False)
     axes.minorticks_off()
@@ -105,4 +132,7 @@ def _motion_panel(figure: Figure, axes: Axes, study: Study) -> None:
     )
     axes.set_title("inertia ratios by the direction of the rate", loc="left", fontsize="medium")
     axes.tick_params(color=GREY)
+    for (row, column), value in np.ndenumerate(values):
+        ink = BLACK if norm(value) > BRIGHT else "white"
+        axes.text(column, row, f"{value:.1g}", ha="center", va="center", fontsize="x-small", color=ink)
     figure.colorbar(picture, ax=axes, label="bound, standard deviation")

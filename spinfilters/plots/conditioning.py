@@ -43,7 +43,7 @@ def _condition_panel(axes: Axes, alphas: Sequence[float]) -> None:
         alphas, (GREEN, BLUE, RED)[-len(alphas) :] if len(alphas) > 1 else (BLUE,), strict=True
     ):
         values = [condition_number(double_integrator_covariance(float(dt), alpha)) for dt in TIME_STEPS]
-        axes.loglog(TIME_STEPS, values, color=color, label=rf"$\alpha$ = {alpha:g} 1/s")
+        axes.loglog(TIME_STEPS, values, color=color, label=rf"$\alpha$ = {alpha:g} s$^{{-1}}$")
         axes.plot(best_time_step(alpha), BEST_CONDITION, "o", color=color, markersize=5)
     axes.axhline(BEST_CONDITION, color=BLACK, linewidth=0.8, linestyle="--")
     axes.annotate(
@@ -52,7 +52,7 @@ def _condition_panel(axes: Axes, alphas: Sequence[float]) -> None:
         (4, -13),
         textcoords="offset points",
     )
-    axes.set(xlabel="time step [s]", ylabel="condition number", ylim=(5, 1e7))
+    axes.set(xlabel="time step [s]", ylabel="condition number", ylim=(5, 2e7))
     axes.legend(frameon=False)
     tidy(axes)
 
@@ -64,7 +64,8 @@ def _ellipse_panel(axes: Axes) -> None:
         ellipse = np.linalg.cholesky(double_integrator_covariance(dt)) @ circle
         axes.plot(*ellipse, color=color, label=f"{dt:.3g} s")
     axes.plot([-2, 2], [-2, 2], color=GREY, linewidth=0.8, linestyle="--", label="45 degrees")
-    axes.set(xlabel="position", ylabel="velocity", aspect="equal")
+    axes.set(xlabel="position", ylabel="velocity")
+    axes.set_aspect("equal", adjustable="datalim")
     axes.set_title("one sigma after a time step (as Figure 4-7)", loc="left", fontsize="medium")
     axes.legend(frameon=False)
     tidy(axes)
@@ -72,14 +73,14 @@ def _ellipse_panel(axes: Axes) -> None:
 
 def _full_state_panel(axes: Axes, rate: Float[np.ndarray, " 3"]) -> None:
     steps = TIME_STEPS[TIME_STEPS <= 10]
-    for turning, color in ((np.zeros(3), BLUE), (rate, RED)):
+    for turning, color, width in ((np.zeros(3), BLUE, 3.0), (rate, RED, 1.4)):
         covariances = [noise_covariance(float(dt), turning) for dt in steps]
         speed = float(np.linalg.norm(turning))
-        axes.loglog(
-            steps, list(map(condition_number, covariances)), color=color, label=f"SI units, {speed:.2g} rad/s"
-        )
+        plain = [condition_number(C) for C in covariances]
         jacobi = [condition_number(scaled(C, jacobi_scaling(C))) for C in covariances]
-        axes.loglog(steps, jacobi, color=color, linestyle="--", label=f"Jacobi scaling, {speed:.2g} rad/s")
+        for values, dash, units in ((plain, "-", "SI units"), (jacobi, "--", "Jacobi scaling")):
+            label = f"{units}, {speed:.2g} rad/s"
+            axes.loglog(steps, values, color=color, linewidth=width, linestyle=dash, label=label)
     axes.set(xlabel="time step [s]", ylabel="condition number")
     axes.set_title("pose and velocities together", loc="left", fontsize="medium")
     axes.legend(frameon=False)

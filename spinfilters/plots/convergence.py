@@ -1,8 +1,8 @@
 """How a smoother's estimates settle: every frame's estimate after every solve, and the body's after every solve.
 
-After Tweddle (2013), Figures 6-33 to 6-41: iterations (frames taken in) and time span the plane, standard deviations are logarithmic.
-Motions are told by the length of their error, beside its standard deviation on the same scale of colours: equal colours are an honest
-covariance, and colours that do not change any more along a row are an estimate that has settled.
+After Tweddle (2013), Figures 6-33 to 6-41: iterations (frames taken in) and time span the plane, scales are logarithmic.
+Motions are told by the length of their error, beside its standard deviation in the same scale of colours: equal colours are an
+honest covariance, and colours that do not change any more along a row are an estimate that has settled.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import LogLocator
 
 from spinfilters.evaluation.body import BodyHistory
 from spinfilters.plots.style import (
@@ -107,13 +107,16 @@ def _legend(figure: Figure, found: Convergence) -> None:
 def _surfaces(error: Axes, std: Axes, found: Convergence, motion: Settling) -> None:
     """Both on one scale."""
     every = np.concatenate([motion.distance, motion.std])
-    norm = LogNorm(*_span(every))
+    span = _span(every)
     what = "|error|" if found.known else "distance"
     for axes, surface, name in ((error, motion.distance, what), (std, motion.std, "σ")):
-        mesh = _mesh(axes, found.time, surface, norm)
+        mesh = _mesh(axes, found.time, surface, span)
         axes.set_title(f"{motion.label}: {name}", loc="left", fontsize="medium")
-        bar = axes.figure.colorbar(mesh, ax=axes, extend="both", pad=0.02, aspect=14)
-        bar.ax.yaxis.set_minor_formatter(NullFormatter())
+        ticks = LogLocator(subs=(1.0, 2.0, 5.0))
+        bar = axes.figure.colorbar(
+            mesh, ax=axes, extend="both", pad=0.02, aspect=14, ticks=ticks, format="{x:g}"
+        )
+        bar.minorticks_off()
         bar.ax.set_title(f"[{motion.unit}]", fontsize="small")
     error.set_ylabel("time of the frame [s]")
 
@@ -126,14 +129,12 @@ def _span(values: np.ndarray) -> tuple[float, float]:
     return min(low, middle / np.sqrt(10)), max(high, middle * np.sqrt(10))
 
 
-def _mesh(axes: Axes, time: np.ndarray, surface: np.ndarray, norm: LogNorm) -> QuadMesh:
+def _mesh(axes: Axes, time: np.ndarray, surface: np.ndarray, span: tuple[float, float]) -> QuadMesh:
     middles = (time[1:] + time[:-1]) / 2
     ends = [1.5 * time[:1] - 0.5 * time[1:2], middles, 1.5 * time[-1:] - 0.5 * time[-2:-1]]
     frames = np.arange(len(time) + 1) + 0.5
-    shown = np.ma.masked_invalid(surface.T)
-    mesh = axes.pcolormesh(
-        frames, np.concatenate(ends), np.ma.maximum(shown, norm.vmin), norm=norm, cmap=COLOURS
-    )
+    shown = np.ma.masked_invalid(np.maximum(surface.T, span[0]))  # what is exact has no logarithm
+    mesh = axes.pcolormesh(frames, np.concatenate(ends), shown, norm=LogNorm(*span), cmap=COLOURS)
     mesh.set_rasterized(True)
     axes.spines[["top", "right"]].set_visible(False)
     return mesh
@@ -156,38 +157,33 @@ def _course(axes: Axes, found: Convergence, motion: Settling) -> None:
 def _constants(panels: Sequence[Axes], found: Convergence) -> None:
     bodies = found.bodies
     ratios, centre, turns = panels
-    _lines(ratios, bodies.log_ratios, bodies.log_ratios_std, found.true_ratios, ("k1", "k2"))
+    _lines(ratios, (bodies.log_ratios, bodies.log_ratios_std), found.true_ratios, ("k1", "k2"))
     ratios.set_title("inertia: k1 = ln(Jmax/Jmid), k2 = ln(Jmid/Jmin)", loc="left", fontsize="medium")
     ratios.set_ylabel("[-]")
     if bodies.center_of_mass_g is not None and bodies.center_of_mass_std is not None:
         true = None if found.true_center is None else 1e3 * found.true_center
-        _lines(
-            centre,
-            1e3 * bodies.center_of_mass_g,
-            1e3 * bodies.center_of_mass_std,
-            true,
-            ("x", "y", "z"),
-        )
+        values = 1e3 * bodies.center_of_mass_g, 1e3 * bodies.center_of_mass_std
+        _lines(centre, values, true, ("x", "y", "z"))
     centre.set_title("centre of mass in g", loc="left", fontsize="medium")
     centre.set_ylabel("[mm]")
+    _axes_std(turns, bodies)
+
+
+def _axes_std(axes: Axes, bodies: BodyHistory) -> None:
     std = np.rad2deg(np.sqrt(np.einsum("nii->ni", bodies.principal_axes_cov)))
-    for axis, color in enumerate(AXIS_COLOURS):
-        turns.semilogy(
-            1 + np.arange(len(std)),
-            std[:, axis],
-            color=color,
-            label=f"about the {PRINCIPAL_NAMES[axis]} axis",
-        )
-    turns.set_title("σ of the principal axes", loc="left", fontsize="medium")
-    turns.set_ylabel("[deg]")
-    turns.legend(frameon=False, fontsize="small")
-    tidy(turns)
+    for values, color, name in zip(std.T, AXIS_COLOURS, PRINCIPAL_NAMES, strict=True):
+        axes.semilogy(1 + np.arange(len(std)), values, color=color, label=f"about the {name} axis")
+    axes.set_title("σ of the principal axes", loc="left", fontsize="medium")
+    axes.set_ylabel("[deg]")
+    axes.legend(frameon=False, fontsize="small")
+    tidy(axes)
 
 
 def _lines(
-    axes: Axes, values: np.ndarray, std: np.ndarray, true: np.ndarray | None, names: Sequence[str]
+    axes: Axes, estimates: tuple[np.ndarray, np.ndarray], true: np.ndarray | None, names: Sequence[str]
 ) -> None:
-    """Components with ±1 sigma over the solves, as high as what comes after the first solves needs."""
+    """Components and their standard deviations over the solves, as high as what comes after the first solves needs."""
+    values, std = estimates
     solves = 1 + np.arange(len(values))
     for k, name in enumerate(names):
         low, high = values[:, k] - std[:, k], values[:, k] + std[:, k]
@@ -196,13 +192,10 @@ def _lines(
         if true is not None:
             axes.axhline(true[k], color=BLACK, linestyle=(0, (2, 1.5)), linewidth=1.1)
     late = slice(int(_SETTLING * len(values)), None)
-    edges = [
-        values[late] - std[late],
-        values[late] + std[late],
-        *([] if true is None else [true[np.newaxis]]),
-    ]
-    low, high = np.nanmin(np.concatenate(edges)), np.nanmax(np.concatenate(edges))
-    margin = 0.15 * (high - low)
-    axes.set_ylim(low - margin, high + margin)
+    edges = np.stack([values[late] - std[late], values[late] + std[late]])
+    told = [*edges[np.isfinite(edges)], *([] if true is None else true)]
+    if told:
+        margin = 0.15 * (max(told) - min(told))
+        axes.set_ylim(min(told) - margin, max(told) + margin)
     axes.legend(frameon=False, fontsize="small", loc="upper right", ncols=len(names))
     tidy(axes)

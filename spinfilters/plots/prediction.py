@@ -37,7 +37,8 @@ class Foretold:
 def prediction_figure(foretold: Sequence[Foretold]) -> Figure:
     """Standard deviations over the time ahead (left), and the rates themselves with 1 sigma (right)."""
     figure = Figure(figsize=(12.0, 7.2), layout="constrained")
-    left, right = figure.subfigures(1, 2, width_ratios=(1.0, 1.25))
+    grid = figure.add_gridspec(1, 2, width_ratios=(1.0, 1.25))
+    left, right = (figure.add_subfigure(grid[column]) for column in range(2))
     lines = estimator_lines([each.rates_ahead.label for each in foretold])
     panels = [*_growth(left, foretold, lines), *_rates(right, foretold, lines)]
     end = max(each.ahead.time[-1] - each.ahead.time[0] for each in foretold)
@@ -53,9 +54,7 @@ def prediction_figure(foretold: Sequence[Foretold]) -> Figure:
     return figure
 
 
-def _growth(
-    place: FigureBase, foretold: Sequence[Foretold], lines: Sequence[EstimatorLine]
-) -> list[Axes]:
+def _growth(place: FigureBase, foretold: Sequence[Foretold], lines: Sequence[EstimatorLine]) -> list[Axes]:
     """Of position, attitude and body rate, without the position where nothing sees one."""
     rows = [("attitude", "deg", np.rad2deg(1.0)), ("body rate", "deg/s", np.rad2deg(1.0))]
     if foretold[0].ahead.sees_position:

@@ -125,7 +125,7 @@ class Lanes:
         for argument, row, width in zip(arguments, rows, self.widths, strict=True):
             if argument.ndim != 2 or argument.shape[1] != width:
                 raise ShapeError(f"{self.name}: an argument of shape (k, {width}) is {argument.shape}")
-            if row is not None and len(row) and not (row.min() >= 0 and row.max() < len(argument)):
+            if row is not None and len(row) and not (row.max() < len(argument) and row.min() >= 0):
                 raise ShapeError(f"{self.name}: rows {row.min()} to {row.max()} of {len(argument)}")
             counts.add(len(argument) if row is None else len(row))
         if len(counts) != 1:

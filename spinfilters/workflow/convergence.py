@@ -12,10 +12,16 @@ from spinfilters.attitude.conversions import inverse, multiply, rotation_vector_
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
 from spinfilters.estimators.landmark_start.start import LandmarkStartReport
-from spinfilters.estimators.smoothing.sliding import Retired, SlidingSmoother
+from spinfilters.estimators.smoothing.sliding import SlidingSmoother
+from spinfilters.estimators.smoothing.sliding_records import Retired
 from spinfilters.estimators.smoothing.surfaces import MOST_FRAMES, Surfaces, record_surfaces
 from spinfilters.evaluation.body import BodyHistory, body_history
-from spinfilters.evaluation.errors import attitude_alignment, common_stamps, tells_first_frame, truth_in_first_frame
+from spinfilters.evaluation.errors import (
+    attitude_alignment,
+    common_stamps,
+    tells_first_frame,
+    truth_in_first_frame,
+)
 from spinfilters.evaluation.rates import estimated_rates, true_rates
 from spinfilters.evaluation.trajectory import trajectory_of
 from spinfilters.logs.atomic_write import make_folder
@@ -136,7 +142,9 @@ def _convergence(found: Surfaces, newest: EstimateHistory, truth: Truth | None) 
         )
         for name, (label, unit, scale) in MOTIONS.items()
     ]
-    ratios = None if truth is None or truth.principal_moments is None else _log_ratios(truth.principal_moments)
+    ratios = (
+        None if truth is None or truth.principal_moments is None else _log_ratios(truth.principal_moments)
+    )
     centre = None if truth is None else truth.center_of_mass_g
     return Convergence(found.time, motions, body_history(newest), truth is not None, ratios, centre)
 
@@ -149,9 +157,7 @@ def _in_estimated_frame(found: Surfaces, newest: EstimateHistory, truth: Truth) 
     attitudes = found.values["attitude"][-1, rows]
     held = np.isfinite(attitudes).all(axis=1)
     turn = attitude_alignment(attitudes[held], truth.q_ig[true_rows][held])
-    return replace(
-        truth, q_ig=multiply(truth.q_ig, turn), principal_axes_g=None, center_of_mass_g=None
-    )
+    return replace(truth, q_ig=multiply(truth.q_ig, turn), principal_axes_g=None, center_of_mass_g=None)
 
 
 def _true_motions(time: np.ndarray, truth: Truth) -> dict[str, Float[np.ndarray, "f q"]]:

@@ -16,15 +16,17 @@ from spinfilters.estimators.landmarks.unscented import Unscented
 from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf
 from spinfilters.estimators.run import run
+from spinfilters.estimators.smoothing.recursive import RecursiveSmoother
 from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
 from spinfilters.state.status import Verdict
+from spinfilters.workflow.bound import with_bounds
 from spinfilters.workflow.checkpointing import Keeper, KeeperOf, forget
 from spinfilters.workflow.preparation import Prepared
 from spinfilters.workflow.quality import judged, shared_doubts
 from spinfilters.workflow.settings import Settings
 from spinfilters.workflow.smoothing import NAME as SMOOTHER
-from spinfilters.workflow.smoothing import run_smoother
+from spinfilters.workflow.smoothing import begin_at_start, sliding_smoother, smooth_at_once, smoothed_history
 
 OURS = ("mekf", "ukf", SMOOTHER)
 """Estimators whose disagreement casts doubt; a baseline that goes astray says nothing of them."""
@@ -96,7 +98,9 @@ def compare_estimators(
         if not evaluations:
             raise
         interrupted = True
-    return Comparison(prepared, tuple(_judge(evaluations, prepared)), interrupted, maps)
+    judged_ones = _judge(evaluations, prepared)
+    bounded = judged_ones if interrupted else with_bounds(judged_ones, prepared)
+    return Comparison(prepared, tuple(bounded), interrupted, maps)
 
 
 def _estimated(
@@ -105,8 +109,12 @@ def _estimated(
     """One estimator's history of all frames, and its landmarks if it has any."""
     progress, keeper_of = follow
     if name == SMOOTHER:
-        smoothed = run_smoother(prepared, settings, lambda done, every: progress(name, done, every))
-        return smoothed.history, prepared.map_points if smoothed.points is None else smoothed.points
+        smoother = sliding_smoother(prepared, settings)
+        if smoother is None:
+            history = smooth_at_once(prepared, settings, lambda done, every: progress(name, done, every))
+            return history, prepared.map_points
+        passed = _run(name, smoother, prepared, progress, keeper_of(name))
+        return smoothed_history(smoother, passed, prepared), smoother.sliding.window.points
     estimator = build_estimator(name, prepared, settings)
     history = _with_start(_run(name, estimator, prepared, progress, keeper_of(name)), prepared)
     return history, _map_of(estimator, history, prepared)
@@ -155,7 +163,9 @@ def _map_of(
 
 def _start(estimator: Estimator, prepared: Prepared) -> None:
     """With its landmarks for a filter that holds them."""
-    if isinstance(estimator, LandmarkFilter):
+    if isinstance(estimator, RecursiveSmoother):
+        begin_at_start(estimator, prepared)
+    elif isinstance(estimator, LandmarkFilter):
         estimator.start(prepared.belief)
     else:
         estimator.start(prepared.start.belief)

@@ -43,16 +43,16 @@ def times_ahead(prepared: Prepared, seconds: float) -> Float[np.ndarray, " k"]:
 
 
 def write_predictions(folder: Path, comparison: Comparison, seconds: float) -> None:
-    """<estimator>/prediction.csv of all that did not fail, in the columns of trajectory.csv, and prediction.png of all.
+    """<estimator>/prediction.csv of all that did not fail, in the columns of trajectory.csv, and prediction.png of all of them.
 
     Raises
     ------
-    InputError: as `times_ahead`; every estimator failed; a file cannot be written.
+    InputError: as `times_ahead`; a file cannot be written.
     """
     prepared, ahead = comparison.prepared, times_ahead(comparison.prepared, seconds)
     good = [e for e in comparison.evaluations if e.history.status.verdict is not Verdict.FAILED]
     if not good:
-        raise InputError("--predict: every estimator failed, there is no belief to predict from")
+        return
     predicted = [_predicted(prepared.process, evaluation, ahead) for evaluation in good]
     for each in predicted:
         write_trajectory_csv(folder / each.evaluation.name / TABLE, trajectory_of(each.after))

@@ -256,4 +256,5 @@ _ERROR_KEYS = (
     "axes_angle",
     "center_of_mass_error",
     "nees",
+    "bound",
 )

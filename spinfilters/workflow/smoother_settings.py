@@ -12,12 +12,12 @@ from spinfilters.estimators.smoothing.robust_kernels import (
     PseudoHuber,
     RobustKernel,
 )
-from spinfilters.estimators.smoothing.sliding import SlidingOptions
+from spinfilters.estimators.smoothing.sliding_records import SlidingOptions
 
-MODES = ("auto", "full", "frozen", "window")
+MODES = ("automatic", "full", "frozen", "window")
 KERNELS = ("gate", "huber", "pseudo-huber", "barron", "none")
 FEW = 150
-"""Frames up to which "auto" keeps everything."""
+"""Frames up to which "automatic" keeps everything."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class SmootherSettings:
     ----------
     mode: "full" keeps everything, "frozen" eliminates landmarks for good that have not been seen for some revolutions, "window"
     keeps
-        the newest frames; "auto" is "full" for short recordings and "frozen" for others.
+        the newest frames; "automatic" is "full" for short recordings and "frozen" for others.
     frames: that stay at most, in the modes "frozen" and "window".   revolutions: see "frozen".
     kernel: of a residual: "gate" (nothing beyond width), "huber", "pseudo-huber", "barron" (alpha = shape) or "none" (least
     squares).
@@ -36,9 +36,9 @@ class SmootherSettings:
     iterations: per frame, at most.
     """
 
-    mode: str = "auto"
+    mode: str = "automatic"
     frames: int = 120
-    revolutions: float = 2.0
+    revolutions: float = 3.0
     kernel: str = "gate"
     width: float = 5.0
     shape: float = 0.0
@@ -70,6 +70,6 @@ class SmootherSettings:
         return kernels[self.kernel]
 
     def _mode(self, frames: int) -> Mode:
-        if self.mode == "full" or (self.mode == "auto" and frames <= FEW):
+        if self.mode == "full" or (self.mode == "automatic" and frames <= FEW):
             return Full()
         return FixedLag(self.frames) if self.mode == "window" else FrozenVision(self.revolutions, self.frames)

@@ -10,7 +10,8 @@ from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.smoothing.modes import Mode
 from spinfilters.estimators.smoothing.problem import Problem, Stage, Trial, problem_of
 from spinfilters.estimators.smoothing.robust_kernels import LeastSquares, RobustKernel
-from spinfilters.estimators.smoothing.sliding import SlidingOptions, SlidingSmoother
+from spinfilters.estimators.smoothing.sliding import SlidingSmoother
+from spinfilters.estimators.smoothing.sliding_records import SlidingOptions
 from spinfilters.estimators.smoothing.solver import Plain, Solved, SolverOptions, solve
 from spinfilters.estimators.smoothing.step_rules import GaussNewton, StepRule
 from spinfilters.estimators.timeline import Frame, SensorNoise, StereoView, Timeline, build_timeline
@@ -29,6 +30,8 @@ SMALL = Scenario(rate_rpm=RICH_RPM, frames=5, landmarks=40)
 MIDDLE = Scenario(rate_rpm=RICH_RPM, frames=12, landmarks=150)
 LONG = Scenario(rate_rpm=RICH_RPM, frames=30, landmarks=120)
 PLAIN = Stage(LeastSquares())
+SOON = 0.2
+"""Standard deviation of the mass distribution that these short recordings reach: with it frames leave a window."""
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.landmark_start.result import LandmarkSmoothing
 from spinfilters.estimators.landmark_start.smoother import SmoothingOptions, smooth_with_landmarks
-from spinfilters.estimators.smoothing.problem import Trial
 from spinfilters.estimators.landmark_start.start import LandmarkStartReport, start_with_landmarks
 from spinfilters.estimators.motion_evidence import MotionEvidence
+from spinfilters.estimators.smoothing.problem import Trial
 from spinfilters.estimators.start import StartOptions
 from spinfilters.estimators.timeline import Frame, SensorNoise, StereoView, Timeline, build_timeline
 from spinfilters.evaluation.consistency import true_states

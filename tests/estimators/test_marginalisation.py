@@ -10,6 +10,7 @@ from smoothing_samples import (
     LONG,
     PLAIN,
     PROCESS,
+    SOON,
     STD,
     run,
     sample,
@@ -20,7 +21,7 @@ from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.smoothing import modes
 from spinfilters.estimators.smoothing.carried import gauge_columns
 from spinfilters.estimators.smoothing.marginalisation import without_landmarks, without_oldest
-from spinfilters.estimators.smoothing.modes import DETERMINED, FixedLag, FrozenVision, Full, Mode
+from spinfilters.estimators.smoothing.modes import FixedLag, FrozenVision, Full, Mode
 from spinfilters.estimators.smoothing.newest import newest_factor
 from spinfilters.estimators.smoothing.problem import Normal, Point, Problem
 from spinfilters.estimators.smoothing.reduced import Reduced
@@ -189,7 +190,7 @@ def _known_of_the_gauge(factor: np.ndarray, x: np.ndarray) -> np.ndarray:
 EXACT = replace(LONG, pixel_std=1e-9, noise=ProcessNoise(0.0, 0.0))
 
 
-@pytest.mark.parametrize("mode", [Full(), FixedLag(8), FrozenVision(0.3, 10)], ids=str)
+@pytest.mark.parametrize("mode", [Full(), FixedLag(8, SOON), FrozenVision(0.3, 10, SOON)], ids=str)
 def test_a_run_without_noise_tells_nothing_of_the_gauge(mode: Mode, monkeypatch: pytest.MonkeyPatch) -> None:
     """The newest state never knows more of it than the prior did, in any direction."""
     monkeypatch.setattr(modes, "TOGETHER", 1)
@@ -219,10 +220,10 @@ def test_a_lag_as_long_as_the_run_is_full_smoothing() -> None:
 
 def test_no_frame_leaves_while_the_inertia_is_not_determined() -> None:
     here, seen = sample(LONG), []
-    sliding = smoother(here, FixedLag(3))
+    sliding = smoother(here, FixedLag(3, SOON))
     for k, frame in enumerate(here.frames):
         retired = sliding.add(frame).retired
-        seen.append((sliding.mass_std > DETERMINED, k + 1 > 3, len(retired)))
+        seen.append((sliding.mass_std > SOON, k + 1 > 3, len(retired)))
     assert any(undetermined and longer for undetermined, longer, _ in seen)
     assert not any(undetermined and retired for undetermined, _, retired in seen)
     assert sum(retired for *_, retired in seen) > 1

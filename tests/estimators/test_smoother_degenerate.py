@@ -11,6 +11,7 @@ from smoothing_samples import (
     PLAIN,
     PROCESS,
     SMALL,
+    SOON,
     STD,
     perturbed,
     run,
@@ -24,13 +25,14 @@ from spinfilters.estimators.smoothing.modes import DETERMINED, FixedLag, FrozenV
 from spinfilters.estimators.smoothing.newest import newest_factor
 from spinfilters.estimators.smoothing.problem import Stage, problem_of
 from spinfilters.estimators.smoothing.robust_kernels import Gate
-from spinfilters.estimators.smoothing.sliding import SlidingOptions, SlidingSmoother
+from spinfilters.estimators.smoothing.sliding import SlidingSmoother
+from spinfilters.estimators.smoothing.sliding_records import SlidingOptions
 from spinfilters.estimators.smoothing.solver import SolverOptions, solve
 from spinfilters.estimators.smoothing.step_rules import Dogleg, GaussNewton, LevenbergMarquardt, StepRule
 from spinfilters.estimators.timeline import Frame
 from spinfilters.simulation.scenario import Scenario
 
-MODES = (Full(), FixedLag(4), FrozenVision())
+MODES = (Full(), FixedLag(4, SOON), FrozenVision())
 NO_IDS, NO_POINTS = np.zeros(0, dtype=int), np.zeros((0, 3))
 RULES = (GaussNewton(), LevenbergMarquardt(), Dogleg())
 

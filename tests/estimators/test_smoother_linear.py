@@ -18,7 +18,8 @@ from spinfilters.estimators.smoothing.newest import newest_factor
 from spinfilters.estimators.smoothing.problem import problem_of
 from spinfilters.estimators.smoothing.reduced import Reduced
 from spinfilters.estimators.smoothing.robust_kernels import PseudoHuber
-from spinfilters.estimators.smoothing.sliding import SlidingOptions, SlidingSmoother
+from spinfilters.estimators.smoothing.sliding import SlidingSmoother
+from spinfilters.estimators.smoothing.sliding_records import SlidingOptions
 from spinfilters.estimators.smoothing.solver import SolverOptions, solve
 from spinfilters.estimators.smoothing.step_rules import Dogleg, GaussNewton, LevenbergMarquardt, StepRule
 from spinfilters.estimators.timeline import Frame, Timeline

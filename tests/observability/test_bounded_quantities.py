@@ -58,8 +58,8 @@ def test_the_place_of_the_centre_of_mass_has_the_bound_of_its_slope_by_finite_di
 def test_a_weak_direction_is_named_by_its_largest_components() -> None:
     flight = flight_of(MOTIONS["spin about the minor axis"], 12, 0.5, ProcessNoise(0.0, 0.0))
     text = weak_direction_in_words(cramer_rao_bound(flight, [stereo_watch(4, 12)]))
-    assert "of which 1 of the prior remains" in text
-    assert "s_" in text or "c_" in text
+    assert "; 100 % of the prior's deviation remains" in text
+    assert "(s: mass distribution)" in text or "(c: centre of mass in g)" in text
     assert "w_" not in text
 
 

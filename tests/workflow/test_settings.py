@@ -21,6 +21,7 @@ def test_an_empty_document_is_the_defaults() -> None:
 
 
 OTHER_NAMES = {
+    "mode": "window",
     "gauge": "standard",
     "precision": "float32",
     "kernel": "huber",

@@ -173,6 +173,50 @@ void whiten_rows(integer K, integer d, integer w, integer q, double floor, const
   }
 }
 
+/* Where a component of a gram goes: poses, constants and the right-hand side by their place in what remains, chained errors by
+ * -1 - frame, with their place in `at`. A frame's gram has pose, chain, constants, right-hand side; a step's has pose and chain twice. */
+static integer place_components(integer k, integer both, integer K, integer p, integer v, integer c, integer* to, integer* at) {
+  integer n = 0;
+  for (integer f = k; f <= k + both; ++f) {
+    for (integer a = 0; a < p; ++a) to[n++] = f * p + a;
+    for (integer a = 0; a < v; ++a) {
+      to[n] = -1 - f;
+      at[n++] = a;
+    }
+  }
+  for (integer a = 0; a <= c; ++a) to[n++] = K * p + a;
+  return n;
+}
+
+/* Grams of frames (both = 0, count = K) or of steps (both = 1, count = K - 1) into M [kept + 1][kept], lower triangle and right-hand
+ * side, and into D, E, G of the chain. */
+void add_grams(integer count, integer both, integer K, integer p, integer v, integer c, const double* grams, double* M, double* D,
+               double* E, double* G) {
+  integer kept = K * p + c, width = kept + 1, most = 2 * (p + v) + c + 1;
+  integer* to = (integer*)malloc(2 * most * sizeof(integer));
+  if (to == 0) return;
+  integer* at = to + most;
+  for (integer k = 0; k < count; ++k) {
+    integer n = place_components(k, both, K, p, v, c, to, at);
+    const double* g = grams + k * n * n;
+    for (integer i = 0; i < n; ++i, g += n) {
+      if (to[i] >= 0) {
+        for (integer j = 0; j < n; ++j)
+          if (to[j] >= 0 && to[j] <= to[i] && to[j] < kept) M[to[i] * kept + to[j]] += g[j];
+        continue;
+      }
+      integer f = -1 - to[i];
+      double *row = G + (f * v + at[i]) * width, *own = D + (f * v + at[i]) * v, *next = E + (f * v + at[i]) * v;
+      for (integer j = 0; j < n; ++j) {
+        if (to[j] >= 0) row[to[j]] += g[j];
+        else if (to[j] == to[i]) own[at[j]] += g[j];
+        else if (to[j] < to[i]) next[at[j]] += g[j];
+      }
+    }
+  }
+  free(to);
+}
+
 /* First block of p columns of X that has not faded below `faded` of its largest element so far, counted from `low` on. */
 static integer not_faded(const double* X, double* largest, double faded, integer v, integer p, integer low, integer last,
                          integer high, integer width) {

@@ -9,8 +9,8 @@ become indefinite.
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float
-from scipy.linalg.lapack import dgeqrt, dpstrf, dtrtrs
+from jaxtyping import Bool, Float, Int
+from scipy.linalg.lapack import dpstrf, dtpqrt, dtrtrs
 
 from spinfilters.estimators.smoothing.carried import Carried, column_errors, gauge_columns
 from spinfilters.estimators.smoothing.elimination import POSE, eliminate
@@ -37,8 +37,8 @@ def without_landmarks(
     first = _first_estimates(window, unknowns, here)
     rows = _spread_poses(_of_landmarks(at, landmarks, unknowns), unknowns, 0)
     new = _at_first_estimates(rows, unknowns, first, here)
-    root = _triangular([_carried_rows(window, unknowns), new])
-    return replace(window.without(landmarks), carried=_carried(root, unknowns, first, 0, window.carried))
+    root = _triangular(window.carried, new, unknowns, 0)
+    return replace(window.without(landmarks), carried=_carried(root, unknowns, first, window.carried))
 
 
 def without_oldest(
@@ -62,13 +62,13 @@ def without_oldest(
     if at is not None and landmarks is not None and landmarks.any():
         rows.append(_spread_poses(_of_landmarks(at, landmarks, unknowns), unknowns, v))
     new = _at_first_estimates(np.concatenate(rows), unknowns, first, here, v)
-    old = _with_gap(_carried_rows(window, unknowns), v)
     if landmarks is not None:
         window = window.without(landmarks)
-    root = _triangular([part[:, _leaving_first(unknowns)] for part in (old, new)])
-    after, gone = replace(unknowns, frames=unknowns.frames - 1), len(unknowns.moving)
+    gone = len(unknowns.moving)
+    root = _triangular(window.carried, new, unknowns, v)[gone:, gone:]
+    after = replace(unknowns, frames=unknowns.frames - 1)
     first = _handed_over(unknowns, first, here[1])
-    return window.shifted(_carried(root, after, first, gone, window.carried))
+    return window.shifted(_carried(root, after, first, window.carried))
 
 
 def _of_landmarks(
@@ -86,19 +86,6 @@ def _spread_poses(rows: Float[np.ndarray, "r w"], unknowns: Unknowns, more: int)
     out = np.zeros((len(rows), size + 1))
     out[:, : rows.shape[1] - 1], out[:, -1] = rows[:, :-1], rows[:, -1]
     return out
-
-
-def _with_gap(rows: Float[np.ndarray, "r w"], width: int) -> Float[np.ndarray, "r x"]:
-    """Room for the second frame's chain before the right-hand side."""
-    return np.concatenate([rows[:, :-1], np.zeros((len(rows), width)), rows[:, -1:]], axis=1)
-
-
-def _leaving_first(unknowns: Unknowns) -> np.ndarray:
-    """Columns in the order: the oldest frame's pose and chain, then the rest as a carried quadratic has it."""
-    p, v = len(unknowns.pose), len(unknowns.chain)
-    chain = unknowns.frames * p + len(unknowns.constant)
-    parts = [(0, p), (chain, chain + v), (p, chain), (chain + v, chain + 2 * v + 1)]
-    return np.concatenate([np.arange(*part) for part in parts])
 
 
 def landmark_rows(
@@ -161,21 +148,6 @@ def _handed_over(
         elif layout.slice(block).start in chained:
             after[0, at] = now[at]
     return after
-
-
-def _carried_rows(window: Window, unknowns: Unknowns) -> Float[np.ndarray, "q q1"]:
-    """The carried root over all frames of the window."""
-    p, c, v = len(unknowns.pose), len(unknowns.constant), len(unknowns.chain)
-    size = unknowns.frames * p + c + v
-    if window.carried is None:
-        return np.zeros((0, size + 1))
-    old = window.carried
-    poses = len(old.first) * p
-    rows = np.zeros((len(old.root), size + 1))
-    rows[:, :poses] = old.root[:, :poses]
-    rows[:, unknowns.frames * p : -1] = old.root[:, poses:]
-    rows[:, -1] = old.right
-    return rows
 
 
 def _at_first_estimates(
@@ -242,23 +214,54 @@ def _alone(motion: Motion, trajectory: Float[np.ndarray, "k m"]) -> list[Float[n
     return parts
 
 
-def _triangular(parts: list[Float[np.ndarray, "r w"]]) -> Float[np.ndarray, "w w"]:
-    """Upper triangle of a QR decomposition of stacked rows, square."""
-    width, count = parts[0].shape[1], sum(len(part) for part in parts)
-    rows, done = np.zeros((max(count, width), width), order="F"), 0
-    for part in parts:
-        rows[done : done + len(part)] = part
-        done += len(part)
-    return np.triu(dgeqrt(NARROW if width < WIDE_ENOUGH else WIDE, rows, overwrite_a=1)[0][:width])
+def _triangular(
+    old: Carried | None, new: Float[np.ndarray, "r w"], unknowns: Unknowns, more: int
+) -> Float[np.ndarray, "w w"]:
+    """Upper triangle of old and new rows together, columns in the order of elimination, right-hand side last.
+
+    The old root is a triangle in that order already: only the new rows are turned into it.
+    """
+    order, width = _elimination_order(unknowns, more), new.shape[1]
+    root = np.zeros((width, width), order="F")
+    if old is not None:
+        place = np.empty(width, dtype=int)
+        place[order] = np.arange(width)
+        to = place[_columns_of(old.unknowns, unknowns)][_elimination_order(old.unknowns, 0)[:-1]]
+        within = _elimination_order(old.unknowns, 0)[:-1]
+        root[np.ix_(to, to)] = old.root[:, within]
+        root[to, -1] = old.right
+    if not len(new):
+        return root
+    rows = np.asfortranarray(new[:, order])
+    block = NARROW if width < WIDE_ENOUGH else WIDE
+    return np.triu(dtpqrt(0, block, root, rows, overwrite_a=1, overwrite_b=1)[0])
+
+
+def _elimination_order(unknowns: Unknowns, more: int) -> Int[np.ndarray, " w"]:
+    """Columns of a carried quadratic, of ``more`` errors and the right-hand side, in the order in which frames will leave."""
+    p, v = len(unknowns.pose), len(unknowns.chain)
+    chain = unknowns.frames * p + len(unknowns.constant)
+    parts = [(0, p), (chain, chain + v), (p, 2 * p), (chain + v, chain + v + more), (2 * p, chain)]
+    ends = [chain + v + more]
+    if unknowns.frames == 1:
+        parts = [(0, p), (chain, chain + v), (p, chain)]
+    return np.concatenate([*[np.arange(*part) for part in parts], ends])
+
+
+def _columns_of(old: Unknowns, now: Unknowns) -> Int[np.ndarray, " q"]:
+    """Where the columns of a quadratic over fewer frames are among those over more."""
+    p, c, v = len(old.pose), len(old.constant), len(old.chain)
+    return np.concatenate([np.arange(old.frames * p), now.frames * p + np.arange(c + v)])
 
 
 def _carried(
     root: Float[np.ndarray, "w w"],
     unknowns: Unknowns,
     first: Float[np.ndarray, "k m"],
-    gone: int,
     before: Carried | None,
 ) -> Carried:
-    """What is below the rows of those that left."""
+    """From a triangle in the order of elimination."""
     lost = float(root[-1, -1] ** 2) + (0.0 if before is None else before.lost)
-    return Carried(unknowns, first, root[gone:-1, gone:-1].copy(), root[gone:-1, -1].copy(), lost)
+    columns = np.empty((len(root) - 1, len(root) - 1))
+    columns[:, _elimination_order(unknowns, 0)[:-1]] = root[:-1, :-1]
+    return Carried(unknowns, first, columns, root[:-1, -1].copy(), lost)

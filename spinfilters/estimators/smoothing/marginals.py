@@ -43,7 +43,11 @@ class Marginals:
     @cached_property
     def factors(self) -> Float[np.ndarray, "k n n"]:
         """Lower triangular factor of every frame's covariance, components in the order of the layout."""
-        rows = np.array([self.frame_rows(k) for k in range(self.solution.unknowns.frames)])
+        return self.first_factors(self.solution.unknowns.frames)
+
+    def first_factors(self, count: int) -> Float[np.ndarray, "k n n"]:
+        """Those of the first frames."""
+        rows = np.array([self.frame_rows(k) for k in range(count)])
         covariance = rows @ rows.swapaxes(1, 2)
         try:
             return np.linalg.cholesky(covariance)

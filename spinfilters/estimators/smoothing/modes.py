@@ -10,7 +10,7 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.smoothing.window import Window
 from spinfilters.state.layout import StateLayout
 
-DETERMINED = 0.2
+DETERMINED = 0.03
 """Standard deviation of the mass distribution (logarithm of second moments) above which no frame leaves a window: a linear model of
 the inertia made while it is hardly known would be kept for ever."""
 LONGEST_STARTUP = 120
@@ -21,7 +21,14 @@ TOGETHER = 100
 
 
 class Mode(ABC):
-    """What leaves after a frame has been taken in."""
+    """What leaves after a frame has been taken in.
+
+    Attributes
+    ----------
+    determined: standard deviation of the mass distribution above which no frame leaves.
+    """
+
+    determined: float
 
     @abstractmethod
     def frozen(self, window: Window, layout: StateLayout) -> Bool[np.ndarray, " L"]:
@@ -35,6 +42,8 @@ class Mode(ABC):
 @dataclass(frozen=True)
 class Full(Mode):
     """Everything stays (the thesis' way)."""
+
+    determined: float = DETERMINED
 
     def frozen(self, window: Window, layout: StateLayout) -> Bool[np.ndarray, " L"]:
         return np.zeros(len(window.ids), dtype=bool)
@@ -52,8 +61,9 @@ class FrozenVision(Mode):
     revolutions: of the body, since a landmark was last seen.   frames: that stay, at most.
     """
 
-    revolutions: float = 2.0
+    revolutions: float = 3.0
     frames: int = 120
+    determined: float = DETERMINED
 
     def __post_init__(self) -> None:
         if not self.revolutions > 0:
@@ -70,7 +80,7 @@ class FrozenVision(Mode):
         return gone if np.count_nonzero(gone) >= TOGETHER else np.zeros_like(gone)
 
     def longest(self, mass_std: float) -> float:
-        return _longest(self.frames, mass_std)
+        return _longest(self, self.frames, mass_std)
 
 
 @dataclass(frozen=True)
@@ -78,6 +88,7 @@ class FixedLag(Mode):
     """The newest frames; older ones are marginalised once the inertia is determined."""
 
     frames: int = 20
+    determined: float = DETERMINED
 
     def __post_init__(self) -> None:
         _enough(self.frames)
@@ -86,12 +97,12 @@ class FixedLag(Mode):
         return np.zeros(len(window.ids), dtype=bool)
 
     def longest(self, mass_std: float) -> float:
-        return _longest(self.frames, mass_std)
+        return _longest(self, self.frames, mass_std)
 
 
-def _longest(frames: int, mass_std: float) -> float:
+def _longest(mode: Mode, frames: int, mass_std: float) -> float:
     """Longer while the inertia is not determined."""
-    return frames if mass_std <= DETERMINED else max(frames, LONGEST_STARTUP)
+    return frames if mass_std <= mode.determined else max(frames, LONGEST_STARTUP)
 
 
 def _turns(rates: Float[np.ndarray, "k 3"], time: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:

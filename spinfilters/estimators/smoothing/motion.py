@@ -113,7 +113,7 @@ class Motion:
             _, transition, noise = self.process.linearise_steps(self._at_first_constants(trajectory[:-1]), dt)
         defect = layout.local(trajectory[1:], moved)
         _turn(unknowns, defect, transition, noise)
-        d, moving, constant = len(unknowns.moving), span(unknowns.moving), span(unknowns.constant)
+        d, (moving, constant) = len(unknowns.moving), unknowns.spans
         rows = np.zeros((len(moved), d, d + len(unknowns.order) + 1))
         rows[:, :, :d] = -transition[:, moving][:, :, moving]
         rows[:, :, d : 2 * d] = np.eye(d)
@@ -189,22 +189,15 @@ def whitened(
         return np.full_like(rows, np.nan)
 
 
-def span(index: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"] | slice:
-    """A slice where the components are consecutive, which is read without a copy."""
-    if len(index) and (np.diff(index) == 1).all():
-        return slice(int(index[0]), int(index[-1]) + 1)
-    return index
-
-
 def _turn(unknowns: Unknowns, defect: np.ndarray, transition: np.ndarray, noise: np.ndarray) -> None:
     """Errors about the predicted point into errors about the trial's, in place; only the attitude's differ."""
     layout = unknowns.layout
     if "a" not in layout.blocks:
         return
     a = layout.slice("a")
-    turn = layout.reset_jacobian(defect)[:, a, a]
-    transition[:, a] = np.linalg.solve(turn, transition[:, a])
-    noise[:, a] = np.linalg.solve(turn, noise[:, a])
+    turn = np.linalg.inv(layout.reset_jacobian(defect)[:, a, a])
+    transition[:, a] = turn @ transition[:, a]
+    noise[:, a] = turn @ noise[:, a]
 
 
 def prior_rows(

@@ -14,7 +14,11 @@ from spinfilters.estimators.smoothing.carried import CarriedAt
 from spinfilters.estimators.smoothing.chain import Chain, eliminate_chain
 from spinfilters.estimators.smoothing.elimination import Eliminated
 from spinfilters.estimators.smoothing.motion import Grams
+from spinfilters.estimators.smoothing.native import integer, kernels, pointer
 from spinfilters.estimators.smoothing.unknowns import Unknowns
+
+Blocks = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""D, E, G of a chain."""
 
 
 @dataclass(frozen=True)
@@ -95,15 +99,29 @@ def _assembled(
     D, E, G = np.zeros((K, v, v)), np.zeros((max(K - 1, 0), v, v)), np.zeros((K, v, width))
     for part in grams:
         if len(part.frames):
-            _add_frames(M, D, G, part.frames, p)
+            _add_frames(M, (D, E, G), part.frames, (p, v, c))
         if len(part.steps):
             _add_steps(M, (D, E, G), part.steps, (p, v, c))
     return M, (D, E, G)
 
 
-def _add_frames(M: np.ndarray, D: np.ndarray, G: np.ndarray, grams: np.ndarray, p: int) -> None:
+def _in_c(M: np.ndarray, chain: Blocks, grams: np.ndarray, sizes: tuple[int, int, int], both: int) -> bool:
+    """Add grams of frames, or of steps from one to the next (``both``), where there is a compiler."""
+    library = kernels()
+    if library is None:
+        return False
+    grams = np.ascontiguousarray(grams)
+    counts = (len(grams), both, len(chain[0]), *sizes)
+    library.add_grams(*map(integer, counts), pointer(grams), *map(pointer, (M, *chain)))
+    return True
+
+
+def _add_frames(M: np.ndarray, chain: Blocks, grams: np.ndarray, sizes: tuple[int, int, int]) -> None:
     """Grams of single frames: pose, chain, constants, right-hand side."""
-    K, v = D.shape[:2]
+    if _in_c(M, chain, grams, sizes, 0):
+        return
+    (D, _, G), (p, v, _) = chain, sizes
+    K = len(D)
     rest = slice(K * p, None)
     D += grams[:, p : p + v, p : p + v]
     G[:, :, rest] += grams[:, p : p + v, p + v :]
@@ -115,13 +133,10 @@ def _add_frames(M: np.ndarray, D: np.ndarray, G: np.ndarray, grams: np.ndarray, 
         M[rest, : K * p] += grams[:, p + v :, :p].transpose(1, 0, 2).reshape(-1, K * p)
 
 
-def _add_steps(
-    M: np.ndarray,
-    chain: tuple[np.ndarray, np.ndarray, np.ndarray],
-    grams: np.ndarray,
-    sizes: tuple[int, int, int],
-) -> None:
+def _add_steps(M: np.ndarray, chain: Blocks, grams: np.ndarray, sizes: tuple[int, int, int]) -> None:
     """Grams of steps: pose and chain here, pose and chain there, constants, right-hand side."""
+    if _in_c(M, chain, grams, sizes, 1):
+        return
     (D, E, G), (p, v, _) = chain, sizes
     K, d = len(D), p + v
     rest, after = slice(K * p, None), slice(2 * d, None)

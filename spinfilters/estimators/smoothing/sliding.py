@@ -1,6 +1,6 @@
 """A smoother that takes one frame after the other and re-solves what it keeps after each."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -8,16 +8,17 @@ from jaxtyping import Float, Int
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import ProcessModel
 from spinfilters.estimators.first_frames import FirstStatePrior
-from spinfilters.estimators.smoothing.closed_form import Tried, at_closed_form, fits
+from spinfilters.estimators.smoothing.closed_form import at_closed_form, fits
 from spinfilters.estimators.smoothing.marginalisation import without_landmarks, without_oldest
 from spinfilters.estimators.smoothing.marginals import Marginals
-from spinfilters.estimators.smoothing.modes import DETERMINED, FrozenVision, Mode
+from spinfilters.estimators.smoothing.modes import DETERMINED
 from spinfilters.estimators.smoothing.newest import constant_std, newest_factor
 from spinfilters.estimators.smoothing.newest_sightings import WIDTH, is_strange, with_landmarks_put_right
 from spinfilters.estimators.smoothing.problem import Normal, Point, Problem, Stage
 from spinfilters.estimators.smoothing.reduced import Reduced
-from spinfilters.estimators.smoothing.robust_kernels import Gate, Huber, RobustKernel
-from spinfilters.estimators.smoothing.solver import advanced, moved
+from spinfilters.estimators.smoothing.robust_kernels import Huber, RobustKernel
+from spinfilters.estimators.smoothing.sliding_records import Memory, Retired, SlidingOptions, Taken
+from spinfilters.estimators.smoothing.solver import Plain, SolverOptions, advanced, moved, solve
 from spinfilters.estimators.smoothing.step_rules import GaussNewton
 from spinfilters.estimators.smoothing.undetermined import undetermined_directions
 from spinfilters.estimators.smoothing.window import Window
@@ -26,65 +27,13 @@ from spinfilters.state.gaussian import Gaussian
 
 SURPRISE = 10.0
 """Fall of the cost per scalar measurement of the newest frame from which a step is checked and followed by another."""
+LOOSE, SETTLED_COST = 0.05, 1.0
+"""Standard deviation of the mass distribution above which a frame is iterated until the cost falls by less than the second number:
+what is believed of a body hardly known is curved, and a covariance from one step before would lie."""
 SETTLED = 3
 """Frames in a row after which the inertia must have been determined before a frame leaves."""
 DROPPED_AT_ONCE = 2
 """Frames that leave after one that comes, at most: a window that has grown through its start-up shrinks gently."""
-
-
-@dataclass(frozen=True)
-class SlidingOptions:
-    """How a sliding smoother works.
-
-    Attributes
-    ----------
-    mode: what it keeps.   gate: standard deviations beyond which a sighting counts as a wrong association.
-    iterations: per frame, at most; one is enough where nothing surprises.
-    retired: whether frames that leave are handed back with their covariance, which costs a factorisation more.
-    kernel: of a sighting's residual, in place of the gate.
-    """
-
-    mode: Mode = field(default_factory=FrozenVision)
-    gate: float = 5.0
-    iterations: int = 4
-    retired: bool = True
-    kernel: RobustKernel | None = None
-
-    def __post_init__(self) -> None:
-        if self.iterations < 1 or not self.gate > 0:
-            raise InputError(
-                f"iterations is {self.iterations}, gate {self.gate}; give at least 1 and more than 0"
-            )
-
-    @property
-    def sighting_kernel(self) -> RobustKernel:
-        """The kernel, or the gate."""
-        return Gate(self.gate, self.gate) if self.kernel is None else self.kernel
-
-
-@dataclass(frozen=True)
-class Retired:
-    """A frame that left the window: the last that was said of it."""
-
-    time: float
-    mean: Float[np.ndarray, " m"]
-    factor: Float[np.ndarray, "n n"]
-
-
-@dataclass(frozen=True)
-class Taken:
-    """What taking in a frame did.
-
-    Attributes
-    ----------
-    accepted, rejected: sightings of the frame that count and that do not.   linearisations: how many it took.
-    retired: frames that left.
-    """
-
-    accepted: int
-    rejected: int
-    linearisations: int
-    retired: tuple[Retired, ...] = ()
 
 
 class SlidingSmoother:
@@ -100,12 +49,16 @@ class SlidingSmoother:
         self, process: ProcessModel, prior: FirstStatePrior, options: SlidingOptions, tied: bool
     ) -> None:
         self.process, self.options, self._tied = process, options, tied
-        self._prior: FirstStatePrior | None = prior
-        self._first_guess = prior.mean
-        self._tried = Tried()
+        self._prior, self.memory = prior, Memory()
         self._linear: tuple[Point, Normal] | None = None
-        self._strange, self._determined = False, 0
         self.window = Window.empty(process.layout.mean_dim)
+
+    def resume(self, window: Window, memory: Memory) -> None:
+        """Go on from a window that was taken in before, linearised where it is."""
+        self.window, self.memory = window, memory
+        problem = self.problem()
+        here = problem.at(window.trajectory, window.points)
+        self._linear = _linear_problem(problem, here, self.options.sighting_kernel)
 
     def begin(
         self,
@@ -147,7 +100,8 @@ class SlidingSmoother:
 
     def problem(self) -> Problem:
         """The least-squares problem of the window."""
-        return self.window.problem(self.process, self._prior, self._tied)
+        prior = self._prior if self.memory.prior_alive else None
+        return self.window.problem(self.process, prior, self._tied)
 
     @property
     def belief(self) -> Gaussian:
@@ -167,15 +121,27 @@ class SlidingSmoother:
         at = int(np.searchsorted(solution.unknowns.constant, first))
         return float(std[at : at + layout.slice("s").stop - first].max())
 
-    def smoothed(self) -> list[Retired]:
-        """All frames of the window with their covariances."""
+    def smoothed(self, frames: int | None = None) -> list[Retired]:
+        """Frames of the window with their covariances: all, or so many of the oldest."""
         assert self._linear is not None
         solution, n = self._linear[1].solution, self.process.layout.error_dim
-        count = len(self.window.frames)
-        unknown = np.full((count, n, n), np.nan)
-        factors = unknown if isinstance(solution, int) else Marginals(solution, None).factors[-count:]
-        rows = zip(self.window.frames, self.window.trajectory, factors, strict=True)
+        count = len(self.window.frames) if frames is None else frames
+        if isinstance(solution, int):
+            factors = np.full((count, n, n), np.nan)
+        else:
+            gone = solution.unknowns.frames - len(self.window.frames)
+            factors = Marginals(solution, None).first_factors(gone + count)[gone:]
+        rows = zip(self.window.frames[:count], self.window.trajectory, factors, strict=False)
         return [Retired(frame.time, mean, factor) for frame, mean, factor in rows]
+
+    def settle(self) -> None:
+        """Iterate on what the window holds until nothing moves: one step per frame leaves a little to be gained."""
+        problem = self.problem()
+        here = problem.at(self.window.trajectory, self.window.points)
+        solved = solve(problem, here, SolverOptions(), Plain(self.options.sighting_kernel))
+        here = solved.point
+        self.window = replace(self.window, trajectory=here.trajectory, points=here.points)
+        self._linear = (here, solved.normal)
 
     def undetermined(self) -> list[str]:
         """What the measurements so far do not determine, in words; only while the first frame is in the window."""
@@ -195,18 +161,23 @@ class SlidingSmoother:
                 )
             state = self.process.step(self.window.trajectory[-1], dt)
         else:
-            state = self._first_guess.copy()
+            state = self._prior.mean.copy()
         if guess is not None:
             layout = self.process.layout
             state[layout.mean_slice("t")], state[layout.mean_slice("a")] = guess[:3], guess[3:]
         return state
+
+    @property
+    def _before(self) -> float:
+        """Standard deviation of the mass distribution after the last frame."""
+        return np.inf if self._linear is None else self.mass_std
 
     def _solved(self, problem: Problem, here: Point) -> tuple[int, Point, Normal]:
         """The linear problem at the last linearisation, which the window's states are one step beyond, and how many there were."""
         kernel = self.options.sighting_kernel
         here, count = self._found_back(problem, here, kernel)
         here, normal = _linear_problem(problem, here, kernel)
-        surprise = SURPRISE * self._measured()
+        surprise = SURPRISE * self._measured() if self._before <= LOOSE else SETTLED_COST
         while count < self.options.iterations and normal.solved and normal.decrement > surprise:
             there, _, _ = advanced(problem, here, normal, (GaussNewton(), 1.0))
             if there is None:
@@ -221,7 +192,7 @@ class SlidingSmoother:
     def _found_back(self, problem: Problem, here: Point, kernel: RobustKernel) -> tuple[Point, int]:
         """Where the newest frame fits, if its guess was so poor that the kernel would lose it; else where it was."""
         if not is_strange(problem, here, kernel):
-            self._strange = False
+            self.memory.strange = False
             return here, 1
         there = here
         for count in range(1, self.options.iterations + 1):
@@ -231,9 +202,9 @@ class SlidingSmoother:
                 break
             there = moved_there
             if not is_strange(problem, there, kernel):
-                self._strange = False
+                self.memory.strange = False
                 return there, count + 1
-        self._strange = True
+        self.memory.strange = True
         return here, self.options.iterations + 1
 
     def _measured(self) -> int:
@@ -244,7 +215,11 @@ class SlidingSmoother:
     def _from_closed_form(self, problem: Problem, here: Point, normal: Normal) -> tuple[Point, int]:
         """While the inertia is not determined, the closed form of the momentum may know a better place to go on from."""
         self._linear = (here, normal)
-        if fits(here, normal) or self.mass_std <= DETERMINED or not self._tried.due(len(self.window.frames)):
+        if (
+            fits(here, normal)
+            or self.mass_std <= DETERMINED
+            or not self.memory.tried.due(len(self.window.frames))
+        ):
             return here, 0
         times = np.array([frame.time for frame in self.window.frames])
         found, tries = at_closed_form(problem, here, normal, times)
@@ -267,9 +242,11 @@ class SlidingSmoother:
         """Let go what the mode lets go."""
         assert self._linear is not None
         window, mode, std = self.window, self.options.mode, self.mass_std
-        self._determined = self._determined + 1 if std <= DETERMINED and not self._strange else 0
+        self.memory.determined = (
+            self.memory.determined + 1 if std <= mode.determined and not self.memory.strange else 0
+        )
         landmarks = mode.frozen(window, self.process.layout)
-        longest = mode.longest(std if self._determined >= SETTLED else np.inf)
+        longest = mode.longest(std if self.memory.determined >= SETTLED else np.inf)
         over = min(len(window.frames) - longest, DROPPED_AT_ONCE)
         if over < 1 or not self._linear[1].solved:
             if landmarks.any() and self._linear[1].solved:
@@ -277,14 +254,15 @@ class SlidingSmoother:
             return ()
         landmarks[window.seen.landmark[window.seen.frame < over]] = True
         retired = self._leaving(int(over))
-        window, self._prior = without_oldest(window, problem, self._linear, landmarks), None
+        window = without_oldest(window, problem, self._linear, landmarks)
+        self.memory.prior_alive = False
         for _ in range(1, int(over)):
             window = without_oldest(window, window.problem(self.process, None, self._tied))
         self.window = window
         return retired
 
     def _leaving(self, count: int) -> tuple[Retired, ...]:
-        return tuple(self.smoothed()[:count]) if self.options.retired else ()
+        return tuple(self.smoothed(count)) if self.options.retired else ()
 
     def _newest_factor(self) -> Float[np.ndarray, "n n"]:
         assert self._linear is not None

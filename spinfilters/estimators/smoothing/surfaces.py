@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.errors import InputError
-from spinfilters.estimators.smoothing.sliding import Retired, SlidingSmoother
+from spinfilters.estimators.smoothing.sliding import SlidingSmoother
+from spinfilters.estimators.smoothing.sliding_records import Retired
 from spinfilters.estimators.timeline import Timeline
 
 MOST_FRAMES = 600

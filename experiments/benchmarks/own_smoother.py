@@ -1,0 +1,101 @@
+"""The project's own smoother on the benchmark's problem: whole, one iteration of it, and frame after frame.
+
+Times hold everything from frames and models to the result, the collecting of sightings among it.
+"""
+
+from typing import Final
+
+import numpy as np
+
+from experiments.benchmarks.gtsam_chart import CENTRE
+from experiments.benchmarks.smoother_workload import PeerResult, Workload, whitened_cost
+from experiments.benchmarks.stopwatch import now
+from spinfilters.estimators.smoothing.modes import FixedLag, Full
+from spinfilters.estimators.smoothing.problem import Stage, with_common_constants
+from spinfilters.estimators.smoothing.robust_kernels import LeastSquares
+from spinfilters.estimators.smoothing.sliding import SlidingSmoother
+from spinfilters.estimators.smoothing.sliding_records import SlidingOptions
+from spinfilters.estimators.smoothing.solver import Solved, SolverOptions, solve
+from spinfilters.estimators.smoothing.step_rules import GaussNewton
+
+NO_GATE: Final = 1e6
+"""Standard deviations: every sighting is believed, as the peers do."""
+RUNS: Final = 3
+"""Of a turn: as short as they are, one alone would measure what another solver left in the processor's caches."""
+
+
+def own_batch(workload: Workload) -> PeerResult:
+    """Gauss-Newton from the trial to the optimum; the median time of some runs."""
+    runs = [_solved(workload) for _ in range(RUNS)]
+    solved, seconds = runs[-1][0], float(np.median([seconds for _, seconds in runs]))
+    trajectory, points = solved.point.trajectory, solved.point.points
+    cost = whitened_cost(workload, trajectory, points)
+    rounds = float(solved.linearisations)
+    return PeerResult("spinfilters", trajectory, points, cost, seconds, 0.0, solved.iterations, rounds)
+
+
+def _solved(workload: Workload) -> tuple[Solved, float]:
+    """And how many seconds it took."""
+    start = with_common_constants(workload.layout, workload.trial.trajectory)
+    begin = now()
+    problem = workload.problem()
+    solved = solve(problem, problem.at(start, workload.trial.points), SolverOptions())
+    return solved, now() - begin
+
+
+class OwnIterations:
+    """Single Gauss-Newton iterations about the trial of a workload: linearise, eliminate, solve, substitute back."""
+
+    def __init__(self, workload: Workload) -> None:
+        self._problem, self._points = workload.problem(), workload.trial.points
+        self._start = with_common_constants(workload.layout, workload.trial.trajectory)
+
+    def seconds(self, runs: int) -> float:
+        """Median of some runs after one more."""
+        return float(np.median([self._once(1e-9 * k) for k in range(runs + 1)][1:]))
+
+    def _once(self, nudge: float) -> float:
+        trajectory = self._start.copy()
+        trajectory[:, 0] += nudge
+        begin = now()
+        normal = self._problem.normal(self._problem.at(trajectory, self._points), Stage(LeastSquares()))
+        step = GaussNewton().propose(lambda _: normal, self._problem.layout, 1.0)
+        seconds = now() - begin
+        assert step is not None
+        return seconds
+
+
+def own_resolved(workload: Workload) -> PeerResult:
+    """Everything solved again after every frame."""
+    return _through(workload, SlidingOptions(Full(), gate=NO_GATE), "spinfilters, full")
+
+
+def own_window(workload: Workload, lag: int, retired: bool = False) -> PeerResult:
+    """A window of so many frames; its cost says nothing, see `gtsam_incremental.fixed_lag`.
+
+    Parameters
+    ----------
+    retired: whether every frame that leaves is given its covariance, which the peer does not do.
+    """
+    options = SlidingOptions(FixedLag(lag), gate=NO_GATE, retired=retired)
+    return _through(workload, options, f"spinfilters, fixed lag of {lag}")
+
+
+def _through(workload: Workload, options: SlidingOptions, name: str) -> PeerResult:
+    """Every frame through the sliding smoother, without a guess."""
+    smoother = SlidingSmoother(workload.process, workload.prior, options, tied=True)
+    trajectory, points = (
+        np.tile(workload.prior.mean, (len(workload.timeline), 1)),
+        workload.trial.points.copy(),
+    )
+    seconds, rounds = 0.0, 0
+    for number, frame in enumerate(workload.timeline, start=1):
+        begin = now()
+        rounds += smoother.add(frame).linearisations
+        seconds += now() - begin
+        states = smoother.window.trajectory
+        trajectory[number - len(states) : number] = states
+    trajectory[:, CENTRE.start :] = trajectory[-1, CENTRE.start :]
+    points[np.searchsorted(workload.trial.ids, smoother.window.ids)] = smoother.window.points
+    cost = whitened_cost(workload, trajectory, points)
+    return PeerResult(name, trajectory, points, cost, seconds, 0.0, len(trajectory), float(rounds))

@@ -1,0 +1,75 @@
+"""The sliding smoother over ten thousand frames: time of a frame and memory, from beginning to end."""
+
+import gc
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+
+from experiments.benchmarks.endless_scene import LAYOUT, EndlessScene
+from experiments.benchmarks.smoother_checks import Check
+from experiments.benchmarks.smoother_workload import NOISE
+from experiments.benchmarks.stopwatch import now
+from spinfilters.estimators.smoothing.modes import FixedLag, FrozenVision, Mode
+from spinfilters.estimators.smoothing.sliding import SlidingSmoother
+from spinfilters.estimators.smoothing.sliding_records import SlidingOptions
+from spinfilters.models.process import TorqueFreeProcess
+
+STARTUP: Final = 200
+"""Frames before the clock starts: windows are full, nothing is left to compile."""
+BLOCKS: Final = 10
+MODES: Final[dict[str, Mode]] = {"fixed lag of 20": FixedLag(20), "frozen vision": FrozenVision()}
+SAME_TIME: Final = 1.1
+"""Last block over the first."""
+SAME_MEMORY: Final = 0.05
+"""Growth of what is resident."""
+
+
+def long_run(frames: int) -> Iterator[Check]:
+    """Both modes, one after the other, each over the same scene."""
+    for name, mode in MODES.items():
+        scene, smoother = EndlessScene(0), _smoother(mode)
+        _block(scene, smoother, STARTUP)
+        seconds, resident = [], []
+        for _ in range(BLOCKS):
+            seconds.append(_block(scene, smoother, frames // BLOCKS))
+            resident.append(_resident_mb())
+        yield from _checks(name, np.array(seconds), np.array(resident))
+        error = LAYOUT.local(scene.truth, smoother.window.trajectory[-1])
+        deg = np.degrees(np.linalg.norm(error[LAYOUT.slice("a")]))
+        mass = np.linalg.norm(error[LAYOUT.slice("s")])
+        yield Check("  newest frame off the truth", f"attitude {deg:.3f} deg, body {mass:.4f}")
+
+
+def _smoother(mode: Mode) -> SlidingSmoother:
+    process = TorqueFreeProcess(LAYOUT, NOISE)
+    return SlidingSmoother(process, EndlessScene(0).prior, SlidingOptions(mode), tied=True)
+
+
+def _checks(name: str, seconds: np.ndarray, resident: np.ndarray) -> Iterator[Check]:
+    medians = 1e3 * np.median(seconds, axis=1)
+    change, growth = medians[-1] / medians[0], resident[-1] / resident[0] - 1
+    high = 1e3 * np.quantile(seconds, 0.99)
+    times = f"{medians[0]:8.2f} ms at first, at last {medians[-1]:.2f} ms: {change:.3f}"
+    note = f"blocks {medians.min():.2f} .. {medians.max():.2f} ms, 99th percentile {high:.2f} ms"
+    what = f"{seconds.size} frames, {name}"
+    yield Check(what, times, f"at most {SAME_TIME:g}", bool(change <= SAME_TIME), note)
+    memory = f"{resident[0]:8.1f} MB -> {resident[-1]:.1f} MB"
+    yield Check("  resident memory", memory, f"at most +{SAME_MEMORY:.0%}", bool(growth <= SAME_MEMORY))
+
+
+def _block(scene: EndlessScene, smoother: SlidingSmoother, count: int) -> list[float]:
+    """Seconds of each frame."""
+    seconds = []
+    for frame in scene.frames(count):
+        begin = now()
+        smoother.add(frame)
+        seconds.append(now() - begin)
+    return seconds
+
+
+def _resident_mb() -> float:
+    """VmRSS."""
+    gc.collect()
+    with open("/proc/self/status") as status:
+        return next(int(line.split()[1]) for line in status if line.startswith("VmRSS")) / 1024

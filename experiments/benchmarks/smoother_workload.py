@@ -1,0 +1,161 @@
+"""The problem that all smoothers of the benchmark solve: 115 frames of a tumbling body with some 2450 landmarks that nobody knows.
+
+Simulated, so that anyone can run it: `Scenario.disam115` from a seed, with about 24,700 stereo sightings of 1 px. Priors are the
+thesis' with 0.5 for the logarithm of second moments, and the first pose is held where frame g is defined. The initial guess comes
+from poses fitted one by one and the closed form of the angular momentum, over all frames.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.estimators.first_frames import FirstStatePrior
+from spinfilters.estimators.landmark_start.start import GAUGE_STD
+from spinfilters.estimators.motion_evidence import evidence_from_poses
+from spinfilters.estimators.smoothing.problem import Problem, Trial, problem_of
+from spinfilters.estimators.smoothing.sightings import SIGHTINGS_NEEDED, Sightings, collect_sightings
+from spinfilters.estimators.start import StartOptions, closed_form, trial_trajectory, wide_prior
+from spinfilters.estimators.timeline import SensorNoise, StereoView, Timeline, build_timeline
+from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.perception.map_building import poses_without_map
+from spinfilters.simulation.scenario import RICH_RPM, THESIS_RPM, Scenario, simulate
+from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+
+MOTIONS: Final = {"thesis": THESIS_RPM, "rich": RICH_RPM}
+NOISE: Final = ProcessNoise(force_psd=1e-6, torque_psd=1e-6)
+OPTIONS: Final = StartOptions(mass_std=0.5)
+"""Priors of the thesis; with a mass_std of 2 and more, solvers end in wrong minima."""
+PIXEL_STD: Final = 1.0
+
+
+@dataclass(frozen=True)
+class Workload:
+    """One problem and where every solver sets out from.
+
+    Attributes
+    ----------
+    calibration: of the rig (fx, fy, cx, cy px, baseline m).
+    trial: its landmarks are those that are seen at least twice, ids ascending.
+    sightings: N of them; their landmarks count the trial's.
+    """
+
+    process: TorqueFreeProcess
+    timeline: Timeline
+    calibration: Float[np.ndarray, " 5"]
+    prior: FirstStatePrior
+    trial: Trial
+    sightings: Sightings
+
+    @property
+    def layout(self) -> StateLayout:
+        """Blocks t, a, v, w, c, s."""
+        return self.process.layout
+
+    @property
+    def values(self) -> Float[np.ndarray, "N 3"]:
+        """Measured pixels (u_left, v_left, u_right) of the sightings."""
+        return np.concatenate([group.values for group in self.sightings.groups])
+
+    def problem(self) -> Problem:
+        """As the project's own smoother has it."""
+        return problem_of(self.process, self.timeline, self.trial.ids, self.prior, SIGHTINGS_NEEDED)
+
+    def nearer_to_a_sphere(self, share: float) -> "Workload":
+        """The same problem from a trial that keeps only a share of the closed form's departure from a sphere.
+
+        On the thesis' motion the closed form's body is poor, and damped solvers creep for 20 to 60 iterations from all of it.
+        """
+        trajectory = self.trial.trajectory.copy()
+        trajectory[:, self.layout.mean_slice("s")] *= share
+        return replace(self, trial=Trial(trajectory, self.trial.ids, self.trial.points))
+
+    def first(self, frames: int) -> "Workload":
+        """The same problem with the first frames alone, from the same trial."""
+        trial = Trial(self.trial.trajectory[:frames], self.trial.ids, self.trial.points)
+        return _joined(self.process, self.timeline[:frames], self.calibration, self.prior, trial)
+
+
+@dataclass(frozen=True)
+class PeerResult:
+    """Where a peer came to, and what that took.
+
+    Attributes
+    ----------
+    cost: `whitened_cost` there.
+    seconds: in the solver, by the clock of `stopwatch`.
+    python: of these, inside the project's own Python, which a solver calls for rows of the motion, s.
+    iterations, linearisations: of the whole problem; 0 where a solver has no such number.
+    """
+
+    name: str
+    trajectory: Float[np.ndarray, "k m"]
+    points: Float[np.ndarray, "L 3"]
+    cost: float
+    seconds: float
+    python: float
+    iterations: int = 0
+    linearisations: float = 0.0
+
+
+def simulated_workload(scenario: Scenario) -> Workload:
+    """The problem of a simulated recording of stereo tracks."""
+    dataset = simulate(scenario)
+    assert dataset.rig is not None
+    calibration, layout = dataset.rig.calibration, StateLayout(FULL_BLOCKS)
+    timeline = build_timeline(
+        dataset.log, layout, SensorNoise(pixel_std=PIXEL_STD), StereoView(None, calibration)
+    )
+    poses, known = poses_without_map(dataset.log.stream("stereo"), calibration, PIXEL_STD)
+    evidence = evidence_from_poses(poses, len(timeline))
+    first, _ = closed_form(layout, evidence)
+    trajectory = trial_trajectory(layout, timeline, first, evidence)
+    prior = _fixing_g(layout, trajectory[0], wide_prior(layout, first, OPTIONS, evidence))
+    trial = Trial(trajectory, known.ids, known.points)
+    return _joined(TorqueFreeProcess(layout, NOISE), timeline, calibration, prior, trial)
+
+
+def disam115_workload(motion: str, seed: int) -> Workload:
+    """The problem of the issue: motion "thesis" or "rich"."""
+    return simulated_workload(Scenario.disam115(MOTIONS[motion], seed))
+
+
+def whitened_cost(
+    workload: Workload, trajectory: Float[np.ndarray, "k m"], points: Float[np.ndarray, "L 3"]
+) -> float:
+    """Sum of the squares of everything whitened: prior, steps, sightings; by this number all optima are compared.
+
+    It is infinite where a point lies behind a camera that saw it.
+
+    Parameters
+    ----------
+    trajectory: constants the same in every frame.   points: of the trial's landmarks, m, frame g.
+    """
+    here = workload.problem().at(trajectory, points)
+    assert here.linear is not None
+    return here.sensors.cost + here.dynamics.cost + float(here.linear.square.sum())
+
+
+def _joined(
+    process: TorqueFreeProcess,
+    timeline: Timeline,
+    calibration: Float[np.ndarray, " 5"],
+    prior: FirstStatePrior,
+    trial: Trial,
+) -> Workload:
+    """With those landmarks of the trial that are seen at least twice in the timeline."""
+    every = collect_sightings(timeline, trial.ids, SIGHTINGS_NEEDED)
+    kept = np.unique(every.landmark)
+    trial = Trial(trial.trajectory, trial.ids[kept], trial.points[kept])
+    sightings = collect_sightings(timeline, trial.ids, SIGHTINGS_NEEDED)
+    return Workload(process, timeline, calibration, prior, trial, sightings)
+
+
+def _fixing_g(layout: StateLayout, first: Float[np.ndarray, " m"], prior: FirstStatePrior) -> FirstStatePrior:
+    """The prior with the first pose held where the trial has it: it defines g."""
+    mean, std = prior.mean.copy(), prior.std.copy()
+    for block in ("t", "a"):
+        mean[layout.mean_slice(block)] = first[layout.mean_slice(block)]
+        std[layout.slice(block)] = GAUGE_STD
+    return FirstStatePrior(mean, std)

@@ -1,0 +1,33 @@
+"""Where the errors of many frames stand in one vector: moving ones frame after frame, then once those of the constants."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from experiments.benchmarks.motion_rows import MOVING
+from spinfilters.state.layout import StateLayout
+
+
+@dataclass(frozen=True)
+class StackedErrors:
+    """Of ``frames`` frames over the full layout."""
+
+    layout: StateLayout
+    frames: int
+
+    @property
+    def size(self) -> int:
+        """Of the vector: 12 per frame, and the constants."""
+        return MOVING * self.frames + self.layout.error_dim - MOVING
+
+    def state(self, frame: int) -> Int[np.ndarray, " n"]:
+        """Where the whole error of one frame's state stands."""
+        first = MOVING * frame
+        return np.r_[first : first + MOVING, MOVING * self.frames : self.size]
+
+    def errors(self, stacked: Float[np.ndarray, " N"]) -> Float[np.ndarray, "k n"]:
+        """Each frame's error."""
+        moving = stacked[: MOVING * self.frames].reshape(self.frames, MOVING)
+        constant = np.tile(stacked[MOVING * self.frames :], (self.frames, 1))
+        return np.concatenate([moving, constant], axis=1)

@@ -1,0 +1,214 @@
+"""One simulated run of the smoother: all frames at once beside the Cramer-Rao bound, and frame by frame in every mode."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from experiments.benchmarks.smoother_workload import MOTIONS, Workload, simulated_workload
+from experiments.smoother_marginals import actual_errors, marginal_std
+from spinfilters.estimators.first_frames import FirstStatePrior
+from spinfilters.estimators.history import EstimateHistory, GrowingHistory
+from spinfilters.estimators.landmark_start.smoother import DrawnIn, SmoothingOptions
+from spinfilters.estimators.smoothing.marginals import Marginals
+from spinfilters.estimators.smoothing.modes import FixedLag, FrozenVision, Full, Mode
+from spinfilters.estimators.smoothing.problem import (
+    Normal,
+    Point,
+    Problem,
+    Stage,
+    problem_of,
+    with_common_constants,
+)
+from spinfilters.estimators.smoothing.reduced import Reduced
+from spinfilters.estimators.smoothing.robust_kernels import LeastSquares
+from spinfilters.estimators.smoothing.sightings import SIGHTINGS_NEEDED
+from spinfilters.estimators.smoothing.sliding import SlidingSmoother
+from spinfilters.estimators.smoothing.sliding_records import SlidingOptions
+from spinfilters.estimators.smoothing.solver import Schedule, SolverOptions, solve
+from spinfilters.estimators.timeline import Timeline
+from spinfilters.evaluation.body import body_history
+from spinfilters.evaluation.consistency import normalised_square, true_states
+from spinfilters.evaluation.errors import Alignment, truth_in_first_frame
+from spinfilters.evaluation.evaluation import Evaluation, evaluate
+from spinfilters.evaluation.trajectory import trajectory_of
+from spinfilters.logs.dataset import Dataset
+from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.simulation.scenario import Scenario, simulate
+from spinfilters.state.gaussian import Gaussian
+from spinfilters.state.status import EstimatorStatus
+
+FRAMES: Final = 115
+"""Of the workload disam115."""
+MODES: Final[dict[str, Mode]] = {
+    "full": Full(),
+    "frozen-120": FrozenVision(),
+    "frozen-60": FrozenVision(frames=60),
+    "lag-20": FixedLag(20),
+}
+SLOW: Final = {"velocity": (2e-4, 1e-4, -1e-4), "noise": ProcessNoise(force_psd=1e-8, torque_psd=1e-6)}
+"""Of a longer recording than disam115: with its drift the body would leave the view after a minute."""
+
+Arrays = dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class SmootherCase:
+    """One run: motion "rich" or "thesis", seed, frames at 0.5 s."""
+
+    motion: str
+    seed: int
+    frames: int = FRAMES
+
+    @property
+    def label(self) -> str:
+        """A name for files."""
+        return f"{self.motion}-{self.frames}-{self.seed}"
+
+    @cached_property
+    def scenario(self) -> Scenario:
+        """disam115, which more frames make slow enough to stay in view."""
+        drawn = replace(Scenario.disam115(MOTIONS[self.motion], self.seed), frames=self.frames)
+        return drawn if self.frames <= FRAMES else replace(drawn, **SLOW)
+
+
+def run_batch(case: SmootherCase) -> Arrays:
+    """All frames at once, from the closed form: arrays as `_figures`, and how the two schedules came to their ends.
+
+    linearisations_<schedule>, converged_<schedule>, cost_<schedule> (1,); finite (1,) whether all of them ended in numbers.
+    """
+    workload, dataset = _simulated(case)
+    problem = _problem(workload, workload.prior)
+    here = problem.at(
+        with_common_constants(workload.layout, workload.trial.trajectory), workload.trial.points
+    )
+    schedules: dict[str, Schedule | None] = {"plain": None, "drawn": DrawnIn(problem, SmoothingOptions())}
+    arrays, histories = {}, {}
+    for name, schedule in schedules.items():
+        solved = solve(problem, here, SolverOptions(), schedule)
+        arrays[f"linearisations_{name}"] = np.array([solved.linearisations])
+        arrays[f"converged_{name}"] = np.array([solved.converged])
+        arrays[f"cost_{name}"] = np.array([solved.costs[-1]])
+        histories[name] = _history(name, workload.timeline, (problem, solved.point, solved.normal))
+    finite = [np.isfinite(each).all() for found in histories.values() for each in (found.mean, found.factor)]
+    at_truth = _at_truth(workload, dataset)
+    bound = _history("bound", workload.timeline, at_truth)
+    linear = {f"linear_{what}": array for what, array in _linear_nees(*at_truth).items()}
+    return (
+        arrays | {"finite": np.array([all(finite)])} | linear | _figures(histories["drawn"], bound, dataset)
+    )
+
+
+def run_sliding(case: SmootherCase) -> Arrays:
+    """Frame by frame: arrays by ``<mode>/<what>`` of the newest frame's estimates, see `_newest`."""
+    workload, dataset = _simulated(case)
+    arrays: Arrays = {}
+    for name, mode in MODES.items():
+        arrays |= {f"{name}/{what}": array for what, array in _newest(mode, workload, dataset).items()}
+    return arrays
+
+
+def _simulated(case: SmootherCase) -> tuple[Workload, Dataset]:
+    """The problem with the scenario's own disturbances, and what it was made from."""
+    workload = simulated_workload(case.scenario)
+    process = TorqueFreeProcess(workload.layout, case.scenario.noise)
+    return replace(workload, process=process), simulate(case.scenario)
+
+
+def _problem(workload: Workload, prior: FirstStatePrior) -> Problem:
+    return problem_of(workload.process, workload.timeline, workload.trial.ids, prior, SIGHTINGS_NEEDED)
+
+
+def _at_truth(workload: Workload, dataset: Dataset) -> tuple[Problem, Point, Normal]:
+    """The same problem linearised where the body and its landmarks really were; its covariance is the bound."""
+    assert dataset.truth is not None
+    assert dataset.known_map is not None
+    layout, prior = workload.layout, workload.prior
+    truth, mean = true_states(dataset.truth, layout), prior.mean.copy()
+    for block in ("t", "a"):
+        mean[layout.mean_slice(block)] = truth[0, layout.mean_slice(block)]
+    problem = _problem(workload, FirstStatePrior(mean, prior.std))
+    rows = np.searchsorted(dataset.known_map.ids, workload.trial.ids)
+    here = problem.at(truth, dataset.known_map.points[rows])
+    return problem, here, problem.normal(here, Stage(LeastSquares()))
+
+
+def _linear_nees(problem: Problem, here: Point, normal: Normal) -> Arrays:
+    """NEES (n,) of the linear estimate about the truth: chi-square when the noise models are right, whatever is not linear."""
+    assert isinstance(normal.solution, Reduced)
+    errors, factors = normal.solution.errors, Marginals(normal.solution, normal.eliminated).factors
+    where = {"nees": slice(None)} | {f"nees_{b}": problem.layout.slice(b) for b in problem.layout.blocks}
+    return {name: normalised_square(errors[:, at], factors[:, at]) for name, at in where.items()}
+
+
+def _history(name: str, timeline: Timeline, found: tuple[Problem, Point, Normal]) -> EstimateHistory:
+    """Every frame given all of them."""
+    problem, here, normal = found
+    layout = problem.layout
+    if isinstance(normal.solution, Reduced):
+        factors = Marginals(normal.solution, normal.eliminated).factors
+    else:
+        factors = np.full((len(timeline), layout.error_dim, layout.error_dim), np.nan)
+    rows = GrowingHistory(layout, timeline[0].time)
+    for frame, mean, factor in zip(timeline, here.trajectory, factors, strict=True):
+        rows.append(frame.time, Gaussian(layout, mean, factor), [], 0.0)
+    return rows.ended(name, EstimatorStatus())
+
+
+def _figures(history: EstimateHistory, bound: EstimateHistory, dataset: Dataset) -> Arrays:
+    """Of all n frames: `_error_figures`, with position_bound and velocity_bound (n, 3), moments_bound (3,) standard deviations.
+
+    std, std_bound, square (7, 3): of the quantities of `smoother_marginals`, standard deviations and squared errors.
+    """
+    assert dataset.truth is not None
+    evaluation = evaluate(history, dataset.truth, Alignment.FIRST_FRAME)
+    truth = truth_in_first_frame(history, dataset.truth)
+    limits = trajectory_of(bound)
+    return _error_figures(evaluation) | {
+        "position_bound": limits.std_position,
+        "velocity_bound": limits.std_velocity,
+        "moments_bound": body_history(bound).at(-1).principal_moments_std,
+        "std": marginal_std(history),
+        "std_bound": marginal_std(bound),
+        "square": actual_errors(history, truth),
+    }
+
+
+def _error_figures(evaluation: Evaluation) -> Arrays:
+    """nees (n,), nees_<block> (n,); errors (n, 3) of position, velocity (m, m/s), attitude (rad); moments (3,) at the end."""
+    assert evaluation.nees is not None
+    assert evaluation.errors is not None
+    assert evaluation.errors.position is not None
+    assert evaluation.errors.velocity is not None
+    assert evaluation.body_errors is not None
+    assert evaluation.body_errors.principal_moments is not None
+    return {
+        "nees": evaluation.nees.total,
+        **{f"nees_{block}": values for block, values in evaluation.nees.blocks.items()},
+        "position": evaluation.errors.position,
+        "velocity": evaluation.errors.velocity,
+        "attitude": evaluation.errors.attitude,
+        "moments": evaluation.body_errors.principal_moments,
+    }
+
+
+def _newest(mode: Mode, workload: Workload, dataset: Dataset) -> Arrays:
+    """Of what was said of each frame when it came: `_error_figures`; linearisations, window (n,) frames kept."""
+    smoother = SlidingSmoother(workload.process, workload.prior, SlidingOptions(mode), tied=True)
+    rows = GrowingHistory(workload.layout, workload.timeline[0].time)
+    counts: list[tuple[int, int]] = []
+    for frame in workload.timeline:
+        taken = smoother.add(frame)
+        rows.append(frame.time, smoother.belief, [], 0.0)
+        counts.append((taken.linearisations, len(smoother.window.frames)))
+    history = rows.ended(str(mode), EstimatorStatus())
+    evaluation = evaluate(history, dataset.truth, Alignment.FIRST_FRAME)
+    linearisations, window = np.array(counts).T
+    return _error_figures(evaluation) | {"linearisations": linearisations, "window": window}
+
+
+def root_mean_square(errors: Float[np.ndarray, "r n 3"]) -> float:
+    """Of the lengths, over runs and frames."""
+    return float(np.sqrt(np.square(errors).sum(axis=2).mean()))

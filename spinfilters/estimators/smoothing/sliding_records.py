@@ -1,0 +1,82 @@
+"""What a sliding smoother is told, what it hands back, and what it remembers."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.errors import InputError
+from spinfilters.estimators.smoothing.closed_form import Tried
+from spinfilters.estimators.smoothing.modes import FrozenVision, Mode
+from spinfilters.estimators.smoothing.robust_kernels import Gate, RobustKernel
+
+
+@dataclass(frozen=True)
+class SlidingOptions:
+    """How a sliding smoother works.
+
+    Attributes
+    ----------
+    mode: what it keeps.   gate: standard deviations beyond which a sighting counts as a wrong association.
+    iterations: per frame, at most; one is enough where nothing surprises.
+    retired: whether frames that leave are handed back with their covariance, which costs a factorisation more.
+    kernel: of a sighting's residual, in place of the gate.
+    """
+
+    mode: Mode = field(default_factory=FrozenVision)
+    gate: float = 5.0
+    iterations: int = 4
+    retired: bool = True
+    kernel: RobustKernel | None = None
+
+    def __post_init__(self) -> None:
+        if self.iterations < 1 or not self.gate > 0:
+            raise InputError(
+                f"iterations is {self.iterations}, gate {self.gate}; give at least 1 and more than 0"
+            )
+
+    @property
+    def sighting_kernel(self) -> RobustKernel:
+        """The kernel, or the gate."""
+        return Gate(self.gate, self.gate) if self.kernel is None else self.kernel
+
+
+@dataclass(frozen=True)
+class Retired:
+    """A frame that left the window: the last that was said of it."""
+
+    time: float
+    mean: Float[np.ndarray, " m"]
+    factor: Float[np.ndarray, "n n"]
+
+
+@dataclass(frozen=True)
+class Taken:
+    """What taking in a frame did.
+
+    Attributes
+    ----------
+    accepted, rejected: sightings of the frame that count and that do not.   linearisations: how many it took.
+    retired: frames that left.
+    """
+
+    accepted: int
+    rejected: int
+    linearisations: int
+    retired: tuple[Retired, ...] = ()
+
+
+@dataclass
+class Memory:
+    """What a sliding smoother remembers beside its window.
+
+    Attributes
+    ----------
+    prior_alive: whether the first frame's prior still stands by itself.   strange: whether the newest frame was not believed.
+    determined: frames in a row after which the inertia was determined.   tried: when the closed form is asked again.
+    """
+
+    prior_alive: bool = True
+    strange: bool = False
+    determined: int = 0
+    tried: Tried = field(default_factory=Tried)
