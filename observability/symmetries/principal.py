@@ -25,6 +25,19 @@ def principal_symmetries(values: dict[str, Expression], still: bool, crooked: bo
     ----------
     still: the body does not rotate, so that no spin axis is defined.   crooked: its rate has no component that is 0.
     """
+    yield from _gauge_and_scales(values)
+    if "q_gb" in values:
+        yield from _rolls(still)
+    if "c" in values:
+        yield from _centre(still)
+    if "q_ib" in values:
+        yield from inertial_symmetries("r" if "r" in values else None, "q_ib")
+    if "c" in values:
+        yield from _first_order(still, crooked)
+
+
+def _gauge_and_scales(values: dict[str, Expression]) -> Iterator[Symmetry]:
+    """Where g lies in the body, scales, and single masses."""
     if "c" in values:
         yield from (
             Symmetry("gauge translation", f"translation of g along {AXES[k]}", _shifted(k), 0.05)
@@ -44,14 +57,6 @@ def principal_symmetries(values: dict[str, Expression], still: bool, crooked: bo
         yield from (
             Symmetry(f"moment about {AXES[k]}", f"moment about {AXES[k]}", _moment(k), 0.1) for k in range(3)
         )
-    if "q_gb" in values:
-        yield from _rolls(still)
-    if "c" in values:
-        yield from _centre(still)
-    if "q_ib" in values:
-        yield from inertial_symmetries("r" if "r" in values else None, "q_ib")
-    if "c" in values:
-        yield from _first_order(still, crooked)
 
 
 def _centre(still: bool) -> Iterator[Symmetry]:

@@ -23,6 +23,10 @@ from spinfilters.plots.style import save_figure
 RESULT_FILE = "observe.json"
 MOST_FRAMES, MOST_LANDMARKS = 5000, 200
 """Beyond these the bound takes minutes and says nothing new."""
+SHORTEST, LONGEST = 1e-6, 1e5
+"""Interval in s: between those the numbers of all sensors are of a size that double precision holds."""
+MOST_RPM, MOST_TURNS = 1e6, 100
+"""Of the rate; and between frames: the motion is integrated step by step."""
 
 
 def observe(options: argparse.Namespace) -> int:
@@ -85,9 +89,16 @@ def _motion(options: argparse.Namespace) -> Motion:
 
 
 def _refuse(options: argparse.Namespace, folder: Path) -> None:
-    if not 1 <= options.frames <= MOST_FRAMES or not options.interval > 0:
+    if not 1 <= options.frames <= MOST_FRAMES or not SHORTEST <= options.interval <= LONGEST:
         raise InputError(
-            f"--frames {options.frames} --interval {options.interval}; give 1 to {MOST_FRAMES} frames and a positive interval"
+            f"--frames {options.frames} --interval {options.interval}; give 1 to {MOST_FRAMES} frames and an interval of "
+            f"{SHORTEST:g} to {LONGEST:g} s"
+        )
+    fastest = max(map(abs, options.rate_rpm))
+    if fastest > MOST_RPM or fastest * options.interval / 60 > MOST_TURNS:
+        raise InputError(
+            f"--rate-rpm {' '.join(f'{rpm:g}' for rpm in options.rate_rpm)} at {options.interval:g} s; give rates of at most "
+            f"{MOST_RPM:g} rpm and at most {MOST_TURNS} turns between frames"
         )
     if options.landmarks > MOST_LANDMARKS:
         raise InputError(f"--landmarks {options.landmarks}; give at most {MOST_LANDMARKS}, more add no rank")

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
-from filterpy.kalman import MerweScaledSigmaPoints
 from jaxtyping import Float
 
 from spinfilters.errors import InputError
@@ -20,6 +20,9 @@ from spinfilters.estimators.gain import (
 from spinfilters.estimators.multiplicative_filter import Corrected, MultiplicativeFilter, usable
 from spinfilters.estimators.robustness import RobustOptions, SensorGuard
 
+if TYPE_CHECKING:
+    from filterpy.kalman import MerweScaledSigmaPoints
+
 
 @dataclass(frozen=True)
 class SigmaPointOptions:
@@ -29,13 +32,16 @@ class SigmaPointOptions:
     beta: float = 2.0
     kappa: float = 0.0
 
-    def points(self, n: int) -> MerweScaledSigmaPoints:
+    def points(self, n: int) -> "MerweScaledSigmaPoints":
         """filterpy's set over n coordinates.
 
         Raises
         ------
         InputError: when a covariance weight is negative, with which a covariance could become indefinite.
         """
+        # slow to import, and settings alone need none of it
+        from filterpy.kalman import MerweScaledSigmaPoints
+
         points = MerweScaledSigmaPoints(n, self.alpha, self.beta, self.kappa)
         if np.min(points.Wc) < 0:
             raise InputError(

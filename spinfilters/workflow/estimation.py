@@ -23,7 +23,7 @@ from spinfilters.state.status import Verdict
 from spinfilters.workflow.bound import with_bounds
 from spinfilters.workflow.checkpointing import Keeper, KeeperOf, forget
 from spinfilters.workflow.preparation import Prepared
-from spinfilters.workflow.quality import judged, shared_doubts
+from spinfilters.workflow.quality import filter_doubts, judged, shared_doubts
 from spinfilters.workflow.settings import Settings
 from spinfilters.workflow.smoothing import NAME as SMOOTHER
 from spinfilters.workflow.smoothing import begin_at_start, sliding_smoother, smooth_at_once, smoothed_history
@@ -203,11 +203,12 @@ def _evaluated(history: EstimateHistory, prepared: Prepared) -> Evaluation:
 
 
 def _judge(evaluations: list[Evaluation], prepared: Prepared) -> list[Evaluation]:
-    doubts = shared_doubts(prepared)
+    doubts, of_filters = shared_doubts(prepared), filter_doubts(prepared)
     peers = [evaluation for evaluation in evaluations if evaluation.name in OURS]
     judged_ones = []
     for evaluation in evaluations:
         others = [peer for peer in peers if peer.history.status.verdict is not Verdict.FAILED]
-        status = judged(evaluation, doubts, others)
+        own = doubts if evaluation.name == SMOOTHER else [*doubts, *of_filters]
+        status = judged(evaluation, own, others)
         judged_ones.append(replace(evaluation, history=replace(evaluation.history, status=status)))
     return judged_ones

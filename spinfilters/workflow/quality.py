@@ -30,12 +30,6 @@ def shared_doubts(prepared: Prepared) -> list[str]:
     frames = prepared.start.frames
     if not frames.converged:
         reasons.append(f"the start did not settle in {frames.iterations} iterations")
-    std = moments_std_of(prepared.start)
-    if std > DETERMINED_STD:
-        reasons.append(
-            f"the first {len(frames.mean)} frames leave the moments uncertain by {std:.2f}: what follows is over-confident; give a "
-            "longer recording, a richer motion or a larger start.share"
-        )
     noise = prepared.gyro_noise
     if noise is not None and noise.relative_error > LARGEST_GYRO_ERROR:
         reasons.append(
@@ -46,6 +40,17 @@ def shared_doubts(prepared: Prepared) -> list[str]:
         if count:
             reasons.append(f"{count} gyro samples are saturated")
     return reasons
+
+
+def filter_doubts(prepared: Prepared) -> list[str]:
+    """Reasons that concern filters alone: a smoother takes back what it believed of the first frames."""
+    std = moments_std_of(prepared.start)
+    if std <= DETERMINED_STD:
+        return []
+    return [
+        f"the first {len(prepared.start.frames.mean)} frames leave the moments uncertain by {std:.2f}: what follows is "
+        "over-confident; give a longer recording, a richer motion or a larger start.share"
+    ]
 
 
 def judged(evaluation: Evaluation, doubts: Sequence[str], others: Sequence[Evaluation]) -> EstimatorStatus:

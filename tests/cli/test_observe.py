@@ -71,7 +71,11 @@ def test_a_second_run_replaces_the_first(tmp_path: Path) -> None:
         (["--landmarks", "0"], "0 landmarks; give at least 1"),
         (["--landmarks", "100000"], "give at most 200"),
         (["--frames", "0"], "give 1 to 5000 frames"),
-        (["--interval", "-1"], "a positive interval"),
+        (["--interval", "-1"], "an interval of 1e-06 to 100000 s"),
+        (["--interval", "1e-300"], "an interval of 1e-06 to 100000 s"),
+        (["--interval", "1e300"], "an interval of 1e-06 to 100000 s"),
+        (["--rate-rpm", "1e300", "0", "0"], "give rates of at most 1e+06 rpm"),
+        (["--interval", "1e5"], "at most 100 turns between frames"),
         (["--moments", "1", "1", "5"], "are no motion"),
         (["--rate-rpm", "nan", "0", "0"], "nan is not finite"),
         (["--torque", "x", "--chart", "filter"], "which the filters' state does not hold"),
@@ -120,3 +124,15 @@ def test_a_study_writes_maps_of_the_bound(tmp_path: Path, monkeypatch: pytest.Mo
     assert spin > 2 * tumble
     for name in ("study.png", "conditioning.png"):
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("place", ["a file", "a file/below", "/proc/nothing"])
+def test_a_folder_that_cannot_be_made_is_named(
+    tmp_path: Path, place: str, capsys: pytest.CaptureFixture
+) -> None:
+    (tmp_path / "a file").write_text("kept")
+    assert main(["observe", "-o", str(tmp_path / place), *QUICK]) == 2
+    complaint = capsys.readouterr().err
+    assert "cannot be made a folder" in complaint
+    assert complaint.count("\n") == 1
+    assert (tmp_path / "a file").read_text() == "kept"

@@ -17,6 +17,7 @@ from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.comparison import BOUND_CAPTION, comparison_table
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.logs.dataset import Dataset
+from spinfilters.logs.measurement_log import MeasurementLog
 from spinfilters.logs.truth import Truth
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 from spinfilters.workflow import bound
@@ -77,10 +78,10 @@ def bounds_with(comparison: Comparison, truth: Truth | None) -> list[bool]:
 def test_of_unknown_landmarks_it_is_that_of_their_true_points() -> None:
     limits, layout = limits_of(without_map()), without_map().prepared.process.layout
     exact = bound_at_truth(recorded(simulate(TRACKS), TRACKS))
-    for block in "tavwcs":
+    for block in "avwcs":  # the origin of the estimate's g, of which t tells, is elsewhere
         found, expected = (std[1:, layout.slice(block)] for std in (limits.std, exact))
         lengths = np.linalg.norm(found, axis=1) / np.linalg.norm(expected, axis=1)
-        assert lengths == pytest.approx(1.0, abs=0.05), block
+        assert lengths == pytest.approx(1.0, abs=0.03), block
 
 
 @pytest.mark.parametrize("kind", ["pose", "gyro"])
@@ -127,8 +128,10 @@ def test_more_noise_makes_it_larger_and_wrong_associations_hardly_do() -> None:
     stream, generator = dataset.log.stream("stereo"), np.random.default_rng(0)
     assert stream.ids is not None
     ids, wrong = stream.ids.copy(), generator.random(len(stream.ids)) < 0.1
-    ids[wrong] = generator.choice(ids, wrong.sum())
-    changed = replace(dataset, log=type(dataset.log)((replace(stream, ids=ids),)))
+    for time in np.unique(stream.time):
+        confused = np.flatnonzero(wrong & (stream.time == time))
+        ids[confused] = np.roll(ids[confused], 1)
+    changed = replace(dataset, log=MeasurementLog((replace(stream, ids=ids),)))
     ratio = limits_of(compared(changed)).std[1:] / right
     assert 1.0 < ratio.mean() < 1.2
     noisier = replace(SETTINGS, sensors=replace(SETTINGS.sensors, pixel_std=2.0))
