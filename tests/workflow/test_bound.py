@@ -143,7 +143,9 @@ def test_more_noise_makes_it_larger_and_wrong_associations_hardly_do() -> None:
 
 def test_there_is_none_without_a_truth_of_every_frame() -> None:
     truth = truth_of(without_map())
-    short = {name: getattr(truth, name)[:-1] for name in ("time", "center_of_mass", "q_ig", "velocity", "rate_i")}
+    short = {
+        name: getattr(truth, name)[:-1] for name in ("time", "center_of_mass", "q_ig", "velocity", "rate_i")
+    }
     assert bounds_with(without_map(), truth) == [True, True]
     assert bounds_with(without_map(), None) == [False, False]
     assert bounds_with(without_map(), replace(truth, **short)) == [False, False]

@@ -50,21 +50,21 @@ static int landmark_root(integer first, integer last, const double* rows, const 
   return 1;
 }
 
-/* What one sighting gives its pose, and its coupling L^-1 J_p' J_x, added to Y (3 rows of WIDE). */
-static void one_sighting(const double* rows, double weight, const double* L, wide* H, double* g, wide Y[3]) {
+/* What one sighting gives its pose, and its coupling L^-1 J_p' J_x, added to Y (3 rows of WIDE); out holds 1 / diagonal of L. A row is
+ * read as one vector: its last two lanes, of the landmark, are carried along and never looked at. */
+static void one_sighting(const double* rows, double weight, const double* L, const double out[3], wide* H, wide* g, wide Y[3]) {
   wide W[3] = {{0}, {0}, {0}};
   for (int r = 0; r < R; ++r) {
     const double* J = rows + r * ROW;
-    wide x = {J[0], J[1], J[2], J[3], J[4], J[5], 0, 0};
-    wide scaled = weight * x;
+    wide x = *(const unaligned_wide*)J, scaled = weight * x;
     for (int a = 0; a < POSE; ++a) H[a] += J[a] * scaled;
     for (int a = 0; a < 3; ++a) W[a] += J[POSE + a] * scaled;
-    for (int a = 0; a < POSE; ++a) g[a] += scaled[a] * J[ROW - 1];
+    *g += J[ROW - 1] * scaled;
   }
-  wide y0 = W[0] / L[0], y1 = (W[1] - L[3] * y0) / L[4];
+  wide y0 = W[0] * out[0], y1 = (W[1] - L[3] * y0) * out[1];
   Y[0] += y0;
   Y[1] += y1;
-  Y[2] += (W[2] - L[6] * y0 - L[7] * y1) / L[8];
+  Y[2] += (W[2] - L[6] * y0 - L[7] * y1) * out[2];
 }
 
 static void subtract_block(wide* S, const wide* left, const wide* right) {
@@ -81,18 +81,20 @@ int eliminate_landmarks(integer landmarks, integer frames, const integer* start,
   integer most = 1;
   for (integer l = 0; l < landmarks; ++l)
     if (start[l + 1] - start[l] > most) most = start[l + 1] - start[l];
-  void* raw = malloc(most * 3 * sizeof(wide) + most * sizeof(integer) + 64);
+  void* raw = malloc((most * 3 + frames) * sizeof(wide) + most * sizeof(integer) + 64);
   if (raw == 0) return 1;
   wide* couple = (wide*)(((size_t)raw + 63) & ~(size_t)63);
-  integer* seen = (integer*)(couple + 3 * most);
+  wide* slope = couple + 3 * most;
+  integer* seen = (integer*)(slope + frames);
   wide* S = (wide*)blocks;
   memset(blocks, 0, frames * (frames + 1) / 2 * POSE * sizeof(wide));
-  memset(gradient, 0, frames * POSE * sizeof(double));
+  memset(slope, 0, frames * sizeof(wide));
   for (integer l = 0; l < landmarks; ++l) {
     double *V = root + 9 * l, *v = y + 3 * l;
     memset(Y + start[l] * 18, 0, (start[l + 1] - start[l]) * 18 * sizeof(double));
     told[l] = landmark_root(start[l], start[l + 1], rows, weight, flattest, V, v);
     if (!told[l]) continue;
+    const double out[3] = {1 / V[0], 1 / V[4], 1 / V[8]};
     integer count = 0;
     for (integer i = start[l]; i < start[l + 1]; ++i) {
       if (!(weight[i] > 0)) continue;
@@ -103,20 +105,18 @@ int eliminate_landmarks(integer landmarks, integer frames, const integer* start,
         seen[count++] = i;
       }
       integer f = frame[i];
-      one_sighting(rows + i * R * ROW, weight[i], V, S + (f * (f + 1) / 2 + f) * POSE, gradient + f * POSE, mine);
+      one_sighting(rows + i * R * ROW, weight[i], V, out, S + (f * (f + 1) / 2 + f) * POSE, slope + f, mine);
     }
     for (integer i = 0; i < count; ++i) {
       integer f = frame[seen[i]];
       const wide* left = couple + 3 * i;
-      for (int a = 0; a < 3; ++a)
-        for (int b = 0; b < POSE; ++b) {
-          Y[seen[i] * 18 + a * POSE + b] = left[a][b];
-          gradient[f * POSE + b] -= left[a][b] * v[a];
-        }
+      slope[f] -= v[0] * left[0] + v[1] * left[1] + v[2] * left[2];
+      for (int a = 0; a < 3; ++a) memcpy(Y + seen[i] * 18 + a * POSE, left + a, POSE * sizeof(double));
       wide* line = S + f * (f + 1) / 2 * POSE;
       for (integer j = 0; j <= i; ++j) subtract_block(line + frame[seen[j]] * POSE, left, couple + 3 * j);
     }
   }
+  for (integer f = 0; f < frames; ++f) memcpy(gradient + f * POSE, slope + f, POSE * sizeof(double));
   free(raw);
   return 0;
 }
