@@ -34,6 +34,8 @@ from spinfilters.workflow.preparation import Prepared
 
 GATE: Final = 5.0
 """Standard deviations from what the truth foretells: a measurement beyond is no measurement of it."""
+ROUGH_GATE: Final = 4 * GATE
+"""The same before the landmarks are settled."""
 BELIEVED: Final = 0.5
 """Share of the measurements below which their noise is not what the estimators are told, and the bound says nothing."""
 MOST_TIED, MOST_CHAINED = 200, 4000
@@ -95,12 +97,11 @@ def _factors(prepared: Prepared, states: Float[np.ndarray, "k m"]) -> Float[np.n
     """Of every frame's covariance given all; None where something is undetermined or the noise is not as it is told."""
     ids, points = _landmarks(prepared, states)
     problem = _problem(prepared, states, ids)
-    stage = Stage(Gate(GATE, GATE))
     here = problem.at(states, points)
-    normal = problem.normal(here, stage)
-    if normal.eliminated is not None:
-        here = problem.at(states, points + normal.eliminated.points_step(np.zeros((len(states), 6))))
-        normal = problem.normal(here, stage)
+    rough = problem.normal(here, Stage(Gate(GATE, ROUGH_GATE))).eliminated if len(ids) else None
+    if rough is not None:
+        here = problem.at(states, points + rough.points_step(np.zeros((len(states), 6))))
+    normal = problem.normal(here, Stage(Gate(GATE, GATE)))
     if isinstance(normal.solution, int) or _believed(problem, here, normal.used) < BELIEVED:
         return None
     return Marginals(normal.solution, normal.eliminated).factors
