@@ -36,6 +36,7 @@ bench:
 	$(environment)
 	@$(bin)/python -m experiments.benchmarks.filters
 	@$(bin)/python -m experiments.benchmarks.landmark_filters --frames 1000
+	@$(bin)/python -m experiments.benchmarks.observability_speed
 	@$(bin)/python -m experiments.benchmarks.smoother --motion rich --repeats 3
 
 clean:
