@@ -16,7 +16,7 @@ from spinfilters.estimators.smoothing.sliding_records import SlidingOptions
 
 MODES = ("automatic", "full", "frozen", "window")
 KERNELS = ("gate", "huber", "pseudo-huber", "barron", "none")
-FEW = 150
+FEW = 300
 """Frames up to which "automatic" keeps everything."""
 
 
