@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from spinfilters.estimators.smoothing.native import aligned, integer, kernels, pointer
+from spinfilters.estimators.smoothing.memory import lent, lent_zeros
+from spinfilters.estimators.smoothing.native import integer, kernels, pointer
 from spinfilters.estimators.smoothing.sightings import SIGHTINGS_NEEDED, LinearSightings, Sightings
 
 POSE = 6
@@ -85,7 +86,7 @@ def eliminate(
     L, N = sightings.landmarks, len(sightings)
     told, root, gradient = np.empty(L, dtype=bool), np.empty((L, 3, 3)), np.empty((L, 3))
     coupling, slope = np.empty((N, 3, POSE)), np.zeros(kept)
-    blocks, information = aligned(frames * (frames + 1) // 2 * POSE * WIDE), np.zeros((kept + 1, kept))
+    blocks, information = lent(frames * (frames + 1) // 2 * POSE * WIDE), lent_zeros(kept + 1, kept)
     weight, rows = np.ascontiguousarray(weight), np.ascontiguousarray(linear.rows)
     failed = library.eliminate_landmarks(
         integer(L),

@@ -32,10 +32,3 @@ def pointer(array: np.ndarray) -> ctypes.c_void_p:
 def integer(value: int) -> ctypes.c_longlong:
     """As the kernels take it."""
     return ctypes.c_longlong(value)
-
-
-def aligned(count: int) -> np.ndarray:
-    """Room for ``count`` numbers that begins where a vector instruction wants it."""
-    raw = np.empty(count + 8)
-    first = (-raw.ctypes.data // 8) % 8
-    return raw[first : first + count]

@@ -13,6 +13,7 @@ from scipy.linalg.lapack import dpotrf, dtrtrs
 from spinfilters.estimators.smoothing.carried import CarriedAt
 from spinfilters.estimators.smoothing.chain import Chain, eliminate_chain
 from spinfilters.estimators.smoothing.elimination import Eliminated
+from spinfilters.estimators.smoothing.memory import lent_zeros
 from spinfilters.estimators.smoothing.motion import Grams
 from spinfilters.estimators.smoothing.native import integer, kernels, pointer
 from spinfilters.estimators.smoothing.unknowns import Unknowns
@@ -96,7 +97,7 @@ def _assembled(
     else:
         M = eliminated.information
         M[-1, :size] += eliminated.pose_gradient[:size]
-    D, E, G = np.zeros((K, v, v)), np.zeros((max(K - 1, 0), v, v)), np.zeros((K, v, width))
+    D, E, G = np.zeros((K, v, v)), np.zeros((max(K - 1, 0), v, v)), lent_zeros(K, v, width)
     for part in grams:
         if len(part.frames):
             _add_frames(M, (D, E, G), part.frames, (p, v, c))
