@@ -101,14 +101,15 @@ class LandmarkSensor(MeasurementModel):
 
         Inputs: a point of the layout, a landmark (3, m, frame g), the rest of the parameters, the measured value. Outputs: per
         component of the innovation a row (by the model's `columns`, by the landmark, the whitened innovation itself), row after
-        row; and what is positive where the model applies.
+        row; what is positive where the model applies; and the squared length of the whitened innovation.
         """
         x, p, z = self._symbols
         whitening, here, jacobian, by_landmark = self._derivatives(x, p, z)
-        rows = ca.horzcat(whitening @ jacobian, whitening @ by_landmark, whitening @ here)
+        away = whitening @ here
+        rows = ca.horzcat(whitening @ jacobian, whitening @ by_landmark, away)
         valid = self.valid(self.layout.unpack(x), p)
-        name = f"{self.name}_sighting_rows"
-        return Lanes(ca.Function(name, [x, p[:3], p[3:], z], [row_by_row(rows), valid]))
+        outputs = [row_by_row(rows), valid, ca.dot(away, away)]
+        return Lanes(ca.Function(f"{self.name}_sighting_rows", [x, p[:3], p[3:], z], outputs))
 
     @cached_property
     def _linearise_landmarks(self) -> Compiled:

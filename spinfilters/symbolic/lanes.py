@@ -125,7 +125,7 @@ class Lanes:
         for argument, row, width in zip(arguments, rows, self.widths, strict=True):
             if argument.ndim != 2 or argument.shape[1] != width:
                 raise ShapeError(f"{self.name}: an argument of shape (k, {width}) is {argument.shape}")
-            if row is not None and len(row) and not (row.max() < len(argument) and row.min() >= 0):
+            if row is not None and len(row) and not _largest(row) < len(argument):
                 raise ShapeError(f"{self.name}: rows {row.min()} to {row.max()} of {len(argument)}")
             counts.add(len(argument) if row is None else len(row))
         if len(counts) != 1:
@@ -214,6 +214,13 @@ def _interpreted(
     made = [plain.function.numel_out(k) for k in range(len(results))]
     pairs = zip(results, made, strict=True)
     return tuple(result.swapaxes(1, -1).reshape(len(result), width) for result, width in pairs)
+
+
+def _largest(row: Int[np.ndarray, " n"]) -> int:
+    """The largest number, where a negative one counts as larger than any."""
+    if row.dtype is _INTEGER and row.flags.c_contiguous:
+        return int(row.view(np.uint64).max())
+    return int(row.max()) if row.min() >= 0 else np.iinfo(np.int64).max
 
 
 def _plain(array: np.ndarray, kind: np.dtype[Any]) -> np.ndarray:

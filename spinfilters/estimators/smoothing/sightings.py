@@ -194,18 +194,18 @@ def linearise_sightings(
     """All sightings about a trajectory and points (m, frame g)."""
     whole = len(sightings.groups) == 1 and sightings.groups[0].model.dim == ROWS
     rows = np.empty((0, ROWS, COLUMNS)) if whole else np.zeros((len(sightings), ROWS, COLUMNS))
-    valid = np.zeros(len(sightings), dtype=bool)
+    square = np.full(len(sightings), np.inf)
     for group in sightings.groups:
-        frame, landmark = sightings.frame[group.rows], sightings.landmark[group.rows]
-        made, positive = group.model.sighting_rows(
+        every = slice(None) if whole else group.rows
+        frame, landmark = sightings.frame[every], sightings.landmark[every]
+        made, positive, length = group.model.sighting_rows(
             trajectory, points, group.parameters, group.values, rows=(frame, landmark, None, None)
         )
         made = made.reshape(len(made), group.model.dim, COLUMNS)
         if whole:
             rows = made
         else:
-            rows[group.rows, : group.model.dim] = made
-        valid[group.rows] = positive[:, 0] > 0
-    with np.errstate(invalid="ignore", over="ignore"):
-        square = np.einsum("nr,nr->n", rows[:, :, -1], rows[:, :, -1])
-    return LinearSightings(rows, np.where(valid & np.isfinite(square), square, np.inf))
+            rows[every, : group.model.dim] = made
+        good = (positive[:, 0] > 0) & np.isfinite(length[:, 0])
+        square[every] = np.where(good, length[:, 0], np.inf)
+    return LinearSightings(rows, square)
