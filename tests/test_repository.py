@@ -119,3 +119,13 @@ def targets() -> set[str]:
     """Targets of the Makefile that are commands."""
     (line,) = re.findall(r"^\.PHONY:(.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
     return set(line.split())
+
+
+def test_files_that_are_read_at_run_time_are_built_in() -> None:
+    """C texts lie beside the modules that compile them; a wheel holds them only where the build file says so."""
+    data = pyproject()["tool"]["setuptools"]["package-data"]
+    texts = [path for name in PACKAGES for path in (ROOT / name).rglob("*.c")]
+    assert texts
+    for path in texts:
+        package = ".".join(path.relative_to(ROOT).parent.parts)
+        assert any(path.match(pattern) for pattern in data.get(package, [])), f"{path.name} is not in a wheel"
