@@ -10,7 +10,7 @@ import pytest
 
 from spinfilters.errors import ShapeError
 from spinfilters.symbolic import Compiled, Fold, Lanes, c_library
-from spinfilters.symbolic.lanes import lane_text
+from spinfilters.symbolic.lane_code import lane_text
 
 
 @pytest.fixture
