@@ -132,18 +132,12 @@ class Problem:
             eliminated = eliminate(
                 self.sightings, here.linear, weight, self.unknowns.kept, self.unknowns.frames
             )
-        return self._solved(here, Normal(stage, eliminated, 0), damping)
-
-    def _solved(self, here: Point, normal: Normal, damping: float) -> Normal:
-        """With its solution; what is left to the poses is used up."""
         steps = here.dynamics
-        if normal.stage.slack != 1.0:
-            steps = replace(steps, steps=steps.steps / normal.stage.slack**2)
+        if stage.slack != 1.0:
+            steps = replace(steps, steps=steps.steps / stage.slack**2)
         grams = (here.sensors, steps)
-        return replace(
-            normal,
-            solution=solve_reduced(self.unknowns, grams, normal.eliminated, here.carried, damping),
-        )
+        solution = solve_reduced(self.unknowns, grams, eliminated, here.carried, damping)
+        return Normal(stage, eliminated, solution)
 
 
 def problem_of(

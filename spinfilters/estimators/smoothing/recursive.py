@@ -1,5 +1,6 @@
 """The sliding smoother as one estimator among others: driven frame by frame, kept in a checkpoint, and brought back from it."""
 
+from bisect import bisect_left, bisect_right
 from dataclasses import replace
 from itertools import takewhile
 
@@ -15,7 +16,7 @@ from spinfilters.estimators.smoothing.sliding import SlidingSmoother
 from spinfilters.estimators.smoothing.sliding_records import Memory, Retired, SlidingOptions, Taken
 from spinfilters.estimators.smoothing.unknowns import Unknowns
 from spinfilters.estimators.smoothing.window import Seen, Window
-from spinfilters.estimators.timeline import Timeline
+from spinfilters.estimators.timeline import Frame, Timeline
 from spinfilters.models.landmark_sensor import LandmarkSensor
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
@@ -67,17 +68,17 @@ class RecursiveSmoother(Estimator):
 
     def predict(self, dt: float) -> None:
         """Go dt > 0 seconds ahead; the next frame says what was measured there."""
-        later = [frame.time for frame in self._timeline if frame.time > self._time]
-        if not later or not dt > 0:
+        later = bisect_right(self._timeline, self._time, key=_time_of)
+        if later == len(self._timeline) or not dt > 0:
             raise InputError(f"no frame follows t = {self._time} s; give the smoother its whole timeline")
-        self._time = later[0]
+        self._time = self._timeline[later].time
 
     def update(self, measurement: Measurement) -> UpdateReport:
         """Take in the frame that the measurement belongs to, if that has not been done."""
         frames = self.sliding.window.frames
         if frames and frames[-1].time >= self._time:
             return UpdateReport(nis=0.0, dof=0, accepted=0, rejected=0)
-        taken = self.sliding.add(next(frame for frame in self._timeline if frame.time == self._time))
+        taken = self.sliding.add(self._timeline[bisect_left(self._timeline, self._time, key=_time_of)])
         self.retired += taken.retired
         self._belief = self.sliding.belief
         return UpdateReport(nis=0.0, dof=0, accepted=taken.accepted, rejected=taken.rejected)
@@ -110,8 +111,8 @@ class RecursiveSmoother(Estimator):
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go on from a snapshot of a smoother over the same timeline."""
-        times = snapshot["window_time"]
-        frames = tuple(frame for frame in self._timeline if frame.time in set(times.tolist()))
+        times = set(snapshot["window_time"].tolist())
+        frames = tuple(frame for frame in self._timeline if frame.time in times)
         if len(frames) != len(times):
             raise InputError("the snapshot's frames are not those of this timeline; give the same data set")
         window = Window(
@@ -129,6 +130,10 @@ class RecursiveSmoother(Estimator):
         self._belief = Gaussian(self.layout, snapshot["belief_mean"], snapshot["belief_factor"])
         kept = [snapshot[name] for name in _RETIRED if name in snapshot]
         self.retired = [Retired(float(t), m, f) for t, m, f in zip(*kept, strict=True)]
+
+
+def _time_of(frame: Frame) -> float:
+    return frame.time
 
 
 def _carried(layout: StateLayout, snapshot: Snapshot) -> Carried | None:

@@ -92,9 +92,9 @@ class SlidingSmoother:
         problem = self.problem()
         here = problem.at(self.window.trajectory, self.window.points)
         count, here, normal = self._solved(problem, here)
-        here, tries = self._from_closed_form(problem, here, normal)
-        accepted, rejected = self._counted(normal)
         self._linear = (here, normal)
+        tries = self._from_closed_form(problem, here, normal)
+        accepted, rejected = self._counted(normal)
         retired = self._slide(problem)
         return Taken(accepted, rejected, count + tries, retired)
 
@@ -212,20 +212,22 @@ class SlidingSmoother:
         frame = self.window.frames[-1]
         return sum(m.values.size for m in frame.measurements) + self.process.layout.error_dim
 
-    def _from_closed_form(self, problem: Problem, here: Point, normal: Normal) -> tuple[Point, int]:
-        """While the inertia is not determined, the closed form of the momentum may know a better place to go on from."""
-        self._linear = (here, normal)
+    def _from_closed_form(self, problem: Problem, here: Point, normal: Normal) -> int:
+        """While the inertia is not determined, the closed form of the momentum may know a better place to go on from.
+
+        Returns how many linearisations it took to see.
+        """
         if (
             fits(here, normal)
             or self.mass_std <= DETERMINED
             or not self.memory.tried.due(len(self.window.frames))
         ):
-            return here, 0
+            return 0
         times = np.array([frame.time for frame in self.window.frames])
         found, tries = at_closed_form(problem, here, normal, times)
         if found is not None:
             self.window = replace(self.window, trajectory=found.trajectory, points=found.points)
-        return here, tries
+        return tries
 
     def _counted(self, normal: Normal, number: int = -1) -> tuple[int, int]:
         """Values of a frame that count, and that do not."""

@@ -1,13 +1,11 @@
 """A measured attitude of the geometric frame: a star tracker's, or a scan match of which only the turn is trusted."""
 
-import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
 from spinfilters.attitude.expressions import Expression, conjugate, product, short_mrp_from_quaternion
+from spinfilters.models.covariance_parameters import factor_of, parameters_of
 from spinfilters.models.measurement import MeasurementModel
-
-_LOWER = [(row, col) for row in range(3) for col in range(row + 1)]
 
 
 class Attitude(MeasurementModel):
@@ -29,10 +27,7 @@ class Attitude(MeasurementModel):
         return short_mrp_from_quaternion(product(conjugate(expected), measured))
 
     def noise_factor(self, state: dict[str, Expression], parameters: Expression) -> Expression:
-        factor = ca.SX.zeros(3, 3)
-        for index, (row, col) in enumerate(_LOWER):
-            factor[row, col] = parameters[index]
-        return factor
+        return factor_of(parameters, 3)
 
 
 def attitude_parameters(covariance: Float[np.ndarray, "count 3 3"]) -> Float[np.ndarray, "count 6"]:
@@ -42,6 +37,4 @@ def attitude_parameters(covariance: Float[np.ndarray, "count 3 3"]) -> Float[np.
     ------
     numpy.linalg.LinAlgError: when a covariance is not positive definite.
     """
-    factor = np.linalg.cholesky(covariance)
-    rows, cols = zip(*_LOWER, strict=True)
-    return factor[:, rows, cols]
+    return parameters_of(covariance)

@@ -5,9 +5,8 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.attitude.expressions import Expression, conjugate, product, short_mrp_from_quaternion
+from spinfilters.models.covariance_parameters import factor_of, parameters_of
 from spinfilters.models.measurement import MeasurementModel
-
-_LOWER = [(row, col) for row in range(6) for col in range(row + 1)]
 
 
 class Pose(MeasurementModel):
@@ -30,10 +29,7 @@ class Pose(MeasurementModel):
         return ca.vertcat(measured[:3] - expected[:3], short_mrp_from_quaternion(turn))
 
     def noise_factor(self, state: dict[str, Expression], parameters: Expression) -> Expression:
-        factor = ca.SX.zeros(6, 6)
-        for index, (row, col) in enumerate(_LOWER):
-            factor[row, col] = parameters[index]
-        return factor
+        return factor_of(parameters, 6)
 
 
 def pose_parameters(covariance: Float[np.ndarray, "count 6 6"]) -> Float[np.ndarray, "count 21"]:
@@ -43,6 +39,4 @@ def pose_parameters(covariance: Float[np.ndarray, "count 6 6"]) -> Float[np.ndar
     ------
     numpy.linalg.LinAlgError: when a covariance is not positive definite.
     """
-    factor = np.linalg.cholesky(covariance)
-    rows, cols = zip(*_LOWER, strict=True)
-    return factor[:, rows, cols]
+    return parameters_of(covariance)
