@@ -15,6 +15,7 @@ from observability.symmetries.symmetry import (
     shifted_points,
     turn,
     turned_points,
+    turns_like_drift,
     unit,
 )
 from spinfilters.attitude.expressions import Expression, conjugate, matrix_from_quaternion, product, rotate
@@ -67,16 +68,7 @@ class GeometricMoves:
 
     def _few_landmarks(self, spin: int | None) -> Iterator[Symmetry]:
         if spin is None:
-            yield Symmetry(
-                "turn that looks like drift", "turn about the line of two landmarks", _slow_turn(None), 0.02
-            )
-            for k in range(3):
-                yield Symmetry(
-                    "turn that looks like drift",
-                    f"turn about {AXES[k]} that looks like drift",
-                    _slow_turn(k),
-                    0.02,
-                )
+            yield from turns_like_drift(_slow_turn)
         else:
             yield Symmetry(
                 "spin about the line to the landmark",

@@ -13,6 +13,7 @@ from observability.symmetries.symmetry import (
     shifted_points,
     turn,
     turned_points,
+    turns_like_drift,
     unit,
 )
 from spinfilters.attitude.expressions import Expression, conjugate, product, rotate
@@ -86,16 +87,7 @@ def _rolls(still: bool) -> Iterator[Symmetry]:
 def _first_order(still: bool, crooked: bool) -> Iterator[Symmetry]:
     """What one or two landmarks take for something else as long as it is small."""
     if still:
-        yield Symmetry(
-            "turn that looks like drift", "turn about the line of two landmarks", _slow_turn(None), 0.02
-        )
-        for k in range(3):
-            yield Symmetry(
-                "turn that looks like drift",
-                f"turn about {AXES[k]} that looks like drift",
-                _slow_turn(k),
-                0.02,
-            )
+        yield from turns_like_drift(_slow_turn)
     elif crooked:
         yield Symmetry(
             "spin about the line to the landmark", "spin about the line to the landmark", _precession, 0.02

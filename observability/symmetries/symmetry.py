@@ -96,6 +96,14 @@ def inertial_symmetries(place: str | None, attitude: str | None) -> Iterator[Sym
             )
 
 
+def turns_like_drift(slow_turn: Callable[[int | None], Move]) -> Iterator[Symmetry]:
+    """What one or two landmarks of a body at rest take for drift while it is small: turns about their line (None) and the axes."""
+    group = "turn that looks like drift"
+    yield Symmetry(group, "turn about the line of two landmarks", slow_turn(None), 0.02)
+    for k in range(3):
+        yield Symmetry(group, f"turn about {AXES[k]} that looks like drift", slow_turn(k), 0.02)
+
+
 def _block_shifted(name: str, axis: int) -> Move:
     def move(state: State, amount: ca.SX) -> State:
         return State(state.values | {name: state.values[name] + amount * unit(axis)}, state.points)

@@ -49,6 +49,8 @@ class SmootherSettings:
             raise InputError(f"smoother.mode {self.mode!r} is unknown; choose from {', '.join(MODES)}")
         if self.kernel not in KERNELS:
             raise InputError(f"smoother.kernel {self.kernel!r} is unknown; choose from {', '.join(KERNELS)}")
+        if not self.width > 0:
+            raise InputError(f"smoother.width is {self.width}; give a positive number of standard deviations")
         FrozenVision(self.revolutions, self.frames)
         self.options(0)
 

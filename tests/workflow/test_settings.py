@@ -48,7 +48,13 @@ def test_every_setting_is_taken_from_its_table(table: str) -> None:
 
 @pytest.mark.parametrize(
     ("table", "key", "value"),
-    [("robust", "kernel", "soft"), ("landmarks", "gauge", 3), ("landmarks", "capacity", 2.5)],
+    [
+        ("smoother", "width", -2.0),
+        ("smoother", "mode", "sliding"),
+        ("robust", "kernel", "soft"),
+        ("landmarks", "gauge", 3),
+        ("landmarks", "capacity", 2.5),
+    ],
 )
 def test_a_setting_that_cannot_be_is_named(table: str, key: str, value: object) -> None:
     with pytest.raises(InputError, match=rf"test: .*{key}"):
