@@ -10,7 +10,9 @@ Rows of the project are by its error (t, a); with Pose3's own tangent, T_gi Exp(
 """
 
 from collections.abc import Sequence
-from typing import Any, cast
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -19,11 +21,8 @@ from experiments.benchmarks.motion_rows import MOVING, POSE
 from spinfilters.errors import InputError
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
-try:
-    import gtsam as _gtsam
-except ImportError:
-    _gtsam = None
-gtsam: Any = cast(Any, _gtsam)
+gtsam: Any = import_module("gtsam") if find_spec("gtsam") else None
+"""The peer, or None where it is not installed: by name, so that types are checked without it."""
 
 MISSING = (
     "the peer GTSAM is not installed; type 'pip install gtsam' (4.3 was measured), or leave this peer out"
