@@ -232,7 +232,7 @@ def _observe(options: argparse.Namespace) -> int:
 
 
 def _plot(options: argparse.Namespace) -> int:
-    from spinfilters.cli.compare import plot
+    from spinfilters.cli.plot import plot
 
     return plot(options)
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import eigh, null_space
-from scipy.optimize import minimize_scalar
 
 from spinfilters.errors import InputError
 
@@ -55,6 +54,8 @@ def fit_momentum(
     angle = np.concatenate([[0.0], np.cumsum(np.diff(time) * (speed[1:] + speed[:-1]) / 2)])
     drag = 0.0
     if with_drag:
+        from scipy.optimize import minimize_scalar  # here alone: a tenth of a second of every command's start
+
         found = minimize_scalar(
             lambda d: _smallest(rotations, rates, angle, d)[1], bounds=(0.0, LARGEST_DRAG), method="bounded"
         )

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from spinfilters.cli import compare as command
 from spinfilters.cli.main import main
 from spinfilters.evaluation.trajectory import TRAJECTORY_COLUMNS
 from spinfilters.logs.dataset_writing import write_dataset
 from spinfilters.logs.table_files import read_csv
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
+from spinfilters.workflow import figures
 from spinfilters.workflow.array_file import read_arrays
 
 FRAMES, INTERVAL = 30, 0.5
@@ -20,7 +20,7 @@ FRAMES, INTERVAL = 30, 0.5
 @pytest.fixture(autouse=True)
 def few_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """The figures of every run have their own tests."""
-    monkeypatch.setattr(command, "draw_run", lambda *_: [])
+    monkeypatch.setattr(figures, "draw_run", lambda *_: [])
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def unmapped(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
     """A run on tracks without a map, with both additions."""
     run = tmp_path_factory.mktemp("unmapped") / "run"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(command, "draw_run", lambda *_: [])
+        patch.setattr(figures, "draw_run", lambda *_: [])
         arguments = ["--estimators", "mekf,smoother", "--predict", "5", "--convergence", "-o", str(run)]
         assert main(["compare", str(recordings / "unmapped"), *arguments]) == 0
     return run

@@ -13,7 +13,7 @@ from spinfilters.cli.main import main
 from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.logs.dataset_writing import write_dataset
 from spinfilters.simulation.scenario import Scenario, simulate
-from spinfilters.workflow import estimation
+from spinfilters.workflow import estimation, figures
 from spinfilters.workflow.checkpointing import CHECKPOINT_FILE, Pace, keep_in
 from spinfilters.workflow.estimation import Comparison, compare_estimators
 from spinfilters.workflow.preparation import Prepared
@@ -33,7 +33,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def few_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures take most of a run's time and have their own tests."""
-    monkeypatch.setattr(command, "draw_run", lambda *_: [])
+    monkeypatch.setattr(figures, "draw_run", lambda *_: [])
 
 
 @pytest.fixture(scope="module")

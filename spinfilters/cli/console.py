@@ -1,0 +1,33 @@
+"""How commands speak: tables of a width that fits, and progress bars."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from spinfilters.workflow.estimation import Progress as Report
+
+WIDTH_OF_FILES = 150
+
+
+def wide_console() -> Console:
+    """A terminal at its own width; a file or a pipe at one that the tables fit into."""
+    console = Console()
+    return console if console.is_terminal else Console(width=WIDTH_OF_FILES)
+
+
+@contextmanager
+def progress_bars() -> Iterator[Report]:
+    """Progress bars that appear as work begins, one per name; on standard error, silent where that is no terminal."""
+    columns = (TextColumn("{task.description:>12}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        tasks = {}
+
+        def report(name: str, done: int, total: int) -> None:
+            if name not in tasks:
+                tasks[name] = progress.add_task(name, total=total)
+            progress.update(tasks[name], completed=done, total=total)
+
+        yield report
