@@ -74,11 +74,13 @@ class ProcessModel(Protocol):
         self, x: Float[np.ndarray, " m"], dt: float
     ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "n n"], Float[np.ndarray, "n k"]]: ...
 
-    def steps(self, x: Float[np.ndarray, "s m"], dt: Float[np.ndarray, " s"]) -> Float[np.ndarray, "s m"]: ...
-
     def linearise_steps(
-        self, x: Float[np.ndarray, "s m"], dt: Float[np.ndarray, " s"]
-    ) -> tuple[Float[np.ndarray, "s m"], Float[np.ndarray, "s n n"], Float[np.ndarray, "s n k"]]: ...
+        self,
+        here: Float[np.ndarray, "s m"],
+        there: Float[np.ndarray, "s m"],
+        dt: Float[np.ndarray, " s"],
+        about: Float[np.ndarray, "s m"] | None = None,
+    ) -> tuple[Float[np.ndarray, "s n"], Float[np.ndarray, "s n n"], Float[np.ndarray, "s n k"]]: ...
 
 
 Snapshot = dict[str, np.ndarray]

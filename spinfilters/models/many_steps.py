@@ -10,15 +10,26 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.attitude.expressions import (
+    Expression,
+    conjugate,
+    product,
+    quaternion_from_mrp,
+    short_mrp_from_quaternion,
+)
 from spinfilters.errors import InputError
 from spinfilters.models.rotation_steps import (
+    FEWEST,
     RotationIntegrator,
     boole_weights,
     rotation_constants,
     rotation_difference,
 )
 from spinfilters.state.layout import StateLayout
-from spinfilters.symbolic import Fold, Lanes
+from spinfilters.symbolic import Fold
+
+ROTATION = 7
+"""Numbers of (q, w)."""
 
 
 class ManySteps:
@@ -29,111 +40,93 @@ class ManySteps:
         self._integrator = integrator
 
     def linearise(
-        self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"], densities: Float[np.ndarray, " 2"]
-    ) -> tuple[Float[np.ndarray, "k m"], Float[np.ndarray, "k n n"], Float[np.ndarray, "k n q"]]:
-        """Points after dt, error transitions, and factors of the noise covariances.
+        self,
+        here: Float[np.ndarray, "k m"],
+        there: Float[np.ndarray, "k m"],
+        dt: Float[np.ndarray, " k"],
+        densities: Float[np.ndarray, " 2"],
+        about: Float[np.ndarray, "k m"] | None = None,
+    ) -> tuple[Float[np.ndarray, "k n"], Float[np.ndarray, "k n n"], Float[np.ndarray, "k n q"]]:
+        """Defects, error transitions and noise factors of steps; see `TorqueFreeProcess.linearise_steps`.
 
         Raises
         ------
         InputError: when a time step is not positive and finite.
         """
-        count = self._count(x, dt)
-        if not len(x):
-            n = self._layout.error_dim
-            return x.copy(), np.zeros((0, n, n)), np.zeros((0, n, 12 if "t" in self._layout.blocks else 6))
-        start, constants = self._begin(x, rows=(None,))
-        while True:
-            moved, error = self._moved(start, constants, dt[:, None] / count, count)
-            if self._integrator.good(error, count):
-                break
-            count *= 2
-        return self._assembled(x, dt[:, None], densities, moved, count)
-
-    def step(self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k m"]:
-        """Points after dt alone; raises as `linearise`."""
-        count = self._count(x, dt)
-        if not len(x):
-            return x.copy()
-        start, constants = self._begin(x, rows=(None,))
-        while True:
-            fine, error = self._rotated(start, constants, dt[:, None] / count, count)
-            if self._integrator.good(error, count):
-                break
-            count *= 2
-        return self._translated(x, fine, dt[:, None], rows=(None,) * 3)[0]
-
-    def _rotated(
-        self, start: np.ndarray, constants: np.ndarray, h: np.ndarray, count: int
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(q, w) after ``count`` substeps, and its error."""
-        fine = self._plain(start, constants, h, each=np.ones(count))
-        coarse = self._plain(start, constants, h, each=np.full(count // 2, 2.0))
-        return fine, self._error(coarse, fine, rows=(None, None))[0]
-
-    def _count(self, x: np.ndarray, dt: np.ndarray) -> int:
         wrong = dt[~(np.isfinite(dt) & (dt > 0))]
         if len(wrong):
             raise InputError(f"time step is {wrong[0]} s; it must be positive and finite")
-        return self._integrator.first_count(x, float(dt.max())) if len(x) else 0
+        count = self._integrator.first_count(here, float(dt.max())) if len(here) else 0
+        points = (here, there, here if about is None else about)
+        while True:
+            step = (dt[:, None], dt[:, None] / max(count, 1))
+            error, defect, transition, noise = self._fold(
+                *points, *step, densities[None], each=_numbers(count)
+            )
+            if self._integrator.good(error, count):
+                break
+            count *= 2
+        k, n = defect.shape
+        return defect, transition.reshape(k, n, n), noise.reshape(k, n, noise.shape[1] // n)
 
-    def _moved(
-        self, start: np.ndarray, constants: np.ndarray, h: np.ndarray, count: int
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(q, w, Psi, Theta, noise) after ``count`` substeps, and the error of (q, w)."""
-        sums = np.zeros((len(start), self._linear.width))
-        sums[:, :7] = start
-        sums[:, 7:43] = np.eye(6).reshape(-1)
-        sums = self._linear(sums, constants, h, each=boole_weights(count)[:count])
-        coarse = self._plain(start, constants, h, each=np.full(count // 2, 2.0))
-        (error,) = self._error(coarse, np.ascontiguousarray(sums[:, :7]), rows=(None, None))
-        return sums, error
+    @cached_property
+    def _fold(self) -> Fold:
+        """The state of the fold: the rotation, the same in substeps twice as long, and the sums of the linearisation."""
+        inputs = self._inputs()
+        begin = ca.Function("begin_steps", inputs, [*self._begin(inputs[0], inputs[2]), inputs[4]])
+        state = ca.SX.sym("state", 2 * ROTATION + self._integrator.linear_substep().numel_in(0))
+        end = ca.Function("end_steps", [*inputs, state], self._end(inputs, state))
+        return Fold(begin, self._turn(state), end)
 
-    def _assembled(
-        self, x: np.ndarray, dt: np.ndarray, densities: np.ndarray, moved: np.ndarray, count: int
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        noise = moved[:, -36:].copy()
-        noise[:, 21::7] += dt / count * boole_weights(count)[count]
-        both = np.broadcast_to(densities, (len(x), 2))
-        after, transition, factor = self._assemble(
-            x, dt, both, np.ascontiguousarray(moved[:, :-36]), noise, rows=(None,) * 5
+    def _inputs(self) -> list[Expression]:
+        points = [ca.SX.sym(name, self._layout.mean_dim) for name in ("here", "there", "about")]
+        return [*points, ca.SX.sym("dt"), ca.SX.sym("h"), ca.SX.sym("psd", 2)]
+
+    def _begin(self, here: Expression, about: Expression) -> list[Expression]:
+        """The first state, and the constants of the rotation of both."""
+        own, slopes = self._layout.unpack(here), self._layout.unpack(about)
+        p, rotation = rotation_constants(own), ca.vertcat(own["q"], own["w"])
+        rest = ca.vertcat(ca.SX.eye(6)[:], ca.SX.zeros(6 * p.numel() + 36))
+        first = ca.vertcat(rotation, rotation, slopes["q"], slopes["w"], rest)
+        return [first, p, rotation_constants(slopes)]
+
+    def _turn(self, state: Expression) -> ca.Function:
+        substep, linear = self._integrator.substep(), self._integrator.linear_substep()
+        p, slopes = ca.SX.sym("p", substep.numel_in(1)), ca.SX.sym("slopes", substep.numel_in(1))
+        h, numbers = ca.SX.sym("h"), ca.SX.sym("numbers", 2)
+        fine, coarse, sums = ca.vertsplit(state, [0, ROTATION, 2 * ROTATION, state.numel()])
+        after = ca.vertcat(
+            substep(fine, p, h), substep(coarse, p, numbers[1] * h), linear(sums, slopes, h, numbers[0])
         )
-        n = self._layout.error_dim
-        return (
-            after,
-            transition.reshape(len(x), n, n).swapaxes(1, 2),
-            factor.reshape(len(x), -1, n).swapaxes(1, 2),
-        )
+        return ca.Function("many_steps", [state, p, slopes, h, numbers], [after])
 
-    @cached_property
-    def _linear(self) -> Fold:
-        return Fold(self._integrator.linear_substep())
-
-    @cached_property
-    def _plain(self) -> Fold:
-        substep, share = self._integrator.substep(), ca.SX.sym("share")
-        x, p, h = substep.sx_in()
-        return Fold(ca.Function("many_substeps", [x, p, h, share], [substep(x, p, share * h)]))
-
-    @cached_property
-    def _assemble(self) -> Lanes:
-        return Lanes(self._integrator.assemble())
-
-    @cached_property
-    def _error(self) -> Lanes:
-        coarse, fine = ca.SX.sym("coarse", 7), ca.SX.sym("fine", 7)
+    def _end(self, inputs: list[Expression], state: Expression) -> list[Expression]:
+        """Error of the integration, defect, transition and noise factor, the last two row by row."""
+        here, there, about, dt, h, psd = inputs
+        layout, n = self._layout, state.numel()
+        fine, coarse, sums, noise = ca.vertsplit(state, [0, ROTATION, 2 * ROTATION, n - 36, n])
         error = rotation_difference(coarse, fine) / 15
-        return Lanes(ca.Function("rotation_error", [coarse, fine], [error]))
+        after = self._integrator.translated(layout.unpack(here), fine[:4], fine[4:], dt)
+        last = ca.diagcat(ca.SX.zeros(3, 3), ca.SX.eye(3)) * h * boole_weights(FEWEST)[-1]
+        _, transition, factor = self._integrator.assemble()(
+            about, dt, psd, sums, ca.reshape(noise, 6, 6) + last
+        )
+        turn, a = _turn_between(layout.unpack(there)["q"], layout.unpack(after)["q"]), layout.slice("a")
+        transition[a, :], factor[a, :] = turn @ transition[a, :], turn @ factor[a, :]
+        defect = layout.local_expression(there, after)
+        return [ca.densify(part) for part in (error, defect, transition.T[:], factor.T[:])]
 
-    @cached_property
-    def _translated(self) -> Lanes:
-        x, moved, dt = ca.SX.sym("x", self._layout.mean_dim), ca.SX.sym("moved", 7), ca.SX.sym("dt")
-        values = self._layout.unpack(x)
-        after = self._integrator.translated(values, moved[:4], moved[4:], dt)
-        return Lanes(ca.Function("many_translated", [x, moved, dt], [after]))
 
-    @cached_property
-    def _begin(self) -> Lanes:
-        x = ca.SX.sym("x", self._layout.mean_dim)
-        values = self._layout.unpack(x)
-        start = ca.vertcat(values["q"], values["w"])
-        return Lanes(ca.Function("rotation_start", [x], [start, rotation_constants(values)]))
+def _turn_between(there: Expression, after: Expression) -> Expression:
+    """Derivative of an attitude error about ``there`` by that about ``after``, 3 x 3."""
+    e = ca.SX.sym("e", 3)
+    error = short_mrp_from_quaternion(product(conjugate(there), product(after, quaternion_from_mrp(e))))
+    return ca.substitute(ca.jacobian(error, e), e, 0)
+
+
+def _numbers(count: int) -> Float[np.ndarray, "c 2"]:
+    """Of every substep: the weight of its noise, and how long that of the coarser run is in its place."""
+    numbers = np.zeros((count, 2))
+    if count:
+        numbers[:, 0], numbers[::2, 1] = boole_weights(count)[:count], 2.0
+    return numbers

@@ -96,15 +96,25 @@ class TorqueFreeProcess:
         """The point after dt, the transition of the multiplicative error, and a factor of the noise covariance Q = G G'."""
         return self._integrator.linearise(x, dt, self._densities)
 
-    def steps(self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k m"]:
-        """`step` from k states over k time steps at once."""
-        return self._many.step(x, dt)
-
     def linearise_steps(
-        self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"]
-    ) -> tuple[Float[np.ndarray, "k m"], Float[np.ndarray, "k n n"], Float[np.ndarray, "k n q"]]:
-        """`linearise` from k states over k time steps at once."""
-        return self._many.linearise(x, dt, self._densities)
+        self,
+        here: Float[np.ndarray, "k m"],
+        there: Float[np.ndarray, "k m"],
+        dt: Float[np.ndarray, " k"],
+        about: Float[np.ndarray, "k m"] | None = None,
+    ) -> tuple[Float[np.ndarray, "k n"], Float[np.ndarray, "k n n"], Float[np.ndarray, "k n q"]]:
+        """k steps at once, about where they were to lead: e_there = defect + transition e_here + factor n.
+
+        Parameters
+        ----------
+        about: points at which slopes are taken: those of ``here`` with other constants, or None for ``here``.
+
+        Returns
+        -------
+        The error that takes ``there`` to the point dt after ``here``, and `linearise`'s transition and factor of errors about
+        ``there``.
+        """
+        return self._many.linearise(here, there, dt, self._densities, about)
 
     def noise_covariance(self, x: Float[np.ndarray, " m"], dt: float) -> Float[np.ndarray, "n n"]:
         """Q of the multiplicative error gathered over dt seconds, from the stochastic equation, for a motion that starts at x."""

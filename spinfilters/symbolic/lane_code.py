@@ -1,7 +1,9 @@
 """The instruction tape of a CasADi function written out as C whose inner loop runs over items, side by side."""
 
+from collections.abc import Callable, Iterable
+from itertools import accumulate, pairwise
+
 import casadi as ca
-import numpy as np
 
 LANES = 8
 """Items side by side: one vector of 512 bits, two of 256."""
@@ -34,10 +36,10 @@ _FORMS = {
     **{op: f"{{0}}{sign}{{1}}" for op, sign in (_BINARY | _COMPARED).items()},
 }
 
-_TEXT = """
+_LANES = """
 #include <math.h>
 void spinfilters_lanes(long long n, const double* const* base, const long long* width, const long long* const* row,
-                       double* const* out, long long turns, const double* each) {{
+                       double* const* out) {{
   for (long long first = 0; first < n; first += {lanes}) {{
     long long live = n - first < {lanes} ? n - first : {lanes};
     double a[{used}][{lanes}], r[{made}][{lanes}];
@@ -46,12 +48,9 @@ void spinfilters_lanes(long long n, const double* const* base, const long long* 
 {items}
 {gather}
     }}
-    for (long long turn = 0; turn < turns; ++turn) {{
-      #pragma omp simd
-      for (int l = 0; l < {lanes}; ++l) {{
+    #pragma omp simd
+    for (int l = 0; l < {lanes}; ++l) {{
 {body}
-      }}
-{feedback}
     }}
     for (int l = 0; l < live; ++l) {{
       long long i = first + l;
@@ -61,63 +60,140 @@ void spinfilters_lanes(long long n, const double* const* base, const long long* 
 }}
 """
 
+_FOLD = """
+#include <math.h>
+#include <string.h>
+void spinfilters_lanes(long long n, const double* const* base, const long long* width, const long long* const* row,
+                       double* const* out, long long turns, const double* each) {{
+  (void)row;
+  for (long long first = 0; first < n; first += {lanes}) {{
+    long long live = n - first < {lanes} ? n - first : {lanes};
+    double a[{used}][{lanes}], x[{state}][{lanes}], y[{state}][{lanes}], s[{same}][{lanes}], r[{made}][{lanes}];
+    for (int l = 0; l < {lanes}; ++l) {{
+      long long i = first + (l < live ? l : 0);
+{gather}
+    }}
+    #pragma omp simd
+    for (int l = 0; l < {lanes}; ++l) {{
+{begin}
+    }}
+    for (long long turn = 0; turn < turns; ++turn, each += {numbers}) {{
+      #pragma omp simd
+      for (int l = 0; l < {lanes}; ++l) {{
+{turn}
+      }}
+      memcpy(x, y, sizeof(x));
+    }}
+    each -= turns * {numbers};
+    #pragma omp simd
+    for (int l = 0; l < {lanes}; ++l) {{
+{end}
+    }}
+    for (int l = 0; l < live; ++l) {{
+      long long i = first + l;
+{scatter}
+    }}
+  }}
+}}
+"""
 
-def lane_text(function: ca.Function, folded: bool = False) -> str | None:
-    """C of a function's loop over items, or None where its tape holds an operation that is not known here.
+_Place = Callable[[int, int], str]
+"""C of one component of an input or output."""
 
-    Parameters
-    ----------
-    folded: whether the output is the first input of the next turn, and the last input each turn's own number.
-    """
-    if not function.is_a("SXFunction"):
-        return None
+
+def lane_text(function: ca.Function) -> str | None:
+    """C of a function's loop over items, or None where its tape holds an operation that is not known here."""
     gather: list[str] = []
-    last = function.n_in() - 1 if folded else -1
-    body = ["      double " + ", ".join(f"w{k}" for k in range(max(function.sz_w(), 1))) + ";"]
-    made = np.concatenate([[0], np.cumsum([function.numel_out(k) for k in range(function.n_out())])])
-    for k in range(function.n_instructions()):
-        line = _line(function, k, gather, made)
-        if function.instruction_id(k) == ca.OP_INPUT and function.instruction_input(k)[0] == last:
-            line = f"w{function.instruction_output(k)[0]} = each[turn];"
-        if line is None:
-            return None
-        body.append(f"      {line}")
-    scatter = [
-        f"      for (int c = 0; c < {made[k + 1] - made[k]}; ++c) "
-        f"out[{k}][i * {made[k + 1] - made[k]} + c] = r[{made[k]} + c][l];"
-        for k in range(function.n_out())
-    ]
+
+    def taken(which: int, place: int) -> str:
+        gather.append(f"      a[{len(gather)}][l] = at{which}[{place}];")
+        return f"a[{len(gather) - 1}][l]"
+
+    made = _offsets(function.numel_out(k) for k in range(function.n_out()))
+    body = _tape(function, taken, lambda which, place: f"r[{made[which] + place}][l]")
+    if body is None:
+        return None
     items = [
         f"      const double* at{k} = base[{k}] + (row[{k}] ? row[{k}][i] : i) * width[{k}];"
         for k in range(function.n_in())
     ]
-    return _TEXT.format(
+    return _LANES.format(
         lanes=LANES,
-        feedback="\n".join(_feedback(function)) if folded else "",
         items="\n".join(items),
         used=max(len(gather), 1),
-        made=max(int(made[-1]), 1),
+        made=max(made[-1], 1),
         gather="\n".join(gather),
-        body="\n".join(body),
-        scatter="\n".join(scatter),
+        body=body,
+        scatter=_scatter(made),
     )
 
 
-def _feedback(function: ca.Function) -> list[str]:
-    """The output put where the first input was gathered."""
-    inputs = [
-        function.instruction_input(k)
-        for k in range(function.n_instructions())
-        if function.instruction_id(k) == ca.OP_INPUT
+def fold_text(begin: ca.Function, turn: ca.Function, end: ca.Function) -> str | None:
+    """C of the loop over items of a `spinfilters.symbolic.lanes.Fold`, or None as in `lane_text`."""
+    widths = [begin.numel_in(k) for k in range(begin.n_in())]
+    given, kept = _offsets(widths), _offsets(begin.numel_out(k) for k in range(1, begin.n_out()))
+    made, state = _offsets(end.numel_out(k) for k in range(end.n_out())), begin.numel_out(0)
+    last = begin.n_out()
+
+    def of_turn(which: int, place: int) -> str:
+        if which == 0:
+            return f"x[{place}][l]"
+        return f"each[{place}]" if which == last else f"s[{kept[which - 1] + place}][l]"
+
+    def at_end(which: int, place: int) -> str:
+        return f"x[{place}][l]" if which == len(widths) else f"a[{given[which] + place}][l]"
+
+    bodies = {
+        "begin": _tape(
+            begin, at_end, lambda k, place: f"s[{kept[k - 1] + place}][l]" if k else f"x[{place}][l]"
+        ),
+        "turn": _tape(turn, of_turn, lambda _, place: f"y[{place}][l]"),
+        "end": _tape(end, at_end, lambda which, place: f"r[{made[which] + place}][l]"),
+    }
+    if None in bodies.values():
+        return None
+    gather = [
+        f"      for (int c = 0; c < {width}; ++c) a[{given[k]} + c][l] = base[{k}][i * width[{k}] + c];"
+        for k, width in enumerate(widths)
     ]
-    loop = f"      for (int l = 0; l < {LANES}; ++l)"
-    return [
-        f"{loop} a[{slot}][l] = r[{place}][l];" for slot, (which, place) in enumerate(inputs) if which == 0
-    ]
+    return _FOLD.format(
+        lanes=LANES,
+        used=max(given[-1], 1),
+        state=state,
+        same=max(kept[-1], 1),
+        made=max(made[-1], 1),
+        numbers=turn.numel_in(last),
+        gather="\n".join(gather),
+        scatter=_scatter(made),
+        **bodies,
+    )
 
 
-def _line(function: ca.Function, k: int, gather: list[str], made: np.ndarray) -> str | None:
-    """One instruction in C; an input is added to what is gathered."""
+def _offsets(sizes: Iterable[int]) -> list[int]:
+    return [0, *accumulate(sizes)]
+
+
+def _scatter(made: list[int]) -> str:
+    return "\n".join(
+        f"      for (int c = 0; c < {stop - start}; ++c) out[{k}][i * {stop - start} + c] = r[{start} + c][l];"
+        for k, (start, stop) in enumerate(pairwise(made))
+    )
+
+
+def _tape(function: ca.Function, take: _Place, give: _Place) -> str | None:
+    """The instructions of a function in C, one a line."""
+    if not function.is_a("SXFunction"):
+        return None
+    lines = ["double " + ", ".join(f"w{k}" for k in range(max(function.sz_w(), 1))) + ";"]
+    for k in range(function.n_instructions()):
+        line = _line(function, k, take, give)
+        if line is None:
+            return None
+        lines.append(line)
+    return "\n".join(f"        {line}" for line in lines)
+
+
+def _line(function: ca.Function, k: int, take: _Place, give: _Place) -> str | None:
     op, takes, gives = (
         function.instruction_id(k),
         function.instruction_input(k),
@@ -126,11 +202,9 @@ def _line(function: ca.Function, k: int, gather: list[str], made: np.ndarray) ->
     if op == ca.OP_CONST:
         return f"w{gives[0]} = {function.instruction_constant(k)!r};"
     if op == ca.OP_INPUT:
-        which, place = takes
-        gather.append(f"      a[{len(gather)}][l] = at{which}[{place}];")
-        return f"w{gives[0]} = a[{len(gather) - 1}][l];"
+        return f"w{gives[0]} = {take(*takes)};"
     if op == ca.OP_OUTPUT:
-        return f"r[{made[gives[0]] + gives[1]}][l] = w{takes[0]};"
+        return f"{give(*gives)} = w{takes[0]};"
     if op not in _FORMS:
         return None
     return f"w{gives[0]} = {_FORMS[op].format(*[f'w{t}' for t in takes])};"

@@ -16,7 +16,7 @@ from jaxtyping import Int
 from spinfilters.errors import ShapeError
 from spinfilters.symbolic.c_library import FLAGS, NATIVE, load_text
 from spinfilters.symbolic.compiled import Compiled, address
-from spinfilters.symbolic.lane_code import lane_text
+from spinfilters.symbolic.lane_code import fold_text, lane_text
 
 LANE_FLAGS = (*FLAGS, "-O3", NATIVE, "-fopenmp-simd", "-fno-math-errno", "-fno-trapping-math")
 
@@ -83,42 +83,63 @@ class Lanes:
 
 
 class Fold:
-    """One function applied again and again to its own result, for many items side by side.
+    """A state that begins somewhere, is turned again and again, and is read at the end, for many items side by side.
+
+    Every input and output is a column of numbers, of an item (k, n), or of all of them (1, n).
 
     Parameters
     ----------
-    function: an SX function of a column x, any further columns that stay the same, and last a number that is another one in every
-        turn; its one output is the next x.
+    begin: of the inputs; gives the state x, then columns that stay the same.
+    turn: of x, of those columns, and of a last column of numbers that are others in every turn; gives the next x.
+    end: of the inputs and x; gives what is wanted.
     """
 
-    def __init__(self, function: ca.Function) -> None:
-        self.name: str = function.name()
-        self._plain = Compiled(function)
-        self._function = function
-        self.width: int = function.numel_in(0)
+    def __init__(self, begin: ca.Function, turn: ca.Function, end: ca.Function) -> None:
+        self.name: str = turn.name()
+        self._functions = (begin, turn, end)
+        self._plain = [Compiled(function) for function in self._functions]
+        self._widths = [begin.numel_in(k) for k in range(begin.n_in())]
+        self._made = [end.numel_out(k) for k in range(end.n_out())]
 
-    def __reduce__(self) -> tuple[type["Fold"], tuple[ca.Function]]:
-        """A library does not pickle: another process builds its own from the expression."""
-        return Fold, (self._function,)
+    def __reduce__(self) -> tuple[type["Fold"], tuple[ca.Function, ...]]:
+        """A library does not pickle: another process builds its own from the expressions."""
+        return Fold, self._functions
 
-    def __call__(self, *arguments: np.ndarray, each: np.ndarray) -> np.ndarray:
-        """x (k, width) after len(each) turns; every argument is (k, width of its input)."""
-        if self._library is None or not len(each):
-            x, same = arguments[0].copy(), (None,) * (len(arguments) + 1)
-            for number in each:
-                turn = np.full((len(x), 1), float(number))
-                (x,) = _interpreted(self._plain, (x, *arguments[1:], turn), same)
-            return x
-        every = (*arguments, np.zeros((len(arguments[0]), 1)))
-        return _run(self._library, every, (None,) * len(every), [(len(arguments[0]), self.width)], each)[0]
+    def __call__(self, *arguments: np.ndarray, each: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Evaluate for k items.
+
+        Parameters
+        ----------
+        each: (turns, numbers) of every turn.
+
+        Raises
+        ------
+        ShapeError: for a wrong number, length or width of arguments.
+        """
+        counts = {len(a) for a in arguments if len(a) != 1} or {1}
+        shapes = [a.shape[1] if a.ndim == 2 else -1 for a in arguments]
+        if shapes != self._widths or len(counts) != 1:
+            given = [a.shape for a in arguments]
+            raise ShapeError(f"{self.name} takes columns of {self._widths} numbers, got {given}")
+        (count,) = counts
+        if self._library is None:
+            return self._interpreted([np.broadcast_to(a, (count, a.shape[1])) for a in arguments], each)
+        same = (None,) * len(arguments)
+        return _run(self._library, arguments, same, [(count, made) for made in self._made], each)
+
+    def _interpreted(self, arguments: list[np.ndarray], each: np.ndarray) -> tuple[np.ndarray, ...]:
+        begin, turn, end = self._plain
+        x, *same = begin(*arguments)
+        for numbers in each:
+            (x,) = turn(x, *same, np.tile(numbers, (len(x), 1)))
+        return end(*arguments, x)
 
     @cached_property
     def _library(self) -> ctypes.PyDLL | None:
-        text = lane_text(self._plain.function, folded=True)
+        text = fold_text(*[plain.function for plain in self._plain])
         return None if text is None else load_text(f"{self.name}_fold", text, LANE_FLAGS)
 
 
-_NO_TURNS = np.zeros(1)
 _FLOAT, _INTEGER = np.dtype(np.float64), np.dtype(np.int64)
 
 
@@ -127,20 +148,22 @@ def _run(
     arguments: tuple[np.ndarray, ...],
     rows: tuple[np.ndarray | None, ...],
     shapes: list[tuple[int, int]],
-    each: np.ndarray = _NO_TURNS,
+    each: np.ndarray | None = None,
 ) -> tuple[np.ndarray, ...]:
     arrays = [_plain(argument, _FLOAT) for argument in arguments]
     chosen = [None if row is None else _plain(row, _INTEGER) for row in rows]
-    results, each = tuple(np.empty(shape) for shape in shapes), _plain(each, _FLOAT)
+    results = tuple([np.empty(shape) for shape in shapes])
+    count, turned = shapes[0][0], None if each is None else _plain(each, _FLOAT)
     pointers, longs = ctypes.c_void_p * len(arrays), ctypes.c_longlong * len(arrays)
     library.spinfilters_lanes(
-        ctypes.c_longlong(shapes[0][0]),
+        ctypes.c_longlong(count),
         pointers(*[address(array) for array in arrays]),
-        longs(*[array.shape[1] for array in arrays]),
+        longs(
+            *[0 if len(a) == 1 and row is None else a.shape[1] for a, row in zip(arrays, rows, strict=True)]
+        ),
         pointers(*[None if row is None else address(row) for row in chosen]),
         (ctypes.c_void_p * len(results))(*[address(result) for result in results]),
-        ctypes.c_longlong(len(each)),
-        ctypes.c_void_p(address(each)),
+        *(() if turned is None else (ctypes.c_longlong(len(turned)), ctypes.c_void_p(address(turned)))),
     )
     return results
 

@@ -35,15 +35,16 @@ class LinearProcess:
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"], Float[np.ndarray, "n k"]]:
         return self.step(x, dt), self.transition(dt), np.sqrt(dt) * self.noise
 
-    def steps(self, x: Float[np.ndarray, "s n"], dt: Float[np.ndarray, " s"]) -> Float[np.ndarray, "s n"]:
-        return np.array([self.step(here, float(step)) for here, step in zip(x, dt, strict=True)])
-
     def linearise_steps(
-        self, x: Float[np.ndarray, "s n"], dt: Float[np.ndarray, " s"]
+        self,
+        here: Float[np.ndarray, "s n"],
+        there: Float[np.ndarray, "s n"],
+        dt: Float[np.ndarray, " s"],
+        about: Float[np.ndarray, "s n"] | None = None,
     ) -> tuple[Float[np.ndarray, "s n"], Float[np.ndarray, "s n n"], Float[np.ndarray, "s n k"]]:
-        every = [self.linearise(here, float(step)) for here, step in zip(x, dt, strict=True)]
+        every = [self.linearise(x, float(step)) for x, step in zip(here, dt, strict=True)]
         moved, transition, noise = (np.array(part) for part in zip(*every, strict=True))
-        return moved, transition, noise
+        return moved - there, transition, noise
 
 
 class LinearSensor(MeasurementModel):

@@ -44,9 +44,10 @@ def of_drawn_motions() -> Float[np.ndarray, " r"]:
     errors = generator.standard_normal((DRAWS, FULL.error_dim)) @ first.factor.T
     states = FULL.retract(np.tile(first.mean, (DRAWS, 1)), errors)
     for _ in range(SHORT):
-        states, _, noise = PROCESS.linearise_steps(states, np.full(DRAWS, INTERVAL))
+        moved = PROCESS.step(states, INTERVAL)
+        _, _, noise = PROCESS.linearise_steps(states, moved, np.full(DRAWS, INTERVAL))
         drawn = noise @ generator.standard_normal((DRAWS, noise.shape[2], 1))
-        states = FULL.retract(states, drawn[..., 0])
+        states = FULL.retract(moved, drawn[..., 0])
     last = prediction.belief(-1)
     means, factors = np.tile(last.mean, (DRAWS, 1)), np.tile(last.factor, (DRAWS, 1, 1))
     return normalised_square(FULL.local(means, states), factors)

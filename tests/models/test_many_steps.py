@@ -38,8 +38,26 @@ def _points(name: str, count: int, rate: float = 1.2) -> np.ndarray:
     return np.array(points).reshape(count, layout.mean_dim)
 
 
-def _one_by_one(process: TorqueFreeProcess, x: np.ndarray, dt: np.ndarray) -> list[np.ndarray]:
-    every = [process.linearise(here, float(step)) for here, step in zip(x, dt, strict=True)]
+def _missed(process: TorqueFreeProcess, x: np.ndarray, dt: np.ndarray, size: float = 0.03) -> np.ndarray:
+    """Points near those that the steps lead to."""
+    layout, generator = process.layout, np.random.default_rng(len(x))
+    moved = [process.step(here, float(step)) for here, step in zip(x, dt, strict=True)]
+    errors = size * generator.standard_normal((len(x), layout.error_dim))
+    if "s" in layout.blocks:
+        errors[:, layout.slice("s")] = 0.0
+    return layout.retract(np.array(moved).reshape(x.shape), errors)
+
+
+def _one_by_one(
+    process: TorqueFreeProcess, x: np.ndarray, there: np.ndarray, dt: np.ndarray
+) -> list[np.ndarray]:
+    """From the process' own linearisation and the layout's change of the error's origin."""
+    every = []
+    for here, missed, step in zip(x, there, dt, strict=True):
+        moved, transition, noise = process.linearise(here, float(step))
+        defect = process.layout.local(missed, moved)
+        turn = np.linalg.inv(process.layout.reset_jacobian(defect))
+        every.append((defect, turn @ transition, turn @ noise))
     return [np.array(part) for part in zip(*every, strict=True)]
 
 
@@ -47,9 +65,10 @@ def _one_by_one(process: TorqueFreeProcess, x: np.ndarray, dt: np.ndarray) -> li
 @pytest.mark.parametrize("rate", [0.0, 1e-7, 0.3, 1.2])
 def test_a_step_is_the_process_own_to_rounding(name: str, rate: float) -> None:
     process, x, dt = PROCESSES[name], _points(name, 1, rate), np.array([0.5])
-    moved, transition, noise = process.linearise_steps(x, dt)
-    expected = _one_by_one(process, x, dt)
-    np.testing.assert_allclose(moved, expected[0], rtol=ROUNDING, atol=ROUNDING)
+    there = _missed(process, x, dt)
+    defect, transition, noise = process.linearise_steps(x, there, dt)
+    expected = _one_by_one(process, x, there, dt)
+    np.testing.assert_allclose(defect, expected[0], rtol=ROUNDING, atol=ROUNDING)
     np.testing.assert_allclose(transition, expected[1], rtol=ROUNDING, atol=ROUNDING)
     np.testing.assert_allclose(noise, expected[2], rtol=1e-10, atol=1e-16)
 
@@ -59,49 +78,68 @@ def test_a_step_is_the_process_own_to_rounding(name: str, rate: float) -> None:
 def test_steps_of_different_length_are_the_process_own_to_its_tolerance(name: str, count: int) -> None:
     process, x = PROCESSES[name], _points(name, count)
     dt = np.linspace(0.05, 0.5, count)
-    for found, expected in zip(process.linearise_steps(x, dt), _one_by_one(process, x, dt), strict=True):
-        assert found.shape == expected.shape
-        np.testing.assert_allclose(found, expected, rtol=0, atol=TOLERANCE)
+    there = _missed(process, x, dt)
+    found = process.linearise_steps(x, there, dt)
+    for part, expected in zip(found, _one_by_one(process, x, there, dt), strict=True):
+        assert part.shape == expected.shape
+        np.testing.assert_allclose(part, expected, rtol=0, atol=TOLERANCE)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_slopes_about_other_constants_leave_the_defect_alone(name: str) -> None:
+    process, x, dt = PROCESSES[name], _points(name, 3), np.full(3, 0.5)
+    about, there, mass = x.copy(), _missed(process, x, dt), process.layout.mean_slice("s")
+    about[:, mass] += 0.05
+    defect, transition, noise = process.linearise_steps(x, there, dt, about)
+    turn = np.linalg.inv(process.layout.reset_jacobian(defect))
+    slopes = _one_by_one(process, about, process.step(about, 0.5), dt)
+    np.testing.assert_allclose(defect, _one_by_one(process, x, there, dt)[0], rtol=0, atol=TOLERANCE)
+    np.testing.assert_allclose(transition, turn @ slopes[1], rtol=0, atol=TOLERANCE)
+    np.testing.assert_allclose(noise, turn @ slopes[2], rtol=0, atol=TOLERANCE)
+    assert np.abs(transition - process.linearise_steps(x, there, dt)[1]).max() > 1e-3
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_step_does_not_depend_on_where_it_stands(name: str) -> None:
     process, x, dt = PROCESSES[name], _points(name, 11), np.linspace(0.1, 0.4, 11)
-    order = np.random.default_rng(0).permutation(11)
-    together = process.linearise_steps(x, dt)
-    for found, expected in zip(process.linearise_steps(x[order], dt[order]), together, strict=True):
+    there, order = _missed(process, x, dt), np.random.default_rng(0).permutation(11)
+    together = process.linearise_steps(x, there, dt)
+    shuffled = process.linearise_steps(x[order], there[order], dt[order])
+    for found, expected in zip(shuffled, together, strict=True):
         np.testing.assert_array_equal(found, expected[order])
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_no_steps_give_arrays_of_the_shapes_of_steps(name: str) -> None:
-    process = PROCESSES[name]
-    none = process.linearise_steps(_points(name, 0), np.zeros(0))
-    one = process.linearise_steps(_points(name, 1), np.ones(1))
-    assert [part.shape[1:] for part in none] == [part.shape[1:] for part in one]
+    process, one = PROCESSES[name], _points(name, 1)
+    none = process.linearise_steps(_points(name, 0), _points(name, 0), np.zeros(0))
+    expected = process.linearise_steps(one, one, np.ones(1))
+    assert [part.shape[1:] for part in none] == [part.shape[1:] for part in expected]
     assert all(len(part) == 0 for part in none)
 
 
 @pytest.mark.parametrize("wrong", [0.0, -0.1, np.nan, np.inf])
 def test_a_time_step_that_is_none_is_named(wrong: float) -> None:
+    x = _points(NAMES[0], 3)
     with pytest.raises(InputError, match=f"time step is {wrong} s"):
-        PROCESSES[NAMES[0]].linearise_steps(_points(NAMES[0], 3), np.array([0.1, wrong, 0.2]))
+        PROCESSES[NAMES[0]].linearise_steps(x, x, np.array([0.1, wrong, 0.2]))
 
 
 def test_a_state_that_is_not_finite_gives_numbers_that_are_not() -> None:
     name = NAMES[2]
     x = _points(name, 2)
+    there = x.copy()
     x[0, PROCESSES[name].layout.mean_slice("w")] = np.nan
-    moved = PROCESSES[name].linearise_steps(x, np.full(2, 0.5))[0]
-    assert np.isnan(moved[0]).any()
-    assert np.isfinite(moved[1]).all()
+    defect = PROCESSES[name].linearise_steps(x, there, np.full(2, 0.5))[0]
+    assert np.isnan(defect[0]).any()
+    assert np.isfinite(defect[1]).all()
 
 
 def test_other_densities_scale_the_noise_alone() -> None:
     layout = StateLayout(FULL_BLOCKS)
     x, dt = _points(NAMES[2], 2), np.full(2, 0.5)
-    one = TorqueFreeProcess(layout, ProcessNoise(4e-8, 1e-6)).linearise_steps(x, dt)
-    four = TorqueFreeProcess(layout, ProcessNoise(16e-8, 4e-6)).linearise_steps(x, dt)
+    one = TorqueFreeProcess(layout, ProcessNoise(4e-8, 1e-6)).linearise_steps(x, x, dt)
+    four = TorqueFreeProcess(layout, ProcessNoise(16e-8, 4e-6)).linearise_steps(x, x, dt)
     np.testing.assert_array_equal(one[1], four[1])
     np.testing.assert_allclose(2 * one[2], four[2], rtol=1e-12)
 
@@ -110,9 +148,10 @@ def test_without_a_compiler_steps_are_the_same(no_compiler: None) -> None:
     for layout, name in zip(LAYOUTS, NAMES, strict=True):
         interpreted = TorqueFreeProcess(layout, ProcessNoise())
         x, dt = _points(name, 2), np.full(2, 0.5)
-        expected = PROCESSES[name].linearise_steps(x, dt)
-        for found, there in zip(interpreted.linearise_steps(x, dt), expected, strict=True):
-            np.testing.assert_allclose(found, there, rtol=1e-10, atol=1e-15)
+        there = _missed(PROCESSES[name], x, dt)
+        expected = PROCESSES[name].linearise_steps(x, there, dt)
+        for found, part in zip(interpreted.linearise_steps(x, there, dt), expected, strict=True):
+            np.testing.assert_allclose(found, part, rtol=1e-10, atol=1e-15)
 
 
 def _scene(count: int) -> tuple[StereoLandmark, np.ndarray, np.ndarray, np.ndarray]:

@@ -195,48 +195,78 @@ def test_matrices_go_in_and_come_out_column_by_column_without_a_compiler(no_comp
     _columns_of_matrices(Lanes(_matrices()))
 
 
-def _turning() -> ca.Function:
-    """A pendulum's step of a length that differs in every turn."""
-    y, p, share = ca.SX.sym("y", 2), ca.SX.sym("p", 1), ca.SX.sym("share")
-    return ca.Function("pendulum", [y, p, share], [y + share * ca.vertcat(y[1], -p * ca.sin(y[0]))])
+def _pendulum() -> tuple[ca.Function, ca.Function, ca.Function]:
+    """Begins at (angle, 0), swings with steps of another length in every turn, and ends as (swing, rate) beside the angle."""
+    angle, p, y = ca.SX.sym("angle"), ca.SX.sym("p", 2), ca.SX.sym("y", 2)
+    same, numbers = ca.SX.sym("same"), ca.SX.sym("numbers", 2)
+    begin = ca.Function("begin", [angle, p], [ca.vertcat(angle, 0), p[0] * p[1]])
+    moved = y + numbers[0] * ca.vertcat(y[1], -same * ca.sin(y[0])) + numbers[1]
+    turn = ca.Function("pendulum", [y, same, numbers], [moved])
+    return begin, turn, ca.Function("end", [angle, p, y], [y, y[0] - angle * p[1]])
 
 
-def _folded(start: np.ndarray, p: np.ndarray, each: np.ndarray) -> np.ndarray:
-    plain = Compiled.interpreted(_turning())
-    for share in each:
-        (start,) = plain(start, p, float(share))
-    return start
+def _swinging(count: int) -> tuple[np.ndarray, np.ndarray]:
+    x, p = _numbers(count)
+    return np.ascontiguousarray(x[:, :1]), np.ascontiguousarray(p[:, :2])
 
 
-@pytest.mark.parametrize("count", [0, 1, 8, 13])
-def test_a_fold_is_the_function_applied_to_its_own_result_to_the_bit(count: int) -> None:
-    start, p = np.ascontiguousarray(_numbers(count)[0][:, :2]), _numbers(count)[1][:, :1].copy()
-    each = np.array([0.1, 0.2, 0.05, 0.3, 0.1])
-    np.testing.assert_array_equal(Fold(_turning())(start, p, each=each), _folded(start, p, each))
+def _folded(angle: np.ndarray, p: np.ndarray, each: np.ndarray) -> tuple[np.ndarray, ...]:
+    begin, turn, end = map(Compiled.interpreted, _pendulum())
+    y, same = begin(angle, p)
+    for numbers in each:
+        (y,) = turn(y, same, numbers)
+    return end(angle, p, y)
 
 
-def test_a_fold_leaves_its_argument_alone() -> None:
-    start = np.ones((3, 2))
-    Fold(_turning())(start, np.ones((3, 1)), each=np.ones(2))
-    np.testing.assert_array_equal(start, 1.0)
+EACH = np.array([[0.1, 0.0], [0.2, 0.1], [0.05, -0.3], [0.3, 0.0], [0.1, 0.2]])
 
 
-def test_a_fold_of_no_turns_is_where_it_began() -> None:
-    start = _numbers(9)[0][:, :2].copy()
-    np.testing.assert_array_equal(Fold(_turning())(start, np.ones((9, 1)), each=np.zeros(0)), start)
+def _same(found: tuple[np.ndarray, ...], expected: tuple[np.ndarray, ...]) -> None:
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("turns", [0, 1, 5])
+@pytest.mark.parametrize("count", [1, 8, 13])
+def test_a_fold_is_its_functions_one_after_the_other_to_the_bit(count: int, turns: int) -> None:
+    arguments = _swinging(count)
+    _same(Fold(*_pendulum())(*arguments, each=EACH[:turns]), _folded(*arguments, EACH[:turns]))
+
+
+def test_a_fold_of_nothing_gives_nothing() -> None:
+    assert [part.shape for part in Fold(*_pendulum())(*_swinging(0), each=EACH)] == [(0, 2), (0, 1)]
+
+
+def test_a_fold_leaves_its_arguments_alone() -> None:
+    angle, p = _swinging(3)
+    before = angle.copy(), p.copy()
+    Fold(*_pendulum())(angle, p, each=EACH)
+    _same((angle, p), before)
+
+
+def test_a_column_of_a_fold_may_be_the_same_for_all_items() -> None:
+    angle, p = _swinging(11)
+    _same(
+        Fold(*_pendulum())(angle, p[:1], each=EACH),
+        Fold(*_pendulum())(angle, np.tile(p[:1], (11, 1)), each=EACH),
+    )
+
+
+@pytest.mark.parametrize("shape", [(4, 3), (4,), (3, 2)])
+def test_columns_that_do_not_fit_a_fold_are_refused(shape: tuple[int, ...]) -> None:
+    with pytest.raises(ShapeError, match="pendulum"):
+        Fold(*_pendulum())(np.zeros((4, 1)), np.zeros(shape), each=EACH)
 
 
 def test_without_a_compiler_a_fold_gives_the_same_bits(no_compiler: None) -> None:
-    start, p = _numbers(5)[0][:, :2].copy(), _numbers(5)[1][:, :1].copy()
-    each = np.array([0.3, 0.1])
-    np.testing.assert_array_equal(Fold(_turning())(start, p, each=each), _folded(start, p, each))
+    arguments = _swinging(5)
+    _same(Fold(*_pendulum())(*arguments, each=EACH), _folded(*arguments, EACH))
 
 
 def test_a_fold_survives_pickling() -> None:
-    fold = Fold(_turning())
-    start, p, each = np.ones((3, 2)), np.ones((3, 1)), np.array([0.1, 0.4])
-    before = fold(start, p, each=each)
-    np.testing.assert_array_equal(pickle.loads(pickle.dumps(fold))(start, p, each=each), before)
+    fold, arguments = Fold(*_pendulum()), _swinging(3)
+    before = fold(*arguments, each=EACH)
+    _same(pickle.loads(pickle.dumps(fold))(*arguments, each=EACH), before)
 
 
 def test_lanes_are_compiled_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

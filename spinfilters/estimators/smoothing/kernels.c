@@ -154,22 +154,48 @@ static void subtract_row(double* to, const double* from, double factor, integer 
   for (integer j = tail; j < width; ++j) to[j] -= factor * from[j];
 }
 
-/* Rows [K][d][w] divided by the root of what spreads them, noise noise' + floor^2 I with noise [K][d][q]; NaN where it has none. */
-void whiten_rows(integer K, integer d, integer w, integer q, double floor, const double* noise, double* rows, double* root) {
-  for (integer k = 0; k < K; ++k) {
-    const double* n = noise + k * d * q;
-    for (integer a = 0; a < d; ++a)
-      for (integer b = 0; b <= a; ++b) {
-        double sum = a == b ? floor * floor : 0;
-        for (integer c = 0; c < q; ++c) sum += n[a * q + c] * n[b * q + c];
-        root[a * d + b] = root[b * d + a] = sum;
-      }
-    int good = cholesky(root, (int)d);
-    for (integer a = 0; a < d; ++a) {
-      double *x = rows + (k * d + a) * w, scale = good ? 1 / root[a * d + a] : NAN;
-      for (integer b = 0; b < a; ++b) subtract_row(x, rows + (k * d + b) * w, root[a * d + b], 0, w, w, w);
-      for (integer j = 0; j < w; ++j) x[j] *= scale;
+/* Rows [d][w] divided by the root of what spreads them, noise noise' + floor^2 I with noise [d][q]; NaN where it has none. */
+static void whiten(integer d, integer w, integer q, double floor, const double* noise, double* rows, double* root) {
+  for (integer a = 0; a < d; ++a)
+    for (integer b = 0; b <= a; ++b) {
+      double sum = a == b ? floor * floor : 0;
+      for (integer c = 0; c < q; ++c) sum += noise[a * q + c] * noise[b * q + c];
+      root[a * d + b] = root[b * d + a] = sum;
     }
+  int good = cholesky(root, (int)d);
+  for (integer a = 0; a < d; ++a) {
+    double *x = rows + a * w, scale = good ? 1 / root[a * d + a] : NAN;
+    for (integer b = 0; b < a; ++b) subtract_row(x, rows + b * w, root[a * d + b], 0, w, w, w);
+    for (integer j = 0; j < w; ++j) x[j] *= scale;
+  }
+}
+
+/* Whitened rows of K steps, [K][d][w]: errors of the d moving components here and there, of the c constants, and the defect; and
+ * their grams [K][w][w]. Components are numbered in `moving` and `constant` among the n of defect [K][n], transition [K][n][n] and
+ * noise [K][n][q]. Room: d (d + q) numbers. */
+void step_rows(integer K, integer n, integer d, integer c, integer q, const integer* moving, const integer* constant, double floor,
+               const double* defect, const double* transition, const double* noise, double* rows, double* grams, double* room) {
+  integer w = 2 * d + c + 1;
+  double* spread = room + d * d;
+  for (integer k = 0; k < K; ++k, defect += n, transition += n * n, noise += n * q, rows += d * w, grams += w * w) {
+    for (integer a = 0; a < d; ++a) {
+      const double* T = transition + moving[a] * n;
+      double* row = rows + a * w;
+      for (integer b = 0; b < d; ++b) {
+        row[b] = -T[moving[b]];
+        row[d + b] = a == b;
+      }
+      for (integer b = 0; b < c; ++b) row[2 * d + b] = -T[constant[b]];
+      row[w - 1] = defect[moving[a]];
+      memcpy(spread + a * q, noise + moving[a] * q, q * sizeof(double));
+    }
+    whiten(d, w, q, floor, spread, rows, room);
+    memset(grams, 0, w * w * sizeof(double));
+    for (integer a = 0; a < d; ++a)
+      for (integer i = 0; i < w; ++i) {
+        double left = rows[a * w + i], *to = grams + i * w;
+        for (integer j = 0; j < w; ++j) to[j] += left * rows[a * w + j];
+      }
   }
 }
 

@@ -96,30 +96,10 @@ class Motion:
         """The steps from frame to frame, about a trajectory whose constants are the same in every frame."""
         if not len(self.dt):
             return Grams(NOTHING, NOTHING, 0.0, NOTHING)
-        rows = self.step_rows(trajectory, self.dt)
-        with np.errstate(invalid="ignore", over="ignore"):  # a trial that is not finite: its cost says so
-            steps = rows.swapaxes(1, 2) @ rows
-        return Grams(NOTHING, steps, float(steps[:, -1, -1].sum()), rows)
-
-    def step_rows(
-        self, trajectory: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " j"]
-    ) -> Float[np.ndarray, "j d w"]:
-        """Whitened rows of steps: moving errors here and there, constants, right-hand side."""
-        unknowns, layout = self.unknowns, self.process.layout
-        if self.first is None:
-            moved, transition, noise = self.process.linearise_steps(trajectory[:-1], dt)
-        else:
-            moved = self.process.steps(trajectory[:-1], dt)
-            _, transition, noise = self.process.linearise_steps(self._at_first_constants(trajectory[:-1]), dt)
-        defect = layout.local(trajectory[1:], moved)
-        _turn(unknowns, defect, transition, noise)
-        d, (moving, constant) = len(unknowns.moving), unknowns.spans
-        rows = np.zeros((len(moved), d, d + len(unknowns.order) + 1))
-        rows[:, :, :d] = -transition[:, moving][:, :, moving]
-        rows[:, :, d : 2 * d] = np.eye(d)
-        rows[:, :, 2 * d : -1] = -transition[:, moving][:, :, constant]
-        rows[:, :, -1] = defect[:, moving]
-        return whitened(rows, np.ascontiguousarray(noise[:, moving]))
+        about = None if self.first is None else self._at_first_constants(trajectory[:-1])
+        steps = self.process.linearise_steps(trajectory[:-1], trajectory[1:], self.dt, about)
+        rows, grams = whitened_steps(self.unknowns, *map(np.ascontiguousarray, steps))
+        return Grams(NOTHING, grams, float(grams[:, -1, -1].sum()), rows)
 
     def _at_first_constants(self, trajectory: Float[np.ndarray, "k m"]) -> Float[np.ndarray, "k m"]:
         """With the constants at which something is carried already: other slopes would claim to know what nothing has told."""
@@ -168,36 +148,46 @@ class Motion:
         return np.abs(self.sensor_rows(sensor, trajectory)[0]).max(axis=(1, 2)) > 0
 
 
-def whitened(
-    rows: Float[np.ndarray, "k d w"], noise: Float[np.ndarray, "k d q"]
-) -> Float[np.ndarray, "k d w"]:
-    """Rows divided by the root of noise noise' + floor^2; not a number where it is not positive definite. May change ``rows``."""
-    (K, d, width), library = rows.shape, kernels()
-    if library is not None:
-        scratch = np.empty((d, d))
-        library.whiten_rows(
-            *map(integer, (K, d, width, noise.shape[2])),
-            ctypes.c_double(NOISE_FLOOR),
-            *map(pointer, (noise, rows, scratch)),
-        )
-        return rows
-    spread = noise @ noise.swapaxes(1, 2)
+def whitened_steps(
+    unknowns: Unknowns,
+    defect: Float[np.ndarray, "k n"],
+    transition: Float[np.ndarray, "k n n"],
+    noise: Float[np.ndarray, "k n q"],
+) -> tuple[Float[np.ndarray, "k d w"], Float[np.ndarray, "k w w"]]:
+    """Rows of steps divided by the root of noise noise' + floor^2, and their grams; not a number where it has no root."""
+    library = kernels()
+    if library is None:
+        return whitened_steps_in_numpy(unknowns, defect, transition, noise)
+    (k, n, q), d, c = noise.shape, len(unknowns.moving), len(unknowns.constant)
+    width = 2 * d + c + 1
+    rows, grams, room = np.empty((k, d, width)), np.empty((k, width, width)), np.empty(d * (d + q))
+    library.step_rows(
+        *map(integer, (k, n, d, c, q)),
+        *map(pointer, (unknowns.moving, unknowns.constant)),
+        ctypes.c_double(NOISE_FLOOR),
+        *map(pointer, (defect, transition, noise, rows, grams, room)),
+    )
+    return rows, grams
+
+
+def whitened_steps_in_numpy(
+    unknowns: Unknowns, defect: np.ndarray, transition: np.ndarray, noise: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """`whitened_steps` for machines without a compiler."""
+    d, moving, constant = len(unknowns.moving), unknowns.moving, unknowns.constant
+    rows = np.zeros((len(defect), d, 2 * d + len(constant) + 1))
+    rows[:, :, :d] = -transition[:, moving][:, :, moving]
+    rows[:, :, d : 2 * d] = np.eye(d)
+    rows[:, :, 2 * d : -1] = -transition[:, moving][:, :, constant]
+    rows[:, :, -1] = defect[:, moving]
+    spread = noise[:, moving] @ noise[:, moving].swapaxes(1, 2)
     spread[:, np.arange(d), np.arange(d)] += NOISE_FLOOR**2
     try:
-        return np.linalg.solve(np.linalg.cholesky(spread), rows)
+        rows = np.linalg.solve(np.linalg.cholesky(spread), rows)
     except np.linalg.LinAlgError:  # a trial that is not finite: its cost says so
-        return np.full_like(rows, np.nan)
-
-
-def _turn(unknowns: Unknowns, defect: np.ndarray, transition: np.ndarray, noise: np.ndarray) -> None:
-    """Errors about the predicted point into errors about the trial's, in place; only the attitude's differ."""
-    layout = unknowns.layout
-    if "a" not in layout.blocks:
-        return
-    a = layout.slice("a")
-    turn = np.linalg.inv(layout.reset_jacobian(defect)[:, a, a])
-    transition[:, a] = turn @ transition[:, a]
-    noise[:, a] = turn @ noise[:, a]
+        rows = np.full_like(rows, np.nan)
+    with np.errstate(invalid="ignore", over="ignore"):
+        return rows, rows.swapaxes(1, 2) @ rows
 
 
 def prior_rows(

@@ -19,7 +19,7 @@ def kernels() -> ctypes.PyDLL | None:
     library = load_text("smoother_kernels", text, KERNEL_FLAGS)
     if library is not None:
         library.eliminate_chain.restype = ctypes.c_longlong
-        for name in ("spread_blocks", "follow_poses", "solve_chain", "whiten_rows", "add_grams"):
+        for name in ("spread_blocks", "follow_poses", "solve_chain", "step_rows", "add_grams"):
             getattr(library, name).restype = None
     return library
 

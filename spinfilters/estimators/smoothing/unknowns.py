@@ -60,11 +60,6 @@ class Unknowns:
         return np.concatenate([self.pose, self.chain])
 
     @cached_property
-    def spans(self) -> tuple[Int[np.ndarray, " d"] | slice, Int[np.ndarray, " c"] | slice]:
-        """Moving and constant components, as slices where they are consecutive, which are read without a copy."""
-        return _span(self.moving), _span(self.constant)
-
-    @cached_property
     def order(self) -> Int[np.ndarray, " n"]:
         """All components of a frame: pose, chain, constant."""
         return np.concatenate([self.moving, self.constant])
@@ -88,9 +83,3 @@ class Unknowns:
     def _of(self, blocks: list[str]) -> Int[np.ndarray, " b"]:
         every = np.arange(self.layout.error_dim)
         return np.concatenate([every[:0], *[every[self.layout.slice(block)] for block in blocks]])
-
-
-def _span(index: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"] | slice:
-    if len(index) and (np.diff(index) == 1).all():
-        return slice(int(index[0]), int(index[-1]) + 1)
-    return index
