@@ -113,7 +113,7 @@ class ManySteps:
         )
         turn, a = _turn_between(layout.unpack(there)["q"], layout.unpack(after)["q"]), layout.slice("a")
         transition[a, :], factor[a, :] = turn @ transition[a, :], turn @ factor[a, :]
-        defect = layout.local_expression(there, after)
+        defect = layout.near_local_expression(there, after)  # of a body that is the same at both ends
         return [ca.densify(part) for part in (error, defect, transition.T[:], factor.T[:])]
 
 

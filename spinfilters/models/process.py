@@ -107,7 +107,8 @@ class TorqueFreeProcess:
 
         Parameters
         ----------
-        about: points at which slopes are taken: those of ``here`` with other constants, or None for ``here``.
+        there: with the mass distribution of ``here``.   about: points at which slopes are taken: those of ``here`` with other
+        constants, or None for ``here``.
 
         Returns
         -------

@@ -41,6 +41,9 @@ STEP_ERROR = 6e-4
 """Error of a turn per rad and per fourth power of the substep's angle: where the step control starts. A guess that proves too
 coarse costs one more evaluation, one that is too fine would cost every one."""
 
+SHARED = {"cse": True}
+"""Expressions that occur again are evaluated once, to the same bits."""
+
 
 class RotationIntegrator:
     """Steps and linearises a state whose rotation follows ``acceleration``.
@@ -125,7 +128,7 @@ class RotationIntegrator:
 
     def substep(self) -> ca.Function:
         y, p, h = ca.SX.sym("y", 7), ca.SX.sym("p", self._constant_dim), ca.SX.sym("h")
-        return ca.Function("substep", [y, p, h], [self._runge_kutta(y, p, h)])
+        return ca.Function("substep", [y, p, h], [self._runge_kutta(y, p, h)], SHARED)
 
     def _runge_kutta(self, y: Expression, p: Expression, h: Expression) -> Expression:
         k1 = self._rotation_rate(y, p)
@@ -186,7 +189,7 @@ class RotationIntegrator:
         noise = ca.reshape(sums[-36:], 6, 6) + ca.diagcat(ca.SX.zeros(3, 3), weight * h * ca.SX.eye(3))
         A, B = G[:, :6], G[:, 6:]
         out = ca.vertcat(after, (A @ Psi)[:], (A @ Theta + B)[:], (A @ noise @ A.T)[:])
-        return ca.Function("linear_substep", [sums, p, h, weight], [out])
+        return ca.Function("linear_substep", [sums, p, h, weight], [out], SHARED)
 
     def assemble(self) -> ca.Function:
         """Whole state, transition and noise factor from those of the rotation, differentiated through the translation."""
@@ -215,7 +218,7 @@ class RotationIntegrator:
             root = ca.diagcat(root, ca.sqrt(psd[0]) * _double_integrator_root(dt))
         else:
             entry = entry[:, :6]
-        return ca.Function("assemble", [x, dt, psd, moved, noise], [after, transition, entry @ root])
+        return ca.Function("assemble", [x, dt, psd, moved, noise], [after, transition, entry @ root], SHARED)
 
 
 def rotation_constants(values: dict[str, Expression]) -> Expression:

@@ -190,7 +190,8 @@ def _densified(function: ca.Function) -> ca.Function:
     symbol = function.sx_in if function.is_a("SXFunction") else function.mx_in
     symbols: list[Any] = [symbol(k) for k in range(function.n_in())]
     dense = [ca.densify(output) for output in function.call(symbols)]
-    return ca.Function(function.name(), symbols, dense, names_in, names_out)
+    once = {"cse": function.is_a("SXFunction")}  # of what a derivative writes out many times; the bits stay
+    return ca.Function(function.name(), symbols, dense, names_in, names_out, once)
 
 
 def _plain_batch(arguments: tuple[Any, ...], widths: list[int]) -> tuple[int, list[int]]:

@@ -9,14 +9,14 @@ and what remains loses X'X. How a pose far back is felt fades by 2 - sqrt 3 per 
 so that some thirty blocks of X are all that a double-precision number can tell.
 """
 
-import ctypes
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.linalg import solve_triangular
 
-from spinfilters.estimators.smoothing.native import integer, kernels, pointer
+from spinfilters.estimators.smoothing.native import kernels, take_products
+from spinfilters.symbolic.compiled import address
 
 FADED = 1e-17
 """Of the largest element that a pose had in X: products with less are below the rounding of what they would be taken from."""
@@ -56,8 +56,8 @@ class Chain:
             rows = slice(first * v, min(first + GROUP, K) * v)
             last = max(first + GROUP + 1, self.reach)
             columns = slice(int(self.begin[first]) * p, min(last, K) * p)
-            part = np.ascontiguousarray(X[rows, columns])
-            M[columns, columns] -= part.T @ part
+            part = X[rows, columns]
+            take_products(part, M[columns, columns])
             M[rest:, columns] -= tail[rows].T @ part
 
     def back(self, kept: Float[np.ndarray, " r"]) -> Float[np.ndarray, "k v"]:
@@ -66,7 +66,7 @@ class Chain:
         right = self.coupling[:, :, -1] - self.coupling[:, :, : width - 1] @ kept
         if library is None:
             return self._back(right)
-        library.solve_chain(*map(integer, right.shape), *map(pointer, (self.roots, self.next, right)))
+        library.solve_chain(*right.shape, *map(address, (self.roots, self.next, right)))
         return right
 
     def _back(self, right: Float[np.ndarray, "k v"]) -> Float[np.ndarray, "k v"]:
@@ -96,9 +96,9 @@ def eliminate_chain(
         return Chain(D, E, G, begin, pose, reach, _eliminated(D, E, G))
     blocks = K if pose else 0
     failed = library.eliminate_chain(
-        *map(integer, (K, v, pose, blocks, width, reach)),
-        ctypes.c_double(FADED),
-        *map(pointer, (D, E, G, begin)),
+        *(K, v, pose, blocks, width, reach),
+        FADED,
+        *map(address, (D, E, G, begin)),
     )
     if failed < 0:
         raise MemoryError("no memory to eliminate the velocities")

@@ -4,15 +4,15 @@ A landmark's information V = L L' is its own 3 x 3 block, whatever other landmar
 with W its coupling to the poses and Y = L^-1 W', the poses keep H - Y'Y, and p = L^-T (y - Y e) + L^-T n follows their error e.
 """
 
-import ctypes
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from spinfilters.estimators.smoothing.memory import lent, lent_zeros
-from spinfilters.estimators.smoothing.native import integer, kernels, pointer
+from spinfilters.estimators.smoothing.native import kernels
 from spinfilters.estimators.smoothing.sightings import SIGHTINGS_NEEDED, LinearSightings, Sightings
+from spinfilters.symbolic.compiled import address
 
 POSE = 6
 """Errors of a pose."""
@@ -52,9 +52,9 @@ class Eliminated:
             return self._points_step(poses)
         step, poses = np.empty((s.landmarks, 3)), np.ascontiguousarray(poses)
         library.follow_poses(
-            integer(s.landmarks),
+            s.landmarks,
             *map(
-                pointer, (s.start, s.frame, self.told, self.root, self.gradient, self.coupling, poses, step)
+                address, (s.start, s.frame, self.told, self.root, self.gradient, self.coupling, poses, step)
             ),
         )
         return step
@@ -89,15 +89,15 @@ def eliminate(
     blocks, information = lent(frames * (frames + 1) // 2 * POSE * WIDE), lent_zeros(kept + 1, kept)
     weight, rows = np.ascontiguousarray(weight), np.ascontiguousarray(linear.rows)
     failed = library.eliminate_landmarks(
-        integer(L),
-        integer(frames),
-        *map(pointer, (sightings.start, sightings.frame, rows, weight)),
-        ctypes.c_double(FLATTEST),
-        *map(pointer, (told, root, gradient, coupling, blocks, slope)),
+        L,
+        frames,
+        *map(address, (sightings.start, sightings.frame, rows, weight)),
+        FLATTEST,
+        *map(address, (told, root, gradient, coupling, blocks, slope)),
     )
     if failed:
         raise MemoryError("no memory to eliminate the landmarks")
-    library.spread_blocks(integer(frames), integer(kept), pointer(blocks), pointer(information))
+    library.spread_blocks(frames, kept, address(blocks), address(information))
     used = (weight > 0) & told[sightings.landmark]
     return Eliminated(sightings, weight, told, used, root, gradient, coupling, information, slope)
 

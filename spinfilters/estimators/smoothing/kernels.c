@@ -8,6 +8,8 @@ enum { R = 3, POSE = 6, WIDE = 8, ROW = POSE + 3 + 1 };
 typedef long long integer;
 typedef double wide __attribute__((vector_size(8 * WIDE), aligned(8 * WIDE)));
 typedef double unaligned_wide __attribute__((vector_size(8 * WIDE), aligned(8)));
+typedef double four __attribute__((vector_size(32), aligned(8)));
+typedef double two __attribute__((vector_size(16), aligned(8)));
 
 static int cholesky(double* a, int n) {
   for (int j = 0; j < n; ++j) {
@@ -23,22 +25,23 @@ static int cholesky(double* a, int n) {
   return 1;
 }
 
-/* Information V (lower root on return) and gradient of a landmark from its sightings; 0 where it is not told. */
+/* Information V (lower root on return) and gradient of a landmark from its sightings; 0 where it is not told. What a row has by the
+ * landmark and its innovation are read as one vector. */
 static int landmark_root(integer first, integer last, const double* rows, const double* weight, double flattest,
                          double V[9], double y[3]) {
   int hits = 0;
-  memset(V, 0, 9 * sizeof(double));
-  y[0] = y[1] = y[2] = 0;
+  four sum[3] = {{0}, {0}, {0}};
   for (integer i = first; i < last; ++i) {
     if (!(weight[i] > 0)) continue;
     ++hits;
     for (int r = 0; r < R; ++r) {
-      const double *J = rows + (i * R + r) * ROW + POSE, z = J[3];
-      for (int a = 0; a < 3; ++a) {
-        y[a] += weight[i] * J[a] * z;
-        for (int b = 0; b <= a; ++b) V[3 * a + b] += weight[i] * J[a] * J[b];
-      }
+      four J = *(const four*)(rows + (i * R + r) * ROW + POSE), scaled = weight[i] * J;
+      for (int a = 0; a < 3; ++a) sum[a] += J[a] * scaled;
     }
+  }
+  for (int a = 0; a < 3; ++a) {
+    y[a] = sum[a][3];
+    for (int b = 0; b < 3; ++b) V[3 * a + b] = b > a ? 0 : sum[a][b];
   }
   double scale = V[0] * V[4] * V[8];
   if (hits < 2 || !cholesky(V, 3)) return 0;
@@ -53,14 +56,17 @@ static int landmark_root(integer first, integer last, const double* rows, const 
 /* What one sighting gives its pose, and its coupling L^-1 J_p' J_x, added to Y (3 rows of WIDE); out holds 1 / diagonal of L. A row is
  * read as one vector: its last two lanes, of the landmark, are carried along and never looked at. */
 static void one_sighting(const double* rows, double weight, const double* L, const double out[3], wide* H, wide* g, wide Y[3]) {
-  wide W[3] = {{0}, {0}, {0}};
+  wide W[3] = {{0}, {0}, {0}}, h[POSE], slope = *g;
+  for (int a = 0; a < POSE; ++a) h[a] = H[a];
   for (int r = 0; r < R; ++r) {
     const double* J = rows + r * ROW;
     wide x = *(const unaligned_wide*)J, scaled = weight * x;
-    for (int a = 0; a < POSE; ++a) H[a] += J[a] * scaled;
+    for (int a = 0; a < POSE; ++a) h[a] += J[a] * scaled;
     for (int a = 0; a < 3; ++a) W[a] += J[POSE + a] * scaled;
-    *g += J[ROW - 1] * scaled;
+    slope += J[ROW - 1] * scaled;
   }
+  for (int a = 0; a < POSE; ++a) H[a] = h[a];
+  *g = slope;
   wide y0 = W[0] * out[0], y1 = (W[1] - L[3] * y0) * out[1];
   Y[0] += y0;
   Y[1] += y1;
@@ -139,9 +145,19 @@ void follow_poses(integer landmarks, const integer* start, const integer* frame,
     double* out = step + 3 * l;
     out[0] = out[1] = out[2] = 0;
     if (!told[l]) continue;
-    for (integer i = start[l]; i < start[l + 1]; ++i)
-      for (int a = 0; a < 3; ++a)
-        for (int b = 0; b < POSE; ++b) z[a] -= Y[18 * i + POSE * a + b] * poses[POSE * frame[i] + b];
+    four left[3] = {{0}, {0}, {0}};
+    two right[3] = {{0}, {0}, {0}};
+    for (integer i = start[l]; i < start[l + 1]; ++i) {
+      const double *row = Y + 3 * POSE * i, *e = poses + POSE * frame[i];
+      four e0 = *(const four*)e;
+      two e4 = *(const two*)(e + 4);
+      for (int a = 0; a < 3; ++a) {
+        left[a] += *(const four*)(row + POSE * a) * e0;
+        right[a] += *(const two*)(row + POSE * a + 4) * e4;
+      }
+    }
+    for (int a = 0; a < 3; ++a)
+      z[a] -= (left[a][0] + left[a][1]) + (left[a][2] + left[a][3]) + (right[a][0] + right[a][1]);
     out[2] = z[2] / L[8];
     out[1] = (z[1] - L[7] * out[2]) / L[4];
     out[0] = (z[0] - L[3] * out[1] - L[6] * out[2]) / L[0];
@@ -154,8 +170,9 @@ static void subtract_row(double* to, const double* from, double factor, integer 
   for (integer j = tail; j < width; ++j) to[j] -= factor * from[j];
 }
 
-/* Rows [d][w] divided by the root of what spreads them, noise noise' + floor^2 I with noise [d][q]; NaN where it has none. */
-static void whiten(integer d, integer w, integer q, double floor, const double* noise, double* rows, double* root) {
+/* Rows [d] of vectors [wides] divided by the root of what spreads them, noise noise' + floor^2 I with noise [d][q]; NaN where it has
+ * none. */
+static void whiten(integer d, integer wides, integer q, double floor, const double* noise, wide* rows, double* root) {
   for (integer a = 0; a < d; ++a)
     for (integer b = 0; b <= a; ++b) {
       double sum = a == b ? floor * floor : 0;
@@ -164,23 +181,42 @@ static void whiten(integer d, integer w, integer q, double floor, const double* 
     }
   int good = cholesky(root, (int)d);
   for (integer a = 0; a < d; ++a) {
-    double *x = rows + a * w, scale = good ? 1 / root[a * d + a] : NAN;
-    for (integer b = 0; b < a; ++b) subtract_row(x, rows + b * w, root[a * d + b], 0, w, w, w);
-    for (integer j = 0; j < w; ++j) x[j] *= scale;
+    double scale = good ? 1 / root[a * d + a] : NAN;
+    for (integer j = 0; j < wides; ++j) {
+      wide x = rows[a * wides + j];
+      for (integer b = 0; b < a; ++b) x -= root[a * d + b] * rows[b * wides + j];
+      rows[a * wides + j] = scale * x;
+    }
   }
+}
+
+/* rows' rows of rows [d] of vectors [wides], as grams [w][w]. */
+static void gram(integer d, integer wides, integer w, const wide* rows, double* grams) {
+  const double* numbers = (const double*)rows;
+  for (integer i = 0; i < w; ++i)
+    for (integer j = 0; j < wides; ++j) {
+      wide sum = {0};
+      for (integer a = 0; a < d; ++a) sum += numbers[a * wides * WIDE + i] * rows[a * wides + j];
+      integer left = w - j * WIDE;
+      memcpy(grams + i * w + j * WIDE, &sum, (left < WIDE ? left : WIDE) * sizeof(double));
+    }
 }
 
 /* Whitened rows of K steps, [K][d][w]: errors of the d moving components here and there, of the c constants, and the defect; and
  * their grams [K][w][w]. Components are numbered in `moving` and `constant` among the n of defect [K][n], transition [K][n][n] and
- * noise [K][n][q]. Room: d (d + q) numbers. */
-void step_rows(integer K, integer n, integer d, integer c, integer q, const integer* moving, const integer* constant, double floor,
-               const double* defect, const double* transition, const double* noise, double* rows, double* grams, double* room) {
-  integer w = 2 * d + c + 1;
-  double* spread = room + d * d;
+ * noise [K][n][q]. */
+int step_rows(integer K, integer n, integer d, integer c, integer q, const integer* moving, const integer* constant, double floor,
+              const double* defect, const double* transition, const double* noise, double* rows, double* grams) {
+  integer w = 2 * d + c + 1, wides = (w + WIDE - 1) / WIDE;
+  void* raw = malloc(d * wides * sizeof(wide) + d * (d + q) * sizeof(double) + 64);
+  if (raw == 0) return 1;
+  wide* padded = (wide*)(((size_t)raw + 63) & ~(size_t)63);
+  double *root = (double*)(padded + d * wides), *spread = root + d * d;
+  memset(padded, 0, d * wides * sizeof(wide));
   for (integer k = 0; k < K; ++k, defect += n, transition += n * n, noise += n * q, rows += d * w, grams += w * w) {
     for (integer a = 0; a < d; ++a) {
       const double* T = transition + moving[a] * n;
-      double* row = rows + a * w;
+      double* row = (double*)(padded + a * wides);
       for (integer b = 0; b < d; ++b) {
         row[b] = -T[moving[b]];
         row[d + b] = a == b;
@@ -189,14 +225,12 @@ void step_rows(integer K, integer n, integer d, integer c, integer q, const inte
       row[w - 1] = defect[moving[a]];
       memcpy(spread + a * q, noise + moving[a] * q, q * sizeof(double));
     }
-    whiten(d, w, q, floor, spread, rows, room);
-    memset(grams, 0, w * w * sizeof(double));
-    for (integer a = 0; a < d; ++a)
-      for (integer i = 0; i < w; ++i) {
-        double left = rows[a * w + i], *to = grams + i * w;
-        for (integer j = 0; j < w; ++j) to[j] += left * rows[a * w + j];
-      }
+    whiten(d, wides, q, floor, spread, padded, root);
+    for (integer a = 0; a < d; ++a) memcpy(rows + a * w, padded + a * wides, w * sizeof(double));
+    gram(d, wides, w, padded, grams);
   }
+  free(raw);
+  return 0;
 }
 
 /* Where a component of a gram goes: poses, constants and the right-hand side by their place in what remains, chained errors by

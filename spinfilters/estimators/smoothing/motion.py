@@ -8,7 +8,6 @@ Each line divided by its noise is a row of a least-squares problem (Bell 1994). 
 with the right-hand side as last column, one per frame and one per step.
 """
 
-import ctypes
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,11 +16,12 @@ from jaxtyping import Bool, Float, Int
 
 from spinfilters.estimators.estimator import ProcessModel
 from spinfilters.estimators.first_frames import FirstStatePrior
-from spinfilters.estimators.smoothing.native import integer, kernels, pointer
+from spinfilters.estimators.smoothing.native import kernels
 from spinfilters.estimators.smoothing.robust_kernels import RobustKernel
 from spinfilters.estimators.smoothing.unknowns import CONSTANT, Unknowns
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.models.measurement import MeasurementModel
+from spinfilters.symbolic.compiled import address
 
 NOTHING = np.zeros((0, 1, 1))
 NOISE_FLOOR = 1e-8
@@ -160,13 +160,15 @@ def whitened_steps(
         return whitened_steps_in_numpy(unknowns, defect, transition, noise)
     (k, n, q), d, c = noise.shape, len(unknowns.moving), len(unknowns.constant)
     width = 2 * d + c + 1
-    rows, grams, room = np.empty((k, d, width)), np.empty((k, width, width)), np.empty(d * (d + q))
-    library.step_rows(
-        *map(integer, (k, n, d, c, q)),
-        *map(pointer, (unknowns.moving, unknowns.constant)),
-        ctypes.c_double(NOISE_FLOOR),
-        *map(pointer, (defect, transition, noise, rows, grams, room)),
+    rows, grams = np.empty((k, d, width)), np.empty((k, width, width))
+    failed = library.step_rows(
+        *(k, n, d, c, q),
+        *map(address, (unknowns.moving, unknowns.constant)),
+        NOISE_FLOOR,
+        *map(address, (defect, transition, noise, rows, grams)),
     )
+    if failed:
+        raise MemoryError("no memory to whiten the steps")
     return rows, grams
 
 

@@ -15,8 +15,9 @@ from spinfilters.estimators.smoothing.chain import Chain, eliminate_chain
 from spinfilters.estimators.smoothing.elimination import Eliminated
 from spinfilters.estimators.smoothing.memory import lent_zeros
 from spinfilters.estimators.smoothing.motion import Grams
-from spinfilters.estimators.smoothing.native import integer, kernels, pointer
+from spinfilters.estimators.smoothing.native import kernels
 from spinfilters.estimators.smoothing.unknowns import Unknowns
+from spinfilters.symbolic.compiled import address
 
 Blocks = tuple[np.ndarray, np.ndarray, np.ndarray]
 """D, E, G of a chain."""
@@ -113,7 +114,7 @@ def _in_c(M: np.ndarray, chain: Blocks, grams: np.ndarray, sizes: tuple[int, int
         return False
     grams = np.ascontiguousarray(grams)
     counts = (len(grams), both, len(chain[0]), *sizes)
-    library.add_grams(*map(integer, counts), pointer(grams), *map(pointer, (M, *chain)))
+    library.add_grams(*counts, address(grams), *map(address, (M, *chain)))
     return True
 
 

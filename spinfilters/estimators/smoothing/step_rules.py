@@ -74,8 +74,8 @@ class GaussNewton(StepRule):
         normal = _solvable(solve)
         if normal is None:
             return None
-        share = min(number, _cap(layout, _solution(normal).errors))
-        return _shared(normal, share)
+        errors = _solution(normal).errors
+        return _shared(normal, errors, min(number, _cap(layout, errors)))
 
     def adapted(self, number: float, gain: float, step: Step) -> float:
         return step.size / 2 if gain <= 0 else 1.0
@@ -100,7 +100,8 @@ class LevenbergMarquardt(StepRule):
         normal = solve(number)
         if isinstance(normal.solution, int):
             return None
-        return _shared(normal, _cap(layout, normal.solution.errors))
+        errors = normal.solution.errors
+        return _shared(normal, errors, _cap(layout, errors))
 
     def adapted(self, number: float, gain: float, step: Step) -> float:
         if gain <= 0:
@@ -185,11 +186,10 @@ def _cap(layout: StateLayout, errors: Float[np.ndarray, "k n"]) -> float:
     return share
 
 
-def _shared(normal: Normal, share: float) -> Step:
+def _shared(normal: Normal, errors: Float[np.ndarray, "k n"], share: float) -> Step:
     """Part of the whole step, landmarks and velocities too."""
-    solution = _solution(normal)
     points = None
     if normal.eliminated is not None:
-        points = share * normal.eliminated.points_step(solution.poses)
+        points = share * normal.eliminated.points_step(_solution(normal).poses)
     predicted = share * (2 - share) * normal.decrement
-    return Step(share * solution.errors, points, normal, predicted, share)
+    return Step(share * errors, points, normal, predicted, share)
