@@ -1,16 +1,21 @@
 """What a run writes only when asked to: a prediction ahead, and how the smoother's estimates settle."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from matplotlib.figure import Figure
+
 from spinfilters.errors import InputError
+from spinfilters.estimators.history import EstimateHistory
+from spinfilters.logs.truth import Truth
+from spinfilters.plots.convergence import convergence_figure
+from spinfilters.plots.prediction import prediction_figure
 from spinfilters.workflow import convergence, prediction
 from spinfilters.workflow.estimation import Comparison
 from spinfilters.workflow.preparation import Prepared
 from spinfilters.workflow.settings import Settings
-
-PICTURES = (prediction.PICTURE, convergence.PICTURE)
 
 
 @dataclass(frozen=True)
@@ -30,7 +35,7 @@ class Additions:
     def check(self, prepared: Prepared, settings: Settings) -> None:
         """Refuse what cannot be made, before the estimators run. Raises InputError."""
         if self.predict_s is not None:
-            prediction.times_ahead(prepared, self.predict_s)
+            prediction.times_ahead(np.array([frame.time for frame in prepared.timeline]), self.predict_s)
         if self.convergence:
             convergence.require_convergence(prepared, settings)
 
@@ -39,7 +44,9 @@ class Additions:
     ) -> None:
         """Into the folder of a run that was written. Raises InputError."""
         if self.predict_s is not None:
-            prediction.write_predictions(folder, comparison, self.predict_s)
+            histories = [evaluation.history for evaluation in comparison.evaluations]
+            process = comparison.prepared.process
+            prediction.write_predictions(folder, process, histories, self.predict_s)
         if self.convergence:
             convergence.write_convergence(folder, comparison.prepared, settings, on_frame)
 
@@ -47,3 +54,22 @@ class Additions:
         """Whether a finished run lacks some of it; of a prediction it is not known how far it goes."""
         wanted = {convergence.PICTURE} if self.convergence else set()
         return self.predict_s is not None or any(not (folder / name).exists() for name in wanted)
+
+
+def drawn_additions(
+    folder: Path, histories: Sequence[EstimateHistory], truth: Truth | None
+) -> dict[str, Callable[[], Figure]]:
+    """What draws the additions of a run folder, by file name.
+
+    Raises
+    ------
+    InputError: a file that one is drawn from is missing or damaged.
+    """
+    foretold = prediction.read_predictions(folder, histories)
+    settled = convergence.read_convergence(folder, truth)
+    figures: dict[str, Callable[[], Figure]] = {}
+    if foretold:
+        figures[prediction.PICTURE] = lambda: prediction_figure(foretold)
+    if settled is not None:
+        figures[convergence.PICTURE] = lambda: convergence_figure(settled)
+    return figures

@@ -3,19 +3,18 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from zipfile import ZIP_DEFLATED
 
 import numpy as np
 from jaxtyping import Float
 
 from spinfilters.attitude.conversions import inverse, multiply, rotation_vector_from_quaternion
 from spinfilters.errors import InputError
-from spinfilters.estimators.history import EstimateHistory, GrowingHistory
+from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.landmark_start.start import LandmarkStartReport
 from spinfilters.estimators.smoothing.sliding import SlidingSmoother
 from spinfilters.estimators.smoothing.sliding_records import Retired
 from spinfilters.estimators.smoothing.surfaces import MOST_FRAMES, Surfaces, record_surfaces
-from spinfilters.evaluation.body import BodyHistory, body_history
+from spinfilters.evaluation.body import body_history
 from spinfilters.evaluation.errors import (
     attitude_alignment,
     common_stamps,
@@ -28,10 +27,13 @@ from spinfilters.logs.atomic_write import make_folder
 from spinfilters.logs.truth import Truth
 from spinfilters.plots.convergence import Convergence, Settling, convergence_figure
 from spinfilters.plots.style import save_figure
-from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
-from spinfilters.state.status import EstimatorStatus
-from spinfilters.workflow.array_file import write_arrays
+from spinfilters.workflow.convergence_file import (
+    newest_frames,
+    read_surfaces,
+    smoothed_frames,
+    write_surfaces,
+)
 from spinfilters.workflow.preparation import Prepared
 from spinfilters.workflow.settings import Settings
 from spinfilters.workflow.smoothing import NAME
@@ -79,16 +81,29 @@ def write_convergence(
     options = settings.smoother.options(len(prepared.timeline))
     smoother = SlidingSmoother(prepared.process, start.prior, options, tied=True)
     found = record_surfaces(smoother, prepared.timeline, lambda window: _motions(layout, window), on_frame)
-    newest = _history(layout, found.newest)
-    bodies = body_history(newest)
     make_folder(folder / NAME)
-    write_arrays(folder / NAME / ARRAYS, _arrays(found, bodies), ZIP_DEFLATED)
-    save_figure(convergence_figure(_convergence(found, newest, prepared.dataset.truth)), folder / PICTURE)
+    write_surfaces(folder / NAME / ARRAYS, found, layout)
+    figure = convergence_figure(_convergence(found, newest_frames(layout, found), prepared.dataset.truth))
+    save_figure(figure, folder / PICTURE)
+
+
+def read_convergence(folder: Path, truth: Truth | None) -> Convergence | None:
+    """What the picture of a run folder shows; None where convergence was not asked for.
+
+    Raises
+    ------
+    InputError: as `spinfilters.workflow.convergence_file.read_surfaces`.
+    """
+    path = folder / NAME / ARRAYS
+    if not path.exists() and not (folder / PICTURE).exists():
+        return None
+    layout, found = read_surfaces(path)
+    return _convergence(found, newest_frames(layout, found), truth)
 
 
 def _motions(layout: StateLayout, window: Sequence[Retired]) -> dict[str, Float[np.ndarray, "k q"]]:
     """What is kept of a solve, SI: by the names of `MOTIONS`, the attitude as q_ig; and their standard deviations std_<name>."""
-    history = _history(layout, window)
+    history = smoothed_frames(layout, window)
     trajectory, rates = trajectory_of(history), estimated_rates(history)
     assert rates.std is not None
     return {
@@ -100,29 +115,6 @@ def _motions(layout: StateLayout, window: Sequence[Retired]) -> dict[str, Float[
         "std_attitude": trajectory.std_attitude,
         "std_velocity": trajectory.std_velocity,
         "std_body_rate": rates.std,
-    }
-
-
-def _history(layout: StateLayout, rows: Sequence[Retired]) -> EstimateHistory:
-    beliefs = GrowingHistory(layout, rows[0].time)
-    for row in rows:
-        beliefs.append(row.time, Gaussian(layout, row.mean, row.factor), [], 0.0)
-    return beliefs.ended(NAME, EstimatorStatus())
-
-
-def _arrays(found: Surfaces, bodies: BodyHistory) -> dict[str, np.ndarray]:
-    """Surfaces (solves, frames, components), constants (solves, components)."""
-    assert bodies.center_of_mass_g is not None
-    assert bodies.center_of_mass_std is not None
-    return {
-        "time": found.time,
-        **found.values,
-        "log_ratios": bodies.log_ratios,
-        "std_log_ratios": bodies.log_ratios_std,
-        "principal_moments": bodies.principal_moments,
-        "std_principal_moments": bodies.principal_moments_std,
-        "center_of_mass_g": bodies.center_of_mass_g,
-        "std_center_of_mass_g": bodies.center_of_mass_std,
     }
 
 

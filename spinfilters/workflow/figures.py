@@ -1,8 +1,9 @@
 """The pictures of a run."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from jaxtyping import Float
@@ -64,16 +65,19 @@ class Pictured:
         return cls(dataset, evaluations, points, start_end)
 
 
-def draw_run(pictured: Pictured, folder: Path, progress: Callable[[int, int], None]) -> list[Path]:
-    """Every figure of a run as PNG files in its folder; returns their paths."""
-    figures = list(_figures(pictured))
-    paths = []
-    for index, (name, draw) in enumerate(figures):
+def draw_run(
+    pictured: Pictured,
+    folder: Path,
+    progress: Callable[[int, int], None],
+    additions: Mapping[str, Callable[[], Figure]] = MappingProxyType({}),
+) -> list[Path]:
+    """Every figure of a run as PNG files in its folder, and additional ones by file name; returns their paths."""
+    figures = {**{f"{name}.png": draw for name, draw in _figures(pictured)}, **additions}
+    for index, (name, draw) in enumerate(figures.items()):
         progress(index, len(figures))
-        save_figure(draw(), folder / f"{name}.png")
-        paths.append(folder / f"{name}.png")
+        save_figure(draw(), folder / name)
     progress(len(figures), len(figures))
-    return paths
+    return [folder / name for name in figures]
 
 
 def _figures(pictured: Pictured) -> Iterator[tuple[str, Callable[[], Figure]]]:

@@ -25,8 +25,12 @@ def write_history(path: Path, history: EstimateHistory) -> None:
     write_arrays(path, {**arrays, **words}, ZIP_DEFLATED)
 
 
-def read_history(path: Path) -> EstimateHistory:
+def read_history(path: Path, cure: str = "make the run again") -> EstimateHistory:
     """Read what `write_history` wrote; nothing in the file is evaluated.
+
+    Parameters
+    ----------
+    cure: what to do about a file that cannot be used.
 
     Raises
     ------
@@ -38,7 +42,5 @@ def read_history(path: Path) -> EstimateHistory:
         status = EstimatorStatus(Verdict(str(arrays["verdict"])), tuple(map(str, arrays["reasons"])))
         numbers, name = checked_frames(layout, arrays), str(arrays["name"])
     except DAMAGED as error:
-        raise InputError(
-            f"{named(path)}: is no history of a run ({reason(error)}); make the run again"
-        ) from None
+        raise InputError(f"{named(path)}: is no history of a run ({reason(error)}); {cure}") from None
     return EstimateHistory(name=name, layout=layout, status=status, **numbers)

@@ -1,6 +1,6 @@
 """What every estimator of a run foretells after its last frame, as tables and a picture."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,31 +9,32 @@ from jaxtyping import Float
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
 from spinfilters.estimators.prediction import predict_ahead
-from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.body import body_estimate
 from spinfilters.evaluation.rates import estimated_rates
 from spinfilters.evaluation.trajectory import trajectory_of, write_trajectory_csv
+from spinfilters.logs.input_file import named
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.plots.prediction import PAST, Foretold, prediction_figure
 from spinfilters.plots.style import save_figure
 from spinfilters.state.status import EstimatorStatus, Verdict
-from spinfilters.workflow.estimation import Comparison
-from spinfilters.workflow.preparation import Prepared
+from spinfilters.workflow.history_file import read_history, write_history
 
-TABLE, PICTURE = "prediction.csv", "prediction.png"
+TABLE, ARRAYS, PICTURE = "prediction.csv", "prediction.npz", "prediction.png"
+CURE = "run compare again with --resume --predict SECONDS"
 MOST_STEPS = 20_000
 """Of a prediction: each keeps a covariance factor."""
 ROUNDING = 1e-6
 """Of a step: time stamps are printed with six decimals."""
 
 
-def times_ahead(prepared: Prepared, seconds: float) -> Float[np.ndarray, " k"]:
-    """Steps of the recording's median frame interval up to so many seconds, s ahead of the last frame.
+def times_ahead(time: Float[np.ndarray, " n"], seconds: float) -> Float[np.ndarray, " k"]:
+    """Steps of the median interval of a recording's frames (s) up to so many seconds, s ahead of the last frame.
 
     Raises
     ------
     InputError: less than one step, or more than `MOST_STEPS`.
     """
-    interval = float(np.median(np.diff([frame.time for frame in prepared.timeline])))
+    interval = float(np.median(np.diff(time)))
     if not interval * (1 - ROUNDING) <= seconds <= interval * MOST_STEPS:
         raise InputError(
             f"--predict {seconds:g} s is not between 1 and {MOST_STEPS} of the recording's frame intervals: give "
@@ -42,58 +43,87 @@ def times_ahead(prepared: Prepared, seconds: float) -> Float[np.ndarray, " k"]:
     return interval * np.arange(1, int(seconds / interval + ROUNDING) + 1)
 
 
-def write_predictions(folder: Path, comparison: Comparison, seconds: float) -> None:
+def write_predictions(
+    folder: Path, process: TorqueFreeProcess, histories: Sequence[EstimateHistory], seconds: float
+) -> None:
     """<estimator>/prediction.csv of all that did not fail, in the columns of trajectory.csv, and prediction.png of all of them.
+
+    <estimator>/prediction.npz is the history that the picture is drawn from: the last frame, and all that is predicted from it.
 
     Raises
     ------
     InputError: as `times_ahead`; a file cannot be written.
     """
-    prepared, ahead = comparison.prepared, times_ahead(comparison.prepared, seconds)
-    good = [e for e in comparison.evaluations if e.history.status.verdict is not Verdict.FAILED]
+    good = _sound(histories)
     if not good:
         return
-    predicted = [_predicted(prepared.process, evaluation, ahead) for evaluation in good]
+    predicted = [_predicted(process, each, times_ahead(each.time, seconds)) for each in good]
     for each in predicted:
-        write_trajectory_csv(folder / each.evaluation.name / TABLE, trajectory_of(each.after))
-    axes = good[0].body.principal_axes_g
-    save_figure(prediction_figure([each.foretold(axes, seconds) for each in predicted]), folder / PICTURE)
+        write_history(folder / each.name / ARRAYS, each)
+        write_trajectory_csv(folder / each.name / TABLE, trajectory_of(_cut(each, slice(1, None))))
+    save_figure(prediction_figure(_foretold(good, predicted)), folder / PICTURE)
 
 
-@dataclass(frozen=True)
-class _Predicted:
-    """An estimator's run, and the last frame with all that is predicted from it."""
+def read_predictions(folder: Path, histories: Sequence[EstimateHistory]) -> list[Foretold]:
+    """What the picture of a run folder shows; nothing where no prediction was asked for.
 
-    evaluation: Evaluation
-    history: EstimateHistory
+    Raises
+    ------
+    InputError: a prediction is missing where there are others, damaged, or of another run.
+    """
+    good = _sound(histories)
+    paths = [folder / history.name / ARRAYS for history in good]
+    told = [folder / PICTURE, *paths, *(path.with_name(TABLE) for path in paths)]
+    if not good or not any(path.exists() for path in told):
+        return []
+    return _foretold(good, [_read(path, history) for path, history in zip(paths, good, strict=True)])
 
-    @property
-    def after(self) -> EstimateHistory:
-        """Without the last frame."""
-        return _cut(self.history, slice(1, None))
 
-    def foretold(self, axes: Float[np.ndarray, "3 3"], seconds: float) -> Foretold:
-        """With a share of so many seconds of what was estimated before; rates about axes given as rows in g."""
-        known = self.evaluation.history
-        before = _cut(known, slice(int(np.searchsorted(known.time, known.time[-1] - PAST * seconds)), None))
-        return Foretold(
-            trajectory_of(before),
-            trajectory_of(self.history),
-            estimated_rates(before).in_axes(axes),
-            estimated_rates(self.history).in_axes(axes),
-        )
+def _sound(histories: Sequence[EstimateHistory]) -> list[EstimateHistory]:
+    """Those that did not fail."""
+    return [history for history in histories if history.status.verdict is not Verdict.FAILED]
 
 
 def _predicted(
-    process: TorqueFreeProcess, evaluation: Evaluation, ahead: Float[np.ndarray, " k"]
-) -> _Predicted:
-    last, now = evaluation.history.belief(-1), float(evaluation.history.time[-1])
+    process: TorqueFreeProcess, history: EstimateHistory, ahead: Float[np.ndarray, " k"]
+) -> EstimateHistory:
+    """The last frame, and all that is predicted from it."""
+    last, now = history.belief(-1), float(history.time[-1])
     prediction = predict_ahead(process, last, ahead)
     rows = GrowingHistory(last.layout, now)
     rows.append(now, last, [], 0.0)
     for k, seconds in enumerate(prediction.times):
         rows.append(now + float(seconds), prediction.belief(k), [], 0.0)
-    return _Predicted(evaluation, rows.ended(evaluation.name, EstimatorStatus()))
+    return rows.ended(history.name, EstimatorStatus())
+
+
+def _read(path: Path, history: EstimateHistory) -> EstimateHistory:
+    """The prediction that goes on from a history."""
+    predicted = read_history(path, CURE)
+    time, mean = predicted.time, predicted.mean
+    alike = (predicted.name, predicted.layout, time[0]) == (history.name, history.layout, history.time[-1])
+    forwards = len(time) > 1 and (np.diff(time) > 0).all() and np.isfinite(time).all()
+    if not (alike and forwards and np.array_equal(mean[0], history.mean[-1]) and np.isfinite(mean).all()):
+        raise InputError(f"{named(path)}: does not go on from the last frame of this run; {CURE}")
+    return predicted
+
+
+def _foretold(histories: Sequence[EstimateHistory], predicted: Sequence[EstimateHistory]) -> list[Foretold]:
+    """With a share of the time ahead of what was estimated before; rates about the principal axes of the first estimator."""
+    axes = body_estimate(histories[0].belief(-1)).principal_axes_g
+    found = []
+    for known, ahead in zip(histories, predicted, strict=True):
+        past = PAST * float(ahead.time[-1] - ahead.time[0])
+        before = _cut(known, slice(int(np.searchsorted(known.time, known.time[-1] - past)), None))
+        found.append(
+            Foretold(
+                trajectory_of(before),
+                trajectory_of(ahead),
+                estimated_rates(before).in_axes(axes),
+                estimated_rates(ahead).in_axes(axes),
+            )
+        )
+    return found
 
 
 def _cut(history: EstimateHistory, rows: slice) -> EstimateHistory:

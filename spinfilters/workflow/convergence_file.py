@@ -1,0 +1,94 @@
+"""A smoother's surfaces as a file, so that convergence can be drawn again without running anything."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from zipfile import ZIP_DEFLATED
+
+import numpy as np
+
+from spinfilters.errors import InputError
+from spinfilters.estimators.history import EstimateHistory, GrowingHistory
+from spinfilters.estimators.smoothing.sliding_records import Retired
+from spinfilters.estimators.smoothing.surfaces import Surfaces
+from spinfilters.evaluation.body import BodyHistory, body_history
+from spinfilters.logs.input_file import named, reason
+from spinfilters.state.gaussian import Gaussian
+from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+from spinfilters.state.status import EstimatorStatus
+from spinfilters.workflow.array_file import DAMAGED, read_arrays, write_arrays
+from spinfilters.workflow.smoothing import NAME
+
+COMPONENTS = {"position": 3, "attitude": 4, "velocity": 3, "body_rate": 3}
+"""Of the surfaces by name; each has one of standard deviations, std_<name>, of 3."""
+_SIZES = {**COMPONENTS, **{f"std_{name}": 3 for name in COMPONENTS}}
+
+
+def write_surfaces(path: Path, found: Surfaces, layout: StateLayout) -> None:
+    """Surfaces (solves, frames, components), the body after every solve, and the states that it was told from."""
+    newest = newest_frames(layout, found)
+    states = {"blocks": np.array(layout.blocks), "newest_mean": newest.mean, "newest_factor": newest.factor}
+    arrays = {"time": found.time, **found.values, **_constants(body_history(newest)), **states}
+    write_arrays(path, arrays, ZIP_DEFLATED)
+
+
+def read_surfaces(path: Path) -> tuple[StateLayout, Surfaces]:
+    """Read what `write_surfaces` wrote, and the layout of its states.
+
+    Raises
+    ------
+    InputError: missing, too large, damaged, or arrays that do not fit together.
+    """
+    try:
+        return _surfaces(read_arrays(path))
+    except DAMAGED as error:
+        raise InputError(
+            f"{named(path)}: is no whole convergence ({reason(error)}); run compare again with --resume --convergence"
+        ) from None
+
+
+def newest_frames(layout: StateLayout, found: Surfaces) -> EstimateHistory:
+    """The frame that each solve took in, as that solve saw it."""
+    return smoothed_frames(layout, found.newest)
+
+
+def smoothed_frames(layout: StateLayout, rows: Sequence[Retired]) -> EstimateHistory:
+    """Frames of a smoother as a history."""
+    beliefs = GrowingHistory(layout, rows[0].time)
+    for row in rows:
+        beliefs.append(row.time, Gaussian(layout, row.mean, row.factor), [], 0.0)
+    return beliefs.ended(NAME, EstimatorStatus())
+
+
+def _constants(bodies: BodyHistory) -> dict[str, np.ndarray]:
+    """Rows are solves."""
+    assert bodies.center_of_mass_g is not None
+    assert bodies.center_of_mass_std is not None
+    return {
+        "log_ratios": bodies.log_ratios,
+        "std_log_ratios": bodies.log_ratios_std,
+        "principal_moments": bodies.principal_moments,
+        "std_principal_moments": bodies.principal_moments_std,
+        "center_of_mass_g": bodies.center_of_mass_g,
+        "std_center_of_mass_g": bodies.center_of_mass_std,
+    }
+
+
+def _surfaces(arrays: dict[str, np.ndarray]) -> tuple[StateLayout, Surfaces]:
+    layout = StateLayout(tuple(map(str, arrays["blocks"])))
+    if not set(FULL_BLOCKS) <= set(layout.blocks):
+        raise ValueError(f"its states are {layout.blocks}")
+    count = len(arrays["time"])
+    shapes = {
+        "time": (count,),
+        **{name: (count, count, size) for name, size in _SIZES.items()},
+        "newest_mean": (count, layout.mean_dim),
+        "newest_factor": (count, layout.error_dim, layout.error_dim),
+    }
+    for name, shape in shapes.items():
+        if arrays[name].shape != shape or arrays[name].dtype != np.dtype(float):
+            raise ValueError(f"{name} is {arrays[name].dtype} of shape {arrays[name].shape}, not {shape}")
+    time, mean = arrays["time"], arrays["newest_mean"]
+    if count < 2 or not (np.diff(time) > 0).all() or not np.isfinite(mean).all():
+        raise ValueError("its time does not run forwards, or a state is not finite")
+    newest = zip(time.tolist(), mean, arrays["newest_factor"], strict=True)
+    return layout, Surfaces(time, {name: arrays[name] for name in _SIZES}, tuple(Retired(*r) for r in newest))
