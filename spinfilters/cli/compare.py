@@ -37,13 +37,23 @@ def compare(options: argparse.Namespace) -> int:
         return _compare_segments(read_segments(options.dataset), folder, settings)
     dataset = _dataset(options)
     open_run_folder(folder)
-    finished = options.resume and finished_run(folder, dataset, settings) is not None
-    if finished and (additions is None or not additions.missing(folder)):
-        console = wide_console()
-        console.print(f"run folder: {folder} is complete, nothing is left to do", highlight=False)
-        return 0
+    if options.resume and finished_run(folder, dataset, settings) is not None:
+        return _complete(folder, dataset, settings, additions)
     comparison = _compared(dataset, (folder, bool(options.resume)), settings, additions)
     _print_comparison(comparison, folder)
+    return 0
+
+
+def _complete(folder: Path, dataset: Dataset, settings: Settings, additions: "Additions | None") -> int:
+    """Add what a finished run lacks of what is asked for."""
+    made = []
+    if additions is not None:
+        with progress_bars() as report:
+            made = additions.complete(
+                folder, dataset, settings, lambda done, total: report("convergence", done, total)
+            )
+    rest = f"added {' and '.join(made)}" if made else "nothing is left to do"
+    wide_console().print(f"run folder: {folder} is complete, {rest}", highlight=False, soft_wrap=True)
     return 0
 
 

@@ -9,12 +9,15 @@ from matplotlib.figure import Figure
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
+from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.truth import Truth
 from spinfilters.plots.convergence import convergence_figure
 from spinfilters.plots.prediction import prediction_figure
 from spinfilters.workflow import convergence, prediction
 from spinfilters.workflow.estimation import Comparison
-from spinfilters.workflow.preparation import Prepared
+from spinfilters.workflow.preparation import Prepared, prepare
+from spinfilters.workflow.run_folder import read_histories
+from spinfilters.workflow.run_summary import read_process
 from spinfilters.workflow.settings import Settings
 
 
@@ -50,10 +53,29 @@ class Additions:
         if self.convergence:
             convergence.write_convergence(folder, comparison.prepared, settings, on_frame)
 
-    def missing(self, folder: Path) -> bool:
-        """Whether a finished run lacks some of it; of a prediction it is not known how far it goes."""
-        wanted = {convergence.PICTURE} if self.convergence else set()
-        return self.predict_s is not None or any(not (folder / name).exists() for name in wanted)
+    def complete(
+        self, folder: Path, dataset: Dataset, settings: Settings, on_frame: Callable[[int, int], None]
+    ) -> list[str]:
+        """Add to a finished run (`finished_run`) what it lacks, and return the names of the pictures made.
+
+        A prediction goes on from the last beliefs of its histories, so that no estimator runs again.
+
+        Raises
+        ------
+        InputError: as `check`; a file of the run is damaged.
+        """
+        made = []
+        if self.convergence and not convergence.is_whole(folder):
+            prepared = prepare(dataset, settings)
+            self.check(prepared, settings)
+            convergence.write_convergence(folder, prepared, settings, on_frame)
+            made.append(convergence.PICTURE)
+        if self.predict_s is not None:
+            histories = read_histories(folder, settings.estimators)
+            process = read_process(folder, settings.process.tolerance)
+            if prediction.write_predictions(folder, process, histories, self.predict_s):
+                made.append(prediction.PICTURE)
+        return made
 
 
 def drawn_additions(

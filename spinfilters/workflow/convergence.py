@@ -87,6 +87,15 @@ def write_convergence(
     save_figure(figure, folder / PICTURE)
 
 
+def is_whole(folder: Path) -> bool:
+    """Whether a run folder holds both files, undamaged."""
+    try:
+        read_surfaces(folder / NAME / ARRAYS)
+    except InputError:
+        return False
+    return (folder / PICTURE).exists()
+
+
 def read_convergence(folder: Path, truth: Truth | None) -> Convergence | None:
     """What the picture of a run folder shows; None where convergence was not asked for.
 

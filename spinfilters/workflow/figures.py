@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from spinfilters.errors import InputError
 from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
 from spinfilters.evaluation.rates import BodyRates, estimated_rates, measured_rates, true_rates
@@ -24,8 +23,8 @@ from spinfilters.plots.scene import scene_figure
 from spinfilters.plots.style import save_figure
 from spinfilters.plots.summary import summary_figure
 from spinfilters.workflow.estimation import Comparison
-from spinfilters.workflow.history_file import read_history
-from spinfilters.workflow.run_folder import DATASET_FOLDER, read_summary
+from spinfilters.workflow.run_folder import DATASET_FOLDER, read_histories
+from spinfilters.workflow.run_summary import not_whole, read_summary
 
 
 @dataclass(frozen=True)
@@ -56,11 +55,15 @@ class Pictured:
         known = dataset.known_map is not None or dataset.kind == "pose"
         alignment = Alignment.NONE if known else Alignment.FIRST_FRAME
         try:
-            start_end, names = float(document["start"]["end_s"]), list(document["estimators"])
-            paths, map_path = [folder / name / "history.npz" for name in names], folder / names[0] / "map.ply"
+            start_end, names = (
+                float(document["start"]["end_s"]),
+                [str(name) for name in document["estimators"]],
+            )
+            map_path = folder / names[0] / "map.ply"
         except (KeyError, IndexError, TypeError, ValueError) as error:
-            raise InputError(f"{folder}: summary.json is not whole ({error!r}); make the run again") from None
-        evaluations = [evaluate(read_history(path), dataset.truth, alignment) for path in paths]
+            raise not_whole(folder, error) from None
+        histories = read_histories(folder, names)
+        evaluations = [evaluate(history, dataset.truth, alignment) for history in histories]
         points = read_map_ply(map_path) if map_path.exists() else None
         return cls(dataset, evaluations, points, start_end)
 

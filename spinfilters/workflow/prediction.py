@@ -45,10 +45,11 @@ def times_ahead(time: Float[np.ndarray, " n"], seconds: float) -> Float[np.ndarr
 
 def write_predictions(
     folder: Path, process: TorqueFreeProcess, histories: Sequence[EstimateHistory], seconds: float
-) -> None:
+) -> bool:
     """<estimator>/prediction.csv of all that did not fail, in the columns of trajectory.csv, and prediction.png of all of them.
 
     <estimator>/prediction.npz is the history that the picture is drawn from: the last frame, and all that is predicted from it.
+    Returns False, with nothing written, where all failed.
 
     Raises
     ------
@@ -56,12 +57,13 @@ def write_predictions(
     """
     good = _sound(histories)
     if not good:
-        return
+        return False
     predicted = [_predicted(process, each, times_ahead(each.time, seconds)) for each in good]
     for each in predicted:
         write_history(folder / each.name / ARRAYS, each)
         write_trajectory_csv(folder / each.name / TABLE, trajectory_of(_cut(each, slice(1, None))))
     save_figure(prediction_figure(_foretold(good, predicted)), folder / PICTURE)
+    return True
 
 
 def read_predictions(folder: Path, histories: Sequence[EstimateHistory]) -> list[Foretold]:

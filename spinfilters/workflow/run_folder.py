@@ -1,37 +1,37 @@
 """The run folder: what others read (trajectories, maps, summary.json) and what the figures are drawn from."""
 
-import json
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from spinfilters.errors import InputError
-from spinfilters.evaluation.evaluation import Evaluation, numbers
+from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.trajectory import write_map_ply, write_trajectory_csv, write_trajectory_tum
 from spinfilters.logs.atomic_write import make_folder, write_json, write_toml
 from spinfilters.logs.dataset import Dataset, read_dataset
 from spinfilters.logs.dataset_writing import write_dataset
-from spinfilters.logs.input_file import reason
+from spinfilters.logs.input_file import named, shown
 from spinfilters.logs.measurement_log import MeasurementStream
 from spinfilters.logs.pose_files import write_tum
 from spinfilters.logs.settings_files import read_toml
 from spinfilters.state.status import Verdict
 from spinfilters.workflow.checkpointing import CHECKPOINT_FILE, remove_checkpoints
 from spinfilters.workflow.estimation import Comparison
-from spinfilters.workflow.history_file import write_history
+from spinfilters.workflow.history_file import read_history, write_history
 from spinfilters.workflow.preparation import Prepared
 from spinfilters.workflow.provenance import provenance
+from spinfilters.workflow.run_summary import SUMMARY_FILE, read_summary, summary
 from spinfilters.workflow.settings import ESTIMATORS, Settings
 
-SUMMARY_FILE, CONFIG_FILE, DATASET_FOLDER, TRUTH_FILE = "summary.json", "config.toml", "dataset", "truth.tum"
+CONFIG_FILE, DATASET_FOLDER, TRUTH_FILE = "config.toml", "dataset", "truth.tum"
+HISTORY_FILE = "history.npz"
 FIGURES = ("summary", "rates", "inertia", "polhode", "scene", "consistency")
 """Names of the figures of a run, besides errors-<estimator>."""
 ASKED_FOR = ("prediction", "convergence")
 """Names of figures that a run has where they were asked for (`spinfilters.workflow.additions`)."""
-SCHEMA = 1
-LARGEST_SUMMARY = 1 << 26
 
 
 def open_run_folder(folder: Path) -> None:
@@ -76,12 +76,27 @@ def write_run(folder: Path, comparison: Comparison, settings: Settings) -> None:
         make_folder(part)
         write_trajectory_csv(part / "trajectory.csv", evaluation.trajectory)
         write_trajectory_tum(part / "trajectory.tum", evaluation.trajectory)
-        write_history(part / "history.npz", evaluation.history)
+        write_history(part / HISTORY_FILE, evaluation.history)
         if evaluation.name in comparison.maps:
             write_map_ply(part / "map.ply", comparison.maps[evaluation.name])
     write_json(folder / SUMMARY_FILE, summary(comparison))
     if not comparison.interrupted:
         remove_checkpoints(folder)
+
+
+def read_histories(folder: Path, names: Sequence[str]) -> list[EstimateHistory]:
+    """Histories of estimators in a run folder.
+
+    Raises
+    ------
+    InputError: as `spinfilters.workflow.history_file.read_history`, or a history of another estimator than its folder's.
+    """
+    paths = [folder / name / HISTORY_FILE for name in names]
+    histories = [read_history(path) for path in paths]
+    for path, name, history in zip(paths, names, histories, strict=True):
+        if history.name != name:
+            raise InputError(f"{named(path)}: is of {shown(history.name)}, not of {name}; make the run again")
+    return histories
 
 
 def finished_run(folder: Path, dataset: Dataset, settings: Settings) -> dict[str, Any] | None:
@@ -148,113 +163,3 @@ def _write_measurements(folder: Path, prepared: Prepared) -> None:
     if prepared.known_frames and dataset.truth is not None:
         poses = np.hstack([dataset.truth.center_of_mass, dataset.truth.q_ig])
         write_tum(folder / TRUTH_FILE, MeasurementStream("pose", dataset.truth.time, poses))
-
-
-def summary(comparison: Comparison) -> dict[str, Any]:
-    """The content of summary.json."""
-    prepared = comparison.prepared
-    return {
-        "schema": SCHEMA,
-        "dataset": _dataset(prepared),
-        "process": {"blocks": list(prepared.process.layout.blocks), **vars(prepared.process.noise)},
-        "sensors": vars(prepared.noise),
-        "start": _start(prepared),
-        "estimators": {evaluation.name: _estimator(evaluation) for evaluation in comparison.evaluations},
-    }
-
-
-def read_summary(folder: Path) -> dict[str, Any]:
-    """summary.json of a run folder.
-
-    Raises
-    ------
-    InputError: missing, too large, not JSON, another schema.
-    """
-    path = folder / SUMMARY_FILE
-    try:
-        if path.stat().st_size > LARGEST_SUMMARY:
-            raise InputError(
-                f"{path}: {path.stat().st_size} bytes is no summary of a run; make the run again"
-            )
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(
-            f"{path}: cannot be read ({error.strerror}); give a folder made by 'spinfilters compare'"
-        ) from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: is not JSON ({reason(error)}); make the run again") from None
-    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
-        raise InputError(f"{path}: schema is not {SCHEMA}; make the run again with this version")
-    return document
-
-
-def _dataset(prepared: Prepared) -> dict[str, Any]:
-    dataset = prepared.dataset
-    return {
-        "kind": dataset.kind,
-        "description": dataset.description,
-        "sensors": list(dataset.log.sensors),
-        "frames": len(prepared.timeline),
-        "start_s": prepared.timeline[0].time,
-        "end_s": prepared.timeline[-1].time,
-        "segment": None if dataset.segment is None else dataset.segment.number,
-    }
-
-
-def _start(prepared: Prepared) -> dict[str, Any]:
-    frames, noise = prepared.start.frames, prepared.gyro_noise
-    return {
-        "frames": len(frames.mean),
-        "end_s": prepared.start_end,
-        "iterations": frames.iterations,
-        "converged": frames.converged,
-        "fit": prepared.start.fit,
-        "momentum_residual": prepared.start.momentum_residual,
-        "gyro_relative_error": None if noise is None else noise.relative_error,
-        "gyro_correlation_samples": None if noise is None else noise.correlation_time,
-    }
-
-
-def _estimator(evaluation: Evaluation) -> dict[str, Any]:
-    history, body = evaluation.history, evaluation.body
-    runtime = history.runtime[history.runtime > 0]
-    errors = {key: value for key, value in numbers(evaluation).items() if key.startswith(_ERROR_KEYS)}
-    return {
-        "status": str(history.status.verdict),
-        "reasons": list(history.status.reasons),
-        "frames": len(history.time),
-        "measurements": {"accepted": int(history.accepted.sum()), "rejected": int(history.rejected.sum())},
-        "runtime_s": {
-            "total": float(runtime.sum()),
-            "per_frame_median": float(np.median(runtime)) if runtime.size else None,
-            "per_frame_max": float(runtime.max()) if runtime.size else None,
-        },
-        "principal_moments": body.principal_moments.tolist(),
-        "principal_moments_std": body.principal_moments_std.tolist(),
-        "principal_moments_cov": body.principal_moments_cov.tolist(),
-        "principal_axes_g": body.principal_axes_g.tolist(),
-        "principal_axes_std_rad": body.principal_axes_std.tolist(),
-        "center_of_mass_g": None if body.center_of_mass_g is None else body.center_of_mass_g.tolist(),
-        "center_of_mass_std_m": None if body.center_of_mass_std is None else body.center_of_mass_std.tolist(),
-        "k1": body.k1,
-        "k1_std": body.k1_std,
-        "k2": body.k2,
-        "k2_std": body.k2_std,
-        "drag_per_rad": body.drag,
-        "drag_std_per_rad": body.drag_std,
-        "nis_per_dof": evaluation.nis_ratio,
-        "errors": errors if evaluation.errors is not None else None,
-    }
-
-
-_ERROR_KEYS = (
-    "rms",
-    "ape",
-    "principal_moments_error",
-    "k1_error",
-    "k2_error",
-    "axes_angle",
-    "center_of_mass_error",
-    "nees",
-    "bound",
-)

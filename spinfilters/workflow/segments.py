@@ -15,7 +15,8 @@ from spinfilters.plots.style import save_figure
 from spinfilters.plots.throws import Throw, throws_figure
 from spinfilters.workflow.estimation import Progress, compare_estimators
 from spinfilters.workflow.preparation import prepare
-from spinfilters.workflow.run_folder import finished_run, read_summary, write_configuration, write_run
+from spinfilters.workflow.run_folder import finished_run, write_configuration, write_run
+from spinfilters.workflow.run_summary import read_summary
 from spinfilters.workflow.settings import Settings
 
 SEGMENTS_FOLDER = "segments"

@@ -1,0 +1,150 @@
+"""summary.json: what a run was made of and what came out, in numbers."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spinfilters.errors import InputError
+from spinfilters.evaluation.evaluation import Evaluation, numbers
+from spinfilters.logs.input_file import reason
+from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.state.layout import StateLayout
+from spinfilters.workflow.estimation import Comparison
+from spinfilters.workflow.preparation import Prepared
+
+SUMMARY_FILE = "summary.json"
+SCHEMA = 1
+LARGEST_SUMMARY = 1 << 26
+
+
+def summary(comparison: Comparison) -> dict[str, Any]:
+    """The content of summary.json."""
+    prepared = comparison.prepared
+    return {
+        "schema": SCHEMA,
+        "dataset": _dataset(prepared),
+        "process": {"blocks": list(prepared.process.layout.blocks), **vars(prepared.process.noise)},
+        "sensors": vars(prepared.noise),
+        "start": _start(prepared),
+        "estimators": {evaluation.name: _estimator(evaluation) for evaluation in comparison.evaluations},
+    }
+
+
+def read_summary(folder: Path) -> dict[str, Any]:
+    """summary.json of a run folder.
+
+    Raises
+    ------
+    InputError: missing, too large, not JSON, another schema.
+    """
+    path = folder / SUMMARY_FILE
+    try:
+        if path.stat().st_size > LARGEST_SUMMARY:
+            raise InputError(
+                f"{path}: {path.stat().st_size} bytes is no summary of a run; make the run again"
+            )
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be read ({error.strerror}); give a folder made by 'spinfilters compare'"
+        ) from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: is not JSON ({reason(error)}); make the run again") from None
+    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
+        raise InputError(f"{path}: schema is not {SCHEMA}; make the run again with this version")
+    return document
+
+
+def read_process(folder: Path, tolerance: float) -> TorqueFreeProcess:
+    """The process model of a run folder's estimators, with a tolerance of its integration (rad and relative rate).
+
+    Raises
+    ------
+    InputError: as `read_summary`, or the summary does not tell it.
+    """
+    document = read_summary(folder)
+    try:
+        told = dict(document["process"])
+        layout = StateLayout(tuple(told.pop("blocks")))
+        return TorqueFreeProcess(layout, ProcessNoise(**told), tolerance)
+    except (KeyError, TypeError, ValueError, InputError) as error:
+        raise not_whole(folder, error) from None
+
+
+def not_whole(folder: Path, error: Exception) -> InputError:
+    """What to raise where a summary lacks something."""
+    return InputError(f"{folder}: {SUMMARY_FILE} is not whole ({error!r}); make the run again")
+
+
+def _dataset(prepared: Prepared) -> dict[str, Any]:
+    dataset = prepared.dataset
+    return {
+        "kind": dataset.kind,
+        "description": dataset.description,
+        "sensors": list(dataset.log.sensors),
+        "frames": len(prepared.timeline),
+        "start_s": prepared.timeline[0].time,
+        "end_s": prepared.timeline[-1].time,
+        "segment": None if dataset.segment is None else dataset.segment.number,
+    }
+
+
+def _start(prepared: Prepared) -> dict[str, Any]:
+    frames, noise = prepared.start.frames, prepared.gyro_noise
+    return {
+        "frames": len(frames.mean),
+        "end_s": prepared.start_end,
+        "iterations": frames.iterations,
+        "converged": frames.converged,
+        "fit": prepared.start.fit,
+        "momentum_residual": prepared.start.momentum_residual,
+        "gyro_relative_error": None if noise is None else noise.relative_error,
+        "gyro_correlation_samples": None if noise is None else noise.correlation_time,
+    }
+
+
+def _estimator(evaluation: Evaluation) -> dict[str, Any]:
+    history, body = evaluation.history, evaluation.body
+    runtime = history.runtime[history.runtime > 0]
+    errors = {key: value for key, value in numbers(evaluation).items() if key.startswith(_ERROR_KEYS)}
+    return {
+        "status": str(history.status.verdict),
+        "reasons": list(history.status.reasons),
+        "frames": len(history.time),
+        "measurements": {"accepted": int(history.accepted.sum()), "rejected": int(history.rejected.sum())},
+        "runtime_s": {
+            "total": float(runtime.sum()),
+            "per_frame_median": float(np.median(runtime)) if runtime.size else None,
+            "per_frame_max": float(runtime.max()) if runtime.size else None,
+        },
+        "principal_moments": body.principal_moments.tolist(),
+        "principal_moments_std": body.principal_moments_std.tolist(),
+        "principal_moments_cov": body.principal_moments_cov.tolist(),
+        "principal_axes_g": body.principal_axes_g.tolist(),
+        "principal_axes_std_rad": body.principal_axes_std.tolist(),
+        "center_of_mass_g": None if body.center_of_mass_g is None else body.center_of_mass_g.tolist(),
+        "center_of_mass_std_m": None if body.center_of_mass_std is None else body.center_of_mass_std.tolist(),
+        "k1": body.k1,
+        "k1_std": body.k1_std,
+        "k2": body.k2,
+        "k2_std": body.k2_std,
+        "drag_per_rad": body.drag,
+        "drag_std_per_rad": body.drag_std,
+        "nis_per_dof": evaluation.nis_ratio,
+        "errors": errors if evaluation.errors is not None else None,
+    }
+
+
+_ERROR_KEYS = (
+    "rms",
+    "ape",
+    "principal_moments_error",
+    "k1_error",
+    "k2_error",
+    "axes_angle",
+    "center_of_mass_error",
+    "nees",
+    "bound",
+)

@@ -1,0 +1,51 @@
+"""Recordings and runs that several tests of commands share; none of them may change one."""
+
+from pathlib import Path
+
+import pytest
+
+from spinfilters.cli.main import main
+from spinfilters.logs.dataset_writing import write_dataset
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
+from spinfilters.workflow import figures
+
+
+@pytest.fixture
+def few_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out the figures that every run has: they take most of its time and have their own tests."""
+    monkeypatch.setattr(figures, "_figures", lambda _: ())
+
+
+@pytest.fixture(scope="session")
+def originals(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One small simulated data set of every kind, by name of the kind."""
+    folder = tmp_path_factory.mktemp("originals")
+    for kind in ("stereo-tracks", "pose", "gyro"):
+        write_dataset(simulate(Scenario(kind=kind, frames=12, landmarks=40)), folder / kind)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Tracks without a map, the same with it, and a gyro."""
+    folder = tmp_path_factory.mktemp("recordings")
+    for kind in ("stereo-tracks", "gyro"):
+        scenario = Scenario(kind=kind, rate_rpm=RICH_RPM, frames=30, interval=0.5, landmarks=150)
+        write_dataset(simulate(scenario), folder / kind)
+    write_dataset(
+        simulate(Scenario(rate_rpm=RICH_RPM, frames=30, interval=0.5, landmarks=150)),
+        folder / "unmapped",
+    )
+    (folder / "unmapped" / "landmarks.csv").unlink()
+    return folder
+
+
+@pytest.fixture(scope="session")
+def unmapped(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run on tracks without a map, with both additions."""
+    run = tmp_path_factory.mktemp("unmapped") / "run"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(figures, "_figures", lambda _: ())
+        arguments = ["--estimators", "mekf,smoother", "--predict", "5", "--convergence", "-o", str(run)]
+        assert main(["compare", str(recordings / "unmapped"), *arguments]) == 0
+    return run
