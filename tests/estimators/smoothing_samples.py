@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 from jaxtyping import Float
+from swapped_ids import swapped
 
 from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.smoothing.modes import Mode
@@ -16,7 +17,7 @@ from spinfilters.estimators.smoothing.solver import Plain, Solved, SolverOptions
 from spinfilters.estimators.smoothing.step_rules import GaussNewton, StepRule
 from spinfilters.estimators.timeline import Frame, SensorNoise, StereoView, Timeline, build_timeline
 from spinfilters.evaluation.consistency import true_states
-from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.logs.measurement_log import MeasurementLog
 from spinfilters.logs.track_files import KnownMap
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.simulation.scenario import RICH_RPM, RIG, Scenario, simulate
@@ -54,24 +55,15 @@ class Sample:
 
 
 @cache
-def sample(scenario: Scenario, wrong: float = 0.0) -> Sample:
-    """A simulated recording, in every frame a share of the ids swapped."""
+def sample(scenario: Scenario, wrong: float = 0.0, pixel_std: float = 1.0) -> Sample:
+    """A simulated recording as seen by a model with this pixel noise, in every frame a share of the ids swapped."""
     dataset = simulate(scenario)
     assert dataset.truth is not None
     assert dataset.known_map is not None
-    tracks = _swapped(dataset.log.stream("stereo"), wrong, np.random.default_rng(scenario.seed))
+    tracks = swapped(dataset.log.stream("stereo"), wrong, np.random.default_rng(scenario.seed))
     view = StereoView(None, RIG.calibration)
-    frames = build_timeline(MeasurementLog((tracks,)), LAYOUT, SensorNoise(), view)
+    frames = build_timeline(MeasurementLog((tracks,)), LAYOUT, SensorNoise(pixel_std=pixel_std), view)
     return Sample(frames, true_states(dataset.truth, LAYOUT), dataset.known_map)
-
-
-def _swapped(tracks: MeasurementStream, share: float, generator: np.random.Generator) -> MeasurementStream:
-    assert tracks.ids is not None
-    ids = tracks.ids.copy()
-    for first, last in zip(tracks.frame_offsets[:-1], tracks.frame_offsets[1:], strict=True):
-        rows = first + np.flatnonzero(generator.random(last - first) < share)
-        ids[rows] = np.roll(ids[rows], 1)
-    return MeasurementStream("stereo", tracks.time, tracks.values, ids)
 
 
 def perturbed(here: Sample, seed: int, scale: float = 1.0) -> Trial:

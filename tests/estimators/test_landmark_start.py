@@ -1,13 +1,15 @@
 """The start with landmarks: exact on exact data, its covariance that of the dense problem, honest over seeds, and robust."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from jaxtyping import Float
 from scipy.special import chdtri
+from smoothing_samples import LAYOUT, PROCESS, Sample
+from smoothing_samples import sample as recorded
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement
@@ -18,72 +20,38 @@ from spinfilters.estimators.landmark_start.start import LandmarkStartReport, sta
 from spinfilters.estimators.motion_evidence import MotionEvidence
 from spinfilters.estimators.smoothing.problem import Trial
 from spinfilters.estimators.start import StartOptions
-from spinfilters.estimators.timeline import Frame, SensorNoise, StereoView, Timeline, build_timeline
-from spinfilters.evaluation.consistency import true_states
-from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.estimators.timeline import Frame
 from spinfilters.logs.track_files import KnownMap
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensors.pose import Pose, pose_parameters
-from spinfilters.simulation.scenario import RIG, Scenario, simulate
-from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
+from spinfilters.simulation.scenario import Scenario
+from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 
-FULL = StateLayout(FULL_BLOCKS)
-PROCESS = TorqueFreeProcess(FULL, ProcessNoise())
 TUMBLING = (4.0, 9.0, 3.0)
 STD = np.repeat([1e-6, 1.0, 1.0, 1.5], [6, 6, 3, 5])
 MOVING = 12
 
 
-@dataclass(frozen=True)
-class Sample:
-    """Frames of sightings, true states (k, m) and the true map; frame g is the simulator's."""
-
-    frames: Timeline
-    truth: Float[np.ndarray, "k m"]
-    known: KnownMap
-
-    @property
-    def prior(self) -> FirstStatePrior:
-        return FirstStatePrior(self.truth[0], STD)
-
-    @property
-    def trial(self) -> Trial:
-        return Trial(self.truth, self.known.ids, self.known.points)
+def _prior(sample: Sample) -> FirstStatePrior:
+    return FirstStatePrior(sample.truth[0], STD)
 
 
-@cache
-def _sample(scenario: Scenario, pixel_std: float = 1.0, wrong: float = 0.0) -> Sample:
-    """A simulated recording, as seen by a model with this pixel noise, a share of the ids of every frame swapped."""
-    dataset = simulate(scenario)
-    assert dataset.truth is not None
-    assert dataset.known_map is not None
-    tracks = _swapped(dataset.log.stream("stereo"), wrong, np.random.default_rng(scenario.seed))
-    view = StereoView(None, RIG.calibration)
-    frames = build_timeline(MeasurementLog((tracks,)), FULL, SensorNoise(pixel_std=pixel_std), view)
-    return Sample(frames, true_states(dataset.truth, FULL), dataset.known_map)
-
-
-def _swapped(tracks: MeasurementStream, share: float, generator: np.random.Generator) -> MeasurementStream:
-    assert tracks.ids is not None
-    ids = tracks.ids.copy()
-    for first, last in zip(tracks.frame_offsets[:-1], tracks.frame_offsets[1:], strict=True):
-        rows = first + np.flatnonzero(generator.random(last - first) < share)
-        ids[rows] = np.roll(ids[rows], 1)
-    return MeasurementStream("stereo", tracks.time, tracks.values, ids)
+def _true(sample: Sample) -> Trial:
+    return Trial(sample.truth, sample.known.ids, sample.known.points)
 
 
 def _smoothed(sample: Sample, trial: Trial, iterations: int = 30) -> LandmarkSmoothing:
-    return smooth_with_landmarks(PROCESS, sample.frames, trial, sample.prior, SmoothingOptions(iterations))
+    return smooth_with_landmarks(PROCESS, sample.frames, trial, _prior(sample), SmoothingOptions(iterations))
 
 
 EXACT = Scenario(rate_rpm=TUMBLING, frames=12, landmarks=150, pixel_std=1e-9, noise=ProcessNoise(0.0, 0.0))
 
 
 def test_exact_data_from_the_true_start_give_zero_error() -> None:
-    sample = _sample(EXACT)
-    found = _smoothed(sample, sample.trial)
+    sample = recorded(EXACT)
+    found = _smoothed(sample, _true(sample))
     assert found.converged
-    np.testing.assert_allclose(FULL.local(found.mean, sample.truth), 0.0, atol=1e-7)
+    np.testing.assert_allclose(LAYOUT.local(found.mean, sample.truth), 0.0, atol=1e-7)
     known = sample.known.points[np.searchsorted(sample.known.ids, found.ids)]
     np.testing.assert_allclose(found.points, known, atol=1e-7)
     assert found.cost < 1e-9
@@ -91,17 +59,17 @@ def test_exact_data_from_the_true_start_give_zero_error() -> None:
 
 
 def test_exact_data_from_a_start_that_is_off_give_the_truth() -> None:
-    sample = _sample(EXACT)
+    sample = recorded(EXACT)
     generator = np.random.default_rng(0)
     away = np.repeat([1e-12, 0.1, 0.3, 0.01, 0.7], [6, 3, 3, 3, 5]) * generator.standard_normal(
         (len(sample.truth), 20)
     )
     away[1:, :6] = 0.01 * generator.standard_normal((len(sample.truth) - 1, 6))
     points = sample.known.points + 0.003 * generator.standard_normal(sample.known.points.shape)
-    trial = Trial(FULL.retract(sample.truth, away), sample.known.ids, points)
+    trial = Trial(LAYOUT.retract(sample.truth, away), sample.known.ids, points)
     found = _smoothed(sample, trial)
     assert found.converged
-    whitened = np.linalg.solve(found.factor[-1], FULL.local(found.mean[-1], sample.truth[-1]))
+    whitened = np.linalg.solve(found.factor[-1], LAYOUT.local(found.mean[-1], sample.truth[-1]))
     assert np.abs(whitened).max() < 0.01
 
 
@@ -111,8 +79,8 @@ SMALL = Scenario(rate_rpm=TUMBLING, frames=5, landmarks=40, noise=ProcessNoise(0
 @cache
 def _small() -> Sample:
     """Five frames without disturbance, so that linear models at the truth are exact, and a measured pose in one of them."""
-    sample = _sample(SMALL)
-    pose = Measurement(Pose(FULL), sample.truth[2:3, :7].copy(), pose_parameters(1e-4 * np.eye(6)[None]))
+    sample = recorded(SMALL)
+    pose = Measurement(Pose(LAYOUT), sample.truth[2:3, :7].copy(), pose_parameters(1e-4 * np.eye(6)[None]))
     frames = list(sample.frames)
     frames[2] = Frame(frames[2].time, (*frames[2].measurements, pose))
     return replace(sample, frames=tuple(frames))
@@ -137,13 +105,13 @@ def _residuals(step: np.ndarray, ids: np.ndarray) -> np.ndarray:
     errors = np.concatenate([moving, np.tile(constant, (count, 1))], axis=1)
     points = sample.known.points.copy()
     points[np.searchsorted(sample.known.ids, ids)] += step[MOVING * count + 8 :].reshape(-1, 3)
-    x = FULL.retract(sample.truth, errors)
-    parts: list[np.ndarray] = [FULL.local(sample.truth[0], x[0]) / STD]
+    x = LAYOUT.retract(sample.truth, errors)
+    parts: list[np.ndarray] = [LAYOUT.local(sample.truth[0], x[0]) / STD]
     for k, frame in enumerate(sample.frames):
         parts += [_sensor_residual(m, x[k], ids, points) for m in frame.measurements]
         if k + 1 < count:
             noise = PROCESS.linearise(sample.truth[k], 0.5)[2][:MOVING]
-            defect = FULL.local(PROCESS.step(x[k], 0.5), x[k + 1])[:MOVING]
+            defect = LAYOUT.local(PROCESS.step(x[k], 0.5), x[k + 1])[:MOVING]
             parts.append(np.linalg.solve(np.linalg.cholesky(noise @ noise.T), defect))
     return np.concatenate(parts)
 
@@ -163,7 +131,7 @@ def _sensor_residual(
 
 @cache
 def _linearised() -> LandmarkSmoothing:
-    return _smoothed(_small(), _small().trial, iterations=0)
+    return _smoothed(_small(), _true(_small()), iterations=0)
 
 
 def _scaled(P: np.ndarray, reference: np.ndarray) -> np.ndarray:
@@ -219,7 +187,7 @@ def _started(sample: Sample, seed: int) -> LandmarkStartReport:
     off = np.repeat([0.003, 0.02], 3) * generator.standard_normal((len(sample.truth), 6))
     off[0] = 0.0
     seen = poses.retract(sample.truth[:, :7], off)
-    rates = sample.truth[:, FULL.mean_slice("w")] + 0.03 * generator.standard_normal((len(seen), 3))
+    rates = sample.truth[:, LAYOUT.mean_slice("w")] + 0.03 * generator.standard_normal((len(seen), 3))
     time = np.array([frame.time for frame in sample.frames])
     evidence = MotionEvidence(time, seen[:, 3:], rates, seen[:, :3])
     points = sample.known.points + 0.005 * generator.standard_normal(sample.known.points.shape)
@@ -228,7 +196,7 @@ def _started(sample: Sample, seed: int) -> LandmarkStartReport:
 
 
 def _nees(report: LandmarkStartReport, sample: Sample) -> float:
-    error = FULL.local(report.belief.mean, sample.truth[-1])
+    error = LAYOUT.local(report.belief.mean, sample.truth[-1])
     return float(np.square(np.linalg.solve(report.belief.factor, error)).sum())
 
 
@@ -239,7 +207,7 @@ def _runs(
     seeds: range, pixel_std: float = 1.0, wrong: float = 0.0
 ) -> tuple[list[LandmarkStartReport], float]:
     scenarios = [Scenario(rate_rpm=TUMBLING, frames=36, landmarks=300, seed=seed) for seed in seeds]
-    samples = [_sample(scenario, pixel_std, wrong) for scenario in scenarios]
+    samples = [recorded(scenario, wrong, pixel_std) for scenario in scenarios]
     reports = [_started(sample, seed) for seed, sample in zip(seeds, samples, strict=True)]
     return reports, sum(_nees(report, sample) for report, sample in zip(reports, samples, strict=True))
 
@@ -273,8 +241,8 @@ def test_a_start_with_a_third_of_the_ids_swapped_is_as_honest() -> None:
 def test_values_that_are_not_finite_are_reported_and_not_raised() -> None:
     sample = _small()
     trajectory = sample.truth.copy()
-    trajectory[:, FULL.mean_slice("w")] = np.nan
-    found = _smoothed(sample, replace(sample.trial, trajectory=trajectory))
+    trajectory[:, LAYOUT.mean_slice("w")] = np.nan
+    found = _smoothed(sample, replace(_true(sample), trajectory=trajectory))
     assert not found.converged
     assert not np.isfinite(found.factor).any()
 
@@ -291,7 +259,7 @@ def _no_place() -> None:
     ("attempt", "complaint"),
     [
         (lambda: _linearised().joint(np.array([10_000])), "not in the fit"),
-        (lambda: _smoothed(_small(), replace(_small().trial, ids=np.arange(40) + 10_000)), "seen twice"),
+        (lambda: _smoothed(_small(), replace(_true(_small()), ids=np.arange(40) + 10_000)), "seen twice"),
         (_no_place, "blocks t, a"),
     ],
 )

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from jaxtyping import Float
+from swapped_ids import swapped
 
 from spinfilters.attitude.conversions import (
     angle_between,
@@ -91,15 +92,6 @@ def recording() -> Dataset:
     return simulate(Scenario(rate_rpm=(4.0, 9.0, 3.0), frames=20, landmarks=300, seed=4))
 
 
-def _swapped(tracks: MeasurementStream, share: float) -> MeasurementStream:
-    assert tracks.ids is not None
-    ids, generator = tracks.ids.copy(), np.random.default_rng(0)
-    for first, last in zip(tracks.frame_offsets[:-1], tracks.frame_offsets[1:], strict=True):
-        rows = first + np.flatnonzero(generator.random(last - first) < share)
-        ids[rows] = np.roll(ids[rows], 1)
-    return MeasurementStream("stereo", tracks.time, tracks.values, ids)
-
-
 def _pose_errors(recording: Dataset, poses: MeasurementStream) -> tuple[np.ndarray, np.ndarray]:
     """Angles (rad) and distances (m) from the true motion, in the frame on the body that the first pose defines."""
     truth = recording.truth
@@ -117,7 +109,7 @@ def _pose_errors(recording: Dataset, poses: MeasurementStream) -> tuple[np.ndarr
 
 
 def test_a_third_of_the_ids_swapped_leaves_poses_and_map_nearly_as_good(recording: Dataset) -> None:
-    tracks = _swapped(recording.log.stream("stereo"), 0.3)
+    tracks = swapped(recording.log.stream("stereo"), 0.3, np.random.default_rng(0))
     poses, found = poses_without_map(tracks, RIG.calibration, 1.0)
     assert len(poses) == 20
     angles, distances = _pose_errors(recording, poses)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rich.console import Console
+from swapped_ids import swapped
 
 from experiments.bound_monte_carlo import bound_at_truth, recorded
 from observability.bounds.cramer_rao import cramer_rao_bound as recursive_bound
@@ -139,13 +140,8 @@ def test_of_a_gyro_what_the_fitted_frame_hides_has_no_bound() -> None:
 def test_more_noise_makes_it_larger_and_wrong_associations_hardly_do() -> None:
     right = limits_of(without_map()).std[1:]
     dataset = replace(simulate(TRACKS), known_map=None)
-    stream, generator = dataset.log.stream("stereo"), np.random.default_rng(0)
-    assert stream.ids is not None
-    ids, wrong = stream.ids.copy(), generator.random(len(stream.ids)) < 0.1
-    for time in np.unique(stream.time):
-        confused = np.flatnonzero(wrong & (stream.time == time))
-        ids[confused] = np.roll(ids[confused], 1)
-    changed = replace(dataset, log=MeasurementLog((replace(stream, ids=ids),)))
+    tracks = swapped(dataset.log.stream("stereo"), 0.1, np.random.default_rng(0))
+    changed = replace(dataset, log=MeasurementLog((tracks,)))
     ratio = limits_of(compared(changed)).std[1:] / right
     assert 1.0 < ratio.mean() < 1.2
     noisier = replace(SETTINGS, sensors=replace(SETTINGS.sensors, pixel_std=2.0))
