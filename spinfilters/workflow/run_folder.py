@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Sequence
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,9 @@ FIGURES = ("summary", "rates", "inertia", "polhode", "scene", "consistency")
 """Names of the figures of a run, besides errors-<estimator>."""
 ASKED_FOR = ("prediction", "convergence")
 """Names of figures that a run has where they were asked for (`spinfilters.workflow.additions`)."""
+
+DECISIVE = ("kind", "log", "truth", "rig", "known_map", "options")
+"""Parts of a data set that decide the numbers of a run."""
 
 
 def open_run_folder(folder: Path) -> None:
@@ -100,22 +104,27 @@ def read_histories(folder: Path, names: Sequence[str]) -> list[EstimateHistory]:
 
 
 def finished_run(folder: Path, dataset: Dataset, settings: Settings) -> dict[str, Any] | None:
-    """Summary of a whole run that was made of the same measurements, settings and versions; None where there is none."""
+    """Summary of a whole run that was made of the same data set, settings and versions; None where there is none."""
     try:
         if read_toml(folder / CONFIG_FILE) != configuration(settings):
             return None
-        earlier = read_dataset(folder / DATASET_FOLDER).log
-        same = earlier.sensors == dataset.log.sensors and all(
-            map(_equal, earlier.streams, dataset.log.streams)
-        )
-        document = read_summary(folder)
+        earlier, document = read_dataset(folder / DATASET_FOLDER), read_summary(folder)
+        same = all(_equal(getattr(earlier, part), getattr(dataset, part)) for part in DECISIVE)
         return document if same and _is_whole(document, settings) else None
     except InputError:
         return None
 
 
-def _equal(one: MeasurementStream, other: MeasurementStream) -> bool:
-    return np.array_equal(one.time, other.time) and np.array_equal(one.values, other.values)
+def _equal(one: Any, other: Any) -> bool:
+    """Dataclasses by their fields, sequences by their members, arrays by their elements."""
+    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
+        return np.array_equal(one, other)
+    if is_dataclass(one) and is_dataclass(other):
+        names = [each.name for each in fields(one)]
+        return type(one) is type(other) and all(_equal(getattr(one, n), getattr(other, n)) for n in names)
+    if isinstance(one, tuple) and isinstance(other, tuple):
+        return len(one) == len(other) and all(map(_equal, one, other))
+    return one == other
 
 
 def _is_whole(document: dict[str, Any], settings: Settings) -> bool:

@@ -1,11 +1,13 @@
 """``spinfilters compare --resume``: what an interrupted command leaves behind, and how it goes on."""
 
 import os
+import shutil
 import signal
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from faults import Change, replaced
 from forked import kill_at, killed
 
 from spinfilters.cli import compare as command
@@ -113,6 +115,28 @@ def test_a_complete_run_is_left_alone(
     capsys.readouterr()
     assert main(arguments) == 0
     assert "is complete, nothing is left to do" in capsys.readouterr().out
+
+
+OTHER_KNOWLEDGE = {
+    "true body": replaced("truth.toml", "    1.0,", "    1.01,"),
+    "noise": replaced("dataset.toml", "position_std = 0.005", "position_std = 0.5"),
+}
+
+
+@pytest.mark.parametrize("change", OTHER_KNOWLEDGE.values(), ids=OTHER_KNOWLEDGE.keys())
+def test_a_complete_run_of_another_data_set_is_made_again(
+    change: Change, dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The measured values are the same, but the rest of what is known decides the numbers too."""
+    data, arguments = tmp_path / "data", ["--estimators", "mekf", "-o", str(tmp_path / "run"), "--resume"]
+    shutil.copytree(dataset, data)
+    assert main(["compare", str(data), *arguments]) == 0
+    change(data)
+    capsys.readouterr()
+    assert main(["compare", str(data), *arguments]) == 0
+    assert "is complete" not in capsys.readouterr().out
+    assert main(["compare", str(data), *arguments]) == 0
+    assert "is complete" in capsys.readouterr().out
 
 
 def test_ctrl_c_says_how_to_go_on(
