@@ -94,7 +94,7 @@ def _add_compare(commands: "argparse._SubParsersAction[_Parser]") -> None:
     compare.add_argument(
         "--estimators",
         metavar="A,B",
-        help="mekf, ukf, filterpy-ekf, filterpy-ukf (default: all; recordings: mekf,ukf)",
+        help="mekf, ukf, smoother, filterpy-ekf, filterpy-ukf (default: all; recordings: mekf,ukf,smoother)",
     )
     compare.add_argument("--seed", type=int, default=0, help="of the simulated default")
     _add_run_options(compare)
@@ -107,7 +107,11 @@ def _add_estimate(commands: "argparse._SubParsersAction[_Parser]") -> None:
         "dataset", metavar="DATASET", help="data set folder, phyphox export, gyro .csv or TUM .tum"
     )
     estimate.add_argument(
-        "--estimator", dest="estimators", default="ukf", metavar="NAME", help="mekf or ukf (default ukf)"
+        "--estimator",
+        dest="estimators",
+        default="ukf",
+        metavar="NAME",
+        help="mekf, ukf, smoother, filterpy-ekf or filterpy-ukf (default ukf)",
     )
     _add_run_options(estimate)
     estimate.set_defaults(command=_compare, seed=0)
@@ -120,7 +124,7 @@ def _add_run_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--resume",
         action="store_true",
-        help="go on from what an interrupted run has left in RUN, to the same numbers",
+        help="go on from what an interrupted run has left in RUN, to the same numbers; a finished one gets what it lacks",
     )
     parser.add_argument("--segment", metavar="N", help="segment of a phyphox recording, or 'all'")
     parser.add_argument("--drag", action="store_true", help="estimate an aerodynamic drag coefficient too")
@@ -131,7 +135,7 @@ def _add_run_options(parser: argparse.ArgumentParser) -> None:
         "--predict",
         type=_positive,
         metavar="SECONDS",
-        help="go on for so long after the last frame: <estimator>/prediction.csv, prediction.png",
+        help="go on for so long after the last frame: <estimator>/prediction.csv and .npz, prediction.png",
     )
     parser.add_argument(
         "--convergence",
