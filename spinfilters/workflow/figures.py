@@ -23,6 +23,7 @@ from spinfilters.plots.scene import scene_figure
 from spinfilters.plots.style import save_figure
 from spinfilters.plots.summary import summary_figure
 from spinfilters.workflow.estimation import Comparison
+from spinfilters.workflow.preparation import knows_frames
 from spinfilters.workflow.run_folder import DATASET_FOLDER, read_histories
 from spinfilters.workflow.run_summary import not_whole, read_summary
 
@@ -52,8 +53,7 @@ class Pictured:
         """
         document = read_summary(folder)
         dataset = read_dataset(folder / DATASET_FOLDER)
-        known = dataset.known_map is not None or dataset.kind == "pose"
-        alignment = Alignment.NONE if known else Alignment.FIRST_FRAME
+        alignment = Alignment.NONE if knows_frames(dataset) else Alignment.FIRST_FRAME
         try:
             start_end, names = (
                 float(document["start"]["end_s"]),

@@ -38,7 +38,6 @@ class Prepared:
     Attributes
     ----------
     timeline: all frames.   start: of which the first have been smoothed.
-    known_frames: whether the estimate's frames are the truth's (a known map, poses, or a simulated gyro).
     belief: what every filter begins from at the end of the start, with landmarks where the map is not known.
     map_points: (k, 3) m in g: the known map or that of the start, or None.
     gyro_noise: identified, or None when it was stated.
@@ -49,7 +48,6 @@ class Prepared:
     timeline: Timeline
     noise: SensorNoise
     start: StartReport
-    known_frames: bool
     belief: Gaussian | LandmarkBelief
     map_points: Float[np.ndarray, "k 3"] | None
     gyro_noise: GyroNoise | None
@@ -58,6 +56,16 @@ class Prepared:
     def start_end(self) -> float:
         """Time of the last frame that the start looked at, s."""
         return self.timeline[len(self.start.frames.mean) - 1].time
+
+    @property
+    def known_frames(self) -> bool:
+        """Whether the estimate's frames are the truth's."""
+        return knows_frames(self.dataset)
+
+
+def knows_frames(dataset: Dataset) -> bool:
+    """Whether a data set tells frames i and g: by a known map or by poses."""
+    return dataset.known_map is not None or dataset.kind == "pose"
 
 
 def prepare(dataset: Dataset, settings: Settings) -> Prepared:
@@ -84,12 +92,11 @@ def prepare(dataset: Dataset, settings: Settings) -> Prepared:
         )
     make = _start_maker(dataset, process, timeline, noise)
     start = _long_enough_start(timeline, make, settings.start)
-    known = dataset.known_map is not None or dataset.kind == "pose"
     belief, points = start.belief, None if dataset.known_map is None else dataset.known_map.points
     if isinstance(start, LandmarkStartReport):
         ids = most_useful(timeline, start.landmarks, settings.landmarks.capacity)
         belief, points = start.landmarks.joint(ids), start.landmarks.points
-    return Prepared(dataset, process, timeline, noise, start, known, belief, points, gyro_noise)
+    return Prepared(dataset, process, timeline, noise, start, belief, points, gyro_noise)
 
 
 def moments_std_of(start: StartReport) -> float:
