@@ -102,19 +102,30 @@ def test_landmarks_that_leave_change_neither_covariance_nor_step_nor_cost(share:
     _check_same(window, prior, 0)
 
 
-def test_the_oldest_frame_that_leaves_changes_neither_covariance_nor_step_nor_cost() -> None:
-    window, prior = _without(_seen_by_the_oldest(_window()))
-    after = without_oldest(window, window.problem(PROCESS, prior, tied=True))
-    assert len(after.frames) == len(_window().frames) - 1
-    _check_same(after, None, 1)
+def _oldest_gone(window: Window, prior: FirstStatePrior | None, count: int) -> Window:
+    """Without frames whose landmarks have left."""
+    problem, here, normal = _linear(window, prior)
+    return without_oldest(window, problem, (here, normal), np.zeros(len(window.ids), dtype=bool), count)
 
 
-def test_two_frames_that_leave_change_neither_covariance_nor_step_nor_cost() -> None:
-    window, prior = _without(_seen_before(_window(), 2))
-    after = without_oldest(window, window.problem(PROCESS, prior, tied=True))
-    after = without_oldest(after, after.problem(PROCESS, None, tied=True))
-    assert len(after.frames) == len(_window().frames) - 2
-    _check_same(after, None, 2)
+@pytest.mark.parametrize("count", [1, 2, 4, 8])
+def test_the_oldest_frames_that_leave_change_neither_covariance_nor_step_nor_cost(count: int) -> None:
+    window, prior = _without(_seen_before(_window(), count))
+    after = _oldest_gone(window, prior, count)
+    assert len(after.frames) == len(_window().frames) - count
+    _check_same(after, None, count)
+
+
+def test_frames_that_leave_with_their_landmarks_change_neither_covariance_nor_step_nor_cost() -> None:
+    problem, here, normal = _linear(_window(), FirstStatePrior(sample(LONG).truth[0], LOOSE))
+    after = without_oldest(_window(), problem, (here, normal), _seen_before(_window(), 3), 3)
+    _check_same(after, None, 3)
+
+
+def test_frames_may_leave_one_after_the_other() -> None:
+    window, prior = _without(_seen_before(_window(), 3))
+    after = _oldest_gone(_oldest_gone(window, prior, 1), None, 2)
+    _check_same(after, None, 3)
 
 
 def test_landmarks_may_leave_in_two_parts() -> None:
@@ -128,7 +139,7 @@ def test_landmarks_may_leave_in_two_parts() -> None:
 @cache
 def _carried_window() -> Window:
     window, prior = _without(_seen_by_the_oldest(_window()))
-    return without_oldest(window, window.problem(PROCESS, prior, tied=True))
+    return _oldest_gone(window, prior, 1)
 
 
 def _moved(window: Window, scale: float) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Landmarks and frames that leave: what they say of the rest goes, in square-root form, into what is carried.
 
-A landmark leaves with all its sightings: a root of what they say of the poses is all that stays. The oldest frame leaves with its
-measurements, its prior and the step that follows. Their rows are stacked under the carried root, the leaving errors' columns
+A landmark leaves with all its sightings: a root of what they say of the poses is all that stays. The oldest frames leave with their
+measurements, the prior and the steps that follow. Their rows are stacked under the carried root, the leaving errors' columns
 first; a QR decomposition then leaves the new root below theirs, so that what is carried is never subtracted from and cannot
 become indefinite.
 """
@@ -44,31 +44,29 @@ def without_landmarks(
 def without_oldest(
     window: Window,
     problem: Problem,
-    at: tuple[Point, Normal] | None = None,
-    landmarks: Bool[np.ndarray, " L"] | None = None,
+    at: tuple[Point, Normal],
+    landmarks: Bool[np.ndarray, " L"],
+    count: int = 1,
 ) -> Window:
-    """The window without its oldest frame, and without some landmarks, among which are all that it saw.
+    """The window without its oldest frames, and without some landmarks, among which are all that those saw.
 
     Parameters
     ----------
-    at: as for `without_landmarks`; None when no landmarks leave, and everything is linearised where the window is.
+    at: as for `without_landmarks`.   count: of the frames that leave; one stays at least.
     """
-    unknowns = problem.unknowns
-    point = problem.at(window.trajectory, window.points) if at is None else at[0]
-    here, v = point.trajectory, len(unknowns.chain)
-    first = _first_estimates(window, unknowns, here)
-    rows = [_spread_step(point.dynamics.rows[0], unknowns)]
-    rows += [_spread_frame(part, unknowns) for part in _alone(problem.motion, here)]
-    if at is not None and landmarks is not None and landmarks.any():
-        rows.append(_spread_poses(_of_landmarks(at, landmarks, unknowns), unknowns, v))
-    new = _at_first_estimates(np.concatenate(rows), unknowns, first, here, v)
-    if landmarks is not None:
-        window = window.without(landmarks)
-    gone = len(unknowns.moving)
-    root = _triangular(window.carried, new, unknowns, v)[gone:, gone:]
-    after = replace(unknowns, frames=unknowns.frames - 1)
-    first = _handed_over(unknowns, first, here[1])
-    return window.shifted(_carried(root, after, first, window.carried))
+    unknowns, here = problem.unknowns, at[0].trajectory
+    first, more = _first_estimates(window, unknowns, here), count * len(unknowns.chain)
+    rows = [_spread_step(at[0].dynamics.rows[k], k, count, unknowns) for k in range(count)]
+    for k in range(count):
+        rows += [_spread_frame(part, k, count, unknowns) for part in _alone(problem.motion, k, here)]
+    if landmarks.any():
+        rows.append(_spread_poses(_of_landmarks(at, landmarks, unknowns), unknowns, more))
+    new = _at_first_estimates(np.concatenate(rows), unknowns, first, here, more)
+    gone = count * len(unknowns.moving)
+    root = _triangular(window.carried, new, unknowns, count)[gone:, gone:]
+    after = replace(unknowns, frames=unknowns.frames - count)
+    first = _handed_over(unknowns, first[0], first[count:], here[count])
+    return window.without(landmarks).shifted(count, _carried(root, after, first, window.carried))
 
 
 def _of_landmarks(
@@ -136,15 +134,18 @@ def _first_estimates(
 
 
 def _handed_over(
-    unknowns: Unknowns, first: Float[np.ndarray, "k m"], now: Float[np.ndarray, " m"]
+    unknowns: Unknowns,
+    oldest: Float[np.ndarray, " m"],
+    rest: Float[np.ndarray, "j m"],
+    now: Float[np.ndarray, " m"],
 ) -> Float[np.ndarray, "j m"]:
-    """First estimates without the oldest frame: the next one has the constants' from it, and its own velocities as they are now."""
-    layout, after = unknowns.layout, first[1:].copy()
+    """First estimates of the rest: the next frame has the constants' of the oldest, and its own velocities as they are now."""
+    layout, after = unknowns.layout, rest.copy()
     chained = set(unknowns.chain.tolist())
     for block in layout.blocks:
         at = layout.mean_slice(block)
         if block in CONSTANT:
-            after[0, at] = first[0, at]
+            after[0, at] = oldest[at]
         elif layout.slice(block).start in chained:
             after[0, at] = now[at]
     return after
@@ -173,35 +174,39 @@ def _at_first_estimates(
     return result
 
 
-def _spread_step(rows: Float[np.ndarray, "d w"], unknowns: Unknowns) -> Float[np.ndarray, "d x"]:
-    """Rows of the first step over poses, constants, the first chain and the second, right-hand side."""
+def _spread_step(
+    rows: Float[np.ndarray, "d w"], k: int, count: int, unknowns: Unknowns
+) -> Float[np.ndarray, "d x"]:
+    """Rows of step k over poses, constants, the chains of ``count`` frames and of the next, right-hand side."""
     p, c, v, K = len(unknowns.pose), len(unknowns.constant), len(unknowns.chain), unknowns.frames
     d, chain = p + v, K * p + c
-    out = np.zeros((len(rows), chain + 2 * v + 1))
-    out[:, :p], out[:, p : 2 * p] = rows[:, :p], rows[:, d : d + p]
-    out[:, chain : chain + v], out[:, chain + v : -1] = rows[:, p:d], rows[:, d + p : 2 * d]
+    out = np.zeros((len(rows), chain + (count + 1) * v + 1))
+    for moving, frame in ((0, k), (d, k + 1)):
+        out[:, frame * p : (frame + 1) * p] = rows[:, moving : moving + p]
+        out[:, chain + frame * v : chain + (frame + 1) * v] = rows[:, moving + p : moving + d]
     out[:, K * p : chain], out[:, -1] = rows[:, 2 * d : -1], rows[:, -1]
     return out
 
 
-def _spread_frame(rows: Float[np.ndarray, "r w"], unknowns: Unknowns) -> Float[np.ndarray, "r x"]:
-    """Rows of the first frame alone over the same columns."""
+def _spread_frame(
+    rows: Float[np.ndarray, "r w"], k: int, count: int, unknowns: Unknowns
+) -> Float[np.ndarray, "r x"]:
+    """Rows of frame k alone over the same columns."""
     p, c, v, K = len(unknowns.pose), len(unknowns.constant), len(unknowns.chain), unknowns.frames
     chain = K * p + c
-    out = np.zeros((len(rows), chain + 2 * v + 1))
-    out[:, :p], out[:, chain : chain + v] = rows[:, :p], rows[:, p : p + v]
+    out = np.zeros((len(rows), chain + (count + 1) * v + 1))
+    out[:, k * p : (k + 1) * p], out[:, chain + k * v : chain + (k + 1) * v] = rows[:, :p], rows[:, p : p + v]
     out[:, K * p : chain], out[:, -1] = rows[:, p + v : -1], rows[:, -1]
     return out
 
 
-def _alone(motion: Motion, trajectory: Float[np.ndarray, "k m"]) -> list[Float[np.ndarray, "r w"]]:
-    """Rows of the first frame's prior and sensors."""
+def _alone(motion: Motion, k: int, trajectory: Float[np.ndarray, "k m"]) -> list[Float[np.ndarray, "r w"]]:
+    """Rows of frame k's sensors, and of the prior for the first."""
     parts: list[np.ndarray] = []
-    if motion.prior is not None:
-        inside = prior_rows(motion.unknowns, trajectory[0], motion.prior)
-        parts.append(inside)
+    if motion.prior is not None and k == 0:
+        parts.append(prior_rows(motion.unknowns, trajectory[0], motion.prior))
     for sensor in motion.sensors:
-        here = sensor.frame == 0
+        here = sensor.frame == k
         if here.any():
             mine = replace(
                 sensor,
@@ -215,13 +220,13 @@ def _alone(motion: Motion, trajectory: Float[np.ndarray, "k m"]) -> list[Float[n
 
 
 def _triangular(
-    old: Carried | None, new: Float[np.ndarray, "r w"], unknowns: Unknowns, more: int
+    old: Carried | None, new: Float[np.ndarray, "r w"], unknowns: Unknowns, leaving: int
 ) -> Float[np.ndarray, "w w"]:
     """Upper triangle of old and new rows together, columns in the order of elimination, right-hand side last.
 
     The old root is a triangle in that order already: only the new rows are turned into it.
     """
-    order, width = _elimination_order(unknowns, more), new.shape[1]
+    order, width = _elimination_order(unknowns, leaving), new.shape[1]
     root = np.zeros((width, width), order="F")
     if old is not None:
         place = np.empty(width, dtype=int)
@@ -234,18 +239,22 @@ def _triangular(
         return root
     rows = np.asfortranarray(new[:, order])
     block = NARROW if width < WIDE_ENOUGH else WIDE
-    return np.triu(dtpqrt(0, block, root, rows, overwrite_a=1, overwrite_b=1)[0])
+    return dtpqrt(0, block, root, rows, overwrite_a=1, overwrite_b=1)[
+        0
+    ]  # what is below its diagonal stays zero
 
 
-def _elimination_order(unknowns: Unknowns, more: int) -> Int[np.ndarray, " w"]:
-    """Columns of a carried quadratic, of ``more`` errors and the right-hand side, in the order in which frames will leave."""
-    p, v = len(unknowns.pose), len(unknowns.chain)
-    chain = unknowns.frames * p + len(unknowns.constant)
-    parts = [(0, p), (chain, chain + v), (p, 2 * p), (chain + v, chain + v + more), (2 * p, chain)]
-    ends = [chain + v + more]
-    if unknowns.frames == 1:
-        parts = [(0, p), (chain, chain + v), (p, chain)]
-    return np.concatenate([*[np.arange(*part) for part in parts], ends])
+def _elimination_order(unknowns: Unknowns, leaving: int) -> Int[np.ndarray, " w"]:
+    """Columns of a carried quadratic, of the chains after that of its first frame, and of the right-hand side, as frames leave."""
+    p, v, K = len(unknowns.pose), len(unknowns.chain), unknowns.frames
+    chain = K * p + len(unknowns.constant)
+    frames = min(max(leaving, 1) + 1, K)
+    parts: list[tuple[int, int]] = []
+    for k in range(frames):
+        parts += [(k * p, (k + 1) * p)]
+        parts += [(chain + k * v, chain + (k + 1) * v)] if k <= leaving else []
+    ends = (chain + (leaving + 1) * v, chain + (leaving + 1) * v + 1)
+    return np.concatenate([np.arange(*part) for part in (*parts, (frames * p, chain), ends)])
 
 
 def _columns_of(old: Unknowns, now: Unknowns) -> Int[np.ndarray, " q"]:

@@ -16,6 +16,10 @@ the inertia made while it is hardly known would be kept for ever."""
 LONGEST_STARTUP = 120
 """Frames after which even an undetermined inertia must leave: a body in pure spin never tells it."""
 
+SHARED, AT_ONCE = 4, 8
+"""Frames that leave together, so that they share a decomposition, and at most: a window that has grown through its start-up shrinks
+in several steps, each in the time of a few frames."""
+
 TOGETHER = 100
 """Landmarks that are frozen at once, at least: each time costs a decomposition."""
 
@@ -35,8 +39,8 @@ class Mode(ABC):
         """Landmarks whose sightings are turned into what is carried."""
 
     @abstractmethod
-    def longest(self, mass_std: float) -> float:
-        """How many frames may stay."""
+    def leaving(self, frames: int, mass_std: float) -> int:
+        """How many of so many frames leave, the oldest first."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +52,8 @@ class Full(Mode):
     def frozen(self, window: Window, layout: StateLayout) -> Bool[np.ndarray, " L"]:
         return np.zeros(len(window.ids), dtype=bool)
 
-    def longest(self, mass_std: float) -> float:
-        return np.inf
+    def leaving(self, frames: int, mass_std: float) -> int:
+        return 0
 
 
 @dataclass(frozen=True)
@@ -58,7 +62,7 @@ class FrozenVision(Mode):
 
     Attributes
     ----------
-    revolutions: of the body, since a landmark was last seen.   frames: that stay, at most.
+    revolutions: of the body, since a landmark was last seen.   frames: that stay, at least.
     """
 
     revolutions: float = 3.0
@@ -79,13 +83,18 @@ class FrozenVision(Mode):
         gone = (last >= 0) & (turn[-1] - turn[last] > self.revolutions)
         return gone if np.count_nonzero(gone) >= TOGETHER else np.zeros_like(gone)
 
-    def longest(self, mass_std: float) -> float:
-        return _longest(self, self.frames, mass_std)
+    def leaving(self, frames: int, mass_std: float) -> int:
+        return _leaving(self, self.frames, frames, mass_std)
 
 
 @dataclass(frozen=True)
 class FixedLag(Mode):
-    """The newest frames; older ones are marginalised once the inertia is determined."""
+    """The newest frames; older ones are marginalised, up to `SHARED` together, once the inertia is determined.
+
+    Attributes
+    ----------
+    frames: that stay, at least.
+    """
 
     frames: int = 20
     determined: float = DETERMINED
@@ -96,13 +105,15 @@ class FixedLag(Mode):
     def frozen(self, window: Window, layout: StateLayout) -> Bool[np.ndarray, " L"]:
         return np.zeros(len(window.ids), dtype=bool)
 
-    def longest(self, mass_std: float) -> float:
-        return _longest(self, self.frames, mass_std)
+    def leaving(self, frames: int, mass_std: float) -> int:
+        return _leaving(self, self.frames, frames, mass_std)
 
 
-def _longest(mode: Mode, frames: int, mass_std: float) -> float:
-    """Longer while the inertia is not determined."""
-    return frames if mass_std <= mode.determined else max(frames, LONGEST_STARTUP)
+def _leaving(mode: Mode, kept: int, frames: int, mass_std: float) -> int:
+    """Frames beyond those that are kept, once there are enough of them; more are kept while the inertia is not determined."""
+    over = frames - (kept if mass_std <= mode.determined else max(kept, LONGEST_STARTUP))
+    enough = over >= min(SHARED, max(1, kept // SHARED))
+    return min(over, AT_ONCE) if enough else 0
 
 
 def _turns(rates: Float[np.ndarray, "k 3"], time: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:

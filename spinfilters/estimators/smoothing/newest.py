@@ -28,10 +28,3 @@ def newest_factor(solution: Reduced) -> Float[np.ndarray, "n n"]:
     rows[unknowns.chain, : len(corner)] = -out @ chain.coupling[-1, :, first:-1] @ corner
     rows[unknowns.chain, len(corner) :] = out
     return triangular_factor(rows.T)
-
-
-def constant_std(solution: Reduced) -> Float[np.ndarray, " c"]:
-    """Standard deviations of the constants' errors: the constants come last in the root."""
-    c = len(solution.unknowns.constant)
-    corner = np.tril(solution.root[-c:, -c:]) if c else np.zeros((0, 0))
-    return np.linalg.norm(np.linalg.inv(corner), axis=0)

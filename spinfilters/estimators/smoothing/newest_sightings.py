@@ -19,7 +19,7 @@ def is_strange(problem: Problem, here: Point, kernel: RobustKernel) -> bool:
     """Whether the kernel loses most of the newest frame."""
     if here.linear is None or problem.sightings is None:
         return False
-    newest = problem.sightings.frame == problem.unknowns.frames - 1
+    newest = np.flatnonzero(problem.sightings.frame == problem.unknowns.frames - 1)
     lost = kernel.weight(here.linear.square[newest]) == 0
     return bool(len(lost)) and float(np.mean(lost)) > STRANGE
 
@@ -29,6 +29,8 @@ def with_landmarks_put_right(problem: Problem, here: Point, stage: Stage) -> Poi
     if problem.sightings is None or here.linear is None:
         return here
     believed = stage.kernel.weight(here.linear.square) > 0
+    if believed.all():
+        return here
     landmark, count = problem.sightings.landmark, problem.sightings.landmarks
     every, good = np.bincount(landmark, minlength=count), np.bincount(landmark[believed], minlength=count)
     if not ((every > SIGHTINGS_NEEDED) & (good < SIGHTINGS_NEEDED)).any():

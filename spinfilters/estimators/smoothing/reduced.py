@@ -5,10 +5,11 @@ come last, so their covariance is in the corner of the Cholesky factor.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg.lapack import dpotrf, dtrtrs
+from scipy.linalg.lapack import dpotrf, dtrtri, dtrtrs
 
 from spinfilters.estimators.smoothing.carried import CarriedAt
 from spinfilters.estimators.smoothing.chain import Chain, eliminate_chain
@@ -53,6 +54,17 @@ class Reduced:
         """Step of every pose."""
         size = self.unknowns.frames * len(self.unknowns.pose)
         return self.kept[:size].reshape(self.unknowns.frames, -1)
+
+    @cached_property
+    def mass_std(self) -> float:
+        """Largest standard deviation of the mass distribution, 0 of a layout without it: the constants come last in the root."""
+        layout, constant = self.unknowns.layout, self.unknowns.constant
+        if "s" not in layout.blocks:
+            return 0.0
+        c, mass = len(constant), layout.slice("s")
+        corner = np.triu(dtrtri(self.root[-c:, -c:].T, lower=0)[0])
+        variance = np.einsum("ij,ij->i", corner, corner)
+        return float(variance[(constant >= mass.start) & (constant < mass.stop)].max() ** 0.5)
 
 
 def solve_reduced(

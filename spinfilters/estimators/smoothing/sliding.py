@@ -12,7 +12,7 @@ from spinfilters.estimators.smoothing.closed_form import at_closed_form, fits
 from spinfilters.estimators.smoothing.marginalisation import without_landmarks, without_oldest
 from spinfilters.estimators.smoothing.marginals import Marginals
 from spinfilters.estimators.smoothing.modes import DETERMINED
-from spinfilters.estimators.smoothing.newest import constant_std, newest_factor
+from spinfilters.estimators.smoothing.newest import newest_factor
 from spinfilters.estimators.smoothing.newest_sightings import WIDTH, is_strange, with_landmarks_put_right
 from spinfilters.estimators.smoothing.problem import Normal, Point, Problem, Stage
 from spinfilters.estimators.smoothing.reduced import Reduced
@@ -32,8 +32,6 @@ LOOSE, SETTLED_COST = 0.05, 1.0
 what is believed of a body hardly known is curved, and a covariance from one step before would lie."""
 SETTLED = 3
 """Frames in a row after which the inertia must have been determined before a frame leaves."""
-DROPPED_AT_ONCE = 2
-"""Frames that leave after one that comes, at most: a window that has grown through its start-up shrinks gently."""
 
 
 class SlidingSmoother:
@@ -112,14 +110,8 @@ class SlidingSmoother:
     def mass_std(self) -> float:
         """Largest standard deviation of the mass distribution (logarithm of second moments)."""
         assert self._linear is not None
-        solution, layout = self._linear[1].solution, self.process.layout
-        if "s" not in layout.blocks:
-            return 0.0
-        if isinstance(solution, int):
-            return np.inf
-        std, first = constant_std(solution), layout.slice("s").start
-        at = int(np.searchsorted(solution.unknowns.constant, first))
-        return float(std[at : at + layout.slice("s").stop - first].max())
+        solution = self._linear[1].solution
+        return np.inf if isinstance(solution, int) else solution.mass_std
 
     def smoothed(self, frames: int | None = None) -> list[Retired]:
         """Frames of the window with their covariances: all, or so many of the oldest."""
@@ -217,11 +209,9 @@ class SlidingSmoother:
 
         Returns how many linearisations it took to see.
         """
-        if (
-            fits(here, normal)
-            or self.mass_std <= DETERMINED
-            or not self.memory.tried.due(len(self.window.frames))
-        ):
+        if self.mass_std <= DETERMINED or fits(here, normal):
+            return 0
+        if not self.memory.tried.due(len(self.window.frames)):
             return 0
         times = np.array([frame.time for frame in self.window.frames])
         found, tries = at_closed_form(problem, here, normal, times)
@@ -248,19 +238,15 @@ class SlidingSmoother:
             self.memory.determined + 1 if std <= mode.determined and not self.memory.strange else 0
         )
         landmarks = mode.frozen(window, self.process.layout)
-        longest = mode.longest(std if self.memory.determined >= SETTLED else np.inf)
-        over = min(len(window.frames) - longest, DROPPED_AT_ONCE)
+        over = mode.leaving(len(window.frames), std if self.memory.determined >= SETTLED else np.inf)
         if over < 1 or not self._linear[1].solved:
             if landmarks.any() and self._linear[1].solved:
                 self.window = without_landmarks(window, problem, self._linear, landmarks)
             return ()
         landmarks[window.seen.landmark[window.seen.frame < over]] = True
-        retired = self._leaving(int(over))
-        window = without_oldest(window, problem, self._linear, landmarks)
+        retired = self._leaving(over)
+        self.window = without_oldest(window, problem, self._linear, landmarks, over)
         self.memory.prior_alive = False
-        for _ in range(1, int(over)):
-            window = without_oldest(window, window.problem(self.process, None, self._tied))
-        self.window = window
         return retired
 
     def _leaving(self, count: int) -> tuple[Retired, ...]:

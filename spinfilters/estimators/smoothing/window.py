@@ -37,7 +37,8 @@ class Seen:
 
     def chosen(self, rows: Bool[np.ndarray, " N"]) -> "Seen":
         """Some of them."""
-        return Seen(*(array[rows] for array in vars(self).values()))
+        taken = np.flatnonzero(rows)
+        return Seen(*(array.take(taken, axis=0) for array in vars(self).values()))
 
     def plus(self, other: "Seen") -> "Seen":
         """Others behind them."""
@@ -80,11 +81,11 @@ class Window:
         """As the elimination wants them: landmark after landmark."""
         s, many = self.seen, len(self.ids) > np.iinfo(np.uint16).max
         order = np.argsort(s.landmark if many else s.landmark.astype(np.uint16), kind="stable")
-        groups = []
+        groups, every = [], np.arange(len(order))
         for number, model in enumerate(self.models):
-            rows = np.flatnonzero(s.sensor[order] == number)
+            rows = every if len(self.models) == 1 else np.flatnonzero(s.sensor[order] == number)
             at = order[rows]
-            groups.append(SensorGroup(model, rows, s.values[at], s.parameters[at]))
+            groups.append(SensorGroup(model, rows, s.values.take(at, axis=0), s.parameters.take(at, axis=0)))
         counts = np.bincount(s.frame, minlength=len(self.frames))
         place = np.zeros(len(order), dtype=int)
         chosen = tuple(group for group in groups if len(group.rows))
@@ -129,12 +130,11 @@ class Window:
         seen = replace(seen, landmark=number[seen.landmark])
         return replace(self, seen=seen, ids=self.ids[~landmarks], points=self.points[~landmarks])
 
-    def shifted(self, carried: Carried) -> "Window":
-        """Without the oldest frame, of which no sighting may be left."""
-        seen = replace(self.seen, frame=self.seen.frame - 1)
-        return replace(
-            self, frames=self.frames[1:], trajectory=self.trajectory[1:], seen=seen, carried=carried
-        )
+    def shifted(self, count: int, carried: Carried) -> "Window":
+        """Without the oldest frames, of which no sighting may be left."""
+        seen = replace(self.seen, frame=self.seen.frame - count)
+        frames, trajectory = self.frames[count:], self.trajectory[count:]
+        return replace(self, frames=frames, trajectory=trajectory, seen=seen, carried=carried)
 
 
 def _with_sightings(
@@ -167,6 +167,6 @@ def _numbers(known: Int[np.ndarray, " L"], ids: Int[np.ndarray, " k"]) -> Int[np
     """Which of the known ids each is, or -1."""
     if not len(known):
         return np.full(len(ids), -1)
-    order = np.argsort(known)
-    at = order[np.clip(np.searchsorted(known, ids, sorter=order), 0, len(order) - 1)]
+    order = np.argsort(known, kind="stable")  # ids in runs that ascend, which a stable sort is quick with
+    at = order[np.minimum(np.searchsorted(known.take(order), ids), len(order) - 1)]
     return np.where(known[at] == ids, at, -1)
