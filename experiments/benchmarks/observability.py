@@ -21,6 +21,7 @@ import sys
 import types
 import warnings
 from collections.abc import Callable, Sequence
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from queue import Empty
@@ -157,7 +158,7 @@ def _ours(system: System) -> Callable[[], Answer]:
 
 
 def _symident(system: System) -> Callable[[], Answer]:
-    import symident  # pyright: ignore[reportMissingImports]
+    symident = import_module("symident")
 
     names, rates, outputs = formulas(system)
     odes = dict(zip(names, map(str, rates), strict=True))
@@ -171,7 +172,7 @@ def _symident(system: System) -> Callable[[], Answer]:
 
 
 def _pybounds(system: System) -> Callable[[], Answer]:
-    import pybounds  # pyright: ignore[reportMissingImports]
+    pybounds = import_module("pybounds")
 
     x, u = ca.SX.sym("x", system.chart.mean_dim), ca.SX.sym("u", 0)
     rate = ca.Function("rate", [x], [system.rate(x, u)])
@@ -195,8 +196,8 @@ def _pybounds(system: System) -> Callable[[], Answer]:
 
 
 def _strikepy(system: System) -> Callable[[], Answer]:
-    import sympy  # pyright: ignore[reportMissingImports]
-    from StrikePy.strike_goldd import strike_goldd  # pyright: ignore[reportMissingImports]
+    sympy = import_module("sympy")
+    strike_goldd = import_module("StrikePy.strike_goldd").strike_goldd
 
     names, rates, outputs = formulas(system)
     options = types.ModuleType("StrikePy.custom_options.ours")
@@ -228,7 +229,7 @@ def _strikepy(system: System) -> Callable[[], Answer]:
 
 def formulas(system: System) -> tuple[list[str], list[Any], list[Any]]:
     """Names of the state's numbers, and SymPy expressions of their rates and of the first sensor's value."""
-    import sympy  # pyright: ignore[reportMissingImports]
+    sympy = import_module("sympy")
 
     names = [f"{block.name}{k}" for block in system.chart.blocks for k in range(block.size)]
     x = [sympy.Symbol(name) for name in names]
@@ -238,7 +239,7 @@ def formulas(system: System) -> tuple[list[str], list[Any], list[Any]]:
 
 def translated(tape: Tape, inputs: list[list[Any]]) -> list[Any]:
     """A tape in SymPy: its registers evaluated over symbols."""
-    import sympy  # pyright: ignore[reportMissingImports]
+    sympy = import_module("sympy")
 
     registers = evaluate(tape, [np.zeros((len(given), 1)) for given in inputs]).astype(object)[:, 0]
     for where, given in zip(tape.inputs, inputs, strict=True):
