@@ -124,7 +124,7 @@ def targets() -> set[str]:
 def test_files_that_are_read_at_run_time_are_built_in() -> None:
     """C texts lie beside the modules that compile them; a wheel holds them only where the build file says so."""
     data = pyproject()["tool"]["setuptools"]["package-data"]
-    texts = [path for name in PACKAGES for path in (ROOT / name).rglob("*.c")]
+    texts = [path for name in PACKAGES for path in (ROOT / name).rglob("*.[ch]")]
     assert texts
     for path in texts:
         package = ".".join(path.relative_to(ROOT).parent.parts)

@@ -11,7 +11,6 @@ Rows of the project are by its error (t, a); with Pose3's own tangent, T_gi Exp(
 
 from collections.abc import Sequence
 from importlib import import_module
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -21,8 +20,10 @@ from experiments.benchmarks.motion_rows import MOVING, POSE
 from spinfilters.errors import InputError
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
-gtsam: Any = import_module("gtsam") if find_spec("gtsam") else None
-"""The peer, or None where it is not installed: by name, so that types are checked without it."""
+try:
+    gtsam: Any = import_module("gtsam")  # by name, so that types are checked where it is not installed
+except ImportError:
+    gtsam = None
 
 MISSING = (
     "the peer GTSAM is not installed; type 'pip install gtsam' (4.3 was measured), or leave this peer out"

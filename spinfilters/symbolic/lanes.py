@@ -100,6 +100,7 @@ class Fold:
         self._plain = [Compiled(function) for function in self._functions]
         self._widths = [begin.numel_in(k) for k in range(begin.n_in())]
         self._made = [end.numel_out(k) for k in range(end.n_out())]
+        self._numbers: int = turn.numel_in(turn.n_in() - 1)
 
     def __reduce__(self) -> tuple[type["Fold"], tuple[ca.Function, ...]]:
         """A library does not pickle: another process builds its own from the expressions."""
@@ -114,8 +115,10 @@ class Fold:
 
         Raises
         ------
-        ShapeError: for a wrong number, length or width of arguments.
+        ShapeError: for a wrong number, length or width of arguments, or of the numbers of turns.
         """
+        if each.ndim != 2 or each.shape[1] != self._numbers:
+            raise ShapeError(f"{self.name} takes {self._numbers} numbers for every turn, got {each.shape}")
         counts = {len(a) for a in arguments if len(a) != 1} or {1}
         shapes = [a.shape[1] if a.ndim == 2 else -1 for a in arguments]
         if shapes != self._widths or len(counts) != 1:

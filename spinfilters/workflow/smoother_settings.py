@@ -28,7 +28,7 @@ class SmootherSettings:
     ----------
     mode: "full" keeps everything, "frozen" eliminates landmarks for good that have not been seen for some revolutions,
         "window" keeps the newest frames; "automatic" is "full" for short recordings and "frozen" for others.
-    frames: that stay at most, in the modes "frozen" and "window".   revolutions: see "frozen".
+    frames: that stay at least, in the modes "frozen" and "window".   revolutions: see "frozen".
     kernel: of a residual: "gate" (nothing beyond width), "huber", "pseudo-huber", "barron" (alpha = shape) or "none"
         (least squares).
     width: where it begins to bend, standard deviations.   shape: Barron's alpha, at most 2.

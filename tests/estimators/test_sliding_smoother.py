@@ -235,3 +235,29 @@ def test_least_squares_as_the_kernel_rejects_nothing() -> None:
         _nonsense(f, np.random.default_rng(k)) if k == 5 else f for k, f in enumerate(sample(LONG).frames)
     ]
     assert sum(sliding.add(frame).rejected for frame in frames[:8]) == 0
+
+
+@pytest.mark.parametrize(
+    ("mode", "frames", "std", "leaving"),
+    [
+        (FixedLag(20), 20, 0.01, 0),
+        (FixedLag(20), 23, 0.01, 0),
+        (FixedLag(20), 24, 0.01, 4),
+        (FixedLag(20), 27, 0.01, 7),
+        (FixedLag(20), 60, 0.01, 8),
+        (FixedLag(20), 60, 0.1, 0),
+        (FixedLag(20), 123, 0.1, 0),
+        (FixedLag(20), 124, np.inf, 4),
+        (FixedLag(2), 3, 0.01, 1),
+        (FixedLag(8), 9, 0.01, 0),
+        (FixedLag(8), 10, 0.01, 2),
+        (FrozenVision(frames=150), 153, np.inf, 0),
+        (FrozenVision(frames=150), 154, np.inf, 4),
+        (Full(), 10_000, 0.001, 0),
+    ],
+    ids=str,
+)
+def test_frames_leave_together_when_there_are_enough_of_them(
+    mode: Mode, frames: int, std: float, leaving: int
+) -> None:
+    assert mode.leaving(frames, std) == leaving

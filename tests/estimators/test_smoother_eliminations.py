@@ -5,16 +5,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from smoothing_samples import MIDDLE, perturbed, sample, solved
+from smoothing_samples import LAYOUT, MIDDLE, perturbed, sample, solved
 
 from spinfilters.estimators.smoothing import chain as chain_file
 from spinfilters.estimators.smoothing import elimination as elimination_file
+from spinfilters.estimators.smoothing import motion as motion_file
+from spinfilters.estimators.smoothing import reduced as reduced_file
 from spinfilters.estimators.smoothing.chain import Chain, eliminate_chain
 from spinfilters.estimators.smoothing.elimination import Eliminated, eliminate, eliminate_in_numpy
 from spinfilters.estimators.smoothing.marginals import Marginals
+from spinfilters.estimators.smoothing.motion import whitened_steps, whitened_steps_in_numpy
 from spinfilters.estimators.smoothing.native import kernels
 from spinfilters.estimators.smoothing.reduced import Reduced
 from spinfilters.estimators.smoothing.sightings import LinearSightings, Sightings
+from spinfilters.estimators.smoothing.unknowns import Unknowns
 
 FRAMES, KEPT = 7, 6 * 7 + 8
 ALONE, UNSEEN, FLAT, UNBELIEVED, TWICE = range(5)
@@ -25,7 +29,7 @@ LANDMARKS = 30
 @pytest.fixture
 def no_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
     """A machine without a compiler."""
-    for file in (elimination_file, chain_file):
+    for file in (elimination_file, chain_file, motion_file, reduced_file):
         monkeypatch.setattr(file, "kernels", lambda: None)
 
 
@@ -206,6 +210,47 @@ def test_the_first_block_that_is_not_positive_definite_is_reported(
     D, E, G = _system(3, 6, 0)
     D[wrong, 2, 2] = value
     assert eliminate_chain(D, E, G, 6, 0).failed == wrong
+
+
+def _steps(seed: int, count: int, tied: bool) -> tuple[Unknowns, np.ndarray, np.ndarray, np.ndarray]:
+    """Defects, transitions and noise factors of any numbers."""
+    generator, n = np.random.default_rng(seed), LAYOUT.error_dim
+    shapes = ((count, n), (count, n, n), (count, n, 12))
+    return Unknowns(LAYOUT, count + 1, tied), *(generator.standard_normal(shape) for shape in shapes)
+
+
+@pytest.mark.parametrize("count", [0, 1, 5])
+@pytest.mark.parametrize("tied", [True, False])
+def test_steps_are_whitened_in_c_as_in_numpy(count: int, tied: bool) -> None:
+    _needs_kernels()
+    steps = _steps(count, count, tied)
+    for fast, plain in zip(whitened_steps(*steps), whitened_steps_in_numpy(*steps), strict=True):
+        assert fast.shape == plain.shape
+        np.testing.assert_allclose(fast, plain, rtol=1e-9, atol=1e-9)
+
+
+def test_whitened_steps_have_the_information_that_their_noise_leaves() -> None:
+    unknowns, defect, transition, noise = _steps(3, 4, True)
+    rows, grams = whitened_steps(unknowns, defect, transition, noise)
+    d, c, moving = len(unknowns.moving), len(unknowns.constant), unknowns.moving
+    assert rows.shape == (4, d, 2 * d + c + 1)
+    for k in range(4):
+        spread = noise[k][moving] @ noise[k][moving].T
+        told = transition[k][moving]
+        plain = np.hstack([-told[:, moving], np.eye(d), -told[:, unknowns.constant], defect[k, moving, None]])
+        np.testing.assert_allclose(
+            grams[k], plain.T @ np.linalg.solve(spread, plain), rtol=1e-6, atol=1e-6 * np.abs(grams[k]).max()
+        )
+
+
+def test_a_step_that_is_not_finite_spoils_no_other() -> None:
+    _needs_kernels()
+    unknowns, defect, transition, noise = _steps(4, 3, True)
+    expected = whitened_steps(unknowns, defect, transition, noise)[1]
+    noise[1] = np.nan
+    grams = whitened_steps(unknowns, defect, transition, noise)[1]
+    assert np.isnan(grams[1]).all()
+    np.testing.assert_array_equal(grams[[0, 2]], expected[[0, 2]])
 
 
 def test_a_solve_without_a_compiler_is_that_with_one(

@@ -258,6 +258,12 @@ def test_columns_that_do_not_fit_a_fold_are_refused(shape: tuple[int, ...]) -> N
         Fold(*_pendulum())(np.zeros((4, 1)), np.zeros(shape), each=EACH)
 
 
+@pytest.mark.parametrize("shape", [(3,), (3, 1), (3, 3)])
+def test_numbers_that_do_not_fit_the_turns_of_a_fold_are_refused(shape: tuple[int, ...]) -> None:
+    with pytest.raises(ShapeError, match="2 numbers for every turn"):
+        Fold(*_pendulum())(*_swinging(4), each=np.zeros(shape))
+
+
 def test_without_a_compiler_a_fold_gives_the_same_bits(no_compiler: None) -> None:
     arguments = _swinging(5)
     _same(Fold(*_pendulum())(*arguments, each=EACH), _folded(*arguments, EACH))

@@ -239,9 +239,8 @@ def _triangular(
         return root
     rows = np.asfortranarray(new[:, order])
     block = NARROW if width < WIDE_ENOUGH else WIDE
-    return dtpqrt(0, block, root, rows, overwrite_a=1, overwrite_b=1)[
-        0
-    ]  # what is below its diagonal stays zero
+    turned, *_ = dtpqrt(0, block, root, rows, overwrite_a=1, overwrite_b=1)
+    return turned  # what is below its diagonal stays zero
 
 
 def _elimination_order(unknowns: Unknowns, leaving: int) -> Int[np.ndarray, " w"]:

@@ -89,7 +89,7 @@ class FrozenVision(Mode):
 
 @dataclass(frozen=True)
 class FixedLag(Mode):
-    """The newest frames; older ones are marginalised, up to `SHARED` together, once the inertia is determined.
+    """The newest frames; older ones are marginalised, some together, once the inertia is determined.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The loops of `kernels.c`, compiled once, or nothing where there is no compiler: the callers then do the same in NumPy."""
+"""The loops of `landmarks.c` and `chain.c`, compiled once, or nothing where there is no compiler: NumPy then does the same."""
 
 import ctypes
 from collections.abc import Callable
@@ -10,6 +10,7 @@ from scipy.linalg import cython_blas
 
 from spinfilters.symbolic.c_library import FLAGS, NATIVE, load_text
 
+SOURCES = ("kernels.h", "landmarks.c", "chain.c")
 KERNEL_FLAGS = (*(flag for flag in FLAGS if "contract" not in flag), "-O3", NATIVE, "-fno-math-errno")
 _TYPES = {"i": ctypes.c_longlong, "d": ctypes.c_double, "p": ctypes.c_void_p}
 _SIGNATURES = {
@@ -17,7 +18,7 @@ _SIGNATURES = {
     "spread_blocks": ("ii" + "pp", None),
     "follow_poses": ("i" + "pppppppp", None),
     "step_rows": ("iiiii" + "pp" + "d" + "ppppp", ctypes.c_int),
-    "add_grams": ("iiiiii" + "ppppp", None),
+    "add_grams": ("iiiiii" + "ppppp", ctypes.c_int),
     "eliminate_chain": ("iiiiii" + "d" + "pppp", ctypes.c_longlong),
     "solve_chain": ("ii" + "ppp", None),
 }
@@ -27,7 +28,8 @@ _SIGNATURES = {
 @cache
 def kernels() -> ctypes.PyDLL | None:
     """The library, or None."""
-    text = files("spinfilters.estimators.smoothing").joinpath("kernels.c").read_text()
+    folder = files("spinfilters.estimators.smoothing")
+    text = "".join(folder.joinpath(name).read_text() for name in SOURCES)
     library = load_text("smoother_kernels", text, KERNEL_FLAGS)
     if library is not None:
         for name, (arguments, result) in _SIGNATURES.items():

@@ -126,7 +126,8 @@ def _in_c(M: np.ndarray, chain: Blocks, grams: np.ndarray, sizes: tuple[int, int
         return False
     grams = np.ascontiguousarray(grams)
     counts = (len(grams), both, len(chain[0]), *sizes)
-    library.add_grams(*counts, address(grams), *map(address, (M, *chain)))
+    if library.add_grams(*counts, address(grams), *map(address, (M, *chain))):
+        raise MemoryError("no memory to add what was measured")
     return True
 
 
