@@ -71,7 +71,7 @@ def own_resolved(workload: Workload) -> PeerResult:
 
 
 def own_window(workload: Workload, lag: int, retired: bool = False) -> PeerResult:
-    """A window of so many frames; its cost says nothing, see `gtsam_incremental.fixed_lag`.
+    """A window of so many frames at least, for some leave together; its cost says nothing, see `gtsam_incremental.fixed_lag`.
 
     Parameters
     ----------

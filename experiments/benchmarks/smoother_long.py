@@ -47,11 +47,13 @@ def _smoother(mode: Mode) -> SlidingSmoother:
 
 
 def _checks(name: str, seconds: np.ndarray, resident: np.ndarray) -> Iterator[Check]:
-    medians = 1e3 * np.median(seconds, axis=1)
-    change, growth = medians[-1] / medians[0], resident[-1] / resident[0] - 1
-    high = 1e3 * np.quantile(seconds, 0.99)
-    times = f"{medians[0]:8.2f} ms at first, at last {medians[-1]:.2f} ms: {change:.3f}"
-    note = f"blocks {medians.min():.2f} .. {medians.max():.2f} ms, 99th percentile {high:.2f} ms"
+    means = 1e3 * np.mean(seconds, axis=1)  # frames leave a window together: a median would not see it
+    change, growth = means[-1] / means[0], resident[-1] / resident[0] - 1
+    half, high = 1e3 * np.quantile(seconds, [0.5, 0.99])
+    times = f"{means[0]:8.2f} ms per frame at first, at last {means[-1]:.2f} ms: {change:.3f}"
+    note = (
+        f"blocks {means.min():.2f} .. {means.max():.2f} ms; median {half:.2f}, 99th percentile {high:.2f} ms"
+    )
     what = f"{seconds.size} frames, {name}"
     yield Check(what, times, f"at most {SAME_TIME:g}", bool(change <= SAME_TIME), note)
     memory = f"{resident[0]:8.1f} MB -> {resident[-1]:.1f} MB"
