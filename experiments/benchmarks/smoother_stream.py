@@ -10,7 +10,7 @@ from experiments.benchmarks.gtsam_incremental import fixed_lag, isam2, resolved_
 from experiments.benchmarks.own_smoother import own_batch, own_resolved, own_window
 from experiments.benchmarks.smoother_checks import Check, Solver, in_turn, ratio_of
 from experiments.benchmarks.smoother_workload import PeerResult, Workload
-from spinfilters.estimators.smoothing.modes import SHARED
+from spinfilters.estimators.smoothing.modes import together
 
 NEAR_OPTIMUM: Final = 0.5
 """Of the cost."""
@@ -61,7 +61,7 @@ def window(workload: Workload, rounds: int, peers: bool) -> Iterator[Check]:
         yield Check(what, f"{ours[0].seconds:8.3f} s", note=off)
         return
     told = own_window(workload, LAG, retired=True).seconds
-    note = f"ours keeps up to {SHARED - 1} more; with the covariance of frames that leave {1e3 * told:.0f} ms"
+    note = f"ours keeps up to {together(LAG) - 1} more; with the covariance of frames that leave {1e3 * told:.0f} ms"
     yield ratio_of(found["gtsam"], ours).check(what, OVER_WINDOW, note)
     theirs = _off(workload, found["gtsam"][0], best)
     yield Check("  newest frame off the batch", f"ours {off}; IncrementalFixedLag {theirs}")

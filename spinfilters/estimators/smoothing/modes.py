@@ -16,9 +16,9 @@ the inertia made while it is hardly known would be kept for ever."""
 LONGEST_STARTUP = 120
 """Frames after which even an undetermined inertia must leave: a body in pure spin never tells it."""
 
-SHARED, AT_ONCE = 4, 8
-"""Frames that leave together, so that they share a decomposition, and at most: a window that has grown through its start-up shrinks
-in several steps, each in the time of a few frames."""
+SHARE, AT_ONCE = 5, 16
+"""A fifth of a window leaves together, so that the frames share a decomposition; and so many at most, also where a window that has grown
+through its start-up shrinks."""
 
 TOGETHER = 100
 """Landmarks that are frozen at once, at least: each time costs a decomposition."""
@@ -112,8 +112,12 @@ class FixedLag(Mode):
 def _leaving(mode: Mode, kept: int, frames: int, mass_std: float) -> int:
     """Frames beyond those that are kept, once there are enough of them; more are kept while the inertia is not determined."""
     over = frames - (kept if mass_std <= mode.determined else max(kept, LONGEST_STARTUP))
-    enough = over >= min(SHARED, max(1, kept // SHARED))
-    return min(over, AT_ONCE) if enough else 0
+    return min(over, AT_ONCE) if over >= together(kept) else 0
+
+
+def together(kept: int) -> int:
+    """How many frames beyond those that are kept gather before they leave."""
+    return min(AT_ONCE, max(1, kept // SHARE))
 
 
 def _turns(rates: Float[np.ndarray, "k 3"], time: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
