@@ -51,8 +51,14 @@ def open_run_folder(folder: Path) -> None:
 
 
 def write_configuration(folder: Path, settings: Settings) -> None:
-    """config.toml: the settings and what the run was made with. It comes first and marks the folder as a run's."""
-    write_toml(folder / CONFIG_FILE, configuration(settings))
+    """config.toml: the settings and what the run was made with. It comes first and marks the folder as a run's.
+
+    Numbers of an earlier run that was made otherwise do not outlive its configuration.
+    """
+    document = configuration(settings)
+    if not _is_configured(folder, document):
+        (folder / SUMMARY_FILE).unlink(missing_ok=True)
+    write_toml(folder / CONFIG_FILE, document)
 
 
 def configuration(settings: Settings) -> dict[str, Any]:
@@ -106,7 +112,7 @@ def read_histories(folder: Path, names: Sequence[str]) -> list[EstimateHistory]:
 def finished_run(folder: Path, dataset: Dataset, settings: Settings) -> dict[str, Any] | None:
     """Summary of a whole run that was made of the same data set, settings and versions; None where there is none."""
     try:
-        if read_toml(folder / CONFIG_FILE) != configuration(settings):
+        if not _is_configured(folder, configuration(settings)):
             return None
         earlier, document = read_dataset(folder / DATASET_FOLDER), read_summary(folder)
         same = all(_equal(getattr(earlier, part), getattr(dataset, part)) for part in DECISIVE)
@@ -133,6 +139,14 @@ def _is_whole(document: dict[str, Any], settings: Settings) -> bool:
         total, made = document["dataset"]["frames"], [document["estimators"][n] for n in settings.estimators]
         return all(each["frames"] == total or each["status"] == str(Verdict.FAILED) for each in made)
     except (KeyError, TypeError):
+        return False
+
+
+def _is_configured(folder: Path, document: dict[str, Any]) -> bool:
+    """Whether what lies in a folder was made with the settings and versions of a `configuration`."""
+    try:
+        return read_toml(folder / CONFIG_FILE) == document
+    except InputError:
         return False
 
 
