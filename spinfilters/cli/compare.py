@@ -18,7 +18,13 @@ from spinfilters.workflow.checkpointing import keep_in, remove_checkpoints
 from spinfilters.workflow.estimation import Comparison, compare_estimators
 from spinfilters.workflow.estimation import Progress as Report
 from spinfilters.workflow.preparation import prepare
-from spinfilters.workflow.run_folder import finished_run, mark_run_folder, open_run_folder, write_run
+from spinfilters.workflow.run_folder import (
+    finished_run,
+    mark_run_folder,
+    open_run_folder,
+    picture_files,
+    write_run,
+)
 from spinfilters.workflow.settings import Settings, read_settings
 
 if TYPE_CHECKING:
@@ -45,14 +51,14 @@ def compare(options: argparse.Namespace) -> int:
 
 
 def _complete(folder: Path, dataset: Dataset, settings: Settings, additions: "Additions | None") -> int:
-    """Add what a finished run lacks of what is asked for."""
-    made = []
-    if additions is not None:
-        with progress_bars() as report:
-            made = additions.complete(
+    """Draw the figures that a finished run lacks, and make what else is asked for."""
+    with progress_bars() as report:
+        made = _draw_missing(folder, settings, report)
+        if additions is not None:
+            made += additions.complete(
                 folder, dataset, settings, lambda done, total: report("convergence", done, total)
             )
-    rest = f"added {' and '.join(made)}" if made else "nothing is left to do"
+    rest = f"made {', '.join(made)}" if made else "nothing is left to do"
     wide_console().print(f"run folder: {folder} is complete, {rest}", highlight=False, soft_wrap=True)
     return 0
 
@@ -87,6 +93,17 @@ def _draw(comparison: Comparison, folder: Path, report: Report) -> None:
 
     pictured = Pictured.from_comparison(comparison)
     draw_run(pictured, folder, lambda done, total: report("figures", done, total))
+
+
+def _draw_missing(folder: Path, settings: Settings, report: Report) -> list[str]:
+    """Figures that a finished run does not have, because Ctrl-C or a kill came while they were drawn."""
+    missing = [name for name in picture_files(settings.estimators) if not (folder / name).exists()]
+    if not missing:
+        return []
+    from spinfilters.workflow.figures import Pictured, draw_run
+
+    pictured = Pictured.from_folder(folder)
+    return draw_run(pictured, folder, lambda done, total: report("figures", done, total), missing)
 
 
 def _additions(options: argparse.Namespace) -> "Additions | None":

@@ -6,7 +6,7 @@ from pathlib import Path
 from rich.console import Console
 
 from spinfilters.cli.console import progress_bars
-from spinfilters.workflow.additions import drawn_additions
+from spinfilters.workflow.additions import draw_additions
 from spinfilters.workflow.figures import Pictured, draw_run
 
 
@@ -15,8 +15,8 @@ def plot(options: argparse.Namespace) -> int:
     folder = Path(options.run)
     pictured = Pictured.from_folder(folder)
     histories = [evaluation.history for evaluation in pictured.evaluations]
-    additions = drawn_additions(folder, histories, pictured.dataset.truth)
     with progress_bars() as report:
-        paths = draw_run(pictured, folder, lambda done, total: report("figures", done, total), additions)
-    Console().print(f"{len(paths)} figures in {folder}", highlight=False)
+        drawn = draw_run(pictured, folder, lambda done, total: report("figures", done, total))
+        drawn += draw_additions(folder, histories, pictured.dataset.truth)
+    Console().print(f"{len(drawn)} figures in {folder}", highlight=False)
     return 0

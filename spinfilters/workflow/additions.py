@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
@@ -13,10 +12,11 @@ from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.truth import Truth
 from spinfilters.plots.convergence import convergence_figure
 from spinfilters.plots.prediction import prediction_figure
+from spinfilters.plots.style import save_figure
 from spinfilters.workflow import convergence, prediction
 from spinfilters.workflow.estimation import Comparison
 from spinfilters.workflow.preparation import Prepared, prepare
-from spinfilters.workflow.run_folder import read_histories
+from spinfilters.workflow.run_folder import CONVERGENCE_PICTURE, PREDICTION_PICTURE, read_histories
 from spinfilters.workflow.run_summary import read_process
 from spinfilters.workflow.settings import Settings
 
@@ -69,29 +69,45 @@ class Additions:
             prepared = prepare(dataset, settings)
             self.check(prepared, settings)
             convergence.write_convergence(folder, prepared, settings, on_frame)
-            made.append(convergence.PICTURE)
+            made.append(CONVERGENCE_PICTURE)
         if self.predict_s is not None:
             histories = read_histories(folder, settings.estimators)
             process = read_process(folder, settings.process.tolerance)
             if prediction.write_predictions(folder, process, histories, self.predict_s):
-                made.append(prediction.PICTURE)
+                made.append(PREDICTION_PICTURE)
         return made
 
 
-def drawn_additions(
-    folder: Path, histories: Sequence[EstimateHistory], truth: Truth | None
-) -> dict[str, Callable[[], Figure]]:
-    """What draws the additions of a run folder, by file name.
+def draw_additions(folder: Path, histories: Sequence[EstimateHistory], truth: Truth | None) -> list[str]:
+    """Draw the additions of a run folder again; returns the names of the pictures.
 
     Raises
     ------
-    InputError: a file that one is drawn from is missing or damaged.
+    InputError: a file that one is drawn from is missing or damaged; what else there is has been drawn.
     """
+    drawn: list[str] = []
+    faults: list[InputError] = []
+    for draw in (lambda: _draw_prediction(folder, histories), lambda: _draw_convergence(folder, truth)):
+        try:
+            drawn += draw()
+        except InputError as error:
+            faults.append(error)
+    if faults:
+        raise faults[0]
+    return drawn
+
+
+def _draw_prediction(folder: Path, histories: Sequence[EstimateHistory]) -> list[str]:
     foretold = prediction.read_predictions(folder, histories)
+    if not foretold:
+        return []
+    save_figure(prediction_figure(foretold), folder / PREDICTION_PICTURE)
+    return [PREDICTION_PICTURE]
+
+
+def _draw_convergence(folder: Path, truth: Truth | None) -> list[str]:
     settled = convergence.read_convergence(folder, truth)
-    figures: dict[str, Callable[[], Figure]] = {}
-    if foretold:
-        figures[prediction.PICTURE] = lambda: prediction_figure(foretold)
-    if settled is not None:
-        figures[convergence.PICTURE] = lambda: convergence_figure(settled)
-    return figures
+    if settled is None:
+        return []
+    save_figure(convergence_figure(settled), folder / CONVERGENCE_PICTURE)
+    return [CONVERGENCE_PICTURE]

@@ -35,10 +35,11 @@ from spinfilters.workflow.convergence_file import (
     write_surfaces,
 )
 from spinfilters.workflow.preparation import Prepared
+from spinfilters.workflow.run_folder import CONVERGENCE_PICTURE
 from spinfilters.workflow.settings import Settings
 from spinfilters.workflow.smoothing import NAME
 
-ARRAYS, PICTURE = "convergence.npz", "convergence.png"
+ARRAYS = "convergence.npz"
 MOTIONS = {
     "position": ("position", "mm", 1e3),
     "attitude": ("attitude", "deg", float(np.rad2deg(1.0))),
@@ -84,7 +85,7 @@ def write_convergence(
     make_folder(folder / NAME)
     write_surfaces(folder / NAME / ARRAYS, found, layout)
     figure = convergence_figure(_convergence(found, newest_frames(layout, found), prepared.dataset.truth))
-    save_figure(figure, folder / PICTURE)
+    save_figure(figure, folder / CONVERGENCE_PICTURE)
 
 
 def is_whole(folder: Path) -> bool:
@@ -93,7 +94,7 @@ def is_whole(folder: Path) -> bool:
         read_surfaces(folder / NAME / ARRAYS)
     except InputError:
         return False
-    return (folder / PICTURE).exists()
+    return (folder / CONVERGENCE_PICTURE).exists()
 
 
 def read_convergence(folder: Path, truth: Truth | None) -> Convergence | None:
@@ -104,7 +105,7 @@ def read_convergence(folder: Path, truth: Truth | None) -> Convergence | None:
     InputError: as `spinfilters.workflow.convergence_file.read_surfaces`.
     """
     path = folder / NAME / ARRAYS
-    if not path.exists() and not (folder / PICTURE).exists():
+    if not path.exists() and not (folder / CONVERGENCE_PICTURE).exists():
         return None
     layout, found = read_surfaces(path)
     return _convergence(found, newest_frames(layout, found), truth)

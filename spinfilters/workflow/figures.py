@@ -1,9 +1,8 @@
 """The pictures of a run."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 from jaxtyping import Float
@@ -72,15 +71,16 @@ def draw_run(
     pictured: Pictured,
     folder: Path,
     progress: Callable[[int, int], None],
-    additions: Mapping[str, Callable[[], Figure]] = MappingProxyType({}),
-) -> list[Path]:
-    """Every figure of a run as PNG files in its folder, and additional ones by file name; returns their paths."""
-    figures = {**{f"{name}.png": draw for name, draw in _figures(pictured)}, **additions}
+    wanted: Container[str] | None = None,
+) -> list[str]:
+    """The figures of a run as PNG files in its folder, all or those of the wanted files; returns the names of the files."""
+    every = {f"{name}.png": draw for name, draw in _figures(pictured)}
+    figures = {name: draw for name, draw in every.items() if wanted is None or name in wanted}
     for index, (name, draw) in enumerate(figures.items()):
         progress(index, len(figures))
         save_figure(draw(), folder / name)
     progress(len(figures), len(figures))
-    return [folder / name for name in figures]
+    return list(figures)
 
 
 def _figures(pictured: Pictured) -> Iterator[tuple[str, Callable[[], Figure]]]:

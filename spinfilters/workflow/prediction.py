@@ -18,8 +18,9 @@ from spinfilters.plots.prediction import PAST, Foretold, prediction_figure
 from spinfilters.plots.style import save_figure
 from spinfilters.state.status import EstimatorStatus, Verdict
 from spinfilters.workflow.history_file import read_history, write_history
+from spinfilters.workflow.run_folder import PREDICTION_PICTURE
 
-TABLE, ARRAYS, PICTURE = "prediction.csv", "prediction.npz", "prediction.png"
+TABLE, ARRAYS = "prediction.csv", "prediction.npz"
 CURE = "run compare again with --resume --predict SECONDS"
 MOST_STEPS = 20_000
 """Of a prediction: each keeps a covariance factor."""
@@ -62,7 +63,7 @@ def write_predictions(
     for each in predicted:
         write_history(folder / each.name / ARRAYS, each)
         write_trajectory_csv(folder / each.name / TABLE, trajectory_of(_cut(each, slice(1, None))))
-    save_figure(prediction_figure(_foretold(good, predicted)), folder / PICTURE)
+    save_figure(prediction_figure(_foretold(good, predicted)), folder / PREDICTION_PICTURE)
     return True
 
 
@@ -75,7 +76,7 @@ def read_predictions(folder: Path, histories: Sequence[EstimateHistory]) -> list
     """
     good = _sound(histories)
     paths = [folder / history.name / ARRAYS for history in good]
-    told = [folder / PICTURE, *paths, *(path.with_name(TABLE) for path in paths)]
+    told = [folder / PREDICTION_PICTURE, *paths, *(path.with_name(TABLE) for path in paths)]
     if not good or not any(path.exists() for path in told):
         return []
     return _foretold(good, [_read(path, history) for path, history in zip(paths, good, strict=True)])

@@ -31,11 +31,16 @@ CONFIG_FILE, DATASET_FOLDER, TRUTH_FILE = "config.toml", "dataset", "truth.tum"
 HISTORY_FILE = "history.npz"
 FIGURES = ("summary", "rates", "inertia", "polhode", "scene", "consistency")
 """Names of the figures of a run, besides errors-<estimator>."""
-ASKED_FOR = ("prediction", "convergence")
-"""Names of figures that a run has where they were asked for (`spinfilters.workflow.additions`)."""
+PREDICTION_PICTURE, CONVERGENCE_PICTURE = "prediction.png", "convergence.png"
+"""Files that a run has where they were asked for (`spinfilters.workflow.additions`)."""
 
 DECISIVE = ("kind", "log", "truth", "rig", "known_map", "options")
 """Parts of a data set that decide the numbers of a run."""
+
+
+def picture_files(estimators: Sequence[str]) -> list[str]:
+    """Files of the figures that every run of these estimators has."""
+    return [f"{name}.png" for name in (*FIGURES, *(f"errors-{each}" for each in estimators))]
 
 
 def open_run_folder(folder: Path) -> None:
@@ -159,8 +164,8 @@ def _is_run(folder: Path) -> bool:
 
 def _clear(folder: Path, source: Path | None) -> None:
     """Remove an earlier run, but not its data set when that is what the new run was made from, and no checkpoint."""
-    figures = [f"{name}.png" for name in (*FIGURES, *ASKED_FOR, *(f"errors-{name}" for name in ESTIMATORS))]
-    for name in (SUMMARY_FILE, TRUTH_FILE, *figures):
+    pictures = (*picture_files(ESTIMATORS), PREDICTION_PICTURE, CONVERGENCE_PICTURE)
+    for name in (SUMMARY_FILE, TRUTH_FILE, *pictures):
         (folder / name).unlink(missing_ok=True)
     for place in (folder / name for name in (DATASET_FOLDER, *ESTIMATORS)):
         in_use = source is not None and source.resolve().is_relative_to(place.resolve())

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from faults import Change, cut_off, refusal
+from matplotlib.figure import Figure
 
 from spinfilters.cli import compare as command
 from spinfilters.cli.main import main
@@ -96,6 +97,25 @@ def test_additions_that_cannot_be_drawn_again_are_refused_in_one_line(
     assert pictures(run) == pictures(unmapped)
 
 
+@pytest.mark.parametrize("name", [PREDICTION, CONVERGENCE])
+def test_an_addition_that_cannot_be_drawn_keeps_no_other_figure_from_being_drawn(
+    name: str,
+    unmapped: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    run, other = tmp_path / "run", {PREDICTION: "convergence.png", CONVERGENCE: "prediction.png"}[name]
+    shutil.copytree(unmapped, run)
+    for path in run.glob("*.png"):
+        path.write_bytes(b"")
+    (run / name).unlink()
+    monkeypatch.setattr(figures, "_figures", lambda _: [("rates", Figure)])
+    assert name in refusal(capsys, "plot", str(run))
+    assert pictures(run)[other] == pictures(unmapped)[other]
+    assert pictures(run)["rates.png"].startswith(b"\x89PNG")
+
+
 @pytest.fixture(scope="module")
 def bare(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The run of `unmapped`, without additions."""
@@ -139,7 +159,7 @@ def test_convergence_is_added_to_a_finished_run_as_if_at_once(
     resumed: Resumed, unmapped: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = resumed("--convergence")
-    assert "added convergence.png" in capsys.readouterr().out
+    assert "made convergence.png" in capsys.readouterr().out
     for name in ("convergence.png", "smoother/convergence.npz"):
         assert (run / name).read_bytes() == (unmapped / name).read_bytes()
     monkeypatch.setattr(additions, "prepare", None)

@@ -1,0 +1,39 @@
+"""Figures that Ctrl-C left undrawn: ``compare --resume`` draws them, and no estimator runs again."""
+
+from pathlib import Path
+
+import pytest
+from matplotlib.figure import Figure
+
+from spinfilters.cli import compare as command
+from spinfilters.cli.main import main
+from spinfilters.plots.style import save_figure
+from spinfilters.workflow import figures
+from spinfilters.workflow.run_folder import picture_files
+
+
+def interrupted_at_rates(figure: Figure, path: Path) -> None:
+    """Save a figure, unless it is the second."""
+    if path.name == "rates.png":
+        raise KeyboardInterrupt
+    save_figure(figure, path)
+
+
+def test_a_run_whose_figures_were_interrupted_gets_those_it_lacks(
+    originals: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = tmp_path / "run"
+    arguments = ["compare", str(originals / "gyro"), "--estimators", "mekf", "-o", str(run)]
+    with monkeypatch.context() as patch:
+        patch.setattr(figures, "save_figure", interrupted_at_rates)
+        assert main(arguments) == 2
+    assert "--resume goes on from it" in capsys.readouterr().err
+    assert [path.name for path in run.glob("*.png")] == ["summary.png"]
+    stamp = (run / "summary.png").stat().st_mtime_ns
+    monkeypatch.setattr(command, "compare_estimators", None)
+    assert main([*arguments, "--resume"]) == 0
+    assert "is complete, made rates.png, inertia.png" in capsys.readouterr().out
+    assert {path.name for path in run.glob("*.png")} == set(picture_files(["mekf"]))
+    assert (run / "summary.png").stat().st_mtime_ns == stamp
+    assert main([*arguments, "--resume"]) == 0
+    assert "nothing is left to do" in capsys.readouterr().out
