@@ -14,7 +14,7 @@ import numpy as np
 
 from spinfilters.errors import InputError
 from spinfilters.logs.atomic_write import atomic_file
-from spinfilters.logs.input_file import require_file
+from spinfilters.logs.input_file import named, reason, require_file
 
 LARGEST_FILE = 2 << 30
 """Bytes, of the file and of everything in it together."""
@@ -61,7 +61,7 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
 
     Raises
     ------
-    one of DAMAGED: missing, too large packed or unpacked, cut off, changed, of objects. Callers say what the file was to be.
+    one of DAMAGED: missing, too large packed or unpacked, cut off, changed, of objects. Callers make `unusable` of it.
     """
     allowed = min(LARGEST_FILE, SMALL + LARGEST_RATIO * require_file(path, LARGEST_FILE))
     with ZipFile(path) as archive:
@@ -72,6 +72,14 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
         if any(member.compress_type not in (ZIP_STORED, ZIP_DEFLATED) for member in members):
             raise ValueError("packed in a way that is not written here")
         return {member.filename.removesuffix(".npy"): _array(archive.read(member)) for member in members}
+
+
+def unusable(path: Path, expected: str, error: Exception, cure: str) -> InputError:
+    """What to raise for one of `DAMAGED`: the file, what it is not, why, and the cure, each once."""
+    own = f"{named(path)}: "
+    if isinstance(error, InputError) and str(error).startswith(own):
+        error = InputError(str(error).removeprefix(own).partition("; ")[0])
+    return InputError(f"{own}is no {expected} ({reason(error)}); {cure}")
 
 
 def _array(data: bytes) -> np.ndarray:

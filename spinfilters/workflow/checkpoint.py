@@ -10,9 +10,9 @@ import numpy as np
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.history import FRAME_ARRAYS, EstimateHistory, GrowingHistory
-from spinfilters.logs.input_file import named, reason
+from spinfilters.logs.input_file import named
 from spinfilters.state.status import EstimatorStatus, Verdict
-from spinfilters.workflow.array_file import DAMAGED, read_arrays, write_arrays
+from spinfilters.workflow.array_file import DAMAGED, read_arrays, unusable, write_arrays
 from spinfilters.workflow.run_identity import ANEW, RunIdentity
 
 FORMAT = 1
@@ -64,9 +64,7 @@ def load_checkpoint(path: Path, estimator: Estimator, identity: RunIdentity) -> 
         difference = identity.difference(meta["identity"])
         checkpoint = _checkpoint(arrays, meta, estimator) if difference is None else None
     except (*DAMAGED, AttributeError, np.linalg.LinAlgError) as error:
-        raise InputError(
-            f"{named(path)}: is no whole checkpoint ({reason(error)}); delete it, {ANEW}"
-        ) from None
+        raise unusable(path, "whole checkpoint", error, f"delete it, {ANEW}") from None
     if checkpoint is None:
         raise InputError(f"{named(path)}: {difference}")
     return checkpoint

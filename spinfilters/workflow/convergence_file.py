@@ -6,18 +6,17 @@ from zipfile import ZIP_DEFLATED
 
 import numpy as np
 
-from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
 from spinfilters.estimators.smoothing.sliding_records import Retired
 from spinfilters.estimators.smoothing.surfaces import Surfaces
 from spinfilters.evaluation.body import BodyHistory, body_history
-from spinfilters.logs.input_file import named, reason
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 from spinfilters.state.status import EstimatorStatus
-from spinfilters.workflow.array_file import DAMAGED, read_arrays, write_arrays
+from spinfilters.workflow.array_file import DAMAGED, read_arrays, unusable, write_arrays
 from spinfilters.workflow.smoothing import NAME
 
+CURE = "run compare again with --resume --convergence"
 COMPONENTS = {"position": 3, "attitude": 4, "velocity": 3, "body_rate": 3}
 """Of the surfaces by name; each has one of standard deviations, std_<name>, of 3."""
 _SIZES = {**COMPONENTS, **{f"std_{name}": 3 for name in COMPONENTS}}
@@ -41,9 +40,7 @@ def read_surfaces(path: Path) -> tuple[StateLayout, Surfaces]:
     try:
         return _surfaces(read_arrays(path))
     except DAMAGED as error:
-        raise InputError(
-            f"{named(path)}: is no whole convergence ({reason(error)}); run compare again with --resume --convergence"
-        ) from None
+        raise unusable(path, "whole convergence", error, CURE) from None
 
 
 def newest_frames(layout: StateLayout, found: Surfaces) -> EstimateHistory:

@@ -5,12 +5,10 @@ from zipfile import ZIP_DEFLATED
 
 import numpy as np
 
-from spinfilters.errors import InputError
 from spinfilters.estimators.history import FRAME_ARRAYS, EstimateHistory, checked_frames
-from spinfilters.logs.input_file import named, reason
 from spinfilters.state.layout import StateLayout
 from spinfilters.state.status import EstimatorStatus, Verdict
-from spinfilters.workflow.array_file import DAMAGED, read_arrays, write_arrays
+from spinfilters.workflow.array_file import DAMAGED, read_arrays, unusable, write_arrays
 
 
 def write_history(path: Path, history: EstimateHistory) -> None:
@@ -42,5 +40,5 @@ def read_history(path: Path, cure: str = "make the run again") -> EstimateHistor
         status = EstimatorStatus(Verdict(str(arrays["verdict"])), tuple(map(str, arrays["reasons"])))
         numbers, name = checked_frames(layout, arrays), str(arrays["name"])
     except DAMAGED as error:
-        raise InputError(f"{named(path)}: is no history of a run ({reason(error)}); {cure}") from None
+        raise unusable(path, "history of a run", error, cure) from None
     return EstimateHistory(name=name, layout=layout, status=status, **numbers)

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from spinfilters.cli import compare as command
 from spinfilters.cli.main import main
+from spinfilters.estimators.history import FRAME_ARRAYS
 from spinfilters.workflow import additions, figures
 from spinfilters.workflow.array_file import read_arrays, write_arrays
 
@@ -49,7 +50,7 @@ def changed(name: str, **arrays: np.ndarray) -> Change:
     return lambda run: write_arrays(run / name, {**read_arrays(run / name), **arrays})
 
 
-def without(name: str, array: str) -> Change:
+def without_array(name: str, array: str) -> Change:
     """Take an array out of a file."""
 
     def change(run: Path) -> None:
@@ -58,19 +59,33 @@ def without(name: str, array: str) -> Change:
     return change
 
 
+def no_frames(name: str) -> Change:
+    """Leave the arrays of a history without a row."""
+
+    def change(run: Path) -> None:
+        arrays = read_arrays(run / name)
+        write_arrays(run / name, {k: a[:0] if k in FRAME_ARRAYS else a for k, a in arrays.items()})
+
+    return change
+
+
 NOT_A_NUMBER = np.full(FRAMES, np.nan)
 FAULTS = {
-    "no prediction": (lambda run: (run / PREDICTION).unlink(), PREDICTION),
+    "no prediction": (lambda run: (run / PREDICTION).unlink(), "is no history of a run (no such file); run"),
+    "prediction of no frame": (no_frames(PREDICTION), "does not go on from"),
     "prediction cut off": (cut_off(PREDICTION), PREDICTION),
-    "prediction without time": (without(PREDICTION, "time"), "time is missing"),
+    "prediction without time": (without_array(PREDICTION, "time"), "time is missing"),
     "prediction at no time": (changed(PREDICTION, time=np.full(11, np.nan)), "does not go on from"),
     "prediction of another": (
         lambda run: shutil.copy(run / "smoother/prediction.npz", run / PREDICTION),
         "does not go on from",
     ),
-    "no convergence": (lambda run: (run / CONVERGENCE).unlink(), CONVERGENCE),
+    "no convergence": (
+        lambda run: (run / CONVERGENCE).unlink(),
+        "is no whole convergence (no such file); run",
+    ),
     "convergence cut off": (cut_off(CONVERGENCE), CONVERGENCE),
-    "convergence without states": (without(CONVERGENCE, "newest_mean"), "newest_mean"),
+    "convergence without states": (without_array(CONVERGENCE, "newest_mean"), "newest_mean"),
     "convergence of other shapes": (
         changed(CONVERGENCE, attitude=np.zeros((FRAMES, 4))),
         "attitude is float64",
@@ -94,6 +109,7 @@ def test_additions_that_cannot_be_drawn_again_are_refused_in_one_line(
     said = refusal(capsys, "plot", str(run))
     assert says in said
     assert "run compare again with --resume" in said
+    assert said.count(str(run)) == 1
     assert pictures(run) == pictures(unmapped)
 
 
