@@ -13,6 +13,7 @@ from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.trajectory import write_map_ply, write_trajectory_csv, write_trajectory_tum
 from spinfilters.logs.atomic_write import make_folder, write_json, write_toml
 from spinfilters.logs.dataset import Dataset, read_dataset
+from spinfilters.logs.dataset_options import STD_KEYS
 from spinfilters.logs.dataset_writing import write_dataset
 from spinfilters.logs.input_file import named, shown
 from spinfilters.logs.measurement_log import MeasurementStream
@@ -34,8 +35,8 @@ FIGURES = ("summary", "rates", "inertia", "polhode", "scene", "consistency")
 PREDICTION_PICTURE, CONVERGENCE_PICTURE = "prediction.png", "convergence.png"
 """Files that a run has where they were asked for (`spinfilters.workflow.additions`)."""
 
-DECISIVE = ("kind", "log", "truth", "rig", "known_map", "options")
-"""Parts of a data set that decide the numbers of a run."""
+DECISIVE = ("kind", "log", "truth", "rig", "known_map")
+"""Parts of a data set that decide the numbers of a run, with the noise among its options."""
 
 
 def picture_files(estimators: Sequence[str]) -> list[str]:
@@ -120,10 +121,15 @@ def finished_run(folder: Path, dataset: Dataset, settings: Settings) -> dict[str
         if not _is_configured(folder, configuration(settings)):
             return None
         earlier, document = read_dataset(folder / DATASET_FOLDER), read_summary(folder)
-        same = all(_equal(getattr(earlier, part), getattr(dataset, part)) for part in DECISIVE)
+        same = _equal(_decisive(earlier), _decisive(dataset))
         return document if same and _is_whole(document, settings) else None
     except InputError:
         return None
+
+
+def _decisive(dataset: Dataset) -> tuple[Any, ...]:
+    noise = tuple(getattr(dataset.options, key) for key in STD_KEYS)
+    return (*(getattr(dataset, part) for part in DECISIVE), noise)
 
 
 def _equal(one: Any, other: Any) -> bool:
