@@ -176,12 +176,8 @@ def _add_observe(commands: "argparse._SubParsersAction[_Parser]") -> None:
     observe.add_argument(
         "--chart", default="principal", help="principal, tensor or filter (default principal)"
     )
-    observe.add_argument(
-        "--torque", nargs="+", choices=tuple("xyz"), metavar="AXIS", help="known torques: x, y, z"
-    )
-    observe.add_argument(
-        "--manoeuvre", nargs="+", choices=tuple("xyz"), metavar="AXIS", help="of the inspector: x, y, z"
-    )
+    for name, what in (("--torque", "known torques"), ("--manoeuvre", "of the inspector")):
+        observe.add_argument(name, nargs="+", choices=tuple("xyz"), metavar="AXIS", help=f"{what}: x, y, z")
     observe.add_argument(
         "--study", action="store_true", help="maps of the bound against motion, duration, frames, landmarks"
     )

@@ -15,7 +15,7 @@ def compare_segments(datasets: list[Dataset], folder: Path, settings: Settings) 
     open_run_folder(folder)
     with progress_bars() as report:
         results = run_segments(
-            datasets, folder, settings, lambda *_: None, lambda done, total: report("segments", done, total)
+            datasets, folder, settings, lambda done, total: report("segments", done, total)
         )
     write_segments(folder, results, settings)
     console = wide_console()

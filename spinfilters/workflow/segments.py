@@ -13,7 +13,7 @@ from spinfilters.logs.atomic_write import write_json
 from spinfilters.logs.dataset import Dataset
 from spinfilters.plots.style import save_figure
 from spinfilters.plots.throws import Throw, throws_figure
-from spinfilters.workflow.estimation import Progress, compare_estimators
+from spinfilters.workflow.estimation import compare_estimators
 from spinfilters.workflow.preparation import prepare
 from spinfilters.workflow.run_folder import finished_run, write_configuration, write_run
 from spinfilters.workflow.run_summary import read_summary
@@ -35,7 +35,6 @@ def run_segments(
     datasets: Sequence[Dataset],
     folder: Path,
     settings: Settings,
-    progress: Progress,
     on_segment: Callable[[int, int], None],
 ) -> list[SegmentResult]:
     """A run folder per segment; one that was already made with the same settings is not made again.
@@ -47,20 +46,20 @@ def run_segments(
     try:
         for index, dataset in enumerate(datasets):
             on_segment(index, len(datasets))
-            results.append(_run_segment(dataset, folder, settings, progress))
+            results.append(_run_segment(dataset, folder, settings))
         on_segment(len(datasets), len(datasets))
     except KeyboardInterrupt:
         pass
     return results
 
 
-def _run_segment(dataset: Dataset, folder: Path, settings: Settings, progress: Progress) -> SegmentResult:
+def _run_segment(dataset: Dataset, folder: Path, settings: Settings) -> SegmentResult:
     number = 0 if dataset.segment is None else dataset.segment.number
     place = folder / SEGMENTS_FOLDER / f"{number:03d}"
     if (done := finished_run(place, dataset, settings)) is not None:
         return SegmentResult(number, done)
     try:
-        comparison = compare_estimators(prepare(dataset, settings), settings, progress)
+        comparison = compare_estimators(prepare(dataset, settings), settings, lambda *_: None)
     except InputError as error:
         return SegmentResult(number, None, str(error))
     if comparison.interrupted:

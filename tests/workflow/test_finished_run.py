@@ -44,14 +44,14 @@ def test_numbers_are_not_taken_for_those_of_segments_made_later_beside_them(
     gyro: Dataset, tmp_path: Path
 ) -> None:
     write_run(tmp_path, compared(gyro, EKF), EKF)
-    run_segments([gyro], tmp_path, WITH_DRAG, silent, silent)
+    run_segments([gyro], tmp_path, WITH_DRAG, silent)
     assert finished_run(tmp_path, gyro, WITH_DRAG) is None
     assert finished_run(tmp_path, gyro, EKF) is None
 
 
 def test_segments_made_beside_a_run_with_the_same_settings_leave_it(gyro: Dataset, tmp_path: Path) -> None:
     write_run(tmp_path, compared(gyro, EKF), EKF)
-    run_segments([gyro], tmp_path, EKF, silent, silent)
+    run_segments([gyro], tmp_path, EKF, silent)
     assert finished_run(tmp_path, gyro, EKF) is not None
 
 

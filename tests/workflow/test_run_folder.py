@@ -213,11 +213,11 @@ def test_segments_are_made_again_only_for_other_measurements(tmp_path: Path) -> 
     settings = Settings(estimators=("mekf",))
     first, second = (simulate(Scenario(kind="gyro", frames=12, seed=seed)) for seed in (0, 1))
     path = tmp_path / "segments" / "000" / "summary.json"
-    run_segments([first], tmp_path, settings, silent, silent)
+    run_segments([first], tmp_path, settings, silent)
     stamp = path.stat().st_mtime_ns
-    run_segments([first], tmp_path, settings, silent, silent)
+    run_segments([first], tmp_path, settings, silent)
     assert path.stat().st_mtime_ns == stamp
-    (again,) = run_segments([second], tmp_path, settings, silent, silent)
+    (again,) = run_segments([second], tmp_path, settings, silent)
     assert path.stat().st_mtime_ns != stamp
     assert again.summary is not None
     assert "seed 1" in again.summary["dataset"]["description"]
