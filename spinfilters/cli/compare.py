@@ -47,6 +47,7 @@ def compare(options: argparse.Namespace) -> int:
         return _complete(folder, dataset, settings, additions)
     comparison = _compared(dataset, (folder, bool(options.resume)), settings, additions)
     _print_comparison(comparison, folder)
+    _print_lacking(folder, additions)
     return 0
 
 
@@ -60,6 +61,7 @@ def _complete(folder: Path, dataset: Dataset, settings: Settings, additions: "Ad
             )
     rest = f"made {', '.join(made)}" if made else "nothing is left to do"
     wide_console().print(f"run folder: {folder} is complete, {rest}", highlight=False, soft_wrap=True)
+    _print_lacking(folder, additions)
     return 0
 
 
@@ -136,6 +138,12 @@ def _print_comparison(comparison: Comparison, folder: Path) -> None:
     console.print(
         f"run folder: {folder}   (look at {folder / 'summary.png'})", highlight=False, soft_wrap=True
     )
+
+
+def _print_lacking(folder: Path, additions: "Additions | None") -> None:
+    lacking = None if additions is None else additions.lacking(folder)
+    if lacking is not None:
+        wide_console().print(lacking, highlight=False, soft_wrap=True)
 
 
 def _settings(options: argparse.Namespace) -> Settings:

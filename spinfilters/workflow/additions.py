@@ -45,7 +45,7 @@ class Additions:
     def write(
         self, folder: Path, comparison: Comparison, settings: Settings, on_frame: Callable[[int, int], None]
     ) -> None:
-        """Into the folder of a run that was written. Raises InputError."""
+        """Into the folder of a run that was written; `lacking` tells what came to nothing. Raises InputError."""
         if self.predict_s is not None:
             histories = [evaluation.history for evaluation in comparison.evaluations]
             process = comparison.prepared.process
@@ -56,9 +56,10 @@ class Additions:
     def complete(
         self, folder: Path, dataset: Dataset, settings: Settings, on_frame: Callable[[int, int], None]
     ) -> list[str]:
-        """Add to a finished run (`finished_run`) what it lacks, and return the names of the pictures made.
+        """For a finished run (`finished_run`), no estimator running again; returns the names of the pictures made.
 
-        A prediction goes on from the last beliefs of its histories, so that no estimator runs again.
+        Convergence is made where it is not whole. A prediction, which goes on from the last beliefs of the histories, is always
+        made: its seconds may be others than before.
 
         Raises
         ------
@@ -76,6 +77,12 @@ class Additions:
             if prediction.write_predictions(folder, process, histories, self.predict_s):
                 made.append(PREDICTION_PICTURE)
         return made
+
+    def lacking(self, folder: Path) -> str | None:
+        """What was asked for and yet is not in a folder, and why; None where nothing is missing."""
+        if self.predict_s is None or (folder / PREDICTION_PICTURE).exists():
+            return None
+        return "no prediction was made: every estimator failed, there is nothing to go on from"
 
 
 def draw_additions(folder: Path, histories: Sequence[EstimateHistory], truth: Truth | None) -> list[str]:

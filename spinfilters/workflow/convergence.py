@@ -21,7 +21,7 @@ from spinfilters.evaluation.errors import (
     tells_first_frame,
     truth_in_first_frame,
 )
-from spinfilters.evaluation.rates import estimated_rates, true_rates
+from spinfilters.evaluation.rates import estimated_rates
 from spinfilters.evaluation.trajectory import trajectory_of
 from spinfilters.logs.atomic_write import make_folder
 from spinfilters.logs.truth import Truth
@@ -34,19 +34,13 @@ from spinfilters.workflow.convergence_file import (
     smoothed_frames,
     write_surfaces,
 )
+from spinfilters.workflow.motions import ATTITUDE, MOTIONS, deviations_of
 from spinfilters.workflow.preparation import Prepared
 from spinfilters.workflow.run_folder import CONVERGENCE_PICTURE
 from spinfilters.workflow.settings import Settings
 from spinfilters.workflow.smoothing import NAME
 
 ARRAYS = "convergence.npz"
-MOTIONS = {
-    "position": ("position", "mm", 1e3),
-    "attitude": ("attitude", "deg", float(np.rad2deg(1.0))),
-    "velocity": ("velocity", "mm/s", 1e3),
-    "body_rate": ("body rate", "deg/s", float(np.rad2deg(1.0))),
-}
-"""Labels and units, and what SI is multiplied by for them; position and velocity are the centre of mass' in i."""
 
 
 def require_convergence(prepared: Prepared, settings: Settings) -> None:
@@ -112,20 +106,12 @@ def read_convergence(folder: Path, truth: Truth | None) -> Convergence | None:
 
 
 def _motions(layout: StateLayout, window: Sequence[Retired]) -> dict[str, Float[np.ndarray, "k q"]]:
-    """What is kept of a solve, SI: by the names of `MOTIONS`, the attitude as q_ig; and their standard deviations std_<name>."""
+    """What is kept of a solve, SI: every one of `MOTIONS`, and their standard deviations."""
     history = smoothed_frames(layout, window)
     trajectory, rates = trajectory_of(history), estimated_rates(history)
-    assert rates.std is not None
-    return {
-        "position": trajectory.position,
-        "attitude": trajectory.q_ig,
-        "velocity": trajectory.velocity,
-        "body_rate": rates.rate,
-        "std_position": trajectory.std_position,
-        "std_attitude": trajectory.std_attitude,
-        "std_velocity": trajectory.std_velocity,
-        "std_body_rate": rates.std,
-    }
+    told = {name: motion.estimate(trajectory, rates) for name, motion in MOTIONS.items()}
+    values = {name: value for name, (value, _) in told.items()}
+    return values | {deviations_of(name): std for name, (_, std) in told.items()}
 
 
 def _convergence(found: Surfaces, newest: EstimateHistory, truth: Truth | None) -> Convergence:
@@ -137,12 +123,12 @@ def _convergence(found: Surfaces, newest: EstimateHistory, truth: Truth | None) 
         reference = _true_motions(found.time, truth)
     motions = [
         Settling(
-            label,
-            unit,
-            scale * _distance(name, found.values[name], reference[name]),
-            scale * np.linalg.norm(found.values[f"std_{name}"], axis=2),
+            motion.label,
+            motion.unit,
+            motion.scale * _distance(name, found.values[name], reference[name]),
+            motion.scale * np.linalg.norm(found.values[deviations_of(name)], axis=2),
         )
-        for name, (label, unit, scale) in MOTIONS.items()
+        for name, motion in MOTIONS.items()
     ]
     ratios = (
         None if truth is None or truth.principal_moments is None else _log_ratios(truth.principal_moments)
@@ -156,7 +142,7 @@ def _in_estimated_frame(found: Surfaces, newest: EstimateHistory, truth: Truth) 
     if tells_first_frame(newest, truth):
         return truth_in_first_frame(newest, truth)
     rows, true_rows = common_stamps(found.time, truth.time)
-    attitudes = found.values["attitude"][-1, rows]
+    attitudes = found.values[ATTITUDE][-1, rows]
     held = np.isfinite(attitudes).all(axis=1)
     turn = attitude_alignment(attitudes[held], truth.q_ig[true_rows][held])
     return replace(truth, q_ig=multiply(truth.q_ig, turn), principal_axes_g=None, center_of_mass_g=None)
@@ -165,15 +151,9 @@ def _in_estimated_frame(found: Surfaces, newest: EstimateHistory, truth: Truth) 
 def _true_motions(time: np.ndarray, truth: Truth) -> dict[str, Float[np.ndarray, "f q"]]:
     """By the names of `MOTIONS`, not a number in frames without a truth."""
     rows, true_rows = common_stamps(time, truth.time)
-    told = {
-        "position": truth.center_of_mass,
-        "attitude": truth.q_ig,
-        "velocity": truth.velocity,
-        "body_rate": true_rates(truth).rate,
-    }
-    motions = {name: np.full((len(time), values.shape[1]), np.nan) for name, values in told.items()}
-    for name, values in told.items():
-        motions[name][rows] = values[true_rows]
+    motions = {name: np.full((len(time), motion.size), np.nan) for name, motion in MOTIONS.items()}
+    for name, motion in MOTIONS.items():
+        motions[name][rows] = motion.true(truth)[true_rows]
     return motions
 
 
@@ -185,7 +165,7 @@ def _log_ratios(moments: Float[np.ndarray, "3"]) -> Float[np.ndarray, "2"]:
 
 def _distance(name: str, surface: np.ndarray, reference: np.ndarray) -> Float[np.ndarray, "f f"]:
     """Lengths of differences; of an attitude the angle."""
-    if name != "attitude":
+    if name != ATTITUDE:
         return np.linalg.norm(surface - reference, axis=2)
     held = np.isfinite(surface).all(axis=2) & np.isfinite(reference).all(axis=1)
     against = np.broadcast_to(reference, surface.shape)[held]

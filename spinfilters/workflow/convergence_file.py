@@ -14,12 +14,15 @@ from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 from spinfilters.state.status import EstimatorStatus
 from spinfilters.workflow.array_file import DAMAGED, read_arrays, unusable, write_arrays
+from spinfilters.workflow.motions import MOTIONS, deviations_of
 from spinfilters.workflow.smoothing import NAME
 
 CURE = "run compare again with --resume --convergence"
-COMPONENTS = {"position": 3, "attitude": 4, "velocity": 3, "body_rate": 3}
-"""Of the surfaces by name; each has one of standard deviations, std_<name>, of 3."""
-_SIZES = {**COMPONENTS, **{f"std_{name}": 3 for name in COMPONENTS}}
+_SIZES = {
+    **{name: motion.size for name, motion in MOTIONS.items()},
+    **{deviations_of(name): 3 for name in MOTIONS},
+}
+"""Components of the surfaces, by name."""
 
 
 def write_surfaces(path: Path, found: Surfaces, layout: StateLayout) -> None:

@@ -8,8 +8,11 @@ from faults import refusal
 from jaxtyping import Float
 
 from spinfilters.cli.main import main
+from spinfilters.estimators.estimator import Measurement, UpdateReport
+from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.evaluation.trajectory import TRAJECTORY_COLUMNS
 from spinfilters.logs.table_files import read_csv
+from spinfilters.workflow import estimation
 from spinfilters.workflow.array_file import read_arrays
 
 FRAMES, INTERVAL = 30, 0.5
@@ -57,6 +60,23 @@ def test_a_run_that_is_not_asked_again_loses_its_additions(recordings: Path, tmp
     assert main(["compare", gyro, "--estimators", "mekf", "-o", str(run)]) == 0
     assert not (run / "prediction.png").exists()
     assert not (run / "mekf" / "prediction.csv").exists()
+
+
+def test_where_every_estimator_failed_one_line_says_that_nothing_is_predicted(
+    recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Failing(MultiplicativeEkf):
+        def update(self, measurement: Measurement) -> UpdateReport:
+            raise np.linalg.LinAlgError("not positive definite")
+
+    monkeypatch.setattr(estimation, "MultiplicativeEkf", Failing)
+    run = tmp_path / "run"
+    asked = ["--estimators", "mekf", "--predict", "2", "-o", str(run)]
+    for more in ([], ["--resume"]):
+        assert main(["compare", str(recordings / "gyro"), *asked, *more]) == 0
+        said = capsys.readouterr().out.splitlines()
+        assert sum("no prediction was made: every estimator failed" in line for line in said) == 1
+        assert not (run / "prediction.png").exists()
 
 
 @pytest.mark.parametrize("seconds", ["0", "-3", "nan", "inf", "1e999", "soon", "", "0.01", "1e7"])
