@@ -17,7 +17,7 @@ BOUND_RATIO, MOMENTS_RATIO, THESIS_NEES, MODE_RATIO, LINEARISATIONS = 1.10, 1.3,
 """Bars: position and velocity over the bound; moments over it on rich motion; NEES on the thesis' motion; a mode's errors over
 those of full smoothing; linearisations from the closed form."""
 REFERENCE: Final = "full"
-DEFAULT: Final = "frozen-120"
+DEFAULT: Final = "frozen-180"
 AFTER_FIRST: Final = slice(1, None)
 """Frames of a batch whose NEES counts: the first one's pose is exact by definition."""
 MODE_ERRORS: Final = ("position", "velocity", "attitude", "moments")

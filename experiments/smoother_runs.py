@@ -44,7 +44,7 @@ FRAMES: Final = 115
 """Of the workload disam115."""
 MODES: Final[dict[str, Mode]] = {
     "full": Full(),
-    "frozen-120": FrozenVision(),
+    "frozen-180": FrozenVision(),
     "frozen-60": FrozenVision(frames=60),
     "lag-20": FixedLag(20),
 }

@@ -36,8 +36,8 @@ class SmootherSettings:
     """
 
     mode: str = "automatic"
-    frames: int = 120
-    revolutions: float = 3.0
+    frames: int = 180
+    revolutions: float = 8.0
     kernel: str = "gate"
     width: float = 5.0
     shape: float = 0.0

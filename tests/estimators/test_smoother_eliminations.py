@@ -214,9 +214,9 @@ def test_the_first_block_that_is_not_positive_definite_is_reported(
 
 def _steps(seed: int, count: int, tied: bool) -> tuple[Unknowns, np.ndarray, np.ndarray, np.ndarray]:
     """Defects, transitions and noise factors of any numbers."""
-    generator, n = np.random.default_rng(seed), LAYOUT.error_dim
-    shapes = ((count, n), (count, n, n), (count, n, 12))
-    return Unknowns(LAYOUT, count + 1, tied), *(generator.standard_normal(shape) for shape in shapes)
+    random, n = np.random.default_rng(seed).standard_normal, LAYOUT.error_dim
+    unknowns = Unknowns(LAYOUT, count + 1, tied)
+    return unknowns, random((count, n)), random((count, n, n)), random((count, n, 12))
 
 
 @pytest.mark.parametrize("count", [0, 1, 5])

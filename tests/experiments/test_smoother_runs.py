@@ -50,7 +50,7 @@ def test_both_schedules_come_to_the_same_optimum() -> None:
 
 
 def test_modes_that_let_nothing_go_yet_are_full_smoothing() -> None:
-    frozen, full = (sliding()[f"{mode}/position"] for mode in ("frozen-120", "full"))
+    frozen, full = (sliding()[f"{mode}/position"] for mode in ("frozen-180", "full"))
     assert frozen[:6] == pytest.approx(full[:6], abs=1e-9)
     assert mode_ratios([sliding()], "full") == {
         "position": 1.0,

@@ -17,8 +17,8 @@ LONGEST_STARTUP = 120
 """Frames after which even an undetermined inertia must leave: a body in pure spin never tells it."""
 
 SHARE, AT_ONCE = 5, 16
-"""A fifth of a window leaves together, so that the frames share a decomposition; and so many at most, also where a window that has grown
-through its start-up shrinks."""
+"""A fifth of a window leaves together, so that its frames share a decomposition; so many at most, also of a window that was longer
+while it started up."""
 
 TOGETHER = 100
 """Landmarks that are frozen at once, at least: each time costs a decomposition."""
@@ -65,8 +65,8 @@ class FrozenVision(Mode):
     revolutions: of the body, since a landmark was last seen.   frames: that stay, at least.
     """
 
-    revolutions: float = 3.0
-    frames: int = 120
+    revolutions: float = 8.0
+    frames: int = 180
     determined: float = DETERMINED
 
     def __post_init__(self) -> None:
