@@ -1,5 +1,6 @@
-"""What all tests share: checked shapes, figures without a screen, and the recordings of `../shared/data`."""
+"""What all tests share: checked shapes, figures without a screen, Ctrl-C, and the recordings of `../shared/data`."""
 
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +13,13 @@ check_shapes_of("observability")
 mpl.use("Agg")
 
 SHARED_DATA = Path(__file__).parents[2] / "shared" / "data"
+
+
+@pytest.fixture(scope="session", autouse=True)
+def ctrl_c_interrupts() -> None:
+    """Where tests are started in the background the shell has Ctrl-C ignored, and tests of it could not pass."""
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")
