@@ -3,6 +3,7 @@
 Times hold everything from frames and models to the result, the collecting of sightings among it.
 """
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -78,7 +79,8 @@ def own_window(workload: Workload, lag: int, retired: bool = False) -> PeerResul
     retired: whether every frame that leaves is given its covariance, which the peer does not do.
     """
     options = SlidingOptions(FixedLag(lag), gate=NO_GATE, retired=retired)
-    return _through(workload, options, f"spinfilters, fixed lag of {lag}")
+    runs = [_through(workload, options, f"spinfilters, fixed lag of {lag}") for _ in range(RUNS)]
+    return replace(runs[-1], seconds=float(np.median([run.seconds for run in runs])))
 
 
 def _through(workload: Workload, options: SlidingOptions, name: str) -> PeerResult:
