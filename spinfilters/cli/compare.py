@@ -83,10 +83,10 @@ def _compared(
         write_run(folder, comparison, settings)
         if not comparison.interrupted:
             _draw(comparison, folder, report)
-        if additions is not None and not comparison.interrupted:
-            additions.write(
-                folder, comparison, settings, lambda done, total: report("convergence", done, total)
-            )
+            if additions is not None:
+                additions.write(
+                    folder, comparison, settings, lambda done, total: report("convergence", done, total)
+                )
     return comparison
 
 

@@ -1,6 +1,7 @@
 """The table that sets estimators side by side."""
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from rich.markup import escape
@@ -57,40 +58,31 @@ def _bound(evaluation: Evaluation) -> Errors | None:
     return None if evaluation.bound is None else (evaluation.bound.rms_second_half, evaluation.bound.body)
 
 
-def _rms(source: Source, field: str, unit_in_si: float) -> Cell:
+def _error(source: Source, part: int, field: str, show: Callable[[Any], str]) -> Cell:
+    """A field of the errors of what moves (part 0) or of the body (1), where it is known."""
+
     def cell(evaluation: Evaluation) -> str | None:
         errors = source(evaluation)
-        value = None if errors is None else getattr(errors[0], field)
-        return None if value is None else f"{value / unit_in_si:.3g}"
+        value = None if errors is None else getattr(errors[part], field)
+        return None if value is None else show(value)
 
     return cell
+
+
+def _rms(source: Source, field: str, unit_in_si: float) -> Cell:
+    return _error(source, 0, field, lambda value: f"{value / unit_in_si:.3g}")
 
 
 def _moment_errors(source: Source, sign: str) -> Cell:
-    def cell(evaluation: Evaluation) -> str | None:
-        errors = source(evaluation)
-        moments = None if errors is None else errors[1].principal_moments
-        return None if moments is None else f"{moments[0]:{sign}.2g}, {moments[1]:{sign}.2g}"
-
-    return cell
+    return _error(source, 1, "principal_moments", lambda found: f"{found[0]:{sign}.2g}, {found[1]:{sign}.2g}")
 
 
 def _axes_angle(source: Source) -> Cell:
-    def cell(evaluation: Evaluation) -> str | None:
-        errors = source(evaluation)
-        angle = None if errors is None else errors[1].axes_angle
-        return None if angle is None else f"{np.rad2deg(angle.max()):.3g}"
-
-    return cell
+    return _error(source, 1, "axes_angle", lambda angle: f"{np.rad2deg(angle.max()):.3g}")
 
 
 def _centre_error(source: Source) -> Cell:
-    def cell(evaluation: Evaluation) -> str | None:
-        errors = source(evaluation)
-        error = None if errors is None else errors[1].center_of_mass_g
-        return None if error is None else f"{1e3 * np.linalg.norm(error):.3g}"
-
-    return cell
+    return _error(source, 1, "center_of_mass_g", lambda error: f"{1e3 * np.linalg.norm(error):.3g}")
 
 
 def _motion_rows(name: str, unit: str, unit_in_si: float) -> tuple[tuple[str, Cell], ...]:

@@ -8,8 +8,9 @@ Each line divided by its noise is a row of a least-squares problem (Bell 1994). 
 with the right-hand side as last column, one per frame and one per step.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -17,7 +18,7 @@ from jaxtyping import Bool, Float, Int
 from spinfilters.estimators.estimator import ProcessModel
 from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.smoothing.native import kernels
-from spinfilters.estimators.smoothing.robust_kernels import RobustKernel
+from spinfilters.estimators.smoothing.robust_kernels import LeastSquares, RobustKernel
 from spinfilters.estimators.smoothing.unknowns import CONSTANT, Unknowns
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.models.measurement import MeasurementModel
@@ -83,8 +84,8 @@ class Motion:
     unknowns: Unknowns
     dt: Float[np.ndarray, " j"]
     sensors: tuple[SensorRows, ...]
-    prior: FirstStatePrior | None
-    kernel: RobustKernel
+    prior: FirstStatePrior | None = None
+    kernel: RobustKernel = field(default_factory=LeastSquares)
     first: Float[np.ndarray, " m"] | None = None
 
     @cached_property
@@ -146,6 +147,17 @@ class Motion:
     def believed(self, sensor: SensorRows, trajectory: Float[np.ndarray, "k m"]) -> Bool[np.ndarray, " r"]:
         """Which of a sensor's measurements have a weight."""
         return np.abs(self.sensor_rows(sensor, trajectory)[0]).max(axis=(1, 2)) > 0
+
+
+def motion_of(process: ProcessModel, frames: Timeline, tied: bool) -> Motion:
+    """The dynamics and sensors of some frames, without a prior.
+
+    Parameters
+    ----------
+    tied: whether there are sightings of landmarks.
+    """
+    dt = np.array([there.time - here.time for here, there in pairwise(frames)])
+    return Motion(process, Unknowns(process.layout, len(frames), tied), dt, collect_sensors(frames))
 
 
 def whitened_steps(

@@ -1,7 +1,6 @@
 """The least-squares problem of a motion with landmarks: factors from the filters' own models, about a point."""
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -10,7 +9,7 @@ from spinfilters.estimators.estimator import ProcessModel
 from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.smoothing.carried import Carried, CarriedAt
 from spinfilters.estimators.smoothing.elimination import Eliminated, eliminate
-from spinfilters.estimators.smoothing.motion import Grams, Motion, collect_sensors
+from spinfilters.estimators.smoothing.motion import Grams, Motion, motion_of
 from spinfilters.estimators.smoothing.reduced import Reduced, solve_reduced
 from spinfilters.estimators.smoothing.robust_kernels import LeastSquares, RobustKernel
 from spinfilters.estimators.smoothing.sightings import (
@@ -161,9 +160,7 @@ def problem_of(
     """
     sightings = collect_sightings(frames, ids, needed)
     tied = bool(len(sightings))
-    unknowns = Unknowns(process.layout, len(frames), tied)
-    dt = np.array([there.time - here.time for here, there in pairwise(frames)])
-    motion = Motion(process, unknowns, dt, collect_sensors(frames), prior, kernel or LeastSquares())
+    motion = replace(motion_of(process, frames, tied), prior=prior, kernel=kernel or LeastSquares())
     return Problem(motion, sightings if tied else None)
 
 

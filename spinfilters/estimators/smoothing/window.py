@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -10,11 +9,9 @@ from jaxtyping import Bool, Float, Int
 from spinfilters.estimators.estimator import ProcessModel
 from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.smoothing.carried import Carried
-from spinfilters.estimators.smoothing.motion import Motion, collect_sensors
+from spinfilters.estimators.smoothing.motion import motion_of
 from spinfilters.estimators.smoothing.problem import Problem
-from spinfilters.estimators.smoothing.robust_kernels import LeastSquares
 from spinfilters.estimators.smoothing.sightings import SensorGroup, Sightings
-from spinfilters.estimators.smoothing.unknowns import Unknowns
 from spinfilters.estimators.timeline import Frame
 from spinfilters.models.landmark_sensor import LandmarkSensor
 
@@ -93,11 +90,9 @@ class Window:
 
     def problem(self, process: ProcessModel, prior: FirstStatePrior | None, tied: bool) -> Problem:
         """The least-squares problem of the window."""
-        unknowns = Unknowns(process.layout, len(self.frames), tied)
-        dt = np.array([there.time - here.time for here, there in pairwise(self.frames)])
         known = self.carried is not None and self.carried.knows_constants
         first = self.carried.first[0] if self.carried is not None and known else None
-        motion = Motion(process, unknowns, dt, collect_sensors(self.frames), prior, LeastSquares(), first)
+        motion = replace(motion_of(process, self.frames, tied), prior=prior, first=first)
         return Problem(motion, self.sightings if tied else None, self.carried)
 
     def last_seen(self) -> Int[np.ndarray, " L"]:
