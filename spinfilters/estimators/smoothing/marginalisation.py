@@ -215,7 +215,9 @@ def _alone(motion: Motion, k: int, trajectory: Float[np.ndarray, "k m"]) -> list
                 parameters=sensor.parameters[here],
             )
             rows = motion.sensor_rows(mine, trajectory)[0]
-            parts.append(rows.reshape(-1, rows.shape[2]))
+            whole = np.zeros((rows.shape[0] * rows.shape[1], motion.process.layout.error_dim + 1))
+            whole[:, motion.sensor_columns(mine)] = rows.reshape(-1, rows.shape[2])
+            parts.append(whole)
     return parts
 
 

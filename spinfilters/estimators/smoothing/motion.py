@@ -121,15 +121,20 @@ class Motion:
             cost += float(rows[:, -1] @ rows[:, -1])
         for sensor in self.sensors:
             rows, costs = self.sensor_rows(sensor, trajectory)
-            first = np.flatnonzero(np.diff(sensor.frame, prepend=-1))
-            grams[sensor.frame[first]] += np.add.reduceat(rows.swapaxes(1, 2) @ rows, first, axis=0)
+            frames, own = _grams_by_frame(rows, sensor.frame)
+            columns = self.sensor_columns(sensor)
+            grams[frames[:, None, None], columns[:, None], columns] += own
             cost += float(costs.sum())
         return Grams(grams, NOTHING, cost, NOTHING)
 
+    def sensor_columns(self, sensor: SensorRows) -> Int[np.ndarray, " c1"]:
+        """Places of `sensor_rows`' columns among the components in `Unknowns.order` and the right-hand side."""
+        return np.append(_inverse(self.unknowns.order)[sensor.model.columns], self.process.layout.error_dim)
+
     def sensor_rows(
         self, sensor: SensorRows, trajectory: Float[np.ndarray, "k m"]
-    ) -> tuple[Float[np.ndarray, "r i n1"], Float[np.ndarray, " r"]]:
-        """Weighted whitened rows of every measurement by its frame's errors, with the right-hand side, and what each costs."""
+    ) -> tuple[Float[np.ndarray, "r i c1"], Float[np.ndarray, " r"]]:
+        """Weighted whitened rows of every measurement by its model's columns, with the right-hand side, and what each costs."""
         innovation, jacobian, valid, _ = sensor.model.linearise(
             trajectory[sensor.frame], sensor.parameters, sensor.values
         )
@@ -137,10 +142,8 @@ class Motion:
             square = np.einsum("nr,nr->n", innovation, innovation)
         good = valid & np.isfinite(square)
         square = np.where(good, square, np.inf)
-        weight = np.where(good, np.sqrt(self.kernel.weight(square)), 0.0)[:, None]
-        rows = np.zeros((*innovation.shape, self.process.layout.error_dim + 1))
-        rows[:, :, _inverse(self.unknowns.order)[sensor.model.columns]] = jacobian * weight[..., None]
-        rows[:, :, -1] = innovation * weight
+        weight = np.where(good, np.sqrt(self.kernel.weight(square)), 0.0)[:, None, None]
+        rows = np.concatenate([jacobian, innovation[..., None]], axis=2) * weight
         rows[~good] = 0.0
         return rows, np.where(good, self.kernel.cost(square), 0.0)
 
@@ -212,6 +215,20 @@ def prior_rows(
     away = layout.local(prior.mean, first)
     by_trial = np.linalg.inv(layout.reset_jacobian(away))[:, unknowns.order]
     return np.concatenate([by_trial, -away[:, None]], axis=1) / prior.std[:, None]
+
+
+def _grams_by_frame(
+    rows: Float[np.ndarray, "r i c1"], frame: Int[np.ndarray, " r"]
+) -> tuple[Int[np.ndarray, " f"], Float[np.ndarray, "f c1 c1"]]:
+    """Frames (ascending in ``frame``), and the Gram matrix of all rows of each.
+
+    Products of whole frames: those of single landmarks, added up afterwards, take fifty times as long.
+    """
+    first = np.flatnonzero(np.diff(frame, prepend=-1))
+    if len(first) == len(rows):
+        return frame, rows.swapaxes(1, 2) @ rows
+    parts = [part.reshape(-1, rows.shape[2]) for part in np.split(rows, first[1:])]
+    return frame[first], np.array([part.T @ part for part in parts])
 
 
 def _inverse(order: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
