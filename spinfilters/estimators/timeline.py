@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from jaxtyping import Float
@@ -10,6 +11,7 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.logs.track_files import KnownMap
+from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
 from spinfilters.models.sensors.pose import Pose, pose_parameters
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
@@ -98,20 +100,26 @@ def _joined(
     count = len(stream.time)
     if stream.sensor == "gyro":
         parameters = gyro_parameters(count, noise.gyro_noise_std, noise.gyro_scale_std)
-        return Measurement(Gyro(layout), stream.values, parameters), stream.time
+        return Measurement(_model(Gyro, layout), stream.values, parameters), stream.time
     if stream.sensor == "pose":
         parameters = pose_parameters(_pose_covariance(stream, noise))
-        return Measurement(Pose(layout), stream.values, parameters), stream.time
+        return Measurement(_model(Pose, layout), stream.values, parameters), stream.time
     if view is None or stream.ids is None:
         raise InputError("stereo tracks need a calibration here; give the view they were taken with")
     if view.known_map is None:
         parameters = stereo_parameters(np.zeros((count, 3)), view.calibration, noise.pixel_std)
-        return Measurement(StereoLandmark(layout), stream.values, parameters, stream.ids), stream.time
+        return Measurement(_model(StereoLandmark, layout), stream.values, parameters, stream.ids), stream.time
     landmarks = view.known_map
     row = np.clip(np.searchsorted(landmarks.ids, stream.ids), 0, len(landmarks.ids) - 1)
     known = landmarks.ids[row] == stream.ids
     parameters = stereo_parameters(landmarks.points[row[known]], view.calibration, noise.pixel_std)
-    return Measurement(StereoLandmark(layout), stream.values[known], parameters), stream.time[known]
+    return Measurement(_model(StereoLandmark, layout), stream.values[known], parameters), stream.time[known]
+
+
+@cache
+def _model(kind: type[MeasurementModel], layout: StateLayout) -> MeasurementModel:
+    """The sensor's model over a layout, made once in a process: its expressions take longer to build than many smoothers."""
+    return kind(layout)
 
 
 def _pose_covariance(stream: MeasurementStream, noise: SensorNoise) -> Float[np.ndarray, "n 6 6"]:

@@ -10,6 +10,7 @@ transition is differentiated automatically through the integrator, and its noise
 """
 
 from dataclasses import dataclass
+from functools import cache
 
 import casadi as ca
 import numpy as np
@@ -83,8 +84,7 @@ class TorqueFreeProcess:
     def __init__(self, layout: StateLayout, noise: ProcessNoise, tolerance: float = 1e-9) -> None:
         self.layout = layout
         self.noise = noise
-        self._integrator = RotationIntegrator(layout, body_acceleration, tolerance)
-        self._many = ManySteps(layout, self._integrator)
+        self._integrator, self._many = _integrators(layout, tolerance)
 
     def step(self, x: Float[np.ndarray, "*batch m"], dt: float) -> Float[np.ndarray, "*batch m"]:
         """Points after ``dt`` seconds (dt > 0) without noise."""
@@ -125,3 +125,10 @@ class TorqueFreeProcess:
     @property
     def _densities(self) -> Float[np.ndarray, " 2"]:
         return np.array([self.noise.force_psd, self.noise.torque_psd])
+
+
+@cache
+def _integrators(layout: StateLayout, tolerance: float) -> tuple[RotationIntegrator, ManySteps]:
+    """The compiled steps of a layout, made once in a process: building their expressions costs as much as smoothing."""
+    integrator = RotationIntegrator(layout, body_acceleration, tolerance)
+    return integrator, ManySteps(layout, integrator)

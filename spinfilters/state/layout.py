@@ -3,7 +3,7 @@
 import builtins
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import pairwise
 
 import casadi as ca
@@ -124,29 +124,15 @@ class StateLayout:
 
     @cached_property
     def _retract(self) -> Compiled:
-        x, d = ca.SX.sym("x", self.mean_dim), ca.SX.sym("d", self.error_dim)
-        y = self.unpack(self.retract_expression(x, d))
-        if "q" in y:
-            y["q"] = y["q"] / ca.sqrt(ca.dot(y["q"], y["q"]))
-        return Compiled(ca.Function("retract", [x, d], [self.pack(y)], ["x", "d"], ["y"]))
+        return _retract_function(self)
 
     @cached_property
     def _local(self) -> Compiled:
-        x, y = ca.SX.sym("x", self.mean_dim), ca.SX.sym("y", self.mean_dim)
-        return Compiled(ca.Function("local", [x, y], [self.local_expression(x, y)], ["x", "y"], ["d"]))
+        return _local_function(self)
 
     @cached_property
     def _reset(self) -> Compiled:
-        d, e = ca.SX.sym("d", self.error_dim), ca.SX.sym("e", 3)
-        jacobian = ca.SX.eye(self.error_dim)
-        if "a" in self.blocks:
-            a = self.slice("a")
-            moved = product(conjugate(quaternion_from_mrp(d[a])), quaternion_from_mrp(e))
-            turn = ca.jacobian(short_mrp_from_quaternion(moved), e)
-            jacobian[a, a] = ca.substitute(turn, e, d[a])
-        if "s" in self.blocks:
-            jacobian[self.slice("s"), self.slice("s")] = reset_mass_jacobian(d[self.slice("s")])
-        return Compiled(ca.Function("reset_jacobian", [d], [jacobian], ["d"], ["J"]))
+        return _reset_function(self)
 
     def origin(self) -> Float[np.ndarray, " m"]:
         """The point with identity attitude and zeros elsewhere."""
@@ -154,6 +140,36 @@ class StateLayout:
         if "a" in self.blocks:
             x[self.mean_slice("a").stop - 1] = 1.0
         return x
+
+
+@cache
+def _retract_function(layout: StateLayout) -> Compiled:
+    """Made once in a process for equal layouts, as those below: expressions take longer to build than most recordings to smooth."""
+    x, d = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("d", layout.error_dim)
+    y = layout.unpack(layout.retract_expression(x, d))
+    if "q" in y:
+        y["q"] = y["q"] / ca.sqrt(ca.dot(y["q"], y["q"]))
+    return Compiled(ca.Function("retract", [x, d], [layout.pack(y)], ["x", "d"], ["y"]))
+
+
+@cache
+def _local_function(layout: StateLayout) -> Compiled:
+    x, y = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("y", layout.mean_dim)
+    return Compiled(ca.Function("local", [x, y], [layout.local_expression(x, y)], ["x", "y"], ["d"]))
+
+
+@cache
+def _reset_function(layout: StateLayout) -> Compiled:
+    d, e = ca.SX.sym("d", layout.error_dim), ca.SX.sym("e", 3)
+    jacobian = ca.SX.eye(layout.error_dim)
+    if "a" in layout.blocks:
+        a = layout.slice("a")
+        moved = product(conjugate(quaternion_from_mrp(d[a])), quaternion_from_mrp(e))
+        turn = ca.jacobian(short_mrp_from_quaternion(moved), e)
+        jacobian[a, a] = ca.substitute(turn, e, d[a])
+    if "s" in layout.blocks:
+        jacobian[layout.slice("s"), layout.slice("s")] = reset_mass_jacobian(d[layout.slice("s")])
+    return Compiled(ca.Function("reset_jacobian", [d], [jacobian], ["d"], ["J"]))
 
 
 def _add(point: Expression, error: Expression) -> Expression:
