@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.errors import InputError
 
 
@@ -31,8 +32,7 @@ def absolute_orientation(
         raise InputError("absolute orientation is undetermined: the matched points lie on one line")
     s, x, y, z = vectors[:, 3]
     q = np.array([x, y, z, s]) * (1.0 if s >= 0 else -1.0)
-    u = 2 * np.cross(q[:3], mean_b)
-    return q, mean_a - (mean_b + q[3] * u + np.cross(q[:3], u))
+    return q, mean_a - matrix_from_quaternion(q) @ mean_b
 
 
 def _horn_matrix(S: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "4 4"]:

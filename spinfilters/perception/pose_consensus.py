@@ -8,7 +8,7 @@ fitted again to all that agree with it.
 import numpy as np
 from jaxtyping import Bool, Float
 
-from spinfilters.attitude.conversions import matrix_from_quaternion, quaternion_from_matrix, rotate
+from spinfilters.attitude.conversions import matrix_from_quaternion, quaternion_from_matrix
 from spinfilters.errors import InputError
 from spinfilters.geometry.absolute_orientation import absolute_orientation
 from spinfilters.geometry.triangulation import triangulate
@@ -38,10 +38,14 @@ def consensus_pose(
         return None
     if _agreeing(pose, points, pixels, calibration).mean() < CLEAR_SHARE:
         pose = _best_of_triples(points, seen, pixels, calibration)
+    fitted = np.zeros(len(points), dtype=bool)
     for _ in range(REFITS):
         agreeing = _agreeing(pose, points, pixels, calibration)
         if agreeing.mean() < SMALLEST_SHARE:
             return None
+        if np.array_equal(agreeing, fitted):
+            break
+        fitted = agreeing
         again = _fitted(points[agreeing], seen[agreeing])
         if again is None:
             return None
@@ -56,8 +60,11 @@ def _trimmed(points: Float[np.ndarray, "k 3"], seen: Float[np.ndarray, "k 3"]) -
         pose = _fitted(points[keep], seen[keep])
         if pose is None:
             return None
-        error = np.linalg.norm(seen - (rotate(pose[3:], points) + pose[:3]), axis=1)
-        keep = keep & (error <= 4 * np.median(error[keep]) + 1e-12)
+        error = np.linalg.norm(seen - points @ matrix_from_quaternion(pose[3:]).T - pose[:3], axis=1)
+        closer = keep & (error <= 4 * np.median(error[keep]) + 1e-12)
+        if np.array_equal(closer, keep):
+            break
+        keep = closer
     return pose
 
 
@@ -113,7 +120,8 @@ def _squared_pixels(
 ) -> Float[np.ndarray, "h k"]:
     """Squared distance (u_left, v_left, u_right) of each match under each motion, infinite behind the camera."""
     fx, fy, cx, cy, baseline = calibration
-    x, y, z = np.moveaxis(points @ np.swapaxes(rotations, 1, 2) + shifts[:, None], 2, 0)
+    at = points @ np.swapaxes(rotations, 1, 2) + shifts[:, None]
+    x, y, z = at[..., 0], at[..., 1], at[..., 2]
     with np.errstate(divide="ignore", invalid="ignore"):
         u, v = fx * x / z + cx - pixels[:, 0], fy * y / z + cy - pixels[:, 1]
         right = u + pixels[:, 0] - fx * baseline / z - pixels[:, 2]

@@ -12,6 +12,10 @@ from spinfilters.perception.pose_consensus import SMALLEST_SHARE, consensus_pose
 from spinfilters.state.layout import StateLayout
 
 ITERATIONS = 8
+SETTLED = 1e-6
+"""Length of a step in standard deviations of the pose below which iterations end."""
+SMALLEST_EIGENVALUE = 1e-12
+"""Of the pose's information scaled to ones on its diagonal: below it some direction is rounding (landmarks on a line)."""
 GATE_PX = 6.0
 """Residual in standard deviations beyond which a match counts as wrong."""
 OPENING = 6.0
@@ -63,18 +67,20 @@ def fit_pose(
             return None
         A, b = jacobian[inliers].reshape(-1, 6), innovation[inliers].reshape(-1)
         information = A.T @ A
-        step = np.linalg.lstsq(A, b, rcond=None)[0]
+        scale = np.sqrt(information.diagonal())
+        if not np.linalg.eigvalsh(information / np.outer(scale, scale))[0] > SMALLEST_EIGENVALUE:
+            return None
+        step = np.linalg.solve(information, A.T @ b)
         pose = model.layout.retract(pose, step)
-        if np.abs(step).max() < 1e-10:
+        if step @ information @ step < SETTLED**2:
             break
-    if np.linalg.eigvalsh(information)[0] <= 0:
-        return None
     return FittedPose(pose, np.linalg.inv(information), inliers)
 
 
 def _within_gate(size: Float[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
     """Residuals (standard deviations) below a gate that opens while the pose is off, judged by the quarter that fits best."""
-    return size < max(GATE_PX, OPENING * float(np.quantile(size, 0.25)))
+    quarter = len(size) // 4
+    return size < max(GATE_PX, OPENING * float(np.partition(size, quarter)[quarter]))
 
 
 def _with_map_noise(

@@ -143,10 +143,16 @@ def _start_maker(
         return lambda options: _start_of_tracks(
             process, timeline, tracks, (calibration, noise.pixel_std), options
         )
-    poses = poses_with_map(tracks, dataset.known_map, calibration, noise.pixel_std)
-    return lambda options: start_from_data(
-        process, timeline, evidence_from_poses(poses, options.count(timeline)), options
-    )
+    known = dataset.known_map
+
+    def make(options: StartOptions) -> StartReport:
+        first = _first_tracks(tracks, timeline, options)
+        poses = poses_with_map(first, known, calibration, noise.pixel_std)
+        return start_from_data(
+            process, timeline, evidence_from_poses(poses, options.count(timeline)), options
+        )
+
+    return make
 
 
 def _sensor_evidence(log: MeasurementLog, timeline: Timeline, options: StartOptions) -> MotionEvidence:
@@ -164,11 +170,16 @@ def _start_of_tracks(
     options: StartOptions,
 ) -> StartReport:
     """A start whose landmarks nobody knew: nothing after its last frame is looked at."""
-    frames = options.count(timeline)
-    first = tracks.slice(timeline[0].time, timeline[frames - 1].time)
+    poses, found = poses_without_map(_first_tracks(tracks, timeline, options), *camera)
+    evidence = evidence_from_poses(poses, options.count(timeline))
+    return start_with_landmarks(process, timeline, evidence, found, options)
+
+
+def _first_tracks(tracks: MeasurementStream, timeline: Timeline, options: StartOptions) -> MeasurementStream:
+    """Tracks of the epochs that an initialisation looks at."""
+    first = tracks.slice(timeline[0].time, timeline[options.count(timeline) - 1].time)
     assert first is not None
-    poses, found = poses_without_map(first, *camera)
-    return start_with_landmarks(process, timeline, evidence_from_poses(poses, frames), found, options)
+    return first
 
 
 def _noise(dataset: Dataset, settings: Settings) -> SensorNoise:
