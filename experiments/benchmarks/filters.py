@@ -12,7 +12,6 @@ those three times as long.
 import argparse
 import os
 import platform
-import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
@@ -24,6 +23,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
+from experiments.benchmarks.stopwatch import use_one_thread
 from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.timeline import Frame
 from spinfilters.logs.atomic_write import write_json
@@ -39,9 +39,6 @@ WARM_FRAMES: Final = 3
 """Frames of every block before the clock starts: compiling, buffers, caches."""
 PASSES: Final = {"mekf": 50, "ukf": 25, "filterpy-ekf": 1, "filterpy-ukf": 1}
 """Over the frames of a block: as many as give each filter about the same share of the clock, and of its disturbances."""
-ONE_THREAD: Final[dict[str, str]] = dict.fromkeys(
-    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
-)
 
 
 @dataclass(frozen=True)
@@ -66,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--blocks", type=int, default=5, help="blocks, each from the same start")
     parser.add_argument("--out", type=Path, help="folder for filters.json and filters.png")
     options = parser.parse_args(arguments)
-    _use_one_thread()
+    use_one_thread("experiments.benchmarks.filters")
     prepared = prepare(simulate(Scenario()), Settings())
     seconds = time_frames(prepared, options.frames, options.blocks)
     ratios = [speed_ratio(seconds, *pair) for pair in PAIRS]
@@ -151,13 +148,6 @@ def _seconds(estimator: Estimator, frame: Frame, dt: float) -> float:
     for measurement in frame.measurements:
         estimator.update(measurement)
     return perf_counter() - begin
-
-
-def _use_one_thread() -> None:
-    """Start over with one thread per library: linear algebra libraries read these variables only when they are loaded."""
-    if any(os.environ.get(name) != value for name, value in ONE_THREAD.items()):
-        os.environ.update(ONE_THREAD)
-        os.execv(sys.executable, [sys.executable, "-m", "experiments.benchmarks.filters", *sys.argv[1:]])
 
 
 def _print(ratios: Sequence[SpeedRatio], landmarks: float, shape: tuple[int, ...]) -> None:

@@ -14,7 +14,6 @@ import gc
 import os
 import platform
 import resource
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter, thread_time
@@ -27,7 +26,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 from rich.progress import track
 
-from experiments.benchmarks.filters import ONE_THREAD
+from experiments.benchmarks.stopwatch import use_one_thread
 from spinfilters.conventions import RPM
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.estimators.estimator import Measurement
@@ -83,7 +82,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=10_000, help="of each filter")
     parser.add_argument("-o", "--output", type=Path, default=Path("runs/benchmark"))
     options = parser.parse_args()
-    _use_one_thread()
+    use_one_thread("experiments.benchmarks.landmark_filters")
     make_folder(options.output)
     speeds, joint, measured = measure(options.frames // BLOCKS)
     dense_ms = 1e3 * float(np.median(dense_seconds(joint, measured)))
@@ -278,15 +277,6 @@ def _draw(left: Axes, right: Axes, name: str, speed: Speed) -> None:
     left.axhline(ALLOWED_MS[name], color=color, linestyle="--", linewidth=1.0)
     width = 5.0 if name == "mekf" else 1.5
     right.plot(count * np.arange(1, BLOCKS + 1), speed.resident_mb, "-", color=color, linewidth=width)
-
-
-def _use_one_thread() -> None:
-    """Start over with one thread per library: linear algebra libraries read these variables only when they are loaded."""
-    if any(os.environ.get(name) != value for name, value in ONE_THREAD.items()):
-        os.environ.update(ONE_THREAD)
-        os.execv(
-            sys.executable, [sys.executable, "-m", "experiments.benchmarks.landmark_filters", *sys.argv[1:]]
-        )
 
 
 if __name__ == "__main__":

@@ -17,10 +17,9 @@ from experiments.benchmarks.gtsam_chart import MISSING, gtsam
 from experiments.benchmarks.smoother_batch import batch, iterations, optimum
 from experiments.benchmarks.smoother_checks import Check
 from experiments.benchmarks.smoother_long import long_run
-from experiments.benchmarks.smoother_peers import use_one_thread
 from experiments.benchmarks.smoother_stream import resolved, window
 from experiments.benchmarks.smoother_workload import MOTIONS, Workload, simulated_workload
-from experiments.benchmarks.stopwatch import CLOCKS, use_clock
+from experiments.benchmarks.stopwatch import CLOCKS, use_clock, use_one_thread
 from spinfilters.simulation.scenario import Scenario
 
 SEEDS = 5

@@ -7,12 +7,9 @@ Batch solutions from the closed form's trial, and one Gauss-Newton iteration of 
 """
 
 import argparse
-import os
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
-from experiments.benchmarks.filters import ONE_THREAD
 from experiments.benchmarks.gtsam_chart import MISSING, gtsam
 from experiments.benchmarks.gtsam_incremental import fixed_lag, isam2, resolved_every_frame
 from experiments.benchmarks.gtsam_peer import (
@@ -24,6 +21,7 @@ from experiments.benchmarks.gtsam_peer import (
 )
 from experiments.benchmarks.scipy_peer import scipy_least_squares
 from experiments.benchmarks.smoother_workload import MOTIONS, PeerResult, Workload, disam115_workload
+from experiments.benchmarks.stopwatch import use_one_thread
 
 Peer = Callable[[Workload], PeerResult]
 ITERATION_FRAMES: Final = (10, 20, 40, 115)
@@ -100,13 +98,6 @@ def _headline(motion: str, seed: int, workload: Workload) -> str:
         f"{motion} motion, seed {seed}: {len(workload.timeline)} frames, {len(workload.trial.ids)} landmarks, "
         f"{len(workload.sightings.frame)} sightings"
     )
-
-
-def use_one_thread(module: str) -> None:
-    """Start a module over with one thread per library: linear algebra libraries read these variables only when they are loaded."""
-    if any(os.environ.get(name) != value for name, value in ONE_THREAD.items()):
-        os.environ.update(ONE_THREAD)
-        os.execv(sys.executable, [sys.executable, "-m", module, *sys.argv[1:]])
 
 
 if __name__ == "__main__":

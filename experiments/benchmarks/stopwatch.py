@@ -1,5 +1,7 @@
-"""The clock that all solvers of the smoother's benchmark are timed with, the same for all."""
+"""Clock and threads of the benchmarks, the same for all solvers."""
 
+import os
+import sys
 from collections.abc import Callable
 from time import perf_counter, process_time
 from typing import Final
@@ -17,3 +19,15 @@ def use_clock(name: str) -> None:
 def now() -> float:
     """Seconds; only differences mean anything."""
     return CLOCKS[_chosen[0]]()
+
+
+ONE_THREAD: Final[dict[str, str]] = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
+)
+
+
+def use_one_thread(module: str) -> None:
+    """Start a module over with one thread per library: linear algebra libraries read these variables only when they are loaded."""
+    if any(os.environ.get(name) != value for name, value in ONE_THREAD.items()):
+        os.environ.update(ONE_THREAD)
+        os.execv(sys.executable, [sys.executable, "-m", module, *sys.argv[1:]])

@@ -1,11 +1,12 @@
 """A start from data: where the first frames say the body is, how it turns, and what its inertia is.
 
-Attitudes and rates of the first frames give J up to scale in closed form (`momentum_start`); an iterated smoother over those
-frames (`first_frames`) makes that the most probable trajectory and gives its covariance. Filters go on from its last frame, so no
+Attitudes and rates of the first frames give J up to scale in closed form (`momentum_start`); the smoother's solver makes that the
+most probable trajectory of those frames and gives its covariance. Filters go on from its last frame, so no
 measurement is counted twice and no guess of the mass distribution enters but a wide prior.
 """
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from jaxtyping import Float
@@ -13,9 +14,16 @@ from jaxtyping import Float
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import ProcessModel
-from spinfilters.estimators.first_frames import FirstStatePrior, SmoothedFrames, smooth_first_frames
+from spinfilters.estimators.first_frames import FirstStatePrior, SmoothedFrames
 from spinfilters.estimators.momentum_start import fit_momentum
 from spinfilters.estimators.motion_evidence import MotionEvidence
+from spinfilters.estimators.smoothing.annealing import Annealed
+from spinfilters.estimators.smoothing.batch import NO_LANDMARKS, NO_POINTS
+from spinfilters.estimators.smoothing.marginals import Marginals
+from spinfilters.estimators.smoothing.problem import Problem, Stage, problem_of, with_common_constants
+from spinfilters.estimators.smoothing.robust_kernels import LeastSquares
+from spinfilters.estimators.smoothing.sightings import SIGHTINGS_NEEDED
+from spinfilters.estimators.smoothing.solver import Plain, Schedule, SolverOptions, solve
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
@@ -24,6 +32,9 @@ MASS_SHARES = (1.0, 0.3, 0.0)
 """Shares of the closed form's departure from a sphere from which the fit is tried, in this order."""
 SETTLED_FIT = 1.5
 """Rms of the whitened residuals below which a converged fit is believed without trying others."""
+CLEAR_MASS_STD = 0.3
+"""Of the mass distribution (log second moments) below which a fit is believed without trying others: on simulated poses all fits
+with a second optimum were beyond 0.7, and all optima that were alone below 0.5."""
 GAUGE_STD = 1e-9
 """Of an attitude that defines a frame rather than being measured, rad."""
 
@@ -178,12 +189,40 @@ def _best_fit(
     prior: FirstStatePrior,
     options: StartOptions,
 ) -> SmoothedFrames:
-    """The fit from the closed form; where that does not settle, also from bodies nearer to a sphere, and the likeliest is kept."""
+    """The likeliest of the fits from the closed form and from bodies nearer to a sphere.
+
+    A first fit that settles and determines the body is believed; where the body is hardly determined there may be several optima.
+    """
+    problem = problem_of(process, frames, NO_LANDMARKS, prior, SIGHTINGS_NEEDED)
+    schedules = (Plain(), Annealed(problem.motion, options.iterations))
     tries: list[SmoothedFrames] = []
-    for share in MASS_SHARES:
-        trial = trajectory.copy()
+    for share, schedule in product(MASS_SHARES, schedules):
+        trial = with_common_constants(process.layout, trajectory)
         trial[:, process.layout.mean_slice("s")] *= share
-        tries.append(smooth_first_frames(process, frames, trial, prior, options.iterations))
-        if tries[-1].converged and tries[-1].cost < SETTLED_FIT**2 * tries[-1].dof:
+        tries.append(_fit(problem, trial, options.iterations, schedule))
+        if _is_clear(process.layout, tries[-1]):
             break
     return min(tries, key=lambda found: found.cost if np.isfinite(found.cost) else np.inf)
+
+
+def _fit(
+    problem: Problem, trial: Float[np.ndarray, "k m"], iterations: int, schedule: Schedule
+) -> SmoothedFrames:
+    """The optimum reached from a trial trajectory, whose constants are the same in every frame."""
+    solved = solve(problem, problem.at(trial, NO_POINTS), SolverOptions(iterations), schedule)
+    point, solution, n = solved.point, solved.normal.solution, problem.layout.error_dim
+    undetermined = np.full((len(trial), n, n), np.nan)
+    factor = undetermined if isinstance(solution, int) else Marginals(solution, None).factors
+    dof = sum(
+        int(np.count_nonzero(problem.motion.believed(sensor, point.trajectory))) * sensor.model.dim
+        for sensor in problem.motion.sensors
+    )
+    cost = point.cost(None, Stage(LeastSquares()))
+    return SmoothedFrames(point.trajectory, factor, cost, dof, solved.iterations, solved.converged)
+
+
+def _is_clear(layout: StateLayout, found: SmoothedFrames) -> bool:
+    """Whether a fit has settled, explains its measurements and tells the mass distribution."""
+    mass_std = np.linalg.norm(found.factor[-1, layout.slice("s")], axis=1)
+    settled = found.converged and found.cost < SETTLED_FIT**2 * found.dof
+    return bool(settled and mass_std.max() <= CLEAR_MASS_STD)

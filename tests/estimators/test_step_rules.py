@@ -7,7 +7,6 @@ import pytest
 from smoothing_samples import LAYOUT, MIDDLE, PLAIN, Sample, optimum, perturbed, sample, solved, whitened
 
 from spinfilters.errors import InputError
-from spinfilters.estimators.first_frames import LARGEST_MASS_STEP
 from spinfilters.estimators.smoothing.marginals import Marginals
 from spinfilters.estimators.smoothing.problem import Normal, Trial
 from spinfilters.estimators.smoothing.reduced import Reduced
@@ -20,6 +19,7 @@ from spinfilters.estimators.smoothing.robust_kernels import (
 )
 from spinfilters.estimators.smoothing.solver import COST_SLACK, Solved, SolverOptions, solve
 from spinfilters.estimators.smoothing.step_rules import (
+    LARGEST_MASS_STEP,
     LARGEST_TURN,
     Dogleg,
     GaussNewton,

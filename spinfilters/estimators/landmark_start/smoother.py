@@ -14,6 +14,7 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import ProcessModel
 from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.landmark_start.result import LandmarkSmoothing
+from spinfilters.estimators.smoothing.annealing import process_noise_inflation
 from spinfilters.estimators.smoothing.marginals import Marginals
 from spinfilters.estimators.smoothing.problem import (
     Normal,
@@ -37,10 +38,6 @@ from spinfilters.estimators.timeline import Timeline
 
 WIDER_GATES = (4.0, 2.0)
 """Of the gate in the first iterations."""
-TIGHTENING = 4.0
-"""By which the slack of the dynamics falls at least from one iteration to the next."""
-SMALLEST_SLACK = 3.0
-"""Less is as good as none."""
 FREE_ITERATIONS = 15
 """Iterations in which sightings may still come and go."""
 FAR = 1e6
@@ -80,12 +77,8 @@ class DrawnIn:
 
     def stage(self, iteration: int, here: Point, before: Normal | None) -> Stage:
         """Which sightings count, and by how much larger the disturbances are taken than they are."""
-        dynamics = self.problem.motion
-        steps = max(len(dynamics.unknowns.moving) * len(dynamics.dt), 1)
-        slack = float(np.sqrt(here.dynamics.cost / steps))
-        if before is not None:
-            slack = min(slack, before.stage.slack / TIGHTENING)
-        slack = slack if slack > SMALLEST_SLACK and iteration < self.options.iterations else 1.0
+        within = iteration < self.options.iterations
+        slack = process_noise_inflation(self.problem.motion, here, before) if within else 1.0
         if before is not None and iteration >= FREE_ITERATIONS and slack == 1.0:
             return Stage(Gate(FAR, FAR, before.used), slack)
         return Stage(Gate(self.options.gate, self.options.gate * self._width(iteration)), slack)

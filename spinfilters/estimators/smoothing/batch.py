@@ -18,7 +18,7 @@ from spinfilters.estimators.smoothing.solver import Solved, SolverOptions, solve
 from spinfilters.estimators.smoothing.undetermined import undetermined_directions
 from spinfilters.estimators.timeline import Timeline
 
-NO_LANDMARKS = np.zeros(0, dtype=int)
+NO_LANDMARKS, NO_POINTS = np.zeros(0, dtype=int), np.zeros((0, 3))
 
 
 @dataclass(frozen=True)
@@ -51,9 +51,7 @@ def smooth_recording(
     """Smooth measurements without landmark ids from a first trajectory (its constants are those of the last frame)."""
     problem = problem_of(process, frames, NO_LANDMARKS, prior, 2, kernel)
     start = with_common_constants(process.layout, trajectory[::-1])[::-1]
-    solved = solve(
-        problem, problem.at(np.ascontiguousarray(start), np.zeros((0, 3))), options or SolverOptions()
-    )
+    solved = solve(problem, problem.at(np.ascontiguousarray(start), NO_POINTS), options or SolverOptions())
     solution, here, n = solved.normal.solution, solved.point.trajectory, process.layout.error_dim
     unknown = np.full((len(frames), n, n), np.nan)
     factor = unknown if isinstance(solution, int) else Marginals(solution, None).factors

@@ -12,13 +12,14 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.errors import InputError
-from spinfilters.estimators.first_frames import LARGEST_MASS_STEP
 from spinfilters.estimators.smoothing.problem import Normal
 from spinfilters.estimators.smoothing.reduced import Reduced
 from spinfilters.state.layout import StateLayout
 
 LARGEST_TURN = 1.0
 """Of an attitude in one iteration, rad."""
+LARGEST_MASS_STEP = 1.0
+"""Of the mass distribution in one iteration (log second moments): beyond it the linear model says nothing."""
 DAMPINGS = (0.0, 1e-9, 1e-6, 1e-3, 1e-1)
 """Added to a diagonal relative to itself, in this order, until a system can be factored (Levenberg 1944)."""
 Solve = Callable[[float], Normal]

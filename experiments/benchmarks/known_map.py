@@ -1,0 +1,46 @@
+"""Time of initialising and of smoothing 115 epochs whose map is known, in a warm process on one thread.
+
+python -m experiments.benchmarks.known_map [--clock processor]
+"""
+
+import argparse
+from statistics import median
+from typing import Final
+
+from experiments.benchmarks.stopwatch import CLOCKS, now, use_clock, use_one_thread
+from spinfilters.logs.dataset import Dataset
+from spinfilters.simulation.scenario import Scenario, simulate
+from spinfilters.workflow.preparation import prepare
+from spinfilters.workflow.settings import Settings
+from spinfilters.workflow.smoothing import smooth_at_once
+
+REPEATS: Final = 9
+SETTINGS: Final = Settings(estimators=("smoother",))
+
+
+def main() -> None:
+    """Print medians in ms."""
+    use_one_thread("experiments.benchmarks.known_map")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--clock", choices=tuple(CLOCKS), default="wall")
+    use_clock(parser.parse_args().clock)
+    dataset = simulate(Scenario())
+    seconds(dataset)  # compiles
+    initialise, smooth = zip(*[seconds(dataset) for _ in range(REPEATS)], strict=True)
+    print(f"115 epochs, known map: medians of {REPEATS}")
+    print(f"initialise {1e3 * median(initialise):.0f} ms, smooth {1e3 * median(smooth):.0f} ms")
+
+
+def seconds(dataset: Dataset) -> tuple[float, float]:
+    """Of initialising and of smoothing, s."""
+    begin = now()
+    prepared = prepare(dataset, SETTINGS)
+    middle = now()
+    smooth_at_once(prepared, SETTINGS, lambda done, total: None)
+    return middle - begin, now() - middle
+
+
+if __name__ == "__main__":
+    main()
