@@ -11,7 +11,7 @@ from spinfilters.cli import doctor_checks
 from spinfilters.cli.doctor import doctor
 from spinfilters.cli.doctor_checks import CHECKS, Check, CheckError, compare_with_virtual_machine
 from spinfilters.models.process import TorqueFreeProcess
-from spinfilters.symbolic import c_library
+from spinfilters.symbolic import c_library, library_folder
 
 
 def page(checks: tuple[Check, ...] | None = None) -> tuple[int, str]:
@@ -34,7 +34,7 @@ def test_the_page_names_versions_compiler_and_cache() -> None:
     assert f"spinfilters                 {spinfilters.__version__}" in text
     for name in ("Python", "platform", "numpy", "scipy", "casadi", "filterpy", "matplotlib", "C compiler"):
         assert f"\n{name:<28}" in text
-    assert str(c_library.cache_folder()) in text
+    assert str(library_folder.cache_folder()) in text
 
 
 def test_a_failed_check_shows_its_numbers_and_a_cure_and_the_others_still_run() -> None:
