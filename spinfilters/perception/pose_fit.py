@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
+from spinfilters.linear_algebra.definite import is_definite
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.perception.pose_consensus import SMALLEST_SHARE, consensus_pose
 from spinfilters.state.layout import StateLayout
@@ -67,7 +68,7 @@ def fit_pose(
         pose = model.layout.retract(pose, step)
         if np.abs(step).max() < 1e-10:
             break
-    if np.linalg.eigvalsh(information)[0] <= 0:
+    if not is_definite(information):
         return None
     return FittedPose(pose, np.linalg.inv(information), inliers)
 
