@@ -25,7 +25,7 @@ from spinfilters.dynamics.mass_distribution import (
     retract_mass,
 )
 from spinfilters.errors import InputError
-from spinfilters.symbolic import Compiled
+from spinfilters.symbolic import Compiled, building
 
 Chart = Callable[[Expression, Expression], Expression]
 """How a block's point takes an error, or how two of its points differ."""
@@ -123,6 +123,7 @@ class StateLayout:
         return _slices(self.blocks, [_mean_size(block) for block in self.blocks])
 
     @cached_property
+    @building()
     def _retract(self) -> Compiled:
         x, d = ca.SX.sym("x", self.mean_dim), ca.SX.sym("d", self.error_dim)
         y = self.unpack(self.retract_expression(x, d))
@@ -131,11 +132,13 @@ class StateLayout:
         return Compiled(ca.Function("retract", [x, d], [self.pack(y)], ["x", "d"], ["y"]))
 
     @cached_property
+    @building()
     def _local(self) -> Compiled:
         x, y = ca.SX.sym("x", self.mean_dim), ca.SX.sym("y", self.mean_dim)
         return Compiled(ca.Function("local", [x, y], [self.local_expression(x, y)], ["x", "y"], ["d"]))
 
     @cached_property
+    @building()
     def _reset(self) -> Compiled:
         d, e = ca.SX.sym("d", self.error_dim), ca.SX.sym("e", 3)
         jacobian = ca.SX.eye(self.error_dim)

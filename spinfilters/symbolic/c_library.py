@@ -20,6 +20,7 @@ from spinfilters.symbolic.library_folder import (
     private_folder,
     remove_abandoned_builds,
 )
+from spinfilters.symbolic.working_time import building
 
 FLAGS = ("-O2", "-ffp-contract=off", "-shared", "-fPIC")
 """No contraction into fused multiply-adds, so that compiled code rounds as CasADi's virtual machine does."""
@@ -58,7 +59,8 @@ def compiler() -> str | None:
 
 def load_loop(function: ca.Function) -> ctypes.PyDLL | None:
     """The function's loop over items as a shared library, or None (the caller then interprets)."""
-    return load_text(function.name(), _source(function), FLAGS) if compiler() else None
+    with building():
+        return load_text(function.name(), _source(function), FLAGS) if compiler() else None
 
 
 def load_text(name: str, text: str, flags: tuple[str, ...]) -> ctypes.PyDLL | None:
@@ -74,9 +76,10 @@ def load_text(name: str, text: str, flags: tuple[str, ...]) -> ctypes.PyDLL | No
     key = "\0".join((text, cc, " ".join(flags), ca.__version__, *machine))
     stem = f"{name}-{_digest(key.encode())}"
     try:
-        folder = private_folder()
-        library = _undamaged(folder, stem) or _compile((cc, *flags), text, folder / stem)
-        return ctypes.PyDLL(str(library))
+        with building():
+            folder = private_folder()
+            library = _undamaged(folder, stem) or _compile((cc, *flags), text, folder / stem)
+            return ctypes.PyDLL(str(library))
     except (OSError, subprocess.SubprocessError) as error:
         LOGGER.warning(
             "not compiled, which makes models several times slower: %s; see 'spinfilters doctor'",
