@@ -114,12 +114,15 @@ def figure_drawn() -> str:
 
 
 def cache_is_private() -> str:
-    """The folder of compiled libraries can be written, and by nobody else."""
+    """The folder of compiled libraries can be written, by nobody else, and what is built there can be loaded."""
     if compiler() is None:
         return "not needed without a compiler"
     folder = private_folder()
     with TemporaryDirectory(dir=folder, prefix=UNFINISHED):
         libraries = [is_own_library(path) for path in folder.glob("*.so")]
+    x = ca.SX.sym("x")
+    if not Compiled(ca.Function("cache", [x], [x + 1])).is_c:
+        raise CheckError(f"{compiler()} fails, or files in {folder} may not be executed")
     text = f"yours alone, compiled functions: {sum(libraries)}"
     if all(libraries):
         return text

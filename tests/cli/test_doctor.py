@@ -79,6 +79,18 @@ def test_a_cache_folder_that_cannot_be_written_is_named_with_its_cure(
     assert "SPINFILTERS_CACHE=" in text
 
 
+def test_a_compiler_that_fails_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    broken = tmp_path / "broken-cc"
+    broken.write_text("#!/bin/sh\nexit 1\n")
+    broken.chmod(0o755)
+    monkeypatch.setenv("SPINFILTERS_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(c_library, "compiler", lambda: str(broken))
+    monkeypatch.setattr(doctor_checks, "compiler", lambda: str(broken))
+    code, text = page(CHECKS[-1:])
+    assert code == 1
+    assert f"{broken} fails" in text
+
+
 def test_without_a_compiler_the_page_says_so_and_nothing_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SPINFILTERS_COMPILE", "off")
     c_library.compiler.cache_clear()
