@@ -1,9 +1,10 @@
 # make compare   run the filters on the recording that comes with the package; results in runs/embedded
 # make test      run the tests        make check   linter, formatter, types, layers
 # make bench     time the estimators  make clean   remove everything but results
+# make kernels   run the tests that depend on arithmetic under other kernels of OpenBLAS, and without compiled code
 # Every target installs what it needs into .venv, once. Choose another Python with PYTHON=python3.12.
 
-.PHONY: compare test check bench clean
+.PHONY: compare test kernels check bench clean
 .NOTPARALLEL:
 
 bin := .venv/bin
@@ -21,6 +22,21 @@ compare:
 test:
 	$(environment) test
 	@$(bin)/python -m pytest -n 2
+
+# the tests whose outcome depends on arithmetic
+numeric := $(addprefix tests/,attitude dynamics estimators evaluation linear_algebra models observability perception simulation \
+  state symbolic test_blas_kernels.py workflow/test_bound.py)
+
+kernels:
+	$(environment) test
+	@status=0; kernels=$$($(bin)/python tests/blas_kernels.py) || exit 1; \
+	for kernel in $$kernels; do \
+	  echo "numeric tests, OpenBLAS' kernel $$kernel:"; \
+	  OPENBLAS_CORETYPE=$$kernel $(bin)/python -m pytest -q -n 2 $(numeric) || status=1; \
+	done; \
+	echo "numeric tests, nothing compiled:"; \
+	SPINFILTERS_COMPILE=off $(bin)/python -m pytest -q -n 2 $(numeric) || status=1; \
+	exit $$status
 
 check:
 	$(environment) test

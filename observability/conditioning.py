@@ -19,6 +19,7 @@ from scipy.optimize import minimize
 
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.errors import InputError, ShapeError
+from spinfilters.linear_algebra.definite import correlation_root
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
@@ -127,7 +128,7 @@ def whitening_matrix(covariance: Float[np.ndarray, "n n"]) -> Float[np.ndarray, 
     """
     divisors = jacobi_scaling(covariance)
     try:
-        factor = np.linalg.cholesky(scaled(covariance, divisors))
+        factor = correlation_root(covariance)
     except np.linalg.LinAlgError:
         raise InputError(
             "covariance is not positive definite; take a longer time step or leave out constants"

@@ -13,6 +13,7 @@ from scipy.linalg import qr, solve_triangular
 
 from observability.bounds.flight import Flight, Watch, rows_at
 from spinfilters.errors import InputError, ShapeError
+from spinfilters.linear_algebra.signs import with_largest_positive
 from spinfilters.state.layout import StateLayout
 
 PRIOR_STD: Mapping[str, float] = {"t": 1e-6, "a": 1e-6, "v": 1.0, "w": 10.0, "c": 1.0, "s": 3.0, "d": 1.0}
@@ -52,7 +53,7 @@ class Bound:
         scale = self.prior_std[free]
         values, vectors = np.linalg.eigh(self.covariances[-1][np.ix_(free, free)] / np.outer(scale, scale))
         direction = np.zeros(self.layout.error_dim)
-        direction[free] = vectors[:, -1] * np.sign(vectors[np.argmax(np.abs(vectors[:, -1])), -1])
+        direction[free] = with_largest_positive(vectors[:, -1])
         return direction, float(np.sqrt(values[-1]))
 
 

@@ -18,14 +18,16 @@ if TYPE_CHECKING:
     from spinfilters.cli.doctor_checks import Check
 
 NAME_WIDTH: Final[int] = 28
-COMPILING_FAILED: Final[str] = "compiling failed, or the cache folder is not writable"
+COMPILING_FAILED: Final[str] = (
+    "compiling failed, or the cache folder is not yours alone; works without, but slower"
+)
 COMPILER_CURE: Final[str] = "works without, but slower; for speed: sudo apt-get install -y gcc libc6-dev"
 
 
 def doctor(console: Console | None = None, checks: "Iterable[Check] | None" = None) -> int:
     """Print versions, compiler, cache and self-checks.
 
-    Writes nothing outside the cache folder.
+    Writes nothing outside the cache folder, and works without one.
 
     Returns
     -------
@@ -77,7 +79,10 @@ def _compiler() -> str:
     if path is None:
         return f"none (or SPINFILTERS_COMPILE=off): {COMPILER_CURE}"
     try:
-        done = subprocess.run([path, "--version"], capture_output=True, text=True, timeout=10, check=True)
+        command = [path, "--version"]
+        done = subprocess.run(
+            command, capture_output=True, text=True, errors="replace", timeout=10, check=True
+        )
     except (OSError, subprocess.SubprocessError) as error:
         return f"{path} does not run ({_reason(error)}): {COMPILER_CURE}"
     return f"{path}, {done.stdout.partition(chr(10))[0]}"
@@ -92,17 +97,19 @@ def _compiled_code() -> str:
     except Exception as error:
         return f"could not be compared with the virtual machine ({_reason(error)})"
     if not found.is_c:
-        return "not used" if compiler() is None else f"not used: {COMPILING_FAILED}; {COMPILER_CURE}"
+        return "not used" if compiler() is None else f"not used: {COMPILING_FAILED}"
     equal = "equal to" if found.equal else "NOT EQUAL to"
     return f"{equal} the virtual machine, {found.speedup:.1f} times as fast on a small function"
 
 
 def _cache() -> str:
-    from spinfilters.symbolic.c_library import cache_folder
+    from spinfilters.symbolic.library_folder import cache_folder
 
     folder = cache_folder()
+    if folder is None:
+        return "none: this user has no home folder"
     try:
-        sizes = [path.stat().st_size for path in folder.glob("*.so")]
+        sizes = [path.lstat().st_size for path in folder.glob("*.so")]
     except OSError as error:
         return f"{folder}, unreadable ({_reason(error)})"
     return f"{folder}, {sum(sizes) / 1e6:.1f} MB in compiled functions: {len(sizes)}"
@@ -141,11 +148,17 @@ def _passes(console: Console, check: "Check") -> bool:
 
 def _outcome(console: Console, word: str, name: str, text: str) -> None:
     style = {"ok": "green", "FAILED": "bold red"}.get(word, "")
-    console.print(Text.assemble((f"{word:<8}", style), f"{name:<{NAME_WIDTH}}", text), soft_wrap=True)
+    line = Text.assemble((f"{word:<8}", style), f"{name:<{NAME_WIDTH}}", _printable(text))
+    console.print(line, soft_wrap=True)
 
 
 def _row(console: Console, name: str, text: str) -> None:
-    console.print(Text(f"{name:<{NAME_WIDTH}}{text}"), soft_wrap=True)
+    console.print(Text(f"{name:<{NAME_WIDTH}}{_printable(text)}"), soft_wrap=True)
+
+
+def _printable(text: str) -> str:
+    """Bytes of file names that are no text are escaped."""
+    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def _reason(error: BaseException) -> str:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
+from io import BytesIO
 from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Final, NamedTuple
@@ -23,11 +23,13 @@ from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 from spinfilters.state.status import Verdict
 from spinfilters.symbolic import Compiled
-from spinfilters.symbolic.c_library import cache_folder
+from spinfilters.symbolic.c_library import compiler
+from spinfilters.symbolic.library_folder import UNFINISHED, is_own_library, private_folder
 
 REINSTALL: Final[str] = "install again (make clean, then make compare); if it stays, report it with this page"
 CACHE_CURE: Final[str] = (
-    "make the cache folder writable, or name another: export SPINFILTERS_CACHE=/tmp/cache"
+    "works without compiled code, but slower; for speed name a folder that only you can write to: "
+    "mkdir -m 700 ~/spinfilters-cache; export SPINFILTERS_CACHE=~/spinfilters-cache"
 )
 ROUND_TRIP_TOLERANCE: Final[float] = 1e-13
 """A few hundred roundings of unit numbers, over four conversions."""
@@ -98,28 +100,41 @@ def filters_run() -> str:
     return f"per frame: {', '.join(texts)}"
 
 
-def figure_written() -> str:
-    """A figure drawn without a screen and written as PNG."""
+def figure_drawn() -> str:
+    """A figure drawn without a screen, as PNG."""
     from matplotlib.figure import Figure  # here: broken drawing must not hide the other checks
 
-    folder = cache_folder()
-    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-    with TemporaryDirectory(dir=folder) as scratch:
-        path = Path(scratch) / "figure.png"
-        figure = Figure(figsize=(2, 1.5))
-        figure.add_subplot().plot([0.0, 1.0], [0.0, 1.0])
-        figure.savefig(path, format="png")
-        size = path.stat().st_size
-        if not path.read_bytes().startswith(b"\x89PNG"):
-            raise CheckError(f"{size} bytes that are no PNG")
-    return f"{size} bytes"
+    picture, figure = BytesIO(), Figure(figsize=(2, 1.5))
+    figure.add_subplot().plot([0.0, 1.0], [0.0, 1.0])
+    figure.savefig(picture, format="png")
+    content = picture.getvalue()
+    if not content.startswith(b"\x89PNG"):
+        raise CheckError(f"{len(content)} bytes that are no PNG")
+    return f"{len(content)} bytes"
+
+
+def cache_is_private() -> str:
+    """The folder of compiled libraries can be written, by nobody else, and what is built there can be loaded."""
+    if compiler() is None:
+        return "not needed without a compiler"
+    folder = private_folder()
+    with TemporaryDirectory(dir=folder, prefix=UNFINISHED):
+        libraries = [is_own_library(path) for path in folder.glob("*.so")]
+    x = ca.SX.sym("x")
+    if not Compiled(ca.Function("cache", [x], [x + 1])).is_c:
+        raise CheckError(f"{compiler()} fails, or files in {folder} may not be executed")
+    text = f"yours alone, compiled functions: {sum(libraries)}"
+    if all(libraries):
+        return text
+    return f"{text}; not used, for others could have written them: {len(libraries) - sum(libraries)}"
 
 
 CHECKS: Final[tuple[Check, ...]] = (
     Check("attitude round trip", attitude_round_trip, REINSTALL),
     Check("process linearisation", process_linearisation, REINSTALL),
     Check("simulated EKF and UKF run", filters_run, REINSTALL),
-    Check("figure", figure_written, CACHE_CURE),
+    Check("figure", figure_drawn, REINSTALL),
+    Check("cache folder", cache_is_private, CACHE_CURE),
 )
 
 

@@ -19,6 +19,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # before NumPy loads: threads only slow matrices this small
     options = _parser().parse_args(arguments)
+    # of a home that cannot be written we say so ourselves, and matplotlib does without
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
     compiling = logging.getLogger("spinfilters.compile")
     compiling.setLevel(logging.INFO)
     if not compiling.handlers:
@@ -43,12 +45,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 class _CompileNotice(logging.Handler):
-    """One line, before the first library is built."""
+    """One line before the first library is built, or where none can be."""
 
     told = False
 
     def emit(self, record: logging.LogRecord) -> None:
-        if not _CompileNotice.told:
+        if record.levelno >= logging.WARNING:
+            _complain(record.getMessage())
+        elif not _CompileNotice.told:
             _CompileNotice.told = True
             print("spinfilters: compiling the models for this machine, once ...", file=sys.stderr)
 

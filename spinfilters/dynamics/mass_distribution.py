@@ -19,6 +19,7 @@ from jaxtyping import Float
 from spinfilters.attitude.expressions import Expression
 from spinfilters.dynamics.matrix_functions import exponential, logarithm
 from spinfilters.errors import InputError
+from spinfilters.linear_algebra.definite import SINGULAR
 
 DIMENSION = 5
 
@@ -88,11 +89,11 @@ def from_inertia(J: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " 5"]:
 
     Raises
     ------
-    InputError: when J is no rigid body, that is when a principal moment reaches the sum of the other two.
+    InputError: when J is no rigid body, that is when a principal moment reaches the sum of the other two (`SINGULAR`).
     """
     S = np.trace(J) / 2 * np.eye(3) - J
-    smallest = float(np.linalg.eigvalsh(S)[0])
-    if not smallest > 0:
+    smallest, _, largest = np.linalg.eigvalsh(S)
+    if not smallest > SINGULAR * largest:
         raise InputError(
             f"inertia with principal moments {np.linalg.eigvalsh(J).tolist()} is no rigid body: each must be less than "
             "the sum of the other two; give moments that satisfy the triangle inequality"

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Estimator, Measurement, ProcessModel, Snapshot, UpdateReport
-from spinfilters.estimators.global_chart import GlobalChart
+from spinfilters.estimators.global_chart import global_chart
 from spinfilters.estimators.multiplicative_filter import usable
 from spinfilters.estimators.multiplicative_ukf import SigmaPointOptions
 from spinfilters.models.measurement import Linearisation
@@ -30,7 +30,7 @@ class FilterpyFilter(Estimator):
 
     def __init__(self, process: ProcessModel, wrapped: ExtendedKalmanFilter | UnscentedKalmanFilter) -> None:
         super().__init__(process)
-        self._chart = GlobalChart(self.layout)
+        self._chart = global_chart(self.layout)
         self._filter = wrapped
 
     def start(self, belief: Gaussian) -> None:

@@ -1,6 +1,6 @@
 """A state as one vector of plain numbers, the way a textbook filter holds it: attitude as its total 4 x MRP, the rest as it is."""
 
-from functools import cached_property
+from functools import cache, cached_property
 
 import casadi as ca
 import numpy as np
@@ -9,10 +9,16 @@ from jaxtyping import Float
 from spinfilters.attitude.expressions import Expression, mrp_from_quaternion, quaternion_from_mrp, shadow_mrp
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
-from spinfilters.symbolic import Compiled
+from spinfilters.symbolic import Compiled, building
 
 LARGEST_MRP = 4.0
 """|a| at half a revolution: beyond it the shadow set is the shorter name of the same attitude."""
+
+
+@cache
+def global_chart(layout: StateLayout) -> "GlobalChart":
+    """The chart of a layout, whose functions are built once."""
+    return GlobalChart(layout)
 
 
 class GlobalChart:
@@ -47,7 +53,9 @@ class GlobalChart:
         return switched, jacobian @ covariance @ jacobian.T
 
     def from_belief(self, belief: Gaussian) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
-        """Mean and covariance of the coordinates, |a| <= 4."""
+        """Mean and covariance of the coordinates, |a| <= 4. What a later switch to the shadow needs is built here."""
+        if "a" in self.layout.blocks:
+            self._shadow.build()
         x = belief.mean.copy()
         if "a" in self.layout.blocks:
             q = self.layout.mean_slice("a")
@@ -73,6 +81,7 @@ class GlobalChart:
         return Gaussian(self.layout, self.point(xi), scale[:, None] * np.linalg.cholesky(P))
 
     @cached_property
+    @building()
     def _coordinates(self) -> Compiled:
         x = ca.SX.sym("x", self.layout.mean_dim)
         return Compiled(ca.Function("coordinates", [x], [self._coordinates_of(x)], ["x"], ["xi"]))
@@ -84,6 +93,7 @@ class GlobalChart:
         return self.layout.pack(values)
 
     @cached_property
+    @building()
     def _point(self) -> Compiled:
         xi = ca.SX.sym("xi", self.layout.error_dim)
         return Compiled(ca.Function("point", [xi], [self._point_of(xi)], ["xi"], ["x"]))
@@ -93,6 +103,7 @@ class GlobalChart:
         return ca.vertcat(*[quaternion_from_mrp(v) if block == "a" else v for block, v in parts.items()])
 
     @cached_property
+    @building()
     def _derivative(self) -> Compiled:
         xi, d = ca.SX.sym("xi", self.layout.error_dim), ca.SX.sym("d", self.layout.error_dim)
         moved = self._coordinates_of(self.layout.retract_expression(self._point_of(xi), d))
@@ -100,6 +111,7 @@ class GlobalChart:
         return Compiled(ca.Function("chart_derivative", [xi], [C], ["xi"], ["C"]))
 
     @cached_property
+    @building()
     def _shadow(self) -> Compiled:
         xi, a = ca.SX.sym("xi", self.layout.error_dim), self.layout.slice("a")
         switched = ca.vertcat(xi[: a.start], shadow_mrp(xi[a]), xi[a.stop :])

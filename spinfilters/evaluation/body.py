@@ -19,6 +19,7 @@ from jaxtyping import Float
 from spinfilters.dynamics.mass_distribution import inertia
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.derived import with_error_jacobian
+from spinfilters.linear_algebra.signs import with_largest_positive
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
 from spinfilters.symbolic import Compiled
@@ -166,9 +167,7 @@ def _bounded(root: np.ndarray) -> Float[np.ndarray, "n 3 3"]:
 
 def _right_handed(vectors: np.ndarray) -> Float[np.ndarray, "n 3 3"]:
     """Eigenvectors (columns) with the first two's largest component positive, third = their product."""
-    largest = np.abs(vectors).argmax(axis=1)
-    signs = np.sign(np.take_along_axis(vectors, largest[:, np.newaxis], axis=1))
-    first, second = (vectors[..., k] * signs[..., k] for k in range(2))
+    first, second = (with_largest_positive(vectors[..., k]) for k in range(2))
     return np.stack([first, second, np.cross(first, second)], axis=2)
 
 

@@ -5,6 +5,7 @@ from jaxtyping import Float
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.errors import InputError
+from spinfilters.linear_algebra.definite import SINGULAR
 
 
 def absolute_orientation(
@@ -28,7 +29,7 @@ def absolute_orientation(
     mean_a, mean_b = w @ points_a, w @ points_b
     M = (points_b - mean_b).T @ (w[:, None] * (points_a - mean_a))
     values, vectors = np.linalg.eigh(_horn_matrix(M))
-    if values[3] - values[2] <= 1e-12 * max(abs(values[3]), np.finfo(float).tiny):
+    if values[3] - values[2] <= SINGULAR * max(abs(values[3]), np.finfo(float).tiny):
         raise InputError("absolute orientation is undetermined: the matched points lie on one line")
     s, x, y, z = vectors[:, 3]
     q = np.array([x, y, z, s]) * (1.0 if s >= 0 else -1.0)

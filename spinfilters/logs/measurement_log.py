@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.errors import InputError, ShapeError
+from spinfilters.linear_algebra.definite import is_definite
 
 QUATERNION_NORM_TOLERANCE: Final[float] = 1e-3
 """Largest | |q| - 1 | that is taken as rounding: the four decimals that many tools print give up to 1e-4."""
@@ -252,12 +253,10 @@ def _check_covariance(stream: MeasurementStream, covariance: Float[np.ndarray, "
     asymmetry = np.abs(covariance - covariance.transpose(0, 2, 1))
     if not (asymmetry <= _ASYMMETRY * std[:, :, None] * std[:, None, :]).all():
         raise InputError(f"{stream.sensor} covariance: not symmetric; give (P + P') / 2")
-    try:
-        np.linalg.cholesky(covariance)
-    except np.linalg.LinAlgError:
+    if not is_definite(covariance):
         raise InputError(
             f"{stream.sensor} covariance: not positive definite; give every component a variance"
-        ) from None
+        )
 
 
 def _row(stream: MeasurementStream, row: int) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.attitude.expressions import conjugate, rotate
-from spinfilters.symbolic import Compiled
+from spinfilters.symbolic import Compiled, building
 
 ANCHOR_DIM = 7
 """t (m), q_ig (x, y, z, w)."""
@@ -38,6 +38,7 @@ def anchored_coordinates(
 
 
 @cache
+@building()
 def _forward() -> Compiled:
     anchor, xi = ca.SX.sym("anchor", ANCHOR_DIM), ca.SX.sym("xi", 3)
     camera = ca.vertcat(xi[0], xi[1], 1) / xi[2]
@@ -46,6 +47,7 @@ def _forward() -> Compiled:
 
 
 @cache
+@building()
 def _backward() -> Compiled:
     anchor, p = ca.SX.sym("anchor", ANCHOR_DIM), ca.SX.sym("p", 3)
     camera = anchor[:3] + rotate(anchor[3:], p)

@@ -23,7 +23,7 @@ from spinfilters.attitude.expressions import (
 )
 from spinfilters.dynamics.mass_distribution import from_second_moments, second_moments
 from spinfilters.state.layout import StateLayout
-from spinfilters.symbolic import Compiled
+from spinfilters.symbolic import Compiled, building
 
 GAUGE_DIM = 6
 """Rotation vector theta (rad), then translation rho (m), both in g axes."""
@@ -61,6 +61,7 @@ def gauge_of_points(points: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "l 6"
 
 
 @cache
+@building()
 def _directions(layout: StateLayout) -> Compiled:
     x, move = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("move", GAUGE_DIM)
     error = layout.near_local_expression(x, gauge_move(layout, x, move))

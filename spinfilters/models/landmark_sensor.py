@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 from spinfilters.attitude.expressions import Expression
 from spinfilters.models.measurement import MeasurementModel, row_by_row
-from spinfilters.symbolic import Compiled, Lanes
+from spinfilters.symbolic import Compiled, Lanes, building
 
 
 class LandmarkLinearisation(NamedTuple):
@@ -96,6 +96,7 @@ class LandmarkSensor(MeasurementModel):
         )
 
     @cached_property
+    @building()
     def sighting_rows(self) -> Lanes:
         """What `linearise_landmarks` gives of a sighting, for many states, landmarks and sightings side by side.
 
@@ -112,6 +113,7 @@ class LandmarkSensor(MeasurementModel):
         return Lanes(ca.Function(f"{self.name}_sighting_rows", [x, p[:3], p[3:], z], outputs))
 
     @cached_property
+    @building()
     def _linearise_landmarks(self) -> Compiled:
         x, p, z = self._symbols
         whitening, here, jacobian, by_landmark = self._derivatives(x, p, z)
@@ -134,6 +136,7 @@ class LandmarkSensor(MeasurementModel):
         return self._whitening_expression(x, p)[0], here, jacobian, -ca.jacobian(here, p)[:, :3]
 
     @cached_property
+    @building()
     def _new_landmarks(self) -> Compiled:
         x, p, z = self._symbols
         at, d = self._moved(x)

@@ -26,7 +26,7 @@ from spinfilters.models.rotation_steps import (
     rotation_difference,
 )
 from spinfilters.state.layout import StateLayout
-from spinfilters.symbolic import Fold
+from spinfilters.symbolic import Fold, building
 
 ROTATION = 7
 """Numbers of (q, w)."""
@@ -70,6 +70,7 @@ class ManySteps:
         return defect, transition.reshape(k, n, n), noise.reshape(k, n, noise.shape[1] // n)
 
     @cached_property
+    @building()
     def _fold(self) -> Fold:
         """The state of the fold: the rotation, the same in substeps twice as long, and the sums of the linearisation."""
         inputs = self._inputs()

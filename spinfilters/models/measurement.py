@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 
 from spinfilters.attitude.expressions import Expression
 from spinfilters.state.layout import StateLayout
-from spinfilters.symbolic import Compiled
+from spinfilters.symbolic import Compiled, building
 
 
 class Linearisation(NamedTuple):
@@ -128,11 +128,13 @@ class MeasurementModel(ABC):
         return Compiled(ca.Function(f"{self.name}_{name}", inputs, outputs))
 
     @cached_property
+    @building()
     def _predict(self) -> Compiled:
         x, p, _ = self._symbols
         return self._function("predict", [x, p], [self.symbolic(self.layout.unpack(x), p)])
 
     @cached_property
+    @building()
     def _innovations(self) -> Compiled:
         x, p, z = self._symbols
         state = self.layout.unpack(x)
@@ -144,6 +146,7 @@ class MeasurementModel(ABC):
     def _innovations_at(self) -> Callable[[int], Compiled]:
         return cache(self._build_innovations_at)
 
+    @building()
     def _build_innovations_at(self, count: int) -> Compiled:
         """Landmarks are the loop of the compiled function and points the loop inside, so that neither is copied for the other."""
         x, p, z = self._symbols
@@ -164,6 +167,7 @@ class MeasurementModel(ABC):
         )
 
     @cached_property
+    @building()
     def _whitening(self) -> Compiled:
         x, p, _ = self._symbols
         root = self.noise_factor(self.layout.unpack(x), p)
@@ -175,6 +179,7 @@ class MeasurementModel(ABC):
         return ca.solve(factor, ca.SX.eye(self.dim)), _log_determinant(factor)
 
     @cached_property
+    @building()
     def _linearise(self) -> Compiled:
         x, p, z = self._symbols
         d = ca.SX.sym("d", self.layout.error_dim)

@@ -26,7 +26,7 @@ from spinfilters.attitude.expressions import (
 from spinfilters.dynamics.mass_distribution import inertia
 from spinfilters.errors import InputError
 from spinfilters.state.layout import StateLayout
-from spinfilters.symbolic import Compiled
+from spinfilters.symbolic import Compiled, building
 
 Acceleration = Callable[[Expression, Expression, Expression | None], Expression]
 """w' from the rate, the inertia (3 x 3) and, where the state has it, the drag."""
@@ -108,6 +108,7 @@ class RotationIntegrator:
         worst = float(np.max(error)) if error.size else 0.0
         return worst <= self._tolerance or not np.isfinite(worst) or count >= MAX_SUBSTEPS
 
+    @building()
     def _build_step(self, count: int) -> Compiled:
         x, dt = ca.MX.sym("x", self._layout.mean_dim), ca.MX.sym("dt")
         values = self._layout.unpack(x)
@@ -155,6 +156,7 @@ class RotationIntegrator:
             after["t"] = centre - rotate(q, values["c"])
         return self._layout.pack(after)
 
+    @building()
     def _build_lineariser(self, count: int) -> Compiled:
         x, dt, densities = ca.MX.sym("x", self._layout.mean_dim), ca.MX.sym("dt"), ca.MX.sym("psd", 2)
         values = self._layout.unpack(x)

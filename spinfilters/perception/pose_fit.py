@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
+from spinfilters.linear_algebra.definite import is_definite
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.perception.pose_consensus import SMALLEST_SHARE, consensus_pose
 from spinfilters.state.layout import StateLayout
@@ -14,8 +15,6 @@ from spinfilters.state.layout import StateLayout
 ITERATIONS = 8
 SETTLED = 1e-6
 """Length of a step in standard deviations of the pose below which iterations end."""
-SMALLEST_EIGENVALUE = 1e-12
-"""Of the pose's information scaled to ones on its diagonal: below it some direction is rounding (landmarks on a line)."""
 GATE_PX = 6.0
 """Residual in standard deviations beyond which a match counts as wrong."""
 OPENING = 6.0
@@ -67,8 +66,7 @@ def fit_pose(
             return None
         A, b = jacobian[inliers].reshape(-1, 6), innovation[inliers].reshape(-1)
         information = A.T @ A
-        scale = np.sqrt(information.diagonal())
-        if not np.linalg.eigvalsh(information / np.outer(scale, scale))[0] > SMALLEST_EIGENVALUE:
+        if not is_definite(information):
             return None
         step = np.linalg.solve(information, A.T @ b)
         pose = model.layout.retract(pose, step)

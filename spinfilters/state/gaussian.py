@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.errors import InputError, ShapeError
+from spinfilters.linear_algebra.definite import correlation_root
 from spinfilters.state.layout import StateLayout
 
 
@@ -50,7 +51,7 @@ class Gaussian:
                 f"covariance has the diagonal {np.diag(covariance).tolist()}; every variance must be positive"
             )
         try:
-            factor = scale[:, None] * np.linalg.cholesky(covariance / np.outer(scale, scale))
+            factor = scale[:, None] * correlation_root(covariance)
         except np.linalg.LinAlgError as error:
             raise InputError(
                 "covariance is not positive definite; give a symmetric positive definite matrix"

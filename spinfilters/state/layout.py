@@ -25,7 +25,7 @@ from spinfilters.dynamics.mass_distribution import (
     retract_mass,
 )
 from spinfilters.errors import InputError
-from spinfilters.symbolic import Compiled
+from spinfilters.symbolic import Compiled, building
 
 Chart = Callable[[Expression, Expression], Expression]
 """How a block's point takes an error, or how two of its points differ."""
@@ -123,14 +123,17 @@ class StateLayout:
         return _slices(self.blocks, [_mean_size(block) for block in self.blocks])
 
     @cached_property
+    @building()
     def _retract(self) -> Compiled:
         return _retract_function(self)
 
     @cached_property
+    @building()
     def _local(self) -> Compiled:
         return _local_function(self)
 
     @cached_property
+    @building()
     def _reset(self) -> Compiled:
         return _reset_function(self)
 

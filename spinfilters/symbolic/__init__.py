@@ -2,5 +2,6 @@
 
 from spinfilters.symbolic.compiled import Compiled
 from spinfilters.symbolic.lanes import Fold, Lanes
+from spinfilters.symbolic.working_time import building, working_seconds
 
-__all__ = ["Compiled", "Fold", "Lanes"]
+__all__ = ["Compiled", "Fold", "Lanes", "building", "working_seconds"]

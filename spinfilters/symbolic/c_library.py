@@ -12,7 +12,15 @@ from functools import cache
 from pathlib import Path
 
 import casadi as ca
-import platformdirs
+
+from spinfilters.symbolic.library_folder import (
+    OWN_FILE,
+    UNFINISHED,
+    is_own_library,
+    private_folder,
+    remove_abandoned_builds,
+)
+from spinfilters.symbolic.working_time import building
 
 FLAGS = ("-O2", "-ffp-contract=off", "-shared", "-fPIC")
 """No contraction into fused multiply-adds, so that compiled code rounds as CasADi's virtual machine does."""
@@ -49,20 +57,17 @@ def compiler() -> str | None:
     return None
 
 
-def cache_folder() -> Path:
-    """Where compiled libraries are kept: ``$SPINFILTERS_CACHE`` or the user's cache folder."""
-    return Path(os.environ.get("SPINFILTERS_CACHE") or platformdirs.user_cache_dir("spinfilters"))
-
-
 def load_loop(function: ca.Function) -> ctypes.PyDLL | None:
     """The function's loop over items as a shared library, or None (the caller then interprets)."""
-    return load_text(function.name(), _source(function), FLAGS) if compiler() else None
+    with building():
+        return load_text(function.name(), _source(function), FLAGS) if compiler() else None
 
 
 def load_text(name: str, text: str, flags: tuple[str, ...]) -> ctypes.PyDLL | None:
     """C text as a shared library, or None.
 
-    A damaged file in the cache is built again; without a working compiler there is no library.
+    A file in the cache that is damaged, or that another user could have written, is not loaded but built again. There is no library
+    without a working compiler, nor without a folder that is the user's alone.
     """
     cc = compiler()
     if cc is None:
@@ -71,10 +76,25 @@ def load_text(name: str, text: str, flags: tuple[str, ...]) -> ctypes.PyDLL | No
     key = "\0".join((text, cc, " ".join(flags), ca.__version__, *machine))
     stem = f"{name}-{_digest(key.encode())}"
     try:
-        library = _undamaged(stem) or _compile((cc, *flags), text, stem)
-        return ctypes.PyDLL(str(library))
-    except (OSError, subprocess.SubprocessError):
+        with building():
+            folder = private_folder()
+            library = _undamaged(folder, stem) or _compile((cc, *flags), text, folder / stem)
+            return ctypes.PyDLL(str(library))
+    except (OSError, subprocess.SubprocessError) as error:
+        LOGGER.warning(
+            "not compiled, which makes models several times slower: %s; see 'spinfilters doctor'",
+            reason(error),
+        )
         return None
+
+
+def reason(error: OSError | subprocess.SubprocessError) -> str:
+    """Why there is no library, in a few words."""
+    if isinstance(error, subprocess.CalledProcessError):
+        return f"{error.cmd[0]} ends with exit code {error.returncode}"
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename or 'the cache folder'}: {error.strerror}"
+    return str(error)
 
 
 @cache
@@ -91,10 +111,10 @@ def interpret(function: ca.Function) -> None:
     """The loader for a function too small or too rarely called to be worth a compiler run: no library."""
 
 
-def _undamaged(stem: str) -> Path | None:
+def _undamaged(folder: Path, stem: str) -> Path | None:
     """The cached library whose bytes have the digest in its name: to map one cut short kills the process."""
-    for library in cache_folder().glob(f"{stem}-*.so"):
-        if library.stem == f"{stem}-{_digest(library.read_bytes())}":
+    for library in folder.glob(f"{stem}-*.so"):
+        if is_own_library(library) and library.stem == f"{stem}-{_digest(library.read_bytes())}":
             return library
     return None
 
@@ -118,18 +138,32 @@ def _source(function: ca.Function) -> str:
     return generator.dump() + loop
 
 
+class _OneWarning(logging.Filter):
+    """Lets the first warning pass: what keeps one function from being compiled keeps all."""
+
+    given = False
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        first = not self.given or record.levelno < logging.WARNING
+        self.given = self.given or record.levelno >= logging.WARNING
+        return first
+
+
 LOGGER = logging.getLogger("spinfilters.compile")
-"""Says, at level INFO, that a library is being built: it takes seconds, and only the first time."""
+"""Says, at level INFO, that a library is being built: it takes seconds, and only the first time. Warns, once, if none can be."""
+LOGGER.addFilter(_OneWarning())
 
 
-def _compile(command: tuple[str, ...], text: str, stem: str) -> Path:
-    LOGGER.info("compiling %s", stem)
-    folder = cache_folder()
-    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-    with tempfile.TemporaryDirectory(dir=folder) as scratch:
+def _compile(command: tuple[str, ...], text: str, stem: Path) -> Path:
+    """Build a library whose file name is the stem and its digest."""
+    LOGGER.info("compiling %s", stem.name)
+    remove_abandoned_builds(stem.parent)
+    with tempfile.TemporaryDirectory(dir=stem.parent, prefix=UNFINISHED) as scratch:
         source, built = Path(scratch) / "source.c", Path(scratch) / "built.so"
         source.write_text(text)
-        subprocess.run([*command, "-o", built, source, "-lm"], check=True, capture_output=True, timeout=120)
-        library = folder / f"{stem}-{_digest(built.read_bytes())}.so"
+        whole, found = [*command, "-o", built, source, "-lm"], {"PATH": os.defpath, **os.environ}
+        subprocess.run(whole, check=True, capture_output=True, timeout=120, env=found)
+        built.chmod(OWN_FILE)
+        library = stem.with_name(f"{stem.name}-{_digest(built.read_bytes())}.so")
         os.replace(built, library)
     return library

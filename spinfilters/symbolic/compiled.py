@@ -65,9 +65,13 @@ class Compiled:
     @property
     def is_c(self) -> bool:
         """Whether calls run generated C (True) or CasADi's virtual machine (False). Compiles on first use."""
+        self.build()
+        return self._library is not None
+
+    def build(self) -> None:
+        """Make the library now, where it otherwise would be made at the first call."""
         if not self._loaded:
             self._library, self._loaded = self._load(self._function), True
-        return self._library is not None
 
     def __reduce__(self) -> tuple[type["Compiled"], tuple[ca.Function, Loader]]:
         """Buffers and libraries do not pickle: another process builds its own from the expression."""

@@ -15,7 +15,7 @@ from spinfilters.estimators.landmarks.landmark_filter import LandmarkFilter
 from spinfilters.estimators.landmarks.unscented import Unscented
 from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf
-from spinfilters.estimators.run import run
+from spinfilters.estimators.run import rehearse, run
 from spinfilters.estimators.smoothing.recursive import RecursiveSmoother
 from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
@@ -113,8 +113,12 @@ def _estimated(
         if smoother is None:
             history = smooth_at_once(prepared, settings, lambda done, every: progress(name, done, every))
             return history, prepared.map_points
+        _rehearse(smoother, prepared)
+        smoother = sliding_smoother(prepared, settings)
+        assert smoother is not None
         passed = _run(name, smoother, prepared, progress, keeper_of(name))
         return smoothed_history(smoother, passed, prepared), smoother.sliding.window.points
+    _rehearse(build_estimator(name, prepared, settings), prepared)
     estimator = build_estimator(name, prepared, settings)
     history = _with_start(_run(name, estimator, prepared, progress, keeper_of(name)), prepared)
     return history, _map_of(estimator, history, prepared)
@@ -150,6 +154,12 @@ def _run(
         if not _is_cut_short(history, len(rest)):
             keeper.end(estimator, history, rows)
     return history
+
+
+def _rehearse(estimator: Estimator, prepared: Prepared) -> None:
+    """Build what an estimator like this one needs, before any clock runs."""
+    _start(estimator, prepared)
+    rehearse(estimator, prepared.start_end, prepared.timeline[len(prepared.start.frames.mean) :])
 
 
 def _map_of(

@@ -1,18 +1,19 @@
 """The smoother on a prepared data set: every frame's state given all measurements, the start's frames among them."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
-from time import perf_counter
 
 import numpy as np
 
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.landmark_start.start import LandmarkStartReport
 from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.run import run
+from spinfilters.estimators.run import rehearse, run
 from spinfilters.estimators.smoothing.batch import BatchSmoothing, smooth_recording
 from spinfilters.estimators.smoothing.recursive import RecursiveSmoother
 from spinfilters.estimators.smoothing.sliding_records import Taken
+from spinfilters.symbolic import working_seconds
 from spinfilters.workflow.preparation import Prepared
 from spinfilters.workflow.settings import Settings
 
@@ -73,17 +74,33 @@ def smooth_at_once(prepared: Prepared, settings: Settings, on_frame: OnFrame) ->
     """All at once, from where the filter of first order passes."""
     start, timeline = prepared.start, prepared.timeline
     first = len(start.frames.mean)
-    begin = perf_counter()
-    ekf = MultiplicativeEkf(prepared.process, settings.robust)
-    ekf.start(start.belief)
+    _rehearse_at_once(prepared, settings)
+    begin = working_seconds()
+    ekf = _started_ekf(prepared, settings)
     passed = run(ekf, prepared.start_end, timeline[first:], lambda k: on_frame(k + 1, len(timeline) - first))
     trajectory = np.concatenate([start.frames.mean, passed.mean])
     frames = timeline[: len(trajectory)]
     found = smooth_recording(
         prepared.process, frames, trajectory, start.prior, settings.smoother.robust_kernel
     )
-    share = (perf_counter() - begin) / len(frames)
+    share = (working_seconds() - begin) / len(frames)
     return _batch_history(found, passed, (np.array([frame.time for frame in frames]), share))
+
+
+def _rehearse_at_once(prepared: Prepared, settings: Settings) -> None:
+    """What the frames of the start need to be smoothed, built before the clock runs."""
+    start, timeline = prepared.start, prepared.timeline
+    trajectory = start.frames.mean
+    rehearse(_started_ekf(prepared, settings), prepared.start_end, timeline[len(trajectory) :])
+    with suppress(np.linalg.LinAlgError):
+        kernel = settings.smoother.robust_kernel
+        smooth_recording(prepared.process, timeline[: len(trajectory)], trajectory, start.prior, kernel)
+
+
+def _started_ekf(prepared: Prepared, settings: Settings) -> MultiplicativeEkf:
+    ekf = MultiplicativeEkf(prepared.process, settings.robust)
+    ekf.start(prepared.start.belief)
+    return ekf
 
 
 def _batch_history(

@@ -11,7 +11,7 @@ from spinfilters.cli import doctor_checks
 from spinfilters.cli.doctor import doctor
 from spinfilters.cli.doctor_checks import CHECKS, Check, CheckError, compare_with_virtual_machine
 from spinfilters.models.process import TorqueFreeProcess
-from spinfilters.symbolic import c_library
+from spinfilters.symbolic import c_library, library_folder
 
 
 def page(checks: tuple[Check, ...] | None = None) -> tuple[int, str]:
@@ -34,7 +34,7 @@ def test_the_page_names_versions_compiler_and_cache() -> None:
     assert f"spinfilters                 {spinfilters.__version__}" in text
     for name in ("Python", "platform", "numpy", "scipy", "casadi", "filterpy", "matplotlib", "C compiler"):
         assert f"\n{name:<28}" in text
-    assert str(c_library.cache_folder()) in text
+    assert str(library_folder.cache_folder()) in text
 
 
 def test_a_failed_check_shows_its_numbers_and_a_cure_and_the_others_still_run() -> None:
@@ -77,6 +77,18 @@ def test_a_cache_folder_that_cannot_be_written_is_named_with_its_cure(
     assert code == 1
     assert str(tmp_path / "file" / "cache") in text
     assert "SPINFILTERS_CACHE=" in text
+
+
+def test_a_compiler_that_fails_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    broken = tmp_path / "broken-cc"
+    broken.write_text("#!/bin/sh\nexit 1\n")
+    broken.chmod(0o755)
+    monkeypatch.setenv("SPINFILTERS_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(c_library, "compiler", lambda: str(broken))
+    monkeypatch.setattr(doctor_checks, "compiler", lambda: str(broken))
+    code, text = page(CHECKS[-1:])
+    assert code == 1
+    assert f"{broken} fails" in text
 
 
 def test_without_a_compiler_the_page_says_so_and_nothing_fails(monkeypatch: pytest.MonkeyPatch) -> None:

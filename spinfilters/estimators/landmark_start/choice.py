@@ -6,6 +6,10 @@ from jaxtyping import Float, Int
 from spinfilters.estimators.landmark_start.result import LandmarkSmoothing
 from spinfilters.estimators.timeline import Timeline
 
+SCORE_DIGITS = 9
+"""Decimals of a sum over frames that are compared, so that of landmarks which are worth the same the first is taken on any
+processor."""
+
 
 def most_useful(frames: Timeline, smoothing: LandmarkSmoothing, capacity: int) -> Int[np.ndarray, " c"]:
     """Ids, ascending, of at most ``capacity`` landmarks that show as much as possible from every side."""
@@ -25,7 +29,7 @@ def covering(seen: Float[np.ndarray, "L k"], capacity: int) -> Int[np.ndarray, "
     crowd, left = np.zeros(seen.shape[1]), np.ones(len(seen))
     chosen = []
     for _ in range(min(capacity, len(seen))):
-        best = int(np.argmax(left * (seen @ (1 / (1 + crowd)))))
+        best = int(np.argmax(np.round(left * (seen @ (1 / (1 + crowd))), SCORE_DIGITS)))
         crowd += seen[best]
         left[best] = -1.0
         chosen.append(best)

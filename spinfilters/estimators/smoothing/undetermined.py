@@ -11,6 +11,7 @@ from jaxtyping import Float
 from spinfilters.estimators.smoothing.marginals import Marginals
 from spinfilters.estimators.smoothing.problem import Normal, Point, Problem
 from spinfilters.estimators.smoothing.unknowns import Unknowns
+from spinfilters.linear_algebra.signs import with_largest_positive
 
 LEFT = 0.7
 """Of the prior's standard deviation, above which nothing has been learnt."""
@@ -88,5 +89,5 @@ def _direction(vector: Float[np.ndarray, " 3"], axis: Float[np.ndarray, " 3"]) -
     length = float(np.linalg.norm(axis))
     if length > 0 and abs(float(vector @ axis)) > ALONG * length:
         return "along the axis of rotation"
-    x, y, z = vector * np.sign(vector[np.argmax(np.abs(vector))])
+    x, y, z = with_largest_positive(vector)
     return f"along ({x:.2f}, {y:.2f}, {z:.2f}) in frame g"

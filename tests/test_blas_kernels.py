@@ -1,0 +1,27 @@
+"""Which kernels of OpenBLAS the numeric tests are run under."""
+
+import os
+
+import blas_kernels
+import pytest
+
+from spinfilters.symbolic.c_library import processor
+
+
+def test_each_is_run_once_or_left_out_with_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    every = set().union(*blas_kernels.NEEDED.values())
+    monkeypatch.setattr(blas_kernels, "running", lambda kernel: {kernel or "Haswell"})
+    assert dict(blas_kernels.left_out(every - {"avx512vl"})) == {
+        "Haswell": "the whole suite runs under it here",
+        "SkylakeX": "this processor lacks avx512vl",
+        "Nehalem": None,
+    }
+    monkeypatch.setattr(blas_kernels, "running", lambda kernel: {"Zen"})
+    assert set(dict(blas_kernels.left_out(every)).values()) == {"Zen runs in its place"}
+
+
+def test_a_process_runs_the_kernel_that_it_is_asked_for() -> None:
+    asked = os.environ.get("OPENBLAS_CORETYPE")
+    if asked not in blas_kernels.NEEDED or blas_kernels.NEEDED[asked] - set(processor().split()):
+        pytest.skip("OPENBLAS_CORETYPE asks for none of the kernels that this processor can run")
+    assert blas_kernels.running(None) == {asked}
