@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -15,6 +16,7 @@ from spinfilters.estimators.start import StartOptions, StartReport, start_from_d
 from spinfilters.estimators.timeline import SensorNoise, StereoView, Timeline, build_timeline
 from spinfilters.evaluation.body import body_estimate
 from spinfilters.logs.dataset import Dataset
+from spinfilters.logs.input_file import reason
 from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.perception.map_building import poses_without_map
@@ -24,6 +26,7 @@ from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 from spinfilters.workflow.gyro_noise import FIRST_SCALE, GyroNoise, disturbance_psd, identify_gyro_noise
 from spinfilters.workflow.settings import AUTO, Settings
 
+T = TypeVar("T")
 DETERMINED_STD = 0.12
 """Of a principal moment relative to the largest: what the first frames must reach for filters to go on from them. On simulated
 motions all starts below it were consistent, and half of those above it led to NEES of twice the degrees of freedom and more."""
@@ -82,8 +85,10 @@ def prepare(dataset: Dataset, settings: Settings) -> Prepared:
     torque_psd = disturbance_psd(log.stream("gyro")) if unknown_gyro else ProcessNoise.torque_psd
     process = TorqueFreeProcess(layout, settings.process.noise(torque_psd), settings.process.tolerance)
     noise, gyro_noise = _noise(dataset, settings), None
+    if "gyro" in log.sensors:
+        process.require_steps(log.stream("gyro").time, log.stream("gyro").values)
     if unknown_gyro:
-        gyro_noise = _identify(log, process, noise, settings.start)
+        gyro_noise = _started(dataset, lambda: _identify(log, process, noise, settings.start))
         noise = replace(noise, gyro_scale_std=gyro_noise.scale_std)
     timeline = build_timeline(log, layout, noise, view)
     if len(timeline) < 5:
@@ -91,12 +96,24 @@ def prepare(dataset: Dataset, settings: Settings) -> Prepared:
             f"{dataset.description or dataset.path} has {len(timeline)} frame(s); give at least 5"
         )
     make = _start_maker(dataset, process, timeline, noise)
-    start = _long_enough_start(timeline, make, settings.start)
+    start = _started(dataset, lambda: _long_enough_start(timeline, make, settings.start))
     belief, points = start.belief, None if dataset.known_map is None else dataset.known_map.points
     if isinstance(start, LandmarkStartReport):
         ids = most_useful(timeline, start.landmarks, settings.landmarks.capacity)
         belief, points = start.landmarks.joint(ids), start.landmarks.points
     return Prepared(dataset, process, timeline, noise, start, belief, points, gyro_noise)
+
+
+def _started(dataset: Dataset, make: Callable[[], T]) -> T:
+    """What is fitted to the first frames; one line where their numbers leave no motion at all."""
+    try:
+        made = make()
+    except np.linalg.LinAlgError as error:
+        raise InputError(
+            f"{dataset.description or dataset.path}: no motion fits the first frames ({reason(error)}); check units, "
+            "time stamps and standard deviations"
+        ) from None
+    return made
 
 
 def moments_std_of(start: StartReport) -> float:
@@ -135,7 +152,7 @@ def _start_maker(
     log = dataset.log
     if "stereo" not in log.sensors:
         return lambda options: start_from_data(
-            process, timeline, _sensor_evidence(log, timeline, options), options
+            process, timeline, _checked(process, _sensor_evidence(log, timeline, options)), options
         )
     assert dataset.rig is not None
     tracks, calibration = log.stream("stereo"), dataset.rig.calibration
@@ -145,7 +162,7 @@ def _start_maker(
         )
     poses = poses_with_map(tracks, dataset.known_map, calibration, noise.pixel_std)
     return lambda options: start_from_data(
-        process, timeline, evidence_from_poses(poses, options.count(timeline)), options
+        process, timeline, _checked(process, evidence_from_poses(poses, options.count(timeline))), options
     )
 
 
@@ -154,6 +171,12 @@ def _sensor_evidence(log: MeasurementLog, timeline: Timeline, options: StartOpti
     if "pose" in log.sensors:
         return evidence_from_poses(log.stream("pose"), frames)
     return evidence_from_gyro(log.stream("gyro"), frames)
+
+
+def _checked(process: TorqueFreeProcess, evidence: MotionEvidence) -> MotionEvidence:
+    """The evidence of a motion that can be integrated."""
+    process.require_steps(evidence.time, evidence.rates)
+    return evidence
 
 
 def _start_of_tracks(
@@ -168,7 +191,8 @@ def _start_of_tracks(
     first = tracks.slice(timeline[0].time, timeline[frames - 1].time)
     assert first is not None
     poses, found = poses_without_map(first, *camera)
-    return start_with_landmarks(process, timeline, evidence_from_poses(poses, frames), found, options)
+    evidence = _checked(process, evidence_from_poses(poses, frames))
+    return start_with_landmarks(process, timeline, evidence, found, options)
 
 
 def _noise(dataset: Dataset, settings: Settings) -> SensorNoise:
