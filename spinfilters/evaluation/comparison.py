@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from rich.markup import escape
 from rich.table import Table
 
 from spinfilters.evaluation.errors import BodyErrors, RmsErrors
@@ -36,7 +35,7 @@ def comparison_table(evaluations: Sequence[Evaluation]) -> Table:
     for name, cell in ROWS:
         cells = [cell(evaluation) for evaluation in evaluations]
         if any(text is not None for text in cells):
-            table.add_row(escape(name), *(text or "-" for text in cells))
+            table.add_row(name, *(text or "-" for text in cells))
     return table
 
 
