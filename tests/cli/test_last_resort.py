@@ -43,12 +43,12 @@ def test_a_long_path_leaves_room_for_what_is_wrong(
 
 
 @pytest.mark.usefixtures("few_figures")
-@pytest.mark.parametrize("name", [b"a\xffb.csv", b"[red]a[/red].csv", b"a\x1b[2Jb.csv"])
+@pytest.mark.parametrize("name", [b"a\xffb.csv", b"[red]a[bold].csv", b"a\x1b[2Jb.csv"])
 def test_a_recording_of_any_name_is_estimated(
     name: bytes, originals: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    recording, run = tmp_path / os.fsdecode(name), tmp_path / os.fsdecode(b"run \xff [/red]")
+    recording, run = tmp_path / os.fsdecode(name), tmp_path / os.fsdecode(b"run \xff [bold]")
     shutil.copyfile(originals / "gyro" / "gyro.csv", recording)
     assert main(["compare", str(recording), "--estimators", "mekf", "-o", str(run)]) == 0
     assert (run / "summary.json").is_file()
-    assert "[/red]" in capsys.readouterr().out
+    assert "[bold]" in capsys.readouterr().out

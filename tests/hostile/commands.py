@@ -220,7 +220,7 @@ def _names() -> dict[str, tuple[Change, str]]:
         "with braces": "a{b}[c].csv",
         "with a leading dash": "-a.csv",
         "long": "a" * 250 + ".csv",
-        "with markup": "[red]a[/red].csv",
+        "with markup": "[red]a[bold].csv",
     }
     made = {what: (content(name, table), "{in}/" + name) for what, name in named.items()}
     return made | {

@@ -13,7 +13,17 @@ from .trial import tried
 
 SEED = 10
 MALFORMED, FUZZED = 40, 15
-READ_ONLY = ("stereo/", "gyro/", "pose/", "cam0", "cam1", "arguments", "truth.toml", "dataset.toml: ", "phone/")
+READ_ONLY = (
+    "stereo/",
+    "gyro/",
+    "pose/",
+    "cam0",
+    "cam1",
+    "arguments",
+    "truth.toml",
+    "dataset.toml: ",
+    "phone/",
+)
 """Beginnings of the names of cases that are mostly refused when read, within milliseconds."""
 
 

@@ -47,7 +47,7 @@ def test_a_long_turn_among_short_ones_is_as_by_itself() -> None:
 def test_a_motion_that_is_too_much_to_integrate_is_refused_before_it_begins() -> None:
     time, rates = np.arange(5.0), np.tile([0.3, 1.0, 0.2], (5, 1))
     PROCESS.require_steps(time, rates)
-    with pytest.raises(InputError, match="turns .* times from t = 2 s to 1000000 s"):
+    with pytest.raises(InputError, match=r"turns .* times from t = 2 s to 1000000 s"):
         PROCESS.require_steps(np.array([0.0, 1.0, 2.0, 1e6]), rates[:4])
     with pytest.raises(InputError, match="cut the recording"):
         PROCESS.require_steps(np.arange(200) * 100.0, np.tile([0.3, 1.0, 0.2], (200, 1)))
