@@ -126,6 +126,8 @@ class TorqueFreeProcess:
         That is a step beyond `MAX_SUBSTEPS`, or more than `MOST_SUBSTEPS` and `USUAL_SUBSTEPS` a step in all.
         """
         turns = np.linalg.norm(rates[:-1], axis=1) * np.diff(time)
+        if substeps(float(turns.max(initial=0.0)), self._tolerance) <= USUAL_SUBSTEPS:
+            return  # nearly always, and long recordings have many steps
         counts = np.array([substeps(turn, self._tolerance) for turn in turns.tolist()])
         if counts.max(initial=0) <= MAX_SUBSTEPS and counts.sum() <= max(
             MOST_SUBSTEPS, USUAL_SUBSTEPS * len(counts)

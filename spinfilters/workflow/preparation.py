@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -16,7 +15,6 @@ from spinfilters.estimators.start import StartOptions, StartReport, start_from_d
 from spinfilters.estimators.timeline import SensorNoise, StereoView, Timeline, build_timeline
 from spinfilters.evaluation.body import body_estimate
 from spinfilters.logs.dataset import Dataset
-from spinfilters.logs.input_file import reason
 from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.perception.map_building import poses_without_map
@@ -26,7 +24,6 @@ from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 from spinfilters.workflow.gyro_noise import FIRST_SCALE, GyroNoise, disturbance_psd, identify_gyro_noise
 from spinfilters.workflow.settings import AUTO, Settings
 
-T = TypeVar("T")
 DETERMINED_STD = 0.12
 """Of a principal moment relative to the largest: what the first frames must reach for filters to go on from them. On simulated
 motions all starts below it were consistent, and half of those above it led to NEES of twice the degrees of freedom and more."""
@@ -88,7 +85,7 @@ def prepare(dataset: Dataset, settings: Settings) -> Prepared:
     if "gyro" in log.sensors:
         process.require_steps(log.stream("gyro").time, log.stream("gyro").values)
     if unknown_gyro:
-        gyro_noise = _started(dataset, lambda: _identify(log, process, noise, settings.start))
+        gyro_noise = _identify(log, process, noise, settings.start)
         noise = replace(noise, gyro_scale_std=gyro_noise.scale_std)
     timeline = build_timeline(log, layout, noise, view)
     if len(timeline) < 5:
@@ -96,24 +93,12 @@ def prepare(dataset: Dataset, settings: Settings) -> Prepared:
             f"{dataset.description or dataset.path} has {len(timeline)} frame(s); give at least 5"
         )
     make = _start_maker(dataset, process, timeline, noise)
-    start = _started(dataset, lambda: _long_enough_start(timeline, make, settings.start))
+    start = _long_enough_start(timeline, make, settings.start)
     belief, points = start.belief, None if dataset.known_map is None else dataset.known_map.points
     if isinstance(start, LandmarkStartReport):
         ids = most_useful(timeline, start.landmarks, settings.landmarks.capacity)
         belief, points = start.landmarks.joint(ids), start.landmarks.points
     return Prepared(dataset, process, timeline, noise, start, belief, points, gyro_noise)
-
-
-def _started(dataset: Dataset, make: Callable[[], T]) -> T:
-    """What is fitted to the first frames; one line where their numbers leave no motion at all."""
-    try:
-        made = make()
-    except np.linalg.LinAlgError as error:
-        raise InputError(
-            f"{dataset.description or dataset.path}: no motion fits the first frames ({reason(error)}); check units, "
-            "time stamps and standard deviations"
-        ) from None
-    return made
 
 
 def moments_std_of(start: StartReport) -> float:
