@@ -1,5 +1,6 @@
 """Random mutations of valid inputs through the command line: ``python -m tests.hostile.fuzz --seed 0``."""
 
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -77,6 +78,7 @@ TOKENS = (
     ),
 )
 MOST_MUTATIONS = 4
+_NUMBER = re.compile(rb"(?<![\w.])-?\d+\.\d+(e[+-]?\d+)?(?![\w.])")
 
 Mutation = Callable[[np.random.Generator, bytes], bytes]
 
@@ -170,13 +172,32 @@ def _replace_field(generator: np.random.Generator, data: bytes) -> bytes:
     return b"\n".join(lines)
 
 
+def _change_number(generator: np.random.Generator, data: bytes) -> bytes:
+    """Of a number somewhere, its sign, its size or a digit, so that most files stay readable."""
+    numbers = list(_NUMBER.finditer(data))
+    if not numbers:
+        return data
+    found = numbers[int(generator.integers(len(numbers)))]
+    factor = float(generator.choice([-1.0, 0.0, 1e-6, 0.5, 1.001, 2.0, 10.0, 1e3, 1e6]))
+    return data[: found.start()] + repr(float(found.group()) * factor).encode() + data[found.end() :]
+
+
 def _token(generator: np.random.Generator) -> bytes:
     return TOKENS[int(generator.integers(len(TOKENS)))].encode()
 
 
 MUTATIONS: tuple[Mutation, ...] = (
-    *(_replace_field, _replace_field, _replace_field, _flip_bits, _insert_token, _delete_bytes),
-    *(_cut_off, _swap_lines, _repeat_line, _delete_line),
+    *(_change_number,) * 10,
+    *(
+        _replace_field,
+        _flip_bits,
+        _insert_token,
+        _delete_bytes,
+        _cut_off,
+        _swap_lines,
+        _repeat_line,
+        _delete_line,
+    ),
 )
 
 

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 from .calibrations import calibration_cases
 from .campaign import campaign, parser
 from .case import Case
-from .commands import command_cases, run_cases
+from .commands import command_cases
 from .motions import motion_cases
+from .runs import run_cases
 from .settings import settings_cases
 from .tables import table_cases
 
