@@ -13,6 +13,7 @@ from spinfilters.cli.console import progress_bars, wide_console
 from spinfilters.errors import InputError
 from spinfilters.evaluation.comparison import comparison_table
 from spinfilters.logs.dataset import Dataset, read_dataset, read_segments
+from spinfilters.logs.input_file import shown
 from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.workflow.checkpointing import keep_in, remove_checkpoints
 from spinfilters.workflow.estimation import Comparison, compare_estimators
@@ -37,7 +38,7 @@ def compare(options: argparse.Namespace) -> int:
     """Run the estimators, write the run folder and its figures, print the table."""
     settings = _settings(options)
     folder, additions = Path(options.output), _additions(options)
-    if options.segment == "all":
+    if options.segment == "all" and options.dataset is not None:
         if additions is not None:
             additions.require_one_run()
         return _compare_segments(read_segments(options.dataset), folder, settings)
@@ -161,13 +162,13 @@ def _settings(options: argparse.Namespace) -> Settings:
 def _dataset(options: argparse.Namespace) -> Dataset:
     if options.dataset is None:
         if options.segment is not None:
-            raise InputError(f"--segment {options.segment} needs a recording; give its folder as DATASET")
-        if options.seed < 0:
-            raise InputError(f"--seed {options.seed} is negative; give a whole number of at least 0")
+            raise InputError(
+                f"--segment {shown(options.segment)} needs a recording; give its folder as DATASET"
+            )
         return simulate(Scenario(seed=options.seed))
     segment = None
     if options.segment is not None:
         if not re.fullmatch(r"[0-9]{1,9}", options.segment):
-            raise InputError(f"--segment {options.segment} is no segment; give a number or 'all'")
+            raise InputError(f"--segment {shown(options.segment)} is no segment; give a number or 'all'")
         segment = int(options.segment)
     return read_dataset(options.dataset, segment)

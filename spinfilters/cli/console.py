@@ -12,9 +12,12 @@ WIDTH_OF_FILES = 150
 
 
 def wide_console() -> Console:
-    """A terminal at its own width; a file or a pipe at one that the tables fit into."""
-    console = Console()
-    return console if console.is_terminal else Console(width=WIDTH_OF_FILES)
+    """A terminal at its own width; a file or a pipe at one that the tables fit into.
+
+    Texts are printed as they are: file names and comments of recordings may hold brackets and colons.
+    """
+    console = Console(markup=False, emoji=False)
+    return console if console.is_terminal else Console(width=WIDTH_OF_FILES, markup=False, emoji=False)
 
 
 @contextmanager

@@ -1,23 +1,36 @@
 """The command ``spinfilters``: arguments, exit codes and one clear line for whatever goes wrong."""
 
 import argparse
+import io
 import logging
-import math
 import os
 import sys
-from collections.abc import Sequence
-from typing import NoReturn
+import traceback
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Final, NoReturn
 
 from spinfilters import __version__
 from spinfilters.errors import SpinfiltersError
+from spinfilters.logs.input_file import printable
+from spinfilters.logs.number_range import NumberRange
 
 EXIT_OK, EXIT_BAD_INPUT = 0, 2
+PACKAGES: Final[tuple[str, ...]] = ("spinfilters", "observability")
+"""Those whose lines an unexpected error names."""
+LONGEST_COMPLAINT: Final[int] = 280
+"""Characters of a complaint: of a longer one, which holds long names, the middle is left out."""
+DEBUG: Final[str] = "SPINFILTERS_DEBUG"
+"""Environment variable with which an unexpected error shows its whole trace."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit code: 0, or 2 for anything that the user can mend."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # before NumPy loads: threads only slow matrices this small
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a file name need not be text that the terminal has
+        sys.stdout.reconfigure(errors="backslashreplace")
     options = _parser().parse_args(arguments)
     # of a home that cannot be written we say so ourselves, and matplotlib does without
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
@@ -26,7 +39,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not compiling.handlers:
         compiling.addHandler(_CompileNotice())
     try:
-        return options.command(options)
+        with warnings.catch_warnings():
+            # of numbers that are not finite: a status tells of them; whoever asks for warnings (-W) has asked before
+            warnings.filterwarnings("ignore", category=RuntimeWarning, append=True)
+            return options.command(options)
     except SpinfiltersError as error:
         return _complain(str(error))
     except KeyboardInterrupt:
@@ -42,6 +58,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
     except MemoryError:
         return _complain("out of memory; give a shorter recording or close other programs")
+    except Exception as error:  # the last resort: what comes here is a fault of this program
+        if os.environ.get(DEBUG):
+            raise
+        return _complain(
+            f"unexpected {type(error).__name__} in {_place(error)}; this is a fault of spinfilters: please report it "
+            f"with what {DEBUG}=1 shows"
+        )
 
 
 class _CompileNotice(logging.Handler):
@@ -58,8 +81,23 @@ class _CompileNotice(logging.Handler):
 
 
 def _complain(text: str) -> int:
-    print(f"spinfilters: {' '.join(text.split())}", file=sys.stderr)
+    """Say it in one printable line of bounded length."""
+    line = printable(" ".join(text.split()))
+    if len(line) > LONGEST_COMPLAINT:
+        half = LONGEST_COMPLAINT // 2
+        line = f"{line[:half]} ... {line[-half:]}"
+    print(f"spinfilters: {line}", file=sys.stderr)
     return EXIT_BAD_INPUT
+
+
+def _place(error: BaseException) -> str:
+    """Where in this program it happened: file, line and function of the innermost frame that is its own."""
+    frames = traceback.extract_tb(error.__traceback__)
+    root = Path(__file__).parents[2]
+    own = [f for f in frames if any(Path(f.filename).is_relative_to(root / name) for name in PACKAGES)]
+    frame = (own or frames)[-1]
+    path = Path(frame.filename)
+    return f"{path.relative_to(root) if own else path.name}:{frame.lineno} {frame.name}"
 
 
 class _Parser(argparse.ArgumentParser):
@@ -100,7 +138,7 @@ def _add_compare(commands: "argparse._SubParsersAction[_Parser]") -> None:
         metavar="A,B",
         help="mekf, ukf, smoother, filterpy-ekf, filterpy-ukf (default: all; recordings: mekf,ukf,smoother)",
     )
-    compare.add_argument("--seed", type=int, default=0, help="of the simulated default")
+    compare.add_argument("--seed", type=_SEED, default=0, help="of the simulated default")
     _add_run_options(compare)
     compare.set_defaults(command=_compare)
 
@@ -137,7 +175,7 @@ def _add_run_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--predict",
-        type=_positive,
+        type=_number(1e-9, 1e9, "s"),
         metavar="SECONDS",
         help="go on for so long after the last frame: <estimator>/prediction.csv and .npz, prediction.png",
     )
@@ -154,7 +192,7 @@ def _add_simulate(commands: "argparse._SubParsersAction[_Parser]") -> None:
     )
     simulate.add_argument("-o", "--output", metavar="DATASET", required=True, help="folder of the data set")
     simulate.add_argument("--kind", default="stereo-tracks", help="stereo-tracks, pose or gyro")
-    simulate.add_argument("--seed", type=int, default=0)
+    simulate.add_argument("--seed", type=_SEED, default=0)
     _add_motion(simulate)
     simulate.set_defaults(command=_simulate)
 
@@ -174,7 +212,11 @@ def _add_observe(commands: "argparse._SubParsersAction[_Parser]") -> None:
         "--sensor", default="stereo", help="stereo, monocular, pose, attitude or gyro (default stereo)"
     )
     observe.add_argument(
-        "--landmarks", type=int, default=4, metavar="N", help="that a camera sees (default 4)"
+        "--landmarks",
+        type=_number(-1e9, 1e9, whole=True),
+        default=4,
+        metavar="N",
+        help="that a camera sees (default 4)",
     )
     observe.add_argument("--known-map", action="store_true", help="the landmarks are known")
     observe.add_argument(
@@ -190,31 +232,33 @@ def _add_observe(commands: "argparse._SubParsersAction[_Parser]") -> None:
 
 
 def _add_motion(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--frames", type=int, default=115)
-    parser.add_argument("--interval", type=_finite, default=0.5, help="seconds between frames")
+    rate, moment = _number(-1e6, 1e6, "rpm"), _number(1e-6, 1e6)
+    parser.add_argument("--frames", type=_number(1, 100_000, whole=True), default=115)
     parser.add_argument(
-        "--rate-rpm", type=_finite, nargs=3, default=(0.5, 10.0, 0.5), metavar=("X", "Y", "Z")
+        "--interval", type=_number(1e-6, 1e5, "s"), default=0.5, help="seconds between frames"
     )
+    parser.add_argument("--rate-rpm", type=rate, nargs=3, default=(0.5, 10.0, 0.5), metavar=("X", "Y", "Z"))
     parser.add_argument(
-        "--moments", type=_finite, nargs=3, default=(1.0322, 1.0, 0.8596), metavar=("JX", "JY", "JZ")
+        "--moments", type=moment, nargs=3, default=(1.0322, 1.0, 0.8596), metavar=("JX", "JY", "JZ")
     )
 
 
-def _finite(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text} is not finite; give a number")
-    return value
+def _number(
+    smallest: float, largest: float, unit: str = "", whole: bool = False
+) -> Callable[[str], float | int]:
+    """What reads a number of a range from an argument."""
+    allowed = NumberRange(smallest, largest, unit, whole=whole)
+
+    def parsed(text: str) -> float | int:
+        try:
+            return allowed.parsed(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return parsed
 
 
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text} is no positive finite number; give seconds, such as 10")
-    return value
+_SEED: Final = _number(0, 10**18, whole=True)
 
 
 def _compare(options: argparse.Namespace) -> int:

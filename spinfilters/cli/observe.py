@@ -13,6 +13,7 @@ from observability.rational import as_floats
 from observability.study import study
 from observability.system import Input
 from observability.wording import document, sentences
+from spinfilters.cli.console import wide_console
 from spinfilters.conventions import RPM
 from spinfilters.errors import InputError
 from spinfilters.logs.atomic_write import make_folder, write_json, write_text
@@ -49,7 +50,7 @@ def observe(options: argparse.Namespace) -> int:
     write_json(folder / RESULT_FILE, {"case": _title(case), **document(certificate), "bound": written})
     if options.study:
         _study(case, options, folder)
-    Console().print("\n".join([*lines, f"written to {folder}"]), highlight=False, soft_wrap=True)
+    wide_console().print("\n".join([*lines, f"written to {folder}"]), highlight=False, soft_wrap=True)
     return 0
 
 

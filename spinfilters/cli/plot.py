@@ -3,9 +3,7 @@
 import argparse
 from pathlib import Path
 
-from rich.console import Console
-
-from spinfilters.cli.console import progress_bars
+from spinfilters.cli.console import progress_bars, wide_console
 from spinfilters.workflow.additions import draw_additions
 from spinfilters.workflow.figures import Pictured, draw_run
 
@@ -18,5 +16,5 @@ def plot(options: argparse.Namespace) -> int:
     with progress_bars() as report:
         drawn = draw_run(pictured, folder, lambda done, total: report("figures", done, total))
         drawn += draw_additions(folder, histories, pictured.dataset.truth)
-    Console().print(f"{len(drawn)} figures in {folder}", highlight=False)
+    wide_console().print(f"{len(drawn)} figures in {folder}", highlight=False, soft_wrap=True)
     return 0

@@ -3,8 +3,7 @@
 import argparse
 from pathlib import Path
 
-from rich.console import Console
-
+from spinfilters.cli.console import wide_console
 from spinfilters.errors import InputError
 from spinfilters.evaluation.rates import true_rates
 from spinfilters.logs.dataset import DATASET_FILE
@@ -19,8 +18,6 @@ MOST_TURNS = 100
 
 def simulate(options: argparse.Namespace) -> int:
     """Write a simulated data set and a picture of its true rates."""
-    if options.seed < 0:
-        raise InputError(f"--seed {options.seed} is negative; give a whole number of at least 0")
     _refuse_blur(options)
     scenario = Scenario(
         kind=options.kind,
@@ -37,7 +34,7 @@ def simulate(options: argparse.Namespace) -> int:
     assert dataset.truth is not None
     save_figure(rates_figure([true_rates(dataset.truth)]), folder / "truth.png")
     count = len(dataset.log.streams[0])
-    Console().print(
+    wide_console().print(
         f"{dataset.description}: {count} measurements in {folder}", highlight=False, soft_wrap=True
     )
     return 0

@@ -64,8 +64,11 @@ class Correction:
 
     @property
     def coordinates(self) -> Float[np.ndarray, " n"]:
-        """y, of all coordinates of the state's factor: those that the measurement does not see stay at zero."""
-        y = np.zeros(len(self.error))
+        """y, of all columns of the state's factor, of which sigma points may have more than the state has numbers.
+
+        Those that the measurement does not see stay at zero.
+        """
+        y = np.zeros(max(len(self.error), len(self.shift)))
         y[: len(self.shift)] = dtrtrs(self.root, self.shift)[0]
         return y
 

@@ -9,6 +9,7 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Estimator, UpdateReport
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
 from spinfilters.estimators.timeline import Frame, Timeline
+from spinfilters.models.rotation_steps import IntegrationError
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.status import EstimatorStatus
 from spinfilters.symbolic import working_seconds
@@ -53,6 +54,8 @@ def run(
             rows.append(frame.time, belief, reports, working_seconds() - begin)
             if on_frame is not None:
                 on_frame(index)
+    except IntegrationError as error:
+        status = status.failed(f"the motion could not be integrated to frame {len(rows)}: {error}")
     except np.linalg.LinAlgError as error:
         status = status.failed(f"the covariance could not be factorised at frame {len(rows)} ({error})")
     except KeyboardInterrupt:

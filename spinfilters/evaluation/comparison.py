@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from spinfilters.evaluation.errors import BodyErrors, RmsErrors
 from spinfilters.evaluation.evaluation import Evaluation
@@ -36,7 +36,7 @@ def comparison_table(evaluations: Sequence[Evaluation]) -> Table:
     for name, cell in ROWS:
         cells = [cell(evaluation) for evaluation in evaluations]
         if any(text is not None for text in cells):
-            table.add_row(escape(name), *(text or "-" for text in cells))
+            table.add_row(Text(name), *(text or "-" for text in cells))
     return table
 
 

@@ -1,6 +1,5 @@
 """A rectified stereo camera, in the two `sensor.yaml` files of the EuRoC layout."""
 
-import math
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -11,6 +10,7 @@ from jaxtyping import Float
 from spinfilters.errors import InputError
 from spinfilters.logs.atomic_write import make_folder, write_text
 from spinfilters.logs.input_file import named, shown
+from spinfilters.logs.number_range import LENGTH, NumberRange
 from spinfilters.logs.settings_files import numbers, read_yaml
 
 RIG_FILES: Final[tuple[Path, Path]] = (Path("cam0/sensor.yaml"), Path("cam1/sensor.yaml"))
@@ -19,6 +19,20 @@ ROTATION_TOLERANCE: Final[float] = 1e-4
 """Largest entry by which a rotation may miss orthonormality, or a pair parallelism: 0.05 px at f = 500."""
 OFF_AXIS_TOLERANCE: Final[float] = 1e-3
 """Largest offset of the right camera across the x axis, as a fraction of the baseline."""
+_FOCAL_LENGTH, _CENTRE, _SIZE = (
+    NumberRange(1, 1e7, "px"),
+    NumberRange(-1e7, 1e7, "px"),
+    NumberRange(1, 1e6, "px"),
+)
+CAMERA_RANGES: Final[dict[str, NumberRange]] = {
+    "fx": _FOCAL_LENGTH,
+    "fy": _FOCAL_LENGTH,
+    "cx": _CENTRE,
+    "cy": _CENTRE,
+    "width": _SIZE,
+    "height": _SIZE,
+    "baseline_m": NumberRange(1e-6, 1e6, "m"),
+}
 
 
 @dataclass(frozen=True)
@@ -32,7 +46,7 @@ class StereoRig:
 
     Raises
     ------
-    InputError: a value that is not finite; a focal length, baseline or image size that is not positive.
+    InputError: a value out of its range in `CAMERA_RANGES`.
     """
 
     fx: float
@@ -46,10 +60,7 @@ class StereoRig:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if not math.isfinite(value):
-                raise InputError(f"stereo rig: {field.name} is {value}, not finite; calibrate again")
-            if value <= 0 and field.name not in ("cx", "cy"):
-                raise InputError(f"stereo rig: {field.name} is {value}, it must be positive; calibrate again")
+            CAMERA_RANGES[field.name].require(f"stereo rig: {field.name}", value)
 
     @property
     def calibration(self) -> Float[np.ndarray, "5"]:
@@ -150,6 +161,8 @@ def _pose(path: Path, value: Any) -> Float[np.ndarray, "4 4"]:
         data = value["data"]
     nested = isinstance(data, list) and len(data) == 4
     pose = numbers(path, "T_BS", data, (4, 4) if nested else (16,)).reshape(4, 4)
+    for entry in pose.ravel().tolist():
+        LENGTH.require(f"{named(path)}: T_BS holds a number that", entry)
     rotation = pose[:3, :3]
     rigid = (
         np.abs(rotation @ rotation.T - np.eye(3)).max() <= ROTATION_TOLERANCE

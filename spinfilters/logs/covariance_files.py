@@ -1,13 +1,19 @@
 """Covariances that differ from measurement to measurement: a table beside the measurements, row for row."""
 
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
 from spinfilters.errors import InputError
 from spinfilters.logs.input_file import named
 from spinfilters.logs.measurement_log import SENSOR_FORMATS, MeasurementStream
+from spinfilters.logs.number_range import NumberRange
 from spinfilters.logs.table_files import read_csv, write_csv
+
+ENTRY: Final = NumberRange(-1e18, 1e18)
+"""Of a covariance, squared units of the measurement."""
+SMALLEST_VARIANCE: Final[float] = 1e-24
 
 
 def covariance_columns(sensor: str) -> tuple[str, ...]:
@@ -21,7 +27,8 @@ def with_covariance(stream: MeasurementStream, path: Path) -> MeasurementStream:
 
     Raises
     ------
-    InputError: as `read_csv`; other times than the stream has; matrices that are not positive definite.
+    InputError: as `read_csv`; entries beyond `ENTRY`, variances below `SMALLEST_VARIANCE`; other times than the
+    stream has; matrices that are not positive definite.
     """
     table = read_csv(path, covariance_columns(stream.sensor))
     if len(table.values) != len(stream):
@@ -37,10 +44,16 @@ def with_covariance(stream: MeasurementStream, path: Path) -> MeasurementStream:
             f"time {float(table.values[row, 0])!r} s is that of no measurement, expected "
             f"{float(stream.time[row])!r} s",
         )
+    table.require(slice(1, None), ENTRY)
     dimension = SENSOR_FORMATS[stream.sensor].dimension
     rows, columns = np.tril_indices(dimension)
     covariance = np.empty((len(stream), dimension, dimension))
     covariance[:, rows, columns] = covariance[:, columns, rows] = table.values[:, 1:]
+    small = np.flatnonzero(np.diagonal(covariance, axis1=1, axis2=2).min(axis=1) < SMALLEST_VARIANCE)
+    if small.size:
+        raise table.error(
+            int(small[0]), f"a variance is not positive or below {SMALLEST_VARIANCE:g}; correct it"
+        )
     try:
         return MeasurementStream(stream.sensor, stream.time, stream.values, stream.ids, covariance)
     except InputError as error:

@@ -15,7 +15,7 @@ from spinfilters.logs.camera import StereoRig, read_stereo_rig
 from spinfilters.logs.covariance_files import with_covariance
 from spinfilters.logs.dataset_options import DatasetOptions, options_from_toml
 from spinfilters.logs.gyro_files import PHYPHOX_TABLE, Segment, read_gyro_csv, write_gyro_csv
-from spinfilters.logs.input_file import named, require_file, require_folder, shown
+from spinfilters.logs.input_file import named, printable, require_file, require_folder, shown
 from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.logs.phyphox_trials import phyphox_trial, phyphox_trials
 from spinfilters.logs.pose_files import read_tum, write_tum
@@ -122,9 +122,9 @@ def _phyphox_folder(path: Path) -> Path | None:
 
 
 def _gyro_dataset(folder: Path, stream: MeasurementStream, segment: Segment | None) -> Dataset:
-    description = f"phyphox recording {folder.name}"
+    description = f"phyphox recording {printable(folder.name)}"
     if segment is not None:
-        description += f", segment {segment.number}: {segment.comment}"
+        description += f", segment {segment.number}: {printable(segment.comment)}"
     return Dataset(
         kind="gyro", log=MeasurementLog((stream,)), path=folder, description=description, segment=segment
     )
@@ -183,7 +183,7 @@ def _read_file(path: Path) -> Dataset:
             "give a folder, a gyro .csv or a TUM .tum or .txt, and unpack archives first"
         )
     kind, read = readers[path.suffix.lower()]
-    return Dataset(kind=kind, log=MeasurementLog((read(path),)), path=path, description=path.name)
+    return Dataset(kind=kind, log=MeasurementLog((read(path),)), path=path, description=printable(path.name))
 
 
 def _no_front_end(path: Path, kind: str) -> InputError:

@@ -1,16 +1,22 @@
 """What `dataset.toml` says about a data set besides its kind: noise levels and notes."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from spinfilters.errors import InputError
 from spinfilters.logs.input_file import named, shown
+from spinfilters.logs.number_range import NumberRange
 
-STD_KEYS = ("pixel_std", "gyro_noise_std", "pose_position_std", "pose_rotation_std")
-"""Keys of dataset.toml that are standard deviations per measurement: px, rad/s, m, rad."""
+STANDARD_DEVIATIONS: Final[dict[str, NumberRange]] = {
+    "pixel_std": NumberRange(1e-12, 1e6, "px"),
+    "gyro_noise_std": NumberRange(1e-12, 1e6, "rad/s"),
+    "pose_position_std": NumberRange(1e-12, 1e9, "m"),
+    "pose_rotation_std": NumberRange(1e-12, 1e3, "rad"),
+}
+"""Keys of dataset.toml that are standard deviations per measurement, and what they may be."""
+STD_KEYS = tuple(STANDARD_DEVIATIONS)
 
 
 @dataclass(frozen=True)
@@ -27,7 +33,7 @@ class DatasetOptions:
 
     Raises
     ------
-    InputError: a standard deviation that is not positive and finite.
+    InputError: a standard deviation out of its range.
     """
 
     pixel_std: float | None = None
@@ -38,10 +44,10 @@ class DatasetOptions:
     notes: Mapping[str, str | int | float | bool] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in STD_KEYS:
+        for name, allowed in STANDARD_DEVIATIONS.items():
             value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"{name} is {value!r}; a standard deviation is positive and finite")
+            if value is not None:
+                allowed.require(name, value)
         object.__setattr__(self, "notes", dict(self.notes))
 
     @property
@@ -72,9 +78,13 @@ def options_from_toml(path: Path, document: Mapping[str, Any]) -> DatasetOptions
             raise InputError(f"{named(path)}: {key} is {shown(value)}, {_expected(key)}; correct it")
     _check_notes(path, given.get("notes", {}))
     try:
+        for key in given.keys() & STANDARD_DEVIATIONS:
+            STANDARD_DEVIATIONS[key].require(
+                key, given[key]
+            )  # before an integer of 400 digits becomes a float
         values: dict[str, Any] = {k: float(v) if k in STD_KEYS else v for k, v in given.items()}
         return DatasetOptions(**values)
-    except (InputError, OverflowError) as error:
+    except InputError as error:
         raise InputError(f"{named(path)}: {error}; correct it") from None
 
 

@@ -5,6 +5,7 @@ import io
 import math
 import os
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -15,6 +16,7 @@ from jaxtyping import Bool, Float
 from spinfilters.errors import InputError
 from spinfilters.logs.input_file import named, read_settings_text, shown
 from spinfilters.logs.measurement_log import MeasurementStream
+from spinfilters.logs.number_range import RATE
 from spinfilters.logs.table_files import Table, read_csv, read_header, write_csv
 from spinfilters.logs.time_stamps import require_times
 
@@ -22,11 +24,18 @@ GYRO_COLUMNS: Final[tuple[str, ...]] = ("time_s", "wx", "wy", "wz")
 """Header of gyro.csv: s and rad/s, g axes."""
 PHYPHOX_TABLE: Final[str] = "Raw Data.csv"
 """The file by which a phyphox folder is recognised."""
-SATURATION_RATE: Final[float] = 34.8
-"""rad/s. Phone gyros clip at 2000 deg/s = 34.907 rad/s, give or take their calibration."""
+FLAT_TOP: Final[float] = 1e-3
+NEAR_TOP: Final[float] = 2e-2
+"""Of the largest |rate| of an axis: clipped samples lie within the first of it (offsets are corrected after clipping), and few
+others within the second. A smooth peak whose top two samples lie within the first has three times as many within the second."""
+FEWEST_CLIPPED: Final[int] = 3
+"""Samples that can make a flat top."""
 
 _SEGMENT_COLUMNS = ["segment", "start", "end", "keep", "comment"]
 _KEEP = {"": True, "true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
+_DEGREES = re.compile(r"(?<![a-z])(deg(ree)?s?|dps|degps)(?![a-z])|°(?!\s*[CF])", re.IGNORECASE)
+"""Degrees as a whole word: deg/s, deg_s, dps, but neither radps nor degC."""
+_AXIS = re.compile(r"(?<![a-z])w?[xyz](?![a-z])", re.IGNORECASE)
 _NAME_AND_UNIT = re.compile(r"(?P<name>.*\S)\s*\((?P<unit>[^()]*)\)")
 
 
@@ -57,9 +66,12 @@ def read_gyro_csv(path: Path) -> MeasurementStream:
     ------
     InputError: as `read_csv` and `require_times`, or a column in degrees.
     """
-    _refuse_degrees(path, read_header(path))
+    names = read_header(path)
+    if names != GYRO_COLUMNS:
+        _refuse_degrees(path, names)
     table = read_csv(path, GYRO_COLUMNS)
     require_times(table, repeats=False)
+    table.require(slice(1, 4), RATE)
     return MeasurementStream("gyro", table.values[:, 0], table.values[:, 1:])
 
 
@@ -69,8 +81,20 @@ def write_gyro_csv(path: Path, stream: MeasurementStream) -> None:
 
 
 def saturated(rate: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-    """Whether a component of the rate (rad/s) is at the clipping limit of a phone gyro, `SATURATION_RATE`."""
-    return np.any(np.abs(rate) >= SATURATION_RATE, axis=1)
+    """Whether a component of the rate is clipped, as its axis shows: samples pile up, side by side, at its largest |rate|.
+
+    An axis that is there most of the time spins steadily and is not taken for clipped.
+    """
+    clipped = np.zeros(len(rate), dtype=bool)
+    for axis in np.asarray(rate).T:
+        largest = np.abs(axis).max(initial=0.0)
+        top = np.abs(axis) >= (1 - FLAT_TOP) * largest
+        near = np.abs(axis) >= (1 - NEAR_TOP) * largest
+        together = bool(np.any(top[1:] & top[:-1] & (np.sign(axis[1:]) == np.sign(axis[:-1]))))
+        count = np.count_nonzero(top)
+        if together and FEWEST_CLIPPED <= count <= len(axis) / 2 and 2 * count > np.count_nonzero(near):
+            clipped |= top
+    return clipped
 
 
 def read_phyphox(folder: Path) -> PhyphoxRecording:
@@ -89,14 +113,15 @@ def read_phyphox(folder: Path) -> PhyphoxRecording:
     table = read_csv(path)
     chosen = Table(path, tuple(table.names[k] for k in columns), table.values[:, columns], table.layout)
     require_times(chosen, repeats=False)
+    chosen.require(slice(1, 4), RATE)
     marked = folder / "meta" / "segments.csv"
     segments = _read_segments(marked) if os.path.lexists(marked) else ()
     return PhyphoxRecording(chosen.values[:, 0], chosen.values[:, 1:], segments)
 
 
-def _refuse_degrees(path: Path, names: tuple[str, ...]) -> None:
+def _refuse_degrees(path: Path, names: Iterable[str]) -> None:
     for name in names:
-        if re.search(r"°|deg|dps", name, re.IGNORECASE):
+        if _DEGREES.search(name):
             raise InputError(
                 f"{named(path)}: line 1: column {shown(name)} is in degrees; "
                 "multiply it by pi/180 and name it rad/s"
@@ -105,7 +130,6 @@ def _refuse_degrees(path: Path, names: tuple[str, ...]) -> None:
 
 def _phyphox_columns(path: Path, names: tuple[str, ...]) -> list[int]:
     """Indices of time, x, y, z. Names are translated in the app, so the unit and the axis letter decide."""
-    _refuse_degrees(path, names)
     parts = [match and (match["name"], match["unit"]) for match in map(_NAME_AND_UNIT.fullmatch, names)]
     found = [[k for k, part in enumerate(parts) if part and part[1] == "s"]]
     for axis in "xyz":
@@ -117,6 +141,7 @@ def _phyphox_columns(path: Path, names: tuple[str, ...]) -> list[int]:
             ]
         )
     if any(len(indices) != 1 for indices in found):
+        _refuse_degrees(path, (name for name in names if _AXIS.search(name)))
         raise InputError(
             f"{named(path)}: line 1: the header is {shown(', '.join(names))}, "
             "expected Time (s) and Gyroscope x, y, z (rad/s); export the gyroscope experiment of phyphox"

@@ -28,7 +28,12 @@ _REPR.maxlevel = 3
 
 def named(path: Path) -> str:
     """The path as one printable line: control characters and undecodable bytes are escaped."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in str(path))
+    return printable(str(path))
+
+
+def printable(text: str) -> str:
+    """A text as one line that every terminal and file can hold."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def shown(value: object) -> str:

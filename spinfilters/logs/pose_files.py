@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from spinfilters.logs.atomic_write import atomic_file
 from spinfilters.logs.measurement_log import MeasurementStream, first_not_unit
+from spinfilters.logs.number_range import LENGTH
 from spinfilters.logs.table_files import Table, read_blank_separated
 from spinfilters.logs.time_stamps import require_times
 
@@ -21,10 +22,11 @@ def read_tum(path: Path) -> MeasurementStream:
 
     Raises
     ------
-    InputError: as `read_blank_separated` and `require_times`, or a quaternion that is not a unit one.
+    InputError: as `read_blank_separated` and `require_times`, a position beyond `LENGTH`, or a quaternion that is not a unit one.
     """
     table = read_blank_separated(path, TUM_COLUMNS)
     require_times(table, repeats=False)
+    table.require(slice(1, 4), LENGTH)
     require_unit_quaternions(table, 4)
     return MeasurementStream("pose", table.values[:, 0], table.values[:, 1:])
 

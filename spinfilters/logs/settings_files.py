@@ -13,6 +13,8 @@ from spinfilters.errors import InputError
 from spinfilters.logs.input_file import named, read_settings_text, reason, shown
 
 _MOST_DOTS = 64  # on a TOML line: tomllib takes memory as the square of the parts of a dotted key
+_MOST_NESTED = 20  # of brackets and blocks in YAML, whose reader works from nested calls
+_MOST_NODES = 20_000  # of a YAML file: a calibration has a hundred
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -30,14 +32,18 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """Mapping of a YAML file of at most 1 MiB, plain values only (no object tags).
+    """Mapping of a YAML file of at most 1 MiB, plain values only: no object tags, no aliases, no merge keys.
+
+    A few aliases in one another name more values than memory holds, so they are refused before any is looked up.
 
     Raises
     ------
-    InputError: unreadable file, text that is not YAML, tags such as !!python, or no mapping at the top.
+    InputError: unreadable file, text that is not YAML, tags such as !!python, aliases, too many or too deeply nested values, or
+    no mapping at the top.
     """
     text = read_settings_text(path)
     try:
+        _refuse_growth(path, text)
         document = yaml.safe_load(text)
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else 1
@@ -52,6 +58,25 @@ def read_yaml(path: Path) -> dict[str, Any]:
             f"{named(path)}: holds {shown(document)}, expected 'key: value' lines; copy it again"
         )
     return document
+
+
+def _refuse_growth(path: Path, text: str) -> None:
+    """Refuse YAML that would become larger or deeper than it looks."""
+    depth = nodes = 0
+    for event in yaml.parse(text, Loader=yaml.SafeLoader):
+        line = f"{named(path)}: line {event.start_mark.line + 1}: "
+        if isinstance(event, yaml.AliasEvent):
+            raise InputError(
+                f"{line}refers to another value (*{shown(event.anchor)[1:-1]}); write the value itself"
+            )
+        if isinstance(event, yaml.ScalarEvent) and event.value == "<<":
+            raise InputError(f"{line}has a merge key (<<); write the keys themselves")
+        nodes += isinstance(event, yaml.NodeEvent)
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > _MOST_NESTED or nodes > _MOST_NODES:
+            raise InputError(
+                f"{line}nests values more than {_MOST_NESTED} deep or holds more than {_MOST_NODES}; copy the file again"
+            )
 
 
 def numbers(path: Path, key: str, value: object, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:

@@ -13,6 +13,7 @@ from jaxtyping import Float
 from spinfilters.errors import InputError
 from spinfilters.logs.atomic_write import atomic_file
 from spinfilters.logs.input_file import named, reason, require_text_table, shown
+from spinfilters.logs.number_range import NumberRange
 
 _WRITE_ROWS = 65536  # rows turned into text at a time, which bounds the memory of a writer
 
@@ -58,6 +59,18 @@ class Table:
     def error(self, row: int, text: str) -> InputError:
         """An InputError that names the file and the line of the row."""
         return InputError(f"{named(self.path)}: line {self.line(row)}: {text}")
+
+    def require(self, columns: slice, allowed: NumberRange) -> None:
+        """Raise InputError, which names line, column and range, unless all numbers of the columns are of the range."""
+        chosen = self.values[:, columns]
+        outside = np.argwhere((chosen < allowed.smallest) | (chosen > allowed.largest))
+        if outside.size:
+            row, column = map(int, outside[0])
+            name = self.names[columns][column]
+            raise self.error(
+                row,
+                f"{shown(name)} is {float(chosen[row, column])!r}; correct or delete the line, give {allowed}",
+            )
 
 
 def read_header(path: Path) -> tuple[str, ...]:

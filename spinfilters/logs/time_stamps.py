@@ -13,6 +13,9 @@ from spinfilters.logs.table_files import Table
 LATEST_SECONDS: Final[float] = 1e11
 """Beyond the year 5000 counted from 1970: such a stamp is in milli- or nanoseconds, not in seconds."""
 
+SHORTEST_STEP: Final[float] = 1e-9
+"""Between two stamps, s: no sensor is faster, and rates over shorter times are beyond all numbers."""
+
 
 def require_times(table: Table, repeats: bool) -> None:
     """Check the first column of a table as time in s.
@@ -23,7 +26,7 @@ def require_times(table: Table, repeats: bool) -> None:
 
     Raises
     ------
-    InputError: not seconds, going backwards or repeated (with line and both values), or less
+    InputError: not seconds, stamps closer than `SHORTEST_STEP`, going backwards or repeated (with line and both values), or less
     than two distinct stamps.
     """
     time = table.values[:, 0]
@@ -37,6 +40,14 @@ def require_times(table: Table, repeats: bool) -> None:
             raise table.error(row, f"time {after!r} s occurs twice; keep one line of each time")
         raise table.error(
             row, f"time {after!r} s follows {before!r} s: it runs backwards; sort the lines by time"
+        )
+    step = np.diff(time)
+    short = np.flatnonzero((step > 0) & (step < SHORTEST_STEP))
+    if short.size:
+        row = int(short[0]) + 1
+        raise table.error(
+            row,
+            f"time {float(time[row])!r} s is {step[row - 1]:.3g} s after the one before; convert it to seconds",
         )
     require_two_frames(table.path, np.unique(time).size)
 

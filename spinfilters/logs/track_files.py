@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 
 from spinfilters.errors import InputError, ShapeError
 from spinfilters.logs.measurement_log import MeasurementStream, first_repeated_landmark, freeze_arrays
+from spinfilters.logs.number_range import LENGTH, PIXEL
 from spinfilters.logs.table_files import Table, read_csv, write_csv
 from spinfilters.logs.time_stamps import require_times
 
@@ -62,6 +63,7 @@ def read_tracks(path: Path) -> MeasurementStream:
     """
     table = read_csv(path, TRACK_COLUMNS)
     require_times(table, repeats=True)
+    table.require(slice(2, 5), PIXEL)
     time, ids, pixels = table.values[:, 0], _ids(table, 1), table.values[:, 2:]
     row = first_repeated_landmark(time, ids)
     if row is not None:
@@ -87,6 +89,7 @@ def write_tracks(path: Path, stream: MeasurementStream) -> None:
 def read_landmarks(path: Path) -> KnownMap:
     """Known map of a file with the header `landmark_id,x,y,z` (m, g). InputError: `read_csv`, an id twice."""
     table = read_csv(path, LANDMARK_COLUMNS)
+    table.require(slice(1, 4), LENGTH)
     ids = _ids(table, 0)
     row = first_repeated_landmark(np.zeros(ids.size), ids)
     if row is not None:

@@ -12,6 +12,7 @@ from spinfilters.errors import InputError, ShapeError
 from spinfilters.logs.atomic_write import write_toml
 from spinfilters.logs.input_file import named, require_folder, shown
 from spinfilters.logs.measurement_log import first_disorder, first_not_unit, freeze_arrays, normalised
+from spinfilters.logs.number_range import LENGTH, RATE, SPEED, NumberRange
 from spinfilters.logs.pose_files import require_unit_quaternions
 from spinfilters.logs.settings_files import numbers, read_toml
 from spinfilters.logs.table_files import read_csv, write_csv
@@ -26,6 +27,11 @@ TRUTH_TABLE: Final[str] = "truth.csv"
 TRUTH_BODY: Final[str] = "truth.toml"
 
 _TRAJECTORY_SHAPES = {"center_of_mass": 3, "q_ig": 4, "velocity": 3, "rate_i": 3}
+_BODY_RANGES = {
+    "principal_moments": NumberRange(1e-9, 1e18),
+    "principal_axes_g": NumberRange(-1.001, 1.001),
+    "center_of_mass_g": LENGTH,
+}
 _BODY_SHAPES = {"principal_moments": (3,), "principal_axes_g": (3, 3), "center_of_mass_g": (3,)}
 _ORTHONORMAL = 1e-6  # entries of axes printed with seven digits
 _TRIANGLE = 1e-6  # relative: a flat body, whose moments satisfy A + B = C, must pass with rounding
@@ -86,6 +92,8 @@ def read_truth(folder: Path) -> Truth | None:
         return None
     table = read_csv(path, TRUTH_COLUMNS)
     require_times(table, repeats=False)
+    for columns, allowed in ((slice(1, 4), LENGTH), (slice(8, 11), SPEED), (slice(11, 14), RATE)):
+        table.require(columns, allowed)
     require_unit_quaternions(table, 4)
     body = _read_body(settings) if os.path.lexists(settings) else {}
     columns = np.split(table.values, [1, 4, 8, 11], axis=1)
@@ -108,7 +116,11 @@ def _read_body(path: Path) -> dict[str, Any]:
     unknown = [key for key in document if key not in _BODY_SHAPES]
     if unknown:
         raise InputError(f"{named(path)}: key {shown(unknown[0])} is unknown; use {', '.join(_BODY_SHAPES)}")
-    return {key: numbers(path, key, value, _BODY_SHAPES[key]) for key, value in document.items()}
+    body = {key: numbers(path, key, value, _BODY_SHAPES[key]) for key, value in document.items()}
+    for key, values in body.items():
+        for number in values.ravel().tolist():
+            _BODY_RANGES[key].require(f"{named(path)}: {key}: a number", number)
+    return body
 
 
 def _check_trajectory(truth: Truth) -> None:

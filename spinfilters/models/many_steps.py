@@ -4,11 +4,12 @@ A smoother linearises the dynamics about every frame in every iteration. The sub
 same expressions and with the same control of their number, evaluated in lanes.
 """
 
+from contextlib import suppress
 from functools import cached_property
 
 import casadi as ca
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from spinfilters.attitude.expressions import (
     Expression,
@@ -20,6 +21,7 @@ from spinfilters.attitude.expressions import (
 from spinfilters.errors import InputError
 from spinfilters.models.rotation_steps import (
     FEWEST,
+    IntegrationError,
     RotationIntegrator,
     boole_weights,
     rotation_constants,
@@ -30,6 +32,10 @@ from spinfilters.symbolic import Fold, building
 
 ROTATION = 7
 """Numbers of (q, w)."""
+ALIKE = 8.0
+"""Ratio of turns whose steps are integrated side by side."""
+SMALLEST_TURN = 1e-3
+"""Rad in a step, for which the fewest substeps are enough."""
 
 
 class ManySteps:
@@ -51,13 +57,28 @@ class ManySteps:
 
         Raises
         ------
-        InputError: when a time step is not positive and finite.
+        InputError: when a time step is not positive and finite. Steps beyond the integrator's budget are NaN: a trial that turns
+        so fast is refused by its cost.
         """
         wrong = dt[~(np.isfinite(dt) & (dt > 0))]
         if len(wrong):
             raise InputError(f"time step is {wrong[0]} s; it must be positive and finite")
-        count = self._integrator.first_count(here, float(dt.max())) if len(here) else 0
         points = (here, there, here if about is None else about)
+        n, q = self._layout.error_dim, 12 if "t" in self._layout.blocks else 6
+        shapes = ((len(dt), n), (len(dt), n, n), (len(dt), n, q))
+        defect, transition, noise = (np.full(shape, np.nan) for shape in shapes)
+        for rows in _alike(self._integrator.turns(here, dt)):
+            chosen = (points[0][rows], points[1][rows], points[2][rows])
+            with suppress(IntegrationError):
+                defect[rows], transition[rows], noise[rows] = self._linearised(chosen, dt[rows], densities)
+        return defect, transition, noise
+
+    def _linearised(
+        self, points: tuple[np.ndarray, np.ndarray, np.ndarray], dt: np.ndarray, densities: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """`linearise` with as many substeps for all as the longest turn needs."""
+        here = points[0]
+        count = self._integrator.first_count(here, float(dt.max())) if len(here) else 0
         while True:
             step = (dt[:, None], dt[:, None] / max(count, 1))
             error, defect, transition, noise = self._fold(
@@ -116,6 +137,18 @@ class ManySteps:
         transition[a, :], factor[a, :] = turn @ transition[a, :], turn @ factor[a, :]
         defect = layout.near_local_expression(there, after)  # of a body that is the same at both ends
         return [ca.densify(part) for part in (error, defect, transition.T[:], factor.T[:])]
+
+
+def _alike(turns: Float[np.ndarray, " k"]) -> list[Int[np.ndarray, " r"]]:
+    """Steps by the size of their turns (rad): one long turn among short ones must not make all of them fine.
+
+    Up to `ALIKE` times the median turn all belong together, which is every step of an ordinary recording.
+    """
+    if not len(turns) or not np.isfinite(turns).all():
+        return [np.arange(len(turns))]
+    relative = np.maximum(turns / max(float(np.median(turns)), SMALLEST_TURN), 1.0)
+    size = np.floor(np.log(relative) / np.log(ALIKE)).astype(int)
+    return [np.flatnonzero(size == each) for each in np.unique(size)]
 
 
 def _turn_between(there: Expression, after: Expression) -> Expression:

@@ -20,11 +20,13 @@ from spinfilters.attitude.expressions import Expression, quaternion_rate, rotate
 from spinfilters.dynamics.mass_distribution import inertia
 from spinfilters.errors import InputError
 from spinfilters.models.many_steps import ManySteps
-from spinfilters.models.rotation_steps import RotationIntegrator
+from spinfilters.models.rotation_steps import MAX_SUBSTEPS, RotationIntegrator, substeps
 from spinfilters.state.layout import StateLayout
 
 SMALLEST_SQUARE = 1e-300
 """Added under a square root, so that the drag of a body at rest has a derivative."""
+MOST_SUBSTEPS, USUAL_SUBSTEPS = 1 << 17, 64
+"""Budget of a whole motion: so many substeps are a fifth of a second, of which a start takes up to a hundred passes."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,7 @@ class TorqueFreeProcess:
     def __init__(self, layout: StateLayout, noise: ProcessNoise, tolerance: float = 1e-9) -> None:
         self.layout = layout
         self.noise = noise
+        self._tolerance = tolerance
         self._integrator, self._many = _integrators(layout, tolerance)
 
     def step(self, x: Float[np.ndarray, "*batch m"], dt: float) -> Float[np.ndarray, "*batch m"]:
@@ -116,6 +119,25 @@ class TorqueFreeProcess:
         ``there``.
         """
         return self._many.linearise(here, there, dt, self._densities, about)
+
+    def require_steps(self, time: Float[np.ndarray, " k"], rates: Float[np.ndarray, "k 3"]) -> None:
+        """Raise InputError where a motion with these body rates (rad/s) at these times (s) takes too many substeps to integrate.
+
+        That is a step beyond `MAX_SUBSTEPS`, or more than `MOST_SUBSTEPS` and `USUAL_SUBSTEPS` a step in all.
+        """
+        turns = np.linalg.norm(rates[:-1], axis=1) * np.diff(time)
+        if substeps(float(turns.max(initial=0.0)), self._tolerance) <= USUAL_SUBSTEPS:
+            return  # nearly always, and long recordings have many steps
+        counts = np.array([substeps(turn, self._tolerance) for turn in turns.tolist()])
+        if counts.max(initial=0) <= MAX_SUBSTEPS and counts.sum() <= max(
+            MOST_SUBSTEPS, USUAL_SUBSTEPS * len(counts)
+        ):
+            return
+        k = int(turns.argmax())
+        raise InputError(
+            f"the body turns {turns[k] / (2 * np.pi):.3g} times from t = {time[k]:.9g} s to {time[k + 1]:.9g} s, too far to be "
+            f"followed at process.tolerance {self._tolerance:g}; correct rates and times there, or cut the recording"
+        )
 
     def noise_covariance(self, x: Float[np.ndarray, " m"], dt: float) -> Float[np.ndarray, "n n"]:
         """Q of the multiplicative error gathered over dt seconds, from the stochastic equation, for a motion that starts at x."""

@@ -24,7 +24,7 @@ from spinfilters.attitude.expressions import (
     short_mrp_from_quaternion,
 )
 from spinfilters.dynamics.mass_distribution import inertia
-from spinfilters.errors import InputError
+from spinfilters.errors import InputError, SpinfiltersError
 from spinfilters.state.layout import StateLayout
 from spinfilters.symbolic import Compiled, building
 
@@ -32,7 +32,7 @@ Acceleration = Callable[[Expression, Expression, Expression | None], Expression]
 """w' from the rate, the inertia (3 x 3) and, where the state has it, the drag."""
 
 MAX_SUBSTEPS = 1 << 14
-"""Beyond this, dt |w| is some hundred revolutions per step: the caller is told to use a shorter step."""
+"""Budget of one step, in substeps: forty revolutions at a tolerance of 1e-8. What needs more raises `IntegrationError`."""
 FEWEST = 4
 """Substeps of a step: a panel of Boole's rule."""
 BOOLE_ERROR, NOISE_ERROR = 0.1, 1e-6
@@ -45,6 +45,10 @@ SHARED = {"cse": True}
 """Expressions that occur again are evaluated once, to the same bits."""
 
 
+class IntegrationError(SpinfiltersError, np.linalg.LinAlgError):
+    """A step that the budget of substeps does not resolve: a matrix of it would be wrong, as one that cannot be factorised."""
+
+
 class RotationIntegrator:
     """Steps and linearises a state whose rotation follows ``acceleration``.
 
@@ -53,6 +57,10 @@ class RotationIntegrator:
     layout: blocks of the state; ``s`` and ``d`` are constants that the acceleration may use.
     acceleration: w' in g axes, rad/s^2.
     tolerance: bound on the estimated error of attitude (rad) and rate (relative) of one call.
+
+    Raises
+    ------
+    IntegrationError: by every method that steps, when `MAX_SUBSTEPS` do not meet the tolerance.
     """
 
     def __init__(self, layout: StateLayout, acceleration: Acceleration, tolerance: float) -> None:
@@ -87,7 +95,12 @@ class RotationIntegrator:
                 return after, transition, factor
             count *= 2
 
+    def turns(self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+        """|w| dt of many steps, rad."""
+        return np.linalg.norm(x[:, self._rate], axis=1) * dt
+
     def first_count(self, x: np.ndarray, dt: float) -> int:
+        """Substeps with which the step control starts."""
         if not (np.isfinite(dt) and dt > 0):
             raise InputError(f"time step is {dt} s; it must be positive and finite")
         w = x[..., self._rate]
@@ -95,18 +108,24 @@ class RotationIntegrator:
         turn = float(squared) ** 0.5 * dt
         if not np.isfinite(turn):
             return FEWEST  # no step count helps: the caller sees that the result is not finite
-        angle = (self._tolerance / (STEP_ERROR * max(turn, self._tolerance))) ** 0.25
-        count, noise_angle = (
-            FEWEST,
-            (NOISE_ERROR / BOOLE_ERROR) ** (1 / 6) * max(turn, NOISE_ERROR) ** (1 / 3),
-        )
-        while count * min(angle, noise_angle) < turn and count < MAX_SUBSTEPS:
-            count *= 2
+        count = substeps(turn, self._tolerance)
+        if count > MAX_SUBSTEPS:
+            raise IntegrationError(
+                f"a step of {dt:.6g} s turns the body by {turn:.3g} rad, which {MAX_SUBSTEPS} substeps do not resolve to "
+                f"{self._tolerance:.3g}"
+            )
         return count
 
     def good(self, error: np.ndarray, count: int) -> bool:
+        """Whether the tolerance is met; a result that is not finite is handed on, for the caller to see."""
         worst = float(np.max(error)) if error.size else 0.0
-        return worst <= self._tolerance or not np.isfinite(worst) or count >= MAX_SUBSTEPS
+        if worst <= self._tolerance or not np.isfinite(worst):
+            return True
+        if count >= MAX_SUBSTEPS:
+            raise IntegrationError(
+                f"{count} substeps of a step leave an error of {worst:.3g}, the tolerance is {self._tolerance:.3g}"
+            )
+        return False
 
     @building()
     def _build_step(self, count: int) -> Compiled:
@@ -221,6 +240,16 @@ class RotationIntegrator:
         else:
             entry = entry[:, :6]
         return ca.Function("assemble", [x, dt, psd, moved, noise], [after, transition, entry @ root], SHARED)
+
+
+def substeps(turn: float, tolerance: float) -> int:
+    """Substeps that a turn (rad) in one step is expected to need, a power of two; above `MAX_SUBSTEPS` for what needs more."""
+    angle = (tolerance / (STEP_ERROR * max(turn, tolerance))) ** 0.25
+    noise_angle = (NOISE_ERROR / BOOLE_ERROR) ** (1 / 6) * max(turn, NOISE_ERROR) ** (1 / 3)
+    count = FEWEST
+    while count * min(angle, noise_angle) < turn and count <= MAX_SUBSTEPS:
+        count *= 2
+    return count
 
 
 def rotation_constants(values: dict[str, Expression]) -> Expression:

@@ -138,10 +138,11 @@ def _landmarks(
 
 
 def _believed(problem: Problem, here: Point, used: Bool[np.ndarray, " N"] | None) -> float:
-    """Share of the measurements that count."""
+    """Share of the measurements that count; 0 where there are none."""
     flags = [problem.motion.believed(sensor, here.trajectory) for sensor in problem.motion.sensors]
     flags += [] if used is None else [used]
-    return float(np.concatenate(flags).mean())
+    counts = np.concatenate([np.zeros(0, dtype=bool), *flags])
+    return float(counts.mean()) if len(counts) else 0.0
 
 
 def _is_tied(prepared: Prepared) -> bool:

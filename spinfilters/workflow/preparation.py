@@ -82,6 +82,8 @@ def prepare(dataset: Dataset, settings: Settings) -> Prepared:
     torque_psd = disturbance_psd(log.stream("gyro")) if unknown_gyro else ProcessNoise.torque_psd
     process = TorqueFreeProcess(layout, settings.process.noise(torque_psd), settings.process.tolerance)
     noise, gyro_noise = _noise(dataset, settings), None
+    if "gyro" in log.sensors:
+        process.require_steps(log.stream("gyro").time, log.stream("gyro").values)
     if unknown_gyro:
         gyro_noise = _identify(log, process, noise, settings.start)
         noise = replace(noise, gyro_scale_std=gyro_noise.scale_std)
@@ -135,7 +137,7 @@ def _start_maker(
     log = dataset.log
     if "stereo" not in log.sensors:
         return lambda options: start_from_data(
-            process, timeline, _sensor_evidence(log, timeline, options), options
+            process, timeline, _checked(process, _sensor_evidence(log, timeline, options)), options
         )
     assert dataset.rig is not None
     tracks, calibration = log.stream("stereo"), dataset.rig.calibration
@@ -148,9 +150,8 @@ def _start_maker(
     def make(options: StartOptions) -> StartReport:
         first = _first_tracks(tracks, timeline, options)
         poses = poses_with_map(first, known, calibration, noise.pixel_std)
-        return start_from_data(
-            process, timeline, evidence_from_poses(poses, options.count(timeline)), options
-        )
+        evidence = _checked(process, evidence_from_poses(poses, options.count(timeline)))
+        return start_from_data(process, timeline, evidence, options)
 
     return make
 
@@ -162,6 +163,12 @@ def _sensor_evidence(log: MeasurementLog, timeline: Timeline, options: StartOpti
     return evidence_from_gyro(log.stream("gyro"), frames)
 
 
+def _checked(process: TorqueFreeProcess, evidence: MotionEvidence) -> MotionEvidence:
+    """The evidence of a motion that can be integrated."""
+    process.require_steps(evidence.time, evidence.rates)
+    return evidence
+
+
 def _start_of_tracks(
     process: TorqueFreeProcess,
     timeline: Timeline,
@@ -171,7 +178,7 @@ def _start_of_tracks(
 ) -> StartReport:
     """A start whose landmarks nobody knew: nothing after its last frame is looked at."""
     poses, found = poses_without_map(_first_tracks(tracks, timeline, options), *camera)
-    evidence = evidence_from_poses(poses, options.count(timeline))
+    evidence = _checked(process, evidence_from_poses(poses, options.count(timeline)))
     return start_with_landmarks(process, timeline, evidence, found, options)
 
 

@@ -1,7 +1,5 @@
 """Everything that can be set about a run, read from and written to TOML."""
 
-import math
-import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
@@ -17,6 +15,7 @@ from spinfilters.estimators.start import StartOptions
 from spinfilters.logs.input_file import named, shown
 from spinfilters.logs.settings_files import read_toml
 from spinfilters.models.process import ProcessNoise
+from spinfilters.workflow.setting_ranges import SETTING_RANGES
 from spinfilters.workflow.smoother_settings import SmootherSettings
 
 AUTO = "auto"
@@ -89,10 +88,10 @@ class Settings:
         unknown = [name for name in self.estimators if name not in ESTIMATORS]
         if unknown or not self.estimators:
             raise InputError(
-                f"unknown estimator {', '.join(map(repr, unknown)) or '(none given)'}; choose from {', '.join(ESTIMATORS)}"
+                f"unknown estimator {shown(unknown[0]) if unknown else '(none given)'}; choose from {', '.join(ESTIMATORS)}"
             )
         if len(set(self.estimators)) < len(self.estimators):
-            raise InputError(f"estimators {', '.join(self.estimators)} name one twice; name each once")
+            raise InputError(f"estimators {shown(list(self.estimators))} name one twice; name each once")
 
     @property
     def document(self) -> dict[str, Any]:
@@ -134,7 +133,9 @@ def settings_from(document: Mapping[str, Any], source: str) -> Settings:
         elif key in _TABLES:
             values[key] = _table(_TABLES[key], key, value, source)
         elif key != "provenance":
-            raise InputError(f"{source}: unknown key {key!r}; known are estimators, {', '.join(_TABLES)}")
+            raise InputError(
+                f"{source}: unknown key {shown(key)}; known are estimators, {', '.join(_TABLES)}"
+            )
     try:
         return Settings(**values)
     except InputError as error:
@@ -147,8 +148,8 @@ def _table(kind: type, name: str, value: object, source: str) -> Any:
     known = {item.name: getattr(kind(), item.name) for item in fields(kind)}
     for key, entry in value.items():
         if key not in known:
-            raise InputError(f"{source}: unknown key {name}.{key}; known are {', '.join(known)}")
-        _check_type(f"{source}: {name}.{key}", known[key], entry)
+            raise InputError(f"{source}: unknown key {name}.{shown(key)[1:-1]}; known are {', '.join(known)}")
+        _check(source, f"{name}.{key}", known[key], entry)
     try:
         return kind(
             **{
@@ -160,24 +161,16 @@ def _table(kind: type, name: str, value: object, source: str) -> Any:
         raise InputError(f"{source}: {error}") from None
 
 
-def _check_type(where: str, default: object, value: object) -> None:
-    number = _number(value)
+def _check(where: str, name: str, default: object, value: object) -> None:
+    """Refuse a value that is not of its default's type, or a number out of its range."""
     if isinstance(default, bool):
         good, wanted = isinstance(value, bool), "true or false"
-    elif default == AUTO:
-        good, wanted = number >= 0 or value == AUTO, 'a number of at least 0 or "auto"'
-    elif isinstance(default, int):
-        good, wanted = isinstance(value, int) and not isinstance(value, bool), "a whole number"
-    elif isinstance(default, str):
-        good, wanted = isinstance(value, str), "a name"
+    elif name in SETTING_RANGES:
+        allowed = SETTING_RANGES[name]
+        good, wanted = value in allowed, str(allowed)
+        if default == AUTO:
+            good, wanted = good or value == AUTO, f'"{AUTO}" or {wanted}'
     else:
-        good, wanted = math.isfinite(number), "a finite number"
+        good, wanted = isinstance(value, str), "a name"
     if not good:
-        raise InputError(f"{where} is {shown(value)}; give {wanted}")
-
-
-def _number(value: object) -> float:
-    """The value as a float; NaN for what is no finite number."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return math.nan
-    return float(value) if abs(value) <= sys.float_info.max else math.nan
+        raise InputError(f"{where}: {name} is {shown(value)}; give {wanted}")

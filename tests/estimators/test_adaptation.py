@@ -20,11 +20,14 @@ from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.gain import MeasurementPrediction, apply_gain
 from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf
+from spinfilters.estimators.run import run
 from spinfilters.estimators.timeline import SensorNoise, Timeline, build_timeline
 from spinfilters.evaluation.consistency import chi_square_band, true_states
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.state.gaussian import Gaussian
+from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
+from spinfilters.state.status import Verdict
 
 FRAMES, SEEDS, INTERVAL = 110, 6, 0.5
 CALM, DISTURBED = ProcessNoise(), ProcessNoise(force_psd=4e-6, torque_psd=1e-3)
@@ -128,6 +131,19 @@ def test_a_restored_filter_goes_on_adapting_bit_for_bit(build: Build) -> None:
             _step(second, 0, frame, Stated(4.0, 4.0))
     np.testing.assert_array_equal(first.belief.mean, second.belief.mean)
     np.testing.assert_array_equal(first.belief.factor, second.belief.factor)
+
+
+def test_the_ukf_adapts_to_a_gyro_which_has_fewer_numbers_than_its_sigma_points_have_columns() -> None:
+    process = TorqueFreeProcess(StateLayout(ROTATION_BLOCKS), ProcessNoise())
+    gyro = simulate(Scenario(kind="gyro", frames=40, interval=0.1)).log
+    timeline = build_timeline(gyro, process.layout, SensorNoise(gyro_noise_std=0.002))
+    x = process.layout.origin()
+    x[process.layout.mean_slice("w")] = gyro.streams[0].values[0]
+    ukf = MultiplicativeUkf(process, adaptation=AdaptationOptions(measurement=30))
+    ukf.start(Gaussian(process.layout, x, 0.1 * np.eye(process.layout.error_dim)))
+    history = run(ukf, timeline[0].time, timeline[1:])
+    assert history.status.verdict is Verdict.OK
+    assert np.isfinite(ukf.snapshot()["noise.sensor.gyro"]).all()
 
 
 def test_a_new_start_forgets_what_was_learned() -> None:

@@ -87,6 +87,15 @@ def test_a_likelihood_that_is_not_finite_fails_the_run() -> None:
     assert np.isfinite(history.log_likelihood).all()
 
 
+def test_a_frame_beyond_the_integrator_s_budget_fails_the_run_and_keeps_what_was_before() -> None:
+    frames = rest()
+    late = (*frames[:3], replace(frames[3], time=frames[3].time + 1e6))
+    history = run(ekf(), begin(), late)
+    assert history.status.verdict is Verdict.FAILED
+    assert "could not be integrated to frame 3" in history.status.reasons[0]
+    assert len(history.time) == 3
+
+
 def test_nothing_to_do_is_refused_unless_all_is_done() -> None:
     with pytest.raises(InputError, match="no frame is left"):
         run(ekf(), begin(), ())

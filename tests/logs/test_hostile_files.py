@@ -86,7 +86,23 @@ def test_yaml_that_multiplies_itself_is_refused_quickly(tmp_path: Path) -> None:
     bomb = "a0: &a0 [x, x]\n" + "".join(f"a{k}: &a{k} [*a{k - 1}, *a{k - 1}]\n" for k in range(1, 60))
     keys = "camera_model: pinhole\nresolution: [1, 1]\nT_BS: 1\n"
     written(stereo_folder(tmp_path), {"cam0/sensor.yaml": bomb + keys + "intrinsics: *a59\n"})
-    assert "intrinsics" in message_of(lambda: read_dataset(tmp_path))
+    assert "line 2: refers to another value (*a0)" in message_of(lambda: read_dataset(tmp_path))
+
+
+def test_yaml_whose_keys_merge_without_end_is_refused_quickly(tmp_path: Path) -> None:
+    merges = "a0: &a0 {x0: 1}\n" + "".join(
+        f"a{k}: &a{k}\n  <<: [{', '.join([f'*a{k - 1}'] * 9)}]\n  x{k}: 1\n" for k in range(1, 9)
+    )
+    written(stereo_folder(tmp_path), {"cam0/sensor.yaml": merges})
+    assert "merge key" in message_of(lambda: read_dataset(tmp_path))
+
+
+@pytest.mark.parametrize(
+    "text", ["a: " + "[" * 30_000, "- " * 20_000, "{a: " * 5000, "a: [" + "1, " * 30_000 + "1]"]
+)
+def test_yaml_of_endless_depth_or_length_is_refused_quickly(tmp_path: Path, text: str) -> None:
+    written(stereo_folder(tmp_path), {"cam0/sensor.yaml": text})
+    assert "more than" in message_of(lambda: read_dataset(tmp_path))
 
 
 @pytest.mark.parametrize("text", ["a." * 65 + "b = 1", "[a" + ".a" * 400_000 + "]"])

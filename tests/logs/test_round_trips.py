@@ -197,11 +197,20 @@ def test_all_segments_of_a_data_set_without_segments_are_the_data_set(tmp_path: 
     assert [dataset.kind for dataset in read_segments(stereo_folder(tmp_path))] == ["stereo-tracks"]
 
 
-def test_clipped_gyro_samples_are_found_on_every_axis_and_sign() -> None:
-    rate = np.array(
-        [[34.79, 0.0, 0.0], [34.8, 0.0, 0.0], [0.0, -34.9, 0.0], [20.0, 20.0, 20.0], [0.0, 0.0, 35.0]]
-    )
-    assert saturated(rate).tolist() == [False, True, True, False, True]
+@pytest.mark.parametrize("limit", [4.36, 34.9, 69.8])
+def test_clipped_gyro_samples_are_found_at_any_full_scale(limit: float) -> None:
+    time = np.linspace(0.0, 20.0, 400)
+    rate = np.stack([1.3 * limit * np.sin(time), 0.5 * limit * np.cos(time), 0 * time], axis=1)
+    clipped = np.clip(rate, -limit, limit)
+    assert saturated(clipped).tolist() == (np.abs(rate[:, 0]) >= limit * (1 - 1e-3)).tolist()
+
+
+@pytest.mark.parametrize("samples", [15, 40, 120, 400, 2000])
+@pytest.mark.parametrize("scale", [0.1, 34.8, 40.0])
+def test_a_smooth_spin_is_not_clipped_however_fast_it_is(samples: int, scale: float) -> None:
+    time = np.linspace(0.0, 20.0, samples)
+    rate = scale * np.stack([np.sin(time), np.cos(1.7 * time), 1 + 0 * time], axis=1)
+    assert not saturated(rate).any()
 
 
 @pytest.mark.parametrize("field", ["fx", "fy", "width", "height", "baseline_m"])

@@ -27,6 +27,7 @@ OTHER_NAMES = {
     "kernel": "huber",
     "gate_probability": 0.99,
     "shape": 1.0,
+    "tolerance": 1e-3,
 }
 """Of settings that cannot take one more than their default."""
 

@@ -72,6 +72,8 @@ class Marginals:
         Landmarks must be told.
         """
         assert self.eliminated is not None
+        if not len(landmarks):
+            return np.zeros((0, 3, len(self.root))), np.zeros((0, 3, 3))
         unknowns, e = self.solution.unknowns, self.eliminated
         out = np.swapaxes(e.root[landmarks], 1, 2)
         size = unknowns.frames * len(unknowns.pose)

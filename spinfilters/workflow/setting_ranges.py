@@ -1,0 +1,46 @@
+"""The range of every number in a settings file. Wide: what is merely unwise ends with a status."""
+
+from typing import Final
+
+from spinfilters.logs.dataset_options import STANDARD_DEVIATIONS
+from spinfilters.logs.number_range import NumberRange
+
+_DENSITY = NumberRange(1e-30, 1e12, zero=True)
+_HORIZON = NumberRange(1, 1e9, "updates", zero=True)
+_STD = NumberRange(1e-9, 1e9)
+
+SETTING_RANGES: Final[dict[str, NumberRange]] = {
+    "process.force_psd": _DENSITY,
+    "process.torque_psd": _DENSITY,
+    "process.tolerance": NumberRange(1e-12, 1e-2),
+    "sensors.gyro_noise_std": STANDARD_DEVIATIONS["gyro_noise_std"],
+    "sensors.gyro_scale_std": NumberRange(1e-9, 1e3, zero=True),
+    "sensors.pixel_std": STANDARD_DEVIATIONS["pixel_std"],
+    "sensors.pose_position_std": STANDARD_DEVIATIONS["pose_position_std"],
+    "sensors.pose_rotation_std": STANDARD_DEVIATIONS["pose_rotation_std"],
+    "start.frames": NumberRange(1, 100_000, whole=True),
+    "start.share": NumberRange(1e-6, 1e6),
+    "start.duration": NumberRange(1e-6, 1e11, "s"),
+    "start.iterations": NumberRange(1, 10_000, whole=True),
+    "start.mass_std": _STD,
+    "start.centre_std": _STD,
+    "start.speed_std": _STD,
+    "start.drag_std": _STD,
+    "ukf.alpha": NumberRange(1e-3, 1e3),
+    "ukf.beta": NumberRange(0, 1e6),
+    "ukf.kappa": NumberRange(-10, 1e6),
+    "landmarks.capacity": NumberRange(4, 10_000, whole=True),
+    "landmarks.replaced_per_frame": NumberRange(1, 10_000, whole=True),
+    "robust.gate_probability": NumberRange(1e-15, 1),
+    "robust.width": NumberRange(1e-6, 1e9),
+    "robust.shape": NumberRange(-1e9, 2),
+    "iteration.iterations": NumberRange(1, 1000, whole=True),
+    "iteration.tolerance": NumberRange(1e-15, 1e9),
+    "adaptation.measurement": _HORIZON,
+    "adaptation.process": _HORIZON,
+    "smoother.frames": NumberRange(2, 1_000_000, whole=True),
+    "smoother.revolutions": NumberRange(1e-6, 1e9),
+    "smoother.width": NumberRange(1e-6, 1e9),
+    "smoother.shape": NumberRange(-1e9, 2),
+    "smoother.iterations": NumberRange(1, 1000, whole=True),
+}

@@ -1,0 +1,1 @@
+"""Inputs that nobody should give: malformed and fuzzed files and arguments, through the command line."""

@@ -1,0 +1,40 @@
+"""One hostile input: a valid folder, what is done to it, and the command that is given it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from .changes import Change, unchanged
+
+COMPARE = ("compare", "{in}", "-o", "{out}/run", "--estimators", "mekf")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A hostile input.
+
+    Attributes
+    ----------
+    name: what is wrong, unique among all cases.
+    original: the valid folder that is copied (`originals`).   change: made to the copy.
+    arguments: of the command; ``{in}`` is the copy, which must stay as it is, ``{out}`` a folder to write in.
+    keeps: files below the copy that must stay as they are; None for all.
+    pictures: whether the figures of a run are drawn, which is most of a small run's time.
+    """
+
+    name: str
+    original: str
+    change: Change = unchanged
+    arguments: Sequence[str] = COMPARE
+    keeps: str | None = None
+    pictures: bool = False
+
+    def command(self, place: Path) -> list[str]:
+        """The arguments for a case that was made in ``place``."""
+        folders = {"{in}": str(place / "in"), "{out}": str(place / "out")}
+        words = []
+        for word in self.arguments:
+            for name, folder in folders.items():
+                word = word.replace(name, folder)
+            words.append(word)
+        return words

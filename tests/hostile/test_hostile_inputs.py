@@ -1,0 +1,57 @@
+"""A seeded sample of the hostile inputs; all of them are ``python -m tests.hostile.malformed`` and ``.fuzz``."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from .case import COMPARE, Case
+from .fuzz import fuzzed_cases
+from .malformed import malformed_cases
+from .originals import make_originals
+from .trial import tried
+
+SEED = 10
+MALFORMED, FUZZED = 40, 15
+READ_ONLY = (
+    "stereo/",
+    "gyro/",
+    "pose/",
+    "cam0",
+    "cam1",
+    "arguments",
+    "truth.toml",
+    "dataset.toml: ",
+    "phone/",
+)
+"""Beginnings of the names of cases that are mostly refused when read, within milliseconds."""
+
+
+def sample() -> list[Case]:
+    """Some of those, and some mutations."""
+    quick = [case for case in malformed_cases() if case.name.startswith(READ_ONLY)]
+    chosen = np.random.default_rng(SEED).choice(len(quick), MALFORMED, replace=False)
+    return [*(quick[k] for k in chosen), *fuzzed_cases(FUZZED, SEED)]
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The valid inputs."""
+    folder = tmp_path_factory.mktemp("valid")
+    make_originals(folder)
+    return folder
+
+
+@pytest.mark.parametrize("case", sample(), ids=lambda case: case.name)
+def test_a_hostile_input_ends_in_one_line_or_a_status(case: Case, folders: Path, tmp_path: Path) -> None:
+    assert tried(case, folders, tmp_path).violations == []
+
+
+def test_every_hostile_input_has_its_name() -> None:
+    names = [case.name for case in (*malformed_cases(), *fuzzed_cases(300, 0))]
+    assert len(set(names)) == len(names) >= 900
+
+
+def test_a_violation_is_seen(folders: Path, tmp_path: Path) -> None:
+    case = Case("writes into the input", "gyro", arguments=(*COMPARE[:2], "-o", "{in}/run", *COMPARE[4:]))
+    assert "changed the user's run/summary.json" in tried(case, folders, tmp_path).violations
