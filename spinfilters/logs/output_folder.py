@@ -46,6 +46,8 @@ def output_folder(folder: Path, command: str) -> Iterator[Path]:
         write_json(stage / _NEW / LIST_FILE, {"schema": SCHEMA, "command": command, "files": digests})
         refuse_foreign(folder, command)
         _publish(stage, target)
+    except InputError as error:  # what was to be written is told by the name that it was to have
+        raise InputError(str(error).replace(named(stage / _NEW), named(folder))) from None
     except OSError as error:
         raise InputError(
             f"{named(folder)}: cannot be written ({reason(error)}); choose another folder"
