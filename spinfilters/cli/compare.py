@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from spinfilters.cli.console import progress_bars, wide_console
 from spinfilters.errors import InputError
 from spinfilters.evaluation.comparison import comparison_table
-from spinfilters.logs.dataset import Dataset, read_dataset, read_segments
+from spinfilters.logs.dataset import Dataset, read_dataset
 from spinfilters.logs.input_file import shown
 from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.workflow.checkpointing import keep_in, remove_checkpoints
@@ -24,8 +24,10 @@ from spinfilters.workflow.run_folder import (
     mark_run_folder,
     open_run_folder,
     picture_files,
+    refuse_source_within,
     write_run,
 )
+from spinfilters.workflow.run_lock import locked_run
 from spinfilters.workflow.settings import Settings, read_settings
 
 if TYPE_CHECKING:
@@ -41,12 +43,14 @@ def compare(options: argparse.Namespace) -> int:
     if options.segment == "all" and options.dataset is not None:
         if additions is not None:
             additions.require_one_run()
-        return _compare_segments(read_segments(options.dataset), folder, settings)
+        return _compare_segments(options.dataset, folder, settings)
     dataset = _dataset(options)
+    refuse_source_within(folder, dataset.path)
     open_run_folder(folder)
-    if options.resume and finished_run(folder, dataset, settings) is not None:
-        return _complete(folder, dataset, settings, additions)
-    comparison = _compared(dataset, (folder, bool(options.resume)), settings, additions)
+    with locked_run(folder):
+        if options.resume and finished_run(folder, dataset, settings) is not None:
+            return _complete(folder, dataset, settings, additions)
+        comparison = _compared(dataset, (folder, bool(options.resume)), settings, additions)
     _print_comparison(comparison, folder)
     _print_lacking(folder, additions)
     return 0
@@ -118,10 +122,12 @@ def _additions(options: argparse.Namespace) -> "Additions | None":
     return Additions(options.predict, options.convergence)
 
 
-def _compare_segments(datasets: list[Dataset], folder: Path, settings: Settings) -> int:
+def _compare_segments(recording: str | None, folder: Path, settings: Settings) -> int:
     from spinfilters.cli.segments import compare_segments
 
-    return compare_segments(datasets, folder, settings)
+    if recording is None:
+        raise InputError("--segment all needs a recording; give its folder as DATASET")
+    return compare_segments(recording, folder, settings)
 
 
 def _print_comparison(comparison: Comparison, folder: Path) -> None:

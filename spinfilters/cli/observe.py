@@ -16,12 +16,13 @@ from observability.wording import document, sentences
 from spinfilters.cli.console import wide_console
 from spinfilters.conventions import RPM
 from spinfilters.errors import InputError
-from spinfilters.logs.atomic_write import make_folder, write_json, write_text
+from spinfilters.logs.atomic_write import write_json, write_text
+from spinfilters.logs.output_folder import output_folder, refuse_foreign
 from spinfilters.plots.bounds import observability_figure, study_figure
 from spinfilters.plots.conditioning import conditioning_figure
 from spinfilters.plots.style import save_figure
 
-RESULT_FILE = "observe.json"
+COMMAND, RESULT_FILE = "observe", "observe.json"
 MOST_FRAMES, MOST_LANDMARKS = 5000, 200
 """Beyond these the bound takes minutes and says nothing new."""
 SHORTEST, LONGEST = 1e-6, 1e5
@@ -41,15 +42,15 @@ def observe(options: argparse.Namespace) -> int:
     final = {name: float(values[-1]) for name, values in quantities.items()}
     lines = [_title(case), *sentences(certificate), *_bound_lines(final, options)]
     lines.append(f"Least known: {weak_direction_in_words(bound)}.")
-    make_folder(folder)
-    write_text(folder / "observe.txt", "\n".join(lines) + "\n")
-    save_figure(
-        observability_figure(certificate, flight.time, quantities, _title(case)), folder / "observe.png"
-    )
-    written = {f"{name} [{unit}]": value for (name, unit), value in final.items()}
-    write_json(folder / RESULT_FILE, {"case": _title(case), **document(certificate), "bound": written})
-    if options.study:
-        _study(case, options, folder)
+    with output_folder(folder, COMMAND) as place:
+        write_text(place / "observe.txt", "\n".join(lines) + "\n")
+        save_figure(
+            observability_figure(certificate, flight.time, quantities, _title(case)), place / "observe.png"
+        )
+        written = {f"{name} [{unit}]": value for (name, unit), value in final.items()}
+        write_json(place / RESULT_FILE, {"case": _title(case), **document(certificate), "bound": written})
+        if options.study:
+            _study(case, options, place)
     wide_console().print("\n".join([*lines, f"written to {folder}"]), highlight=False, soft_wrap=True)
     return 0
 
@@ -103,8 +104,7 @@ def _refuse(options: argparse.Namespace, folder: Path) -> None:
         )
     if options.landmarks > MOST_LANDMARKS:
         raise InputError(f"--landmarks {options.landmarks}; give at most {MOST_LANDMARKS}, more add no rank")
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / RESULT_FILE).is_file():
-        raise InputError(f"{folder}: is not empty and no result of observe; choose another folder with -o")
+    refuse_foreign(folder, COMMAND)
 
 
 def _title(case: Case) -> str:

@@ -6,13 +6,14 @@ from pathlib import Path
 from spinfilters.cli.console import wide_console
 from spinfilters.errors import InputError
 from spinfilters.evaluation.rates import true_rates
-from spinfilters.logs.dataset import DATASET_FILE
 from spinfilters.logs.dataset_writing import write_dataset
+from spinfilters.logs.output_folder import output_folder, refuse_foreign
 from spinfilters.plots.rates import rates_figure
 from spinfilters.plots.style import save_figure
 from spinfilters.simulation.scenario import Scenario
 from spinfilters.simulation.scenario import simulate as simulate_scenario
 
+COMMAND = "simulate"
 MOST_TURNS = 100
 
 
@@ -28,11 +29,12 @@ def simulate(options: argparse.Namespace) -> int:
         principal_moments=tuple(options.moments),
     )
     folder = Path(options.output)
-    _refuse_foreign(folder)
+    refuse_foreign(folder, COMMAND)
     dataset = simulate_scenario(scenario)
-    write_dataset(dataset, folder)
     assert dataset.truth is not None
-    save_figure(rates_figure([true_rates(dataset.truth)]), folder / "truth.png")
+    with output_folder(folder, COMMAND) as place:
+        write_dataset(dataset, place)
+        save_figure(rates_figure([true_rates(dataset.truth)]), place / "truth.png")
     count = len(dataset.log.streams[0])
     wide_console().print(
         f"{dataset.description}: {count} measurements in {folder}", highlight=False, soft_wrap=True
@@ -48,8 +50,3 @@ def _refuse_blur(options: argparse.Namespace) -> None:
             f"--rate-rpm {' '.join(map(str, options.rate_rpm))} at --interval {options.interval} s is {turns:.3g} turns "
             f"from frame to frame; give less than {MOST_TURNS}"
         )
-
-
-def _refuse_foreign(folder: Path) -> None:
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / DATASET_FILE).is_file():
-        raise InputError(f"{folder}: is not empty and no data set; choose another folder with -o")

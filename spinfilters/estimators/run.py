@@ -5,10 +5,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from spinfilters.errors import InputError
+from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.estimator import Estimator, UpdateReport
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
 from spinfilters.estimators.timeline import Frame, Timeline
+from spinfilters.logs.input_file import reason
 from spinfilters.models.rotation_steps import IntegrationError
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.status import EstimatorStatus
@@ -27,7 +28,8 @@ def run(
 ) -> EstimateHistory:
     """Take an estimator, started or restored at ``time`` (s), through a timeline that begins then or later.
 
-    A belief or likelihood that stops being finite ends the run with the status ``failed``; Ctrl-C ends it as ``degraded``.
+    A belief or likelihood that stops being finite, or numbers that a library cannot go on with (`NUMERICAL_ERRORS`), end the run
+    with the status ``failed``; Ctrl-C ends it as ``degraded``.
     Either way what was estimated up to there is returned.
 
     Parameters
@@ -58,6 +60,8 @@ def run(
         status = status.failed(f"the motion could not be integrated to frame {len(rows)}: {error}")
     except np.linalg.LinAlgError as error:
         status = status.failed(f"the covariance could not be factorised at frame {len(rows)} ({error})")
+    except NUMERICAL_ERRORS as error:
+        status = status.failed(f"frame {len(rows)} could not be computed ({reason(error)})")
     except KeyboardInterrupt:
         status = status.degraded(f"interrupted after {len(rows)} of {total} frames")
     return rows.ended(estimator.name, status)

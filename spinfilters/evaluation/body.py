@@ -118,13 +118,13 @@ def body_estimate(belief: Gaussian) -> BodyEstimate:
 
 
 def body_history(history: EstimateHistory) -> BodyHistory:
-    """The body after every frame of a history whose layout has block s."""
+    """The body after every frame of a history whose layout has block s; not a number where the history is not finite."""
     return _bodies(history.layout, history.time, history.mean, history.factor)
 
 
 def _bodies(layout: StateLayout, time: np.ndarray, mean: np.ndarray, factor: np.ndarray) -> BodyHistory:
     J, derivative = _inertia(layout)(mean)
-    moments, vectors = np.linalg.eigh(J.reshape(-1, 3, 3))
+    moments, vectors = _principal(J.reshape(-1, 3, 3))
     vectors = _right_handed(vectors)
     turned = np.einsum("nai,nabe,nbj->nije", vectors, derivative.reshape(len(mean), 3, 3, -1), vectors)
     slopes = np.einsum("niie->nie", turned) / moments[..., np.newaxis]
@@ -147,6 +147,14 @@ def _bodies(layout: StateLayout, time: np.ndarray, mean: np.ndarray, factor: np.
         drag=None if drag is None else drag[:, 0],
         drag_std=None if drag_std is None else drag_std[:, 0],
     )
+
+
+def _principal(J: Float[np.ndarray, "n 3 3"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 3"]]:
+    """Principal moments and axes (columns), not a number where J is not finite."""
+    good = np.asarray(np.isfinite(J).all(axis=(1, 2)))
+    moments, vectors = np.linalg.eigh(np.where(good[:, np.newaxis, np.newaxis], J, np.eye(3)))
+    moments[~good], vectors[~good] = np.nan, np.nan
+    return moments, vectors
 
 
 def _axis_turns(moments: np.ndarray, turned: np.ndarray) -> Float[np.ndarray, "n 3 e"]:

@@ -89,6 +89,8 @@ def true_states(truth: Truth, layout: StateLayout) -> Float[np.ndarray, "n m"]:
 def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedErrors:
     """NEES of a history at its common stamps with a truth in the same frames i and g (`truth_in_first_frame`, if need be).
 
+    Frames whose mean or factor is not finite are left out.
+
     The tangent is taken at the estimate. Where the pose of g at the first frame is exact by definition, the error and the NEES
     of blocks t and a vanish there, and the whole state has six degrees of freedom less in that one frame.
 
@@ -98,6 +100,8 @@ def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedError
     """
     layout = history.layout
     rows, true_rows = common_stamps(history.time, truth.time)
+    finite = finite_frames(history)[rows]
+    rows, true_rows = rows[finite], true_rows[finite]
     error = layout.local(history.mean[rows], true_states(truth, layout)[true_rows])
     factor = history.factor[rows]
     blocks = {
@@ -119,6 +123,11 @@ def normalised_square(
     whitened = np.linalg.solve(np.swapaxes(upper[regular], 1, 2), error[regular][..., np.newaxis])[..., 0]
     result[regular] = np.square(whitened).sum(axis=1)
     return result
+
+
+def finite_frames(history: EstimateHistory) -> Bool[np.ndarray, " n"]:
+    """In which frames of a history mean and factor are finite."""
+    return np.asarray(np.isfinite(history.mean).all(axis=1) & np.isfinite(history.factor).all(axis=(1, 2)))
 
 
 def nis_ratio(history: EstimateHistory) -> float | None:

@@ -124,7 +124,8 @@ def tells_first_frame(history: EstimateHistory, truth: Truth) -> bool:
     if "t" not in layout.blocks or truth.center_of_mass_g is None:
         return False
     doubt = max(np.linalg.norm(history.factor[0, layout.slice(b)], axis=1).max() for b in "ta")
-    return bool(doubt <= DEFINED_STD and np.abs(truth.time - history.time[0]).min() <= TIME_TOLERANCE)
+    told = doubt <= DEFINED_STD and np.isfinite(history.mean[0]).all()
+    return bool(told and np.abs(truth.time - history.time[0]).min() <= TIME_TOLERANCE)
 
 
 def truth_in_first_frame(history: EstimateHistory, truth: Truth) -> Truth:
@@ -157,15 +158,15 @@ def truth_in_first_frame(history: EstimateHistory, truth: Truth) -> Truth:
 
 
 def truth_errors(trajectory: Trajectory, truth: Truth, alignment: Alignment = Alignment.NONE) -> TruthErrors:
-    """Errors of a trajectory at its common time stamps with the truth; nothing is interpolated.
+    """Errors of a trajectory at its common time stamps with the truth, where it is finite; nothing is interpolated.
 
     `Alignment.FIRST_FRAME` takes the first common stamp for the frame that defines g (see `tells_first_frame`).
 
     Raises
     ------
-    InputError: when no two stamps agree within `TIME_TOLERANCE`.
+    InputError: when no two stamps agree within `TIME_TOLERANCE`, or the trajectory is finite at none of them.
     """
-    rows, true_rows = common_stamps(trajectory.time, truth.time)
+    rows, true_rows = _finite_stamps(trajectory, truth)
     q, q_true = trajectory.q_ig[rows], truth.q_ig[true_rows]
     frame = _turn_of_frame(q, q_true, alignment)
     q_expected = q_true if frame is None else multiply(q_true, frame)
@@ -182,6 +183,16 @@ def truth_errors(trajectory: Trajectory, truth: Truth, alignment: Alignment = Al
         rate=trajectory.rate_i[rows] - truth.rate_i[true_rows],
         frame=frame,
     )
+
+
+def _finite_stamps(
+    trajectory: Trajectory, truth: Truth
+) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+    rows, true_rows = common_stamps(trajectory.time, truth.time)
+    finite = trajectory.is_finite[rows]
+    if not finite.any():
+        raise InputError("the estimate is finite at no time stamp of the truth; it has no errors")
+    return rows[finite], true_rows[finite]
 
 
 def _turn_of_frame(q: np.ndarray, q_true: np.ndarray, alignment: Alignment) -> Float[np.ndarray, "4"] | None:
@@ -251,6 +262,8 @@ def _axes_angle(body: BodyEstimate, truth: Truth, frame: np.ndarray | None) -> F
         return None
     axes = truth.principal_axes_g[np.argsort(truth.principal_moments)]
     estimated = body.principal_axes_g
+    if not np.isfinite(estimated).all():
+        return None
     if frame is not None:
         estimated = rotate(frame, estimated)
     sine = np.linalg.norm(np.cross(estimated, axes), axis=1)

@@ -5,11 +5,17 @@ from typing import Any
 
 import numpy as np
 
-from spinfilters.errors import InputError
+from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.body import BodyEstimate, BodyHistory, body_history
 from spinfilters.evaluation.bound import ErrorBound
-from spinfilters.evaluation.consistency import NormalisedErrors, knows_state, nis_ratio, normalised_errors
+from spinfilters.evaluation.consistency import (
+    NormalisedErrors,
+    finite_frames,
+    knows_state,
+    nis_ratio,
+    normalised_errors,
+)
 from spinfilters.evaluation.errors import (
     Alignment,
     BodyErrors,
@@ -21,7 +27,9 @@ from spinfilters.evaluation.errors import (
     truth_in_first_frame,
 )
 from spinfilters.evaluation.trajectory import Trajectory, trajectory_of
+from spinfilters.logs.input_file import reason
 from spinfilters.logs.truth import Truth
+from spinfilters.state.status import Verdict
 
 
 @dataclass(frozen=True)
@@ -73,6 +81,9 @@ def evaluate(
 ) -> Evaluation:
     """Trajectory and body of a history, and their errors where there is a truth.
 
+    A history that is not finite throughout, or whose numbers cannot be evaluated, is ``failed``: its errors are those of the frames
+    that are finite, and it has none where no frame is.
+
     Parameters
     ----------
     alignment: how the g of the estimate relates to that of the truth; `Alignment.FIRST_FRAME` becomes `Alignment.BODY_FRAME`
@@ -86,12 +97,51 @@ def evaluate(
         raise InputError(
             f"{history.name} left no frame to evaluate: {'; '.join(history.status.reasons) or 'no reason'}"
         )
-    evaluation = Evaluation(history, trajectory_of(history), body_history(history))
-    if truth is None:
-        return evaluation
-    if alignment is Alignment.FIRST_FRAME and not tells_first_frame(history, truth):
-        alignment = Alignment.BODY_FRAME
-    return _compared(evaluation, truth, alignment)
+    with np.errstate(all="ignore"):  # what comes out is looked at, and told in the status
+        evaluation = _described(_with_status(history))
+        if truth is None:
+            return evaluation
+        if alignment is Alignment.FIRST_FRAME and not tells_first_frame(history, truth):
+            alignment = Alignment.BODY_FRAME
+        try:
+            return _compared(evaluation, truth, alignment)
+        except NUMERICAL_ERRORS as error:
+            return _failed(evaluation, f"its errors could not be computed ({reason(error)})")
+        except InputError:
+            if evaluation.history.status.verdict is Verdict.FAILED:
+                return evaluation
+            raise
+
+
+def _with_status(history: EstimateHistory) -> EstimateHistory:
+    """The history, ``failed`` where a frame is not finite."""
+    bad = np.flatnonzero(~finite_frames(history))
+    if not len(bad) or history.status.verdict is Verdict.FAILED:
+        return history
+    why = f"{len(bad)} of {len(history.time)} frames are not finite, first t = {history.time[bad[0]]:.3f} s"
+    return replace(history, status=history.status.failed(why))
+
+
+def _described(history: EstimateHistory) -> Evaluation:
+    """Without a truth; of a history whose numbers cannot be evaluated nothing remains but its frames."""
+    try:
+        evaluation = Evaluation(history, trajectory_of(history), body_history(history))
+        finite = evaluation.trajectory.is_finite.all() or history.status.verdict is Verdict.FAILED
+        return (
+            evaluation
+            if finite
+            else _failed(evaluation, "the motion that follows from the estimate is not finite")
+        )
+    except NUMERICAL_ERRORS as error:
+        status = history.status.failed(f"the estimate could not be evaluated ({reason(error)})")
+        mean, factor = np.full_like(history.mean, np.nan), np.full_like(history.factor, np.nan)
+        lost = replace(history, mean=mean, factor=factor, status=status)
+        return Evaluation(lost, trajectory_of(lost), body_history(lost))
+
+
+def _failed(evaluation: Evaluation, why: str) -> Evaluation:
+    history = evaluation.history
+    return replace(evaluation, history=replace(history, status=history.status.failed(why)))
 
 
 def _compared(evaluation: Evaluation, truth: Truth, alignment: Alignment) -> Evaluation:
@@ -99,7 +149,7 @@ def _compared(evaluation: Evaluation, truth: Truth, alignment: Alignment) -> Eva
     errors = truth_errors(evaluation.trajectory, truth, alignment)
     common = truth_in_first_frame(history, truth) if alignment is Alignment.FIRST_FRAME else truth
     frame = errors.frame if alignment is Alignment.BODY_FRAME else None
-    known = frame is None and knows_state(common, history.layout)
+    known = frame is None and knows_state(common, history.layout) and bool(finite_frames(history).any())
     return replace(
         evaluation,
         alignment=alignment,

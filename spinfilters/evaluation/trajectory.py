@@ -1,13 +1,13 @@
 """The estimated motion in inertial axes with its uncertainty, and the files that hold it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Final
 
 import casadi as ca
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from spinfilters.attitude.expressions import Expression, rotate
 from spinfilters.errors import InputError, ShapeError
@@ -15,8 +15,8 @@ from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.derived import with_error_jacobian
 from spinfilters.logs.atomic_write import write_bytes
 from spinfilters.logs.input_file import MAX_TABLE_BYTES, named, require_file
-from spinfilters.logs.measurement_log import MeasurementStream, normalised
-from spinfilters.logs.pose_files import write_tum
+from spinfilters.logs.measurement_log import normalised
+from spinfilters.logs.pose_files import write_tum_rows
 from spinfilters.logs.table_files import write_csv
 from spinfilters.logs.truth import TRUTH_COLUMNS
 from spinfilters.state.layout import StateLayout
@@ -54,6 +54,17 @@ class Trajectory:
     std_rate: Float[np.ndarray, "n 3"]
     sees_position: bool
 
+    @property
+    def is_finite(self) -> Bool[np.ndarray, " n"]:
+        """In which frames the motion, whatever its uncertainty, is finite."""
+        motion = np.hstack([self.position, self.q_ig, self.velocity, self.rate_i])
+        return np.asarray(np.isfinite(motion).all(axis=1))
+
+    def at(self, rows: Int[np.ndarray, " k"]) -> "Trajectory":
+        """Some of its frames."""
+        arrays = {name: values[rows] for name, values in vars(self).items() if isinstance(values, np.ndarray)}
+        return replace(self, **arrays)
+
 
 def trajectory_of(history: EstimateHistory) -> Trajectory:
     """Motion of a history: r = t + R c and rate R w, their covariances with all cross terms of the state."""
@@ -85,10 +96,11 @@ def write_trajectory_csv(path: Path, trajectory: Trajectory) -> None:
 def write_trajectory_tum(path: Path, trajectory: Trajectory) -> None:
     """Write `time, position of the centre of mass in i, q_ig` in the TUM format, for evo say. Atomic.
 
+    Frames that are not finite are left out: no reader of the format takes them. The file is a line of comment where none is.
     Mind that `poses.tum` of a data set holds the origin of g instead of the centre of mass.
     """
-    values = np.hstack([trajectory.position, trajectory.q_ig])
-    write_tum(path, MeasurementStream("pose", trajectory.time, values))
+    rows = np.column_stack([trajectory.time, trajectory.position, trajectory.q_ig])
+    write_tum_rows(path, rows[trajectory.is_finite])
 
 
 def write_map_ply(path: Path, points: Float[np.ndarray, "k 3"]) -> None:

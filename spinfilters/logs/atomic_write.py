@@ -1,6 +1,7 @@
 """A file that appears complete or not at all: every writer of the project goes through here."""
 
 import json
+import math
 import os
 import secrets
 from collections.abc import Iterator
@@ -55,19 +56,28 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, document: object) -> None:
-    """Write a document of dicts, lists, strings, finite numbers and None as indented JSON, atomically.
+    """Write a document of dicts, lists, strings, numbers and None as indented JSON, atomically; `null` for what is not finite.
 
     Raises
     ------
-    InputError: as `atomic_file`, or a document that JSON cannot hold (NaN, infinity, an array).
+    InputError: as `atomic_file`, or a document that JSON cannot hold (an array).
     """
     try:
-        text = json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False)
+        text = json.dumps(_with_null(document), indent=2, allow_nan=False, ensure_ascii=False)
     except (TypeError, ValueError) as error:
         raise InputError(
-            f"{named(path)}: JSON cannot hold this ({reason(error)}); pass finite Python numbers"
+            f"{named(path)}: JSON cannot hold this ({reason(error)}); pass plain Python values"
         ) from None
     write_text(path, text + "\n")
+
+
+def _with_null(document: object) -> object:
+    """The document with None for every number that is not finite."""
+    if isinstance(document, dict):
+        return {key: _with_null(value) for key, value in document.items()}
+    if isinstance(document, list | tuple):
+        return [_with_null(value) for value in document]
+    return None if isinstance(document, float) and not math.isfinite(document) else document
 
 
 def write_toml(path: Path, document: dict[str, Any]) -> None:

@@ -17,7 +17,7 @@ from spinfilters.logs.dataset_options import DatasetOptions, options_from_toml
 from spinfilters.logs.gyro_files import PHYPHOX_TABLE, Segment, read_gyro_csv, write_gyro_csv
 from spinfilters.logs.input_file import named, printable, require_file, require_folder, shown
 from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.logs.phyphox_trials import phyphox_trial, phyphox_trials
+from spinfilters.logs.phyphox_trials import OnRefused, phyphox_trial, phyphox_trials
 from spinfilters.logs.pose_files import read_tum, write_tum
 from spinfilters.logs.settings_files import read_toml
 from spinfilters.logs.track_files import KnownMap, read_landmarks, read_tracks, write_tracks
@@ -106,12 +106,18 @@ def read_dataset(path: str | os.PathLike[str], segment: int | None = None) -> Da
     return _read_folder(Path(path)) if os.path.isdir(path) else _read_file(Path(path))
 
 
-def read_segments(path: str | os.PathLike[str]) -> list[Dataset]:
-    """Every kept segment of a phyphox folder; of any other path its one data set. Errors: `read_dataset`."""
+def read_segments(path: str | os.PathLike[str], on_refused: OnRefused | None = None) -> list[Dataset]:
+    """Every kept segment of a phyphox folder; of any other path its one data set. Errors: `read_dataset`.
+
+    Parameters
+    ----------
+    on_refused: called with the number of a segment that is no trial, and why, instead of raising InputError for it.
+    """
     folder = _phyphox_folder(Path(path))
     if folder is None:
         return [read_dataset(path)]
-    return [_gyro_dataset(folder, stream, segment) for stream, segment in phyphox_trials(folder)]
+    trials = phyphox_trials(folder, on_refused)
+    return [_gyro_dataset(folder, stream, segment) for stream, segment in trials]
 
 
 def _phyphox_folder(path: Path) -> Path | None:

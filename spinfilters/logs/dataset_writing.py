@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from typing import Final
 
 from spinfilters.errors import InputError
 from spinfilters.logs.atomic_write import make_folder, write_toml
@@ -12,6 +13,13 @@ from spinfilters.logs.gyro_files import PHYPHOX_TABLE
 from spinfilters.logs.input_file import named, reason
 from spinfilters.logs.track_files import write_landmarks
 from spinfilters.logs.truth import TRUTH_BODY, TRUTH_TABLE, write_truth
+
+DATASET_FILES: Final[tuple[str, ...]] = (
+    *(name for file in SENSOR_FILES.values() for name in (file.name, file.covariance)),
+    *(str(file) for file in RIG_FILES),
+    *(TRUTH_TABLE, TRUTH_BODY, LANDMARK_FILE, DATASET_FILE),
+)
+"""Every file that `write_dataset` may write, relative to the folder."""
 
 
 def write_dataset(dataset: Dataset, folder: Path) -> None:
@@ -48,9 +56,7 @@ def write_dataset(dataset: Dataset, folder: Path) -> None:
 
 
 def _refuse_leftovers(dataset: Dataset, folder: Path) -> None:
-    tables = [name for file in SENSOR_FILES.values() for name in (file.name, file.covariance)]
-    rig = [str(file) for file in RIG_FILES]
-    for name in (*tables, *rig, TRUTH_TABLE, TRUTH_BODY, LANDMARK_FILE, PHYPHOX_TABLE):
+    for name in (*DATASET_FILES, PHYPHOX_TABLE):
         if name not in _written(dataset) and os.path.lexists(folder / name):
             raise InputError(
                 f"{named(folder / name)}: is not of the data set to be written; "
@@ -59,7 +65,7 @@ def _refuse_leftovers(dataset: Dataset, folder: Path) -> None:
 
 
 def _written(dataset: Dataset) -> set[str]:
-    names = {SENSOR_FILES[sensor].name for sensor in dataset.log.sensors}
+    names = {DATASET_FILE, *(SENSOR_FILES[sensor].name for sensor in dataset.log.sensors)}
     names |= {SENSOR_FILES[s.sensor].covariance for s in dataset.log.streams if s.covariance is not None}
     if dataset.rig is not None:
         names |= {str(file) for file in RIG_FILES}

@@ -1,5 +1,6 @@
 """The trials in a phyphox recording: its kept segments as gyro streams."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 from spinfilters.errors import InputError
@@ -10,6 +11,8 @@ from spinfilters.logs.time_stamps import require_two_frames
 
 Trial = tuple[MeasurementStream, Segment | None]
 """Gyro measurements, and the segment they are: None for a recording in which none is marked."""
+OnRefused = Callable[[int, str], None]
+"""Called with the number of a segment that cannot be used, and why."""
 _MOST_DESCRIBED = 8  # segments that an error describes; of more it gives the numbers only
 
 
@@ -37,11 +40,26 @@ def phyphox_trial(folder: Path, number: int | None) -> Trial:
     return _trial(folder, recording, chosen[0])
 
 
-def phyphox_trials(folder: Path) -> list[Trial]:
-    """Every kept segment, or the whole recording where none is marked. InputError: as `phyphox_trial`."""
+def phyphox_trials(folder: Path, on_refused: OnRefused | None = None) -> list[Trial]:
+    """Every kept segment, or the whole recording where none is marked. InputError: as `phyphox_trial`.
+
+    Parameters
+    ----------
+    on_refused: called with the number of a kept segment that is no trial, and why, instead of raising InputError for it.
+    """
     recording = read_phyphox(folder)
     kept = _kept(recording)
-    return [_trial(folder, recording, segment) for segment in kept] or [_only_trial(folder, recording)]
+    if not kept:
+        return [_only_trial(folder, recording)]
+    trials: list[Trial] = []
+    for segment in kept:
+        try:
+            trials.append(_trial(folder, recording, segment))
+        except InputError as error:
+            if on_refused is None:
+                raise
+            on_refused(segment.number, str(error))
+    return trials
 
 
 def _only_trial(folder: Path, recording: PhyphoxRecording) -> Trial:

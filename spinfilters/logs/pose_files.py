@@ -33,7 +33,11 @@ def read_tum(path: Path) -> MeasurementStream:
 
 def write_tum(path: Path, stream: MeasurementStream) -> None:
     """Write a pose stream with at least 9 decimals and as many as give the same bits when read. Atomic."""
-    rows = np.column_stack([stream.time, stream.values])
+    write_tum_rows(path, np.column_stack([stream.time, stream.values]))
+
+
+def write_tum_rows(path: Path, rows: Float[np.ndarray, "n 8"]) -> None:
+    """Write rows of `TUM_COLUMNS`, which may be none, as `write_tum` does."""
     with atomic_file(path) as file:
         file.write(f"# {' '.join(TUM_COLUMNS)}\n".encode())
         file.writelines((" ".join(map(_decimal, row)) + "\n").encode() for row in rows)

@@ -49,16 +49,19 @@ def _nees_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[Estim
     for evaluation, line in zip(evaluations, lines, strict=True):
         if evaluation.nees is not None:
             dof = evaluation.nees.dof
-            total = np.where(np.isfinite(evaluation.nees.total), evaluation.nees.total, np.nan)
+            held = np.isfinite(evaluation.nees.total)
+            total = np.where(held, evaluation.nees.total, np.nan)
             line.draw(axes, evaluation.nees.time, total / dof)
-            means.append(f"{evaluation.name.upper()} {np.nanmean(total) / dof:.2f}")
+            means += [f"{evaluation.name.upper()} {np.mean(total[held]) / dof:.2f}"] if held.any() else []
     low, high = chi_square_band(dof, 1)
     axes.axhspan(float(low) / dof, float(high) / dof, color=GREEN, alpha=0.2, linewidth=0, zorder=0)
     axes.axhline(1.0, color=GREY, linewidth=0.8)
     axes.set_ylim(bottom=0.0)
     axes.set_ylabel("NEES / dof  [-]")
     axes.set_title(
-        f"error of the whole state, {dof} dof; mean {', '.join(means)}", loc="left", fontsize="medium"
+        f"error of the whole state, {dof} dof; mean {', '.join(means) or 'not finite'}",
+        loc="left",
+        fontsize="medium",
     )
 
 

@@ -78,6 +78,7 @@ def _panel(axes: Axes, time: np.ndarray, row: _Row, axis: int, line: EstimatorLi
 def _inside(rows: list[_Row]) -> str:
     """Share of errors within the bands, in words; empty where no error is known."""
     pairs = [(np.abs(row.values), SIGMAS * row.std) for row in rows if row.about_zero and row.values.any()]
+    pairs = [(value[held], band[held]) for value, band in pairs if (held := np.isfinite(band)).any()]
     if len(pairs) < len(rows):
         return ""
     return f", {np.mean([np.mean(value <= band) for value, band in pairs]):.1%} inside (99.7% expected)"

@@ -16,6 +16,7 @@ from spinfilters.plots.style import (
     SIGMAS,
     EstimatorLine,
     estimator_lines,
+    finite_quantile,
     legend_below,
     mark_start,
     plot_truth,
@@ -64,17 +65,19 @@ def _ratio(axes: Axes, bodies: BodyHistory, index: int, line: EstimatorLine) -> 
 
 def _limits(axes: Axes, histories: Sequence[BodyHistory], index: int) -> None:
     """All but the widest tenth of the bands, and no ratio beyond 0 and 1, where no body is."""
-    low = min(float(_quantile(b, index, -SIGMAS, 0.1)) for b in histories)
-    high = max(float(_quantile(b, index, SIGMAS, 0.9)) for b in histories)
-    truths = [float(v) for line in axes.lines for v in np.asarray(line.get_ydata())]
-    low, high = min([low, *truths]), max([high, *truths])
+    low = min(_quantile(b, index, -SIGMAS, 0.1, 1.0) for b in histories)
+    high = max(_quantile(b, index, SIGMAS, 0.9, 0.0) for b in histories)
+    drawn = np.concatenate([np.zeros(0), *(np.asarray(line.get_ydata(), dtype=float) for line in axes.lines)])
+    low, high = min(low, finite_quantile(drawn, 0.0, low)), max(high, finite_quantile(drawn, 1.0, high))
+    if not low < high:
+        low, high = 0.0, 1.0
     margin = 0.1 * (high - low)
     axes.set_ylim(max(low - margin, 0.0), min(high + margin, 1.02))
 
 
-def _quantile(bodies: BodyHistory, index: int, sigmas: float, share: float) -> np.floating:
+def _quantile(bodies: BodyHistory, index: int, sigmas: float, share: float, otherwise: float) -> float:
     edge = bodies.principal_moments[:, index] + sigmas * bodies.principal_moments_std[:, index]
-    return np.quantile(edge, share)
+    return finite_quantile(edge, share, otherwise)
 
 
 def _ending(evaluation: Evaluation) -> str:

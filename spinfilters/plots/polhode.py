@@ -9,19 +9,25 @@ from spinfilters.dynamics.polhode import polhode
 from spinfilters.evaluation.body import BodyEstimate
 from spinfilters.evaluation.rates import BodyRates
 from spinfilters.plots.space import draw_ellipsoid, draw_wires, equal_scales, space_figure
-from spinfilters.plots.style import BLACK, BLUE, PRINCIPAL_NAMES, RED, legend_below
+from spinfilters.plots.style import BLACK, BLUE, PRINCIPAL_NAMES, RED, legend_below, note_figure
 
 
 def estimated_polhode_figure(rates: BodyRates, body: BodyEstimate) -> Figure:
-    """Estimated rates (axes g) in principal axes, with ellipsoids and polhode of the last rate."""
+    """Estimated rates (axes g) in principal axes, with ellipsoids and polhode of the last rate; a note where that is not finite."""
     path = np.rad2deg(rates.in_axes(body.principal_axes_g).rate)
+    if not np.isfinite(path[-1]).all():
+        return note_figure(
+            f"{rates.label.upper()}: no polhode, the rate or the inertia at the end is not finite"
+        )
+    held = np.isfinite(path).all(axis=1)
+    path, time = path[held], rates.time[held]
     curve = polhode(body.principal_moments, path[-1])
     figure, axes = space_figure(8.6, 6.8)
     draw_ellipsoid(axes, curve.energy_semi_axes, BLUE)
     draw_wires(axes, curve.momentum_semi_axes, RED)
     for branch in curve.curves:
         axes.plot(*branch.T, color=BLACK, linewidth=1.6, zorder=3)
-    dots = axes.scatter(*path.T, c=rates.time, cmap="cividis", s=18, depthshade=False, zorder=5)
+    dots = axes.scatter(*path.T, c=time, cmap="cividis", s=18, depthshade=False, zorder=5)
     figure.colorbar(dots, ax=axes, shrink=0.6, pad=0.12, label="estimated rate at time [s]")
     extent = np.maximum(curve.energy_semi_axes, curve.momentum_semi_axes)
     equal_scales(axes, np.stack([-extent, extent]), zoom=1.0)

@@ -78,4 +78,7 @@ def _reference_handle(rates: BodyRates) -> Line2D:
 
 def _speed(rates: BodyRates) -> str:
     speed = np.linalg.norm(rates.rate, axis=1) * 30.0 / np.pi
+    speed = speed[np.isfinite(speed)]
+    if not speed.size:
+        return "not finite"
     return f"{np.median(speed):.3g} rpm, between {speed.min():.3g} and {speed.max():.3g} rpm"

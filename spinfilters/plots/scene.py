@@ -12,7 +12,7 @@ from spinfilters.evaluation.body import BodyEstimate
 from spinfilters.evaluation.trajectory import Trajectory
 from spinfilters.logs.camera import StereoRig
 from spinfilters.plots.space import equal_scales, frustum_edges, space_figure
-from spinfilters.plots.style import AXIS_COLOURS, BLACK, GREY, PRINCIPAL_NAMES, SKY, legend_below
+from spinfilters.plots.style import AXIS_COLOURS, BLACK, GREY, PRINCIPAL_NAMES, SKY, legend_below, note_figure
 
 _TO_VIEW = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 """Inertial axes (x right, y down, z forward) to axes of a figure whose third axis points up."""
@@ -29,12 +29,21 @@ def scene_figure(
 ) -> Figure:
     """Path of the centre of mass, the principal axes at ``epochs`` times, the landmarks at the last.
 
-    Without a position (a gyro) the paths of the principal axes on the unit sphere take their place.
+    Without a position (a gyro) the paths of the principal axes on the unit sphere take their place. Frames that are not finite are
+    left out; a note takes the place of a body that is not.
 
     Parameters
     ----------
     rig: camera at the origin of i, drawn when given.   map_points: landmarks, m, frame g.
     """
+    held = np.flatnonzero(trajectory.is_finite)
+    centre = np.zeros(3) if body.center_of_mass_g is None else body.center_of_mass_g
+    if not held.size or not np.isfinite([*body.principal_axes_g, centre]).all():
+        return note_figure("No scene: the body at the end is not finite")
+    trajectory, map_points = (
+        trajectory.at(held),
+        map_points if map_points is not None and len(map_points) else None,
+    )
     if not trajectory.sees_position:
         return _directions_figure(trajectory, body)
     figure, axes = space_figure(9.4, 7.4)

@@ -1,6 +1,6 @@
 """How every figure looks: colours that colour-blind readers tell apart, a line per estimator, saving."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -14,7 +14,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from spinfilters.errors import NUMERICAL_ERRORS
 from spinfilters.logs.atomic_write import write_bytes
+from spinfilters.logs.input_file import reason
 
 BLUE: Final[str] = "#0072B2"
 RED: Final[str] = "#D55E00"
@@ -117,10 +119,32 @@ def tidy(axes: Axes) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
+def finite_quantile(values: np.ndarray, share: float, otherwise: float = 0.0) -> float:
+    """Quantile of the numbers that are finite."""
+    finite = values[np.isfinite(values)]
+    return float(np.quantile(finite, share)) if finite.size else otherwise
+
+
 def half_width(errors: Float[np.ndarray, "n k"], bands: Float[np.ndarray, "n k"]) -> float:
-    """Half height of a panel that shows all errors and all but the widest tenth of the bands."""
-    width = max(float(np.abs(errors).max(initial=0.0)), float(np.quantile(bands, 0.9)))
+    """Half height of a panel that shows all errors and all but the widest tenth of the bands, as far as they are finite."""
+    width = max(finite_quantile(np.abs(errors), 1.0), finite_quantile(bands, 0.9))
     return 1.15 * width if width > 0 else 1.0
+
+
+def draw_figure(draw: Callable[[], Figure], path: Path) -> None:
+    """Draw and save; a note takes the place of a picture whose numbers cannot be drawn. Errors: `save_figure`."""
+    try:
+        with np.errstate(all="ignore"):
+            save_figure(draw(), path)
+    except NUMERICAL_ERRORS as error:
+        save_figure(note_figure(f"{path.stem} cannot be drawn: {reason(error)}"), path)
+
+
+def note_figure(text: str) -> Figure:
+    """A sentence in the place of a picture that cannot be drawn."""
+    figure = Figure(figsize=(10.0, 3.0), layout="constrained")
+    figure.text(0.5, 0.5, text, ha="center", va="center", wrap=True, color=BLACK, parse_math=False)
+    return figure
 
 
 def save_figure(figure: Figure, path: Path) -> None:

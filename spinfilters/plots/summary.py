@@ -18,6 +18,7 @@ from spinfilters.plots.style import (
     SIGMAS,
     EstimatorLine,
     estimator_lines,
+    finite_quantile,
     mark_start,
     plot_truth,
     tidy,
@@ -57,6 +58,8 @@ def headline(evaluation: Evaluation) -> str:
     """How the body spins, in one sentence."""
     rates, body = estimated_rates(evaluation.history), evaluation.body
     speed = np.linalg.norm(rates.rate, axis=1) * 30.0 / np.pi
+    if not np.isfinite([*speed, *body.principal_moments]).all():
+        return f"The estimate of {evaluation.name.upper()} is not finite"
     about = rates.in_axes(body.principal_axes_g).rate
     turns = _sign_changes(about)
     moments = " : ".join(
@@ -166,9 +169,7 @@ def _magnitudes(
         line.draw(axes, evaluation.errors.time, error)
         axes.plot(evaluation.trajectory.time, std, color=BLACK, linewidth=0.9, linestyle=line.dashes)
     known = curves[0][1] is not None
-    top = max(
-        float(np.quantile(std if error is None else np.maximum(error, 0), 0.98)) for std, error in curves
-    )
+    top = max(finite_quantile(std if error is None else error, 0.98) for std, error in curves)
     axes.set_ylim(0.0, 1.6 * top if top > 0 else 1.0)
     title = "length of the error (black: 1 σ)" if known else "uncertainty, 1 σ"
     axes.set_title(title, loc="left", fontsize="medium")

@@ -12,7 +12,7 @@ from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.truth import Truth
 from spinfilters.plots.convergence import convergence_figure
 from spinfilters.plots.prediction import prediction_figure
-from spinfilters.plots.style import save_figure
+from spinfilters.plots.style import draw_figure
 from spinfilters.workflow import convergence, prediction
 from spinfilters.workflow.estimation import Comparison
 from spinfilters.workflow.preparation import Prepared, prepare
@@ -82,7 +82,7 @@ class Additions:
         """What was asked for and yet is not in a folder, and why; None where nothing is missing."""
         if self.predict_s is None or (folder / PREDICTION_PICTURE).exists():
             return None
-        return "no prediction was made: every estimator failed, there is nothing to go on from"
+        return "no prediction was made: every estimator failed, or what follows from its last frame is not finite"
 
 
 def draw_additions(folder: Path, histories: Sequence[EstimateHistory], truth: Truth | None) -> list[str]:
@@ -108,7 +108,7 @@ def _draw_prediction(folder: Path, histories: Sequence[EstimateHistory]) -> list
     foretold = prediction.read_predictions(folder, histories)
     if not foretold:
         return []
-    save_figure(prediction_figure(foretold), folder / PREDICTION_PICTURE)
+    draw_figure(lambda: prediction_figure(foretold), folder / PREDICTION_PICTURE)
     return [PREDICTION_PICTURE]
 
 
@@ -116,5 +116,5 @@ def _draw_convergence(folder: Path, truth: Truth | None) -> list[str]:
     settled = convergence.read_convergence(folder, truth)
     if settled is None:
         return []
-    save_figure(convergence_figure(settled), folder / CONVERGENCE_PICTURE)
+    draw_figure(lambda: convergence_figure(settled), folder / CONVERGENCE_PICTURE)
     return [CONVERGENCE_PICTURE]

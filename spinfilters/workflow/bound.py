@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinfilters.errors import InputError
+from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.landmark_start.start import LandmarkStartReport
@@ -26,7 +26,7 @@ from spinfilters.estimators.smoothing.sightings import (
     seen_ids,
 )
 from spinfilters.evaluation.bound import error_bound
-from spinfilters.evaluation.consistency import true_states
+from spinfilters.evaluation.consistency import finite_frames, true_states
 from spinfilters.evaluation.errors import Alignment, common_stamps, truth_in_first_frame
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.logs.truth import Truth
@@ -49,16 +49,20 @@ def with_bounds(evaluations: Sequence[Evaluation], prepared: Prepared) -> list[E
     where it does not tell the whole state, where it or the estimate does not go on to the end, and for long recordings.
     """
     truth, frames = prepared.dataset.truth, len(prepared.timeline)
-    whole = [each for each in evaluations if each.errors is not None and len(each.history.time) == frames]
+    whole = [each for each in evaluations if each.errors is not None and _is_whole(each.history, frames)]
     limits = None if truth is None or not whole else cramer_rao_bound(prepared, truth, whole[0])
     if limits is None:
         return list(evaluations)
     return [
         replace(each, bound=error_bound(limits, each.errors, each.alignment is Alignment.BODY_FRAME))
-        if each.errors is not None and len(each.history.time) == frames
+        if each.errors is not None and _is_whole(each.history, frames)
         else each
         for each in evaluations
     ]
+
+
+def _is_whole(history: EstimateHistory, frames: int) -> bool:
+    return len(history.time) == frames and bool(finite_frames(history).all())
 
 
 def cramer_rao_bound(prepared: Prepared, truth: Truth, evaluation: Evaluation) -> EstimateHistory | None:
@@ -75,7 +79,7 @@ def cramer_rao_bound(prepared: Prepared, truth: Truth, evaluation: Evaluation) -
         if states is None:
             return None
         factors = _factors(prepared, states)
-    except (InputError, np.linalg.LinAlgError):  # the truth, or the problem at it, is not one to be bounded
+    except (InputError, *NUMERICAL_ERRORS):  # the truth, or the problem at it, is not one to be bounded
         return None
     if factors is None or not np.isfinite(factors).all():
         return None

@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
 from spinfilters.attitude.conversions import inverse, multiply, rotation_vector_from_quaternion
-from spinfilters.errors import InputError
+from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.landmark_start.start import LandmarkStartReport
 from spinfilters.estimators.smoothing.sliding import SlidingSmoother
@@ -26,21 +27,21 @@ from spinfilters.evaluation.trajectory import trajectory_of
 from spinfilters.logs.atomic_write import make_folder
 from spinfilters.logs.truth import Truth
 from spinfilters.plots.convergence import Convergence, Settling, convergence_figure
-from spinfilters.plots.style import save_figure
+from spinfilters.plots.style import draw_figure
 from spinfilters.state.layout import StateLayout
 from spinfilters.workflow.convergence_file import (
     newest_frames,
+    no_surfaces,
     read_surfaces,
     smoothed_frames,
     write_surfaces,
 )
 from spinfilters.workflow.motions import ATTITUDE, MOTIONS, deviations_of
 from spinfilters.workflow.preparation import Prepared
+from spinfilters.workflow.run_folder import CONVERGENCE_ARRAYS as ARRAYS
 from spinfilters.workflow.run_folder import CONVERGENCE_PICTURE
 from spinfilters.workflow.settings import Settings
 from spinfilters.workflow.smoothing import NAME
-
-ARRAYS = "convergence.npz"
 
 
 def require_convergence(prepared: Prepared, settings: Settings) -> None:
@@ -75,11 +76,17 @@ def write_convergence(
     start, layout = prepared.start, prepared.process.layout
     options = settings.smoother.options(len(prepared.timeline))
     smoother = SlidingSmoother(prepared.process, start.prior, options, tied=True)
-    found = record_surfaces(smoother, prepared.timeline, lambda window: _motions(layout, window), on_frame)
+    try:
+        found = record_surfaces(smoother, prepared.timeline, partial(_motions, layout), on_frame)
+    except NUMERICAL_ERRORS:
+        found = no_surfaces(layout, np.array([frame.time for frame in prepared.timeline]))
     make_folder(folder / NAME)
     write_surfaces(folder / NAME / ARRAYS, found, layout)
-    figure = convergence_figure(_convergence(found, newest_frames(layout, found), prepared.dataset.truth))
-    save_figure(figure, folder / CONVERGENCE_PICTURE)
+    truth = prepared.dataset.truth
+    draw_figure(
+        lambda: convergence_figure(_convergence(found, newest_frames(layout, found), truth)),
+        folder / CONVERGENCE_PICTURE,
+    )
 
 
 def is_whole(folder: Path) -> bool:

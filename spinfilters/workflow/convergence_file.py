@@ -5,6 +5,7 @@ from pathlib import Path
 from zipfile import ZIP_DEFLATED
 
 import numpy as np
+from jaxtyping import Float
 
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
 from spinfilters.estimators.smoothing.sliding_records import Retired
@@ -31,6 +32,15 @@ def write_surfaces(path: Path, found: Surfaces, layout: StateLayout) -> None:
     states = {"blocks": np.array(layout.blocks), "newest_mean": newest.mean, "newest_factor": newest.factor}
     arrays = {"time": found.time, **found.values, **_constants(body_history(newest)), **states}
     write_arrays(path, arrays, ZIP_DEFLATED)
+
+
+def no_surfaces(layout: StateLayout, time: Float[np.ndarray, " f"]) -> Surfaces:
+    """Surfaces of a smoother none of whose solves came to anything: nothing is a number."""
+    n, m, e = len(time), layout.mean_dim, layout.error_dim
+    newest = [Retired(float(t), np.full(m, np.nan), np.full((e, e), np.nan)) for t in time]
+    return Surfaces(
+        time, {name: np.full((n, n, size), np.nan) for name, size in _SIZES.items()}, tuple(newest)
+    )
 
 
 def read_surfaces(path: Path) -> tuple[StateLayout, Surfaces]:
@@ -88,7 +98,7 @@ def _surfaces(arrays: dict[str, np.ndarray]) -> tuple[StateLayout, Surfaces]:
         if arrays[name].shape != shape or arrays[name].dtype != np.dtype(float):
             raise ValueError(f"{name} is {arrays[name].dtype} of shape {arrays[name].shape}, not {shape}")
     time, mean = arrays["time"], arrays["newest_mean"]
-    if count < 2 or not (np.diff(time) > 0).all() or not np.isfinite(mean).all():
-        raise ValueError("its time does not run forwards, or a state is not finite")
+    if count < 2 or not (np.isfinite(time).all() and (np.diff(time) > 0).all()):
+        raise ValueError("its time does not run forwards")
     newest = zip(time.tolist(), mean, arrays["newest_factor"], strict=True)
     return layout, Surfaces(time, {name: arrays[name] for name in _SIZES}, tuple(Retired(*r) for r in newest))

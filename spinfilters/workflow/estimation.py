@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.errors import InputError
+from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
 from spinfilters.estimators.landmarks.approximation import FirstOrder
@@ -19,7 +19,8 @@ from spinfilters.estimators.run import rehearse, run
 from spinfilters.estimators.smoothing.recursive import RecursiveSmoother
 from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
-from spinfilters.state.status import Verdict
+from spinfilters.logs.input_file import reason
+from spinfilters.state.status import EstimatorStatus, Verdict
 from spinfilters.workflow.bound import with_bounds
 from spinfilters.workflow.checkpointing import Keeper, KeeperOf, forget
 from spinfilters.workflow.preparation import Prepared
@@ -90,7 +91,7 @@ def compare_estimators(
         for name in settings.estimators:
             history, points = _estimated(name, prepared, settings, (progress, keeper_of))
             evaluations.append(_evaluated(history, prepared))
-            maps |= {} if points is None else {name: points}
+            maps |= _maps(name, points)
             interrupted = _is_cut_short(history, len(prepared.timeline))
             if interrupted:
                 break
@@ -106,22 +107,46 @@ def compare_estimators(
 def _estimated(
     name: str, prepared: Prepared, settings: Settings, follow: tuple[Progress, KeeperOf]
 ) -> tuple[EstimateHistory, Float[np.ndarray, "k 3"] | None]:
-    """One estimator's history of all frames, and its landmarks if it has any."""
+    """One estimator's history of all frames, and its landmarks if it has any; numbers that lead nowhere are its failure."""
     progress, keeper_of = follow
-    if name == SMOOTHER:
-        smoother = sliding_smoother(prepared, settings)
-        if smoother is None:
-            history = smooth_at_once(prepared, settings, lambda done, every: progress(name, done, every))
-            return history, prepared.map_points
-        _rehearse(smoother, prepared)
-        smoother = sliding_smoother(prepared, settings)
-        assert smoother is not None
-        passed = _run(name, smoother, prepared, progress, keeper_of(name))
+    try:
+        if name == SMOOTHER:
+            return _smoothed(prepared, settings, follow)
+        _rehearse(build_estimator(name, prepared, settings), prepared)
+        estimator = build_estimator(name, prepared, settings)
+        history = _with_start(_run(name, estimator, prepared, progress, keeper_of(name)), prepared)
+        return history, _map_of(estimator, history, prepared)
+    except NUMERICAL_ERRORS as error:
+        nothing = GrowingHistory(prepared.process.layout, prepared.start_end)
+        failed = EstimatorStatus().failed(f"the estimator could not be run ({reason(error)})")
+        return _with_start(nothing.ended(name, failed), prepared), prepared.map_points
+
+
+def _smoothed(
+    prepared: Prepared, settings: Settings, follow: tuple[Progress, KeeperOf]
+) -> tuple[EstimateHistory, Float[np.ndarray, "k 3"] | None]:
+    """The smoother's; where its last solution cannot be computed, what it said of each frame as it came, as ``failed``."""
+    progress, keeper_of = follow
+    smoother = sliding_smoother(prepared, settings)
+    if smoother is None:
+        on_frame = lambda done, every: progress(SMOOTHER, done, every)  # noqa: E731
+        return smooth_at_once(prepared, settings, on_frame), prepared.map_points
+    _rehearse(smoother, prepared)
+    smoother = sliding_smoother(prepared, settings)
+    assert smoother is not None
+    passed = _run(SMOOTHER, smoother, prepared, progress, keeper_of(SMOOTHER))
+    try:
         return smoothed_history(smoother, passed, prepared), smoother.sliding.window.points
-    _rehearse(build_estimator(name, prepared, settings), prepared)
-    estimator = build_estimator(name, prepared, settings)
-    history = _with_start(_run(name, estimator, prepared, progress, keeper_of(name)), prepared)
-    return history, _map_of(estimator, history, prepared)
+    except NUMERICAL_ERRORS as error:
+        status = passed.status.failed(f"the smoothed frames could not be computed ({reason(error)})")
+        return _with_start(replace(passed, status=status), prepared), smoother.sliding.window.points
+
+
+def _maps(name: str, points: Float[np.ndarray, "k 3"] | None) -> dict[str, Float[np.ndarray, "k 3"]]:
+    """An estimator's landmarks by its name, those that are finite; nothing where it has none."""
+    if points is None:
+        return {}
+    return {name: points[np.isfinite(points).all(axis=1)]}
 
 
 def _check(settings: Settings, prepared: Prepared) -> None:

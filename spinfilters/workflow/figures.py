@@ -19,7 +19,7 @@ from spinfilters.plots.inertia import inertia_figure
 from spinfilters.plots.polhode import estimated_polhode_figure
 from spinfilters.plots.rates import rates_figure
 from spinfilters.plots.scene import scene_figure
-from spinfilters.plots.style import save_figure
+from spinfilters.plots.style import draw_figure
 from spinfilters.plots.summary import summary_figure
 from spinfilters.workflow.estimation import Comparison
 from spinfilters.workflow.preparation import knows_frames
@@ -78,7 +78,7 @@ def draw_run(
     figures = {name: draw for name, draw in every.items() if wanted is None or name in wanted}
     for index, (name, draw) in enumerate(figures.items()):
         progress(index, len(figures))
-        save_figure(draw(), folder / name)
+        draw_figure(draw, folder / name)
     progress(len(figures), len(figures))
     return list(figures)
 

@@ -39,6 +39,8 @@ def read_history(path: Path, cure: str = "make the run again") -> EstimateHistor
         layout = StateLayout(tuple(map(str, arrays["blocks"])))
         status = EstimatorStatus(Verdict(str(arrays["verdict"])), tuple(map(str, arrays["reasons"])))
         numbers, name = checked_frames(layout, arrays), str(arrays["name"])
+        if not (np.isfinite(numbers["time"]).all() and (np.diff(numbers["time"]) > 0).all()):
+            raise ValueError("its time does not run forwards")
     except DAMAGED as error:
         raise unusable(path, "history of a run", error, cure) from None
     return EstimateHistory(name=name, layout=layout, status=status, **numbers)

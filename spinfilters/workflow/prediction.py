@@ -6,21 +6,22 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.errors import InputError
+from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
 from spinfilters.estimators.prediction import predict_ahead
 from spinfilters.evaluation.body import body_estimate
 from spinfilters.evaluation.rates import estimated_rates
 from spinfilters.evaluation.trajectory import trajectory_of, write_trajectory_csv
-from spinfilters.logs.input_file import named
+from spinfilters.logs.input_file import named, reason
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.plots.prediction import PAST, Foretold, prediction_figure
-from spinfilters.plots.style import save_figure
+from spinfilters.plots.style import draw_figure
 from spinfilters.state.status import EstimatorStatus, Verdict
 from spinfilters.workflow.history_file import read_history, write_history
+from spinfilters.workflow.run_folder import PREDICTION_ARRAYS as ARRAYS
 from spinfilters.workflow.run_folder import PREDICTION_PICTURE
+from spinfilters.workflow.run_folder import PREDICTION_TABLE as TABLE
 
-TABLE, ARRAYS = "prediction.csv", "prediction.npz"
 CURE = "run compare again with --resume --predict SECONDS"
 MOST_STEPS = 20_000
 """Of a prediction: each keeps a covariance factor."""
@@ -49,21 +50,27 @@ def write_predictions(
 ) -> bool:
     """<estimator>/prediction.csv of all that did not fail, in the columns of trajectory.csv, and prediction.png of all of them.
 
-    <estimator>/prediction.npz is the history that the picture is drawn from: the last frame, and all that is predicted from it.
-    Returns False, with nothing written, where all failed.
+    <estimator>/prediction.npz is the history that the picture is drawn from: the last frame, and all that is predicted from it; it
+    is ``failed`` and holds the last frame alone where the prediction is not finite, and then there is no table.
+    Returns False, with no picture, where nothing could be predicted.
 
     Raises
     ------
     InputError: as `times_ahead`; a file cannot be written.
     """
     good = _sound(histories)
-    if not good:
-        return False
     predicted = [_predicted(process, each, times_ahead(each.time, seconds)) for each in good]
     for each in predicted:
         write_history(folder / each.name / ARRAYS, each)
-        write_trajectory_csv(folder / each.name / TABLE, trajectory_of(_cut(each, slice(1, None))))
-    save_figure(prediction_figure(_foretold(good, predicted)), folder / PREDICTION_PICTURE)
+        if len(each.time) > 1:
+            write_trajectory_csv(folder / each.name / TABLE, trajectory_of(_cut(each, slice(1, None))))
+        else:
+            (folder / each.name / TABLE).unlink(missing_ok=True)
+    foretold = _foretold(good, predicted)
+    if not foretold:
+        (folder / PREDICTION_PICTURE).unlink(missing_ok=True)
+        return False
+    draw_figure(lambda: prediction_figure(foretold), folder / PREDICTION_PICTURE)
     return True
 
 
@@ -90,11 +97,16 @@ def _sound(histories: Sequence[EstimateHistory]) -> list[EstimateHistory]:
 def _predicted(
     process: TorqueFreeProcess, history: EstimateHistory, ahead: Float[np.ndarray, " k"]
 ) -> EstimateHistory:
-    """The last frame, and all that is predicted from it."""
+    """The last frame, and all that is predicted from it if that is finite."""
     last, now = history.belief(-1), float(history.time[-1])
-    prediction = predict_ahead(process, last, ahead)
     rows = GrowingHistory(last.layout, now)
     rows.append(now, last, [], 0.0)
+    try:
+        prediction = predict_ahead(process, last, ahead)
+        if not (np.isfinite(prediction.mean).all() and np.isfinite(prediction.factor).all()):
+            return rows.ended(history.name, EstimatorStatus().failed("the prediction is not finite"))
+    except NUMERICAL_ERRORS as error:
+        return rows.ended(history.name, EstimatorStatus().failed(f"no prediction ({reason(error)})"))
     for k, seconds in enumerate(prediction.times):
         rows.append(now + float(seconds), prediction.belief(k), [], 0.0)
     return rows.ended(history.name, EstimatorStatus())
@@ -105,18 +117,22 @@ def _read(path: Path, history: EstimateHistory) -> EstimateHistory:
     predicted = read_history(path, CURE)
     time, mean = predicted.time, predicted.mean
     alike = (predicted.name, predicted.layout) == (history.name, history.layout)
-    forwards = len(time) > 1 and (np.diff(time) > 0).all() and np.isfinite(time).all()
-    sound = alike and forwards and np.isfinite(mean).all()
+    whole = len(time) > 1 or (len(time) == 1 and predicted.status.verdict is Verdict.FAILED)
+    sound = alike and whole and np.isfinite(mean).all() and np.isfinite(predicted.factor).all()
     if not (sound and time[0] == history.time[-1] and np.array_equal(mean[0], history.mean[-1])):
         raise InputError(f"{named(path)}: does not go on from the last frame of this run; {CURE}")
     return predicted
 
 
 def _foretold(histories: Sequence[EstimateHistory], predicted: Sequence[EstimateHistory]) -> list[Foretold]:
-    """With a share of the time ahead of what was estimated before; rates about the principal axes of the first estimator."""
-    axes = body_estimate(histories[0].belief(-1)).principal_axes_g
+    """With a share of the time ahead of what was estimated before; rates about the principal axes of the first estimator.
+
+    Those that predict nothing are left out.
+    """
+    pairs = [pair for pair in zip(histories, predicted, strict=True) if len(pair[1].time) > 1]
     found = []
-    for known, ahead in zip(histories, predicted, strict=True):
+    for known, ahead in pairs:
+        axes = body_estimate(pairs[0][0].belief(-1)).principal_axes_g
         past = PAST * float(ahead.time[-1] - ahead.time[0])
         before = _cut(known, slice(int(np.searchsorted(known.time, known.time[-1] - past)), None))
         found.append(

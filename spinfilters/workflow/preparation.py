@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.errors import InputError
+from spinfilters.errors import NUMERICAL_ERRORS, InputError
+from spinfilters.estimators.first_frames import FirstStatePrior, SmoothedFrames
 from spinfilters.estimators.landmark_start.choice import most_useful
 from spinfilters.estimators.landmark_start.start import LandmarkStartReport, start_with_landmarks
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
@@ -15,6 +16,7 @@ from spinfilters.estimators.start import StartOptions, StartReport, start_from_d
 from spinfilters.estimators.timeline import SensorNoise, StereoView, Timeline, build_timeline
 from spinfilters.evaluation.body import body_estimate
 from spinfilters.logs.dataset import Dataset
+from spinfilters.logs.input_file import reason
 from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.perception.map_building import poses_without_map
@@ -41,6 +43,7 @@ class Prepared:
     belief: what every filter begins from at the end of the start, with landmarks where the map is not known.
     map_points: (k, 3) m in g: the known map or that of the start, or None.
     gyro_noise: identified, or None when it was stated.
+    start_failure: why the first frames could not be smoothed, so that nothing of the start is finite; None where they could.
     """
 
     dataset: Dataset
@@ -51,6 +54,7 @@ class Prepared:
     belief: Gaussian | LandmarkBelief
     map_points: Float[np.ndarray, "k 3"] | None
     gyro_noise: GyroNoise | None
+    start_failure: str | None = None
 
     @property
     def start_end(self) -> float:
@@ -92,13 +96,32 @@ def prepare(dataset: Dataset, settings: Settings) -> Prepared:
         raise InputError(
             f"{dataset.description or dataset.path} has {len(timeline)} frame(s); give at least 5"
         )
-    make = _start_maker(dataset, process, timeline, noise)
-    start = _long_enough_start(timeline, make, settings.start)
+    start, failure = _start(dataset, process, timeline, noise, settings.start)
     belief, points = start.belief, None if dataset.known_map is None else dataset.known_map.points
     if isinstance(start, LandmarkStartReport):
         ids = most_useful(timeline, start.landmarks, settings.landmarks.capacity)
         belief, points = start.landmarks.joint(ids), start.landmarks.points
-    return Prepared(dataset, process, timeline, noise, start, belief, points, gyro_noise)
+    return Prepared(dataset, process, timeline, noise, start, belief, points, gyro_noise, failure)
+
+
+def _start(
+    dataset: Dataset,
+    process: TorqueFreeProcess,
+    timeline: Timeline,
+    noise: SensorNoise,
+    options: StartOptions,
+) -> tuple[StartReport, str | None]:
+    """The smoothed first frames; where their numbers lead nowhere none of them is finite, and why."""
+    try:
+        make = _start_maker(dataset, process, timeline, noise)
+        return _long_enough_start(timeline, make, options), None
+    except NUMERICAL_ERRORS as error:
+        layout, count = process.layout, options.count(timeline)
+        mean = np.full((count, layout.mean_dim), np.nan)
+        factor = np.full((count, layout.error_dim, layout.error_dim), np.nan)
+        frames = SmoothedFrames(mean, factor, np.nan, 0, 0, converged=False)
+        prior = FirstStatePrior(mean[0], np.full(layout.error_dim, np.nan))
+        return StartReport(layout, frames, np.nan, np.nan, prior), reason(error)
 
 
 def moments_std_of(start: StartReport) -> float:
@@ -113,13 +136,17 @@ def _long_enough_start(
 
     A filter that linearises while the inertia is hardly known is over-confident ever after; the smoother of the start is not.
     """
-    while True:
-        frames = options.count(timeline)
-        start = make(options)
+    start = make(options)
+    while not moments_std_of(start) <= DETERMINED_STD:
         longer = replace(options, frames=2 * options.frames)
-        if moments_std_of(start) <= DETERMINED_STD or longer.count(timeline) == frames:
-            return start
+        if longer.count(timeline) == options.count(timeline):
+            break
         options = longer
+        try:
+            start = make(options)
+        except NUMERICAL_ERRORS:  # more frames lead nowhere; the fewer did
+            break
+    return start
 
 
 def _view(dataset: Dataset) -> StereoView | None:
@@ -214,4 +241,17 @@ def _identify(
     whole = replace(options, frames=WHOLE_RECORDING, share=1.0)
     timeline = build_timeline(MeasurementLog((gyro,)), layout, replace(noise, gyro_scale_std=FIRST_SCALE))
     evidence: MotionEvidence = evidence_from_gyro(gyro, whole.count(timeline))
-    return identify_gyro_noise(gyro, start_from_data(rotation, timeline, evidence, whole))
+    try:
+        found = identify_gyro_noise(gyro, start_from_data(rotation, timeline, evidence, whole))
+    except NUMERICAL_ERRORS as error:
+        raise _unidentified(reason(error)) from None
+    if not np.isfinite(found.scale_std):
+        raise _unidentified("what is left of its rates is not finite")
+    return found
+
+
+def _unidentified(why: str) -> InputError:
+    return InputError(
+        f"the gyro's noise cannot be identified from the recording ({why}); state sensors.gyro_noise_std and "
+        "sensors.gyro_scale_std in a config file"
+    )

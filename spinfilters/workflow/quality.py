@@ -28,7 +28,9 @@ def shared_doubts(prepared: Prepared) -> list[str]:
     """Reasons that concern every estimator of a run."""
     reasons = []
     frames = prepared.start.frames
-    if not frames.converged:
+    if prepared.start_failure is not None:
+        reasons.append(f"the first frames could not be smoothed ({prepared.start_failure})")
+    elif not frames.converged:
         reasons.append(f"the start did not settle in {frames.iterations} iterations")
     noise = prepared.gyro_noise
     if noise is not None and noise.relative_error > LARGEST_GYRO_ERROR:
@@ -45,7 +47,7 @@ def shared_doubts(prepared: Prepared) -> list[str]:
 def filter_doubts(prepared: Prepared) -> list[str]:
     """Reasons that concern filters alone: a smoother takes back what it believed of the first frames."""
     std = moments_std_of(prepared.start)
-    if std <= DETERMINED_STD:
+    if std <= DETERMINED_STD or prepared.start_failure is not None:
         return []
     return [
         f"the first {len(prepared.start.frames.mean)} frames leave the moments uncertain by {std:.2f}: what follows is "
@@ -56,6 +58,8 @@ def filter_doubts(prepared: Prepared) -> list[str]:
 def judged(evaluation: Evaluation, doubts: Sequence[str], others: Sequence[Evaluation]) -> EstimatorStatus:
     """The run's own status with every further reason for doubt."""
     status = evaluation.history.status
+    if not np.isfinite(evaluation.body.principal_moments_std).all() and status.verdict is not Verdict.FAILED:
+        status = status.failed("the moments of inertia at the end are not finite")
     for reason in [*doubts, *_own_doubts(evaluation), *_disagreements(evaluation, others)]:
         status = status.degraded(reason)
     return status

@@ -1,7 +1,9 @@
 """The run folder: what others read (trajectories, maps, summary.json) and what the figures are drawn from."""
 
-import shutil
+import os
+import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -12,19 +14,21 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.trajectory import write_map_ply, write_trajectory_csv, write_trajectory_tum
 from spinfilters.logs.atomic_write import make_folder, write_json, write_toml
+from spinfilters.logs.camera import RIG_FILES
 from spinfilters.logs.dataset import Dataset, read_dataset
 from spinfilters.logs.dataset_options import STD_KEYS
-from spinfilters.logs.dataset_writing import write_dataset
+from spinfilters.logs.dataset_writing import DATASET_FILES, write_dataset
 from spinfilters.logs.input_file import named, shown
 from spinfilters.logs.measurement_log import MeasurementStream
 from spinfilters.logs.pose_files import write_tum
 from spinfilters.logs.settings_files import read_toml
 from spinfilters.state.status import Verdict
-from spinfilters.workflow.checkpointing import CHECKPOINT_FILE, remove_checkpoints
+from spinfilters.workflow.checkpointing import remove_checkpoints
 from spinfilters.workflow.estimation import Comparison
 from spinfilters.workflow.history_file import read_history, write_history
 from spinfilters.workflow.preparation import Prepared
 from spinfilters.workflow.provenance import provenance
+from spinfilters.workflow.run_lock import LOCK_FILE
 from spinfilters.workflow.run_summary import SUMMARY_FILE, read_summary, summary
 from spinfilters.workflow.settings import ESTIMATORS, Settings
 
@@ -33,7 +37,19 @@ HISTORY_FILE = "history.npz"
 FIGURES = ("summary", "rates", "inertia", "polhode", "scene", "consistency")
 """Names of the figures of a run, besides errors-<estimator>."""
 PREDICTION_PICTURE, CONVERGENCE_PICTURE = "prediction.png", "convergence.png"
-"""Files that a run has where they were asked for (`spinfilters.workflow.additions`)."""
+PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS = (
+    *("prediction.csv", "prediction.npz"),
+    "convergence.npz",
+)
+"""Files that a run has where they were asked for (`spinfilters.workflow.additions`); all but pictures by estimator."""
+ESTIMATOR_FILES = (
+    *("trajectory.csv", "trajectory.tum", "map.ply", HISTORY_FILE),
+    *(PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS),
+)
+"""Everything that a run writes into the folder of an estimator, besides its checkpoint."""
+SEGMENTS_FOLDER = "segments"
+_UNFINISHED = re.compile(r"\.[0-9a-f]{16}\.part")
+"""Names of what was being written when a run was killed (`spinfilters.logs.atomic_write`)."""
 
 DECISIVE = ("kind", "log", "truth", "rig", "known_map")
 """Parts of a data set that decide the numbers of a run, with the noise among its options."""
@@ -49,11 +65,30 @@ def open_run_folder(folder: Path) -> None:
 
     Raises
     ------
-    InputError: it is a file, holds foreign files, or cannot be written.
+    InputError: as `refuse_foreign_run`, or it cannot be written.
     """
-    if folder.is_dir() and any(folder.iterdir()) and not _is_run(folder):
-        raise InputError(f"{folder}: is not empty and not a run folder; choose another folder with -o")
+    refuse_foreign_run(folder)
     make_folder(folder)
+
+
+def refuse_foreign_run(folder: Path) -> None:
+    """Refuse a folder that holds something else than a run, or leads out of itself.
+
+    Raises
+    ------
+    InputError: it holds foreign files, or a link in the place of a folder that a run writes into.
+    """
+    if folder.is_dir() and any(each.name != LOCK_FILE for each in folder.iterdir()) and not _is_run(folder):
+        raise InputError(f"{named(folder)}: is not empty and not a run folder; choose another folder with -o")
+    cameras = [f"{DATASET_FOLDER}/{file.parent}" for file in RIG_FILES]
+    segments = folder / SEGMENTS_FOLDER
+    inner = [folder / name for name in (*ESTIMATORS, DATASET_FOLDER, *cameras, SEGMENTS_FOLDER)]
+    for path in (*inner, *(segments.iterdir() if segments.is_dir() else ())):
+        if path.is_symlink():
+            raise InputError(
+                f"{named(path)}: is a symbolic link, and a run writes into its own folder only; remove the link or choose another "
+                "folder with -o"
+            )
 
 
 def write_configuration(folder: Path, settings: Settings) -> None:
@@ -84,8 +119,10 @@ def write_run(folder: Path, comparison: Comparison, settings: Settings) -> None:
     Checkpoints stay until then, and beyond where Ctrl-C cut the run short.
     """
     open_run_folder(folder)
+    source = comparison.prepared.dataset.path
+    refuse_source_within(folder, source)
     write_configuration(folder, settings)
-    _clear(folder, comparison.prepared.dataset.path)
+    _clear(folder, source)
     _write_measurements(folder, comparison.prepared)
     for evaluation in comparison.evaluations:
         part = folder / evaluation.name
@@ -169,31 +206,48 @@ def _is_run(folder: Path) -> bool:
 
 
 def _clear(folder: Path, source: Path | None) -> None:
-    """Remove an earlier run, but not its data set when that is what the new run was made from, and no checkpoint."""
+    """Remove the files of an earlier run, but not its data set when that is what the new run was made from, and no checkpoint."""
     pictures = (*picture_files(ESTIMATORS), PREDICTION_PICTURE, CONVERGENCE_PICTURE)
     for name in (SUMMARY_FILE, TRUTH_FILE, *pictures):
         (folder / name).unlink(missing_ok=True)
-    for place in (folder / name for name in (DATASET_FOLDER, *ESTIMATORS)):
-        in_use = source is not None and source.resolve().is_relative_to(place.resolve())
-        if place.is_dir() and not place.is_symlink() and not in_use:
-            _empty(place)
+    if not _is_own_dataset(folder, source):
+        _remove(folder / DATASET_FOLDER, DATASET_FILES)
+    for name in ESTIMATORS:
+        _remove(folder / name, ESTIMATOR_FILES)
 
 
-def _empty(place: Path) -> None:
-    """Remove what a folder holds but a checkpoint, and the folder where nothing is left."""
-    for path in place.iterdir():
-        if path.is_dir() and not path.is_symlink():
-            shutil.rmtree(path)
-        elif path.name != CHECKPOINT_FILE:
-            path.unlink()
-    if not any(place.iterdir()):
-        place.rmdir()
+def _remove(place: Path, names: Sequence[str]) -> None:
+    """Remove these files from a folder, what was left unfinished, and then the folders in which nothing is left."""
+    for path in (*(place / name for name in names), *place.glob("**/.*.part")):
+        if path.name in map(os.path.basename, names) or _UNFINISHED.fullmatch(path.name):
+            with suppress(FileNotFoundError, NotADirectoryError):
+                path.unlink()
+    for each in (*(place / Path(name).parent for name in names), place):
+        with suppress(OSError):  # absent, or files of others are in it
+            each.rmdir()
+
+
+def refuse_source_within(folder: Path, source: Path | None) -> None:
+    """Refuse to make a run from a file that it would replace: inside its folder only its data set may be what it is made from."""
+    if source is None or _is_own_dataset(folder, source):
+        return
+    inner = [(folder / name).resolve() for name in (DATASET_FOLDER, *ESTIMATORS)]
+    if any(source.resolve().is_relative_to(place) for place in inner):
+        raise InputError(
+            f"{named(source)}: is inside {named(folder)}, whose files the run replaces; choose another folder with -o"
+        )
+
+
+def _is_own_dataset(folder: Path, source: Path | None) -> bool:
+    """Whether a run is made from the data set that lies in its own folder."""
+    return source is not None and source.resolve() == (folder / DATASET_FOLDER).resolve()
 
 
 def _write_measurements(folder: Path, prepared: Prepared) -> None:
     """The data set; and, where truth and estimates share their frames, the truth in the TUM format."""
     dataset = prepared.dataset
-    write_dataset(dataset, folder / DATASET_FOLDER)
+    if not _is_own_dataset(folder, dataset.path):
+        write_dataset(dataset, folder / DATASET_FOLDER)
     if prepared.known_frames and dataset.truth is not None:
         poses = np.hstack([dataset.truth.center_of_mass, dataset.truth.q_ig])
         write_tum(folder / TRUTH_FILE, MeasurementStream("pose", dataset.truth.time, poses))

@@ -2,24 +2,30 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from rich.table import Table
 
 from spinfilters.errors import InputError
 from spinfilters.logs.atomic_write import write_json
 from spinfilters.logs.dataset import Dataset
-from spinfilters.plots.style import save_figure
+from spinfilters.plots.style import draw_figure
 from spinfilters.plots.throws import Throw, throws_figure
 from spinfilters.workflow.estimation import compare_estimators
 from spinfilters.workflow.preparation import prepare
-from spinfilters.workflow.run_folder import finished_run, write_configuration, write_run
+from spinfilters.workflow.run_folder import (
+    SEGMENTS_FOLDER,
+    finished_run,
+    refuse_foreign_run,
+    write_configuration,
+    write_run,
+)
 from spinfilters.workflow.run_summary import read_summary
 from spinfilters.workflow.settings import Settings
-
-SEGMENTS_FOLDER = "segments"
 
 
 @dataclass(frozen=True)
@@ -59,6 +65,7 @@ def _run_segment(dataset: Dataset, folder: Path, settings: Settings) -> SegmentR
     if (done := finished_run(place, dataset, settings)) is not None:
         return SegmentResult(number, done)
     try:
+        refuse_foreign_run(place)
         comparison = compare_estimators(prepare(dataset, settings), settings, lambda *_: None)
     except InputError as error:
         return SegmentResult(number, None, str(error))
@@ -76,18 +83,30 @@ def write_segments(folder: Path, results: Sequence[SegmentResult], settings: Set
     }
     write_json(folder / "segments.json", {"schema": 1, "segments": document})
     for name in settings.estimators:
-        throws = [_throw(r.number, r.summary["estimators"][name]) for r in results if r.summary is not None]
+        estimates = [(r.number, r.summary["estimators"][name]) for r in results if r.summary is not None]
+        throws = [_throw(number, estimate) for number, estimate in estimates]
+        throws = [
+            throw
+            for throw in throws
+            if np.isfinite(throw.ratios).all() and np.isfinite(throw.covariance).all()
+        ]
         if throws:
-            save_figure(throws_figure(throws), folder / f"throws-{name}.png")
+            draw_figure(partial(throws_figure, throws), folder / throws_picture(name))
+
+
+def throws_picture(estimator: str) -> str:
+    """File of the picture of all segments; there is none where no segment has finite moments."""
+    return f"throws-{estimator}.png"
 
 
 def _throw(number: int, estimate: dict[str, Any]) -> Throw:
-    return Throw(
-        number,
-        np.array(estimate["principal_moments"][:2]),
-        np.array(estimate["principal_moments_cov"])[:2, :2],
-        estimate["status"] != "ok",
-    )
+    moments, covariance = _numbers(estimate["principal_moments"]), _numbers(estimate["principal_moments_cov"])
+    return Throw(number, moments[:2], covariance[:2, :2], estimate["status"] != "ok")
+
+
+def _numbers(listed: list[Any]) -> Float[np.ndarray, "..."]:
+    """Numbers of a summary, where `null` is not a number."""
+    return np.array(listed, dtype=float)
 
 
 def segment_table(results: Sequence[SegmentResult], settings: Settings) -> Table:
@@ -105,11 +124,15 @@ def segment_table(results: Sequence[SegmentResult], settings: Settings) -> Table
 
 
 def _cells(estimate: dict[str, Any]) -> tuple[str, ...]:
-    moments, std = estimate["principal_moments"], estimate["principal_moments_std"]
+    moments, std = _numbers(estimate["principal_moments"]), _numbers(estimate["principal_moments_std"])
     drag = estimate["drag_per_rad"]
+    first, second = (
+        f"{value:.4f} ± {spread:.4f}" if np.isfinite(value) else "-"
+        for value, spread in zip(moments[:2], std[:2], strict=True)
+    )
     return (
-        f"{moments[0]:.4f} ± {std[0]:.4f}",
-        f"{moments[1]:.4f} ± {std[1]:.4f}",
+        first,
+        second,
         "-" if drag is None else f"{drag:.4f}",
         estimate["status"],
         "; ".join(estimate["reasons"]),

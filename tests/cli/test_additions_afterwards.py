@@ -75,7 +75,7 @@ FAULTS = {
     "prediction of no frame": (no_frames(PREDICTION), "does not go on from"),
     "prediction cut off": (cut_off(PREDICTION), PREDICTION),
     "prediction without time": (without_array(PREDICTION, "time"), "time is missing"),
-    "prediction at no time": (changed(PREDICTION, time=np.full(11, np.nan)), "does not go on from"),
+    "prediction at no time": (changed(PREDICTION, time=np.full(11, np.nan)), "time does not run forwards"),
     "prediction of another": (
         lambda run: shutil.copy(run / "smoother/prediction.npz", run / PREDICTION),
         "does not go on from",

@@ -2,9 +2,11 @@
 
 import errno
 import json
+import math
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from spinfilters.errors import InputError
@@ -73,12 +75,15 @@ def test_permissions_are_those_of_any_new_file(tmp_path: Path) -> None:
     assert (tmp_path / "atomic").stat().st_mode == (tmp_path / "plain").stat().st_mode
 
 
-def test_json_is_read_back_and_cannot_hold_nan(tmp_path: Path) -> None:
+def test_json_is_read_back_with_null_for_what_is_not_finite_and_holds_no_array(tmp_path: Path) -> None:
     document = {"rms": 1e-3, "names": ["µ"], "none": None}
     write_json(tmp_path / "a.json", document)
     assert json.loads((tmp_path / "a.json").read_text(encoding="utf-8")) == document
+    write_json(tmp_path / "a.json", {"rms": [math.nan, (math.inf, 1.0)], "bound": {"x": np.float64(-np.inf)}})
+    read = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
+    assert read == {"rms": [None, [None, 1.0]], "bound": {"x": None}}
     with pytest.raises(InputError, match=r"b\.json"):
-        write_json(tmp_path / "b.json", {"rms": float("nan")})
+        write_json(tmp_path / "b.json", {"rms": np.zeros(2)})
     assert os.listdir(tmp_path) == ["a.json"]
 
 

@@ -5,12 +5,12 @@ frame before it came, nor after it left the window: the surfaces are triangles o
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.errors import InputError
+from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.smoothing.sliding import SlidingSmoother
 from spinfilters.estimators.smoothing.sliding_records import Retired
 from spinfilters.estimators.timeline import Timeline
@@ -51,6 +51,9 @@ def record_surfaces(
 ) -> Surfaces:
     """Feed a smoother that has seen nothing frame by frame, and keep what it says after each.
 
+    After a solve whose numbers lead nowhere there is none: from there on nothing is a number.
+    The error of a first solve is raised.
+
     Raises
     ------
     InputError: no frame, or more than `MOST_FRAMES`.
@@ -63,11 +66,19 @@ def record_surfaces(
     values: dict[str, np.ndarray] = {}
     newest: list[Retired] = []
     for solve, frame in enumerate(timeline):
-        smoother.add(frame)
-        window = smoother.smoothed()
-        for name, rows in told(window).items():
+        try:
+            smoother.add(frame)
+            window = smoother.smoothed()
+            said = told(window)
+        except NUMERICAL_ERRORS:
+            if not newest:
+                raise
+            break
+        for name, rows in said.items():
             surface = values.setdefault(name, np.full((count, count, rows.shape[1]), np.nan))
             surface[solve, solve + 1 - len(rows) : solve + 1] = rows
         newest.append(window[-1])
         on_frame(solve + 1, count)
+    nothing = replace(newest[-1], mean=newest[-1].mean * np.nan, factor=newest[-1].factor * np.nan)
+    newest += [replace(nothing, time=frame.time) for frame in timeline[len(newest) :]]
     return Surfaces(np.array([frame.time for frame in timeline]), values, tuple(newest))

@@ -1,0 +1,308 @@
+"""An estimator that fails, in any way: the run goes on, and everything is written with `null` for what is not finite."""
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from spinfilters.cli.main import main
+from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
+from spinfilters.estimators.smoothing import surfaces
+from spinfilters.evaluation import evaluation
+from spinfilters.logs.dataset_writing import write_dataset
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
+from spinfilters.state.gaussian import Gaussian
+from spinfilters.workflow import additions, bound, convergence, estimation, prediction, preparation
+
+pytestmark = pytest.mark.usefixtures("few_figures")
+
+NAMES = ("mekf", "ukf", "smoother")
+
+
+def singular(*_: object, **__: object) -> Any:
+    """What LAPACK says of a matrix that it cannot solve."""
+    raise np.linalg.LinAlgError("Singular matrix")
+
+
+def of_casadi(*_: object, **__: object) -> Any:
+    """What CasADi says, over several lines."""
+    raise RuntimeError(
+        "Error in Function::call for 'f' [SXFunction] at .../function.cpp:330:\nassertion failed"
+    )
+
+
+@pytest.fixture(scope="module")
+def poses(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """20 frames of poses."""
+    folder = tmp_path_factory.mktemp("failing") / "poses"
+    write_dataset(simulate(Scenario(kind="pose", frames=20)), folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def tracks(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Tracks without a map."""
+    folder = tmp_path_factory.mktemp("failing") / "tracks"
+    dataset = simulate(Scenario(rate_rpm=RICH_RPM, frames=20, landmarks=80))
+    write_dataset(replace(dataset, known_map=None), folder)
+    return folder
+
+
+def compared(recording: Path, run: Path, *options: str, names: tuple[str, ...] = NAMES) -> dict[str, Any]:
+    """The estimators of summary.json after a comparison, a drawing and a resumption that all end well."""
+    arguments = ["compare", str(recording), "--estimators", ",".join(names), "-o", str(run), *options]
+    assert main(arguments) == 0
+    check_whole(run, names)
+    assert main(["plot", str(run)]) == 0
+    assert main([*arguments, "--resume"]) == 0
+    return check_whole(run, names)
+
+
+def check_whole(run: Path, names: tuple[str, ...]) -> dict[str, Any]:
+    """A run folder that lacks nothing; its estimators' part of the summary."""
+    document = json.loads((run / "summary.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
+    assert list(document["estimators"]) == list(names)
+    for name in names:
+        assert (run / name / "trajectory.csv").exists()
+        assert (run / name / "history.npz").exists()
+        assert not (run / name / "checkpoint.npz").exists()
+    return document["estimators"]
+
+
+@pytest.mark.parametrize("frame", [0, 7])
+def test_a_filter_that_stops_being_finite_leaves_the_others_complete(
+    frame: int,
+    poses: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    found = MultiplicativeEkf.belief
+
+    def belief(estimator: MultiplicativeEkf) -> Gaussian:
+        known = found.fget(estimator)  # pyright: ignore[reportOptionalCall]
+        broken = getattr(estimator, "updates", 0) > frame
+        return replace(known, mean=known.mean * np.nan) if broken else known
+
+    def update(estimator: MultiplicativeEkf, measurement: Any) -> Any:
+        estimator.updates = getattr(estimator, "updates", 0) + 1
+        return original(estimator, measurement)
+
+    original = MultiplicativeEkf.update
+    monkeypatch.setattr(MultiplicativeEkf, "belief", property(belief))
+    monkeypatch.setattr(MultiplicativeEkf, "update", update)
+    estimates = compared(poses, tmp_path / "run", names=("mekf", "ukf"))
+    assert estimates["mekf"]["status"] == "failed"
+    assert f"stopped being finite at frame {frame}" in estimates["mekf"]["reasons"][0]
+    assert estimates["ukf"]["frames"] == 20
+    assert estimates["ukf"]["status"] != "failed"
+    assert "failed" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("error", "place"),
+    [(singular, "start"), (singular, "predict"), (of_casadi, "start"), (of_casadi, "update")],
+)
+def test_a_filter_that_raises_leaves_the_others_complete(
+    error: Callable[..., Any], place: str, poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(MultiplicativeEkf, place, error)
+    estimates = compared(poses, tmp_path / "run", names=("mekf", "ukf"))
+    assert estimates["mekf"]["status"] == "failed"
+    assert all("\n" not in reason and len(reason) < 300 for reason in estimates["mekf"]["reasons"])
+    assert estimates["ukf"]["status"] != "failed"
+    assert estimates["ukf"]["frames"] == 20
+
+
+def nan_history(part: str, frames: slice) -> Callable[..., Any]:
+    """A smoother that ends with a part of its history not a number."""
+    real = estimation.smooth_at_once
+
+    def smooth(*arguments: Any) -> Any:
+        history = real(*arguments)
+        array = getattr(history, part).copy()
+        array[frames] = np.nan
+        return replace(history, **{part: array})
+
+    return smooth
+
+
+@pytest.mark.parametrize(
+    ("part", "frames"),
+    [("mean", slice(None)), ("mean", slice(5, 9)), ("factor", slice(-1, None)), ("factor", slice(1))],
+)
+def test_a_smoother_that_ends_without_numbers_is_null_in_the_summary(
+    part: str, frames: slice, poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(estimation, "smooth_at_once", nan_history(part, frames))
+    estimates = compared(poses, tmp_path / "run", "--predict", "5", names=("smoother", "mekf"))
+    assert estimates["smoother"]["status"] == "failed"
+    assert estimates["smoother"]["frames"] == 20
+    last = frames.indices(20)[1] == 20
+    assert (estimates["smoother"]["principal_moments_std"][0] is None) is last
+    assert estimates["mekf"]["status"] != "failed"
+    assert (tmp_path / "run" / "mekf" / "prediction.csv").exists()
+    assert not (tmp_path / "run" / "smoother" / "prediction.csv").exists()
+
+
+@pytest.mark.parametrize("error", [singular, of_casadi], ids=["numpy", "casadi"])
+def test_a_smoother_that_raises_leaves_the_others_complete(
+    error: Callable[..., Any], poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(estimation, "smooth_at_once", error)
+    estimates = compared(poses, tmp_path / "run", names=("smoother", "ukf"))
+    assert estimates["smoother"]["status"] == "failed"
+    assert estimates["ukf"]["status"] != "failed"
+
+
+def test_a_sliding_smoother_whose_last_solution_fails_keeps_what_it_said_on_the_way(
+    tracks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(estimation, "smoothed_history", singular)
+    estimates = compared(tracks, tmp_path / "run", names=("smoother", "mekf"))
+    assert estimates["smoother"]["status"] == "failed"
+    assert estimates["smoother"]["frames"] == 20
+    assert estimates["mekf"]["status"] != "failed"
+
+
+def for_estimator(name: str, real: Callable[..., Any], error: Callable[..., Any]) -> Callable[..., Any]:
+    """A function that raises for the history of one estimator."""
+
+    def function(history: Any, *arguments: Any) -> Any:
+        return error() if history.name == name else real(history, *arguments)
+
+    return function
+
+
+def test_an_evaluation_that_raises_fails_its_estimator_alone(
+    poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    broken = for_estimator("mekf", evaluation.normalised_errors, singular)
+    monkeypatch.setattr(evaluation, "normalised_errors", broken)
+    estimates = compared(poses, tmp_path / "run", names=("mekf", "ukf"))
+    assert estimates["mekf"]["status"] == "failed"
+    assert estimates["mekf"]["errors"] is None
+    assert estimates["ukf"]["errors"]["nees_per_dof"] > 0
+
+
+def test_a_body_that_cannot_be_evaluated_fails_its_estimator_alone(
+    poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = evaluation.body_history
+
+    def body_history(history: Any) -> Any:
+        return singular() if history.name == "mekf" and np.isfinite(history.mean).all() else real(history)
+
+    monkeypatch.setattr(evaluation, "body_history", body_history)
+    estimates = compared(poses, tmp_path / "run", names=("mekf", "ukf"))
+    assert estimates["mekf"]["status"] == "failed"
+    assert estimates["mekf"]["principal_moments"] == [None, None, None]
+    assert estimates["mekf"]["k1"] is None
+    assert estimates["ukf"]["status"] != "failed"
+
+
+def test_a_bound_that_raises_is_left_out(
+    poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bound, "_factors", of_casadi)
+    estimates = compared(poses, tmp_path / "run", names=("mekf",))
+    assert estimates["mekf"]["status"] != "failed"
+    assert estimates["mekf"]["errors"]["bound"] is None
+
+
+@pytest.mark.parametrize("error", [singular, of_casadi], ids=["numpy", "casadi"])
+def test_a_prediction_that_raises_is_left_out(
+    error: Callable[..., Any], poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(prediction, "predict_ahead", error)
+    compared(poses, tmp_path / "run", "--predict", "5", names=("mekf", "ukf"))
+    assert not (tmp_path / "run" / "prediction.png").exists()
+    assert not (tmp_path / "run" / "mekf" / "prediction.csv").exists()
+
+
+def test_a_prediction_of_one_estimator_that_is_not_finite_leaves_those_of_the_others(
+    poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real, count = prediction.predict_ahead, 0
+
+    def predict(*arguments: Any) -> Any:
+        nonlocal count
+        count += 1
+        found = real(*arguments)
+        return replace(found, factor=found.factor * np.nan) if count % 2 else found
+
+    monkeypatch.setattr(prediction, "predict_ahead", predict)
+    compared(poses, tmp_path / "run", "--predict", "5", names=("mekf", "ukf"))
+    assert (tmp_path / "run" / "prediction.png").exists()
+    assert not (tmp_path / "run" / "mekf" / "prediction.csv").exists()
+    assert (tmp_path / "run" / "ukf" / "prediction.csv").exists()
+
+
+@pytest.mark.parametrize("solve", [0, 1, 12])
+def test_convergence_ends_at_a_solve_that_raises(
+    solve: int, tracks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real, count = surfaces.SlidingSmoother.add, 0
+
+    def add(smoother: Any, frame: Any, guess: Any = None) -> Any:
+        nonlocal count
+        count += 1
+        return singular() if count > solve and recording else real(smoother, frame, guess)
+
+    recording = False
+    written = convergence.write_convergence
+
+    def write(*arguments: Any) -> None:
+        nonlocal recording, count
+        recording, count = True, 0
+        written(*arguments)
+        recording = False
+
+    monkeypatch.setattr(surfaces.SlidingSmoother, "add", add)
+    monkeypatch.setattr(additions.convergence, "write_convergence", write)
+    compared(tracks, tmp_path / "run", "--convergence", names=("smoother",))
+    assert (tmp_path / "run" / "convergence.png").exists()
+    with np.load(tmp_path / "run" / "smoother" / "convergence.npz") as file:
+        finite = np.isfinite(file["position"]).any(axis=(1, 2))
+    np.testing.assert_array_equal(finite, np.arange(20) < solve)
+
+
+@pytest.mark.parametrize("recording", ["poses", "tracks"])
+def test_first_frames_that_cannot_be_smoothed_fail_every_estimator_with_the_reason(
+    recording: str, request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(preparation, "_start_maker", lambda *_: singular)
+    estimates = compared(request.getfixturevalue(recording), tmp_path / "run")
+    for estimate in estimates.values():
+        assert estimate["status"] == "failed"
+        assert any("Singular matrix" in reason for reason in estimate["reasons"])
+        assert estimate["principal_moments"] == [None, None, None]
+
+
+def test_histories_of_any_numbers_are_drawn_or_refused_in_one_line(
+    poses: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = tmp_path / "run"
+    arguments = ["compare", str(poses), "--estimators", "mekf", "-o", str(run)]
+    assert main(arguments) == 0
+    for name in ("mean", "factor", "nis", "runtime", "time"):
+        for value in (np.nan, np.inf, -1e308, 1e308):
+            copy = tmp_path / "copy"
+            shutil.copytree(run, copy)
+            path = copy / "mekf" / "history.npz"
+            with np.load(path) as file:
+                arrays = dict(file)
+            arrays[name][4:] = value
+            np.savez(path, **arrays)  # pyright: ignore[reportArgumentType]
+            capsys.readouterr()
+            code = main(["plot", str(copy)])
+            message = capsys.readouterr().err
+            assert code == (2 if name == "time" else 0), (name, value, message)
+            assert len(message.splitlines()) == (name == "time")
+            assert main([*arguments[:-1], str(copy), "--resume"]) == code
+            shutil.rmtree(copy)
