@@ -11,43 +11,50 @@ from spinfilters.logs.input_file import named, shown
 
 STD_KEYS = ("pixel_std", "gyro_noise_std", "pose_position_std", "pose_rotation_std")
 """Keys of dataset.toml that are standard deviations per measurement: px, rad/s, m, rad."""
+PSD_KEYS = ("force_psd", "torque_psd")
+"""Keys that are densities of the disturbances: (m/s^2)^2/Hz, (rad/s^2)^2/Hz."""
+NOISE_KEYS = (*STD_KEYS, *PSD_KEYS)
 
 
 @dataclass(frozen=True)
 class DatasetOptions:
-    """Noise of the sensors where one value holds for all measurements, and what else the file tells.
+    """Noise of sensors and motion where one value holds for all measurements, and what else the file tells.
 
     Parameters
     ----------
     pixel_std: of each stereo pixel coordinate, px.
     gyro_noise_std: of each gyro component and sample, rad/s.
-    pose_position_std, pose_rotation_std: of each pose component, m and rad.   None where the file is silent.
+    pose_position_std, pose_rotation_std: of each pose component, m and rad.
+    force_psd, torque_psd: of the white disturbances, see `spinfilters.models.process`.   None where the file is silent.
     frames: in words, what the frames i and g of this data set are.
     notes: numbers and words for the reader, such as a seed; no estimator looks at them.
 
     Raises
     ------
-    InputError: a standard deviation that is not positive and finite.
+    InputError: a standard deviation or density that is not positive and finite.
     """
 
     pixel_std: float | None = None
     gyro_noise_std: float | None = None
     pose_position_std: float | None = None
     pose_rotation_std: float | None = None
+    force_psd: float | None = None
+    torque_psd: float | None = None
     frames: str = ""
     notes: Mapping[str, str | int | float | bool] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in STD_KEYS:
+        for name in NOISE_KEYS:
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"{name} is {value!r}; a standard deviation is positive and finite")
+                what = "standard deviation" if name in STD_KEYS else "density"
+                raise InputError(f"{name} is {value!r}; a {what} is positive and finite")
         object.__setattr__(self, "notes", dict(self.notes))
 
     @property
     def document(self) -> dict[str, Any]:
         """The options that are given, as keys of dataset.toml."""
-        values = {key: getattr(self, key) for key in (*STD_KEYS, "frames")}
+        values = {key: getattr(self, key) for key in (*NOISE_KEYS, "frames")}
         given = {key: value for key, value in values.items() if value not in (None, "")}
         return given | ({"notes": dict(self.notes)} if self.notes else {})
 
@@ -67,12 +74,12 @@ def options_from_toml(path: Path, document: Mapping[str, Any]) -> DatasetOptions
                 f"{named(path)}: key {shown(key)} is unknown; "
                 f"use kind, description, {', '.join(known)}, or put it in [notes]"
             )
-        expected = float | int if key in STD_KEYS else str if key == "frames" else dict
+        expected = float | int if key in NOISE_KEYS else str if key == "frames" else dict
         if not isinstance(value, expected) or isinstance(value, bool):
             raise InputError(f"{named(path)}: {key} is {shown(value)}, {_expected(key)}; correct it")
     _check_notes(path, given.get("notes", {}))
     try:
-        values: dict[str, Any] = {k: float(v) if k in STD_KEYS else v for k, v in given.items()}
+        values: dict[str, Any] = {k: float(v) if k in NOISE_KEYS else v for k, v in given.items()}
         return DatasetOptions(**values)
     except (InputError, OverflowError) as error:
         raise InputError(f"{named(path)}: {error}; correct it") from None
@@ -81,7 +88,7 @@ def options_from_toml(path: Path, document: Mapping[str, Any]) -> DatasetOptions
 def _expected(key: str) -> str:
     return (
         "expected a number"
-        if key in STD_KEYS
+        if key in NOISE_KEYS
         else "expected text"
         if key == "frames"
         else "expected a table [notes]"

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.landmark_start.choice import most_useful
@@ -16,7 +16,7 @@ from spinfilters.estimators.timeline import SensorNoise, StereoView, Timeline, b
 from spinfilters.evaluation.body import body_estimate
 from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.models.process import THESIS_NOISE, ProcessNoise, TorqueFreeProcess
 from spinfilters.perception.map_building import poses_without_map
 from spinfilters.perception.track_poses import poses_with_map
 from spinfilters.state.gaussian import Gaussian
@@ -58,6 +58,14 @@ class Prepared:
         return self.timeline[len(self.start.frames.mean) - 1].time
 
     @property
+    def observations(self) -> Int[np.ndarray, " n"]:
+        """How many rows of the log each epoch has, those of landmarks that a known map lacks among them."""
+        stamps, counts = np.unique(
+            np.concatenate([stream.time for stream in self.dataset.log.streams]), return_counts=True
+        )
+        return counts[np.searchsorted(stamps, [frame.time for frame in self.timeline])]
+
+    @property
     def known_frames(self) -> bool:
         """Whether the estimate's frames are the truth's."""
         return knows_frames(self.dataset)
@@ -79,8 +87,8 @@ def prepare(dataset: Dataset, settings: Settings) -> Prepared:
     blocks = ROTATION_BLOCKS if log.sensors == ("gyro",) else FULL_BLOCKS
     layout = StateLayout((*blocks, "d") if settings.process.drag else blocks)
     unknown_gyro = "gyro" in log.sensors and _gyro_is_unknown(dataset, settings)
-    torque_psd = disturbance_psd(log.stream("gyro")) if unknown_gyro else ProcessNoise.torque_psd
-    process = TorqueFreeProcess(layout, settings.process.noise(torque_psd), settings.process.tolerance)
+    automatic = _disturbances(dataset, unknown_gyro)
+    process = TorqueFreeProcess(layout, settings.process.noise(automatic), settings.process.tolerance)
     noise, gyro_noise = _noise(dataset, settings), None
     if unknown_gyro:
         gyro_noise = _identify(log, process, noise, settings.start)
@@ -181,6 +189,14 @@ def _noise(dataset: Dataset, settings: Settings) -> SensorNoise:
         if value is not None:
             chosen[name] = float(value)
     return SensorNoise(**chosen)
+
+
+def _disturbances(dataset: Dataset, unknown_gyro: bool) -> ProcessNoise:
+    """The data set's own, then what is known of gyros of unknown error, then the thesis'."""
+    force_psd, torque_psd = dataset.options.force_psd, dataset.options.torque_psd
+    if torque_psd is None and unknown_gyro:
+        torque_psd = disturbance_psd(dataset.log.stream("gyro"))
+    return ProcessNoise(force_psd or THESIS_NOISE.force_psd, torque_psd or THESIS_NOISE.torque_psd)
 
 
 def _gyro_is_unknown(dataset: Dataset, settings: Settings) -> bool:

@@ -13,7 +13,7 @@ from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.trajectory import write_map_ply, write_trajectory_csv, write_trajectory_tum
 from spinfilters.logs.atomic_write import make_folder, write_json, write_toml
 from spinfilters.logs.dataset import Dataset, read_dataset
-from spinfilters.logs.dataset_options import STD_KEYS
+from spinfilters.logs.dataset_options import NOISE_KEYS
 from spinfilters.logs.dataset_writing import write_dataset
 from spinfilters.logs.input_file import named, shown
 from spinfilters.logs.measurement_log import MeasurementStream
@@ -128,7 +128,7 @@ def finished_run(folder: Path, dataset: Dataset, settings: Settings) -> dict[str
 
 
 def _decisive(dataset: Dataset) -> tuple[Any, ...]:
-    noise = tuple(getattr(dataset.options, key) for key in STD_KEYS)
+    noise = tuple(getattr(dataset.options, key) for key in NOISE_KEYS)
     return (*(getattr(dataset, part) for part in DECISIVE), noise)
 
 
