@@ -113,12 +113,13 @@ def _read(path: Path, history: EstimateHistory) -> EstimateHistory:
 
 
 def _foretold(histories: Sequence[EstimateHistory], predicted: Sequence[EstimateHistory]) -> list[Foretold]:
-    """With a share of the time ahead of what was estimated before; rates about the principal axes of the first estimator."""
+    """With a share of the time ahead of what the estimator made before; rates about the principal axes of the first estimator."""
     axes = body_estimate(histories[0].belief(-1)).principal_axes_g
     found = []
     for known, ahead in zip(histories, predicted, strict=True):
         past = PAST * float(ahead.time[-1] - ahead.time[0])
-        before = _cut(known, slice(int(np.searchsorted(known.time, known.time[-1] - past)), None))
+        begin = max(int(np.searchsorted(known.time, known.time[-1] - past)), known.initialisation)
+        before = _cut(known, slice(min(begin, len(known.time) - 1), None))
         found.append(
             Foretold(
                 trajectory_of(before),

@@ -9,7 +9,15 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from run_samples import MOMENTS, START_END, SampleRuns, full_runs, nearly_spherical, rotation_runs
+from run_samples import (
+    MOMENTS,
+    START_END,
+    START_FRAMES,
+    SampleRuns,
+    full_runs,
+    nearly_spherical,
+    rotation_runs,
+)
 
 from spinfilters.errors import InputError
 from spinfilters.evaluation.rates import BodyRates, estimated_rates, true_rates
@@ -26,6 +34,7 @@ from spinfilters.plots.summary import headline, summary_figure
 FULL, ROTATIONS = full_runs(), rotation_runs()
 RIG = StereoRig(fx=466.7, fy=466.7, cx=320.0, cy=240.0, width=640, height=480, baseline_m=0.09)
 POINTS = np.random.default_rng(0).standard_normal((300, 3)) * 0.05
+CONDITIONS = ("Map unknown, seed 3.", "Noise: pixels 1 px; disturbances: torque 1e-06 (rad/s^2)^2/Hz.")
 Maker = Callable[[SampleRuns], Figure]
 
 
@@ -34,15 +43,19 @@ def estimates(runs: SampleRuns) -> list[BodyRates]:
 
 
 MAKERS: dict[str, Maker] = {
-    "error bands": lambda runs: error_bands_figure(runs.with_truth[0], START_END),
-    "estimate bands": lambda runs: error_bands_figure(runs.without_truth[0], START_END),
+    "error bands": lambda runs: error_bands_figure(runs.with_truth[0]),
+    "estimate bands": lambda runs: error_bands_figure(runs.without_truth[0]),
     "rates": lambda runs: rates_figure(estimates(runs), true_rates(runs.truth), start_end=START_END),
-    "inertia": lambda runs: inertia_figure(runs.with_truth, MOMENTS, START_END),
-    "consistency": lambda runs: consistency_figure(runs.with_truth, START_END),
-    "summary": lambda runs: summary_figure(runs.with_truth, true_rates(runs.truth), MOMENTS, START_END),
-    "summary without truth": lambda runs: summary_figure(runs.without_truth, start_end=START_END),
-    "polhode": lambda runs: estimated_polhode_figure(estimates(runs)[0], runs.with_truth[0].body),
-    "scene": lambda runs: scene_figure(runs.with_truth[0].trajectory, runs.with_truth[0].body, RIG, POINTS),
+    "inertia": lambda runs: inertia_figure(runs.with_truth, MOMENTS),
+    "consistency": lambda runs: consistency_figure(runs.with_truth),
+    "summary": lambda runs: summary_figure(runs.with_truth, true_rates(runs.truth), MOMENTS, CONDITIONS),
+    "summary without truth": lambda runs: summary_figure(runs.without_truth),
+    "polhode": lambda runs: estimated_polhode_figure(
+        estimates(runs)[0], runs.with_truth[0].body, START_FRAMES
+    ),
+    "scene": lambda runs: scene_figure(
+        runs.with_truth[0].trajectory, runs.with_truth[0].body, RIG, POINTS, START_FRAMES
+    ),
 }
 
 
@@ -73,7 +86,7 @@ def test_every_figure_is_drawn_with_finite_data_and_units(name: str, runs: Sampl
 
 
 @pytest.mark.parametrize("name", ["error bands", "rates", "inertia", "consistency", "summary"])
-def test_the_frames_of_the_start_are_shaded_from_the_first_to_the_last(name: str) -> None:
+def test_the_initialisation_is_shaded_from_the_first_epoch_to_its_last(name: str) -> None:
     spans = [patch for patch in MAKERS[name](FULL).axes[0].patches if isinstance(patch, Rectangle)]
     assert any(
         span.get_x() == pytest.approx(0.0) and span.get_width() == pytest.approx(START_END) for span in spans
@@ -84,7 +97,7 @@ def test_the_frames_of_the_start_are_shaded_from_the_first_to_the_last(name: str
 def test_the_legend_names_every_estimator(name: str) -> None:
     legend = MAKERS[name](FULL).legends[0]
     names = {text.get_text() for text in legend.get_texts()}
-    assert {"MEKF", "UKF", "frames of the start"} <= names
+    assert {"MEKF", "UKF", "initialisation (smoothed)"} <= names
 
 
 def test_error_panels_hold_the_errors_of_their_axis_in_the_unit_of_the_label() -> None:
