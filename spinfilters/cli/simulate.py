@@ -1,8 +1,10 @@
 """``spinfilters simulate``."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 
 from spinfilters.errors import InputError
@@ -11,7 +13,7 @@ from spinfilters.logs.dataset import DATASET_FILE
 from spinfilters.logs.dataset_writing import write_dataset
 from spinfilters.plots.rates import rates_figure
 from spinfilters.plots.style import save_figure
-from spinfilters.simulation.scenario import Scenario
+from spinfilters.simulation.scenario import Scenario, without_map
 from spinfilters.simulation.scenario import simulate as simulate_scenario
 
 MOST_TURNS = 100
@@ -22,25 +24,37 @@ def simulate(options: argparse.Namespace) -> int:
     if options.seed < 0:
         raise InputError(f"--seed {options.seed} is negative; give a whole number of at least 0")
     _refuse_blur(options)
-    scenario = Scenario(
-        kind=options.kind,
-        seed=options.seed,
-        frames=options.frames,
-        interval=options.interval,
-        rate_rpm=tuple(options.rate_rpm),
-        principal_moments=tuple(options.moments),
-    )
-    folder = Path(options.output)
+    folder, scenario = Path(options.output), _scenario(options)
     _refuse_foreign(folder)
     dataset = simulate_scenario(scenario)
-    write_dataset(dataset, folder)
+    write_dataset(dataset if options.known_map else without_map(dataset), folder)
     assert dataset.truth is not None
     save_figure(rates_figure([true_rates(dataset.truth)]), folder / "truth.png")
-    count = len(dataset.log.streams[0])
+    (stream,) = dataset.log.streams
+    count, epochs = len(stream), len(np.unique(stream.time))
+    lost = (
+        "" if epochs == scenario.frames else f"; the body is in view in {epochs} of {scenario.frames} epochs"
+    )
     Console().print(
-        f"{dataset.description}: {count} measurements in {folder}", highlight=False, soft_wrap=True
+        f"{dataset.description}: {count} measurements in {folder}{lost}", highlight=False, soft_wrap=True
     )
     return 0
+
+
+def _scenario(options: argparse.Namespace) -> Scenario:
+    """The bundled example, with what the command line changes; only a camera can lose the body from view."""
+    tracks = options.kind == "stereo-tracks"
+    if options.known_map and not tracks:
+        raise InputError(f"--known-map needs --kind stereo-tracks; a {options.kind} has no map")
+    thesis = Scenario.disam115(tuple(options.rate_rpm), options.seed)
+    return replace(
+        thesis,
+        kind=options.kind,
+        frames=options.frames,
+        interval=options.interval,
+        principal_moments=tuple(options.moments),
+        candidates=thesis.candidates if tracks else 1,
+    )
 
 
 def _refuse_blur(options: argparse.Namespace) -> None:
