@@ -1,4 +1,4 @@
-# make compare   run the filters on the recording that comes with the package; results in runs/embedded
+# make compare   run the estimators on the bundled example; results in runs/embedded
 # make test      run the tests        make check   linter, formatter, types, layers
 # make bench     time the estimators  make clean   remove everything but results
 # Every target installs what it needs into .venv, once. Choose another Python with PYTHON=python3.12.
