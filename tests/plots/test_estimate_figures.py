@@ -1,6 +1,7 @@
 """Every figure of a run shows its data, with units on its axes and nothing that is not finite."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from run_samples import (
 )
 
 from spinfilters.errors import InputError
+from spinfilters.evaluation.evaluation import evaluate
 from spinfilters.evaluation.rates import BodyRates, estimated_rates, true_rates
 from spinfilters.logs.camera import StereoRig
 from spinfilters.plots.consistency import consistency_figure
@@ -139,6 +141,30 @@ def test_a_body_of_which_nothing_is_known_is_drawn_too() -> None:
     assert rendered_size(inertia_figure([sphere])) > 4000
     assert rendered_size(estimated_polhode_figure(estimated_rates(sphere.history), sphere.body)) > 4000
     assert rendered_size(summary_figure([sphere])) > 4000
+
+
+def test_the_summary_says_the_map_the_noise_and_the_seed_and_calls_itself_by_what_was_used() -> None:
+    assert MAKERS["summary"](FULL).get_supxlabel().splitlines() == [
+        "Estimators on the same recording, each on the observations that it used",
+        " ".join(CONDITIONS),
+    ]
+
+
+def test_the_summary_shows_what_each_used_of_the_observations_after_the_initialisation() -> None:
+    (axes,) = (a for a in MAKERS["summary"](FULL).axes if a.get_xlabel() == "[1/epoch]")
+    widths = [patch.get_width() for patch in axes.patches if isinstance(patch, Rectangle)]
+    assert widths == [5.0, 5.0, 3.0, 3.0]  # what was measured, then what both used
+    assert {text.get_text() for text in axes.texts} == {"3 of 5 (60 %)"}
+
+
+def test_the_share_inside_the_bands_is_of_the_estimators_own_epochs() -> None:
+    evaluation = FULL.with_truth[0]
+    mean = evaluation.history.mean.copy()
+    mean[:START_FRAMES] = mean[0]
+    spoilt = evaluate(replace(evaluation.history, mean=mean), FULL.truth)
+    titles = [error_bands_figure(each).get_suptitle() for each in (evaluation, spoilt)]
+    assert titles[0] == titles[1]
+    assert f"in its own {len(evaluation.history.time) - START_FRAMES} epochs" in titles[0]
 
 
 def test_the_headline_counts_the_flips_of_the_intermediate_axis() -> None:
