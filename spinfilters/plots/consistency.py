@@ -24,6 +24,7 @@ from spinfilters.plots.style import (
 )
 
 _MOST_MARKS = 120  # of one estimator: more would be a solid bar
+_MOST_IN_A_LINE = 3  # means, behind the words of a title
 
 
 def consistency_figure(evaluations: Sequence[Evaluation]) -> Figure:
@@ -61,7 +62,9 @@ def _nees_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[Estim
     axes.set_ylim(bottom=0.0)
     axes.set_ylabel("NEES / dof  [-]")
     behind = "" if initialisation_end(evaluations) is None else " behind the initialisation"
-    title = f"error of the whole state, {dof} dof; mean{behind}: {', '.join(means)}"
+    head = f"error of the whole state, {dof} dof; mean{behind}:"
+    separator = " " if len(means) <= _MOST_IN_A_LINE else "\n"
+    title = f"{head}{separator}{', '.join(means)}"
     axes.set_title(title, loc="left", fontsize="medium")
 
 

@@ -24,6 +24,7 @@ from spinfilters.plots.style import (
     estimator_lines,
     mark_start,
     plot_truth,
+    start_handle,
     tidy,
 )
 
@@ -53,9 +54,10 @@ def summary_figure(
     cell = grid[1, 2].subgridspec(2, 1)
     _use_panel(figure.add_subplot(cell[0]), evaluations, lines)
     _runtime_panel(figure.add_subplot(cell[1]), evaluations, lines)
-    for axes, height in ((rates, 0.01), (left, 0.94), (right, 0.94)):
-        _mark_initialisation(axes, evaluations, height)
+    for axes in (rates, left, right):
+        mark_start(axes, evaluations[0].history.time[0], initialisation_end(evaluations))
         axes.set_xlabel("time [s]")
+    _name_initialisation(rates, evaluations)
     figure.supxlabel("\n".join(_footer(evaluations, conditions)), fontsize="medium", x=0.01, ha="left")
     figure.suptitle(headline(evaluations[0]), fontsize="large", fontweight="bold")
     return figure
@@ -180,9 +182,8 @@ def _magnitudes(
     axes.set_ylim(0.0, 1.6 * top if top > 0 else 1.0)
     title = "length of the error (black: 1 σ)" if known else "uncertainty, 1 σ"
     axes.set_title(title, loc="left", fontsize="medium")
-    axes.legend(
-        handles=[line.handle for line in lines], frameon=False, fontsize="small", ncols=2, loc="upper right"
-    )
+    handles = [*(line.handle for line in lines), *start_handle(initialisation_end(evaluations))]
+    axes.legend(handles=handles, frameon=False, fontsize="small", ncols=2, loc="upper right")
     tidy(axes)
 
 
@@ -190,7 +191,7 @@ def _runtime_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[Es
     runtimes = [evaluation.milliseconds_per_frame or 0.0 for evaluation in evaluations]
     names = [evaluation.name.upper() for evaluation in evaluations]
     bars = axes.barh(names, runtimes, color=[line.color for line in lines], height=0.5)
-    axes.bar_label(bars, [f"{runtime:.2g} ms" for runtime in runtimes], padding=4)
+    axes.bar_label(bars, [f"{runtime:.3g} ms" for runtime in runtimes], padding=4)
     axes.set_xlim(0.0, 1.4 * max(*runtimes, 1e-9))
     axes.invert_yaxis()
     axes.set_xlabel("[ms]")
@@ -223,21 +224,12 @@ def _use_label(use: ObservationUse | None) -> str:
     return f"{use.used_per_epoch:.3g} of {use.available_per_epoch:.3g} ({100 * use.share:.3g} %)"
 
 
-def _mark_initialisation(axes: Axes, evaluations: Sequence[Evaluation], height: float) -> None:
-    """Shaded, with its name inside at a share of the panel's height."""
+def _name_initialisation(axes: Axes, evaluations: Sequence[Evaluation]) -> None:
+    """Inside the shade, at its foot."""
     first, end = evaluations[0].history.time[0], initialisation_end(evaluations)
-    mark_start(axes, first, end)
     if end is not None:
-        axes.text(
-            (first + end) / 2,
-            height,
-            INITIALISATION,
-            transform=axes.get_xaxis_transform(),
-            ha="center",
-            va="bottom",
-            fontsize="small",
-            color=GREY,
-        )
+        place = {"transform": axes.get_xaxis_transform(), "ha": "center", "va": "bottom"}
+        axes.text((first + end) / 2, 0.01, INITIALISATION, fontsize="small", color=GREY, **place)
 
 
 def _footer(evaluations: Sequence[Evaluation], conditions: Sequence[str]) -> list[str]:

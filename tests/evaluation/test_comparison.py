@@ -11,7 +11,6 @@ from rich.console import Console
 
 from spinfilters.attitude.conversions import quaternion_from_rotation_vector, rotate
 from spinfilters.errors import InputError
-from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.comparison import comparison_table
 from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
@@ -69,7 +68,7 @@ def test_nees_is_left_out_when_the_frames_g_differ() -> None:
 def test_a_run_that_left_no_frame_is_refused_with_its_reason() -> None:
     empty = {name: value[:0] for name, value in vars(HISTORY).items() if isinstance(value, np.ndarray)}
     status = HISTORY.status.failed("the estimate stopped being finite")
-    failed = EstimateHistory(name="mekf", layout=HISTORY.layout, status=status, **empty)
+    failed = replace(HISTORY, status=status, **empty)
     with pytest.raises(InputError, match="stopped being finite"):
         evaluate(failed)
 
