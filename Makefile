@@ -1,4 +1,4 @@
-# make compare   run the filters on the recording that comes with the package; results in runs/embedded
+# make compare   run the estimators on the bundled example; results in runs/embedded
 # make test      run the tests        make check   linter, formatter, types, layers
 # make bench     time the estimators  make clean   remove everything but results
 # make kernels   run the tests that depend on arithmetic under other kernels of OpenBLAS, and without compiled code

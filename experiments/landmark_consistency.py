@@ -85,7 +85,7 @@ def scaled(settings: Settings, q: float, r: float) -> Settings:
     """Settings with process noise and pixel variance times these factors."""
     process = replace(
         settings.process,
-        force_psd=q * settings.process.force_psd,
+        force_psd=q * float(settings.process.force_psd),
         torque_psd=q * float(settings.process.torque_psd),
     )
     return replace(settings, process=process, sensors=replace(settings.sensors, pixel_std=float(np.sqrt(r))))

@@ -14,8 +14,9 @@ from spinfilters.errors import InputError
 from spinfilters.evaluation.comparison import comparison_table
 from spinfilters.logs.dataset import Dataset, read_dataset
 from spinfilters.logs.input_file import shown
-from spinfilters.simulation.scenario import Scenario, simulate
+from spinfilters.simulation.scenario import Scenario, simulate, without_map
 from spinfilters.workflow.checkpointing import keep_in, remove_checkpoints
+from spinfilters.workflow.conditions import conditions_of
 from spinfilters.workflow.estimation import Comparison, compare_estimators
 from spinfilters.workflow.estimation import Progress as Report
 from spinfilters.workflow.preparation import prepare
@@ -28,12 +29,10 @@ from spinfilters.workflow.run_folder import (
     write_run,
 )
 from spinfilters.workflow.run_lock import locked_run
-from spinfilters.workflow.settings import Settings, read_settings
+from spinfilters.workflow.settings import ESTIMATORS, Settings, read_settings
 
 if TYPE_CHECKING:
     from spinfilters.workflow.additions import Additions
-
-RECORDING_ESTIMATORS = ("mekf", "ukf", "smoother")
 
 
 def compare(options: argparse.Namespace) -> int:
@@ -132,7 +131,8 @@ def _compare_segments(recording: str | None, folder: Path, settings: Settings) -
 
 def _print_comparison(comparison: Comparison, folder: Path) -> None:
     console = wide_console()
-    console.print(comparison_table(comparison.evaluations))
+    conditions = conditions_of(comparison.prepared).sentences
+    console.print(comparison_table(comparison.evaluations, conditions))
     for evaluation in comparison.evaluations:
         for reason in evaluation.history.status.reasons:
             console.print(
@@ -158,8 +158,8 @@ def _settings(options: argparse.Namespace) -> Settings:
     if options.estimators is not None:
         names = tuple(name.strip() for name in options.estimators.split(",") if name.strip())
         settings = replace(settings, estimators=names)
-    elif options.dataset is not None and not options.config:
-        settings = replace(settings, estimators=RECORDING_ESTIMATORS)
+    elif options.known_map and not options.config:
+        settings = replace(settings, estimators=ESTIMATORS)
     if options.drag:
         settings = replace(settings, process=replace(settings.process, drag=True))
     return settings
@@ -171,7 +171,12 @@ def _dataset(options: argparse.Namespace) -> Dataset:
             raise InputError(
                 f"--segment {shown(options.segment)} needs a recording; give its folder as DATASET"
             )
-        return simulate(Scenario(seed=options.seed))
+        example = simulate(Scenario.disam115(seed=options.seed))
+        return example if options.known_map else without_map(example)
+    if options.known_map:
+        raise InputError(
+            "--known-map is for the bundled example; the known map of a data set is its landmarks.csv"
+        )
     segment = None
     if options.segment is not None:
         if not re.fullmatch(r"[0-9]{1,9}", options.segment):

@@ -121,7 +121,7 @@ def _threads() -> str:
 
 
 def _scaling() -> str:
-    """Of the embedded default's time step and rate."""
+    """Of the bundled example's time step and rate."""
     import numpy as np
 
     from observability.conditioning import suggest_scaling

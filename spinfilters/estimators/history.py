@@ -47,6 +47,9 @@ class EstimateHistory:
     log_likelihood: (n,) of each frame's measurements given everything before.
     accepted, rejected: (n,) measurements used and left out.
     runtime: (n,) s per frame, prediction and update.
+    initialisation: how many of the first epochs are a filter's initialisation, which a smoother has made; nothing of them is
+        counted. The filter's own begin behind them.
+    observations: (n,) what was measured in each epoch, used or not; None where that is not told.
     """
 
     name: str
@@ -61,6 +64,18 @@ class EstimateHistory:
     rejected: Int[np.ndarray, " n"]
     runtime: Float[np.ndarray, " n"]
     status: EstimatorStatus
+    initialisation: int = 0
+    observations: Int[np.ndarray, " n"] | None = None
+
+    @property
+    def own(self) -> slice:
+        """The epochs that the estimator has made itself."""
+        return slice(self.initialisation, None)
+
+    @property
+    def initialisation_end(self) -> float | None:
+        """Time of the last epoch of the initialisation, s; None without one."""
+        return float(self.time[self.initialisation - 1]) if self.initialisation else None
 
     def belief(self, index: int) -> Gaussian:
         """Belief after the frame of this index."""
@@ -138,7 +153,9 @@ class GrowingHistory:
 
     def ended(self, name: str, status: EstimatorStatus) -> EstimateHistory:
         """The history of the estimator of this name, when its run has come to an end."""
-        return EstimateHistory(name=name, layout=self.layout, status=status, **self.arrays())
+        return EstimateHistory(
+            name=name, layout=self.layout, status=status, initialisation=0, **self.arrays()
+        )
 
 
 def checked_frames(layout: StateLayout, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -21,12 +21,28 @@ class ErrorBound:
 
     Attributes
     ----------
-    rms, rms_second_half: over the frames of the errors.   body: of what never changes.
+    trajectory: of the truth, with the bound's standard deviations.   rows: epochs of it that have errors.   body: of constants.
+    fitted: whether the frame g was fitted to the truth, which hides a part of the errors of the attitude and of the axes.
     """
 
-    rms: RmsErrors
-    rms_second_half: RmsErrors
+    trajectory: Trajectory
+    rows: Int[np.ndarray, " n"]
     body: BodyErrors
+    fitted: bool
+
+    @property
+    def rms(self) -> RmsErrors:
+        """Over all epochs of the errors."""
+        return self.over(self.rows)
+
+    def over(self, rows: Int[np.ndarray, " n"]) -> RmsErrors:
+        """Over some epochs of the trajectory."""
+        bound, position, velocity = self.trajectory, None, None
+        if bound.sees_position:
+            position = root_mean_square(bound.std_position[rows])
+            velocity = root_mean_square(bound.std_velocity[rows])
+        attitude = None if self.fitted else root_mean_square(bound.std_attitude[rows])
+        return RmsErrors(position, attitude, velocity, root_mean_square(bound.std_rate[rows]))
 
 
 def error_bound(limits: EstimateHistory, errors: TruthErrors, fitted: bool) -> ErrorBound:
@@ -34,24 +50,11 @@ def error_bound(limits: EstimateHistory, errors: TruthErrors, fitted: bool) -> E
 
     Parameters
     ----------
-    limits: the truth with the bound's covariance, at the frames of the trajectory that has the errors.
-    fitted: whether the frame g was fitted to the truth, which hides a part of the errors of the attitude and of the axes.
+    limits: the truth with the bound's covariance, at the epochs of the trajectory that has the errors.
+    fitted: see `ErrorBound`.
     """
-    trajectory = trajectory_of(limits)
-    return ErrorBound(
-        _rms(trajectory, errors.rows, fitted),
-        _rms(trajectory, errors.rows[errors.in_second_half], fitted),
-        _body(body_history(limits).at(-1), fitted),
-    )
-
-
-def _rms(trajectory: Trajectory, rows: Int[np.ndarray, " n"], fitted: bool) -> RmsErrors:
-    position = velocity = None
-    if trajectory.sees_position:
-        position = root_mean_square(trajectory.std_position[rows])
-        velocity = root_mean_square(trajectory.std_velocity[rows])
-    attitude = None if fitted else root_mean_square(trajectory.std_attitude[rows])
-    return RmsErrors(position, attitude, velocity, root_mean_square(trajectory.std_rate[rows]))
+    body = _body(body_history(limits).at(-1), fitted)
+    return ErrorBound(trajectory_of(limits), errors.rows, body, fitted)
 
 
 def _body(body: BodyEstimate, fitted: bool) -> BodyErrors:

@@ -1,7 +1,7 @@
 """The table that sets estimators side by side."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from rich.table import Table
@@ -10,114 +10,186 @@ from rich.text import Text
 from spinfilters.evaluation.errors import BodyErrors, RmsErrors
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.evaluation.rounding import with_uncertainty
+from spinfilters.evaluation.span import ALWAYS, SpanErrors, shared_begin, span_errors
+from spinfilters.evaluation.usage import ObservationUse, observation_use, title_sentences
 
-Cell = Callable[[Evaluation], str | None]
-Errors = tuple[RmsErrors, BodyErrors]
-Source = Callable[[Evaluation], Errors | None]
-"""Of errors, or of the bound in their place."""
-
+BOUND_COLUMN = "BOUND"
 BOUND_CAPTION = (
-    "bound: Cramer-Rao, the least standard deviation given all frames; of what moves a smoother can reach it, a filter in its last "
-    "frame only"
+    "BOUND: Cramer-Rao, the least standard deviation given all epochs; of what moves a smoother can reach it, a filter in its last "
+    "epoch only."
 )
+DEGREE = float(np.deg2rad(1.0))
 
 
-def comparison_table(evaluations: Sequence[Evaluation]) -> Table:
+@dataclass(frozen=True)
+class Column:
+    """What a column of the table is filled from.
+
+    Attributes
+    ----------
+    use, errors: over the epochs that all estimators have.   every: errors over all of this estimator's own, where these are more.
+    """
+
+    evaluation: Evaluation
+    use: ObservationUse | None
+    errors: SpanErrors | None
+    every: SpanErrors | None
+
+
+Cell = Callable[[Column], str | None]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row: its name, what an estimator's cell shows, and what the bound's does; None where there is nothing to show."""
+
+    name: str
+    cell: Cell
+    bound: Cell = lambda _: None
+
+
+def comparison_table(evaluations: Sequence[Evaluation], conditions: Sequence[str] = ()) -> Table:
     """One column per estimator; rows that no estimator can fill are left out.
 
-    Errors are root mean squares over the second half of the time; NEES and NIS are per degree of freedom.
+    Errors (root mean squares), NEES and counts are over the epochs that every estimator has made itself; the rows "all epochs"
+    are over all of an estimator's own, where these are more.
+
+    Parameters
+    ----------
+    conditions: sentences on what was estimated, for the title.
     """
-    table = Table(title="Estimators on identical measurements", title_justify="left")
-    if any(evaluation.bound is not None for evaluation in evaluations):
-        table.caption, table.caption_justify = BOUND_CAPTION, "left"
+    begin = shared_begin(evaluations)
+    columns = [_column(evaluation, begin) for evaluation in evaluations]
+    table = Table(title=Text("\n".join([*title_sentences(evaluations), *conditions])), title_justify="left")
+    bounded = any(evaluation.bound is not None for evaluation in evaluations)
+    captions = [*epoch_sentences(evaluations), *([BOUND_CAPTION] if bounded else [])]
+    table.caption, table.caption_justify = "\n".join(captions) or None, "left"
     table.add_column("")
-    for evaluation in evaluations:
-        table.add_column(evaluation.name.upper(), justify="right")
-    for name, cell in ROWS:
-        cells = [cell(evaluation) for evaluation in evaluations]
-        if any(text is not None for text in cells):
-            table.add_row(Text(name), *(text or "-" for text in cells))
+    for column in columns:
+        table.add_column(column.evaluation.name.upper(), justify="right")
+    if bounded:
+        table.add_column(BOUND_COLUMN, justify="right")
+    for section in SECTIONS:
+        for row in section:
+            cells = [row.cell(column) for column in columns]
+            if any(text is not None for text in cells):
+                bounds = [text for column in columns if (text := row.bound(column)) is not None]
+                last = [next(iter(bounds), "")] if bounded else []
+                table.add_row(Text(row.name), *(text or "-" for text in cells), *last)
+        table.add_section()
     return table
 
 
-def _moment(index: int) -> Cell:
-    def cell(evaluation: Evaluation) -> str:
-        body = evaluation.body
-        return with_uncertainty(body.principal_moments[index], body.principal_moments_std[index])
+def epoch_sentences(evaluations: Sequence[Evaluation]) -> list[str]:
+    """Which epochs the errors are over, where a filter has an initialisation; no sentence otherwise."""
+    history = max((e.history for e in evaluations), key=lambda history: history.initialisation)
+    begin, count = shared_begin(evaluations), history.initialisation
+    if not count or begin == ALWAYS:
+        return []
+    return [
+        f"Errors, NEES, NIS and counts: over the {len(history.time) - count} epochs from t = {begin:.6g} s on, which every "
+        f"estimator made itself. The {count} before are the filters' initialisation, made by a smoother."
+    ]
+
+
+def _column(evaluation: Evaluation, begin: float) -> Column:
+    own, use = evaluation.own_begin, observation_use(evaluation.history, begin)
+    if own is None:
+        return Column(evaluation, use, None, None)
+    every = span_errors(evaluation, own) if own < begin else None
+    return Column(evaluation, use, span_errors(evaluation, begin), every)
+
+
+def _moment(index: int, part: int) -> Cell:
+    """A principal moment (part 0) or its standard deviation (1)."""
+
+    def cell(column: Column) -> str:
+        body = column.evaluation.body
+        pair = with_uncertainty(body.principal_moments[index], body.principal_moments_std[index])
+        return pair.split(" ± ")[part]
 
     return cell
 
 
-def _errors(evaluation: Evaluation) -> Errors | None:
-    if evaluation.errors is None or evaluation.body_errors is None:
-        return None
-    return evaluation.errors.rms_second_half, evaluation.body_errors
+def _moment_error(index: int) -> Row:
+    def shown(body: BodyErrors | None, sign: str) -> str | None:
+        return (
+            None
+            if body is None or body.principal_moments is None
+            else f"{body.principal_moments[index]:{sign}#.2g}"
+        )
+
+    return Row("  error", lambda c: shown(c.evaluation.body_errors, "+"), lambda c: shown(_body_bound(c), ""))
 
 
-def _bound(evaluation: Evaluation) -> Errors | None:
-    return None if evaluation.bound is None else (evaluation.bound.rms_second_half, evaluation.bound.body)
-
-
-def _error(source: Source, part: int, field: str, show: Callable[[Any], str]) -> Cell:
-    """A field of the errors of what moves (part 0) or of the body (1), where it is known."""
-
-    def cell(evaluation: Evaluation) -> str | None:
-        errors = source(evaluation)
-        value = None if errors is None else getattr(errors[part], field)
-        return None if value is None else show(value)
-
-    return cell
-
-
-def _rms(source: Source, field: str, unit_in_si: float) -> Cell:
-    return _error(source, 0, field, lambda value: f"{value / unit_in_si:.3g}")
-
-
-def _moment_errors(source: Source, sign: str) -> Cell:
-    return _error(source, 1, "principal_moments", lambda found: f"{found[0]:{sign}.2g}, {found[1]:{sign}.2g}")
-
-
-def _axes_angle(source: Source) -> Cell:
-    return _error(source, 1, "axes_angle", lambda angle: f"{np.rad2deg(angle.max()):.3g}")
-
-
-def _centre_error(source: Source) -> Cell:
-    return _error(source, 1, "center_of_mass_g", lambda error: f"{1e3 * np.linalg.norm(error):.3g}")
-
-
-def _motion_rows(name: str, unit: str, unit_in_si: float) -> tuple[tuple[str, Cell], ...]:
-    """The error of something that moves, and its bound."""
+def _moment_rows(name: str, index: int) -> tuple[Row, ...]:
     return (
-        (f"{name} error [{unit}]", _rms(_errors, name, unit_in_si)),
-        (f"  bound given all frames [{unit}]", _rms(_bound, name, unit_in_si)),
+        Row(name, _moment(index, 0)),
+        Row("  standard deviation", _moment(index, 1)),
+        _moment_error(index),
     )
 
 
-def _drag(evaluation: Evaluation) -> str | None:
-    body = evaluation.body
-    return None if body.drag is None else f"{body.drag:.2e} ± {body.drag_std:.1e}"
+def _body_bound(column: Column) -> BodyErrors | None:
+    return None if column.evaluation.bound is None else column.evaluation.bound.body
 
 
-def _nees(evaluation: Evaluation) -> str | None:
-    nees = evaluation.nees
-    return None if nees is None else f"{np.mean(nees.total) / nees.dof:.2f}"
+def _axis(body: BodyErrors | None) -> str | None:
+    return None if body is None or body.axes_angle is None else f"{np.rad2deg(body.axes_angle.max()):.3g}"
 
 
-def _block_nees(block: str) -> Cell:
-    def cell(evaluation: Evaluation) -> str | None:
-        mean = None if evaluation.nees is None else evaluation.nees.block_means.get(block)
-        return None if mean is None else f"{mean:.2f}"
+def _centre(body: BodyErrors | None) -> str | None:
+    error = None if body is None else body.center_of_mass_g
+    return None if error is None else f"{1e3 * np.linalg.norm(error):.3g}"
+
+
+def _rms_row(name: str, field: str, unit_in_si: float, span: Callable[[Column], SpanErrors | None]) -> Row:
+    """The root mean square of something that moves over a span, and its bound."""
+
+    def shown(rms: RmsErrors | None) -> str | None:
+        value = None if rms is None else getattr(rms, field)
+        return None if value is None else f"{value / unit_in_si:.3g}"
+
+    def cell(column: Column) -> str | None:
+        found = span(column)
+        return None if found is None else shown(found.rms)
+
+    def bound(column: Column) -> str | None:
+        found = span(column)
+        return None if found is None else shown(found.bound)
+
+    return Row(name, cell, bound)
+
+
+def _nees(span: Callable[[Column], SpanErrors | None], block: str | None = None) -> Cell:
+    """Of a block, or of the whole state."""
+
+    def cell(column: Column) -> str | None:
+        found = span(column)
+        value = None if found is None else found.nees if block is None else found.nees_blocks.get(block)
+        return None if value is None else f"{value:.2f}"
 
     return cell
 
 
-def _nis(evaluation: Evaluation) -> str | None:
-    return None if evaluation.nis_ratio is None else f"{evaluation.nis_ratio:.3f}"
+def _used(show: Callable[[ObservationUse], str | None]) -> Cell:
+    return lambda column: None if column.use is None else show(column.use)
 
 
-def _runtime(evaluation: Evaluation) -> str | None:
-    value = evaluation.milliseconds_per_frame
-    return None if value is None else f"{value:.3g}"
+def _optional(value: float | None, form: str) -> str | None:
+    return None if value is None else format(value, form)
+
+
+def _share(use: ObservationUse) -> str | None:
+    return None if use.share is None else f"{100 * use.share:.1f} %"
+
+
+def _shared(column: Column) -> SpanErrors | None:
+    return column.errors
+
+
+def _every(column: Column) -> SpanErrors | None:
+    return column.every
 
 
 BLOCK_NAMES: dict[str, str] = {
@@ -130,29 +202,49 @@ BLOCK_NAMES: dict[str, str] = {
     "d": "drag",
 }
 """What the blocks of a state are called in the table."""
-
-ROWS: tuple[tuple[str, Cell], ...] = (
-    ("status", lambda evaluation: str(evaluation.history.status.verdict)),
-    ("J smallest / largest", _moment(0)),
-    ("J middle / largest", _moment(1)),
-    ("errors of these", _moment_errors(_errors, "+")),
-    ("  bound", _moment_errors(_bound, "")),
-    ("largest error of a principal axis [deg]", _axes_angle(_errors)),
-    ("  bound [deg]", _axes_angle(_bound)),
-    ("centre of mass in g, error [mm]", _centre_error(_errors)),
-    ("  bound [mm]", _centre_error(_bound)),
-    ("drag [1/rad]", _drag),
-    *_motion_rows("position", "mm", 1e-3),
-    *_motion_rows("attitude", "deg", float(np.deg2rad(1.0))),
-    *_motion_rows("velocity", "mm/s", 1e-3),
-    *_motion_rows("rate", "deg/s", float(np.deg2rad(1.0))),
-    ("NEES per dof", _nees),
-    *((f"NEES per dof, {name}", _block_nees(block)) for block, name in BLOCK_NAMES.items()),
-    ("NIS per dof", _nis),
-    (
-        "measurements accepted / rejected",
-        lambda e: f"{e.history.accepted.sum()} / {e.history.rejected.sum()}",
-    ),
-    ("ms per frame (median)", _runtime),
+MOTIONS = (
+    ("position", "mm", 1e-3),
+    ("attitude", "deg", DEGREE),
+    ("velocity", "mm/s", 1e-3),
+    ("rate", "deg/s", DEGREE),
 )
-"""Name and content of every row."""
+"""What moves: name, unit, and that in SI."""
+
+SECTIONS: tuple[tuple[Row, ...], ...] = (
+    (
+        Row("status", lambda c: str(c.evaluation.history.status.verdict)),
+        Row("own epochs", lambda c: str(len(c.evaluation.history.time[c.evaluation.history.own]))),
+        Row("observations per epoch", _used(lambda use: _optional(use.available_per_epoch, ".1f"))),
+        Row("  of these used", _used(lambda use: f"{use.used_per_epoch:.1f}")),
+        Row("  share used", _used(_share)),
+        Row("accepted / rejected", _used(lambda use: f"{use.accepted.sum()} / {use.rejected.sum()}")),
+    ),
+    (
+        *_moment_rows("J smallest / largest", 0),
+        *_moment_rows("J middle / largest", 1),
+        Row(
+            "worst principal axis [deg]",
+            lambda c: _axis(c.evaluation.body_errors),
+            lambda c: _axis(_body_bound(c)),
+        ),
+        Row(
+            "centre of mass, error [mm]",
+            lambda c: _centre(c.evaluation.body_errors),
+            lambda c: _centre(_body_bound(c)),
+        ),
+        Row("drag [1/rad]", lambda c: _optional(c.evaluation.body.drag, ".2e")),
+        Row("  standard deviation", lambda c: _optional(c.evaluation.body.drag_std, ".1e")),
+    ),
+    tuple(_rms_row(f"{name} error [{unit}]", name, scale, _shared) for name, unit, scale in MOTIONS),
+    (
+        Row("NEES per dof", _nees(_shared)),
+        *(Row(f"  {name}", _nees(_shared, block)) for block, name in BLOCK_NAMES.items()),
+        Row("NIS per dof", lambda c: _optional(c.evaluation.nis_ratio, ".3f")),
+    ),
+    (
+        *(_rms_row(f"all epochs: {name} [{unit}]", name, scale, _every) for name, unit, scale in MOTIONS),
+        Row("all epochs: NEES per dof", _nees(_every)),
+    ),
+    (Row("ms per epoch (median)", lambda c: _optional(c.evaluation.milliseconds_per_frame, ".3g")),),
+)
+"""Rows of the table, in groups."""

@@ -36,6 +36,19 @@ class NormalisedErrors:
         """Mean over time by block, divided by its dimension: 1 for a consistent estimator."""
         return {block: float(np.mean(values)) / STATE_BLOCKS[block] for block, values in self.blocks.items()}
 
+    @property
+    def mean(self) -> float:
+        """Mean over time of the whole error's, divided by its dimension: 1 for a consistent estimator."""
+        return float(np.mean(self.total)) / self.dof
+
+    def within(self, begin: float, end: float) -> "NormalisedErrors | None":
+        """Those of a span of time (s), both ends within; None where there are none."""
+        rows = np.flatnonzero((self.time >= begin) & (self.time <= end))
+        if not rows.size:
+            return None
+        blocks = {block: values[rows] for block, values in self.blocks.items()}
+        return NormalisedErrors(self.time[rows], self.total[rows], self.dof, blocks)
+
 
 def chi_square_band(
     dof: Int[np.ndarray, "*n"] | int, runs: int, probability: float = 0.95

@@ -5,7 +5,7 @@ from enum import StrEnum
 from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from spinfilters.attitude.conversions import inverse, multiply, rotate, rotation_vector_from_quaternion
 from spinfilters.errors import InputError
@@ -66,17 +66,24 @@ class TruthErrors:
     @property
     def rms(self) -> RmsErrors:
         """Over all common stamps."""
-        return self._rms(np.ones(len(self.time), dtype=bool))
+        position = None if self.position is None else root_mean_square(self.position)
+        velocity = None if self.velocity is None else root_mean_square(self.velocity)
+        return RmsErrors(position, root_mean_square(self.attitude), velocity, root_mean_square(self.rate))
 
-    @property
-    def rms_second_half(self) -> RmsErrors:
-        """Over the second half of the time, where the start no longer shows."""
-        return self._rms(self.in_second_half)
-
-    @property
-    def in_second_half(self) -> Bool[np.ndarray, " n"]:
-        """Stamps of the second half of the time."""
-        return self.time >= (self.time[0] + self.time[-1]) / 2
+    def within(self, begin: float, end: float) -> "TruthErrors | None":
+        """Those of a span of time (s), both ends within; None where there are none."""
+        rows = np.flatnonzero((self.time >= begin) & (self.time <= end))
+        if not rows.size:
+            return None
+        return TruthErrors(
+            self.time[rows],
+            self.rows[rows],
+            None if self.position is None else self.position[rows],
+            self.attitude[rows],
+            None if self.velocity is None else self.velocity[rows],
+            self.rate[rows],
+            self.frame,
+        )
 
     @property
     def ape_rmse(self) -> float | None:
@@ -87,12 +94,6 @@ class TruthErrors:
     def ape_angle_rmse_deg(self) -> float:
         """What `evo_ape tum ... -r angle_deg` prints as rmse, after the alignment if there is one."""
         return float(np.rad2deg(root_mean_square(self.attitude)))
-
-    def _rms(self, frames: np.ndarray) -> RmsErrors:
-        position = None if self.position is None else root_mean_square(self.position[frames])
-        velocity = None if self.velocity is None else root_mean_square(self.velocity[frames])
-        attitude, rate = root_mean_square(self.attitude[frames]), root_mean_square(self.rate[frames])
-        return RmsErrors(position, attitude, velocity, rate)
 
 
 @dataclass(frozen=True)

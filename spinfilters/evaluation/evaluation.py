@@ -1,7 +1,6 @@
 """Everything that is said of one estimator's run, put together once for tables, files and figures."""
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -19,7 +18,6 @@ from spinfilters.evaluation.consistency import (
 from spinfilters.evaluation.errors import (
     Alignment,
     BodyErrors,
-    RmsErrors,
     TruthErrors,
     body_errors,
     tells_first_frame,
@@ -65,8 +63,14 @@ class Evaluation:
         return self.bodies.at(-1)
 
     @property
+    def own_begin(self) -> float | None:
+        """Time of the first epoch that is the estimator's own, s; None where it has none."""
+        own = self.history.time[self.history.own]
+        return float(own[0]) if own.size else None
+
+    @property
     def nis_ratio(self) -> float | None:
-        """NIS per degree of freedom over the run."""
+        """NIS per degree of freedom over the run; the initialisation has none."""
         return nis_ratio(self.history)
 
     @property
@@ -157,90 +161,3 @@ def _compared(evaluation: Evaluation, truth: Truth, alignment: Alignment) -> Eva
         body_errors=body_errors(evaluation.body, common, frame),
         nees=normalised_errors(history, common) if known else None,
     )
-
-
-def numbers(evaluation: Evaluation) -> dict[str, Any]:
-    """The figures of a run by name (with its unit), ready for JSON; None where there is no such figure."""
-    history, body = evaluation.history, evaluation.body
-    return {
-        "estimator": evaluation.name,
-        "status": str(history.status.verdict),
-        "frames": len(history.time),
-        "principal_moments": body.principal_moments.tolist(),
-        "principal_moments_std": body.principal_moments_std.tolist(),
-        "principal_axes_std_rad": body.principal_axes_std.tolist(),
-        "k1": body.k1,
-        "k1_std": body.k1_std,
-        "k2": body.k2,
-        "k2_std": body.k2_std,
-        "center_of_mass_g_m": _listed(body.center_of_mass_g),
-        "center_of_mass_std_m": _listed(body.center_of_mass_std),
-        "drag_per_rad": body.drag,
-        "drag_std_per_rad": body.drag_std,
-        "nis_per_dof": evaluation.nis_ratio,
-        "accepted": int(history.accepted.sum()),
-        "rejected": int(history.rejected.sum()),
-        "milliseconds_per_frame": evaluation.milliseconds_per_frame,
-        **_error_numbers(evaluation),
-    }
-
-
-def _error_numbers(evaluation: Evaluation) -> dict[str, Any]:
-    errors, body = evaluation.errors, evaluation.body_errors
-    if errors is None or body is None:
-        return {}
-    return {
-        "alignment": str(evaluation.alignment),
-        **_rms_numbers("rms", errors.rms),
-        **_rms_numbers("rms_second_half", errors.rms_second_half),
-        "ape_rmse_m": errors.ape_rmse,
-        "ape_angle_rmse_deg": errors.ape_angle_rmse_deg,
-        **_body_numbers(body),
-        **_nees_numbers(evaluation),
-        "bound": None if evaluation.bound is None else _bound_numbers(evaluation.bound),
-    }
-
-
-def _bound_numbers(bound: ErrorBound) -> dict[str, Any]:
-    """Under the names of the errors."""
-    return {
-        **_rms_numbers("rms", bound.rms),
-        **_rms_numbers("rms_second_half", bound.rms_second_half),
-        **_body_numbers(bound.body),
-    }
-
-
-def _body_numbers(body: BodyErrors) -> dict[str, float | list[float] | None]:
-    return {
-        "principal_moments_error": _listed(body.principal_moments),
-        "k1_error": body.k1,
-        "k2_error": body.k2,
-        "axes_angle_rad": _listed(body.axes_angle),
-        "center_of_mass_error_m": _listed(body.center_of_mass_g),
-    }
-
-
-def _nees_numbers(evaluation: Evaluation) -> dict[str, float | None]:
-    """NEES per degree of freedom, mean over the frames: of the whole state, and of each block as nees_per_dof_<block>."""
-    nees = evaluation.nees
-    if nees is None:
-        return {"nees_per_dof": None}
-    blocks = {f"nees_per_dof_{block}": _finite(mean) for block, mean in nees.block_means.items()}
-    return {"nees_per_dof": _finite(np.mean(nees.total) / nees.dof), **blocks}
-
-
-def _rms_numbers(prefix: str, rms: RmsErrors) -> dict[str, float | None]:
-    return {
-        f"{prefix}_position_m": rms.position,
-        f"{prefix}_attitude_rad": rms.attitude,
-        f"{prefix}_velocity_m_s": rms.velocity,
-        f"{prefix}_rate_rad_s": rms.rate,
-    }
-
-
-def _listed(values: np.ndarray | None) -> list[float] | None:
-    return None if values is None else values.tolist()
-
-
-def _finite(value: float | np.floating) -> float | None:
-    return float(value) if np.isfinite(value) else None

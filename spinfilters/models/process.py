@@ -49,6 +49,11 @@ class ProcessNoise:
                 raise InputError(f"{name} is {value}; give a finite density of at least 0")
 
 
+THESIS_NOISE = ProcessNoise(force_psd=1e-6, torque_psd=1e-6)
+"""Disturbances of the thesis' experiment (Tweddle 2013, Eqs 6.14 and 6.15, which are roots of densities: 0.001 (m/s^2)/sqrt(Hz),
+0.001 (rad/s^2)/sqrt(Hz))."""
+
+
 def body_acceleration(w: Expression, J: Expression, drag: Expression | None = None) -> Expression:
     """w' = J^-1 (J w x w) - d |w| w in g axes, rad/s^2 (Tweddle 2013, Eq. 4.103; the sign of 3.16-3.18 is corrected).
 

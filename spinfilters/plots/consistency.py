@@ -11,6 +11,7 @@ from matplotlib.patches import Patch
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.consistency import chi_square_band
 from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.span import initialisation_end, shared_begin
 from spinfilters.plots.style import (
     GREEN,
     GREY,
@@ -23,10 +24,12 @@ from spinfilters.plots.style import (
 )
 
 _MOST_MARKS = 120  # of one estimator: more would be a solid bar
+_MOST_IN_A_LINE = 3  # means, behind the words of a title
 
 
-def consistency_figure(evaluations: Sequence[Evaluation], start_end: float | None = None) -> Figure:
+def consistency_figure(evaluations: Sequence[Evaluation]) -> Figure:
     """NIS per degree of freedom, and above it NEES where the true state is known."""
+    start_end = initialisation_end(evaluations)
     with_truth = any(evaluation.nees is not None for evaluation in evaluations)
     figure = Figure(figsize=(10.0, 6.6 if with_truth else 3.8), layout="constrained")
     panels = figure.subplots(1 + with_truth, 1, sharex=True, squeeze=False)[:, 0]
@@ -45,24 +48,25 @@ def consistency_figure(evaluations: Sequence[Evaluation], start_end: float | Non
 
 
 def _nees_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[EstimatorLine]) -> None:
-    dof, means = 1, []
+    dof, means, begin = 1, [], shared_begin(evaluations)
     for evaluation, line in zip(evaluations, lines, strict=True):
         if evaluation.nees is not None:
             dof = evaluation.nees.dof
             held = np.isfinite(evaluation.nees.total)
             total = np.where(held, evaluation.nees.total, np.nan)
             line.draw(axes, evaluation.nees.time, total / dof)
-            means += [f"{evaluation.name.upper()} {np.mean(total[held]) / dof:.2f}"] if held.any() else []
+            late = held & (evaluation.nees.time >= begin)
+            means += [f"{evaluation.name.upper()} {np.mean(total[late]) / dof:.2f}"] if late.any() else []
     low, high = chi_square_band(dof, 1)
     axes.axhspan(float(low) / dof, float(high) / dof, color=GREEN, alpha=0.2, linewidth=0, zorder=0)
     axes.axhline(1.0, color=GREY, linewidth=0.8)
     axes.set_ylim(bottom=0.0)
     axes.set_ylabel("NEES / dof  [-]")
-    axes.set_title(
-        f"error of the whole state, {dof} dof; mean {', '.join(means) or 'not finite'}",
-        loc="left",
-        fontsize="medium",
-    )
+    behind = "" if initialisation_end(evaluations) is None else " behind the initialisation"
+    head = f"error of the whole state, {dof} dof; mean{behind}:"
+    separator = " " if len(means) <= _MOST_IN_A_LINE else "\n"
+    title = f"{head}{separator}{', '.join(means) or 'not finite'}"
+    axes.set_title(title, loc="left", fontsize="medium")
 
 
 def _nis_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[EstimatorLine]) -> None:
@@ -79,8 +83,8 @@ def _nis_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[Estima
         ratios.append(f"{evaluation.name.upper()} {evaluation.nis_ratio:.3f}")
     axes.axhline(1.0, color=GREY, linewidth=0.8)
     axes.set_ylabel("NIS / dof  [-]")
-    each = "frame by frame" if window == 1 else f"in groups of {window} frames"
-    title = f"innovations {each}; whole run {', '.join(ratios) or 'without any'}"
+    each = "epoch by epoch" if window == 1 else f"in groups of {window} epochs"
+    title = f"innovations {each}; all together: {', '.join(ratios) or 'none'}"
     axes.set_title(title, loc="left", fontsize="medium")
 
 

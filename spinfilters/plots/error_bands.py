@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -34,14 +34,14 @@ class _Row:
     about_zero: bool
 
 
-def error_bands_figure(evaluation: Evaluation, start_end: float | None = None) -> Figure:
+def error_bands_figure(evaluation: Evaluation) -> Figure:
     """Position, attitude, velocity and rate errors (rows) by axis (columns) with +-3 sigma.
 
-    Without a truth the estimates themselves, with the attitude's uncertainty about zero. `start_end` (s) is
-    where the start's frames end.
+    Without a truth the estimates themselves, with the attitude's uncertainty about zero.
     """
     rows = _error_rows(evaluation) if evaluation.errors is not None else _estimate_rows(evaluation)
     time = evaluation.trajectory.time if evaluation.errors is None else evaluation.errors.time
+    start_end = evaluation.history.initialisation_end
     figure = Figure(figsize=(11.0, 1.0 + 1.95 * len(rows)), layout="constrained")
     panels = figure.subplots(len(rows), 3, sharex=True, squeeze=False)
     line = replace(estimator_lines([evaluation.name])[0], width=1.3)
@@ -54,7 +54,8 @@ def error_bands_figure(evaluation: Evaluation, start_end: float | None = None) -
         axes.set_xlabel("time [s]")
     what = "estimate" if evaluation.errors is None else "error"
     figure.suptitle(
-        f"{evaluation.name.upper()}: {what} and its ±{SIGMAS:g} σ{_inside(rows)}", fontsize="large"
+        f"{evaluation.name.upper()}: {what} and its ±{SIGMAS:g} σ{_inside(rows, _own(evaluation, time))}",
+        fontsize="large",
     )
     band = Patch(color=line.color, alpha=0.2, label=f"±{SIGMAS:g} σ of the estimator")
     legend_below(figure, [line.handle, band, *start_handle(start_end)])
@@ -75,13 +76,24 @@ def _panel(axes: Axes, time: np.ndarray, row: _Row, axis: int, line: EstimatorLi
     tidy(axes)
 
 
-def _inside(rows: list[_Row]) -> str:
-    """Share of errors within the bands, in words; empty where no error is known."""
+def _own(evaluation: Evaluation, time: np.ndarray) -> Bool[np.ndarray, " n"]:
+    """Which of these times (s) belong to epochs that the estimator made itself."""
+    begin = evaluation.own_begin
+    return np.zeros(len(time), dtype=bool) if begin is None else time >= begin
+
+
+def _inside(rows: list[_Row], own: Bool[np.ndarray, " n"]) -> str:
+    """Share of the estimator's own errors within the bands, in words; empty where none is known."""
     pairs = [(np.abs(row.values), SIGMAS * row.std) for row in rows if row.about_zero and row.values.any()]
-    pairs = [(value[held], band[held]) for value, band in pairs if (held := np.isfinite(band)).any()]
-    if len(pairs) < len(rows):
+    if len(pairs) < len(rows) or not own.any():
         return ""
-    return f", {np.mean([np.mean(value <= band) for value, band in pairs]):.1%} inside (99.7% expected)"
+    held = [own & np.isfinite(band) for _, band in pairs]
+    if not all(chosen.any() for chosen in held):
+        return ""
+    share = np.mean(
+        [np.mean((value <= band)[chosen]) for (value, band), chosen in zip(pairs, held, strict=True)]
+    )
+    return f", {100 * share:.1f} % inside in its own {np.count_nonzero(own)} epochs (99.7 % expected)"
 
 
 def _error_rows(evaluation: Evaluation) -> list[_Row]:

@@ -11,6 +11,7 @@ from matplotlib.patches import Patch
 from spinfilters.evaluation.body import BodyHistory
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.evaluation.rounding import with_uncertainty
+from spinfilters.evaluation.span import initialisation_end
 from spinfilters.plots.style import (
     GREY,
     SIGMAS,
@@ -31,13 +32,12 @@ RATIO_LABELS = ("$J_{min}\\,/\\,J_{max}$", "$J_{mid}\\,/\\,J_{max}$")
 def inertia_figure(
     evaluations: Sequence[Evaluation],
     true_moments: Float[np.ndarray, "3"] | None = None,
-    start_end: float | None = None,
 ) -> Figure:
     """Both ratios with +-3 sigma for every estimator, truth (any scale and order) dashed."""
     figure = Figure(figsize=(10.0, 6.4), layout="constrained")
     panels = figure.subplots(2, 1, sharex=True)
     lines = estimator_lines([evaluation.name for evaluation in evaluations])
-    time = evaluations[0].bodies.time
+    time, start_end = evaluations[0].bodies.time, initialisation_end(evaluations)
     for index, axes in enumerate(panels):
         for evaluation, line in zip(evaluations, lines, strict=True):
             _ratio(axes, evaluation.bodies, index, line)

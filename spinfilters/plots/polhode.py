@@ -9,17 +9,32 @@ from spinfilters.dynamics.polhode import polhode
 from spinfilters.evaluation.body import BodyEstimate
 from spinfilters.evaluation.rates import BodyRates
 from spinfilters.plots.space import draw_ellipsoid, draw_wires, equal_scales, space_figure
-from spinfilters.plots.style import BLACK, BLUE, PRINCIPAL_NAMES, RED, legend_below, note_figure
+from spinfilters.plots.style import (
+    BLACK,
+    BLUE,
+    INITIALISATION,
+    PRINCIPAL_NAMES,
+    PURPLE,
+    RED,
+    legend_below,
+    note_figure,
+)
 
 
-def estimated_polhode_figure(rates: BodyRates, body: BodyEstimate) -> Figure:
-    """Estimated rates (axes g) in principal axes, with ellipsoids and polhode of the last rate; a note where that is not finite."""
+def estimated_polhode_figure(rates: BodyRates, body: BodyEstimate, initialisation: int = 0) -> Figure:
+    """Estimated rates (axes g) in principal axes, with ellipsoids and polhode of the last rate; a note where that is not finite.
+
+    Parameters
+    ----------
+    initialisation: how many of the first epochs a smoother made for a filter; hollow.
+    """
     path = np.rad2deg(rates.in_axes(body.principal_axes_g).rate)
     if not np.isfinite(path[-1]).all():
         return note_figure(
             f"{rates.label.upper()}: no polhode, the rate or the inertia at the end is not finite"
         )
     held = np.isfinite(path).all(axis=1)
+    begin = rates.time[initialisation] if initialisation < len(rates.time) else np.inf
     path, time = path[held], rates.time[held]
     curve = polhode(body.principal_moments, path[-1])
     figure, axes = space_figure(8.6, 6.8)
@@ -27,7 +42,9 @@ def estimated_polhode_figure(rates: BodyRates, body: BodyEstimate) -> Figure:
     draw_wires(axes, curve.momentum_semi_axes, RED)
     for branch in curve.curves:
         axes.plot(*branch.T, color=BLACK, linewidth=1.6, zorder=3)
-    dots = axes.scatter(*path.T, c=time, cmap="cividis", s=18, depthshade=False, zorder=5)
+    before, own = path[time < begin], path[time >= begin]
+    axes.scatter(*before.T, s=16, facecolors="none", edgecolors=PURPLE, depthshade=False, zorder=4)
+    dots = axes.scatter(*own.T, c=time[time >= begin], cmap="cividis", s=18, depthshade=False, zorder=5)
     figure.colorbar(dots, ax=axes, shrink=0.6, pad=0.12, label="estimated rate at time [s]")
     extent = np.maximum(curve.energy_semi_axes, curve.momentum_semi_axes)
     equal_scales(axes, np.stack([-extent, extent]), zoom=1.0)
@@ -42,9 +59,16 @@ def estimated_polhode_figure(rates: BodyRates, body: BodyEstimate) -> Figure:
             Patch(color=BLUE, alpha=0.35, label="constant energy"),
             Line2D([], [], color=RED, linewidth=0.7, label="constant momentum"),
             Line2D([], [], color=BLACK, linewidth=1.6, label="polhode of the last rate (both branches)"),
+            *([_hollow()] if initialisation else []),
         ],
     )
     return figure
+
+
+def _hollow() -> Line2D:
+    return Line2D(
+        [], [], linestyle="none", marker="o", color=PURPLE, markerfacecolor="none", label=INITIALISATION
+    )
 
 
 def _moments(body: BodyEstimate) -> str:

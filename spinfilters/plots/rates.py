@@ -34,7 +34,7 @@ def rates_figure(
     axis_names: Sequence[str] = G_AXES,
     start_end: float | None = None,
 ) -> Figure:
-    """Three panels, one per body axis, all rates in the same axes. `start_end` (s) ends the start."""
+    """Three panels, one per body axis, all rates in the same axes. `start_end` (s) ends the initialisation."""
     figure = Figure(figsize=(10.0, 7.6), layout="constrained")
     panels = figure.subplots(3, 1, sharex=True)
     lines = estimator_lines([estimate.label for estimate in estimates])

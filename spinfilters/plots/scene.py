@@ -12,11 +12,22 @@ from spinfilters.evaluation.body import BodyEstimate
 from spinfilters.evaluation.trajectory import Trajectory
 from spinfilters.logs.camera import StereoRig
 from spinfilters.plots.space import equal_scales, frustum_edges, space_figure
-from spinfilters.plots.style import AXIS_COLOURS, BLACK, GREY, PRINCIPAL_NAMES, SKY, legend_below, note_figure
+from spinfilters.plots.style import (
+    AXIS_COLOURS,
+    BLACK,
+    GREY,
+    INITIALISATION,
+    PRINCIPAL_NAMES,
+    SKY,
+    legend_below,
+    note_figure,
+)
 
 _TO_VIEW = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 """Inertial axes (x right, y down, z forward) to axes of a figure whose third axis points up."""
 _MOST_POINTS = 400
+_EPOCHS = 4  # at which the principal axes are drawn
+_DOTS = (0, (1.0, 1.0))
 _REVOLUTIONS = 4  # of the paths of axes: more is a ball of wool
 
 
@@ -25,9 +36,9 @@ def scene_figure(
     body: BodyEstimate,
     rig: StereoRig | None = None,
     map_points: Float[np.ndarray, "k 3"] | None = None,
-    epochs: int = 4,
+    initialisation: int = 0,
 ) -> Figure:
-    """Path of the centre of mass, the principal axes at ``epochs`` times, the landmarks at the last.
+    """Path of the centre of mass, the principal axes at some times, the landmarks at the last.
 
     Without a position (a gyro) the paths of the principal axes on the unit sphere take their place. Frames that are not finite are
     left out; a note takes the place of a body that is not.
@@ -35,25 +46,28 @@ def scene_figure(
     Parameters
     ----------
     rig: camera at the origin of i, drawn when given.   map_points: landmarks, m, frame g.
+    initialisation: how many of the first epochs a smoother made for a filter; dotted.
     """
     held = np.flatnonzero(trajectory.is_finite)
     centre = np.zeros(3) if body.center_of_mass_g is None else body.center_of_mass_g
     if not held.size or not np.isfinite([*body.principal_axes_g, centre]).all():
         return note_figure("No scene: the body at the end is not finite")
+    initialisation = int(np.searchsorted(held, initialisation))
     trajectory, map_points = (
         trajectory.at(held),
         map_points if map_points is not None and len(map_points) else None,
     )
     if not trajectory.sees_position:
-        return _directions_figure(trajectory, body)
+        return _directions_figure(trajectory, body, initialisation)
     figure, axes = space_figure(9.4, 7.4)
-    rows = np.unique(np.linspace(0, len(trajectory.time) - 1, epochs).round().astype(int))
+    rows = np.unique(np.linspace(0, len(trajectory.time) - 1, _EPOCHS).round().astype(int))
     size = _body_size(trajectory, body, map_points)
     shown = [_draw_axes(axes, trajectory, body, row, size, (1 + k) / len(rows)) for k, row in enumerate(rows)]
     if map_points is not None and body.center_of_mass_g is not None:
         shown.append(_draw_landmarks(axes, trajectory, map_points - body.center_of_mass_g, rows[-1]))
     path = trajectory.position @ _TO_VIEW.T
-    axes.plot(*path.T, color=BLACK, linewidth=1.8, zorder=6)
+    axes.plot(*path[:initialisation].T, color=BLACK, linewidth=1.8, linestyle=_DOTS, zorder=6)
+    axes.plot(*path[max(initialisation - 1, 0) :].T, color=BLACK, linewidth=1.8, zorder=6)
     if rig is not None:
         shown.append(_draw_camera(axes, rig, 0.35 * float(np.linalg.norm(trajectory.position, axis=1).max())))
     equal_scales(axes, np.concatenate([path, *shown]), zoom=1.15)
@@ -61,7 +75,8 @@ def scene_figure(
     times = ", ".join(f"{trajectory.time[row]:.1f}" for row in rows)
     landmarks = "" if map_points is None else ", landmarks at the last"
     axes.set_title(f"Principal axes at t = {times} s (stronger: later){landmarks}", y=0.98)
-    legend_below(figure, _handles(rig is not None, map_points is not None))
+    handles = _handles(rig is not None, map_points is not None)
+    legend_below(figure, [*handles, *_initialisation_handles(initialisation)])
     return figure
 
 
@@ -111,12 +126,14 @@ def _body_size(trajectory: Trajectory, body: BodyEstimate, map_points: np.ndarra
     return 0.1 * float(np.linalg.norm(trajectory.position, axis=1).max())
 
 
-def _directions_figure(trajectory: Trajectory, body: BodyEstimate) -> Figure:
+def _directions_figure(trajectory: Trajectory, body: BodyEstimate, initialisation: int) -> Figure:
     figure, axes = space_figure(8.0, 7.2)
     last = _last_revolutions(trajectory)
     paths = matrix_from_quaternion(trajectory.q_ig[last:]) @ body.principal_axes_g.T
     for k, colour in enumerate(AXIS_COLOURS):
-        axes.plot(*paths[:, :, k].T, color=colour, linewidth=1.1, zorder=3)
+        before = max(initialisation - last, 0)
+        axes.plot(*paths[:before, :, k].T, color=colour, linewidth=1.1, linestyle=_DOTS, zorder=3)
+        axes.plot(*paths[max(before - 1, 0) :, :, k].T, color=colour, linewidth=1.1, zorder=3)
         axes.plot(*np.stack([np.zeros(3), paths[-1, :, k]]).T, color=colour, linewidth=2.2, zorder=5)
     momentum = _momentum_direction(trajectory, body)
     axes.plot(*np.stack([np.zeros(3), 1.3 * momentum]).T, color=BLACK, linewidth=2.2, zorder=6)
@@ -125,7 +142,8 @@ def _directions_figure(trajectory: Trajectory, body: BodyEstimate) -> Figure:
     axes.view_init(elev=22, azim=-52)
     axes.set_title(f"Directions of the principal axes in space, last {_REVOLUTIONS} revolutions")
     momentum_handle = Line2D([], [], color=BLACK, linewidth=2.2, label="angular momentum (mean)")
-    legend_below(figure, [*_axis_handles(), momentum_handle])
+    begun = _initialisation_handles(max(initialisation - last, 0))
+    legend_below(figure, [*_axis_handles(), momentum_handle, *begun])
     return figure
 
 
@@ -142,6 +160,12 @@ def _momentum_direction(trajectory: Trajectory, body: BodyEstimate) -> Float[np.
     momentum = np.einsum("nij,nj->i", R_ib, body.principal_moments * rate_b)
     length = float(np.linalg.norm(momentum))
     return momentum / length if length > 0 else momentum
+
+
+def _initialisation_handles(epochs: int) -> list[Line2D]:
+    """Legend entry of the dotted paths, none without any."""
+    dotted = Line2D([], [], color=BLACK, linewidth=1.8, linestyle=_DOTS, label=INITIALISATION)
+    return [dotted] if epochs else []
 
 
 def _axis_handles() -> list[Line2D]:

@@ -32,6 +32,8 @@ AXIS_COLOURS: Final[tuple[str, str, str]] = (BLUE, RED, GREEN)
 """Of the first, second and third axis of a frame where one panel holds all three."""
 PRINCIPAL_NAMES: Final[tuple[str, str, str]] = ("minor", "intermediate", "major")
 """Principal axes in the ascending order of their moments."""
+INITIALISATION: Final[str] = "initialisation (smoothed)"
+"""What the epochs are called that a smoother made for the filters to begin from."""
 SIGMAS: Final[float] = 3.0
 """Half width of every band, in standard deviations."""
 _RESERVED = {"mekf": BLUE, "ukf": RED}
@@ -83,14 +85,14 @@ def estimator_lines(names: Sequence[str]) -> list[EstimatorLine]:
 
 
 def mark_start(axes: Axes, first: float, start_end: float | None) -> None:
-    """Shade the times (s) that the start looked at, from the first frame on."""
+    """Shade the times (s) of the filters' initialisation, from the first epoch on."""
     if start_end is not None:
         axes.axvspan(first, start_end, color=BLACK, alpha=0.07, linewidth=0, zorder=0)
 
 
 def start_handle(start_end: float | None) -> list[Artist]:
-    """Legend entry of `mark_start`, none when there is no start."""
-    return [] if start_end is None else [Patch(color=BLACK, alpha=0.1, label="frames of the start")]
+    """Legend entry of `mark_start`, none when there is no initialisation."""
+    return [] if start_end is None else [Patch(color=BLACK, alpha=0.1, label=INITIALISATION)]
 
 
 def truth_handle(label: str = "truth") -> Line2D:

@@ -10,10 +10,14 @@ from matplotlib.figure import Figure
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.evaluation.rates import BodyRates, estimated_rates
 from spinfilters.evaluation.rounding import with_uncertainty
+from spinfilters.evaluation.span import initialisation_end, shared_begin
+from spinfilters.evaluation.usage import ObservationUse, observation_use, title_sentences
 from spinfilters.plots.inertia import RATIO_LABELS
 from spinfilters.plots.style import (
     AXIS_COLOURS,
     BLACK,
+    GREY,
+    INITIALISATION,
     PRINCIPAL_NAMES,
     SIGMAS,
     EstimatorLine,
@@ -21,6 +25,7 @@ from spinfilters.plots.style import (
     finite_quantile,
     mark_start,
     plot_truth,
+    start_handle,
     tidy,
 )
 
@@ -29,15 +34,16 @@ def summary_figure(
     evaluations: Sequence[Evaluation],
     reference: BodyRates | None = None,
     true_moments: Float[np.ndarray, "3"] | None = None,
-    start_end: float | None = None,
+    conditions: Sequence[str] = (),
 ) -> Figure:
-    """Rates of the first estimator, inertia of all, their errors or uncertainties over time, and runtimes.
+    """Rates of the first estimator, inertia of all, their errors or uncertainties over time, and what they used.
 
     Parameters
     ----------
     reference: true or measured rates in the estimate's axes g.   true_moments: any scale and order.
+    conditions: sentences on the map, the noise and the seed.
     """
-    figure = Figure(figsize=(13.0, 7.6), layout="constrained")
+    figure = Figure(figsize=(13.0, 8.2), layout="constrained")
     grid = figure.add_gridspec(2, 3, width_ratios=(1.6, 1.6, 1.3))
     rates, inertia = figure.add_subplot(grid[0, :2]), figure.add_subplot(grid[0, 2])
     lines = estimator_lines([evaluation.name for evaluation in evaluations])
@@ -46,10 +52,14 @@ def summary_figure(
     left, right = figure.add_subplot(grid[1, 0]), figure.add_subplot(grid[1, 1])
     _attitude_panel(left, evaluations, lines)
     _other_panel(right, evaluations, lines)
-    _runtime_panel(figure.add_subplot(grid[1, 2]), evaluations, lines)
+    cell = grid[1, 2].subgridspec(2, 1)
+    _use_panel(figure.add_subplot(cell[0]), evaluations, lines)
+    _runtime_panel(figure.add_subplot(cell[1]), evaluations, lines)
     for axes in (rates, left, right):
-        mark_start(axes, evaluations[0].history.time[0], start_end)
+        mark_start(axes, evaluations[0].history.time[0], initialisation_end(evaluations))
         axes.set_xlabel("time [s]")
+    _name_initialisation(rates, evaluations)
+    figure.supxlabel("\n".join(_footer(evaluations, conditions)), fontsize="medium", x=0.01, ha="left")
     figure.suptitle(headline(evaluations[0]), fontsize="large", fontweight="bold")
     return figure
 
@@ -173,9 +183,8 @@ def _magnitudes(
     axes.set_ylim(0.0, 1.6 * top if top > 0 else 1.0)
     title = "length of the error (black: 1 σ)" if known else "uncertainty, 1 σ"
     axes.set_title(title, loc="left", fontsize="medium")
-    axes.legend(
-        handles=[line.handle for line in lines], frameon=False, fontsize="small", ncols=2, loc="upper right"
-    )
+    handles = [*(line.handle for line in lines), *start_handle(initialisation_end(evaluations))]
+    axes.legend(handles=handles, frameon=False, fontsize="small", ncols=2, loc="upper right")
     tidy(axes)
 
 
@@ -183,12 +192,51 @@ def _runtime_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[Es
     runtimes = [evaluation.milliseconds_per_frame or 0.0 for evaluation in evaluations]
     names = [evaluation.name.upper() for evaluation in evaluations]
     bars = axes.barh(names, runtimes, color=[line.color for line in lines], height=0.5)
-    axes.bar_label(bars, [f"{runtime:.2g} ms" for runtime in runtimes], padding=4)
-    axes.set_xlim(0.0, 1.3 * max(*runtimes, 1e-9))
+    axes.bar_label(bars, [f"{runtime:.3g} ms" for runtime in runtimes], padding=4)
+    axes.set_xlim(0.0, 1.4 * max(*runtimes, 1e-9))
     axes.invert_yaxis()
-    axes.set_xlabel("time per frame [ms], median")
-    axes.set_title("runtime", loc="left", fontsize="medium")
+    axes.set_xlabel("[ms]")
+    axes.set_title("time per epoch, median", loc="left", fontsize="medium")
     tidy(axes)
+
+
+def _use_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[EstimatorLine]) -> None:
+    """What each used of the observations, over the epochs that all have."""
+    begin, names = shared_begin(evaluations), [evaluation.name.upper() for evaluation in evaluations]
+    uses = [observation_use(evaluation.history, begin) for evaluation in evaluations]
+    used = [0.0 if use is None else use.used_per_epoch for use in uses]
+    there = [0.0 if use is None else use.available_per_epoch or 0.0 for use in uses]
+    ends = [max(pair) for pair in zip(used, there, strict=True)]
+    measured = axes.barh(names, ends, color=GREY, alpha=0.3, height=0.5)
+    axes.barh(names, used, color=[line.color for line in lines], height=0.5)
+    axes.bar_label(measured, [_use_label(use) for use in uses], padding=4)
+    axes.set_xlim(0.0, 2.2 * max(*ends, 1e-9))
+    axes.invert_yaxis()
+    axes.set_xlabel("[1/epoch]")
+    axes.set_title("observations used (grey: measured)", loc="left", fontsize="medium")
+    tidy(axes)
+
+
+def _use_label(use: ObservationUse | None) -> str:
+    if use is None:
+        return "none"
+    if use.share is None or use.available_per_epoch is None:
+        return f"{use.used_per_epoch:.3g}"
+    return f"{use.used_per_epoch:.3g} of {use.available_per_epoch:.3g} ({100 * use.share:.3g} %)"
+
+
+def _name_initialisation(axes: Axes, evaluations: Sequence[Evaluation]) -> None:
+    """Inside the shade, at its foot."""
+    first, end = evaluations[0].history.time[0], initialisation_end(evaluations)
+    if end is not None:
+        place = {"transform": axes.get_xaxis_transform(), "ha": "center", "va": "bottom"}
+        axes.text((first + end) / 2, 0.01, INITIALISATION, fontsize="small", color=GREY, **place)
+
+
+def _footer(evaluations: Sequence[Evaluation], conditions: Sequence[str]) -> list[str]:
+    """What was estimated from what, and by whom; a dollar sign would begin a formula."""
+    lines = [*title_sentences(evaluations), " ".join(conditions)]
+    return [line.replace("$", r"\$") for line in lines if line]
 
 
 def _length(vectors: np.ndarray) -> Float[np.ndarray, " n"]:

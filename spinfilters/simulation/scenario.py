@@ -15,7 +15,7 @@ from spinfilters.logs.dataset_options import DatasetOptions
 from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.logs.track_files import KnownMap
 from spinfilters.logs.truth import Truth
-from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.models.process import THESIS_NOISE, ProcessNoise, TorqueFreeProcess
 from spinfilters.simulation.motion import Motion, simulate_motion
 from spinfilters.simulation.stereo_tracks import (
     RIG,
@@ -40,7 +40,10 @@ RICH_RPM: Final = (4.0, 9.0, 3.0)
 
 @dataclass(frozen=True)
 class Scenario:
-    """What to simulate. The defaults are the thesis' own experiment: a SPHERES-like body at 10 rpm about its intermediate axis.
+    """What to simulate. The defaults are the thesis' body and motion: SPHERES-like, at 10 rpm about its intermediate axis.
+
+    They are easier than the thesis' own problem, which is `disam115`: every landmark is recognised whenever it is in view, and the
+    disturbing force has a 25th of the density.
 
     Attributes
     ----------
@@ -54,7 +57,7 @@ class Scenario:
         the thesis' 24,723 observations in 115 frames.
     detection, facing_cosine, recognition, fewest_sightings: see `FrontEnd`.
     pixel_std px, position_std m, rotation_std rad, gyro_std rad/s: white noise of the sensors.
-    noise: disturbances of the motion (Tweddle 2013, section 6.4).
+    noise: disturbances of the motion; the thesis' are `spinfilters.models.process.THESIS_NOISE`.
     candidates: motions that are drawn; the first that keeps the whole body in view is taken, or the first of all if none does.
     seed: of everything random.
     """
@@ -106,11 +109,11 @@ class Scenario:
 
     @classmethod
     def disam115(cls, rate_rpm: tuple[float, float, float] = THESIS_RPM, seed: int = 0) -> "Scenario":
-        """A recording with the statistics of the common workload disam115, whose landmarks are mapped while they are tracked.
+        """The thesis' own problem (Tweddle 2013, chapter 6): motion, noise and track statistics; the bundled example.
 
         About 2447 landmarks with 24,723 sightings in 115 frames, 215 in each, at least two of each landmark; percentiles 10, 50,
         90 and 99 of the sightings of a landmark: 2, 8, 22 and 36. A landmark stays for one to five frames of a revolution and
-        comes back after seven to ten.
+        comes back after seven to ten. Of 48 motions the first is taken that the disturbing force does not carry out of view.
         """
         return cls(
             rate_rpm=rate_rpm,
@@ -120,7 +123,7 @@ class Scenario:
             detection=0.88,
             recognition=SomeAppearances(0.45, 1.4),
             fewest_sightings=2,
-            noise=ProcessNoise(force_psd=1e-6, torque_psd=1e-6),
+            noise=THESIS_NOISE,
             candidates=48,
             seed=seed,
         )
@@ -215,15 +218,16 @@ def _truth(scenario: Scenario, motion: Motion) -> Truth:
 
 
 def _options(scenario: Scenario) -> DatasetOptions:
-    notes: dict[str, str | int | float | bool] = {
-        "seed": scenario.seed,
+    """Noise of the sensor and of the motion; a density of zero is none to state."""
+    own: dict[str, float] = {
         "force_psd": scenario.noise.force_psd,
         "torque_psd": scenario.noise.torque_psd,
     }
     if scenario.kind == "stereo-tracks":
-        return DatasetOptions(pixel_std=scenario.pixel_std, notes=notes)
-    if scenario.kind == "gyro":
-        return DatasetOptions(gyro_noise_std=scenario.gyro_std, notes=notes)
-    return DatasetOptions(
-        pose_position_std=scenario.position_std, pose_rotation_std=scenario.rotation_std, notes=notes
-    )
+        own |= {"pixel_std": scenario.pixel_std}
+    elif scenario.kind == "gyro":
+        own |= {"gyro_noise_std": scenario.gyro_std}
+    else:
+        own |= {"pose_position_std": scenario.position_std, "pose_rotation_std": scenario.rotation_std}
+    stated = {name: value for name, value in own.items() if value > 0}
+    return replace(DatasetOptions(notes={"seed": scenario.seed}), **stated)

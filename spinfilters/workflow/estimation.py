@@ -1,4 +1,4 @@
-"""Every estimator on the identical measurements of one prepared data set."""
+"""Every estimator on one prepared data set."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -153,8 +153,8 @@ def _check(settings: Settings, prepared: Prepared) -> None:
     without = [name for name in settings.estimators if name not in OURS]
     if without and isinstance(prepared.belief, LandmarkBelief):
         raise InputError(
-            f"{', '.join(without)}: holds no landmarks; give the tracks' map (landmarks.csv), or choose estimators among "
-            f"{', '.join(OURS)}"
+            f"{', '.join(without)}: holds no landmarks; give the tracks' map (landmarks.csv, for the bundled example "
+            f"--known-map), or choose among {', '.join(OURS)}"
         )
 
 
@@ -212,29 +212,21 @@ def _is_cut_short(history: EstimateHistory, frames: int) -> bool:
 
 
 def _with_start(history: EstimateHistory, prepared: Prepared) -> EstimateHistory:
-    """The history with the smoothed frames of the start in front, which cost no filter time and count no innovation."""
+    """A filter's history with its initialisation in front: smoothed epochs, of which nothing is counted."""
     frames = prepared.start.frames
     count = len(frames.mean)
     time = np.array([frame.time for frame in prepared.timeline[:count]])
-    used = np.array([sum(len(m.values) for m in frame.measurements) for frame in prepared.timeline[:count]])
-    nothing = np.zeros(count)
-    return replace(
-        history,
-        time=np.concatenate([time, history.time]),
-        mean=np.concatenate([frames.mean, history.mean]),
-        factor=np.concatenate([frames.factor, history.factor]),
-        nis=np.concatenate([nothing, history.nis]),
-        dof=np.concatenate([nothing.astype(int), history.dof]),
-        log_likelihood=np.concatenate([nothing, history.log_likelihood]),
-        accepted=np.concatenate([used, history.accepted]),
-        rejected=np.concatenate([nothing.astype(int), history.rejected]),
-        runtime=np.concatenate([nothing, history.runtime]),
-    )
+    uncounted = ("nis", "dof", "log_likelihood", "accepted", "rejected", "runtime")
+    before = {name: np.zeros(count, dtype=getattr(history, name).dtype) for name in uncounted}
+    before |= {"time": time, "mean": frames.mean, "factor": frames.factor}
+    rows = {name: np.concatenate([values, getattr(history, name)]) for name, values in before.items()}
+    return replace(history, initialisation=count, **rows)
 
 
 def _evaluated(history: EstimateHistory, prepared: Prepared) -> Evaluation:
     alignment = Alignment.NONE if prepared.known_frames else Alignment.FIRST_FRAME
-    return evaluate(history, prepared.dataset.truth, alignment)
+    observed = replace(history, observations=prepared.observations[: len(history.time)])
+    return evaluate(observed, prepared.dataset.truth, alignment)
 
 
 def _judge(evaluations: list[Evaluation], prepared: Prepared) -> list[Evaluation]:

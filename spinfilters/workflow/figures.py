@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
 from spinfilters.evaluation.rates import BodyRates, estimated_rates, measured_rates, true_rates
+from spinfilters.evaluation.span import initialisation_end
 from spinfilters.evaluation.trajectory import read_map_ply
 from spinfilters.logs.dataset import Dataset, read_dataset
 from spinfilters.plots.consistency import consistency_figure
@@ -21,6 +22,7 @@ from spinfilters.plots.rates import rates_figure
 from spinfilters.plots.scene import scene_figure
 from spinfilters.plots.style import draw_figure
 from spinfilters.plots.summary import summary_figure
+from spinfilters.workflow.conditions import conditions_of, told_sentences
 from spinfilters.workflow.estimation import Comparison
 from spinfilters.workflow.preparation import knows_frames
 from spinfilters.workflow.run_folder import DATASET_FOLDER, read_histories
@@ -29,18 +31,19 @@ from spinfilters.workflow.run_summary import not_whole, read_summary
 
 @dataclass(frozen=True)
 class Pictured:
-    """What the figures show: evaluations of one data set, the landmarks (k, 3) if any, and the end of the start (s)."""
+    """What the figures show: evaluations of one data set, the landmarks (k, 3) if any, and sentences on its conditions."""
 
     dataset: Dataset
     evaluations: Sequence[Evaluation]
     map_points: Float[np.ndarray, "k 3"] | None
-    start_end: float
+    conditions: Sequence[str] = ()
 
     @classmethod
     def from_comparison(cls, comparison: Comparison) -> "Pictured":
         """Of a run that has just ended."""
         prepared, first = comparison.prepared, comparison.evaluations[0].name
-        return cls(prepared.dataset, comparison.evaluations, comparison.maps.get(first), prepared.start_end)
+        conditions = conditions_of(prepared).sentences
+        return cls(prepared.dataset, comparison.evaluations, comparison.maps.get(first), conditions)
 
     @classmethod
     def from_folder(cls, folder: Path) -> "Pictured":
@@ -54,17 +57,14 @@ class Pictured:
         dataset = read_dataset(folder / DATASET_FOLDER)
         alignment = Alignment.NONE if knows_frames(dataset) else Alignment.FIRST_FRAME
         try:
-            start_end, names = (
-                float(document["start"]["end_s"]),
-                [str(name) for name in document["estimators"]],
-            )
+            names = [str(name) for name in document["estimators"]]
             map_path = folder / names[0] / "map.ply"
         except (KeyError, IndexError, TypeError, ValueError) as error:
             raise not_whole(folder, error) from None
         histories = read_histories(folder, names)
         evaluations = [evaluate(history, dataset.truth, alignment) for history in histories]
         points = read_map_ply(map_path) if map_path.exists() else None
-        return cls(dataset, evaluations, points, start_end)
+        return cls(dataset, evaluations, points, told_sentences(document))
 
 
 def draw_run(
@@ -84,24 +84,27 @@ def draw_run(
 
 
 def _figures(pictured: Pictured) -> Iterator[tuple[str, Callable[[], Figure]]]:
-    evaluations, end = pictured.evaluations, pictured.start_end
+    evaluations, end = pictured.evaluations, initialisation_end(pictured.evaluations)
     first, truth = evaluations[0], pictured.dataset.truth
     moments = None if truth is None else truth.principal_moments
     reference = _reference(pictured.dataset, first)
-    yield "summary", lambda: summary_figure(evaluations, reference, moments, end)
+    smoothed = first.history.initialisation
+    yield "summary", lambda: summary_figure(evaluations, reference, moments, pictured.conditions)
     yield (
         "rates",
         lambda: rates_figure([estimated_rates(e.history) for e in evaluations], reference, start_end=end),
     )
-    yield "inertia", lambda: inertia_figure(evaluations, moments, end)
-    yield "polhode", lambda: estimated_polhode_figure(estimated_rates(first.history), first.body)
+    yield "inertia", lambda: inertia_figure(evaluations, moments)
+    yield "polhode", lambda: estimated_polhode_figure(estimated_rates(first.history), first.body, smoothed)
     yield (
         "scene",
-        lambda: scene_figure(first.trajectory, first.body, pictured.dataset.rig, pictured.map_points),
+        lambda: scene_figure(
+            first.trajectory, first.body, pictured.dataset.rig, pictured.map_points, smoothed
+        ),
     )
-    yield "consistency", lambda: consistency_figure(evaluations, end)
+    yield "consistency", lambda: consistency_figure(evaluations)
     for evaluation in evaluations:
-        yield f"errors-{evaluation.name}", lambda evaluation=evaluation: error_bands_figure(evaluation, end)
+        yield f"errors-{evaluation.name}", lambda evaluation=evaluation: error_bands_figure(evaluation)
 
 
 def _reference(dataset: Dataset, evaluation: Evaluation) -> BodyRates | None:

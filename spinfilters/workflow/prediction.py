@@ -125,7 +125,7 @@ def _read(path: Path, history: EstimateHistory) -> EstimateHistory:
 
 
 def _foretold(histories: Sequence[EstimateHistory], predicted: Sequence[EstimateHistory]) -> list[Foretold]:
-    """With a share of the time ahead of what was estimated before; rates about the principal axes of the first estimator.
+    """With a share of the time ahead of what the estimator made before; rates about the principal axes of the first estimator.
 
     Those that predict nothing are left out.
     """
@@ -134,7 +134,8 @@ def _foretold(histories: Sequence[EstimateHistory], predicted: Sequence[Estimate
     for known, ahead in pairs:
         axes = body_estimate(pairs[0][0].belief(-1)).principal_axes_g
         past = PAST * float(ahead.time[-1] - ahead.time[0])
-        before = _cut(known, slice(int(np.searchsorted(known.time, known.time[-1] - past)), None))
+        begin = max(int(np.searchsorted(known.time, known.time[-1] - past)), known.initialisation)
+        before = _cut(known, slice(min(begin, len(known.time) - 1), None))
         found.append(
             Foretold(
                 trajectory_of(before),

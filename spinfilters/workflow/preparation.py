@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.first_frames import FirstStatePrior, SmoothedFrames
@@ -18,7 +18,7 @@ from spinfilters.evaluation.body import body_estimate
 from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.input_file import reason
 from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.models.process import THESIS_NOISE, ProcessNoise, TorqueFreeProcess
 from spinfilters.perception.map_building import poses_without_map
 from spinfilters.perception.track_poses import poses_with_map
 from spinfilters.state.gaussian import Gaussian
@@ -62,6 +62,14 @@ class Prepared:
         return self.timeline[len(self.start.frames.mean) - 1].time
 
     @property
+    def observations(self) -> Int[np.ndarray, " n"]:
+        """How many rows of the log each epoch has, those of landmarks that a known map lacks among them."""
+        stamps, counts = np.unique(
+            np.concatenate([stream.time for stream in self.dataset.log.streams]), return_counts=True
+        )
+        return counts[np.searchsorted(stamps, [frame.time for frame in self.timeline])]
+
+    @property
     def known_frames(self) -> bool:
         """Whether the estimate's frames are the truth's."""
         return knows_frames(self.dataset)
@@ -83,8 +91,8 @@ def prepare(dataset: Dataset, settings: Settings) -> Prepared:
     blocks = ROTATION_BLOCKS if log.sensors == ("gyro",) else FULL_BLOCKS
     layout = StateLayout((*blocks, "d") if settings.process.drag else blocks)
     unknown_gyro = "gyro" in log.sensors and _gyro_is_unknown(dataset, settings)
-    torque_psd = disturbance_psd(log.stream("gyro")) if unknown_gyro else ProcessNoise.torque_psd
-    process = TorqueFreeProcess(layout, settings.process.noise(torque_psd), settings.process.tolerance)
+    automatic = _disturbances(dataset, unknown_gyro)
+    process = TorqueFreeProcess(layout, settings.process.noise(automatic), settings.process.tolerance)
     noise, gyro_noise = _noise(dataset, settings), None
     if "gyro" in log.sensors:
         process.require_steps(log.stream("gyro").time, log.stream("gyro").values)
@@ -226,6 +234,14 @@ def _noise(dataset: Dataset, settings: Settings) -> SensorNoise:
         if value is not None:
             chosen[name] = float(value)
     return SensorNoise(**chosen)
+
+
+def _disturbances(dataset: Dataset, unknown_gyro: bool) -> ProcessNoise:
+    """The data set's own, then what is known of gyros of unknown error, then the thesis'."""
+    force_psd, torque_psd = dataset.options.force_psd, dataset.options.torque_psd
+    if torque_psd is None and unknown_gyro:
+        torque_psd = disturbance_psd(dataset.log.stream("gyro"))
+    return ProcessNoise(force_psd or THESIS_NOISE.force_psd, torque_psd or THESIS_NOISE.torque_psd)
 
 
 def _gyro_is_unknown(dataset: Dataset, settings: Settings) -> bool:

@@ -84,13 +84,14 @@ def _own_doubts(evaluation: Evaluation) -> list[str]:
 def _left_out(history: EstimateHistory) -> list[str]:
     """Doubts about measurements that were not there or not believed."""
     reasons = []
-    rejected, total = int(history.rejected.sum()), int((history.rejected + history.accepted).sum())
+    all_rejected, all_accepted = history.rejected[history.own], history.accepted[history.own]
+    rejected, total = int(all_rejected.sum()), int((all_rejected + all_accepted).sum())
     if total and rejected > LARGEST_REJECTED * total:
         reasons.append(f"{rejected} of {total} measurements could not be used or were not believed")
-    empty = int(np.count_nonzero((history.accepted == 0) & (history.rejected > 0)))
+    empty = int(np.count_nonzero((all_accepted == 0) & (all_rejected > 0)))
     if empty:
         reasons.append(
-            f"{empty} of {len(history.time)} frames told nothing: all of them was refused, or they only repeated the frame before"
+            f"{empty} of {len(all_accepted)} frames told nothing: all of them was refused, or they only repeated the frame before"
         )
     gaps = np.diff(history.time)
     if gaps.size and gaps.max() > LARGEST_GAP * np.median(gaps):

@@ -16,7 +16,7 @@ from spinfilters.evaluation.trajectory import write_map_ply, write_trajectory_cs
 from spinfilters.logs.atomic_write import make_folder, write_json, write_toml
 from spinfilters.logs.camera import RIG_FILES
 from spinfilters.logs.dataset import Dataset, read_dataset
-from spinfilters.logs.dataset_options import STD_KEYS
+from spinfilters.logs.dataset_options import NOISE_KEYS
 from spinfilters.logs.dataset_writing import DATASET_FILES, write_dataset
 from spinfilters.logs.input_file import named, shown
 from spinfilters.logs.measurement_log import MeasurementStream
@@ -165,7 +165,7 @@ def finished_run(folder: Path, dataset: Dataset, settings: Settings) -> dict[str
 
 
 def _decisive(dataset: Dataset) -> tuple[Any, ...]:
-    noise = tuple(getattr(dataset.options, key) for key in STD_KEYS)
+    noise = tuple(getattr(dataset.options, key) for key in NOISE_KEYS)
     return (*(getattr(dataset, part) for part in DECISIVE), noise)
 
 

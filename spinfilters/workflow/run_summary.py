@@ -7,10 +7,14 @@ from typing import Any
 import numpy as np
 
 from spinfilters.errors import InputError
-from spinfilters.evaluation.evaluation import Evaluation, numbers
+from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.metrics import numbers, use_numbers
+from spinfilters.evaluation.span import shared_begin
+from spinfilters.evaluation.usage import on_identical_measurements
 from spinfilters.logs.input_file import reason
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.state.layout import StateLayout
+from spinfilters.workflow.conditions import conditions_of
 from spinfilters.workflow.estimation import Comparison
 from spinfilters.workflow.preparation import Prepared
 
@@ -21,14 +25,17 @@ LARGEST_SUMMARY = 1 << 26
 
 def summary(comparison: Comparison) -> dict[str, Any]:
     """The content of summary.json."""
-    prepared = comparison.prepared
+    prepared, evaluations = comparison.prepared, comparison.evaluations
+    shared = shared_begin(evaluations)
     return {
         "schema": SCHEMA,
         "dataset": _dataset(prepared),
         "process": {"blocks": list(prepared.process.layout.blocks), **vars(prepared.process.noise)},
         "sensors": vars(prepared.noise),
+        "conditions": conditions_of(prepared).document,
+        "identical_measurements": on_identical_measurements(evaluations),
         "start": _start(prepared),
-        "estimators": {evaluation.name: _estimator(evaluation) for evaluation in comparison.evaluations},
+        "estimators": {evaluation.name: _estimator(evaluation, shared) for evaluation in evaluations},
     }
 
 
@@ -105,15 +112,18 @@ def _start(prepared: Prepared) -> dict[str, Any]:
     }
 
 
-def _estimator(evaluation: Evaluation) -> dict[str, Any]:
+def _estimator(evaluation: Evaluation, shared: float) -> dict[str, Any]:
     history, body = evaluation.history, evaluation.body
     runtime = history.runtime[history.runtime > 0]
-    errors = {key: value for key, value in numbers(evaluation).items() if key.startswith(_ERROR_KEYS)}
+    found = numbers(evaluation, shared)
+    errors = {key: value for key, value in found.items() if key.startswith(_ERROR_KEYS)}
     return {
         "status": str(history.status.verdict),
         "reasons": list(history.status.reasons),
         "frames": len(history.time),
-        "measurements": {"accepted": int(history.accepted.sum()), "rejected": int(history.rejected.sum())},
+        "initialisation_epochs": history.initialisation,
+        "measurements": {"accepted": found["accepted"], "rejected": found["rejected"]},
+        "observations": use_numbers(evaluation, shared),
         "runtime_s": {
             "total": float(runtime.sum()),
             "per_frame_median": float(np.median(runtime)) if runtime.size else None,
@@ -147,4 +157,6 @@ _ERROR_KEYS = (
     "center_of_mass_error",
     "nees",
     "bound",
+    "shared_epochs",
+    "initialisation",
 )

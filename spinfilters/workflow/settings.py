@@ -14,12 +14,14 @@ from spinfilters.estimators.robustness import RobustOptions
 from spinfilters.estimators.start import StartOptions
 from spinfilters.logs.input_file import named, shown
 from spinfilters.logs.settings_files import read_toml
-from spinfilters.models.process import ProcessNoise
+from spinfilters.models.process import THESIS_NOISE, ProcessNoise
 from spinfilters.workflow.setting_ranges import SETTING_RANGES
 from spinfilters.workflow.smoother_settings import SmootherSettings
 
 AUTO = "auto"
-ESTIMATORS = ("mekf", "ukf", "smoother", "filterpy-ekf", "filterpy-ukf")
+DEFAULT_ESTIMATORS = ("mekf", "ukf", "smoother")
+ESTIMATORS = (*DEFAULT_ESTIMATORS, "filterpy-ekf", "filterpy-ukf")
+"""Names of all; filterpy's hold no landmarks."""
 
 
 @dataclass(frozen=True)
@@ -28,14 +30,14 @@ class ProcessSettings:
 
     Attributes
     ----------
-    force_psd: (m/s^2)^2/Hz.
-    torque_psd: (rad/s^2)^2/Hz; "auto" is the default of `ProcessNoise`, or for a gyro of unknown error what the disturbances of
-        thrown bodies were found to be (`spinfilters.workflow.gyro_noise`).
+    force_psd: (m/s^2)^2/Hz.   torque_psd: (rad/s^2)^2/Hz. "auto" takes the data set's own; where it is silent `THESIS_NOISE`, or
+        as the torque of a gyro of unknown error what the disturbances of thrown bodies were found to be
+        (`spinfilters.workflow.gyro_noise`).
     drag: whether the state has an aerodynamic drag coefficient.
     tolerance: of the integrator, rad and relative rate per step.
     """
 
-    force_psd: float = ProcessNoise.force_psd
+    force_psd: float | str = AUTO
     torque_psd: float | str = AUTO
     drag: bool = False
     tolerance: float = 1e-8
@@ -43,12 +45,13 @@ class ProcessSettings:
     def __post_init__(self) -> None:
         if not self.tolerance > 0:
             raise InputError(f"process.tolerance is {self.tolerance}; it must be positive")
-        self.noise(ProcessNoise.torque_psd)
+        self.noise(THESIS_NOISE)
 
-    def noise(self, automatic_torque_psd: float) -> ProcessNoise:
-        """Its noise densities, checked."""
-        torque_psd = automatic_torque_psd if isinstance(self.torque_psd, str) else self.torque_psd
-        return ProcessNoise(self.force_psd, torque_psd)
+    def noise(self, automatic: ProcessNoise) -> ProcessNoise:
+        """Its noise densities, checked; ``automatic`` are those that nobody has set."""
+        force_psd = automatic.force_psd if isinstance(self.force_psd, str) else self.force_psd
+        torque_psd = automatic.torque_psd if isinstance(self.torque_psd, str) else self.torque_psd
+        return ProcessNoise(force_psd, torque_psd)
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,7 @@ class SensorSettings:
 class Settings:
     """All settings of a run; the field names are those of the TOML file's tables and keys."""
 
-    estimators: tuple[str, ...] = ESTIMATORS
+    estimators: tuple[str, ...] = DEFAULT_ESTIMATORS
     process: ProcessSettings = field(default_factory=ProcessSettings)
     sensors: SensorSettings = field(default_factory=SensorSettings)
     start: StartOptions = field(default_factory=StartOptions)

@@ -5,6 +5,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Int
 
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.landmark_start.start import LandmarkStartReport
@@ -43,7 +44,7 @@ def begin_at_start(smoother: RecursiveSmoother, prepared: Prepared) -> list[Take
 def smoothed_history(
     smoother: RecursiveSmoother, passed: EstimateHistory, prepared: Prepared
 ) -> EstimateHistory:
-    """Every frame given all measurements, with what each frame was worth when it came (``passed``, without the start's)."""
+    """Every epoch given all measurements; ``passed`` are those behind the initialisation, as they came."""
     first = len(prepared.start.frames.mean)
     rows, status = smoother.smoothed()[: first + len(passed.time)], passed.status
     for doubt in smoother.sliding.undetermined():
@@ -51,9 +52,8 @@ def smoothed_history(
     factor = np.array([row.factor for row in rows])
     if not np.isfinite(factor).all():
         status = status.failed("; ".join(status.reasons) or "some directions are not determined")
-    used = [sum(len(m.values) for m in frame.measurements) for frame in prepared.timeline[:first]]
+    accepted, rejected = _counts(smoother, passed)
     nothing = np.zeros(len(rows))
-    before = np.zeros(first)
     return EstimateHistory(
         name=NAME,
         layout=prepared.process.layout,
@@ -63,11 +63,22 @@ def smoothed_history(
         nis=nothing,
         dof=nothing.astype(int),
         log_likelihood=nothing,
-        accepted=np.concatenate([np.array(used), passed.accepted]).astype(int),
-        rejected=np.concatenate([before, passed.rejected]).astype(int),
-        runtime=np.concatenate([before, passed.runtime]),
+        accepted=accepted,
+        rejected=rejected,
+        runtime=np.concatenate([np.zeros(first), passed.runtime]),
         status=status,
     )
+
+
+def _counts(
+    smoother: RecursiveSmoother, passed: EstimateHistory
+) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+    """Observations of every epoch that count in the end and that do not; where epochs have left, as they were when they came."""
+    first = np.array([(taken.accepted, taken.rejected) for taken in smoother.begun]).reshape(-1, 2)
+    came = np.concatenate([first, np.stack([passed.accepted, passed.rejected], axis=1)])
+    counts = smoother.sliding.counts()
+    accepted, rejected = (came if counts is None else counts[: len(came)]).T
+    return accepted.astype(int), rejected.astype(int)
 
 
 def smooth_at_once(prepared: Prepared, settings: Settings, on_frame: OnFrame) -> EstimateHistory:

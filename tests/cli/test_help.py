@@ -4,9 +4,8 @@ import re
 
 import pytest
 
-from spinfilters.cli.compare import RECORDING_ESTIMATORS
 from spinfilters.cli.main import main
-from spinfilters.workflow.settings import ESTIMATORS
+from spinfilters.workflow.settings import DEFAULT_ESTIMATORS, ESTIMATORS
 
 
 @pytest.mark.parametrize("command", ["compare", "estimate"])
@@ -19,4 +18,4 @@ def test_help_names_every_estimator(
     said = capsys.readouterr().out
     (named,) = re.findall(r"^ *--estimators? \S+ +(.*) \(default", said, re.MULTILINE)
     assert set(re.split(", | or ", named)) == set(ESTIMATORS)
-    assert command == "estimate" or f"recordings: {','.join(RECORDING_ESTIMATORS)})" in said
+    assert command == "estimate" or f"default: {','.join(DEFAULT_ESTIMATORS)}; all with --known-map)" in said

@@ -1,4 +1,4 @@
-"""The embedded default and its starts, made once for all tests of estimators."""
+"""The known-map example and its starts, made once for all tests of estimators."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -34,7 +34,7 @@ class Embedded:
 
 @cache
 def embedded(seed: int) -> Embedded:
-    """The embedded default."""
+    """Tracks of a known map, an easy motion noise."""
     dataset = simulate(Scenario(seed=seed))
     assert dataset.truth is not None
     return Embedded(dataset, stereo_timeline(dataset, 1.0), true_states(dataset.truth, FULL))

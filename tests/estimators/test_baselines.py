@@ -129,7 +129,7 @@ def test_the_likelihood_is_that_of_filterpy_s_innovation_and_its_covariance(
 @pytest.mark.parametrize(
     ("theirs", "ours"), [(FilterpyEkf, MultiplicativeEkf), (FilterpyUkf, MultiplicativeUkf)]
 )
-def test_on_the_embedded_default_a_baseline_tells_much_the_same_story(theirs: Build, ours: Build) -> None:
+def test_on_the_known_map_example_a_baseline_tells_much_the_same_story(theirs: Build, ours: Build) -> None:
     timeline = embedded(1).timeline[: START.frames + 8]
     plain, multiplicative = run_on(theirs(PROCESS), 1, timeline), run_on(ours(PROCESS), 1, timeline)
     assert plain.status.verdict is Verdict.OK

@@ -1,4 +1,4 @@
-"""The filters' covariance is honest on the embedded default with its known map, and stops being so when the noise is wrong."""
+"""The filters' covariance is honest on the known-map example, and stops being so when the noise is wrong."""
 
 from collections.abc import Callable
 

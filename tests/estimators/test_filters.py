@@ -122,7 +122,7 @@ def test_a_run_that_breaks_ends_as_failed_and_keeps_only_what_is_finite(build: B
     assert np.isfinite(history.factor).all()
 
 
-def test_ekf_and_ukf_agree_closely_on_the_embedded_default() -> None:
+def test_ekf_and_ukf_agree_closely_on_the_known_map_example() -> None:
     """Both describe the same belief where it is narrow: their difference is a small share of its width."""
     for seed in range(3):
         ekf, ukf = run_on(MultiplicativeEkf(PROCESS), seed), run_on(MultiplicativeUkf(PROCESS), seed)

@@ -21,7 +21,7 @@ SURE = np.repeat([1e-3, 2e-3, 1e-3, 2e-3, 1e-3, 5e-3], [3, 3, 3, 3, 3, 5])
 
 
 def belief() -> Gaussian:
-    """A sure belief about the first state of the embedded default."""
+    """A sure belief about the first state of the known-map example."""
     return Gaussian(FULL, embedded(0).truth[0], np.diag(SURE))
 
 

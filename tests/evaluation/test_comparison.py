@@ -11,10 +11,10 @@ from rich.console import Console
 
 from spinfilters.attitude.conversions import quaternion_from_rotation_vector, rotate
 from spinfilters.errors import InputError
-from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.comparison import comparison_table
 from spinfilters.evaluation.errors import Alignment
-from spinfilters.evaluation.evaluation import Evaluation, evaluate, numbers
+from spinfilters.evaluation.evaluation import Evaluation, evaluate
+from spinfilters.evaluation.metrics import numbers
 from spinfilters.evaluation.rates import estimated_rates, true_rates
 from spinfilters.evaluation.rounding import with_uncertainty
 
@@ -32,9 +32,9 @@ def test_the_table_sets_estimators_side_by_side_with_errors_and_consistency() ->
     slow = replace(HISTORY, name="ukf", runtime=4 * HISTORY.runtime, rejected=HISTORY.dof)
     shown = text([evaluate(HISTORY, TRUTH), evaluate(slow, TRUTH)])
     rows = {line.split("│")[1].strip(): line.split("│")[2:4] for line in shown.splitlines() if "│" in line}
-    assert [cell.strip() for cell in rows["ms per frame (median)"]] == ["1", "4"]
-    assert [cell.strip() for cell in rows["measurements accepted / rejected"]] == ["80 / 0", "80 / 240"]
-    assert "±" in rows["J smallest / largest"][0]
+    assert [cell.strip() for cell in rows["ms per epoch (median)"]] == ["1", "4"]
+    assert [cell.strip() for cell in rows["accepted / rejected"]] == ["80 / 0", "80 / 240"]
+    assert float(rows["J smallest / largest"][0]) == pytest.approx(0.6, abs=0.02)
     assert float(rows["NIS per dof"][0]) == 1.0
     assert 0.8 < float(rows["NEES per dof"][0]) < 1.2
     assert "position error [mm]" in rows
@@ -68,7 +68,7 @@ def test_nees_is_left_out_when_the_frames_g_differ() -> None:
 def test_a_run_that_left_no_frame_is_refused_with_its_reason() -> None:
     empty = {name: value[:0] for name, value in vars(HISTORY).items() if isinstance(value, np.ndarray)}
     status = HISTORY.status.failed("the estimate stopped being finite")
-    failed = EstimateHistory(name="mekf", layout=HISTORY.layout, status=status, **empty)
+    failed = replace(HISTORY, status=status, **empty)
     with pytest.raises(InputError, match="stopped being finite"):
         evaluate(failed)
 

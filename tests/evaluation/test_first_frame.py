@@ -20,7 +20,8 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.consistency import chi_square_band, true_states
 from spinfilters.evaluation.errors import Alignment, tells_first_frame, truth_in_first_frame
-from spinfilters.evaluation.evaluation import Evaluation, evaluate, numbers
+from spinfilters.evaluation.evaluation import Evaluation, evaluate
+from spinfilters.evaluation.metrics import numbers
 from spinfilters.evaluation.rates import estimated_rates, true_rates
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 

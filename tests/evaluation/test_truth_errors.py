@@ -80,13 +80,17 @@ def test_ape_is_the_hand_computed_root_mean_square() -> None:
     assert errors.ape_angle_rmse_deg == pytest.approx(15.0)
 
 
-def test_the_second_half_of_the_time_leaves_out_the_first() -> None:
+def test_a_span_of_time_leaves_out_the_rest() -> None:
     exact = exact_trajectory(TRUTH)
     position = exact.position.copy()
     position[:5] += 100.0
     position[6:] += np.array([0.0, 2.0, 0.0])
     errors = truth_errors(replace(exact, position=position), TRUTH)
-    assert errors.rms_second_half.position == pytest.approx(2.0)
+    late = errors.within(6.0, np.inf)
+    assert late is not None
+    assert late.rms.position == pytest.approx(2.0)
+    assert late.rows.tolist() == list(range(6, 12))
+    assert errors.within(100.0, 200.0) is None
     assert errors.rms.position is not None
     assert errors.rms.position > 100
 

@@ -83,6 +83,8 @@ def _history(name: str, layout: StateLayout, truth: Truth, seed: int) -> Estimat
         rejected=np.zeros(FRAMES, dtype=int),
         runtime=np.where(started, 0.0, 1e-3),
         status=EstimatorStatus(),
+        initialisation=START_FRAMES,
+        observations=np.full(FRAMES, 5),
     )
 
 

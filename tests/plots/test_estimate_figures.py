@@ -1,6 +1,7 @@
 """Every figure of a run shows its data, with units on its axes and nothing that is not finite."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 
@@ -9,9 +10,18 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from run_samples import MOMENTS, START_END, SampleRuns, full_runs, nearly_spherical, rotation_runs
+from run_samples import (
+    MOMENTS,
+    START_END,
+    START_FRAMES,
+    SampleRuns,
+    full_runs,
+    nearly_spherical,
+    rotation_runs,
+)
 
 from spinfilters.errors import InputError
+from spinfilters.evaluation.evaluation import evaluate
 from spinfilters.evaluation.rates import BodyRates, estimated_rates, true_rates
 from spinfilters.logs.camera import StereoRig
 from spinfilters.plots.consistency import consistency_figure
@@ -26,6 +36,7 @@ from spinfilters.plots.summary import headline, summary_figure
 FULL, ROTATIONS = full_runs(), rotation_runs()
 RIG = StereoRig(fx=466.7, fy=466.7, cx=320.0, cy=240.0, width=640, height=480, baseline_m=0.09)
 POINTS = np.random.default_rng(0).standard_normal((300, 3)) * 0.05
+CONDITIONS = ("Map unknown, seed 3.", "Noise: pixels 1 px; disturbances: torque 1e-06 (rad/s^2)^2/Hz.")
 Maker = Callable[[SampleRuns], Figure]
 
 
@@ -34,15 +45,19 @@ def estimates(runs: SampleRuns) -> list[BodyRates]:
 
 
 MAKERS: dict[str, Maker] = {
-    "error bands": lambda runs: error_bands_figure(runs.with_truth[0], START_END),
-    "estimate bands": lambda runs: error_bands_figure(runs.without_truth[0], START_END),
+    "error bands": lambda runs: error_bands_figure(runs.with_truth[0]),
+    "estimate bands": lambda runs: error_bands_figure(runs.without_truth[0]),
     "rates": lambda runs: rates_figure(estimates(runs), true_rates(runs.truth), start_end=START_END),
-    "inertia": lambda runs: inertia_figure(runs.with_truth, MOMENTS, START_END),
-    "consistency": lambda runs: consistency_figure(runs.with_truth, START_END),
-    "summary": lambda runs: summary_figure(runs.with_truth, true_rates(runs.truth), MOMENTS, START_END),
-    "summary without truth": lambda runs: summary_figure(runs.without_truth, start_end=START_END),
-    "polhode": lambda runs: estimated_polhode_figure(estimates(runs)[0], runs.with_truth[0].body),
-    "scene": lambda runs: scene_figure(runs.with_truth[0].trajectory, runs.with_truth[0].body, RIG, POINTS),
+    "inertia": lambda runs: inertia_figure(runs.with_truth, MOMENTS),
+    "consistency": lambda runs: consistency_figure(runs.with_truth),
+    "summary": lambda runs: summary_figure(runs.with_truth, true_rates(runs.truth), MOMENTS, CONDITIONS),
+    "summary without truth": lambda runs: summary_figure(runs.without_truth),
+    "polhode": lambda runs: estimated_polhode_figure(
+        estimates(runs)[0], runs.with_truth[0].body, START_FRAMES
+    ),
+    "scene": lambda runs: scene_figure(
+        runs.with_truth[0].trajectory, runs.with_truth[0].body, RIG, POINTS, START_FRAMES
+    ),
 }
 
 
@@ -73,7 +88,7 @@ def test_every_figure_is_drawn_with_finite_data_and_units(name: str, runs: Sampl
 
 
 @pytest.mark.parametrize("name", ["error bands", "rates", "inertia", "consistency", "summary"])
-def test_the_frames_of_the_start_are_shaded_from_the_first_to_the_last(name: str) -> None:
+def test_the_initialisation_is_shaded_from_the_first_epoch_to_its_last(name: str) -> None:
     spans = [patch for patch in MAKERS[name](FULL).axes[0].patches if isinstance(patch, Rectangle)]
     assert any(
         span.get_x() == pytest.approx(0.0) and span.get_width() == pytest.approx(START_END) for span in spans
@@ -84,7 +99,7 @@ def test_the_frames_of_the_start_are_shaded_from_the_first_to_the_last(name: str
 def test_the_legend_names_every_estimator(name: str) -> None:
     legend = MAKERS[name](FULL).legends[0]
     names = {text.get_text() for text in legend.get_texts()}
-    assert {"MEKF", "UKF", "frames of the start"} <= names
+    assert {"MEKF", "UKF", "initialisation (smoothed)"} <= names
 
 
 def test_error_panels_hold_the_errors_of_their_axis_in_the_unit_of_the_label() -> None:
@@ -126,6 +141,30 @@ def test_a_body_of_which_nothing_is_known_is_drawn_too() -> None:
     assert rendered_size(inertia_figure([sphere])) > 4000
     assert rendered_size(estimated_polhode_figure(estimated_rates(sphere.history), sphere.body)) > 4000
     assert rendered_size(summary_figure([sphere])) > 4000
+
+
+def test_the_summary_says_the_map_the_noise_and_the_seed_and_calls_itself_by_what_was_used() -> None:
+    assert MAKERS["summary"](FULL).get_supxlabel().splitlines() == [
+        "Estimators on the same recording, each on the observations that it used",
+        " ".join(CONDITIONS),
+    ]
+
+
+def test_the_summary_shows_what_each_used_of_the_observations_after_the_initialisation() -> None:
+    (axes,) = (a for a in MAKERS["summary"](FULL).axes if a.get_xlabel() == "[1/epoch]")
+    widths = [patch.get_width() for patch in axes.patches if isinstance(patch, Rectangle)]
+    assert widths == [5.0, 5.0, 3.0, 3.0]  # what was measured, then what both used
+    assert {text.get_text() for text in axes.texts} == {"3 of 5 (60 %)"}
+
+
+def test_the_share_inside_the_bands_is_of_the_estimators_own_epochs() -> None:
+    evaluation = FULL.with_truth[0]
+    mean = evaluation.history.mean.copy()
+    mean[:START_FRAMES] = mean[0]
+    spoilt = evaluate(replace(evaluation.history, mean=mean), FULL.truth)
+    titles = [error_bands_figure(each).get_suptitle() for each in (evaluation, spoilt)]
+    assert titles[0] == titles[1]
+    assert f"in its own {len(evaluation.history.time) - START_FRAMES} epochs" in titles[0]
 
 
 def test_the_headline_counts_the_flips_of_the_intermediate_axis() -> None:

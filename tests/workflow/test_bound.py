@@ -123,7 +123,13 @@ def test_errors_are_of_its_size_and_summary_and_table_show_it(comparison, tmp_pa
         assert 0.4 < errors[name] / errors["bound"][name] < 2.5, name
     assert errors["bound"].keys() <= errors.keys()
     Console(file=stream, width=170).print(comparison_table(found.evaluations))
-    assert stream.getvalue().count("bound given all frames") == 4
+    rows = {
+        line.split("│")[1].strip(): line.split("│")[-2]
+        for line in stream.getvalue().splitlines()
+        if "│" in line
+    }
+    for name in ("position error [mm]", "velocity error [mm/s]", "rate error [deg/s]"):
+        assert float(rows[name]) > 0, name
     assert " ".join(stream.getvalue().split()).endswith(BOUND_CAPTION)
 
 

@@ -174,7 +174,7 @@ def test_frames_of_another_time_are_refused(checkpoint: Path, tmp_path: Path) ->
 
 
 def test_a_checkpoint_of_other_settings_names_the_setting(checkpoint: Path) -> None:
-    with pytest.raises(InputError, match=r"process\.force_psd = 4e-08, now it is 1e-07; .*--resume"):
+    with pytest.raises(InputError, match=r"process\.force_psd = 'auto', now it is 1e-07; .*--resume"):
         load_checkpoint(checkpoint, fresh("mekf"), identity("mekf", force_psd=1e-7))
 
 

@@ -152,6 +152,12 @@ def test_plot_draws_what_was_deleted(run: Run) -> None:
     assert (run.folder / "scene.png").stat().st_size > 1000
 
 
+def test_a_picture_drawn_again_says_what_the_first_said(run: Run) -> None:
+    again, first = Pictured.from_folder(run.folder), Pictured.from_comparison(run.comparison)
+    assert again.conditions == first.conditions
+    assert [e.history.initialisation for e in again.evaluations] == [24, 24]
+
+
 def test_map_found_from_tracks_alone_is_drawn_again(tmp_path: Path) -> None:
     settings = Settings(estimators=("mekf",))
     dataset = read_unmapped(tmp_path / "data")

@@ -42,6 +42,8 @@ class RecursiveSmoother(Estimator):
         self._prior, self._options, self._timeline = prior, options, timeline
         self.sliding = SlidingSmoother(process, prior, options, tied=True)
         self.retired: list[Retired] = []
+        self.begun: list[Taken] = []
+        """What `begin` did, epoch by epoch."""
         self._time, self._belief = timeline[0].time, Gaussian(self.layout, prior.mean, np.diag(prior.std))
 
     def start(self, belief: Gaussian) -> None:
@@ -57,9 +59,9 @@ class RecursiveSmoother(Estimator):
     ) -> list[Taken]:
         """Take in the first k frames at once, as `SlidingSmoother.begin`."""
         first = self._timeline[: len(trajectory)]
-        taken = self.sliding.begin(first, trajectory, ids, points)
+        self.begun = self.sliding.begin(first, trajectory, ids, points)
         self._time, self._belief = first[-1].time, self.sliding.belief
-        return taken
+        return self.begun
 
     @property
     def belief(self) -> Gaussian:

@@ -135,6 +135,14 @@ class SlidingSmoother:
         self.window = replace(self.window, trajectory=here.trajectory, points=here.points)
         self._linear = (here, solved.normal)
 
+    def counts(self) -> Int[np.ndarray, "k 2"] | None:
+        """Values of every epoch that count, and that do not; None where a part of them has been marginalized."""
+        assert self._linear is not None
+        if self.window.carried is not None:
+            return None
+        normal = self._linear[1]
+        return np.array([self._counted(normal, k) for k in range(len(self.window.frames))])
+
     def undetermined(self) -> list[str]:
         """What the measurements so far do not determine, in words; only while the first frame is in the window."""
         assert self._linear is not None

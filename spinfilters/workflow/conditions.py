@@ -1,0 +1,118 @@
+"""What a comparison was made under: whether the map is known, the noise that the estimators are told, the seed."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from spinfilters.logs.measurement_log import MeasurementStream
+from spinfilters.workflow.preparation import Prepared
+
+FORCE_UNIT, TORQUE_UNIT = "(m/s^2)^2/Hz", "(rad/s^2)^2/Hz"
+MOST_LINES, LONGEST = 4, 200
+"""Of sentences that are read from a file."""
+
+
+@dataclass(frozen=True)
+class StatedNoise:
+    """One number of the noise with its unit; ``label`` is what it is called in a sentence."""
+
+    name: str
+    label: str
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """See the module.
+
+    Attributes
+    ----------
+    map: "known" or "unknown", None where no landmark is seen.   landmarks: of a known map.
+    sensors, disturbances: their noise.   seed: of a simulated data set.
+    """
+
+    map: str | None
+    landmarks: int | None
+    sensors: tuple[StatedNoise, ...]
+    disturbances: tuple[StatedNoise, ...]
+    seed: int | None
+
+    @property
+    def sentences(self) -> list[str]:
+        """In words: the map and the seed, then the noise."""
+        known = "" if self.landmarks is None else f" ({self.landmarks} landmarks)"
+        first = [] if self.map is None else [f"Map {self.map}{known}."]
+        first += [] if self.seed is None else [f"Seed {self.seed}."]
+        noise = f"Noise: {_listed(self.sensors)}; disturbances: {_listed(self.disturbances)}."
+        return [*([" ".join(first)] if first else []), noise]
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """As summary.json holds it."""
+        noise = (*self.sensors, *self.disturbances)
+        return {
+            "map": self.map,
+            "landmarks_known": self.landmarks,
+            "seed": self.seed,
+            "noise": {each.name: {"value": each.value, "unit": each.unit} for each in noise},
+            "sentences": self.sentences,
+        }
+
+
+def conditions_of(prepared: Prepared) -> Conditions:
+    """Of a prepared data set."""
+    dataset, known = prepared.dataset, prepared.dataset.known_map
+    seen = None if "stereo" not in dataset.log.sensors else "unknown" if known is None else "known"
+    sensors = tuple(noise for stream in dataset.log.streams for noise in _sensor_noise(stream, prepared))
+    seed = dataset.options.notes.get("seed")
+    return Conditions(
+        seen,
+        None if seen is None or known is None else len(known.ids),
+        sensors,
+        tuple(_disturbances(prepared)),
+        seed if isinstance(seed, int) and not isinstance(seed, bool) else None,
+    )
+
+
+def told_sentences(document: dict[str, Any]) -> list[str]:
+    """The sentences that a summary.json tells; none where it does not."""
+    told = document.get("conditions")
+    lines = told.get("sentences") if isinstance(told, dict) else None
+    if not isinstance(lines, list):
+        return []
+    return [line[:LONGEST] for line in lines[:MOST_LINES] if isinstance(line, str) and line.isprintable()]
+
+
+def _sensor_noise(stream: MeasurementStream, prepared: Prepared) -> Iterator[StatedNoise]:
+    noise = prepared.noise
+    if stream.sensor == "stereo":
+        yield StatedNoise("pixel_std", "pixels", noise.pixel_std, "px")
+    elif stream.sensor == "gyro":
+        yield StatedNoise("gyro_noise_std", "gyro", noise.gyro_noise_std, "rad/s")
+        if noise.gyro_scale_std > 0:
+            yield StatedNoise("gyro_scale_std", "gyro, of the rate", noise.gyro_scale_std, "1")
+    else:
+        position, rotation = noise.pose_position_std, noise.pose_rotation_std
+        if stream.covariance is not None:
+            position, rotation = (_median_std(stream.covariance[:, k : k + 3, k : k + 3]) for k in (0, 3))
+        yield StatedNoise("pose_position_std", "positions", position, "m")
+        yield StatedNoise("pose_rotation_std", "attitudes", rotation, "rad")
+
+
+def _disturbances(prepared: Prepared) -> Iterator[StatedNoise]:
+    noise = prepared.process.noise
+    if "v" in prepared.process.layout.blocks:
+        yield StatedNoise("force_psd", "force", noise.force_psd, FORCE_UNIT)
+    yield StatedNoise("torque_psd", "torque", noise.torque_psd, TORQUE_UNIT)
+
+
+def _median_std(covariance: np.ndarray) -> float:
+    """Median over all rows of the standard deviation along an axis."""
+    return float(np.sqrt(np.median(np.einsum("nii->ni", covariance))))
+
+
+def _listed(noise: tuple[StatedNoise, ...]) -> str:
+    return ", ".join(f"{n.label} {n.value:.3g}{'' if n.unit == '1' else f' {n.unit}'}" for n in noise)
