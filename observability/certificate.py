@@ -22,7 +22,7 @@ coefficients: blocks of degree 3 each for place, velocity, attitude and rate, an
 13th and all later derivatives of an output that is linear in those axes are combinations of the first 13."""
 FEW_ORDERS = 6
 """Enough for all motions in general position so far; where they are not, `STEADY_ORDERS` are taken."""
-LINEAR_IN_BODY_AXES = {"stereo", "pose", "attitude", "gyro"}
+LINEAR_IN_BODY_AXES = {"stereo", "lidar", "pose", "attitude", "gyro"}
 """Sensors that tell, each moment, just such an output: a point, a pose, a turn or a rate. A bearing alone is none."""
 
 

@@ -8,6 +8,7 @@ from observability.rational import Rationals, rationals
 from observability.system import Sensor
 from spinfilters.models.sensors.attitude import Attitude
 from spinfilters.models.sensors.gyro import Gyro
+from spinfilters.models.sensors.lidar_landmark import LidarLandmark
 from spinfilters.models.sensors.monocular_landmark import MonocularLandmark
 from spinfilters.models.sensors.pose import Pose
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark
@@ -17,6 +18,8 @@ LAYOUT: Final = StateLayout(FULL_BLOCKS)
 RIG: Final[Rationals] = rationals((466.7, 470.0, 320.0, 240.0, 0.09))
 """fx, fy, cx, cy in px and the baseline in m."""
 PIXEL_STD: Final = Fraction(1)
+RANGE_STD, ANGLE_STD = rationals((0.01, 0.002))
+"""Of a lidar, m and rad."""
 
 
 def gyro() -> Sensor:
@@ -27,6 +30,11 @@ def gyro() -> Sensor:
 def attitude() -> Sensor:
     """A lidar or star tracker of which the attitude alone is used."""
     return Sensor(Attitude(LAYOUT), (_lower((0.01,) * 3),))
+
+
+def lidar(points: Sequence[Rationals], known: bool = False) -> Sensor:
+    """A lidar that sees these points of the body (frame g, m); to be mapped, unless the map is known."""
+    return Sensor(LidarLandmark(LAYOUT), tuple((*p, RANGE_STD, ANGLE_STD) for p in points), 0 if known else 3)
 
 
 def pose() -> Sensor:
