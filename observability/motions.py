@@ -146,7 +146,15 @@ def _filter_state(of: Motion) -> dict[str, Rationals]:
     x, y, z = (half - moment for moment in of.moments)
     first, second = _log_ratio(x, y), _log_ratio(y, z)
     s = ((2 * first + second) / 6, (second - first) / 6, Fraction(0), Fraction(0), Fraction(0))
-    return {"t": PLACE, "q": ATTITUDE_IB, "v": VELOCITY, "w": of.rate, "c": CENTRE, "s": s}
+    return {
+        "t": PLACE,
+        "q": ATTITUDE_IB,
+        "v": VELOCITY,
+        "w": of.rate,
+        "c": CENTRE,
+        "s": s,
+        "n": (Fraction(0),),
+    }
 
 
 def exact_matrix(q: Rationals) -> list[list[Fraction]]:

@@ -20,16 +20,22 @@ RIG: Final[Rationals] = rationals((466.7, 470.0, 320.0, 240.0, 0.09))
 PIXEL_STD: Final = Fraction(1)
 RANGE_STD, ANGLE_STD = rationals((0.01, 0.002))
 """Of a lidar, m and rad."""
+GYRO_STD: Final = 0.002
+"""rad/s."""
+ATTITUDE_STD: Final = (0.01,) * 3
+"""rad."""
+POSE_STD: Final = (0.005,) * 3 + (0.01,) * 3
+"""m and rad."""
 
 
 def gyro() -> Sensor:
     """A rate gyro on the body."""
-    return Sensor(Gyro(LAYOUT), (rationals((0.002, 0.0)),))
+    return Sensor(Gyro(LAYOUT), (rationals((GYRO_STD, 0.0)),))
 
 
 def attitude() -> Sensor:
     """A lidar or star tracker of which the attitude alone is used."""
-    return Sensor(Attitude(LAYOUT), (_lower((0.01,) * 3),))
+    return Sensor(Attitude(LAYOUT), (_lower(ATTITUDE_STD),))
 
 
 def lidar(points: Sequence[Rationals], known: bool = False) -> Sensor:
@@ -39,7 +45,7 @@ def lidar(points: Sequence[Rationals], known: bool = False) -> Sensor:
 
 def pose() -> Sensor:
     """A lidar, or any tracker, that gives the pose of g."""
-    return Sensor(Pose(LAYOUT), (_lower((0.005,) * 3 + (0.01,) * 3),))
+    return Sensor(Pose(LAYOUT), (_lower(POSE_STD),))
 
 
 def stereo(points: Sequence[Rationals], known: bool = False) -> Sensor:
