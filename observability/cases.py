@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from observability import sensors
-from observability.bounds.cramer_rao import DEFINED, PRIOR_STD, Bound, cramer_rao_bound
+from observability.bounds.cramer_rao import PRIOR_STD, Bound, Deviations, cramer_rao_bound
 from observability.bounds.flight import Flight, Watch, driven_flight, free_flight
 from observability.bounds.known_inputs import DrivenMotion, KnownInput
 from observability.certificate import Certificate, certify
@@ -33,8 +33,6 @@ POINT_SENSORS: Final = ("stereo", "monocular", "lidar")
 """Sensors that see landmarks, each its own."""
 ROTATION_SENSORS: Final = ("attitude", "gyro")
 """Sensors that see no place: it is no unknown for them."""
-FIXED_IN_G: Final = ("pose", "attitude", "gyro")
-"""Sensors that know the axes of g, which then are no definition."""
 CHARTS: Final = ("principal", "tensor", "filter")
 UNKNOWNS: Final = ("ratios", "moments")
 """What the principal chart holds of the inertia: two ratios, or three moments with their scale."""
@@ -127,14 +125,38 @@ class Case:
         return self.has_torque or self.chart == "tensor" or self.unknowns == "moments"
 
     @property
-    def defined(self) -> tuple[str, ...]:
-        """Blocks of the first pose of g that are a definition, because nothing is known in g."""
-        known_points = self.known_map and bool(set(self.sensors) & set(POINT_SENSORS))
-        place = known_points or "pose" in self.sensors
-        axes = known_points or (self.has_attitude and bool(set(self.sensors) & set(FIXED_IN_G)))
-        if self.has_torque and self.has_attitude:
-            axes = True
-        return tuple(block for block, known in zip(DEFINED, (place, axes), strict=True) if not known)
+    def place_is_defined(self) -> bool:
+        """Whether the first place of g is a definition: neither a known map nor a pose tells it."""
+        return self.has_place and not self._sees_known_points and "pose" not in self.sensors
+
+    @property
+    def free_rotations(self) -> tuple[int, ...]:
+        """Principal axes about which the first attitude of g is a definition, because nothing that is known in g tells it.
+
+        A torque, or a rate that a gyro measures, is known in g; a single direction of them leaves a rotation about itself.
+        """
+        if self._sees_known_points or {"pose", "attitude"} & set(self.sensors):
+            return ()
+        if not self.has_attitude:
+            return (0, 1, 2)
+        known = [[float(axis == each.axis) for axis in range(3)] for each in self.inputs if each.is_torque]
+        if "gyro" in self.sensors:
+            known.append([float(part != 0) for part in self.motion.rate])
+            if not self.motion.steady:
+                return ()
+        directions = {tuple(each) for each in known if any(each)}
+        if not directions:
+            return (0, 1, 2)
+        (first, *others) = directions
+        return (first.index(1.0),) if not others and sum(first) == 1 else ()
+
+    @property
+    def defined(self) -> tuple[int, ...]:
+        """Components of the error of the first pose of g that are a definition."""
+        every = range(self.layout.error_dim)
+        place = every[self.layout.slice("t")] if self.place_is_defined else ()
+        attitude = every[self.layout.slice("a")]
+        return (*place, *(attitude[axis] for axis in self.free_rotations))
 
     @cached_property
     def system(self) -> System:
@@ -201,10 +223,16 @@ class Case:
         return cramer_rao_bound(flight, watches, self.prior_std, defined=self.defined)
 
     @property
-    def prior_std(self) -> dict[str, float]:
+    def prior_std(self) -> Deviations:
         """Of every block in the first frame."""
-        wide = {block: std for block, std in WIDE_POSE_STD.items() if block not in self.defined}
-        return {**PRIOR_STD, **wide}
+        place = PRIOR_STD["t"] if self.place_is_defined else WIDE_POSE_STD["t"]
+        attitude = np.full(3, WIDE_POSE_STD["a"])
+        attitude[list(self.free_rotations)] = PRIOR_STD["a"]
+        return {**PRIOR_STD, "t": place, "a": attitude}
+
+    @property
+    def _sees_known_points(self) -> bool:
+        return self.known_map and bool(set(self.sensors) & set(POINT_SENSORS))
 
     def _system(self, chart: Chart) -> System:
         return System(chart, self._sensors, tuple(self.inputs), principal_axes(chart))

@@ -63,11 +63,8 @@ class Report:
     def rank_sentences(self) -> list[str]:
         """What is determined in principle, of what, and how that is known."""
         lines = [*sentences(self.certificate), *null_vector_sentences(self.certificate)]
-        return [
-            *lines,
-            *_gauge_sentences(self.certificate),
-            *singularity_sentences(self.case, self.certificate),
-        ]
+        lines += [*_gauge_sentences(self.certificate), *_spin_axis_sentences(self.case, self.certificate)]
+        return [*lines, *singularity_sentences(self.case)]
 
     @cached_property
     def sentences(self) -> list[str]:
@@ -143,14 +140,15 @@ def verdict_in_words(report: Report, name: Quantity) -> str:
     count = len(each.prior_directions)
     if not count:
         rest = f"; {100 * each.remains:.2g} % of the prior remains" if each.remains > WORTH_SAYING else ""
-        if name == ATTITUDE and "a" in report.case.defined:
+        if name == ATTITUDE and len(report.case.free_rotations) == 3:
             rest += ", since the first frame, whose attitude is a definition"
         return f"{each.std:.3g}{unit}{rest}"
     if count == each.dimension:
         return f"prior only ({each.std:.3g}{unit}): {_reason(each)}"
     directions = " and ".join(_direction(report, name, row) for row in each.prior_directions)
+    frame = f" of {_axes(name)}" if name in (MOMENTS, EACH_MOMENT) else ""
     return (
-        f"{each.std_across:.3g}{unit} but along {directions}, which is prior only ({each.std_along:.3g}{unit}): "
+        f"{each.std_across:.3g}{unit}, but prior only ({each.std_along:.3g}{unit}) along {directions}{frame}: "
         f"{_reason(each)}"
     )
 
@@ -175,8 +173,8 @@ def _direction(report: Report, name: Quantity, row: Float[np.ndarray, " d"]) -> 
     rate = as_floats(report.case.motion.rate)
     speed = float(np.linalg.norm(rate))
     if _axes(name) == PRINCIPAL_AXES and speed and np.linalg.norm(np.cross(row, rate)) < ALONG_SPIN * speed:
-        words += ", the spin axis"
-    return words if name not in (MOMENTS, EACH_MOMENT) else f"{words} of {_axes(name)}"
+        words += " (the spin axis)"
+    return words
 
 
 def _vector(values: Float[np.ndarray, " d"]) -> str:
@@ -185,7 +183,7 @@ def _vector(values: Float[np.ndarray, " d"]) -> str:
 
 def _axes(name: Quantity) -> str:
     if name == MOMENTS:
-        return "(smallest over largest moment, middle over largest)"
+        return "(J_min/J_max, J_mid/J_max)"
     if name == EACH_MOMENT:
         return "(J_xx, J_yy, J_zz)"
     return CAMERA_AXES if name in (PLACE, ("velocity", "m/s")) else PRINCIPAL_AXES
@@ -240,10 +238,10 @@ def _spin_axis_sentences(case: Case, certificate: Certificate) -> list[str]:
     return [f"The spin axis is {_vector(rate / np.linalg.norm(rate))} in {PRINCIPAL_AXES}."]
 
 
-def _regular_chart(case: Case, certificate: Certificate) -> str:
+def _regular_chart(case: Case) -> str:
     """The verdict of the chart that equal moments leave regular."""
     tensor = replace(case, chart="tensor", unknowns="ratios").certificate()
     return (
-        "This chart is singular there, and what it says of the ratios holds for no turned axes. Of the inertia tensor, which stays regular, "
-        f"{tensor.rank} of {tensor.dimension} unknowns are determined. {null_space_sentence(tensor)}"
+        "This chart is singular there: what it says of the ratios holds for these axes and no others. In the inertia tensor, "
+        f"which stays regular, {tensor.rank} of {tensor.dimension} unknowns are determined. {null_space_sentence(tensor)}"
     )

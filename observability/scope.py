@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from itertools import combinations
 
-from observability.bounds.cramer_rao import LANDMARK_STD
-from observability.cases import POINT_SENSORS, Case
+from observability.bounds.cramer_rao import LANDMARK_STD, PRIOR_STD
+from observability.cases import POINT_SENSORS, WIDE_POSE_STD, Case
 from observability.motions import Motion
 from observability.sensors import ANGLE_STD, ATTITUDE_STD, GYRO_STD, PIXEL_STD, POSE_STD, RANGE_STD
 
@@ -99,7 +99,7 @@ def assumptions(case: Case) -> list[str]:
 
 
 def _priors(case: Case) -> str:
-    prior = case.prior_std
+    prior = PRIOR_STD
     words = [f"mass distribution {prior['s']:g}", f"body rate {prior['w']:g} rad/s"]
     if case.has_torque:
         words.append(f"logarithm of the inertia's scale {prior['n']:g}")
@@ -107,14 +107,17 @@ def _priors(case: Case) -> str:
         words += [f"velocity {prior['v']:g} m/s", f"centre of mass {prior['c']:g} m"]
     if case.maps:
         words.append(f"landmarks {LANDMARK_STD:g} m")
-    defined = {"t": "position", "a": "attitude"}
-    known = [
-        words for block, words in defined.items() if block in case.defined and block in case.layout.blocks
-    ]
-    for block, unit in (("t", "m"), ("a", "rad")):
-        if block in case.layout.blocks and block not in case.defined:
-            words.append(f"first {defined[block]} of g {prior[block]:g} {unit}")
-    return ", ".join(words) + (f"; first {' and '.join(known)} of g by definition" if known else "")
+    known, free = [], case.free_rotations
+    if case.has_place and case.place_is_defined:
+        known.append("first position of g")
+    elif case.has_place:
+        words.append(f"first position of g {WIDE_POSE_STD['t']:g} m")
+    if len(free) == 3:
+        known.append("first attitude of g")
+    else:
+        words.append(f"first attitude of g {WIDE_POSE_STD['a']:g} rad")
+        known += [f"first rotation of g about {'xyz'[axis]}" for axis in free]
+    return ", ".join(words) + (f"; by definition: {', '.join(known)}" if known else "")
 
 
 def equal_moments(motion: Motion) -> list[tuple[str, float]]:

@@ -7,6 +7,10 @@ import numpy as np
 from jaxtyping import Float
 
 from observability.certificate import Certificate, Proof
+from observability.explanation import Explained
+
+ALL_DIRECTIONS = 3
+"""Directions of a kind that leave none to name."""
 
 
 def sentences(certificate: Certificate) -> list[str]:
@@ -26,10 +30,9 @@ def null_space_sentence(certificate: Certificate) -> str:
     """What is left undetermined."""
     if certificate.null_dimension == 0:
         return "Nothing of what was asked is left undetermined."
-    finite = Counter(each.symmetry.group for each in certificate.explanations if each.finite)
-    infinitesimal = Counter(each.symmetry.group for each in certificate.explanations if not each.finite)
-    parts = [_counted(group, count) for group, count in finite.items()]
-    parts += [f"{_counted(group, count)}, to first order only" for group, count in infinitesimal.items()]
+    parts = _named([each for each in certificate.explanations if each.finite])
+    later = _named([each for each in certificate.explanations if not each.finite])
+    parts += [f"{words}, to first order only" for words in later]
     if certificate.unnamed:
         parts.append(f"{certificate.unnamed} without a name")
     return f"Not determined, {certificate.null_dimension}: {'; '.join(parts)}."
@@ -52,8 +55,19 @@ def named_entries(names: tuple[str, ...], vector: Float[np.ndarray, " n"]) -> di
     return {names[k]: float(vector[k] / vector[kept[-1]]) for k in kept}
 
 
-def _counted(group: str, count: int) -> str:
-    return group if count == 1 else f"{group} ({count})"
+def _named(explanations: list[Explained]) -> list[str]:
+    """Kinds of directions: all three of a kind by their number, fewer by their own names."""
+    counts = Counter(each.symmetry.group for each in explanations)
+    parts = []
+    for group, count in counts.items():
+        names = [each.symmetry.name for each in explanations if each.symmetry.group == group]
+        if count >= ALL_DIRECTIONS:
+            parts.append(f"{group} ({count})")
+        else:
+            parts.append(
+                " and ".join(names) if not group.startswith("gauge") else f"{group}: {' and '.join(names)}"
+            )
+    return parts
 
 
 def document(certificate: Certificate) -> dict[str, Any]:

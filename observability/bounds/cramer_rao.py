@@ -4,7 +4,7 @@ The posterior bound is the covariance of the information recursion linearised at
 is carried as a triangular root of the information, one QR factorisation per frame, so that no information is subtracted.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +15,7 @@ from observability.bounds.flight import Flight, Watch, rows_at
 from spinfilters.errors import InputError, ShapeError
 from spinfilters.state.layout import StateLayout
 
-PRIOR_STD: Mapping[str, float] = {
+PRIOR_STD: dict[str, float] = {
     "t": 1e-6,
     "a": 1e-6,
     "v": 1.0,
@@ -28,7 +28,9 @@ PRIOR_STD: Mapping[str, float] = {
 """Of the first frame: the pose of g is known by definition, the rest hardly (m, rad, m/s, rad/s, m, 1, 1/rad); n is the
 logarithm of the inertia's scale, which a flight with a known torque holds."""
 DEFINED = ("t", "a")
-"""Blocks whose prior is a definition: of the frame g."""
+"""Blocks whose prior is a definition, of the frame g, unless a caller knows better."""
+Deviations = Mapping[str, float | Float[np.ndarray, " _"]]
+"""Of each block, for all components or one by one."""
 WIDENING = 10.0
 """All other priors times this make the second bound, which shows what rests on them."""
 LANDMARK_STD = 1.0
@@ -90,16 +92,16 @@ def prior_share(growth: Float[np.ndarray, "*n"] | float) -> Float[np.ndarray, "*
 def cramer_rao_bound(
     flight: Flight,
     watches: Sequence[Watch],
-    prior_std: Mapping[str, float] = PRIOR_STD,
+    prior_std: Deviations = PRIOR_STD,
     landmark_std: float = LANDMARK_STD,
-    defined: Collection[str] = DEFINED,
+    defined: Sequence[int] | None = None,
 ) -> Bound:
     """The bound along a flight.
 
     Parameters
     ----------
     prior_std: of every block of the layout in the first frame, positive.   landmark_std: of every unknown parameter.
-    defined: blocks whose prior is a definition, and no guess.
+    defined: components of the error whose prior is a definition, and no guess; None for those of `DEFINED`.
 
     Raises
     ------
@@ -140,7 +142,7 @@ def observability_gramian(flight: Flight, watches: Sequence[Watch]) -> Float[np.
 
 
 def prior_deviations(
-    layout: StateLayout, total: int, prior_std: Mapping[str, float], landmark_std: float, constants: int = 0
+    layout: StateLayout, total: int, prior_std: Deviations, landmark_std: float, constants: int = 0
 ) -> Float[np.ndarray, " n"]:
     """Standard deviations of all unknowns in the first frame; ``constants`` follow the state (`Flight.constants`)."""
     deviations = np.full(total, landmark_std)
@@ -159,11 +161,11 @@ def prior_deviations(
     return deviations
 
 
-def _widening(layout: StateLayout, total: int, defined: Collection[str]) -> Float[np.ndarray, " n"]:
+def _widening(layout: StateLayout, total: int, defined: Sequence[int] | None) -> Float[np.ndarray, " n"]:
     factors = np.full(total, WIDENING)
-    for block in defined:
-        if block in layout.blocks:
-            factors[layout.slice(block)] = 1.0
+    if defined is None:
+        defined = [k for block in DEFINED if block in layout.blocks for k in _range(layout, block)]
+    factors[list(defined)] = 1.0
     return factors
 
 

@@ -2,7 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from fractions import Fraction
 
+import casadi as ca
 import numpy as np
 from jaxtyping import Float, Num
 from scipy.linalg import eigh
@@ -30,18 +32,24 @@ from observability.elimination import (
     reduce_columns,
 )
 from observability.motions import point_of
+from observability.system import Sensor, System
+from spinfilters.attitude.expressions import Expression, rotate
+from spinfilters.models.measurement import MeasurementModel
 from spinfilters.state.layout import StateLayout
 
 PRIOR_ONLY = 0.9
 """Share of the prior's deviation from which a direction counts as told by the prior alone."""
 HALVED = 0.5
 """Share that a longer flight has to bring the prior down to."""
+SAME_DIRECTION = 1e-6
+"""Length of what is left of an axis across others from which it is one more direction."""
 ROUNDING = 1e-13
 """Of the largest variance of a quantity: what is below it is no difference between two bounds."""
 LONGEST_FACTOR, MOST_FRAMES, MOST_WORK = 64, 5000, 5e6
 """Of a longer flight: times the flight's own frames; frames; frames times the square of the unknowns (some seconds)."""
-DIAGONAL = {(0, 1): 2, (0, 2): 3, (1, 2): 4}
-"""Component of the mass distribution's error that mixes two principal axes; the first two are on the diagonal."""
+MIXING = {(0, 1): 2, (0, 2): 3, (1, 2): 4}
+"""Component of the mass distribution's error that mixes two principal axes; components 0 and 1 are on the diagonal."""
+ATTITUDE = BLOCK_NAMES["a"]
 
 
 @dataclass(frozen=True)
@@ -88,10 +96,21 @@ def quantity_bounds(case: Case, flight: Flight, bound: Bound) -> dict[Quantity, 
 
 
 def undetermined_directions(case: Case) -> dict[Quantity, int]:
-    """Of each quantity, directions that no derivative of any order shows, with g where it is defined to be; exact."""
-    null_space = _null_space(case)
-    rows = _components(case)
-    return {name: min(rank_of(null_space[parts]), _dimension(name)) for name, parts in rows.items()}
+    """Of each quantity, directions that no derivative of any order shows, with g where it is defined to be; exact.
+
+    An attitude later on is undetermined where the rate is, and a place where the velocity is.
+    """
+    space, layout = _null_space(case), case.layout
+    names = {block: space[_range(layout, block)] for block in layout.blocks}
+    rows = {name: names[block] for block, name in BLOCK_NAMES.items() if block in layout.blocks}
+    rows[ATTITUDE] = np.concatenate([names["a"], names["w"]])
+    if "t" in layout.blocks:
+        rows[PLACE] = np.concatenate([_place_change(case, space), names["v"]])
+    mass = _mixing_components(case)
+    rows[MOMENTS] = names["s"][mass]
+    if case.has_torque:
+        rows[EACH_MOMENT] = np.concatenate([names["s"][mass], space[layout.error_dim :]])
+    return {name: min(rank_of(part), 2 if name == MOMENTS else 3) for name, part in rows.items()}
 
 
 def _taken_apart(
@@ -99,10 +118,11 @@ def _taken_apart(
 ) -> dict[Quantity, QuantityBound]:
     slopes = quantity_slopes(bound.layout, flight, frame)
     parts = (bound.covariances[frame], bound.widened[frame])
-    return {
-        name: _quantity_bound(*[rows @ part @ rows.T for part in parts], counts[name])
-        for name, rows in slopes.items()
-    }
+    found = {}
+    for name, rows in slopes.items():
+        narrow, wide = (rows @ part @ rows.T for part in parts)
+        found[name] = _quantity_bound(narrow, wide, counts[name])
+    return found
 
 
 def _quantity_bound(
@@ -117,17 +137,26 @@ def _quantity_bound(
         narrow @ vectors
     )  # a vector v weighs components; what is uncertain lies along the covariance times v
     basis = np.linalg.qr(spread[:, ::-1] / np.linalg.norm(spread[:, ::-1], axis=0))[0].T
-    along = (
-        basis[:count] * np.sign(basis[:count][range(count), np.abs(basis[:count]).argmax(axis=1)])[:, None]
-    )
     return QuantityBound(
         std=_deviation(narrow, np.eye(size)),
         dimension=size,
-        prior_directions=along,
+        prior_directions=_readable(basis[:count]),
         std_along=_deviation(narrow, basis[:count]),
         std_across=_deviation(narrow, basis[count:]),
         remains=float(shares[: size - count].max(initial=0.0)),
         undetermined=undetermined,
+    )
+
+
+def _readable(rows: Float[np.ndarray, "k d"]) -> Float[np.ndarray, "k d"]:
+    """Another orthonormal basis of the same directions, with the axes among them first, and largest entries positive."""
+    projector, found = rows.T @ rows, []
+    for axis in np.argsort(-np.diag(projector), kind="stable"):
+        rest = projector[axis] - sum((each * each[axis] for each in found), np.zeros(len(projector)))
+        if len(found) < len(rows) and np.linalg.norm(rest) > SAME_DIRECTION:
+            found.append(rest / np.linalg.norm(rest))
+    return np.array([each * np.sign(each[np.abs(each).argmax()]) for each in found]).reshape(
+        -1, rows.shape[1]
     )
 
 
@@ -172,30 +201,38 @@ def _null_space(case: Case) -> Num[np.ndarray, "n d"]:
     rows = [codistribution(system, point, STEADY_ORDERS, FIELD, given) for given in experiments]
     eliminated: Elimination = eliminate([joined(parts) for parts in zip(*rows, strict=True)])
     space = eliminated.null_space()[: system.chart.error_dim]
-    layout = case.layout
-    fixed = [k for block in case.defined if block in layout.blocks for k in _range(layout, block)]
-    if not fixed or not space.shape[1]:
+    if not case.defined or not space.shape[1]:
         return space
-    combinations = null_vectors(reduce_columns(space[np.newaxis, fixed], space.shape[1]), space.shape[1])
+    combinations = null_vectors(
+        reduce_columns(space[np.newaxis, list(case.defined)], space.shape[1]), space.shape[1]
+    )
     return product_of(space, combinations)
 
 
-def _components(case: Case) -> dict[Quantity, list[int]]:
-    """Components of the error that decide each quantity: equal moments mix the axes between which they are equal."""
-    layout, mass = case.layout, case.layout.slice("s").start
-    found = {name: _range(layout, block) for block, name in BLOCK_NAMES.items() if block in layout.blocks}
-    if "t" in layout.blocks:
-        found[PLACE] = [*_range(layout, "t"), *_range(layout, "a"), *_range(layout, "c")]
+def _place_change(case: Case, space: Num[np.ndarray, "n d"]) -> Num[np.ndarray, "3 d"]:
+    """How the place of the centre of mass changes along null directions."""
+    chart = case.filter_system.chart
+    system = System(chart, [Sensor(_CentreOfMass(case.layout), ((Fraction(0),),))])
+    (rows,) = codistribution(system, point_of(chart, case.motion), 1, FIELD)
+    return product_of(rows.common[0, 0], space)
+
+
+class _CentreOfMass(MeasurementModel):
+    """t + R_ig c as if it were measured; its one parameter is not read."""
+
+    name, dim, value_dim, parameter_dim, needs = "centre of mass", 3, 3, 1, ("t", "a", "c")
+
+    def symbolic(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        return state["t"] + rotate(state["q"], state["c"])
+
+    def noise_factor(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        return ca.DM.eye(3)
+
+
+def _mixing_components(case: Case) -> list[int]:
+    """Components of the mass distribution that decide the moments: equal ones mix the axes between which they are equal."""
     moments = case.motion.moments
-    mixed = [mass + component for (a, b), component in DIAGONAL.items() if moments[a] == moments[b]]
-    found[MOMENTS] = [mass, mass + 1, *mixed]
-    if case.has_torque:
-        found[EACH_MOMENT] = [mass, mass + 1, *mixed, layout.error_dim]
-    return found
-
-
-def _dimension(name: Quantity) -> int:
-    return 2 if name == MOMENTS else 3
+    return [0, 1, *[component for (a, b), component in MIXING.items() if moments[a] == moments[b]]]
 
 
 def _range(layout: StateLayout, block: str) -> list[int]:

@@ -124,7 +124,7 @@ def _across(w: Expression, spin: int) -> Expression:
 def _centre(spin: int | None) -> Iterator[Symmetry]:
     if spin is None:
         for k in range(3):
-            yield Symmetry("centre of mass", f"centre of mass along {AXES[k]}", _centre_along(k), 0.05)
+            yield Symmetry("centre of mass", f"centre of mass along {AXES[k]} of g", _centre_along(k), 0.05)
     else:
         yield Symmetry(
             "centre of mass along the spin axis",
