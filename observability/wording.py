@@ -9,6 +9,8 @@ from jaxtyping import Float
 from observability.certificate import Certificate, Proof
 from observability.explanation import Explained
 
+DIRECTED = ("gauge translation", "gauge rotation", "centre of mass", "roll of the principal axes")
+"""Kinds that mean one direction of several, which is then named."""
 ALL_DIRECTIONS = 3
 """Directions of a kind that leave none to name."""
 
@@ -61,8 +63,8 @@ def _named(explanations: list[Explained]) -> list[str]:
     parts = []
     for group, count in counts.items():
         names = [each.symmetry.name for each in explanations if each.symmetry.group == group]
-        if count >= ALL_DIRECTIONS:
-            parts.append(f"{group} ({count})")
+        if group not in DIRECTED or count >= ALL_DIRECTIONS:
+            parts.append(group if count == 1 else f"{group} ({count})")
         else:
             parts.append(
                 " and ".join(names) if not group.startswith("gauge") else f"{group}: {' and '.join(names)}"

@@ -73,6 +73,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_estimate(commands)
     _add_simulate(commands)
     _add_observe(commands)
+    _add_condition(commands)
     plot = commands.add_parser("plot", help="draw the figures of a run folder again")
     plot.add_argument("run", metavar="RUN", help="folder made by compare or estimate")
     plot.set_defaults(command=_plot)
@@ -226,6 +227,40 @@ def _add_known_inputs(observe: argparse.ArgumentParser) -> None:
         )
 
 
+def _add_condition(commands: "argparse._SubParsersAction[_Parser]") -> None:
+    condition = commands.add_parser(
+        "condition",
+        help="how well conditioned covariances are, by time step and units",
+        description="Without RUN: condition number of the process noise gathered over a time step, with velocity in units of "
+        "alpha (section 4.9 of the thesis; the best is dt = sqrt(3)/alpha, 13.93), and of the whole pose and its velocities at a "
+        "body rate. With RUN: condition number of every estimator's own covariance over its epochs, and the units that "
+        "improve it.",
+    )
+    condition.add_argument("run", metavar="RUN", nargs="?", help="run folder made by compare or estimate")
+    condition.add_argument(
+        "-o",
+        "--output",
+        metavar="FOLDER",
+        default="runs/condition",
+        help="JSON, CSV and picture (default runs/condition)",
+    )
+    condition.add_argument("--time-step", type=_finite, metavar="DT", help="s (default 0.5)")
+    condition.add_argument(
+        "--alpha",
+        type=_finite,
+        metavar="A",
+        help="unit of velocity over that of position, 1/s (default sqrt(3)/DT, the best)",
+    )
+    condition.add_argument(
+        "--rate-rpm",
+        type=_finite,
+        nargs=3,
+        metavar=("X", "Y", "Z"),
+        help="body rate about the principal axes x, y, z (default 0.5 10 0.5)",
+    )
+    condition.set_defaults(command=_condition)
+
+
 def _add_motion(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--frames", type=int, default=115, help="number of frames (default 115)")
     parser.add_argument("--interval", type=_finite, default=0.5, help="seconds between frames (default 0.5)")
@@ -280,6 +315,12 @@ def _observe(options: argparse.Namespace) -> int:
     from spinfilters.cli.observe import observe
 
     return observe(options)
+
+
+def _condition(options: argparse.Namespace) -> int:
+    from spinfilters.cli.condition import condition
+
+    return condition(options)
 
 
 def _plot(options: argparse.Namespace) -> int:

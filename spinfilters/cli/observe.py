@@ -13,6 +13,7 @@ from observability.report import analyse
 from observability.scope import title
 from observability.study import study
 from observability.system import Input
+from spinfilters.cli.result_folder import refuse_other_results
 from spinfilters.conventions import RPM
 from spinfilters.errors import InputError
 from spinfilters.logs.atomic_write import make_folder, write_json, write_text
@@ -95,5 +96,4 @@ def _refuse(options: argparse.Namespace, folder: Path) -> None:
         )
     if options.landmarks > MOST_LANDMARKS:
         raise InputError(f"--landmarks {options.landmarks}; give at most {MOST_LANDMARKS}, more add no rank")
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / RESULT_FILE).is_file():
-        raise InputError(f"{folder}: is not empty and no result of observe; choose another folder with -o")
+    refuse_other_results(folder, "observe", RESULT_FILE)
