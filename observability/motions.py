@@ -80,6 +80,11 @@ TEN: tuple[Motion, ...] = (
 )
 
 
+def equal_moments(of: Motion, first: int, second: int) -> bool:
+    """Whether two moments are equal in the charts of logarithms, that is to `DIGITS` decimals of their ratio's."""
+    return _log_ratio(of.moments[first], of.moments[second]) == 0
+
+
 def point_of(chart: Chart, of: Motion) -> Rationals:
     """The motion's exact point in a chart, before a camera at 0.6 m.
 

@@ -27,7 +27,7 @@ from observability.scope import (
     PRINCIPAL_AXES,
     assumptions,
     axes_in_words,
-    equal_moments,
+    close_moments,
     scope,
     scope_sentences,
     title,
@@ -209,7 +209,7 @@ def _gauge_sentences(certificate: Certificate) -> list[str]:
 
 def singularity_sentences(case: Case) -> list[str]:
     """Moments that are equal or nearly so, which leave principal axes no or hardly any meaning."""
-    pairs = equal_moments(case.motion)
+    pairs = close_moments(case.motion)
     equal = [axes for axes, gap in pairs if not gap]
     close = [f"{axes} by {100 * gap:.2g} %" for axes, gap in pairs if gap]
     lines = []

@@ -5,7 +5,7 @@ from itertools import combinations
 
 from observability.bounds.cramer_rao import LANDMARK_STD, PRIOR_STD
 from observability.cases import POINT_SENSORS, WIDE_POSE_STD, Case
-from observability.motions import Motion
+from observability.motions import Motion, equal_moments
 from observability.sensors import ANGLE_STD, ATTITUDE_STD, GYRO_STD, PIXEL_STD, POSE_STD, RANGE_STD
 
 NEARLY_EQUAL = 0.01
@@ -120,13 +120,13 @@ def _priors(case: Case) -> str:
     return ", ".join(words) + (f"; by definition: {', '.join(known)}" if known else "")
 
 
-def equal_moments(motion: Motion) -> list[tuple[str, float]]:
+def close_moments(motion: Motion) -> list[tuple[str, float]]:
     """Pairs of axes whose moments are equal or nearly so ("x and y"), with their relative difference."""
     found = []
     for a, b in combinations(range(3), 2):
         gap = abs(motion.moments[a] - motion.moments[b]) / max(motion.moments[a], motion.moments[b])
         if gap < NEARLY_EQUAL:
-            found.append((f"{'xyz'[a]} and {'xyz'[b]}", float(gap)))
+            found.append((f"{'xyz'[a]} and {'xyz'[b]}", 0.0 if equal_moments(motion, a, b) else float(gap)))
     return found
 
 

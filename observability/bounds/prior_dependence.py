@@ -31,7 +31,7 @@ from observability.elimination import (
     rank_of,
     reduce_columns,
 )
-from observability.motions import point_of
+from observability.motions import equal_moments, point_of
 from observability.system import Sensor, System
 from spinfilters.attitude.expressions import Expression, rotate
 from spinfilters.models.measurement import MeasurementModel
@@ -231,8 +231,7 @@ class _CentreOfMass(MeasurementModel):
 
 def _mixing_components(case: Case) -> list[int]:
     """Components of the mass distribution that decide the moments: equal ones mix the axes between which they are equal."""
-    moments = case.motion.moments
-    return [0, 1, *[component for (a, b), component in MIXING.items() if moments[a] == moments[b]]]
+    return [0, 1, *[component for pair, component in MIXING.items() if equal_moments(case.motion, *pair)]]
 
 
 def _range(layout: StateLayout, block: str) -> list[int]:

@@ -190,8 +190,10 @@ def _document(each: CovarianceConditioning) -> dict[str, Any]:
 
 def _improvement(each: CovarianceConditioning) -> str:
     before, after = _summary(each.plain)[0], _summary(each.fixed)[0]
-    units = ", ".join(f"{block} in {unit:.2g}" for block, unit in each.units.items())
-    return f"{each.name}: {units} (SI) take the median condition number from {before:.3g} to {after:.3g}."
+    units = ", ".join(f"{block} {unit:.2g}" for block, unit in each.units.items())
+    if after >= before:
+        return f"{each.name}: no units of whole blocks improve on SI ({before:.3g} in the median; {after:.3g} with {units})."
+    return f"{each.name}: blocks in units of {units} (SI) take the median condition number from {before:.3g} to {after:.3g}."
 
 
 def _check(name: str, value: float) -> None:

@@ -21,17 +21,23 @@ COLOURS: Final = dict(
     )
 )
 """Of every quantity, whichever others are there."""
+TITLE_WIDTH: Final = 110
+"""Letters of a line of a title."""
 BRIGHT: Final = 0.6
 """Share of the colour scale from which dark ink is read more easily."""
 
 
 def observability_figure(found: Report, title: str) -> Figure:
     """Ranks by order with the verdict, beside the Cramer-Rao bound of every quantity over time, s."""
-    figure = Figure(figsize=(11.0, 5.4), layout="constrained")
-    ranks, bounds = figure.subplots(1, 2)
+    figure = Figure(figsize=(11.0, 6.6), layout="constrained")
+    panels = figure.subplot_mosaic([["names", "names"], ["ranks", "bounds"]], height_ratios=(0.14, 1.0))
+    names, ranks, bounds = (panels[name] for name in ("names", "ranks", "bounds"))
+    names.set_axis_off()
     _rank_panel(ranks, found.certificate)
     _bound_panel(bounds, found)
-    figure.suptitle(title, fontsize="large")
+    handles, labels = bounds.get_legend_handles_labels()
+    names.legend(handles, labels, loc="center", ncols=3, frameon=False, fontsize="small")
+    figure.suptitle("\n".join(_wrapped([title], TITLE_WIDTH)), fontsize="large")
     figure.supxlabel("\n".join(_wrapped(found.rank_sentences)), fontsize="small", x=0.02, ha="left")
     return figure
 
@@ -48,7 +54,7 @@ def study_figure(study: Study, title: str) -> Figure:
     _motion_panel(figure, axes[len(study.curves)], study)
     for unused in axes[panels:]:
         unused.set_axis_off()
-    figure.suptitle(title, fontsize="large")
+    figure.suptitle("\n".join(_wrapped([title], TITLE_WIDTH)), fontsize="large")
     return figure
 
 
@@ -58,7 +64,6 @@ def _bound_panel(axes: Axes, found: Report) -> None:
         axes.semilogy(found.flight.time, values, **(_style(quantity) | _prior_note(found, quantity)))
     learnt = [values[1:].min(initial=values[-1]) for values in found.quantities.values()]
     axes.set(xlabel="time [s]", ylabel="Cramer-Rao bound, standard deviation", ylim=(min(learnt) / 3, None))
-    axes.legend(frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     tidy(axes)
 
 

@@ -73,12 +73,15 @@ def covariance_figure(found: Sequence[CovarianceConditioning]) -> Figure:
 
 def _mark_asked(panels: Sequence[Axes], time_step: float, alpha: float) -> None:
     over_time, units, whole = panels
-    label = rf"asked: {time_step:.3g} s, $\alpha$ = {alpha:.3g} s$^{{-1}}$"
-    value = condition_number(double_integrator_covariance(time_step, alpha))
     for axes in (over_time, units, whole):
-        axes.axvline(time_step, color=BLACK, linewidth=0.9, linestyle=":")
-    units.plot(time_step, value, "D", color=BLACK, markersize=6, label=label, linestyle="none")
-    units.legend(frameon=False)
+        axes.axvline(time_step, color=BLACK, linewidth=0.9, linestyle=":", zorder=1)
+    curve = [condition_number(double_integrator_covariance(float(dt), alpha)) for dt in TIME_STEPS]
+    units.loglog(
+        TIME_STEPS, curve, color=BLACK, linewidth=1.2, linestyle="--", label=rf"asked: {alpha:.3g} s$^{{-1}}$"
+    )
+    value = condition_number(double_integrator_covariance(time_step, alpha))
+    units.plot(time_step, value, "D", color=BLACK, markersize=6, label=f"at {time_step:.3g} s: {value:.4g}")
+    units.legend(edgecolor="none", framealpha=1.0, fontsize="small")
 
 
 def _condition_panel(axes: Axes, alphas: Sequence[float]) -> None:
