@@ -1,4 +1,4 @@
-"""A question to the analyser: which sensor sees which motion, and what is known to act."""
+"""A question to the analyser: which sensors see which motion, and what is known to act."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -6,31 +6,55 @@ from functools import cache, cached_property
 from typing import Final
 
 import numpy as np
+from jaxtyping import Float
 
 from observability import sensors
-from observability.bounds.cramer_rao import PRIOR_STD, Bound, cramer_rao_bound
-from observability.bounds.flight import Flight, Watch, free_flight
+from observability.bounds.cramer_rao import PRIOR_STD, Bound, Deviations, cramer_rao_bound
+from observability.bounds.flight import Flight, Watch, driven_flight, free_flight
+from observability.bounds.known_inputs import DrivenMotion, KnownInput
 from observability.certificate import Certificate, certify
 from observability.charts.chart import Chart
 from observability.charts.filter_state import FilterChart
 from observability.charts.principal import MOMENTS, RATIOS, PrincipalChart
 from observability.charts.tensor import TensorChart
-from observability.motions import TEN, Motion, landmarks, point_of
+from observability.codistribution import InputSeries
+from observability.motions import TEN, Motion, landmarks, point_of, principal_axes
 from observability.rational import Rationals, as_floats, rationals
 from observability.system import Input, Sensor, System
+from spinfilters.attitude.conversions import matrix_from_quaternion
+from spinfilters.dynamics.mass_distribution import inertia_matrix
 from spinfilters.errors import InputError
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
-SENSORS: Final = ("stereo", "monocular", "pose", "attitude", "gyro")
+SENSORS: Final = ("stereo", "monocular", "lidar", "pose", "attitude", "gyro")
+POINT_SENSORS: Final = ("stereo", "monocular", "lidar")
+"""Sensors that see landmarks, each its own."""
 ROTATION_SENSORS: Final = ("attitude", "gyro")
 """Sensors that see no place: it is no unknown for them."""
 CHARTS: Final = ("principal", "tensor", "filter")
+UNKNOWNS: Final = ("ratios", "moments")
+"""What the principal chart holds of the inertia: two ratios, or three moments with their scale."""
 ACTING: Final[tuple[Rationals, ...]] = tuple(
     rationals(each) for each in ((0.1, 0.03, -0.02), (-0.05, 0.02, 0.04), (0.02, -0.06, 0.01))
 )
 """Taylor coefficients of known inputs, one after the other: something that varies, in N m or m/s^2."""
+WIDE_POSE_STD: Final = {"t": 1.0, "a": 1.0}
+"""Prior of the first pose of g where it is no definition, m and rad."""
+LONGEST_DRIFT: Final = 0.25
+"""Way in m that the body drifts in a flight: in a long one its velocity is less, so that it stays in view."""
+NEAREST_LANDMARK: Final = 0.05
+"""Depth in m that a manoeuvre must leave every landmark."""
+
+
+@dataclass(frozen=True)
+class InputSizes:
+    """Of known inputs in the bound: amplitudes in N m and m/s^2, and the period in s of the first (`KnownInput`)."""
+
+    torque: float = 0.1
+    manoeuvre: float = 0.01
+    period: float = 20.0
 
 
 @dataclass(frozen=True)
@@ -39,80 +63,223 @@ class Case:
 
     Attributes
     ----------
-    sensor: of `SENSORS`.   landmarks: how many a camera sees.   known_map: whether they are known.
-    chart: of `CHARTS`.   motion: of the body.   inputs: what acts and is known; with a torque the inertia has a scale.
+    sensors: of `SENSORS`.   landmarks: how many each camera or lidar sees.   known_map: whether they are known.
+    chart: of `CHARTS`.   unknowns: of `UNKNOWNS`, in the principal chart; a torque asks for moments.
+    motion: of the body.   inputs: what acts and is known; with a torque the inertia has a scale.   sizes: of the inputs.
     """
 
-    sensor: str = "stereo"
+    sensors: tuple[str, ...] = ("stereo",)
     landmarks: int = 4
     known_map: bool = False
     chart: str = "principal"
+    unknowns: str = "ratios"
     motion: Motion = TEN[0]
     inputs: Sequence[Input] = field(default_factory=tuple)
+    sizes: InputSizes = InputSizes()
 
     def __post_init__(self) -> None:
-        for name, known in (("sensor", SENSORS), ("chart", CHARTS)):
-            if getattr(self, name) not in known:
-                raise InputError(f"{name} {getattr(self, name)!r} is unknown; use one of {', '.join(known)}")
+        named = [("sensor", each, SENSORS) for each in self.sensors]
+        for name, value, known in (
+            *named,
+            ("chart", self.chart, CHARTS),
+            ("unknowns", self.unknowns, UNKNOWNS),
+        ):
+            if value not in known:
+                raise InputError(f"{name} {value!r} is unknown; use one of {', '.join(known)}")
+        if len(set(self.sensors)) != len(self.sensors) or not self.sensors:
+            raise InputError(f"sensors {', '.join(self.sensors) or 'none'}; give each once, and at least one")
         if self.landmarks < 1:
             raise InputError(f"{self.landmarks} landmarks; give at least 1")
-        if self._torque and self.chart == "filter":
+        if self.has_torque and self.chart == "filter":
             raise InputError(
                 "a known torque tells the scale of the inertia, which the filters' state does not hold; use another chart"
             )
+        if self.unknowns == "moments" and self.chart != "principal":
+            raise InputError(
+                f"the three moments are unknowns of the chart principal, not of {self.chart}; leave out --unknowns or --chart"
+            )
+
+    @property
+    def has_torque(self) -> bool:
+        """Whether a torque is known."""
+        return any(each.is_torque for each in self.inputs)
+
+    @property
+    def has_place(self) -> bool:
+        """Whether place, velocity and centre of mass are unknowns."""
+        return not set(self.sensors) <= set(ROTATION_SENSORS)
+
+    @property
+    def has_attitude(self) -> bool:
+        """Whether the attitude is an unknown: a gyro alone does not see it."""
+        return set(self.sensors) != {"gyro"}
+
+    @property
+    def maps(self) -> bool:
+        """Whether landmarks are unknowns."""
+        return bool(set(self.sensors) & set(POINT_SENSORS)) and not self.known_map
+
+    @property
+    def holds_scale(self) -> bool:
+        """Whether the scale of the inertia is an unknown."""
+        return self.has_torque or self.chart == "tensor" or self.unknowns == "moments"
+
+    @property
+    def place_is_defined(self) -> bool:
+        """Whether the first place of g is a definition: neither a known map nor a pose tells it."""
+        return self.has_place and not self._sees_known_points and "pose" not in self.sensors
+
+    @property
+    def free_rotations(self) -> tuple[int, ...]:
+        """Principal axes about which the first attitude of g is a definition, because nothing that is known in g tells it.
+
+        A torque, or a rate that a gyro measures, is known in g; a single direction of them leaves a rotation about itself.
+        """
+        if self._sees_known_points or {"pose", "attitude"} & set(self.sensors):
+            return ()
+        if not self.has_attitude:
+            return (0, 1, 2)
+        known = [[float(axis == each.axis) for axis in range(3)] for each in self.inputs if each.is_torque]
+        if "gyro" in self.sensors:
+            known.append([float(part != 0) for part in self.motion.rate])
+            if not self.motion.steady:
+                return ()
+        directions = {tuple(each) for each in known if any(each)}
+        if not directions:
+            return (0, 1, 2)
+        (first, *others) = directions
+        return (first.index(1.0),) if not others and sum(first) == 1 else ()
+
+    @property
+    def defined(self) -> tuple[int, ...]:
+        """Components of the error of the first pose of g that are a definition."""
+        every = range(self.layout.error_dim)
+        place = every[self.layout.slice("t")] if self.place_is_defined else ()
+        attitude = every[self.layout.slice("a")]
+        return (*place, *(attitude[axis] for axis in self.free_rotations))
 
     @cached_property
     def system(self) -> System:
         """What the analyser looks at."""
-        return System(self._chart, [self._sensor], tuple(self.inputs))
+        return self._system(self._chart)
+
+    @cached_property
+    def filter_system(self) -> System:
+        """The same in the filters' state, with the scale of the inertia where a torque is known: what the bound is of."""
+        return self._system(FilterChart(self.layout, self.has_torque))
 
     @property
     def point(self) -> Rationals:
         """The motion in the chart."""
         return point_of(self._chart, self.motion)
 
+    @property
+    def experiments(self) -> Sequence[InputSeries]:
+        """Taylor series of the known inputs."""
+        return [[ACTING[k % len(ACTING)] for k in range(len(self.inputs))]] if self.inputs else []
+
+    @property
+    def layout(self) -> StateLayout:
+        """Of the filters' state."""
+        return StateLayout(FULL_BLOCKS if self.has_place else ROTATION_BLOCKS)
+
     def certificate(self) -> Certificate:
         """Of this case."""
-        acting = [list(ACTING[: len(self.inputs)])] if self.inputs else []
-        return certify(self.system, self.point, acting)
+        return certify(self.system, self.point, self.experiments)
 
     def flight(self, frames: int, interval: float, noise: ProcessNoise | None = None) -> Flight:
-        """The motion over frames, in the filters' state."""
-        layout = self._layout
-        start = as_floats(point_of(FilterChart(layout), self.motion))
-        return free_flight(_process(layout, noise or ProcessNoise()), start, frames, interval)
+        """The motion over frames, s apart, in the filters' state.
+
+        Raises
+        ------
+        InputError: no frames, or a manoeuvre that leaves a camera without the body.
+        """
+        process = _process(self.layout, noise or ProcessNoise())
+        start = self._start(frames, interval)
+        if not self.inputs or frames < 1:
+            return free_flight(process, start, frames, interval)
+        driven = DrivenMotion(process, self.acting, self._inertia_scale(start))
+        flight = driven_flight(process, start, interval * np.arange(frames), driven)
+        self._check_view(flight)
+        return flight
+
+    @property
+    def acting(self) -> list[KnownInput]:
+        """The known inputs as functions of time; each further one is faster, so that they differ."""
+        found = []
+        for index, each in enumerate(self.inputs):
+            size = self.sizes.torque if each.is_torque else self.sizes.manoeuvre
+            found.append(KnownInput(each, size, self.sizes.period / (1 + index / 2)))
+        return found
 
     def bound(self, flight: Flight) -> Bound:
-        """Cramer-Rao bound of the sensor, which sees everything in every frame; of a gyro the first attitude is a definition."""
-        items = np.stack([as_floats(item) for item in self._sensor.parameters])
-        model = _model(type(self._sensor.model), flight.process.layout)
-        seen = np.ones((len(flight.time), len(items)), dtype=bool)
-        prior = PRIOR_STD if self.sensor != "attitude" else {**PRIOR_STD, "a": 1.0}
-        return cramer_rao_bound(flight, [Watch(model, items, self._sensor.unknown, seen)], prior)
+        """Cramer-Rao bound of the sensors, which see everything in every frame."""
+        watches = []
+        for sensor in self._sensors:
+            items = np.stack([as_floats(item) for item in sensor.parameters])
+            model = _model(type(sensor.model), flight.process.layout)
+            seen = np.ones((len(flight.time), len(items)), dtype=bool)
+            watches.append(Watch(model, items, sensor.unknown, seen))
+        return cramer_rao_bound(flight, watches, self.prior_std, defined=self.defined)
+
+    @property
+    def prior_std(self) -> Deviations:
+        """Of every block in the first frame."""
+        place = PRIOR_STD["t"] if self.place_is_defined else WIDE_POSE_STD["t"]
+        attitude = np.full(3, WIDE_POSE_STD["a"])
+        attitude[list(self.free_rotations)] = PRIOR_STD["a"]
+        return {**PRIOR_STD, "t": place, "a": attitude}
+
+    @property
+    def _sees_known_points(self) -> bool:
+        return self.known_map and bool(set(self.sensors) & set(POINT_SENSORS))
+
+    def _system(self, chart: Chart) -> System:
+        return System(chart, self._sensors, tuple(self.inputs), principal_axes(chart))
 
     @cached_property
     def _chart(self) -> Chart:
-        attitude, place = self.sensor != "gyro", self.sensor not in ROTATION_SENSORS
         if self.chart == "tensor":
-            return TensorChart(attitude, place)
+            return TensorChart(self.has_attitude, self.has_place)
         if self.chart == "filter":
-            return FilterChart(self._layout)
-        return PrincipalChart(MOMENTS if self._torque else RATIOS, attitude, place)
-
-    @property
-    def _layout(self) -> StateLayout:
-        return StateLayout(ROTATION_BLOCKS if self.sensor in ROTATION_SENSORS else FULL_BLOCKS)
-
-    @property
-    def _torque(self) -> bool:
-        return any("torque" in each for each in self.inputs)
+            return FilterChart(self.layout)
+        return PrincipalChart(MOMENTS if self.holds_scale else RATIOS, self.has_attitude, self.has_place)
 
     @cached_property
-    def _sensor(self) -> Sensor:
-        if self.sensor in ("stereo", "monocular"):
-            make = {"stereo": sensors.stereo, "monocular": sensors.monocular}[self.sensor]
-            return make(landmarks(self.landmarks), self.known_map)
-        return {"pose": sensors.pose, "attitude": sensors.attitude, "gyro": sensors.gyro}[self.sensor]()
+    def _sensors(self) -> list[Sensor]:
+        points = {"stereo": sensors.stereo, "monocular": sensors.monocular, "lidar": sensors.lidar}
+        others = {"pose": sensors.pose, "attitude": sensors.attitude, "gyro": sensors.gyro}
+        seeing = [each for each in self.sensors if each in points]
+        found = [
+            points[each](landmarks(self.landmarks, seed), self.known_map) for seed, each in enumerate(seeing)
+        ]
+        return found + [others[each]() for each in self.sensors if each in others]
+
+    def _start(self, frames: int, interval: float) -> Float[np.ndarray, " m"]:
+        start = as_floats(point_of(FilterChart(self.layout), self.motion))
+        if self.has_place:
+            where = self.layout.mean_slice("v")
+            way = float(np.linalg.norm(start[where])) * frames * interval
+            start[where] *= min(1.0, LONGEST_DRIFT / way) if way > 0 else 1.0
+        return start
+
+    def _inertia_scale(self, start: Float[np.ndarray, " m"]) -> float:
+        return float(self.motion.moments[0]) / float(inertia_matrix(start[self.layout.mean_slice("s")])[0, 0])
+
+    def _check_view(self, flight: Flight) -> None:
+        """Landmarks that a camera would pass have no image."""
+        if not self.has_place:
+            return
+        R = matrix_from_quaternion(flight.states[:, self.layout.mean_slice("a")])
+        depth = flight.states[:, self.layout.mean_slice("t")][:, 2]
+        for sensor in self._sensors:
+            if sensor.model.name in ("stereo", "monocular"):
+                points = np.stack([as_floats(item)[:3] for item in sensor.parameters])
+                if np.min(depth[:, np.newaxis] + R[:, 2] @ points.T) < NEAREST_LANDMARK:
+                    raise InputError(
+                        f"a manoeuvre of {self.sizes.manoeuvre:g} m/s^2 and a period of {self.sizes.period:g} s carries the "
+                        "camera past the body; give a smaller --manoeuvre-size or a shorter --input-period"
+                    )
 
 
 @cache

@@ -7,11 +7,11 @@ from fractions import Fraction
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Num
+from jaxtyping import Float, Num
 
 from observability.codistribution import InputSeries, SensorRows, codistribution, motion_series
 from observability.elimination import FIELD, Elimination, eliminate
-from observability.explanation import Explained, explained, tangent_symmetries
+from observability.explanation import Explained, explained, tangent_symmetries, tangent_vectors
 from observability.prime_field import PrimeField
 from observability.rational import Rationals
 from observability.system import System
@@ -22,7 +22,7 @@ coefficients: blocks of degree 3 each for place, velocity, attitude and rate, an
 13th and all later derivatives of an output that is linear in those axes are combinations of the first 13."""
 FEW_ORDERS = 6
 """Enough for all motions in general position so far; where they are not, `STEADY_ORDERS` are taken."""
-LINEAR_IN_BODY_AXES = {"stereo", "pose", "attitude", "gyro"}
+LINEAR_IN_BODY_AXES = {"stereo", "lidar", "pose", "attitude", "gyro"}
 """Sensors that tell, each moment, just such an output: a point, a pose, a turn or a rate. A bearing alone is none."""
 
 
@@ -45,6 +45,7 @@ class Certificate:
     ranks: exact, with orders 0, 0 to 1, and so on.   order: the first with the last rank.
     regular: whether the rank is that of points in general position nearby.
     null_space: residues, a basis in its columns.   explanations: of the null space, independent of one another.
+    vectors: (n, explanations) of each explanation the direction as floats.
     unnamed: null directions that no explanation covers.   proof: of the last rank.
     """
 
@@ -54,6 +55,7 @@ class Certificate:
     regular: bool
     null_space: Num[np.ndarray, "n d"]
     explanations: tuple[Explained, ...]
+    vectors: Float[np.ndarray, "n e"]
     proof: Proof
 
     @property
@@ -101,6 +103,7 @@ def certify(system: System, point: Rationals, inputs: Sequence[InputSeries] = ()
         regular=_generic_rank(system, point, experiments) == ranks[-1],
         null_space=last.null_space(),
         explanations=tuple(explanations),
+        vectors=tangent_vectors(system, point, [each.symmetry for each in explanations]),
         proof=_proof(system, point, ranks[-1], explanations),
     )
 
@@ -114,10 +117,10 @@ def _rows(
     """Of all experiments together, so many orders in a field."""
     orders, field = kind
     rows = [codistribution(system, point, orders, field, given) for given in experiments]
-    return [_joined(parts) for parts in zip(*rows, strict=True)]
+    return [joined(parts) for parts in zip(*rows, strict=True)]
 
 
-def _joined(parts: Sequence[SensorRows]) -> SensorRows:
+def joined(parts: Sequence[SensorRows]) -> SensorRows:
     """Rows of one sensor from several experiments as one: the same unknowns."""
     return SensorRows(
         np.concatenate([part.common for part in parts], axis=2),

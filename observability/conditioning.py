@@ -183,6 +183,57 @@ def suggest_scaling(dt: float, w: Float[np.ndarray, " 3"]) -> Scaling:
     )
 
 
+@dataclass(frozen=True)
+class CovarianceConditioning:
+    """Condition numbers of an estimator's own covariance, epoch by epoch; infinite where it is singular or not finite.
+
+    Attributes
+    ----------
+    name: of the estimator.   time: (n,) s.
+    plain: (n,) in SI units.   jacobi: (n,) every component in units of its own deviation at that epoch.
+    fixed: (n,) in one unit per block for all epochs.   units: of every block, SI: root mean square deviation in the median epoch.
+    """
+
+    name: str
+    time: Float[np.ndarray, " n"]
+    plain: Float[np.ndarray, " n"]
+    jacobi: Float[np.ndarray, " n"]
+    fixed: Float[np.ndarray, " n"]
+    units: dict[str, float]
+
+
+def covariance_conditioning(
+    name: str, layout: StateLayout, time: Float[np.ndarray, " n"], factors: Float[np.ndarray, "n e e"]
+) -> CovarianceConditioning:
+    """Conditioning of P = factor factor' over epochs, and the units of the blocks that improve it.
+
+    Raises
+    ------
+    InputError: no epoch has a covariance that is finite and positive.
+    """
+    deviations = np.sqrt(np.einsum("tij,tij->ti", factors, factors))
+    usable = np.all(np.isfinite(deviations) & (deviations > 0), axis=1)
+    if not usable.any():
+        raise InputError(f"{name}: no epoch has a finite covariance of positive variances; take another run")
+    typical = np.median(deviations[usable], axis=0)
+    units = {block: float(np.sqrt(np.mean(typical[layout.slice(block)] ** 2))) for block in layout.blocks}
+    divisors = np.concatenate(
+        [np.full(layout.slice(b).stop - layout.slice(b).start, units[b]) for b in layout.blocks]
+    )
+    found = np.full((3, len(time)), np.inf)
+    for epoch in np.flatnonzero(usable):
+        scales = (np.ones(len(divisors)), deviations[epoch], divisors)
+        found[:, epoch] = [_factor_condition(factors[epoch] / scale[:, np.newaxis]) for scale in scales]
+    plain, jacobi, fixed = found
+    return CovarianceConditioning(name, time, plain, jacobi, fixed, units)
+
+
+def _factor_condition(factor: Float[np.ndarray, "e e"]) -> float:
+    """Condition number of factor factor', whose square root the factor's is: its singular values tell twice the digits."""
+    values = np.linalg.svd(factor, compute_uv=False)
+    return float((values[0] / values[-1]) ** 2) if values[-1] > 0 else np.inf
+
+
 def _check_positive(**values: float) -> None:
     for name, value in values.items():
         if not (np.isfinite(value) and value > 0):

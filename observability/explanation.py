@@ -100,9 +100,8 @@ def _unseen(rows: Sequence[SensorRows], tangents: Num[np.ndarray, "n k"]) -> Boo
 def _tangents(system: System, point: Rationals, symmetries: Sequence[Symmetry]) -> Num[np.ndarray, "n k"]:
     """Directions of the moves at amount 0, as residues."""
     x, parameters, amount = _symbols(system)
-    errors = [_error(system, x, parameters, symmetry, amount) for symmetry in symmetries]
-    flat = ca.vertcat(x, *[ca.vec(each) for each in parameters])
-    tape = tape_of("a symmetry", [flat, amount], ca.vertcat(*errors))
+    errors, flat = _errors(system, symmetries, (x, parameters, amount))
+    tape = tape_of("a symmetry", [flat, amount], errors)
     numbers = _flat(system, point)
     series = Series(tape, guide(tape, [[numbers], [(Fraction(0),)]]), FIELD, (1, 1, 2))
     values = np.zeros((len(numbers), 1, 2), dtype=np.uint64)
@@ -110,6 +109,27 @@ def _tangents(system: System, point: Rationals, symmetries: Sequence[Symmetry]) 
     series.put(0, 0, values)
     series.put(1, 0, np.array([[[0, 1]]], dtype=np.uint64))
     return series.advance(0)[:, 0, 1].reshape(len(symmetries), -1).T
+
+
+def tangent_vectors(
+    system: System, point: Rationals, symmetries: Sequence[Symmetry]
+) -> Float[np.ndarray, "n k"]:
+    """Directions of the moves at amount 0 in floats, in the order of `System.names`."""
+    if not symmetries:
+        return np.zeros((system.dimension, 0))
+    x, parameters, amount = _symbols(system)
+    errors, flat = _errors(system, symmetries, (x, parameters, amount))
+    slope = ca.Function("tangents", [flat, amount], [ca.densify(ca.jacobian(errors, amount))])
+    return np.asarray(slope(as_floats(_flat(system, point)), 0.0)).reshape(len(symmetries), -1).T
+
+
+def _errors(
+    system: System, symmetries: Sequence[Symmetry], symbols: tuple[ca.SX, list[ca.SX], ca.SX]
+) -> tuple[ca.SX, ca.SX]:
+    """Errors of all moves, one below the other, and the state and parameters that they are of."""
+    x, parameters, amount = symbols
+    errors = [_error(system, x, parameters, symmetry, amount) for symmetry in symmetries]
+    return ca.vertcat(*errors), ca.vertcat(x, *[ca.vec(each) for each in parameters])
 
 
 def _moved(

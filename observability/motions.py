@@ -12,12 +12,14 @@ from observability.charts.filter_state import FilterChart
 from observability.charts.principal import PrincipalChart
 from observability.charts.tensor import TensorChart
 from observability.rational import Rationals, rational, rationals, unit_quaternion
+from observability.system import AXES_OF_G
 from spinfilters.errors import InputError
 
 DIGITS = 6
 """Decimals of logarithms of ratios of moments, which make the body of a chart of logarithms: equal moments stay exactly equal."""
 ATTITUDE_IB = unit_quaternion([0.2, -0.4, 0.3, 0.8])
-ATTITUDE_GB = unit_quaternion([-0.3, 0.1, 0.5, 0.7])
+ATTITUDE_GB = tuple(Fraction(part, 9) for part in (-4, 2, 5, 6))
+"""Of exactly unit norm, and short fractions: directions in g along the axes b are exact as floats, too (`System.torque_axes`)."""
 PLACE, VELOCITY = rationals((0.02, -0.03, 0.6)), rationals((0.002, 0.001, -0.001))
 CENTRE = rationals((0.02, -0.015, 0.01))
 BODY_RADIUS = 0.11
@@ -78,6 +80,11 @@ TEN: tuple[Motion, ...] = (
 )
 
 
+def equal_moments(of: Motion, first: int, second: int) -> bool:
+    """Whether two moments are equal in the charts of logarithms, that is to `DIGITS` decimals of their ratio's."""
+    return _log_ratio(of.moments[first], of.moments[second]) == 0
+
+
 def point_of(chart: Chart, of: Motion) -> Rationals:
     """The motion's exact point in a chart, before a camera at 0.6 m.
 
@@ -96,6 +103,14 @@ def point_of(chart: Chart, of: Motion) -> Rationals:
             f"no motion is given in the chart {chart.name}; use Chart.point with numbers of your own"
         )
     return chart.point({block.name: blocks[block.name] for block in chart.blocks})
+
+
+def principal_axes(chart: Chart) -> tuple[Rationals, ...]:
+    """Directions in axes g of the principal axes x, y, z at the point of any motion (`point_of`)."""
+    if "q_gb" not in {block.name for block in chart.blocks} and not isinstance(chart, TensorChart):
+        return AXES_OF_G
+    R = exact_matrix(ATTITUDE_GB)
+    return tuple(tuple(R[row][column] for row in range(3)) for column in range(3))
 
 
 def landmarks(count: int, seed: int = 0) -> tuple[Rationals, ...]:
@@ -136,7 +151,15 @@ def _filter_state(of: Motion) -> dict[str, Rationals]:
     x, y, z = (half - moment for moment in of.moments)
     first, second = _log_ratio(x, y), _log_ratio(y, z)
     s = ((2 * first + second) / 6, (second - first) / 6, Fraction(0), Fraction(0), Fraction(0))
-    return {"t": PLACE, "q": ATTITUDE_IB, "v": VELOCITY, "w": of.rate, "c": CENTRE, "s": s}
+    return {
+        "t": PLACE,
+        "q": ATTITUDE_IB,
+        "v": VELOCITY,
+        "w": of.rate,
+        "c": CENTRE,
+        "s": s,
+        "n": (Fraction(0),),
+    }
 
 
 def exact_matrix(q: Rationals) -> list[list[Fraction]]:

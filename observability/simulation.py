@@ -29,12 +29,12 @@ class Trajectories:
     """
 
     states: Float[np.ndarray, "n b"]
-    parameters: tuple[Float[np.ndarray, "p l b"], ...]
+    parameters: tuple[Float[np.ndarray, "_ _ b"], ...]
 
 
 def simulate(
     system: System, start: Trajectories, duration: float, steps: int, inputs: InputSeries = ()
-) -> list[Float[np.ndarray, "k r l b"]]:
+) -> list[Float[np.ndarray, "k _ _ b"]]:
     """Of each sensor, its values at ``steps`` equal times after the start and at the start."""
     states = [start.states]
     for step in range(steps):

@@ -7,13 +7,12 @@ from typing import Any, Final
 import numpy as np
 from jaxtyping import Float
 
-from observability.bounds.quantities import MOMENTS, bounded_quantities
-from observability.cases import Case
+from observability.bounds.quantities import MOMENTS, Quantity, bounded_quantities
+from observability.cases import POINT_SENSORS, Case
 from observability.motions import Motion, motion
 from observability.rational import as_floats
 from spinfilters.conventions import RPM
 
-Quantity = tuple[str, str]
 DURATIONS: Final = (5.0, 10.0, 20.0, 40.0, 80.0)
 INTERVALS: Final = (0.125, 0.25, 0.5, 1.0, 2.0)
 COUNTS: Final = (1, 2, 4, 8, 16, 32)
@@ -72,7 +71,7 @@ class Study:
 
 def study(case: Case, frames: int, interval: float, report: Callable[[int, int], None]) -> Study:
     """All bounds, beginning from a case with so many frames at such an interval, s; ``report`` gets steps done and of all."""
-    counts = COUNTS if case.sensor in ("stereo", "monocular") else ()
+    counts = COUNTS if set(case.sensors) & set(POINT_SENSORS) else ()
     steps = _Steps(len(DURATIONS) + len(INTERVALS) + len(counts) + len(ANGLES) ** 2, report)
     duration = (frames - 1) * interval
     curves = [

@@ -3,23 +3,29 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from fractions import Fraction
 from functools import cached_property
+from typing import Final
 
 import casadi as ca
 import numpy as np
 
 from observability.charts.chart import Chart, Values
-from observability.rational import Rationals
+from observability.rational import Rationals, rationals
 from observability.tape import Tape, tape_of
 from spinfilters.errors import InputError, ShapeError
 from spinfilters.models.measurement import MeasurementModel
 
+AXES_OF_G: Final[tuple[Rationals, ...]] = tuple(
+    tuple(Fraction(int(row == column)) for row in range(3)) for column in range(3)
+)
 NEEDED = {"a": "q"}
 """Blocks of a filter's state under the names that expressions know them by."""
 
 
 class Input(StrEnum):
-    """What is known to act, each along one axis."""
+    """What is known to act, each along one axis: torques about axes of the body (`System.torque_axes`), the inspector's
+    accelerations along the axes of frame i, the camera at the first frame (x right, y down, z forward)."""
 
     TORQUE_X = "torque about x"
     TORQUE_Y = "torque about y"
@@ -27,6 +33,11 @@ class Input(StrEnum):
     INSPECTOR_X = "inspector's acceleration along x"
     INSPECTOR_Y = "inspector's acceleration along y"
     INSPECTOR_Z = "inspector's acceleration along z"
+
+    @property
+    def is_torque(self) -> bool:
+        """Whether it turns the body; if not, it moves the camera."""
+        return self.value.startswith("torque")
 
     @property
     def axis(self) -> int:
@@ -79,15 +90,19 @@ class System:
     chart: coordinates of the motion.
     sensors: at least one.
     inputs: what acts and is known as a function of time.
+    torque_axes: directions in axes g of the torques about x, y and z. They are known: where g lies in the body is then no longer
+        free, but for a rotation about a single such axis.
     """
 
     chart: Chart
     sensors: Sequence[Sensor]
     inputs: Sequence[Input] = ()
+    torque_axes: Sequence[Rationals] = AXES_OF_G
 
     def __post_init__(self) -> None:
         if not self.sensors:
             raise InputError("nothing is measured: give the system at least one sensor")
+        _check_axes(self.torque_axes)
         x = self.chart.unpack(ca.SX.sym("x", self.chart.mean_dim))
         for sensor in self.sensors:
             lacking = {NEEDED.get(block, block) for block in sensor.model.needs} - set(self.chart.seen(x))
@@ -96,7 +111,7 @@ class System:
                     f"{sensor.model.name} needs {', '.join(sorted(lacking))}, which the chart {self.chart.name} does not hold; "
                     "take a chart with attitude and place"
                 )
-        if any("inspector" in each for each in self.inputs) and "v" not in x:
+        if not all(each.is_torque for each in self.inputs) and "v" not in x:
             raise InputError(
                 f"an inspector's manoeuvre needs a velocity; the chart {self.chart.name} holds none"
             )
@@ -117,7 +132,7 @@ class System:
         values = self.chart.unpack(x)
         rates = self.chart.rates(values)
         for index, each in enumerate(self.inputs):
-            for name, column in _field(self.chart, values, each).items():
+            for name, column in self._field(values, each).items():
                 rates[name] = rates[name] + column * u[index]
         return self.chart.pack(rates)
 
@@ -136,6 +151,13 @@ class System:
         """A sensor's value as an expression."""
         return sensor.model.symbolic(self.chart.seen(self.chart.unpack(x)), parameters)
 
+    def _field(self, values: Values, given: Input) -> Values:
+        """One input's column: a torque by the chart's inertia, a manoeuvre as the opposite acceleration of what is seen."""
+        if given.is_torque:
+            axis = ca.DM([float(number) for number in self.torque_axes[given.axis]])
+            return {name: columns @ axis for name, columns in self.chart.torque_field(values).items()}
+        return {"v": -ca.DM(np.eye(3)[:, given.axis])}
+
     def _output(self, sensor: Sensor) -> Tape:
         x, p = ca.SX.sym("x", self.chart.mean_dim), ca.SX.sym("p", sensor.model.parameter_dim)
         return tape_of(f"the sensor {sensor.model.name}", [x, p], ca.SX(self.measured(sensor, x, p)))
@@ -152,8 +174,10 @@ class System:
         return (*self.chart.components, *own)
 
 
-def _field(chart: Chart, values: Values, given: Input) -> Values:
-    """One input's column: a torque by the chart's inertia, a manoeuvre as the opposite acceleration of what is seen."""
-    if "torque" in given:
-        return {name: columns[:, given.axis] for name, columns in chart.torque_field(values).items()}
-    return {"v": -ca.DM(np.eye(3)[:, given.axis])}
+def _check_axes(axes: Sequence[Rationals]) -> None:
+    """A tape reads a float as the simplest fraction that rounds to it, which need not be the one that was meant."""
+    numbers = [number for axis in axes for number in axis]
+    if len(numbers) != 9 or rationals([float(number) for number in numbers]) != tuple(numbers):
+        raise InputError(
+            "torque axes are three directions of three fractions with small denominators; others are not exact as constants"
+        )

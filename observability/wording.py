@@ -3,7 +3,16 @@
 from collections import Counter
 from typing import Any
 
+import numpy as np
+from jaxtyping import Float
+
 from observability.certificate import Certificate, Proof
+from observability.explanation import Explained
+
+DIRECTED = ("gauge translation", "gauge rotation", "centre of mass", "roll of the principal axes")
+"""Kinds that mean one direction of several, which is then named."""
+ALL_DIRECTIONS = 3
+"""Directions of a kind that leave none to name."""
 
 
 def sentences(certificate: Certificate) -> list[str]:
@@ -12,27 +21,55 @@ def sentences(certificate: Certificate) -> list[str]:
     orders = "values alone" if certificate.order == 0 else f"derivatives up to order {certificate.order}"
     verb = "are" if certificate.proof is not Proof.OPEN else "at least are"
     lines = [f"{rank} of {dimension} unknowns {verb} determined, reached with {orders}."]
-    lines.append(_null_space(certificate))
+    lines.append(null_space_sentence(certificate))
     lines.append(f"Proof: {certificate.proof.value}.")
     if not certificate.regular:
         lines.append("This motion is special: points in general position nearby determine more.")
     return lines
 
 
-def _null_space(certificate: Certificate) -> str:
+def null_space_sentence(certificate: Certificate) -> str:
+    """What is left undetermined."""
     if certificate.null_dimension == 0:
-        return "Nothing is left undetermined."
-    finite = Counter(each.symmetry.group for each in certificate.explanations if each.finite)
-    infinitesimal = Counter(each.symmetry.group for each in certificate.explanations if not each.finite)
-    parts = [_counted(group, count) for group, count in finite.items()]
-    parts += [f"{_counted(group, count)}, to first order only" for group, count in infinitesimal.items()]
+        return "Nothing of what was asked is left undetermined."
+    parts = _named([each for each in certificate.explanations if each.finite])
+    later = _named([each for each in certificate.explanations if not each.finite])
+    parts += [f"{words}, to first order only" for words in later]
     if certificate.unnamed:
         parts.append(f"{certificate.unnamed} without a name")
     return f"Not determined, {certificate.null_dimension}: {'; '.join(parts)}."
 
 
-def _counted(group: str, count: int) -> str:
-    return group if count == 1 else f"{group} ({count})"
+def null_vector_sentences(certificate: Certificate) -> list[str]:
+    """The direction of what is no gauge and no more than a few unknowns change along, in their own numbers."""
+    found = []
+    for each, vector in zip(certificate.explanations, certificate.vectors.T, strict=True):
+        if each.symmetry.group == "scale of the inertia":
+            parts = named_entries(certificate.names, vector)
+            words = ", ".join(f"{name} {value:+.4g}" for name, value in parts.items())
+            found.append(f"Null vector of the {each.symmetry.name}, all other unknowns 0: {words}.")
+    return found
+
+
+def named_entries(names: tuple[str, ...], vector: Float[np.ndarray, " n"]) -> dict[str, float]:
+    """Entries of a direction that are not 0 by the names of the unknowns, over the last of those that are no rounding."""
+    kept = np.flatnonzero(np.abs(vector) > 1e-12 * np.abs(vector).max(initial=0.0))
+    return {names[k]: float(vector[k] / vector[kept[-1]]) for k in kept}
+
+
+def _named(explanations: list[Explained]) -> list[str]:
+    """Kinds of directions: all three of a kind by their number, fewer by their own names."""
+    counts = Counter(each.symmetry.group for each in explanations)
+    parts = []
+    for group, count in counts.items():
+        names = [each.symmetry.name for each in explanations if each.symmetry.group == group]
+        if group not in DIRECTED or count >= ALL_DIRECTIONS:
+            parts.append(group if count == 1 else f"{group} ({count})")
+        else:
+            parts.append(
+                " and ".join(names) if not group.startswith("gauge") else f"{group}: {' and '.join(names)}"
+            )
+    return parts
 
 
 def document(certificate: Certificate) -> dict[str, Any]:
@@ -51,8 +88,9 @@ def document(certificate: Certificate) -> dict[str, Any]:
                 "group": each.symmetry.group,
                 "holds_for_finite_moves": each.finite,
                 "change_of_outputs": each.change,
+                "null_vector": named_entries(certificate.names, vector),
             }
-            for each in certificate.explanations
+            for each, vector in zip(certificate.explanations, certificate.vectors.T, strict=True)
         ],
         "unnamed": certificate.unnamed,
         "text": sentences(certificate),

@@ -16,8 +16,24 @@ from spinfilters.errors import InputError, ShapeError
 from spinfilters.linear_algebra.signs import with_largest_positive
 from spinfilters.state.layout import StateLayout
 
-PRIOR_STD: Mapping[str, float] = {"t": 1e-6, "a": 1e-6, "v": 1.0, "w": 10.0, "c": 1.0, "s": 3.0, "d": 1.0}
-"""Of the first frame: the pose of g is known by definition, the rest hardly (m, rad, m/s, rad/s, m, 1, 1/rad)."""
+PRIOR_STD: dict[str, float] = {
+    "t": 1e-6,
+    "a": 1e-6,
+    "v": 1.0,
+    "w": 10.0,
+    "c": 1.0,
+    "s": 3.0,
+    "d": 1.0,
+    "n": 3.0,
+}
+"""Of the first frame: the pose of g is known by definition, the rest hardly (m, rad, m/s, rad/s, m, 1, 1/rad); n is the
+logarithm of the inertia's scale, which a flight with a known torque holds."""
+DEFINED = ("t", "a")
+"""Blocks whose prior is a definition, of the frame g, unless a caller knows better."""
+Deviations = Mapping[str, float | Float[np.ndarray, " _"]]
+"""Of each block, for all components or one by one."""
+WIDENING = 10.0
+"""All other priors times this make the second bound, which shows what rests on them."""
 LANDMARK_STD = 1.0
 """Prior of an unknown landmark's coordinates, m."""
 
@@ -29,14 +45,16 @@ class Bound:
     Attributes
     ----------
     layout: of the state.   prior_std: (n,) of all unknowns in the first frame.
-    std: (frames, n) of the state's error, then of the sensors' unknowns.
-    covariances: (frames, e, e) of the state's error.
+    std: (frames, n) of the state's error, then of the flight's constants and the sensors' unknowns.
+    covariances: (frames, e, e) of the state's error and the flight's constants.
+    widened: (frames, e, e) the same with all priors that are no definitions `WIDENING` times as wide.
     """
 
     layout: StateLayout
     prior_std: Float[np.ndarray, " n"]
     std: Float[np.ndarray, "frames n"]
     covariances: Float[np.ndarray, "frames e e"]
+    widened: Float[np.ndarray, "frames e e"]
 
     def block(self, name: str) -> Float[np.ndarray, "frames b"]:
         """Standard deviations of one block."""
@@ -46,46 +64,67 @@ class Bound:
     def weak_direction(self) -> tuple[Float[np.ndarray, " e"], float]:
         """The direction of the state of which least was learnt, in prior deviations, and what part of the prior remains of it.
 
-        The pose is left out: its prior is a definition. With P the bound and S the prior this is the top eigenvector of
-        S^-1/2 P S^-1/2 over the other blocks; the second result is the square root of its eigenvalue.
+        The pose is left out: its prior may be a definition. With P the bound and S the prior this is the top eigenvector of
+        S^-1/2 P S^-1/2 over the other blocks; the second result is what `prior_directions` finds for it.
         """
         free = [k for block in self.layout.blocks if block not in "ta" for k in _range(self.layout, block)]
         scale = self.prior_std[free]
-        values, vectors = np.linalg.eigh(self.covariances[-1][np.ix_(free, free)] / np.outer(scale, scale))
+        values = [
+            part[-1][np.ix_(free, free)] / np.outer(scale, scale) for part in (self.covariances, self.widened)
+        ]
+        vector = np.linalg.eigh(values[0])[1][:, -1]
         direction = np.zeros(self.layout.error_dim)
-        direction[free] = with_largest_positive(vectors[:, -1])
-        return direction, float(np.sqrt(values[-1]))
+        direction[free] = with_largest_positive(vector)
+        narrow, wide = (float(vector @ part @ vector) for part in values)
+        return direction, float(prior_share(wide / narrow))
+
+
+def prior_share(growth: Float[np.ndarray, "*n"] | float) -> Float[np.ndarray, "*n"]:
+    """What part of the prior's deviation remains where a variance grows so much under priors `WIDENING` times as wide.
+
+    Of one unknown with information p of the prior and d of the data the variance 1/(p + d) grows by (p + d)/(p/100 + d), and
+    the share is sqrt(p / (p + d)), the deviation over that of the prior. Of several unknowns it tells, too, what rests on the
+    priors of others: a scale of all lengths that only the prior of the landmarks holds.
+    """
+    share = (1 - 1 / np.asarray(growth)) / (1 - WIDENING**-2)
+    return np.sqrt(np.clip(share, 0.0, 1.0))
 
 
 def cramer_rao_bound(
     flight: Flight,
     watches: Sequence[Watch],
-    prior_std: Mapping[str, float] = PRIOR_STD,
+    prior_std: Deviations = PRIOR_STD,
     landmark_std: float = LANDMARK_STD,
+    defined: Sequence[int] | None = None,
 ) -> Bound:
     """The bound along a flight.
 
     Parameters
     ----------
     prior_std: of every block of the layout in the first frame, positive.   landmark_std: of every unknown parameter.
+    defined: components of the error whose prior is a definition, and no guess; None for those of `DEFINED`.
 
     Raises
     ------
     InputError, ShapeError: for no sensors, sensors over other frames, or priors that are missing or not positive.
     """
     starts, total = _columns(flight, watches)
-    prior = prior_deviations(flight.process.layout, total, prior_std, landmark_std)
-    root, deviations, covariances = np.diag(1 / prior), [], []
-    n = flight.process.layout.error_dim
+    layout, constants = flight.process.layout, flight.constants
+    prior = prior_deviations(layout, total, prior_std, landmark_std, constants)
+    wide = prior * _widening(layout, total, defined)
+    roots = [np.diag(1 / prior), np.diag(1 / wide)]
+    n, deviations, covariances = layout.error_dim + constants, [], []
     for frame, x in enumerate(flight.states):
         if frame:
-            root = _predicted(flight, frame, root)
+            step = flight.linearise(frame)
+            roots = [_predicted(*step, root) for root in roots]
         rows = [rows_at(watch, frame, x, start, total) for watch, start in zip(watches, starts, strict=True)]
-        root = _triangular(np.concatenate([root, *rows]), total)
-        inverse = solve_triangular(root, np.eye(total), check_finite=False)
-        deviations.append(np.sqrt(np.einsum("ij,ij->i", inverse, inverse)))
-        covariances.append(inverse[:n] @ inverse[:n].T)
-    return Bound(flight.process.layout, prior, np.stack(deviations), np.stack(covariances))
+        roots = [_triangular(np.concatenate([root, *rows]), total) for root in roots]
+        inverses = [solve_triangular(root, np.eye(total), check_finite=False) for root in roots]
+        deviations.append(np.sqrt(np.einsum("ij,ij->i", inverses[0], inverses[0])))
+        covariances.append([inverse[:n] @ inverse[:n].T for inverse in inverses])
+    narrow, widened = np.stack(covariances, axis=1)
+    return Bound(layout, prior, np.stack(deviations), narrow, widened)
 
 
 def observability_gramian(flight: Flight, watches: Sequence[Watch]) -> Float[np.ndarray, "n n"]:
@@ -95,8 +134,8 @@ def observability_gramian(flight: Flight, watches: Sequence[Watch]) -> Float[np.
     gramian = np.zeros((total, total))
     for frame, x in enumerate(flight.states):
         if frame:
-            step = flight.process.linearise(flight.states[frame - 1], _interval(flight, frame))[1]
-            transition[:n] = step @ transition[:n]
+            step = flight.linearise(frame)[0]
+            transition[:n] = step @ transition[: step.shape[1]]
         for watch, start in zip(watches, starts, strict=True):
             rows = rows_at(watch, frame, x, start, total) @ transition
             gramian += rows.T @ rows
@@ -104,10 +143,12 @@ def observability_gramian(flight: Flight, watches: Sequence[Watch]) -> Float[np.
 
 
 def prior_deviations(
-    layout: StateLayout, total: int, prior_std: Mapping[str, float], landmark_std: float
+    layout: StateLayout, total: int, prior_std: Deviations, landmark_std: float, constants: int = 0
 ) -> Float[np.ndarray, " n"]:
-    """Standard deviations of all unknowns in the first frame."""
+    """Standard deviations of all unknowns in the first frame; ``constants`` follow the state (`Flight.constants`)."""
     deviations = np.full(total, landmark_std)
+    if constants:
+        deviations[layout.error_dim : layout.error_dim + constants] = prior_std["n"]
     for block in layout.blocks:
         if block not in prior_std:
             raise InputError(
@@ -121,19 +162,24 @@ def prior_deviations(
     return deviations
 
 
-def _predicted(flight: Flight, frame: int, root: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
-    """Root of the information about the next state: x' = Phi x + G n with n standard normal, n marginalised by one QR."""
-    n, total = flight.process.layout.error_dim, len(root)
-    _, transition, entry = flight.process.linearise(flight.states[frame - 1], _interval(flight, frame))
+def _widening(layout: StateLayout, total: int, defined: Sequence[int] | None) -> Float[np.ndarray, " n"]:
+    factors = np.full(total, WIDENING)
+    if defined is None:
+        defined = [k for block in DEFINED if block in layout.blocks for k in _range(layout, block)]
+    factors[list(defined)] = 1.0
+    return factors
+
+
+def _predicted(
+    transition: Float[np.ndarray, "e k"], entry: Float[np.ndarray, "e q"], root: Float[np.ndarray, "n n"]
+) -> Float[np.ndarray, "n n"]:
+    """Root of the information about the next state: x' = Phi x + T c + G n with n standard normal, n marginalised by one QR."""
+    (n, width), noise, total = transition.shape, entry.shape[1], len(root)
     back = root.copy()
-    back[:, :n] = np.linalg.solve(transition.T, root[:, :n].T).T
-    noise = entry.shape[1]
+    back[:, :n] = np.linalg.solve(transition[:, :n].T, root[:, :n].T).T
+    back[:, n:width] -= back[:, :n] @ transition[:, n:]
     stacked = np.block([[np.eye(noise), np.zeros((noise, total))], [-back[:, :n] @ entry, back]])
     return _triangular(stacked, noise + total)[noise:, noise:]
-
-
-def _interval(flight: Flight, frame: int) -> float:
-    return float(flight.time[frame] - flight.time[frame - 1])
 
 
 def _triangular(stacked: Float[np.ndarray, "k n"], size: int) -> Float[np.ndarray, "n n"]:
@@ -144,7 +190,7 @@ def _columns(flight: Flight, watches: Sequence[Watch]) -> tuple[list[int], int]:
     """Where every sensor's own unknowns start, and how many unknowns there are."""
     if not watches:
         raise InputError("nothing is measured: give at least one sensor")
-    start, starts = flight.process.layout.error_dim, []
+    start, starts = flight.process.layout.error_dim + flight.constants, []
     for watch in watches:
         if len(watch.seen) != len(flight.time):
             raise ShapeError(

@@ -2,11 +2,13 @@
 
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 
 import casadi as ca
 import numpy as np
 from jaxtyping import Bool, Float
 
+from observability.bounds.known_inputs import DrivenMotion
 from spinfilters.errors import InputError, ShapeError
 from spinfilters.models.measurement import MeasurementModel, row_by_row
 from spinfilters.models.process import TorqueFreeProcess
@@ -15,11 +17,12 @@ from spinfilters.symbolic import Compiled
 
 @dataclass(frozen=True)
 class Flight:
-    """True states (n, mean_dim) of a process at ``time`` (n,) s, ascending."""
+    """True states (n, mean_dim) of a process at ``time`` (n,) s, ascending; ``driven`` by known inputs, or free."""
 
     process: TorqueFreeProcess
     time: Float[np.ndarray, " n"]
     states: Float[np.ndarray, "n m"]
+    driven: DrivenMotion | None = None
 
     def __post_init__(self) -> None:
         expected = (len(self.time), self.process.layout.mean_dim)
@@ -29,6 +32,19 @@ class Flight:
             )
         if not (np.isfinite(self.states).all() and np.all(np.diff(self.time) > 0)):
             raise InputError("a flight has finite states at ascending times; leave out frames that repeat")
+
+    @property
+    def constants(self) -> int:
+        """Unknown constants of the motion that the state does not hold: the scale of the inertia where a torque is known."""
+        return 0 if self.driven is None else self.driven.constants
+
+    def linearise(self, frame: int) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, "n q"]]:
+        """Transition to a frame from the one before, by the error of the state and the constants, and a factor of the noise."""
+        x, start = self.states[frame - 1], float(self.time[frame - 1])
+        dt = float(self.time[frame] - self.time[frame - 1])
+        if self.driven is None:
+            return self.process.linearise(x, dt)[1:]
+        return self.driven.linearise(x, start, dt)[1:]
 
 
 def free_flight(
@@ -41,6 +57,19 @@ def free_flight(
     for _ in range(frames - 1):
         states.append(process.step(states[-1], interval))
     return Flight(process, interval * np.arange(frames), np.stack(states))
+
+
+def driven_flight(
+    process: TorqueFreeProcess,
+    start: Float[np.ndarray, " m"],
+    time: Float[np.ndarray, " n"],
+    driven: DrivenMotion,
+) -> Flight:
+    """The motion under known inputs from a state, at these times in s."""
+    states = [start]
+    for begin, end in pairwise(time.tolist()):
+        states.append(driven.step(states[-1], begin, end - begin))
+    return Flight(process, time, np.stack(states), driven)
 
 
 @dataclass(frozen=True)

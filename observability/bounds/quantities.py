@@ -21,14 +21,22 @@ BLOCK_NAMES = {
 }
 WEAK_NAMES = {name: words for name, (words, _) in BLOCK_NAMES.items()} | {"s": "mass distribution"}
 PLACE, MOMENTS = ("place of the centre of mass", "m"), ("inertia ratios", "1")
+EACH_MOMENT = ("each moment, relative", "1")
+"""Of J_xx, J_yy, J_zz, where a known torque gives the inertia a scale."""
+Quantity = tuple[str, str]
+"""A name and a unit."""
+COMPONENTS = {
+    **{block: tuple(f"{block}_{axis}" for axis in "xyz") for block in "tavwc"},
+    "s": ("s_xx", "s_yy", "s_xy", "s_xz", "s_yz"),
+    "d": ("d",),
+}
+"""Names of the components of an error; those of the mass distribution are entries of D."""
 
 
-def bounded_quantities(bound: Bound, flight: Flight) -> dict[tuple[str, str], Float[np.ndarray, " frames"]]:
+def bounded_quantities(bound: Bound, flight: Flight) -> dict[Quantity, Float[np.ndarray, " frames"]]:
     """Standard deviations (root mean square over components) of every quantity and frame, by (name, unit)."""
-    layout, found = bound.layout, {}
-    ratios = np.zeros((2, layout.error_dim))
-    ratios[:, layout.slice("s")] = ratio_slopes(flight.states[0][layout.mean_slice("s")])  # s is a constant
-    slopes = [{**_slopes(layout, x), MOMENTS: ratios} for x in flight.states]
+    found = {}
+    slopes = [quantity_slopes(bound.layout, flight, frame) for frame in range(len(flight.time))]
     for name in slopes[0]:
         roots = [
             np.sqrt(np.trace(slope[name] @ covariance @ slope[name].T) / len(slope[name]))
@@ -36,6 +44,27 @@ def bounded_quantities(bound: Bound, flight: Flight) -> dict[tuple[str, str], Fl
         ]
         found[name] = np.array(roots)
     return found
+
+
+def quantity_slopes(
+    layout: StateLayout, flight: Flight, frame: int
+) -> dict[Quantity, Float[np.ndarray, "k e"]]:
+    """Derivatives of every quantity by the error of the state and the flight's constants."""
+    s = flight.states[0][layout.mean_slice("s")]  # a constant
+    slopes = _slopes(layout, flight.states[frame])
+    slopes[MOMENTS] = _by_mass(layout, ratio_slopes(s))
+    if flight.constants:
+        slopes[EACH_MOMENT] = _by_mass(layout, _moment_slopes(s))
+    padded = {name: np.pad(rows, ((0, 0), (0, flight.constants))) for name, rows in slopes.items()}
+    if flight.constants:
+        padded[EACH_MOMENT][:, layout.error_dim] = 1.0
+    return padded
+
+
+def _by_mass(layout: StateLayout, slopes: Float[np.ndarray, "k 5"]) -> Float[np.ndarray, "k e"]:
+    rows = np.zeros((len(slopes), layout.error_dim))
+    rows[:, layout.slice("s")] = slopes
+    return rows
 
 
 def weak_direction_in_words(bound: Bound) -> str:
@@ -47,12 +76,16 @@ def weak_direction_in_words(bound: Bound) -> str:
     parts = " ".join(f"{direction[k]:+.2f} {names[k]}" for k in order[:count])
     blocks = dict.fromkeys(names[k][0] for k in order[:count])
     meaning = ", ".join(f"{block}: {WEAK_NAMES[block]}" for block in blocks)
-    return f"{parts} in prior deviations ({meaning}); {100 * remains:.3g} % of the prior's deviation remains"
+    frame = (
+        "principal axes"
+        if blocks.keys() <= set("awcs")
+        else "velocities in camera axes, others in principal axes"
+    )
+    return f"{parts} in prior deviations ({meaning}; {frame}); {100 * remains:.3g} % of the prior's deviation remains"
 
 
 def _component_names(layout: StateLayout) -> list[str]:
-    sizes = [(block, layout.slice(block)) for block in layout.blocks]
-    return [f"{block}_{k + 1}" for block, where in sizes for k in range(where.stop - where.start)]
+    return [name for block in layout.blocks for name in COMPONENTS[block]]
 
 
 def _slopes(
@@ -76,6 +109,12 @@ def ratio_slopes(s: Float[np.ndarray, " 5"]) -> Float[np.ndarray, "2 5"]:
     changes = _inertia_slopes()(s)[0].reshape(3, 3, 5)
     along = np.einsum("ik,ijd,jk->kd", axes, changes, axes)
     return (along[:2] - np.outer(moments[:2] / moments[2], along[2])) / moments[2]
+
+
+def _moment_slopes(s: Float[np.ndarray, " 5"]) -> Float[np.ndarray, "3 5"]:
+    """Derivatives of the logarithms of J_xx, J_yy, J_zz of J(s) by the error of the mass distribution."""
+    changes = _inertia_slopes()(s)[0].reshape(3, 3, 5)
+    return np.einsum("iid->id", changes) / np.diag(inertia_matrix(s))[:, np.newaxis]
 
 
 @cache

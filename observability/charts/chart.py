@@ -61,7 +61,7 @@ class Chart(ABC):
 
     @abstractmethod
     def torque_field(self, values: Values) -> Values:
-        """Columns (size, 3) by which a known torque in N m about the chart's own axes enters the rates."""
+        """Columns (size, 3) by which a known torque in N m about the axes g enters the rates."""
 
     @cached_property
     def mean_dim(self) -> int:

@@ -8,31 +8,42 @@ from spinfilters.dynamics.mass_distribution import from_second_moments, inertia,
 from spinfilters.models.process import derivative
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
+SCALE = Block("n", 1, ("ln_scale",))
+"""Logarithm of the inertia over J(s), which the filters do not hold: free motion does not depend on it."""
 MASS = Block("s", 5, ("D_11", "D_22", "D_21", "D_31", "D_32"))
 
 
 class FilterChart(Chart):
-    """The state of a `StateLayout` without drag, with its own multiplicative errors."""
+    """The state of a `StateLayout` without drag, with its own multiplicative errors.
 
-    def __init__(self, layout: StateLayout | None = None) -> None:
+    Parameters
+    ----------
+    with_scale: whether the scale of the inertia is one more unknown, as a known torque needs it.
+    """
+
+    def __init__(self, layout: StateLayout | None = None, with_scale: bool = False) -> None:
         self.layout = layout or StateLayout(FULL_BLOCKS)
         self.name = "filter state"
         special = {"a": attitude("q"), "s": MASS}
-        self.blocks = tuple(special.get(name) or vector(name) for name in self.layout.blocks)
+        own = tuple(special.get(name) or vector(name) for name in self.layout.blocks)
+        self.blocks = (*own, SCALE) if with_scale else own
 
     def rates(self, values: Values) -> Values:
-        return self.layout.unpack(derivative(self.layout, self.layout.pack(values)))
+        rates = self.layout.unpack(derivative(self.layout, self.layout.pack(values)))
+        return rates | {"n": 0 * values["n"]} if "n" in values else rates
 
     def seen(self, values: Values) -> Values:
-        return {name: value for name, value in values.items() if name != "s"}
+        return {name: value for name, value in values.items() if name not in ("s", "n")}
 
     def torque_field(self, values: Values) -> Values:
-        return {"w": ca.inv_minor(inertia(values["s"]))}
+        scale = ca.exp(-values["n"]) if "n" in values else 1
+        return {"w": scale * ca.inv_minor(inertia(values["s"]))}
 
     def directions(self, values: Values) -> Expression:
         d = ca.SX.sym("d", self.layout.error_dim)
         moved = self.layout.retract_expression(self.layout.pack(values), d)
-        return ca.substitute(ca.jacobian(moved, d), d, ca.SX.zeros(*d.shape))
+        own = ca.substitute(ca.jacobian(moved, d), d, ca.SX.zeros(*d.shape))
+        return ca.diagcat(own, 1) if "n" in values else own
 
     def change(self, values: Values, moved: Values) -> Expression:
         """Of the masses as S where a move has put it beside s; no move changes s itself."""

@@ -3,7 +3,14 @@
 import casadi as ca
 
 from observability.charts.chart import Block, Chart, Values, attitude, vector
-from spinfilters.attitude.expressions import Expression, conjugate, product, quaternion_rate, rotate
+from spinfilters.attitude.expressions import (
+    Expression,
+    conjugate,
+    matrix_from_quaternion,
+    product,
+    quaternion_rate,
+    rotate,
+)
 from spinfilters.models.process import body_acceleration
 
 RATIOS = vector("k", "12")
@@ -55,7 +62,11 @@ class PrincipalChart(Chart):
         return seen
 
     def torque_field(self, values: Values) -> Values:
-        return {"w": ca.inv_minor(principal_inertia(values))}
+        """In axes b, which are the axes g where the chart holds no q_gb."""
+        inverse = ca.inv_minor(principal_inertia(values))
+        if "q_gb" in values:
+            inverse = inverse @ matrix_from_quaternion(values["q_gb"]).T
+        return {"w": inverse}
 
 
 def principal_inertia(values: Values) -> Expression:

@@ -10,7 +10,7 @@ from observability.charts.tensor import TensorChart, entries, symmetric
 from observability.rational import Rationals, as_floats
 from observability.symmetries.geometric import GeometricMoves
 from observability.symmetries.principal import principal_symmetries
-from observability.symmetries.symmetry import Symmetry
+from observability.symmetries.symmetry import Symmetry, gauge_axes
 from observability.system import System
 from spinfilters.attitude.expressions import Expression
 from spinfilters.dynamics.mass_distribution import inertia
@@ -21,8 +21,7 @@ def candidates(system: System, point: Rationals) -> list[Symmetry]:
     chart = system.chart
     rate = as_floats(point)[_place(chart, "w")]
     values = chart.unpack(ca.SX.sym("x", chart.mean_dim))
-    still = not rate.any()
-    found = _of_chart(chart, values, rate, still)
+    found = _of_chart(system, values, rate)
     mapped = [sensor for sensor in system.sensors if sensor.unknown == 3]
     return [each for each in found if mapped or each.group not in NEED_LANDMARKS]
 
@@ -30,17 +29,18 @@ def candidates(system: System, point: Rationals) -> list[Symmetry]:
 NEED_LANDMARKS = {"turn that looks like drift", "spin about the line to the landmark"}
 
 
-def _of_chart(chart: Chart, values: Values, rate: np.ndarray, still: bool) -> list[Symmetry]:
+def _of_chart(system: System, values: Values, rate: np.ndarray) -> list[Symmetry]:
+    chart, still = system.chart, not rate.any()
     if isinstance(chart, PrincipalChart):
-        equal = "k" in values
-        return list(principal_symmetries(values, still, bool(rate.all()) and equal))
+        axes = gauge_axes(system, still)
+        return list(principal_symmetries(values, axes, still, bool(rate.all()) and "k" in values))
     spin = None if still else int(np.argmin(np.abs(rate)))
+    axes = gauge_axes(system, still)
     if isinstance(chart, TensorChart):
-        return list(GeometricMoves(_tensor, _with_tensor, scale_held=True).symmetries(values, spin))
+        return list(GeometricMoves(_tensor, _with_tensor, axes, scale_held=True).symmetries(values, spin))
     if isinstance(chart, FilterChart):
-        return list(
-            GeometricMoves(_filter_inertia, with_second_moments, scale_held=False).symmetries(values, spin)
-        )
+        moves = GeometricMoves(_filter_inertia, with_second_moments, axes, scale_held=False)
+        return list(moves.symmetries(values, spin))
     return []
 
 

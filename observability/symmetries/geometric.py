@@ -1,12 +1,13 @@
 """Candidates in charts that hold the body in geometric axes: the inertia tensor and the filters' state."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 
 from observability.symmetries.symmetry import (
     AXES,
+    GaugeAxis,
     Move,
     State,
     Symmetry,
@@ -29,12 +30,13 @@ class GeometricMoves:
 
     Attributes
     ----------
-    inertia: J of the blocks.   with_inertia: the blocks with another J.
+    inertia: J of the blocks.   with_inertia: the blocks with another J.   axes: of rotations of g with names.
     scale_held: whether the chart holds J with its scale.
     """
 
     inertia: Callable[[dict[str, Expression]], Expression]
     with_inertia: Callable[[dict[str, Expression], Expression], dict[str, Expression]]
+    axes: Sequence[GaugeAxis]
     scale_held: bool
 
     def symmetries(self, values: dict[str, Expression], spin: int | None) -> Iterator[Symmetry]:
@@ -46,8 +48,8 @@ class GeometricMoves:
             )
         if "q" in values:
             yield from (
-                Symmetry("gauge rotation", f"rotation of g about {AXES[k]}", self._turned(k), 0.3)
-                for k in range(3)
+                Symmetry("gauge rotation", f"rotation of g about {axis.name}", self._turned(axis), 0.3)
+                for axis in self.axes
             )
         if self.scale_held:
             yield Symmetry("scale of the inertia", "scale of the inertia", self._heavier, 0.2)
@@ -77,9 +79,9 @@ class GeometricMoves:
                 0.1,
             )
 
-    def _turned(self, axis: int) -> Move:
+    def _turned(self, axis: GaugeAxis) -> Move:
         def move(state: State, amount: ca.SX) -> State:
-            q, values = turn(unit(axis), amount), state.values
+            q, values = turn(axis.direction(state.values), amount), state.values
             R = matrix_from_quaternion(q)
             changed = values | {"q": product(values["q"], conjugate(q)), "w": R @ values["w"]}
             changed = self.with_inertia(changed, R @ self.inertia(values) @ R.T)
@@ -122,7 +124,7 @@ def _across(w: Expression, spin: int) -> Expression:
 def _centre(spin: int | None) -> Iterator[Symmetry]:
     if spin is None:
         for k in range(3):
-            yield Symmetry("centre of mass", f"centre of mass along {AXES[k]}", _centre_along(k), 0.05)
+            yield Symmetry("centre of mass", f"centre of mass along {AXES[k]} of g", _centre_along(k), 0.05)
     else:
         yield Symmetry(
             "centre of mass along the spin axis",

@@ -6,6 +6,7 @@ import casadi as ca
 
 from observability.symmetries.symmetry import (
     AXES,
+    GaugeAxis,
     State,
     Symmetry,
     inertial_symmetries,
@@ -19,14 +20,17 @@ from observability.symmetries.symmetry import (
 from spinfilters.attitude.expressions import Expression, conjugate, product, rotate
 
 
-def principal_symmetries(values: dict[str, Expression], still: bool, crooked: bool) -> Iterator[Symmetry]:
+def principal_symmetries(
+    values: dict[str, Expression], axes: list[GaugeAxis], still: bool, crooked: bool
+) -> Iterator[Symmetry]:
     """All candidates over a chart with these blocks.
 
     Parameters
     ----------
+    axes: of rotations of g with names.
     still: the body does not rotate, so that no spin axis is defined.   crooked: its rate has no component that is 0.
     """
-    yield from _gauge_and_scales(values)
+    yield from _gauge_and_scales(values, axes)
     if "q_gb" in values:
         yield from _rolls(still)
     if "c" in values:
@@ -37,7 +41,7 @@ def principal_symmetries(values: dict[str, Expression], still: bool, crooked: bo
         yield from _first_order(still, crooked)
 
 
-def _gauge_and_scales(values: dict[str, Expression]) -> Iterator[Symmetry]:
+def _gauge_and_scales(values: dict[str, Expression], axes: list[GaugeAxis]) -> Iterator[Symmetry]:
     """Where g lies in the body, scales, and single masses."""
     if "c" in values:
         yield from (
@@ -46,7 +50,8 @@ def _gauge_and_scales(values: dict[str, Expression]) -> Iterator[Symmetry]:
         )
     if "q_gb" in values:
         yield from (
-            Symmetry("gauge rotation", f"rotation of g about {AXES[k]}", _turned(k), 0.3) for k in range(3)
+            Symmetry("gauge rotation", f"rotation of g about {axis.name}", _turned(axis), 0.3)
+            for axis in axes
         )
     if "J" in values:
         yield Symmetry("scale of the inertia", "scale of the inertia", _heavier, 0.2)
@@ -102,9 +107,9 @@ def _shifted(axis: int):
     return move
 
 
-def _turned(axis: int):
+def _turned(axis: GaugeAxis):
     def move(state: State, amount: ca.SX) -> State:
-        q = turn(unit(axis), amount)
+        q = turn(axis.direction(state.values), amount)
         changed = {"q_gb": product(q, state.values["q_gb"])}
         if "c" in state.values:
             changed["c"] = rotate(q, state.values["c"])

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from observability.charts.chart import Values
+from observability.system import System
 from spinfilters.attitude.expressions import (
     Expression,
     matrix_from_quaternion,
@@ -74,6 +75,32 @@ def scaled(state: State, names: tuple[str, ...], amount: ca.SX) -> State:
     """These blocks and all points times 1 + amount."""
     values = {name: state.values[name] * (1 + amount) for name in names if name in state.values}
     return State(state.values | values, tuple(points * (1 + amount) for points in state.points))
+
+
+@dataclass(frozen=True)
+class GaugeAxis:
+    """An axis in g about which g itself may be free to rotate: its name, and its direction from the blocks."""
+
+    name: str
+    direction: Callable[[Values], Expression]
+
+
+def gauge_axes(system: System, still: bool) -> list[GaugeAxis]:
+    """x, y, z of g, then those that remain where something is known in g: the axis of a torque, and of a spin if there is one."""
+    axes = [GaugeAxis(AXES[k], _constant(unit(k))) for k in range(3)]
+    for each in system.inputs:
+        if each.is_torque:
+            column = ca.DM([float(number) for number in system.torque_axes[each.axis]])
+            axes.append(GaugeAxis(f"the axis of the {each.value}", _constant(column)))
+    return axes if still else [*axes, GaugeAxis("the spin axis", _rate_in_g)]
+
+
+def _constant(axis: ca.DM) -> Callable[[Values], Expression]:
+    return lambda _: axis
+
+
+def _rate_in_g(values: Values) -> Expression:
+    return rotate(values["q_gb"], values["w"]) if "q_gb" in values else values["w"]
 
 
 def inertial_symmetries(place: str | None, attitude: str | None) -> Iterator[Symmetry]:

@@ -6,13 +6,13 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import Progress
 
-from observability.bounds.quantities import bounded_quantities, weak_direction_in_words
-from observability.cases import Case
+from observability.cases import Case, InputSizes
 from observability.motions import Motion, motion
 from observability.rational import as_floats
+from observability.report import analyse
+from observability.scope import title
 from observability.study import study
 from observability.system import Input
-from observability.wording import document, sentences
 from spinfilters.cli.console import wide_console
 from spinfilters.conventions import RPM
 from spinfilters.errors import InputError
@@ -35,23 +35,16 @@ def observe(options: argparse.Namespace) -> int:
     """Analyse, bound, write text, JSON and a picture, print the text."""
     case, folder = _case(options), Path(options.output)
     _refuse(options, folder)
-    certificate = case.certificate()
-    flight = case.flight(options.frames, options.interval)
-    bound = case.bound(flight)
-    quantities = bounded_quantities(bound, flight)
-    final = {name: float(values[-1]) for name, values in quantities.items()}
-    lines = [_title(case), *sentences(certificate), *_bound_lines(final, options)]
-    lines.append(f"Least known: {weak_direction_in_words(bound)}.")
+    found = analyse(case, options.frames, options.interval)
     with output_folder(folder, COMMAND) as place:
-        write_text(place / "observe.txt", "\n".join(lines) + "\n")
-        save_figure(
-            observability_figure(certificate, flight.time, quantities, _title(case)), place / "observe.png"
-        )
-        written = {f"{name} [{unit}]": value for (name, unit), value in final.items()}
-        write_json(place / RESULT_FILE, {"case": _title(case), **document(certificate), "bound": written})
+        write_text(place / "observe.txt", "\n".join(found.sentences) + "\n")
+        save_figure(observability_figure(found, title(case)), place / "observe.png")
+        write_json(place / RESULT_FILE, found.document())
         if options.study:
             _study(case, options, place)
-    wide_console().print("\n".join([*lines, f"written to {folder}"]), highlight=False, soft_wrap=True)
+    wide_console().print(
+        "\n".join([*found.sentences, f"written to {folder}"]), highlight=False, soft_wrap=True
+    )
     return 0
 
 
@@ -66,7 +59,7 @@ def _study(case: Case, options: argparse.Namespace, folder: Path) -> None:
             lambda done, total: progress.update(task, completed=done, total=total),
         )
     write_json(folder / "study.json", found.document())
-    save_figure(study_figure(found, _title(case)), folder / "study.png")
+    save_figure(study_figure(found, title(case)), folder / "study.png")
     save_figure(conditioning_figure(as_floats(case.motion.rate)), folder / "conditioning.png")
 
 
@@ -74,12 +67,14 @@ def _case(options: argparse.Namespace) -> Case:
     inputs = [Input(f"torque about {axis}") for axis in options.torque or ()]
     inputs += [Input(f"inspector's acceleration along {axis}") for axis in options.manoeuvre or ()]
     return Case(
-        sensor=options.sensor,
+        sensors=tuple(name for each in options.sensor for name in each.split(",") if name),
         landmarks=options.landmarks,
         known_map=options.known_map,
         chart=options.chart,
+        unknowns=options.unknowns,
         motion=_motion(options),
         inputs=tuple(dict.fromkeys(inputs)),
+        sizes=InputSizes(options.torque_size, options.manoeuvre_size, options.input_period),
     )
 
 
@@ -105,28 +100,3 @@ def _refuse(options: argparse.Namespace, folder: Path) -> None:
     if options.landmarks > MOST_LANDMARKS:
         raise InputError(f"--landmarks {options.landmarks}; give at most {MOST_LANDMARKS}, more add no rank")
     refuse_foreign(folder, COMMAND)
-
-
-def _title(case: Case) -> str:
-    cameras = {"stereo": "a stereo pair", "monocular": "one camera"}
-    if case.sensor in cameras:
-        known = "known" if case.known_map else "unknown"
-        landmarks = f"{case.landmarks} {known} landmark{'s' if case.landmarks > 1 else ''}"
-        sensor = f"{cameras[case.sensor]} and {landmarks}"
-    else:
-        sensor = f"the sensor {case.sensor}"
-    acting = f", known {' and '.join(case.inputs)}" if case.inputs else ""
-    moments = " ".join(f"{float(moment):g}" for moment in case.motion.moments)
-    return f"{sensor}, {case.motion.name}, moments {moments}{acting}, chart: {case.system.chart.name}"
-
-
-def _bound_lines(final: dict[tuple[str, str], float], options: argparse.Namespace) -> list[str]:
-    known = " without the known inputs" if options.torque or options.manoeuvre else ""
-    when = f"Cramer-Rao bound after {options.frames} frames at {options.interval:g} s{known}:"
-    return [
-        when,
-        *[
-            f"  {name:<28} {value:.3g} {'' if unit == '1' else unit}".rstrip()
-            for (name, unit), value in final.items()
-        ],
-    ]

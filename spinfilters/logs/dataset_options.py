@@ -17,8 +17,8 @@ STANDARD_DEVIATIONS: Final[dict[str, NumberRange]] = {
 }
 """Keys of dataset.toml that are standard deviations per measurement, and what they may be."""
 DENSITIES: Final[dict[str, NumberRange]] = {
-    "force_psd": NumberRange(0.0, 1e12, "(m/s^2)^2/Hz"),
-    "torque_psd": NumberRange(0.0, 1e12, "(rad/s^2)^2/Hz"),
+    "force_psd": NumberRange(1e-30, 1e12, "(m/s^2)^2/Hz", zero=True),
+    "torque_psd": NumberRange(1e-30, 1e12, "(rad/s^2)^2/Hz", zero=True),
 }
 """Keys that are densities of the disturbances, and what they may be."""
 NOISE: Final[dict[str, NumberRange]] = {**STANDARD_DEVIATIONS, **DENSITIES}

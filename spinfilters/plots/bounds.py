@@ -3,38 +3,42 @@
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from observability.bounds.quantities import BLOCK_NAMES, MOMENTS, PLACE
+from observability.bounds.quantities import BLOCK_NAMES, EACH_MOMENT, MOMENTS, PLACE, Quantity
 from observability.certificate import Certificate
-from observability.study import Curve, Quantity, Study
-from observability.wording import sentences
+from observability.report import Report
+from observability.study import Curve, Study
 from spinfilters.plots.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY, tidy
 
 COLOURS: Final = dict(
-    zip((*BLOCK_NAMES.values(), PLACE, MOMENTS), (BLUE, RED, GREEN, PURPLE, ORANGE, SKY), strict=True)
+    zip(
+        (*BLOCK_NAMES.values(), PLACE, MOMENTS, EACH_MOMENT),
+        (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, GREY),
+        strict=True,
+    )
 )
 """Of every quantity, whichever others are there."""
+TITLE_WIDTH: Final = 110
+"""Letters of a line of a title."""
 BRIGHT: Final = 0.6
 """Share of the colour scale from which dark ink is read more easily."""
 
 
-def observability_figure(
-    certificate: Certificate,
-    time: Float[np.ndarray, " n"],
-    quantities: dict[Quantity, Float[np.ndarray, " n"]],
-    title: str,
-) -> Figure:
+def observability_figure(found: Report, title: str) -> Figure:
     """Ranks by order with the verdict, beside the Cramer-Rao bound of every quantity over time, s."""
-    figure = Figure(figsize=(11.0, 5.4), layout="constrained")
-    ranks, bounds = figure.subplots(1, 2)
-    _rank_panel(ranks, certificate)
-    _bound_panel(bounds, time, quantities)
-    figure.suptitle(title, fontsize="large")
-    figure.supxlabel("\n".join(_wrapped(sentences(certificate))), fontsize="small", x=0.02, ha="left")
+    figure = Figure(figsize=(11.0, 6.6), layout="constrained")
+    panels = figure.subplot_mosaic([["names", "names"], ["ranks", "bounds"]], height_ratios=(0.14, 1.0))
+    names, ranks, bounds = (panels[name] for name in ("names", "ranks", "bounds"))
+    names.set_axis_off()
+    _rank_panel(ranks, found.certificate)
+    _bound_panel(bounds, found)
+    handles, labels = bounds.get_legend_handles_labels()
+    names.legend(handles, labels, loc="center", ncols=3, frameon=False, fontsize="small")
+    figure.suptitle("\n".join(_wrapped([title], TITLE_WIDTH)), fontsize="large")
+    figure.supxlabel("\n".join(_wrapped(found.rank_sentences)), fontsize="small", x=0.02, ha="left")
     return figure
 
 
@@ -50,19 +54,16 @@ def study_figure(study: Study, title: str) -> Figure:
     _motion_panel(figure, axes[len(study.curves)], study)
     for unused in axes[panels:]:
         unused.set_axis_off()
-    figure.suptitle(title, fontsize="large")
+    figure.suptitle("\n".join(_wrapped([title], TITLE_WIDTH)), fontsize="large")
     return figure
 
 
-def _bound_panel(
-    axes: Axes, time: Float[np.ndarray, " n"], quantities: dict[Quantity, Float[np.ndarray, " n"]]
-) -> None:
+def _bound_panel(axes: Axes, found: Report) -> None:
     """Over time; what the first frame defines, and knows without a doubt, does not stretch the scale."""
-    for quantity, values in quantities.items():
-        axes.semilogy(time, values, **_style(quantity))
-    learnt = [values[1:].min(initial=values[-1]) for values in quantities.values()]
+    for quantity, values in found.quantities.items():
+        axes.semilogy(found.flight.time, values, **(_style(quantity) | _prior_note(found, quantity)))
+    learnt = [values[1:].min(initial=values[-1]) for values in found.quantities.values()]
     axes.set(xlabel="time [s]", ylabel="Cramer-Rao bound, standard deviation", ylim=(min(learnt) / 3, None))
-    axes.legend(frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     tidy(axes)
 
 
@@ -74,6 +75,16 @@ def _style(quantity: Quantity) -> dict[str, str]:
         "linestyle": "--" if quantity == PLACE else "-",
         "label": name if unit == "1" else f"{name} [{unit}]",
     }
+
+
+def _prior_note(found: Report, quantity: Quantity) -> dict[str, str]:
+    """A label that says where a curve shows the prior."""
+    each, label = found.verdicts[quantity], _style(quantity)["label"]
+    count = len(each.prior_directions)
+    if not count:
+        return {"label": label}
+    part = "prior only" if count == each.dimension else f"prior only in {count} of {each.dimension}"
+    return {"label": f"{label} ({part})"}
 
 
 def _rank_panel(axes: Axes, certificate: Certificate) -> None:

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from observability.conditioning import (
     BEST_CONDITION,
+    CovarianceConditioning,
     best_time_step,
     condition_number,
     double_integrator_covariance,
@@ -20,13 +21,20 @@ from observability.conditioning import (
 from spinfilters.plots.style import BLACK, BLUE, GREEN, GREY, RED, tidy
 
 TIME_STEPS: Final = np.geomspace(1e-2, 1e2, 161)
+LONGEST_STEP, MOST_RADIANS = 10.0, 200.0
+"""Of the full state, whose motion is integrated: s, and rad that it may turn in a step."""
 ALPHAS: Final = (0.1, 1.0, 10.0)
 ELLIPSES: Final = ((0.6, BLUE), (float(np.sqrt(3)), GREEN), (3.0, RED))
 """Time steps in s: shorter than the best one, best, longer."""
 
 
-def conditioning_figure(rate: Float[np.ndarray, " 3"]) -> Figure:
-    """Condition number against time step, one-sigma ellipses, other units of velocity, and the full state at a body rate, rad/s."""
+def conditioning_figure(rate: Float[np.ndarray, " 3"], asked: tuple[float, float] | None = None) -> Figure:
+    """Condition number against time step, one-sigma ellipses, other units of velocity, and the full state at a body rate, rad/s.
+
+    Parameters
+    ----------
+    asked: a time step, s, and a unit alpha of velocity, 1/s, to mark.
+    """
     figure = Figure(figsize=(11.0, 8.4), layout="constrained")
     over_time, ellipses, units, whole = figure.subplots(2, 2).ravel()
     _condition_panel(over_time, (1.0,))
@@ -35,7 +43,45 @@ def conditioning_figure(rate: Float[np.ndarray, " 3"]) -> Figure:
     _condition_panel(units, ALPHAS)
     units.set_title(r"velocity in units of $\alpha$ (as Figure 4-8)", loc="left", fontsize="medium")
     _full_state_panel(whole, rate)
+    if asked is not None:
+        _mark_asked((over_time, units, whole), *asked)
     return figure
+
+
+def covariance_figure(found: Sequence[CovarianceConditioning]) -> Figure:
+    """Condition number of every estimator's covariance over its epochs: in SI, in fixed units, in units of its own deviations."""
+    figure = Figure(figsize=(11.0, 0.8 + 3.2 * len(found)), layout="constrained")
+    panels = figure.subplots(len(found), 1, squeeze=False, sharex=True)[:, 0]
+    for axes, each in zip(panels, found, strict=True):
+        kinds = (
+            (each.plain, BLUE, "-", "SI units"),
+            (each.fixed, GREEN, "--", "one unit per block"),
+            (each.jacobi, RED, ":", "every component's own deviation"),
+        )
+        for values, color, dash, label in kinds:
+            axes.semilogy(
+                each.time, np.where(np.isfinite(values), values, np.nan), dash, color=color, label=label
+            )
+        axes.set(ylabel="condition number")
+        axes.set_title(f"covariance of {each.name}", loc="left", fontsize="medium")
+        tidy(axes)
+    panels[-1].set_xlabel("time [s]")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
+    return figure
+
+
+def _mark_asked(panels: Sequence[Axes], time_step: float, alpha: float) -> None:
+    over_time, units, whole = panels
+    for axes in (over_time, units, whole):
+        axes.axvline(time_step, color=BLACK, linewidth=0.9, linestyle=":", zorder=1)
+    curve = [condition_number(double_integrator_covariance(float(dt), alpha)) for dt in TIME_STEPS]
+    units.loglog(
+        TIME_STEPS, curve, color=BLACK, linewidth=1.2, linestyle="--", label=rf"asked: {alpha:.3g} s$^{{-1}}$"
+    )
+    value = condition_number(double_integrator_covariance(time_step, alpha))
+    units.plot(time_step, value, "D", color=BLACK, markersize=6, label=f"at {time_step:.3g} s: {value:.4g}")
+    units.legend(edgecolor="none", framealpha=1.0, fontsize="small")
 
 
 def _condition_panel(axes: Axes, alphas: Sequence[float]) -> None:
@@ -72,7 +118,8 @@ def _ellipse_panel(axes: Axes) -> None:
 
 
 def _full_state_panel(axes: Axes, rate: Float[np.ndarray, " 3"]) -> None:
-    steps = TIME_STEPS[TIME_STEPS <= 10]
+    speed = float(np.linalg.norm(rate))
+    steps = TIME_STEPS[min(LONGEST_STEP, MOST_RADIANS / max(speed, 1e-9)) >= TIME_STEPS]
     for turning, color, width in ((np.zeros(3), BLUE, 3.0), (rate, RED, 1.4)):
         covariances = [noise_covariance(float(dt), turning) for dt in steps]
         speed = float(np.linalg.norm(turning))

@@ -2,16 +2,15 @@
 
 from typing import Final
 
-from spinfilters.logs.dataset_options import STANDARD_DEVIATIONS
+from spinfilters.logs.dataset_options import DENSITIES, STANDARD_DEVIATIONS
 from spinfilters.logs.number_range import NumberRange
 
-_DENSITY = NumberRange(1e-30, 1e12, zero=True)
 _HORIZON = NumberRange(1, 1e9, "updates", zero=True)
 _STD = NumberRange(1e-9, 1e9)
 
 SETTING_RANGES: Final[dict[str, NumberRange]] = {
-    "process.force_psd": _DENSITY,
-    "process.torque_psd": _DENSITY,
+    "process.force_psd": DENSITIES["force_psd"],
+    "process.torque_psd": DENSITIES["torque_psd"],
     "process.tolerance": NumberRange(1e-12, 1e-2),
     "sensors.gyro_noise_std": STANDARD_DEVIATIONS["gyro_noise_std"],
     "sensors.gyro_scale_std": NumberRange(1e-9, 1e3, zero=True),

@@ -1,10 +1,12 @@
 """``spinfilters observe``: what it prints, writes and refuses."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
 
+from observability.cases import CHARTS, SENSORS, UNKNOWNS
 from spinfilters.cli.main import main
 
 QUICK = ["--frames", "6", "--interval", "0.5"]
@@ -42,6 +44,13 @@ def test_the_default_is_the_thesis_with_four_landmarks_and_lacks_its_gauge(
         (["--sensor", "monocular"], 25, 32),
         (["--sensor", "monocular", "--manoeuvre", "x"], 26, 32),
         (["--sensor", "monocular", "--known-map"], 20, 20),
+        (["--sensor", "lidar"], 26, 32),
+        (["--sensor", "gyro", "--unknowns", "moments"], 5, 6),
+        (["--sensor", "stereo", "gyro"], 29, 32),
+        (["--sensor", "stereo,gyro"], 29, 32),
+        (["--sensor", "attitude", "gyro"], 11, 11),
+        (["--torque", "x"], 29, 33),
+        (["--torque", "x", "--chart", "tensor"], 29, 33),
         (["--landmarks", "3", "--rate-rpm", "0", "0", "10"], 19, 29),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else str(value),
@@ -56,6 +65,43 @@ def test_every_sensor_and_input_has_its_rank(
         True,
         0,
     )
+
+
+def test_the_document_keeps_its_keys_and_says_what_rests_on_the_prior(tmp_path: Path) -> None:
+    found = observed(tmp_path, "--rate-rpm", "0", "10", "0", "--torque", "y")
+    old = {
+        "case",
+        "unknowns",
+        "rank",
+        "dimension",
+        "ranks_by_order",
+        "regular",
+        "certified",
+        "proof",
+        "bound",
+        "text",
+    }
+    assert old | {"not_determined", "unnamed"} <= found.keys()
+    assert found["bound"].keys() == found["bound_verdicts"].keys()
+    assert "principal axes" in found["axes"]
+    assert found["not_asked"] == []
+    assert any("torque about y: 0.1 N m" in words for words in found["assumed"])
+    assert found["bound_verdicts"]["each moment, relative [1]"]["directions_not_determined"] == 2
+
+
+def test_help_names_every_sensor_and_the_axes(
+    capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "1000")
+    with pytest.raises(SystemExit):
+        main(["observe", "--help"])
+    said = capsys.readouterr().out
+    for word in (*SENSORS, *CHARTS, *UNKNOWNS, "principal axes", "camera's axes", "--input-period"):
+        assert word in said
+    options = re.findall(r"^  (--[a-z-]+)(.*\n?.*)", said, re.MULTILINE)
+    assert len(options) >= 14
+    for name, rest in options:
+        assert len(rest.split()) > 4, f"{name} has no word of help"
 
 
 def test_a_second_run_replaces_the_first(tmp_path: Path) -> None:
@@ -79,6 +125,16 @@ def test_a_second_run_replaces_the_first(tmp_path: Path) -> None:
         (["--moments", "1", "1", "5"], "are no motion"),
         (["--rate-rpm", "nan", "0", "0"], "'nan' is not allowed"),
         (["--torque", "x", "--chart", "filter"], "which the filters' state does not hold"),
+        (["--sensor", "stereo", "stereo"], "sensors stereo, stereo; give each once"),
+        (["--sensor", ","], "sensors none; give each once, and at least one"),
+        (["--unknowns", "mass"], "unknowns 'mass' is unknown; use one of ratios, moments"),
+        (
+            ["--unknowns", "moments", "--chart", "tensor"],
+            "the three moments are unknowns of the chart principal",
+        ),
+        (["--torque", "x", "--torque-size", "0"], "a known input of size 0"),
+        (["--manoeuvre", "x", "--input-period", "0"], "period 0 s"),
+        (["--manoeuvre", "z", "--manoeuvre-size", "1"], "carries the camera past the body"),
         (["--sensor", "gyro", "--manoeuvre", "x"], "an inspector's manoeuvre needs a velocity"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",

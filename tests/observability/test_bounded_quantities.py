@@ -59,7 +59,9 @@ def test_a_weak_direction_is_named_by_its_largest_components() -> None:
     flight = flight_of(MOTIONS["spin about the minor axis"], 12, 0.5, ProcessNoise(0.0, 0.0))
     text = weak_direction_in_words(cramer_rao_bound(flight, [stereo_watch(4, 12)]))
     assert "; 100 % of the prior's deviation remains" in text
-    assert "(s: mass distribution)" in text or "(c: centre of mass in g)" in text
+    assert (
+        "(s: mass distribution; principal axes)" in text or "(c: centre of mass in g; principal axes)" in text
+    )
     assert "w_" not in text
 
 
@@ -74,9 +76,9 @@ def test_an_open_certificate_says_that_its_rank_is_a_lower_bound_and_what_has_no
     assert document(found)["certified"] is False
 
 
-@pytest.mark.parametrize("sensor", ["stereo", "monocular", "pose", "attitude", "gyro"])
+@pytest.mark.parametrize("sensor", ["stereo", "monocular", "lidar", "pose", "attitude", "gyro"])
 def test_every_sensor_has_a_bound_that_falls(sensor: str) -> None:
-    case = Case(sensor=sensor)
+    case = Case(sensors=(sensor,))
     flight = case.flight(20, 0.5)
     found = bounded_quantities(case.bound(flight), flight)
     assert found["inertia ratios", "1"][-1] < 0.8 * found["inertia ratios", "1"][0]
