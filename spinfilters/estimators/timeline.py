@@ -1,10 +1,11 @@
 """The one place where a measurement log meets models: frames of measurements in the order of time."""
 
-from collections import defaultdict
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import overload
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement
@@ -51,7 +52,7 @@ class StereoView:
     calibration: Float[np.ndarray, " 5"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Frame:
     """Everything measured at one instant (s)."""
 
@@ -59,7 +60,63 @@ class Frame:
     measurements: tuple[Measurement, ...]
 
 
-Timeline = tuple[Frame, ...]
+Timeline = Sequence[Frame]
+"""Frames in the order of time."""
+
+
+@dataclass(frozen=True, eq=False)
+class SensorTimeline:
+    """All measurements of one sensor, and which of them belong to each frame.
+
+    Attributes
+    ----------
+    every: all values as if they were measured at once.   first, end: (k,) frame k holds the values from first to before end.
+    """
+
+    every: Measurement
+    first: Int[np.ndarray, " k"]
+    end: Int[np.ndarray, " k"]
+
+    def measured(self, frame: int) -> list[Measurement]:
+        """The measurement of a frame, none where the sensor measured nothing then."""
+        every, rows = self.every, slice(int(self.first[frame]), int(self.end[frame]))
+        if rows.start == rows.stop:
+            return []
+        ids = None if every.ids is None else every.ids[rows]
+        return [Measurement(every.model, every.values[rows], every.parameters[rows], ids)]
+
+
+@dataclass(frozen=True, eq=False)
+class LogTimeline(Sequence[Frame]):
+    """Frames of a log, made when they are asked for: a long recording stays a few arrays.
+
+    Attributes
+    ----------
+    time: (k,) s.   sensors: in the order in which each frame takes them in.
+    """
+
+    time: Float[np.ndarray, " k"]
+    sensors: tuple[SensorTimeline, ...]
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @overload
+    def __getitem__(self, index: int) -> Frame: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> "LogTimeline": ...
+
+    def __getitem__(self, index: int | slice) -> "Frame | LogTimeline":
+        if isinstance(index, slice):
+            parts = (replace(part, first=part.first[index], end=part.end[index]) for part in self.sensors)
+            return LogTimeline(self.time[index], tuple(parts))
+        return Frame(float(self.time[index]), tuple(m for part in self.sensors for m in part.measured(index)))
+
+
+def times_of(frames: Timeline) -> Float[np.ndarray, " k"]:
+    """Times of frames, s."""
+    return np.fromiter((frame.time for frame in frames), float, len(frames))
 
 
 def build_timeline(
@@ -73,22 +130,18 @@ def build_timeline(
     ------
     InputError: stereo rows without a view, or a log without any usable measurement.
     """
-    frames: dict[float, list[Measurement]] = defaultdict(list)
-    for stream in log.streams:
-        every, time = _joined(stream, layout, noise, view)
-        edges = np.flatnonzero(np.diff(time)) + 1
-        for rows in np.split(np.arange(len(time)), edges) if len(time) else []:
-            frames[float(time[rows[0]])].append(_rows_of(every, rows))
-    if not frames:
+    joined = [_joined(stream, layout, noise, view) for stream in log.streams]
+    time = np.unique(np.concatenate([own for _, own in joined]))
+    if not len(time):
         raise InputError(
             "the log holds no usable measurement; check that landmark ids of the tracks and of the map agree"
         )
-    return tuple(Frame(time, tuple(frames[time])) for time in sorted(frames))
-
-
-def _rows_of(every: Measurement, rows: np.ndarray) -> Measurement:
-    ids = None if every.ids is None else every.ids[rows]
-    return Measurement(every.model, every.values[rows], every.parameters[rows], ids)
+    ends = [np.searchsorted(own, time, "right") for _, own in joined]
+    parts = [
+        SensorTimeline(every, np.concatenate([[0], end[:-1]]), end)
+        for (every, _), end in zip(joined, ends, strict=True)
+    ]
+    return LogTimeline(time, tuple(parts))
 
 
 def _joined(

@@ -1,13 +1,14 @@
 """Everything that is said of one estimator's run, put together once for tables, files and figures."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.body import BodyEstimate, BodyHistory, body_history
+from spinfilters.evaluation.body import BodyEstimate, BodyHistory, body_estimate, body_history
 from spinfilters.evaluation.bound import ErrorBound
 from spinfilters.evaluation.consistency import NormalisedErrors, knows_state, nis_ratio, normalised_errors
 from spinfilters.evaluation.errors import (
@@ -30,7 +31,6 @@ class Evaluation:
 
     Attributes
     ----------
-    bodies: after every frame; `body` is the last.
     alignment: that was applied before the estimate was compared with the truth.
     errors, body_errors: against the truth, None without one.
     nees: None when the truth does not tell the whole state in the estimate's frames.
@@ -38,8 +38,6 @@ class Evaluation:
     """
 
     history: EstimateHistory
-    trajectory: Trajectory
-    bodies: BodyHistory
     alignment: Alignment = Alignment.NONE
     errors: TruthErrors | None = None
     body_errors: BodyErrors | None = None
@@ -52,9 +50,19 @@ class Evaluation:
         return self.history.name
 
     @property
+    def trajectory(self) -> Trajectory:
+        """The motion after every frame, made anew from the history: a long recording has no room for both."""
+        return trajectory_of(self.history)
+
+    @property
+    def bodies(self) -> BodyHistory:
+        """The body after every frame, made anew; `body` is the last."""
+        return body_history(self.history)
+
+    @cached_property
     def body(self) -> BodyEstimate:
         """The body after the last frame."""
-        return self.bodies.at(-1)
+        return body_estimate(self.history.belief(-1))
 
     @property
     def nis_ratio(self) -> float | None:
@@ -71,7 +79,7 @@ class Evaluation:
 def evaluate(
     history: EstimateHistory, truth: Truth | None = None, alignment: Alignment = Alignment.NONE
 ) -> Evaluation:
-    """Trajectory and body of a history, and their errors where there is a truth.
+    """A history, with its errors where there is a truth.
 
     Parameters
     ----------
@@ -86,7 +94,7 @@ def evaluate(
         raise InputError(
             f"{history.name} left no frame to evaluate: {'; '.join(history.status.reasons) or 'no reason'}"
         )
-    evaluation = Evaluation(history, trajectory_of(history), body_history(history))
+    evaluation = Evaluation(history)
     if truth is None:
         return evaluation
     if alignment is Alignment.FIRST_FRAME and not tells_first_frame(history, truth):

@@ -41,7 +41,7 @@ def error_bands_figure(evaluation: Evaluation, start_end: float | None = None) -
     where the start's frames end.
     """
     rows = _error_rows(evaluation) if evaluation.errors is not None else _estimate_rows(evaluation)
-    time = evaluation.trajectory.time if evaluation.errors is None else evaluation.errors.time
+    time = evaluation.history.time if evaluation.errors is None else evaluation.errors.time
     figure = Figure(figsize=(11.0, 1.0 + 1.95 * len(rows)), layout="constrained")
     panels = figure.subplots(len(rows), 3, sharex=True, squeeze=False)
     line = replace(estimator_lines([evaluation.name])[0], width=1.3)

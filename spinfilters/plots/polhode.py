@@ -11,6 +11,8 @@ from spinfilters.evaluation.rates import BodyRates
 from spinfilters.plots.space import draw_ellipsoid, draw_wires, equal_scales, space_figure
 from spinfilters.plots.style import BLACK, BLUE, PRINCIPAL_NAMES, RED, legend_below
 
+_MOST_DOTS = 2000  # more lie upon one another
+
 
 def estimated_polhode_figure(rates: BodyRates, body: BodyEstimate) -> Figure:
     """Estimated rates (axes g) in principal axes, with ellipsoids and polhode of the last rate."""
@@ -21,7 +23,9 @@ def estimated_polhode_figure(rates: BodyRates, body: BodyEstimate) -> Figure:
     draw_wires(axes, curve.momentum_semi_axes, RED)
     for branch in curve.curves:
         axes.plot(*branch.T, color=BLACK, linewidth=1.6, zorder=3)
-    dots = axes.scatter(*path.T, c=rates.time, cmap="cividis", s=18, depthshade=False, zorder=5)
+    step = max(1, len(path) // _MOST_DOTS)
+    shown, time = path[::step], rates.time[::step]
+    dots = axes.scatter(*shown.T, c=time, cmap="cividis", s=18, depthshade=False, zorder=5)
     figure.colorbar(dots, ax=axes, shrink=0.6, pad=0.12, label="estimated rate at time [s]")
     extent = np.maximum(curve.energy_semi_axes, curve.momentum_semi_axes)
     equal_scales(axes, np.stack([-extent, extent]), zoom=1.0)

@@ -18,6 +18,8 @@ from spinfilters.plots.style import (
     SIGMAS,
     EstimatorLine,
     estimator_lines,
+    extremes,
+    fill_band,
     mark_start,
     plot_truth,
     tidy,
@@ -83,8 +85,9 @@ def _rates_panel(axes: Axes, evaluation: Evaluation, reference: BodyRates | None
     assert rates.std is not None
     for k, (name, colour) in enumerate(zip(PRINCIPAL_NAMES, AXIS_COLOURS, strict=True)):
         value, band = np.rad2deg(rates.rate[:, k]), SIGMAS * np.rad2deg(rates.std[:, k])
-        axes.fill_between(rates.time, value - band, value + band, color=colour, alpha=0.2, linewidth=0)
-        axes.plot(rates.time, value, color=colour, linewidth=1.8, label=f"{name} axis")
+        fill_band(axes, rates.time, value, band, colour)
+        rows = extremes(value)
+        axes.plot(rates.time[rows], value[rows], color=colour, linewidth=1.8, label=f"{name} axis")
         if reference is not None:
             true = reference.in_axes(principal)
             plot_truth(axes, true.time, np.rad2deg(true.rate[:, k]))
@@ -139,7 +142,7 @@ def _attitude_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[E
 
 def _other_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[EstimatorLine]) -> None:
     """Position, or the rate where no position is seen."""
-    sees = all(evaluation.trajectory.sees_position for evaluation in evaluations)
+    sees = all("t" in evaluation.history.layout.blocks for evaluation in evaluations)
     curves = []
     for evaluation in evaluations:
         trajectory, errors = evaluation.trajectory, evaluation.errors
@@ -161,10 +164,11 @@ def _magnitudes(
     """Length of the error, or without a truth of one standard deviation; the other as a thin grey line."""
     for evaluation, line, (std, error) in zip(evaluations, lines, curves, strict=True):
         if error is None or evaluation.errors is None:
-            line.draw(axes, evaluation.trajectory.time, std)
+            line.draw(axes, evaluation.history.time, std)
             continue
         line.draw(axes, evaluation.errors.time, error)
-        axes.plot(evaluation.trajectory.time, std, color=BLACK, linewidth=0.9, linestyle=line.dashes)
+        time, rows = evaluation.history.time, extremes(std)
+        axes.plot(time[rows], std[rows], color=BLACK, linewidth=0.9, linestyle=line.dashes)
     known = curves[0][1] is not None
     top = max(
         float(np.quantile(std if error is None else np.maximum(error, 0), 0.98)) for std, error in curves

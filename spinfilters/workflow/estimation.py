@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Estimator
-from spinfilters.estimators.history import EstimateHistory, GrowingHistory
+from spinfilters.estimators.history import FRAME_ARRAYS, EstimateHistory, GrowingHistory
 from spinfilters.estimators.landmarks.approximation import FirstOrder
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.landmark_filter import LandmarkFilter
@@ -17,6 +17,7 @@ from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf
 from spinfilters.estimators.run import run
 from spinfilters.estimators.smoothing.recursive import RecursiveSmoother
+from spinfilters.estimators.timeline import times_of
 from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
 from spinfilters.state.status import Verdict
@@ -113,10 +114,10 @@ def _estimated(
         if smoother is None:
             history = smooth_at_once(prepared, settings, lambda done, every: progress(name, done, every))
             return history, prepared.map_points
-        passed = _run(name, smoother, prepared, progress, keeper_of(name))
+        passed, _ = _run(name, smoother, prepared, progress, keeper_of(name))
         return smoothed_history(smoother, passed, prepared), smoother.sliding.window.points
     estimator = build_estimator(name, prepared, settings)
-    history = _with_start(_run(name, estimator, prepared, progress, keeper_of(name)), prepared)
+    history = _with_start(*_run(name, estimator, prepared, progress, keeper_of(name)), prepared)
     return history, _map_of(estimator, history, prepared)
 
 
@@ -131,15 +132,19 @@ def _check(settings: Settings, prepared: Prepared) -> None:
 
 def _run(
     name: str, estimator: Estimator, prepared: Prepared, progress: Progress, keeper: Keeper
-) -> EstimateHistory:
-    """From where the keeper left off, or from the start; a run that had ended is not made again."""
+) -> tuple[EstimateHistory, GrowingHistory]:
+    """From where the keeper left off, or from the start; a run that had ended is not made again.
+
+    Its rows have room for those of the start in front.
+    """
     rest = prepared.timeline[len(prepared.start.frames.mean) :]
     _start(estimator, prepared)
     kept = keeper.resume(estimator)
     rows = GrowingHistory(estimator.layout, prepared.start_end) if kept is None else kept.rows
+    rows.reserve(len(rest), len(prepared.start.frames.mean))
     progress(name, len(rows), len(rest))
     if kept is not None and kept.status is not None:
-        return rows.ended(name, kept.status)
+        return rows.ended(name, kept.status), rows
     with keeper.running(estimator, rows) as keep:
 
         def on_frame(_: int) -> None:
@@ -149,7 +154,7 @@ def _run(
         history = replace(run(estimator, rows.time, rest[len(rows) :], on_frame, rows), name=name)
         if not _is_cut_short(history, len(rest)):
             keeper.end(estimator, history, rows)
-    return history
+    return history, rows
 
 
 def _map_of(
@@ -176,25 +181,19 @@ def _is_cut_short(history: EstimateHistory, frames: int) -> bool:
     return history.status.verdict is not Verdict.FAILED and len(history.time) < frames
 
 
-def _with_start(history: EstimateHistory, prepared: Prepared) -> EstimateHistory:
+def _with_start(history: EstimateHistory, rows: GrowingHistory, prepared: Prepared) -> EstimateHistory:
     """The history with the smoothed frames of the start in front, which cost no filter time and count no innovation."""
     frames = prepared.start.frames
     count = len(frames.mean)
-    time = np.array([frame.time for frame in prepared.timeline[:count]])
     used = np.array([sum(len(m.values) for m in frame.measurements) for frame in prepared.timeline[:count]])
     nothing = np.zeros(count)
-    return replace(
-        history,
-        time=np.concatenate([time, history.time]),
-        mean=np.concatenate([frames.mean, history.mean]),
-        factor=np.concatenate([frames.factor, history.factor]),
-        nis=np.concatenate([nothing, history.nis]),
-        dof=np.concatenate([nothing.astype(int), history.dof]),
-        log_likelihood=np.concatenate([nothing, history.log_likelihood]),
-        accepted=np.concatenate([used, history.accepted]),
-        rejected=np.concatenate([nothing.astype(int), history.rejected]),
-        runtime=np.concatenate([nothing, history.runtime]),
-    )
+    before = dict.fromkeys(FRAME_ARRAYS, nothing) | {
+        "time": times_of(prepared.timeline[:count]),
+        "mean": frames.mean,
+        "factor": frames.factor,
+        "accepted": used,
+    }
+    return rows.ended(history.name, history.status, before)
 
 
 def _evaluated(history: EstimateHistory, prepared: Prepared) -> Evaluation:

@@ -1,7 +1,6 @@
 """The smoother on a prepared data set: every frame's state given all measurements, the start's frames among them."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -13,6 +12,9 @@ from spinfilters.estimators.run import run
 from spinfilters.estimators.smoothing.batch import BatchSmoothing, smooth_recording
 from spinfilters.estimators.smoothing.recursive import RecursiveSmoother
 from spinfilters.estimators.smoothing.sliding_records import Taken
+from spinfilters.estimators.timeline import times_of
+from spinfilters.state.layout import StateLayout
+from spinfilters.state.status import EstimatorStatus
 from spinfilters.workflow.preparation import Prepared
 from spinfilters.workflow.settings import Settings
 
@@ -77,29 +79,30 @@ def smooth_at_once(prepared: Prepared, settings: Settings, on_frame: OnFrame) ->
     ekf = MultiplicativeEkf(prepared.process, settings.robust)
     ekf.start(start.belief)
     passed = run(ekf, prepared.start_end, timeline[first:], lambda k: on_frame(k + 1, len(timeline) - first))
-    trajectory = np.concatenate([start.frames.mean, passed.mean])
+    trajectory, status = np.concatenate([start.frames.mean, passed.mean]), passed.status
+    del passed  # its covariances are as large as those to come
     frames = timeline[: len(trajectory)]
     found = smooth_recording(
         prepared.process, frames, trajectory, start.prior, settings.smoother.robust_kernel
     )
     share = (perf_counter() - begin) / len(frames)
-    return _batch_history(found, passed, (np.array([frame.time for frame in frames]), share))
+    return _batch_history(found, prepared.process.layout, status, (times_of(frames), share))
 
 
 def _batch_history(
-    found: BatchSmoothing, passed: EstimateHistory, clock: tuple[np.ndarray, float]
+    found: BatchSmoothing, layout: StateLayout, status: EstimatorStatus, clock: tuple[np.ndarray, float]
 ) -> EstimateHistory:
-    """Of the smoothed frames; a filter that did not come through says so for the smoother too."""
+    """Of the smoothed frames; a filter that did not come through says so, in its status, for the smoother too."""
     time, share = clock
-    status, count = passed.status, len(time)
+    count = len(time)
     for doubt in found.undetermined:
         status = status.degraded(doubt)
     if not np.isfinite(found.factor).all():
         status = status.failed("some directions are not determined")
     nothing = np.zeros(count)
-    return replace(
-        passed,
+    return EstimateHistory(
         name=NAME,
+        layout=layout,
         time=time,
         mean=found.mean,
         factor=found.factor,
