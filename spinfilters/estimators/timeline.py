@@ -11,6 +11,7 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.logs.track_files import KnownMap
+from spinfilters.models.sensor_noise import NoiseLevel, noise_model, noise_of_rows
 from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
 from spinfilters.models.sensors.pose import Pose, pose_parameters
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
@@ -19,13 +20,13 @@ from spinfilters.state.layout import StateLayout
 
 @dataclass(frozen=True)
 class SensorNoise:
-    """Standard deviations of the sensors; see each sensor for its model.
+    """Standard deviations of the sensors whose stream has no covariances of its rows; see each sensor for its model.
 
     Attributes
     ----------
     gyro_noise_std: rad/s.   gyro_scale_std: relative to |w|.
     pixel_std: px.
-    pose_position_std: m, pose_rotation_std: rad, for poses that come without a covariance.
+    pose_position_std: m.   pose_rotation_std: rad.
     """
 
     gyro_noise_std: float = 0.005
@@ -150,21 +151,30 @@ def _joined(
     """All rows of a stream as if they were measured at once, and their times."""
     count = len(stream.time)
     if stream.sensor == "gyro":
-        parameters = gyro_parameters(count, noise.gyro_noise_std, noise.gyro_scale_std)
-        return Measurement(Gyro(layout), stream.values, parameters), stream.time
+        level = noise_level(stream, noise.gyro_noise_std)
+        parameters = gyro_parameters(count, level, noise.gyro_scale_std)
+        return Measurement(Gyro(layout, noise_model(level, 3)), stream.values, parameters), stream.time
     if stream.sensor == "pose":
         parameters = pose_parameters(_pose_covariance(stream, noise))
         return Measurement(Pose(layout), stream.values, parameters), stream.time
     if view is None or stream.ids is None:
         raise InputError("stereo tracks need a calibration here; give the view they were taken with")
+    level = noise_level(stream, noise.pixel_std)
+    model = StereoLandmark(layout, noise_model(level, 3))
     if view.known_map is None:
-        parameters = stereo_parameters(np.zeros((count, 3)), view.calibration, noise.pixel_std)
-        return Measurement(StereoLandmark(layout), stream.values, parameters, stream.ids), stream.time
+        parameters = stereo_parameters(np.zeros((count, 3)), view.calibration, level)
+        return Measurement(model, stream.values, parameters, stream.ids), stream.time
     landmarks = view.known_map
     row = np.clip(np.searchsorted(landmarks.ids, stream.ids), 0, len(landmarks.ids) - 1)
     known = landmarks.ids[row] == stream.ids
-    parameters = stereo_parameters(landmarks.points[row[known]], view.calibration, noise.pixel_std)
-    return Measurement(StereoLandmark(layout), stream.values[known], parameters), stream.time[known]
+    points = landmarks.points[row[known]]
+    parameters = stereo_parameters(points, view.calibration, noise_of_rows(level, known))
+    return Measurement(model, stream.values[known], parameters), stream.time[known]
+
+
+def noise_level(stream: MeasurementStream, std: float) -> NoiseLevel:
+    """The rows' own covariances, or without any this standard deviation."""
+    return std if stream.covariance is None else stream.covariance
 
 
 def _pose_covariance(stream: MeasurementStream, noise: SensorNoise) -> Float[np.ndarray, "n 6 6"]:

@@ -12,7 +12,7 @@ from spinfilters.symbolic import Compiled
 
 Quantity = Callable[[dict[str, Expression]], Expression]
 """A column vector or matrix of the blocks of a state (as `StateLayout.unpack`)."""
-STRETCH: Final[int] = 4096
+STRETCH: Final[int] = 1024
 """Frames whose derivatives are in memory together: they take ten times the room of what follows from them."""
 
 

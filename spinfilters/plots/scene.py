@@ -12,7 +12,7 @@ from spinfilters.evaluation.body import BodyEstimate
 from spinfilters.evaluation.trajectory import Trajectory
 from spinfilters.logs.camera import StereoRig
 from spinfilters.plots.space import equal_scales, frustum_edges, space_figure
-from spinfilters.plots.style import AXIS_COLOURS, BLACK, GREY, PRINCIPAL_NAMES, SKY, legend_below
+from spinfilters.plots.style import AXIS_COLOURS, BLACK, GREY, MOST_DRAWN, PRINCIPAL_NAMES, SKY, legend_below
 
 _TO_VIEW = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 """Inertial axes (x right, y down, z forward) to axes of a figure whose third axis points up."""
@@ -128,8 +128,9 @@ def _last_revolutions(trajectory: Trajectory) -> int:
 
 
 def _momentum_direction(trajectory: Trajectory, body: BodyEstimate) -> Float[np.ndarray, "3"]:
-    R_ib = matrix_from_quaternion(trajectory.q_ig) @ body.principal_axes_g.T
-    rate_b = np.einsum("nij,ni->nj", R_ib, trajectory.rate_i)
+    step = -(-len(trajectory.time) // MOST_DRAWN)
+    R_ib = matrix_from_quaternion(trajectory.q_ig[::step]) @ body.principal_axes_g.T
+    rate_b = np.einsum("nij,ni->nj", R_ib, trajectory.rate_i[::step])
     momentum = np.einsum("nij,nj->i", R_ib, body.principal_moments * rate_b)
     length = float(np.linalg.norm(momentum))
     return momentum / length if length > 0 else momentum

@@ -12,7 +12,7 @@ from spinfilters.estimators.landmark_start.start import LandmarkStartReport, sta
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.motion_evidence import MotionEvidence, evidence_from_gyro, evidence_from_poses
 from spinfilters.estimators.start import StartOptions, StartReport, start_from_data
-from spinfilters.estimators.timeline import SensorNoise, StereoView, Timeline, build_timeline
+from spinfilters.estimators.timeline import SensorNoise, StereoView, Timeline, build_timeline, noise_level
 from spinfilters.evaluation.body import body_estimate
 from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
@@ -27,6 +27,12 @@ from spinfilters.workflow.settings import AUTO, Settings
 DETERMINED_STD = 0.12
 """Of a principal moment relative to the largest: what the first frames must reach for filters to go on from them. On simulated
 motions all starts below it were consistent, and half of those above it led to NEES of twice the degrees of freedom and more."""
+STATED_NOISE = {
+    "gyro": {"gyro_noise_std"},
+    "pose": {"pose_position_std", "pose_rotation_std"},
+    "stereo": {"pixel_std"},
+}
+"""Settings that take the place of a sensor's covariances row by row."""
 WHOLE_RECORDING = 400
 """Gyro samples, at most, from which the gyro's error is identified."""
 
@@ -75,10 +81,10 @@ def prepare(dataset: Dataset, settings: Settings) -> Prepared:
     ------
     InputError: too few frames, no rotation, tracks that no pose can be found from.
     """
-    log, view = dataset.log, _view(dataset)
+    log, view = _log_with_noise(dataset.log, settings), _view(dataset)
     blocks = ROTATION_BLOCKS if log.sensors == ("gyro",) else FULL_BLOCKS
     layout = StateLayout((*blocks, "d") if settings.process.drag else blocks)
-    unknown_gyro = "gyro" in log.sensors and _gyro_is_unknown(dataset, settings)
+    unknown_gyro = "gyro" in log.sensors and _gyro_is_unknown(log, dataset, settings)
     torque_psd = disturbance_psd(log.stream("gyro")) if unknown_gyro else ProcessNoise.torque_psd
     process = TorqueFreeProcess(layout, settings.process.noise(torque_psd), settings.process.tolerance)
     noise, gyro_noise = _noise(dataset, settings), None
@@ -90,7 +96,7 @@ def prepare(dataset: Dataset, settings: Settings) -> Prepared:
         raise InputError(
             f"{dataset.description or dataset.path} has {len(timeline)} frame(s); give at least 5"
         )
-    make = _start_maker(dataset, process, timeline, noise)
+    make = _start_maker(replace(dataset, log=log), process, timeline, noise)
     start = _long_enough_start(timeline, make, settings.start)
     belief, points = start.belief, None if dataset.known_map is None else dataset.known_map.points
     if isinstance(start, LandmarkStartReport):
@@ -143,7 +149,8 @@ def _start_maker(
         return lambda options: _start_of_tracks(
             process, timeline, tracks, (calibration, noise.pixel_std), options
         )
-    poses = poses_with_map(tracks, dataset.known_map, calibration, noise.pixel_std)
+    level = noise_level(tracks, noise.pixel_std)
+    poses = poses_with_map(tracks, dataset.known_map, calibration, level)
     return lambda options: start_from_data(
         process, timeline, evidence_from_poses(poses, options.count(timeline)), options
     )
@@ -167,7 +174,8 @@ def _start_of_tracks(
     frames = options.count(timeline)
     first = tracks.slice(timeline[0].time, timeline[frames - 1].time)
     assert first is not None
-    poses, found = poses_without_map(first, *camera)
+    calibration, pixel_std = camera
+    poses, found = poses_without_map(first, calibration, noise_level(first, pixel_std))
     return start_with_landmarks(process, timeline, evidence_from_poses(poses, frames), found, options)
 
 
@@ -183,8 +191,16 @@ def _noise(dataset: Dataset, settings: Settings) -> SensorNoise:
     return SensorNoise(**chosen)
 
 
-def _gyro_is_unknown(dataset: Dataset, settings: Settings) -> bool:
-    return settings.sensors.gyro_scale_std == AUTO and dataset.options.gyro_noise_std is None
+def _log_with_noise(log: MeasurementLog, settings: Settings) -> MeasurementLog:
+    """The log without those covariances of its rows in whose place the settings state a number."""
+    stated = {name for name in vars(settings.sensors) if getattr(settings.sensors, name) != AUTO}
+    streams = (replace(s, covariance=None) if stated & STATED_NOISE[s.sensor] else s for s in log.streams)
+    return MeasurementLog(tuple(streams))
+
+
+def _gyro_is_unknown(log: MeasurementLog, dataset: Dataset, settings: Settings) -> bool:
+    told = dataset.options.gyro_noise_std is not None or log.stream("gyro").covariance is not None
+    return settings.sensors.gyro_scale_std == AUTO and not told
 
 
 def _identify(
