@@ -15,8 +15,8 @@ from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.derived import by_stretches, with_error_jacobian
 from spinfilters.logs.atomic_write import write_bytes
 from spinfilters.logs.input_file import MAX_TABLE_BYTES, named, require_file
-from spinfilters.logs.measurement_log import MeasurementStream, normalised
-from spinfilters.logs.pose_files import write_tum
+from spinfilters.logs.measurement_log import normalised
+from spinfilters.logs.pose_files import write_poses
 from spinfilters.logs.table_files import write_csv
 from spinfilters.logs.truth import TRUTH_COLUMNS
 from spinfilters.state.layout import StateLayout
@@ -92,8 +92,7 @@ def write_trajectory_tum(path: Path, trajectory: Trajectory) -> None:
 
     Mind that `poses.tum` of a data set holds the origin of g instead of the centre of mass.
     """
-    values = np.hstack([trajectory.position, trajectory.q_ig])
-    write_tum(path, MeasurementStream("pose", trajectory.time, values))
+    write_poses(path, trajectory.time, trajectory.position, trajectory.q_ig)
 
 
 def write_map_ply(path: Path, points: Float[np.ndarray, "k 3"]) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from spinfilters.errors import InputError
 from spinfilters.logs.input_file import named
-from spinfilters.logs.measurement_log import SENSOR_FORMATS, MeasurementStream
+from spinfilters.logs.measurement_log import SENSOR_FORMATS, MeasurementStream, first_not_definite
 from spinfilters.logs.table_files import read_csv, write_csv
 
 
@@ -41,10 +41,10 @@ def with_covariance(stream: MeasurementStream, path: Path) -> MeasurementStream:
     rows, columns = np.tril_indices(dimension)
     covariance = np.empty((len(stream), dimension, dimension))
     covariance[:, rows, columns] = covariance[:, columns, rows] = table.values[:, 1:]
-    try:
-        return MeasurementStream(stream.sensor, stream.time, stream.values, stream.ids, covariance)
-    except InputError as error:
-        raise InputError(f"{named(path)}: {error}") from None
+    row = first_not_definite(covariance)
+    if row is not None:
+        raise table.error(row, "the covariance is not positive definite; give every component a variance")
+    return MeasurementStream(stream.sensor, stream.time, stream.values, stream.ids, covariance)
 
 
 def write_covariance(path: Path, stream: MeasurementStream) -> None:

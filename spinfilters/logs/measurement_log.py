@@ -17,6 +17,7 @@ _UNIT_ROUNDING = (
     4.0 * np.finfo(np.float64).eps
 )  # a norm this near 1 is left alone, so that reading twice changes nothing
 
+_ROWS = 4096  # covariances that are factored at once
 _ASYMMETRY = (
     1e-9  # of a covariance, per product of standard deviations: what the rounding of an inverse leaves
 )
@@ -183,6 +184,17 @@ def first_not_unit(quaternion: Float[np.ndarray, "n 4"]) -> int | None:
     return int(rows[0]) if rows.size else None
 
 
+def first_not_definite(covariance: Float[np.ndarray, "n k k"]) -> int | None:
+    """First row whose matrix has no Cholesky factor, None when there is none."""
+    for start in range(0, len(covariance), _ROWS):  # a good table needs a call for thousands of rows
+        try:
+            np.linalg.cholesky(covariance[start : start + _ROWS])
+        except np.linalg.LinAlgError:
+            rows = range(start, min(start + _ROWS, len(covariance)))
+            return next(row for row in rows if not _has_root(covariance[row]))
+    return None
+
+
 def normalised(quaternion: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
     """Unit quaternions; rows that are unit to rounding keep their bits."""
     norm = np.linalg.norm(quaternion, axis=1, keepdims=True)
@@ -246,18 +258,29 @@ def _check_values(stream: MeasurementStream) -> None:
 
 
 def _check_covariance(stream: MeasurementStream, covariance: Float[np.ndarray, "n k k"]) -> None:
-    if not np.isfinite(covariance).all():
-        raise InputError(f"{stream.sensor} covariance: not finite; leave out those rows")
+    finite = np.isfinite(covariance).all(axis=(1, 2))
+    if not finite.all():
+        row = int(np.argmin(finite))
+        raise InputError(f"{stream.sensor} covariance of row {row}: not finite; leave out that row")
     std = np.sqrt(np.abs(np.diagonal(covariance, axis1=1, axis2=2)))
     asymmetry = np.abs(covariance - covariance.transpose(0, 2, 1))
-    if not (asymmetry <= _ASYMMETRY * std[:, :, None] * std[:, None, :]).all():
-        raise InputError(f"{stream.sensor} covariance: not symmetric; give (P + P') / 2")
-    try:
-        np.linalg.cholesky(covariance)
-    except np.linalg.LinAlgError:
+    symmetric = (asymmetry <= _ASYMMETRY * std[:, :, None] * std[:, None, :]).all(axis=(1, 2))
+    if not symmetric.all():
+        row = int(np.argmin(symmetric))
+        raise InputError(f"{stream.sensor} covariance of row {row}: not symmetric; give (P + P') / 2")
+    row = first_not_definite(covariance)
+    if row is not None:
         raise InputError(
-            f"{stream.sensor} covariance: not positive definite; give every component a variance"
-        ) from None
+            f"{stream.sensor} covariance of row {row}: not positive definite; give every component a variance"
+        )
+
+
+def _has_root(matrix: Float[np.ndarray, "k k"]) -> bool:
+    try:
+        np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 def _row(stream: MeasurementStream, row: int) -> str:

@@ -83,13 +83,13 @@ def _rates_panel(axes: Axes, evaluation: Evaluation, reference: BodyRates | None
     principal = evaluation.body.principal_axes_g
     rates = estimated_rates(evaluation.history).in_axes(principal)
     assert rates.std is not None
+    true = None if reference is None else reference.in_axes(principal)
     for k, (name, colour) in enumerate(zip(PRINCIPAL_NAMES, AXIS_COLOURS, strict=True)):
         value, band = np.rad2deg(rates.rate[:, k]), SIGMAS * np.rad2deg(rates.std[:, k])
         fill_band(axes, rates.time, value, band, colour)
         rows = extremes(value)
         axes.plot(rates.time[rows], value[rows], color=colour, linewidth=1.8, label=f"{name} axis")
-        if reference is not None:
-            true = reference.in_axes(principal)
+        if true is not None:
             plot_truth(axes, true.time, np.rad2deg(true.rate[:, k]))
     if reference is not None:
         axes.plot([], [], color=BLACK, linestyle=(0, (2, 1.5)), linewidth=1.3, label=reference.label)

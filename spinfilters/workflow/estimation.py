@@ -24,7 +24,7 @@ from spinfilters.state.status import Verdict
 from spinfilters.workflow.bound import with_bounds
 from spinfilters.workflow.checkpointing import Keeper, KeeperOf, forget
 from spinfilters.workflow.preparation import Prepared
-from spinfilters.workflow.quality import filter_doubts, judged, shared_doubts
+from spinfilters.workflow.quality import false_alarm_probability, filter_doubts, judged, shared_doubts
 from spinfilters.workflow.settings import Settings
 from spinfilters.workflow.smoothing import NAME as SMOOTHER
 from spinfilters.workflow.smoothing import begin_at_start, sliding_smoother, smooth_at_once, smoothed_history
@@ -99,7 +99,7 @@ def compare_estimators(
         if not evaluations:
             raise
         interrupted = True
-    judged_ones = _judge(evaluations, prepared)
+    judged_ones = _judge(evaluations, prepared, settings)
     bounded = judged_ones if interrupted else with_bounds(judged_ones, prepared)
     return Comparison(prepared, tuple(bounded), interrupted, maps)
 
@@ -201,13 +201,14 @@ def _evaluated(history: EstimateHistory, prepared: Prepared) -> Evaluation:
     return evaluate(history, prepared.dataset.truth, alignment)
 
 
-def _judge(evaluations: list[Evaluation], prepared: Prepared) -> list[Evaluation]:
+def _judge(evaluations: list[Evaluation], prepared: Prepared, settings: Settings) -> list[Evaluation]:
     doubts, of_filters = shared_doubts(prepared), filter_doubts(prepared)
     peers = [evaluation for evaluation in evaluations if evaluation.name in OURS]
     judged_ones = []
     for evaluation in evaluations:
         others = [peer for peer in peers if peer.history.status.verdict is not Verdict.FAILED]
         own = doubts if evaluation.name == SMOOTHER else [*doubts, *of_filters]
-        status = judged(evaluation, own, others)
+        false_alarm = false_alarm_probability(evaluation.name, prepared, settings)
+        status = judged(evaluation, own, others, false_alarm)
         judged_ones.append(replace(evaluation, history=replace(evaluation.history, status=status)))
     return judged_ones
