@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float
 
 from spinfilters.attitude.expressions import Expression
 from spinfilters.models.covariance_parameters import factor_of, parameters_of
@@ -84,6 +84,8 @@ def noise_parameters(level: NoiseLevel, count: int) -> Float[np.ndarray, "count 
     return np.full((count, 1), level) if isinstance(level, float | int) else parameters_of(level)
 
 
-def noise_of_rows(level: NoiseLevel, rows: slice | Int[np.ndarray, " k"] | np.ndarray) -> NoiseLevel:
+def noise_of_rows(
+    level: NoiseLevel, rows: slice | Bool[np.ndarray, " k"]
+) -> float | Float[np.ndarray, "chosen d d"]:
     """That of some of the measurements."""
     return level if isinstance(level, float | int) else level[rows]

@@ -77,10 +77,11 @@ def _panel(axes: Axes, time: np.ndarray, row: _Row, axis: int, line: EstimatorLi
 
 def _inside(rows: list[_Row]) -> str:
     """Share of errors within the bands, in words; empty where no error is known."""
-    pairs = [(np.abs(row.values), SIGMAS * row.std) for row in rows if row.about_zero and row.values.any()]
-    if len(pairs) < len(rows):
+    known = [row for row in rows if row.about_zero and row.values.any()]
+    if len(known) < len(rows):
         return ""
-    return f", {np.mean([np.mean(value <= band) for value, band in pairs]):.1%} inside (99.7% expected)"
+    shares = [np.mean(np.abs(row.values) <= SIGMAS * row.std) for row in known]
+    return f", {np.mean(shares):.1%} inside (99.7% expected)"
 
 
 def _error_rows(evaluation: Evaluation) -> list[_Row]:

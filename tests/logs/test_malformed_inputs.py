@@ -157,6 +157,11 @@ STEREO_FAULTS = {
         "time_s,c00,c10,c11,c20,c21,c22\n0,1,0,1,0,0,1\n",
         "1 rows",
     ),
+    "a gyro covariance that is not positive definite": (
+        "gyro_covariance.csv",
+        "time_s,c00,c10,c11,c20,c21,c22\n0,1,0,1,0,0,1\n0.5,1,2,1,0,0,1\n",
+        "line 3: the covariance is not positive definite",
+    ),
 }
 PHYPHOX_FAULTS = {
     "degrees per second": ("Raw Data.csv", PHYPHOX.replace("rad/s", "°/s"), "'Gyroscope x (°/s)'"),
