@@ -34,10 +34,11 @@ class BodyRates:
 
     def in_axes(self, axes: Float[np.ndarray, "3 3"]) -> "BodyRates":
         """The same rates along other axes, given as rows in the present ones (R_bg for principal axes b)."""
-        own = self.covariance
-        if own is not None:
-            own = by_stretches(len(own), lambda rows: {"P": axes @ own[rows] @ axes.T})["P"]
-        return BodyRates(self.label, self.time, self.rate @ axes.T, own)
+        own, rate = self.covariance, self.rate @ axes.T
+        if own is None:
+            return BodyRates(self.label, self.time, rate)
+        turned = by_stretches(len(own), lambda rows: {"P": axes @ own[rows] @ axes.T})
+        return BodyRates(self.label, self.time, rate, turned["P"])
 
 
 def estimated_rates(history: EstimateHistory) -> BodyRates:
