@@ -1,8 +1,7 @@
 """What a run leaves behind, and how it gathers."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -15,23 +14,11 @@ from spinfilters.state.status import EstimatorStatus
 
 COUNTS = ("dof", "accepted", "rejected")
 """Arrays of a history that hold whole numbers."""
+FEWEST_FRAMES = 64
+"""Room of a history that nobody has told how many will come."""
 
 
-class _Row(NamedTuple):
-    """One frame of a history."""
-
-    time: float
-    mean: Float[np.ndarray, " m"]
-    factor: Float[np.ndarray, "e e"]
-    nis: float
-    log_likelihood: float
-    runtime: float
-    dof: int
-    accepted: int
-    rejected: int
-
-
-FRAME_ARRAYS = _Row._fields
+FRAME_ARRAYS = ("time", "mean", "factor", "nis", "log_likelihood", "runtime", *COUNTS)
 """Arrays of a history; each has a row per frame."""
 
 
@@ -77,6 +64,15 @@ class EstimateHistory:
         """Time of the last epoch of the initialisation, s; None without one."""
         return float(self.time[self.initialisation - 1]) if self.initialisation else None
 
+    def thinned(self, frames: int) -> "EstimateHistory":
+        """Frames at a constant step, at most so many, the last among them; no array is copied."""
+        step = -(-len(self.time) // frames)
+        rows = slice((len(self.time) - 1) % step, None, step)
+        observed = None if self.observations is None else self.observations[rows]
+        initialisation = len(range(*rows.indices(self.initialisation)))
+        thinned = {name: getattr(self, name)[rows] for name in FRAME_ARRAYS}
+        return replace(self, initialisation=initialisation, observations=observed, **thinned)
+
     def belief(self, index: int) -> Gaussian:
         """Belief after the frame of this index."""
         return Gaussian(self.layout, self.mean[index], self.factor[index])
@@ -95,6 +91,8 @@ class EstimateHistory:
 class GrowingHistory:
     """The frames of a run so far: grows by one frame at a time, and goes into a file and comes back as plain arrays.
 
+    The arrays have room ahead, which takes no memory before it is written to.
+
     Parameters
     ----------
     layout: of the state.
@@ -103,59 +101,92 @@ class GrowingHistory:
 
     def __init__(self, layout: StateLayout, begin: float) -> None:
         self.layout, self.begin = layout, begin
-        self._rows: list[_Row] = []
+        self._before, self._count = 0, 0
+        self._room = _empty_arrays(layout, 0)
 
     @classmethod
     def from_arrays(
         cls, layout: StateLayout, begin: float, arrays: Mapping[str, np.ndarray]
     ) -> "GrowingHistory":
         """The history whose `arrays` these are. Raises ShapeError when they do not fit together."""
-        rows, checked = cls(layout, begin), checked_frames(layout, arrays)
-        rows._rows = [_Row(*row) for row in zip(*checked.values(), strict=True)]
+        rows = cls(layout, begin)
+        rows._room = checked_frames(layout, arrays)
+        rows._count = len(rows._room["time"])
         return rows
 
     def __len__(self) -> int:
-        return len(self._rows)
+        return self._count
 
     @property
     def time(self) -> float:
         """Of the last frame, or where the run sets out, s."""
-        return float(self._rows[-1].time) if self._rows else self.begin
+        return float(self._room["time"][self._last]) if self._count else self.begin
 
     @property
     def belief(self) -> Gaussian | None:
         """Belief after the last frame; None before the first."""
-        return Gaussian(self.layout, self._rows[-1].mean, self._rows[-1].factor) if self._rows else None
+        if not self._count:
+            return None
+        return Gaussian(self.layout, self._room["mean"][self._last], self._room["factor"][self._last])
+
+    @property
+    def _last(self) -> int:
+        return self._before + self._count - 1
+
+    def reserve(self, frames: int, before: int = 0) -> None:
+        """Make room for so many frames in all, and for ``before`` more in front of them (see `ended`).
+
+        No less than what there is.
+        """
+        before, frames = max(before, self._before), max(frames, self._count)
+        if before == self._before and before + frames <= len(self._room["time"]):
+            return
+        room = _empty_arrays(self.layout, before + frames)
+        for name, array in self.arrays().items():
+            room[name][before : before + self._count] = array
+        self._before, self._room = before, room
 
     def append(self, time: float, belief: Gaussian, reports: Sequence[UpdateReport], runtime: float) -> None:
         """Add the frame at ``time`` (s) with what its updates reported; it took ``runtime`` seconds."""
-        row = _Row(
-            time=time,
-            mean=belief.mean,
-            factor=belief.factor,
-            nis=sum(report.nis for report in reports),
-            log_likelihood=sum(report.log_likelihood for report in reports),
-            runtime=runtime,
-            dof=sum(report.dof for report in reports),
-            accepted=sum(report.accepted for report in reports),
-            rejected=sum(report.rejected for report in reports),
-        )
-        self._rows.append(row)  # in one step: Ctrl-C finds the frame there or not
+        place = self._last + 1
+        if place == len(self._room["time"]):
+            self.reserve(max(2 * self._count, FEWEST_FRAMES), self._before)
+        room = self._room
+        room["time"][place], room["runtime"][place] = time, runtime
+        room["mean"][place], room["factor"][place] = belief.mean, belief.factor
+        room["nis"][place] = sum(report.nis for report in reports)
+        room["log_likelihood"][place] = sum(report.log_likelihood for report in reports)
+        room["dof"][place] = sum(report.dof for report in reports)
+        room["accepted"][place] = sum(report.accepted for report in reports)
+        room["rejected"][place] = sum(report.rejected for report in reports)
+        self._count += 1  # last: Ctrl-C finds the frame there or not
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """Every array of `FRAME_ARRAYS`, a row per frame."""
-        shapes = _row_shapes(self.layout)
-        columns = zip(*self._rows, strict=True) if self._rows else [()] * len(FRAME_ARRAYS)
-        return {
-            name: np.array(column, dtype=int if name in COUNTS else float).reshape(-1, *shapes.get(name, ()))
-            for name, column in zip(FRAME_ARRAYS, columns, strict=True)
-        }
+        """Every array of `FRAME_ARRAYS`, a row per frame: views, which later frames leave as they are."""
+        rows = slice(self._before, self._before + self._count)
+        return {name: array[rows] for name, array in self._room.items()}
 
-    def ended(self, name: str, status: EstimatorStatus) -> EstimateHistory:
-        """The history of the estimator of this name, when its run has come to an end."""
-        return EstimateHistory(
-            name=name, layout=self.layout, status=status, initialisation=0, **self.arrays()
-        )
+    def ended(
+        self, name: str, status: EstimatorStatus, before: Mapping[str, np.ndarray] | None = None
+    ) -> EstimateHistory:
+        """The history of the estimator of this name, when its run has come to an end.
+
+        Parameters
+        ----------
+        before: every array of `FRAME_ARRAYS` of the initialisation's frames, to put in front; no array is copied where `reserve`
+            left room for them.
+        """
+        if before is None:
+            return EstimateHistory(
+                name=name, layout=self.layout, status=status, initialisation=0, **self.arrays()
+            )
+        count = len(before["time"])
+        self.reserve(self._count, count)
+        rows = slice(self._before - count, self._before + self._count)
+        arrays = {key: array[rows] for key, array in self._room.items()}
+        for key, array in arrays.items():
+            array[:count] = before[key]
+        return EstimateHistory(name=name, layout=self.layout, status=status, initialisation=count, **arrays)
 
 
 def checked_frames(layout: StateLayout, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -176,6 +207,15 @@ def checked_frames(layout: StateLayout, arrays: Mapping[str, np.ndarray]) -> dic
                 f"{name} is {array.dtype} of shape {array.shape}, which does not fit {layout.blocks}"
             )
     return {name: arrays[name] for name in FRAME_ARRAYS}
+
+
+def _empty_arrays(layout: StateLayout, frames: int) -> dict[str, np.ndarray]:
+    """Arrays of `FRAME_ARRAYS` with room for so many frames."""
+    shapes = _row_shapes(layout)
+    return {
+        name: np.empty((frames, *shapes.get(name, ())), dtype=int if name in COUNTS else float)
+        for name in FRAME_ARRAYS
+    }
 
 
 def _row_shapes(layout: StateLayout) -> dict[str, tuple[int, ...]]:

@@ -65,8 +65,8 @@ class MultiplicativeFilter(Estimator):
     def update(self, measurement: Measurement) -> UpdateReport:
         """Take in one sensor's values; those that only repeat the latest ones count as rejected."""
         name, count = measurement.model.name, len(measurement.values)
-        guard = self._guards.of(name)
-        if guard.frames.repeats(measurement.parameters, measurement.values):
+        guard, keys = self._guards.of(name), measurement.parameters[:, : measurement.model.known_by]
+        if guard.frames.repeats(keys, measurement.values):
             return UpdateReport(0.0, 0, 0, count)
         corrected = self._corrected(measurement, guard, self._adaptation.measurement_scale(name))
         if corrected is None:

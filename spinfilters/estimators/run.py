@@ -44,6 +44,7 @@ def run(
     rows = GrowingHistory(estimator.layout, time) if rows is None else rows
     _check(time, timeline, rows)
     total, status = len(rows) + len(timeline), EstimatorStatus()
+    rows.reserve(total)
     try:
         for index, frame in enumerate(timeline):
             begin = working_seconds()

@@ -1,17 +1,19 @@
 """The one place where a measurement log meets models: frames of measurements in the order of time."""
 
-from collections import defaultdict
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cache
+from typing import overload
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.logs.track_files import KnownMap
 from spinfilters.models.measurement import MeasurementModel
+from spinfilters.models.sensor_noise import NoiseLevel, SensorNoiseModel, noise_model, noise_of_rows
 from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
 from spinfilters.models.sensors.pose import Pose, pose_parameters
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
@@ -20,13 +22,13 @@ from spinfilters.state.layout import StateLayout
 
 @dataclass(frozen=True)
 class SensorNoise:
-    """Standard deviations of the sensors; see each sensor for its model.
+    """Standard deviations of the sensors whose stream has no covariances of its rows; see each sensor for its model.
 
     Attributes
     ----------
     gyro_noise_std: rad/s.   gyro_scale_std: relative to |w|.
     pixel_std: px.
-    pose_position_std: m, pose_rotation_std: rad, for poses that come without a covariance.
+    pose_position_std: m.   pose_rotation_std: rad.
     """
 
     gyro_noise_std: float = 0.005
@@ -53,7 +55,7 @@ class StereoView:
     calibration: Float[np.ndarray, " 5"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Frame:
     """Everything measured at one instant (s)."""
 
@@ -61,7 +63,63 @@ class Frame:
     measurements: tuple[Measurement, ...]
 
 
-Timeline = tuple[Frame, ...]
+Timeline = Sequence[Frame]
+"""Frames in the order of time."""
+
+
+@dataclass(frozen=True, eq=False)
+class SensorTimeline:
+    """All measurements of one sensor, and which of them belong to each frame.
+
+    Attributes
+    ----------
+    every: all values as if they were measured at once.   first, end: (k,) frame k holds the values from first to before end.
+    """
+
+    every: Measurement
+    first: Int[np.ndarray, " k"]
+    end: Int[np.ndarray, " k"]
+
+    def measured(self, frame: int) -> list[Measurement]:
+        """The measurement of a frame, none where the sensor measured nothing then."""
+        every, rows = self.every, slice(int(self.first[frame]), int(self.end[frame]))
+        if rows.start == rows.stop:
+            return []
+        ids = None if every.ids is None else every.ids[rows]
+        return [Measurement(every.model, every.values[rows], every.parameters[rows], ids)]
+
+
+@dataclass(frozen=True, eq=False)
+class LogTimeline(Sequence[Frame]):
+    """Frames of a log, made when they are asked for: a long recording stays a few arrays.
+
+    Attributes
+    ----------
+    time: (k,) s.   sensors: in the order in which each frame takes them in.
+    """
+
+    time: Float[np.ndarray, " k"]
+    sensors: tuple[SensorTimeline, ...]
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @overload
+    def __getitem__(self, index: int) -> Frame: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> "LogTimeline": ...
+
+    def __getitem__(self, index: int | slice) -> "Frame | LogTimeline":
+        if isinstance(index, slice):
+            parts = (replace(part, first=part.first[index], end=part.end[index]) for part in self.sensors)
+            return LogTimeline(self.time[index], tuple(parts))
+        return Frame(float(self.time[index]), tuple(m for part in self.sensors for m in part.measured(index)))
+
+
+def times_of(frames: Timeline) -> Float[np.ndarray, " k"]:
+    """Times of frames, s."""
+    return np.fromiter((frame.time for frame in frames), float, len(frames))
 
 
 def build_timeline(
@@ -75,22 +133,18 @@ def build_timeline(
     ------
     InputError: stereo rows without a view, or a log without any usable measurement.
     """
-    frames: dict[float, list[Measurement]] = defaultdict(list)
-    for stream in log.streams:
-        every, time = _joined(stream, layout, noise, view)
-        edges = np.flatnonzero(np.diff(time)) + 1
-        for rows in np.split(np.arange(len(time)), edges) if len(time) else []:
-            frames[float(time[rows[0]])].append(_rows_of(every, rows))
-    if not frames:
+    joined = [_joined(stream, layout, noise, view) for stream in log.streams]
+    time = np.unique(np.concatenate([own for _, own in joined]))
+    if not len(time):
         raise InputError(
             "the log holds no usable measurement; check that landmark ids of the tracks and of the map agree"
         )
-    return tuple(Frame(time, tuple(frames[time])) for time in sorted(frames))
-
-
-def _rows_of(every: Measurement, rows: np.ndarray) -> Measurement:
-    ids = None if every.ids is None else every.ids[rows]
-    return Measurement(every.model, every.values[rows], every.parameters[rows], ids)
+    ends = [np.searchsorted(own, time, "right") for _, own in joined]
+    parts = [
+        SensorTimeline(every, np.concatenate([[0], end[:-1]]), end)
+        for (every, _), end in zip(joined, ends, strict=True)
+    ]
+    return LogTimeline(time, tuple(parts))
 
 
 def _joined(
@@ -99,27 +153,38 @@ def _joined(
     """All rows of a stream as if they were measured at once, and their times."""
     count = len(stream.time)
     if stream.sensor == "gyro":
-        parameters = gyro_parameters(count, noise.gyro_noise_std, noise.gyro_scale_std)
-        return Measurement(_model(Gyro, layout), stream.values, parameters), stream.time
+        level = noise_level(stream, noise.gyro_noise_std)
+        parameters = gyro_parameters(count, level, noise.gyro_scale_std)
+        return Measurement(
+            _model(Gyro, layout, noise_model(level, 3)), stream.values, parameters
+        ), stream.time
     if stream.sensor == "pose":
         parameters = pose_parameters(_pose_covariance(stream, noise))
         return Measurement(_model(Pose, layout), stream.values, parameters), stream.time
     if view is None or stream.ids is None:
         raise InputError("stereo tracks need a calibration here; give the view they were taken with")
+    level = noise_level(stream, noise.pixel_std)
+    model = _model(StereoLandmark, layout, noise_model(level, 3))
     if view.known_map is None:
-        parameters = stereo_parameters(np.zeros((count, 3)), view.calibration, noise.pixel_std)
-        return Measurement(_model(StereoLandmark, layout), stream.values, parameters, stream.ids), stream.time
+        parameters = stereo_parameters(np.zeros((count, 3)), view.calibration, level)
+        return Measurement(model, stream.values, parameters, stream.ids), stream.time
     landmarks = view.known_map
     row = np.clip(np.searchsorted(landmarks.ids, stream.ids), 0, len(landmarks.ids) - 1)
     known = landmarks.ids[row] == stream.ids
-    parameters = stereo_parameters(landmarks.points[row[known]], view.calibration, noise.pixel_std)
-    return Measurement(_model(StereoLandmark, layout), stream.values[known], parameters), stream.time[known]
+    points = landmarks.points[row[known]]
+    parameters = stereo_parameters(points, view.calibration, noise_of_rows(level, known))
+    return Measurement(model, stream.values[known], parameters), stream.time[known]
 
 
 @cache
-def _model(kind: type[MeasurementModel], layout: StateLayout) -> MeasurementModel:
+def _model(kind: type[MeasurementModel], layout: StateLayout, *noise: SensorNoiseModel) -> MeasurementModel:
     """The sensor's model over a layout, made once in a process: its expressions take longer to build than many smoothers."""
-    return kind(layout)
+    return kind(layout, *noise)
+
+
+def noise_level(stream: MeasurementStream, std: float) -> NoiseLevel:
+    """The rows' own covariances, or without any this standard deviation."""
+    return std if stream.covariance is None else stream.covariance
 
 
 def _pose_covariance(stream: MeasurementStream, noise: SensorNoise) -> Float[np.ndarray, "n 6 6"]:

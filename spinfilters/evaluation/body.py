@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from spinfilters.dynamics.mass_distribution import inertia
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.derived import with_error_jacobian
+from spinfilters.evaluation.derived import by_stretches, with_error_jacobian
 from spinfilters.linear_algebra.signs import with_largest_positive
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
@@ -123,6 +123,20 @@ def body_history(history: EstimateHistory) -> BodyHistory:
 
 
 def _bodies(layout: StateLayout, time: np.ndarray, mean: np.ndarray, factor: np.ndarray) -> BodyHistory:
+    centre, centre_std = _block(layout, "c", mean, factor)
+    drag, drag_std = _block(layout, "d", mean, factor)
+    return BodyHistory(
+        time=time,
+        **by_stretches(len(time), lambda rows: _inertias(layout, mean[rows], factor[rows])),
+        center_of_mass_g=centre,
+        center_of_mass_std=centre_std,
+        drag=None if drag is None else drag[:, 0],
+        drag_std=None if drag_std is None else drag_std[:, 0],
+    )
+
+
+def _inertias(layout: StateLayout, mean: np.ndarray, factor: np.ndarray) -> dict[str, np.ndarray]:
+    """Moments and axes with their covariances, by the names of a `BodyHistory`."""
     J, derivative = _inertia(layout)(mean)
     moments, vectors = _principal(J.reshape(-1, 3, 3))
     vectors = _right_handed(vectors)
@@ -132,21 +146,14 @@ def _bodies(layout: StateLayout, time: np.ndarray, mean: np.ndarray, factor: np.
     roots = (scaled[..., np.newaxis] * (slopes - slopes[:, 2:])) @ factor
     logs = (slopes[:, [2, 1]] - slopes[:, [1, 0]]) @ factor
     turns = _axis_turns(moments, turned) @ factor
-    centre, centre_std = _block(layout, "c", mean, factor)
-    drag, drag_std = _block(layout, "d", mean, factor)
-    return BodyHistory(
-        time=time,
-        principal_moments=scaled,
-        principal_moments_cov=roots @ np.swapaxes(roots, 1, 2),
-        principal_axes_g=np.swapaxes(vectors, 1, 2),
-        principal_axes_cov=_bounded(turns),
-        log_ratios=np.log(moments[:, [2, 1]] / moments[:, [1, 0]]),
-        log_ratios_std=np.linalg.norm(logs, axis=2),
-        center_of_mass_g=centre,
-        center_of_mass_std=centre_std,
-        drag=None if drag is None else drag[:, 0],
-        drag_std=None if drag_std is None else drag_std[:, 0],
-    )
+    return {
+        "principal_moments": scaled,
+        "principal_moments_cov": roots @ np.swapaxes(roots, 1, 2),
+        "principal_axes_g": np.swapaxes(vectors, 1, 2),
+        "principal_axes_cov": _bounded(turns),
+        "log_ratios": np.log(moments[:, [2, 1]] / moments[:, [1, 0]]),
+        "log_ratios_std": np.linalg.norm(logs, axis=2),
+    }
 
 
 def _principal(J: Float[np.ndarray, "n 3 3"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 3"]]:

@@ -11,6 +11,7 @@ from spinfilters.conventions import STATE_BLOCKS
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
+from spinfilters.evaluation.derived import by_stretches
 from spinfilters.evaluation.errors import common_stamps
 from spinfilters.logs.truth import Truth
 from spinfilters.state.layout import StateLayout
@@ -116,11 +117,16 @@ def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedError
     finite = finite_frames(history)[rows]
     rows, true_rows = rows[finite], true_rows[finite]
     error = layout.local(history.mean[rows], true_states(truth, layout)[true_rows])
-    factor = history.factor[rows]
-    blocks = {
-        b: normalised_square(error[:, layout.slice(b)], factor[:, layout.slice(b)]) for b in layout.blocks
-    }
-    return NormalisedErrors(history.time[rows], normalised_square(error, factor), layout.error_dim, blocks)
+
+    def derive(part: slice) -> dict[str, np.ndarray]:
+        away, factor = error[part], history.factor[rows[part]]
+        blocks = {
+            b: normalised_square(away[:, layout.slice(b)], factor[:, layout.slice(b)]) for b in layout.blocks
+        }
+        return {"total": normalised_square(away, factor), **blocks}
+
+    squares = by_stretches(len(rows), derive)
+    return NormalisedErrors(history.time[rows], squares.pop("total"), layout.error_dim, squares)
 
 
 def normalised_square(

@@ -1,8 +1,10 @@
 """Quantities that follow from a state, with their derivative by the state's error."""
 
 from collections.abc import Callable
+from typing import Final
 
 import casadi as ca
+import numpy as np
 
 from spinfilters.attitude.expressions import Expression
 from spinfilters.state.layout import StateLayout
@@ -10,6 +12,20 @@ from spinfilters.symbolic import Compiled
 
 Quantity = Callable[[dict[str, Expression]], Expression]
 """A column vector or matrix of the blocks of a state (as `StateLayout.unpack`)."""
+STRETCH: Final[int] = 1024
+"""Frames whose derivatives are in memory together: they take ten times the room of what follows from them."""
+
+
+def by_stretches(frames: int, derive: Callable[[slice], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """Named arrays over so many frames, at least one, from those of stretches of the frames."""
+    whole: dict[str, np.ndarray] = {}
+    for start in range(0, frames, STRETCH):
+        rows = slice(start, min(start + STRETCH, frames))
+        for name, part in derive(rows).items():
+            if name not in whole:
+                whole[name] = np.empty((frames, *part.shape[1:]), part.dtype)
+            whole[name][rows] = part
+    return whole
 
 
 def with_error_jacobian(layout: StateLayout, name: str, quantity: Quantity) -> Compiled:

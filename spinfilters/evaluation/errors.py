@@ -11,6 +11,7 @@ from spinfilters.attitude.conversions import inverse, multiply, rotate, rotation
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.body import BodyEstimate
+from spinfilters.evaluation.derived import STRETCH, by_stretches
 from spinfilters.evaluation.trajectory import Trajectory
 from spinfilters.logs.truth import Truth
 
@@ -168,21 +169,24 @@ def truth_errors(trajectory: Trajectory, truth: Truth, alignment: Alignment = Al
     InputError: when no two stamps agree within `TIME_TOLERANCE`, or the trajectory is finite at none of them.
     """
     rows, true_rows = _finite_stamps(trajectory, truth)
-    q, q_true = trajectory.q_ig[rows], truth.q_ig[true_rows]
-    frame = _turn_of_frame(q, q_true, alignment)
-    q_expected = q_true if frame is None else multiply(q_true, frame)
-    position = velocity = None
-    if trajectory.sees_position:
-        position = trajectory.position[rows] - truth.center_of_mass[true_rows]
-        velocity = trajectory.velocity[rows] - truth.velocity[true_rows]
+    frame = _turn_of_frame(trajectory.q_ig[rows], truth.q_ig[true_rows], alignment)
+
+    def derive(part: slice) -> dict[str, np.ndarray]:
+        here, there = rows[part], true_rows[part]
+        q_true = truth.q_ig[there] if frame is None else multiply(truth.q_ig[there], frame)
+        turn = multiply(inverse(q_true), trajectory.q_ig[here])
+        turning = {
+            "attitude": rotation_vector_from_quaternion(turn),
+            "rate": trajectory.rate_i[here] - truth.rate_i[there],
+        }
+        if not trajectory.sees_position:
+            return turning
+        position = trajectory.position[here] - truth.center_of_mass[there]
+        return turning | {"position": position, "velocity": trajectory.velocity[here] - truth.velocity[there]}
+
+    unseen = {} if trajectory.sees_position else dict.fromkeys(("position", "velocity"))
     return TruthErrors(
-        time=trajectory.time[rows],
-        rows=rows,
-        position=position,
-        attitude=rotation_vector_from_quaternion(multiply(inverse(q_expected), q)),
-        velocity=velocity,
-        rate=trajectory.rate_i[rows] - truth.rate_i[true_rows],
-        frame=frame,
+        time=trajectory.time[rows], rows=rows, frame=frame, **unseen, **by_stretches(len(rows), derive)
     )
 
 
@@ -212,8 +216,12 @@ def attitude_alignment(
     The mean of the quaternions q_true^-1 (x) q in the sense of Markley et al. (J. Guidance, Control, and
     Dynamics 30(4), 2007): the main eigenvector of the sum of their outer products, which knows no signs.
     """
-    difference = multiply(inverse(q_true), q)
-    mean = np.linalg.eigh(difference.T @ difference)[1][:, -1]
+    products = np.zeros((4, 4))
+    for start in range(0, len(q), STRETCH):
+        rows = slice(start, start + STRETCH)
+        difference = multiply(inverse(q_true[rows]), q[rows])
+        products += difference.T @ difference
+    mean = np.linalg.eigh(products)[1][:, -1]
     return mean * (-1.0 if mean[3] < 0 else 1.0)
 
 

@@ -1,12 +1,13 @@
 """Everything that is said of one estimator's run, put together once for tables, files and figures."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.body import BodyEstimate, BodyHistory, body_history
+from spinfilters.evaluation.body import BodyEstimate, BodyHistory, body_estimate, body_history
 from spinfilters.evaluation.bound import ErrorBound
 from spinfilters.evaluation.consistency import (
     NormalisedErrors,
@@ -36,7 +37,6 @@ class Evaluation:
 
     Attributes
     ----------
-    bodies: after every frame; `body` is the last.
     alignment: that was applied before the estimate was compared with the truth.
     errors, body_errors: against the truth, None without one.
     nees: None when the truth does not tell the whole state in the estimate's frames.
@@ -44,8 +44,6 @@ class Evaluation:
     """
 
     history: EstimateHistory
-    trajectory: Trajectory
-    bodies: BodyHistory
     alignment: Alignment = Alignment.NONE
     errors: TruthErrors | None = None
     body_errors: BodyErrors | None = None
@@ -58,9 +56,19 @@ class Evaluation:
         return self.history.name
 
     @property
+    def trajectory(self) -> Trajectory:
+        """The motion after every frame, made anew from the history: a long recording has no room for both."""
+        return trajectory_of(self.history)
+
+    @property
+    def bodies(self) -> BodyHistory:
+        """The body after every frame, made anew; `body` is the last."""
+        return body_history(self.history)
+
+    @cached_property
     def body(self) -> BodyEstimate:
         """The body after the last frame."""
-        return self.bodies.at(-1)
+        return body_estimate(self.history.belief(-1))
 
     @property
     def own_begin(self) -> float | None:
@@ -83,7 +91,7 @@ class Evaluation:
 def evaluate(
     history: EstimateHistory, truth: Truth | None = None, alignment: Alignment = Alignment.NONE
 ) -> Evaluation:
-    """Trajectory and body of a history, and their errors where there is a truth.
+    """A history, with its errors where there is a truth.
 
     A history that is not finite throughout, or whose numbers cannot be evaluated, is ``failed``: its errors are those of the frames
     that are finite, and it has none where no frame is.
@@ -129,7 +137,8 @@ def _with_status(history: EstimateHistory) -> EstimateHistory:
 def _described(history: EstimateHistory) -> Evaluation:
     """Without a truth; of a history whose numbers cannot be evaluated nothing remains but its frames."""
     try:
-        evaluation = Evaluation(history, trajectory_of(history), body_history(history))
+        evaluation = Evaluation(history)
+        body_history(history)
         finite = evaluation.trajectory.is_finite.all() or history.status.verdict is Verdict.FAILED
         return (
             evaluation
@@ -140,7 +149,7 @@ def _described(history: EstimateHistory) -> Evaluation:
         status = history.status.failed(f"the estimate could not be evaluated ({reason(error)})")
         mean, factor = np.full_like(history.mean, np.nan), np.full_like(history.factor, np.nan)
         lost = replace(history, mean=mean, factor=factor, status=status)
-        return Evaluation(lost, trajectory_of(lost), body_history(lost))
+        return Evaluation(lost)
 
 
 def _failed(evaluation: Evaluation, why: str) -> Evaluation:

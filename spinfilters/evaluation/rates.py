@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from spinfilters.attitude.conversions import inverse, rotate
 from spinfilters.estimators.history import EstimateHistory
+from spinfilters.evaluation.derived import by_stretches
 from spinfilters.logs.measurement_log import MeasurementStream
 from spinfilters.logs.truth import Truth
 
@@ -33,15 +34,19 @@ class BodyRates:
 
     def in_axes(self, axes: Float[np.ndarray, "3 3"]) -> "BodyRates":
         """The same rates along other axes, given as rows in the present ones (R_bg for principal axes b)."""
-        covariance = None if self.covariance is None else axes @ self.covariance @ axes.T
-        return BodyRates(self.label, self.time, self.rate @ axes.T, covariance)
+        own, rate = self.covariance, self.rate @ axes.T
+        if own is None:
+            return BodyRates(self.label, self.time, rate)
+        turned = by_stretches(len(own), lambda rows: {"P": axes @ own[rows] @ axes.T})
+        return BodyRates(self.label, self.time, rate, turned["P"])
 
 
 def estimated_rates(history: EstimateHistory) -> BodyRates:
     """Block w of a history, axes g, labelled with the estimator's name."""
     factor = history.factor[:, history.layout.slice("w")]
     rate = history.mean[:, history.layout.mean_slice("w")]
-    return BodyRates(history.name, history.time, rate, factor @ np.swapaxes(factor, 1, 2))
+    squares = by_stretches(len(rate), lambda rows: {"P": factor[rows] @ np.swapaxes(factor[rows], 1, 2)})
+    return BodyRates(history.name, history.time, rate, squares["P"])
 
 
 def true_rates(truth: Truth, frame: Float[np.ndarray, "4"] | None = None) -> BodyRates:

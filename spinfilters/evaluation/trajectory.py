@@ -12,11 +12,11 @@ from jaxtyping import Bool, Float, Int
 from spinfilters.attitude.expressions import Expression, rotate
 from spinfilters.errors import InputError, ShapeError
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.derived import with_error_jacobian
+from spinfilters.evaluation.derived import by_stretches, with_error_jacobian
 from spinfilters.logs.atomic_write import write_bytes
 from spinfilters.logs.input_file import MAX_TABLE_BYTES, named, require_file
 from spinfilters.logs.measurement_log import normalised
-from spinfilters.logs.pose_files import write_tum_rows
+from spinfilters.logs.pose_files import write_poses
 from spinfilters.logs.table_files import write_csv
 from spinfilters.logs.truth import TRUTH_COLUMNS
 from spinfilters.state.layout import StateLayout
@@ -69,28 +69,33 @@ class Trajectory:
 def trajectory_of(history: EstimateHistory) -> Trajectory:
     """Motion of a history: r = t + R c and rate R w, their covariances with all cross terms of the state."""
     layout = history.layout
-    value, derivative = _motion(layout)(history.mean)
-    std = np.linalg.norm(derivative @ history.factor, axis=2)
-    std_attitude = np.linalg.norm(history.factor[:, layout.slice("a")], axis=2)
-    return Trajectory(
-        time=history.time,
-        position=value[:, 0:3],
-        q_ig=normalised(history.mean[:, layout.mean_slice("a")]),
-        velocity=value[:, 3:6],
-        rate_i=value[:, 6:9],
-        std_position=std[:, 0:3],
-        std_attitude=std_attitude,
-        std_velocity=std[:, 3:6],
-        std_rate=std[:, 6:9],
-        sees_position="t" in layout.blocks,
-    )
+
+    def derive(rows: slice) -> dict[str, np.ndarray]:
+        value, derivative = _motion(layout)(history.mean[rows])
+        std = np.linalg.norm(derivative @ history.factor[rows], axis=2)
+        return {
+            "q_ig": normalised(history.mean[rows, layout.mean_slice("a")]),
+            "std_attitude": np.linalg.norm(history.factor[rows, layout.slice("a")], axis=2),
+            **{name: value[:, columns] for name, columns in moving.items()},
+            **{f"std_{name.removesuffix('_i')}": std[:, columns] for name, columns in moving.items()},
+        }
+
+    sees_position = "t" in layout.blocks
+    places = {"position": slice(0, 3), "velocity": slice(3, 6)}
+    moving = (places if sees_position else {}) | {"rate_i": slice(6, 9)}
+    motion = by_stretches(len(history.time), derive)
+    if not sees_position:
+        nothing = np.broadcast_to(0.0, (len(history.time), 3))
+        motion |= {name: nothing for place in places for name in (place, f"std_{place}")}
+    return Trajectory(time=history.time, sees_position=sees_position, **motion)
 
 
 def write_trajectory_csv(path: Path, trajectory: Trajectory) -> None:
     """Write `TRAJECTORY_COLUMNS`, so that reading gives the same bits. Atomic."""
     motion = [trajectory.position, trajectory.q_ig, trajectory.velocity, trajectory.rate_i]
     std = [trajectory.std_position, trajectory.std_attitude, trajectory.std_velocity, trajectory.std_rate]
-    write_csv(path, TRAJECTORY_COLUMNS, [trajectory.time, *np.hstack([*motion, *std]).T])
+    columns = [column for block in (*motion, *std) for column in block.T]
+    write_csv(path, TRAJECTORY_COLUMNS, [trajectory.time, *columns])
 
 
 def write_trajectory_tum(path: Path, trajectory: Trajectory) -> None:
@@ -99,8 +104,8 @@ def write_trajectory_tum(path: Path, trajectory: Trajectory) -> None:
     Frames that are not finite are left out: no reader of the format takes them. The file is a line of comment where none is.
     Mind that `poses.tum` of a data set holds the origin of g instead of the centre of mass.
     """
-    rows = np.column_stack([trajectory.time, trajectory.position, trajectory.q_ig])
-    write_tum_rows(path, rows[trajectory.is_finite])
+    held = trajectory.is_finite
+    write_poses(path, trajectory.time[held], trajectory.position[held], trajectory.q_ig[held])
 
 
 def write_map_ply(path: Path, points: Float[np.ndarray, "k 3"]) -> None:

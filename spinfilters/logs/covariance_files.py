@@ -7,7 +7,7 @@ import numpy as np
 
 from spinfilters.errors import InputError
 from spinfilters.logs.input_file import named
-from spinfilters.logs.measurement_log import SENSOR_FORMATS, MeasurementStream
+from spinfilters.logs.measurement_log import SENSOR_FORMATS, MeasurementStream, first_not_definite
 from spinfilters.logs.number_range import NumberRange
 from spinfilters.logs.table_files import read_csv, write_csv
 
@@ -54,6 +54,9 @@ def with_covariance(stream: MeasurementStream, path: Path) -> MeasurementStream:
         raise table.error(
             int(small[0]), f"a variance is not positive or below {SMALLEST_VARIANCE:g}; correct it"
         )
+    row = first_not_definite(covariance)
+    if row is not None:
+        raise table.error(row, "the covariance is not positive definite; give every component a variance")
     try:
         return MeasurementStream(stream.sensor, stream.time, stream.values, stream.ids, covariance)
     except InputError as error:

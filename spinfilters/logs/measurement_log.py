@@ -18,6 +18,7 @@ _UNIT_ROUNDING = (
     4.0 * np.finfo(np.float64).eps
 )  # a norm this near 1 is left alone, so that reading twice changes nothing
 
+_ROWS = 4096  # covariances that are factored at once
 _ASYMMETRY = (
     1e-9  # of a covariance, per product of standard deviations: what the rounding of an inverse leaves
 )
@@ -184,6 +185,15 @@ def first_not_unit(quaternion: Float[np.ndarray, "n 4"]) -> int | None:
     return int(rows[0]) if rows.size else None
 
 
+def first_not_definite(covariance: Float[np.ndarray, "n k k"]) -> int | None:
+    """First row whose matrix is not positive definite beyond rounding, None when there is none."""
+    for start in range(0, len(covariance), _ROWS):  # a good table needs a call for thousands of rows
+        if not is_definite(covariance[start : start + _ROWS]):
+            rows = range(start, min(start + _ROWS, len(covariance)))
+            return next(row for row in rows if not is_definite(covariance[row]))
+    return None
+
+
 def normalised(quaternion: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
     """Unit quaternions; rows that are unit to rounding keep their bits."""
     norm = np.linalg.norm(quaternion, axis=1, keepdims=True)
@@ -247,15 +257,20 @@ def _check_values(stream: MeasurementStream) -> None:
 
 
 def _check_covariance(stream: MeasurementStream, covariance: Float[np.ndarray, "n k k"]) -> None:
-    if not np.isfinite(covariance).all():
-        raise InputError(f"{stream.sensor} covariance: not finite; leave out those rows")
+    finite = np.isfinite(covariance).all(axis=(1, 2))
+    if not finite.all():
+        row = int(np.argmin(finite))
+        raise InputError(f"{stream.sensor} covariance of row {row}: not finite; leave out that row")
     std = np.sqrt(np.abs(np.diagonal(covariance, axis1=1, axis2=2)))
     asymmetry = np.abs(covariance - covariance.transpose(0, 2, 1))
-    if not (asymmetry <= _ASYMMETRY * std[:, :, None] * std[:, None, :]).all():
-        raise InputError(f"{stream.sensor} covariance: not symmetric; give (P + P') / 2")
-    if not is_definite(covariance):
+    symmetric = (asymmetry <= _ASYMMETRY * std[:, :, None] * std[:, None, :]).all(axis=(1, 2))
+    if not symmetric.all():
+        row = int(np.argmin(symmetric))
+        raise InputError(f"{stream.sensor} covariance of row {row}: not symmetric; give (P + P') / 2")
+    row = first_not_definite(covariance)
+    if row is not None:
         raise InputError(
-            f"{stream.sensor} covariance: not positive definite; give every component a variance"
+            f"{stream.sensor} covariance of row {row}: not positive definite; give every component a variance"
         )
 
 

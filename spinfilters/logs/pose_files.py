@@ -33,14 +33,20 @@ def read_tum(path: Path) -> MeasurementStream:
 
 def write_tum(path: Path, stream: MeasurementStream) -> None:
     """Write a pose stream with at least 9 decimals and as many as give the same bits when read. Atomic."""
-    write_tum_rows(path, np.column_stack([stream.time, stream.values]))
+    write_poses(path, stream.time, stream.values[:, :3], stream.values[:, 3:])
 
 
-def write_tum_rows(path: Path, rows: Float[np.ndarray, "n 8"]) -> None:
-    """Write rows of `TUM_COLUMNS`, which may be none, as `write_tum` does."""
+def write_poses(
+    path: Path,
+    time: Float[np.ndarray, " n"],
+    position: Float[np.ndarray, "n 3"],
+    quaternion: Float[np.ndarray, "n 4"],
+) -> None:
+    """Write times (s), positions (m) and unit quaternions as `write_tum` does."""
     with atomic_file(path) as file:
         file.write(f"# {' '.join(TUM_COLUMNS)}\n".encode())
-        file.writelines((" ".join(map(_decimal, row)) + "\n").encode() for row in rows)
+        for row in zip(time, position, quaternion, strict=True):
+            file.write((" ".join(map(_decimal, np.hstack(row))) + "\n").encode())
 
 
 def require_unit_quaternions(table: Table, column: int) -> None:

@@ -15,7 +15,7 @@ from spinfilters.logs.atomic_write import atomic_file
 from spinfilters.logs.input_file import named, reason, require_text_table, shown
 from spinfilters.logs.number_range import NumberRange
 
-_WRITE_ROWS = 65536  # rows turned into text at a time, which bounds the memory of a writer
+_WRITE_ROWS = 4096  # rows turned into text at a time, which bounds the memory of a writer
 
 
 @dataclass(frozen=True)

@@ -106,7 +106,8 @@ def read_truth(folder: Path) -> Truth | None:
 def write_truth(truth: Truth, folder: Path) -> None:
     """Write `truth.csv`, and `truth.toml` if the body is known; reading gives the same bits. Atomic each."""
     arrays = [getattr(truth, name) for name in _TRAJECTORY_SHAPES]
-    write_csv(folder / TRUTH_TABLE, TRUTH_COLUMNS, [truth.time, *np.hstack(arrays).T])
+    columns = [column for array in arrays for column in array.T]
+    write_csv(folder / TRUTH_TABLE, TRUTH_COLUMNS, [truth.time, *columns])
     if truth.body:
         write_toml(folder / TRUTH_BODY, {name: value.tolist() for name, value in truth.body.items()})
 

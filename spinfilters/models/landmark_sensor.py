@@ -48,6 +48,8 @@ class NewLandmarks(NamedTuple):
 class LandmarkSensor(MeasurementModel):
     """A sensor whose parameters begin with the landmark's point in frame g (3, m)."""
 
+    known_by = 3
+
     @abstractmethod
     def landmark(
         self, state: dict[str, Expression], measured: Expression, parameters: Expression

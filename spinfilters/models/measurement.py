@@ -41,6 +41,7 @@ class MeasurementModel(ABC):
     value_dim: dimension of a measured value (a pose has 7 numbers and an innovation of 6).
     parameter_dim: dimension of what accompanies each measurement: landmark, calibration, noise.
     needs: state blocks that the measurement depends on.
+    known_by: leading parameters that tell what is measured, by which it is known again; None for all of them.
     """
 
     name: str
@@ -48,6 +49,7 @@ class MeasurementModel(ABC):
     value_dim: int
     parameter_dim: int
     needs: tuple[str, ...]
+    known_by: int | None = None
 
     def __init__(self, layout: StateLayout) -> None:
         self.layout = layout

@@ -8,6 +8,7 @@ from spinfilters.errors import InputError
 from spinfilters.geometry.triangulation import triangulate
 from spinfilters.logs.measurement_log import MeasurementStream
 from spinfilters.logs.track_files import KnownMap
+from spinfilters.models.sensor_noise import NoiseLevel, noise_of_rows
 from spinfilters.perception.map_in_progress import MapInProgress
 from spinfilters.perception.pose_fit import FittedPose, fit_pose
 from spinfilters.perception.track_poses import find_landmarks, pose_stream, track_frames
@@ -21,7 +22,7 @@ SMALLEST_DISPARITY_PX = 0.1
 def poses_without_map(
     tracks: MeasurementStream,
     calibration: Float[np.ndarray, " 5"],
-    pixel_std: float,
+    noise: NoiseLevel,
     frames: int | None = None,
 ) -> tuple[MeasurementStream, KnownMap]:
     """Poses and a map from tracks alone; frame g stands at the median of the first frame's points, axes along i.
@@ -33,6 +34,7 @@ def poses_without_map(
 
     Parameters
     ----------
+    noise: of the tracks: a standard deviation (px), or the covariance of every row (px^2).
     frames: how many of the first frames to look at; all when None.
 
     Raises
@@ -45,16 +47,14 @@ def poses_without_map(
     building, fits = MapInProgress.empty(ids), {}
     for time, rows in chosen:
         fits[time] = (
-            _pose(tracks, rows, building, calibration, pixel_std)
-            if fits
-            else _first(tracks, rows, calibration)
+            _pose(tracks, rows, building, calibration, noise) if fits else _first(tracks, rows, calibration)
         )
-        _add_sightings(tracks, rows, fits[time], building, calibration, pixel_std)
+        _add_sightings(tracks, rows, fits[time], building, calibration, noise)
     for _ in range(PASSES):
         complete, building = building, MapInProgress.empty(ids)
         for time, rows in chosen:
-            fits[time] = _pose(tracks, rows, complete, calibration, pixel_std)
-            _add_sightings(tracks, rows, fits[time], building, calibration, pixel_std)
+            fits[time] = _pose(tracks, rows, complete, calibration, noise)
+            _add_sightings(tracks, rows, fits[time], building, calibration, noise)
     seen = np.flatnonzero(building.seen)
     return pose_stream(fits), KnownMap(ids[seen], building.points(seen)[0])
 
@@ -71,7 +71,7 @@ def _first(tracks: MeasurementStream, rows: slice, calibration: np.ndarray) -> F
 
 
 def _pose(
-    tracks: MeasurementStream, rows: slice, known: MapInProgress, calibration: np.ndarray, pixel_std: float
+    tracks: MeasurementStream, rows: slice, known: MapInProgress, calibration: np.ndarray, noise: NoiseLevel
 ) -> FittedPose | None:
     assert tracks.ids is not None
     index, _ = find_landmarks(known.ids, tracks.ids[rows])
@@ -79,7 +79,8 @@ def _pose(
     if np.count_nonzero(found) < 4:
         return None
     points, covariance = known.points(index[found])
-    return fit_pose(points, tracks.values[rows][found], calibration, pixel_std, covariance)
+    own = noise_of_rows(noise_of_rows(noise, rows), found)
+    return fit_pose(points, tracks.values[rows][found], calibration, own, covariance)
 
 
 def _add_sightings(
@@ -88,14 +89,15 @@ def _add_sightings(
     fitted: FittedPose | None,
     building: MapInProgress,
     calibration: np.ndarray,
-    pixel_std: float,
+    noise: NoiseLevel,
 ) -> None:
     if fitted is None:
         return
     assert tracks.ids is not None
     camera, good = _triangulated(tracks, rows, calibration)
     R = matrix_from_quaternion(fitted.pose[3:])
-    information = R.T @ _point_information(camera[good], calibration) @ R / pixel_std**2
+    own = noise_of_rows(noise_of_rows(noise, rows), good)
+    information = R.T @ _point_information(camera[good], calibration, own) @ R
     where, _ = find_landmarks(building.ids, tracks.ids[rows][good])
     building.add(where, information, (camera[good] - fitted.pose[:3]) @ R)
 
@@ -110,13 +112,15 @@ def _triangulated(
 
 
 def _point_information(
-    camera: Float[np.ndarray, "k 3"], calibration: np.ndarray
+    camera: Float[np.ndarray, "k 3"], calibration: np.ndarray, noise: NoiseLevel
 ) -> Float[np.ndarray, "k 3 3"]:
-    """Information of a triangulated point per px^2, camera frame: J'J of (u_left, v_left, u_right)."""
+    """Information of a triangulated point, camera frame: J' N^-1 J of (u_left, v_left, u_right) with noise N."""
     fx, fy, _, _, baseline = calibration
     x, y, z = camera.T
     J = np.zeros((len(camera), 3, 3))
     J[:, 0, 0] = J[:, 2, 0] = fx / z
     J[:, 1, 1] = fy / z
     J[:, 0, 2], J[:, 1, 2], J[:, 2, 2] = -fx * x / z**2, -fy * y / z**2, -fx * (x - baseline) / z**2
-    return np.swapaxes(J, 1, 2) @ J
+    roots = noise if isinstance(noise, float | int) else np.linalg.cholesky(noise)
+    whitened = J / roots if isinstance(roots, float | int) else np.linalg.solve(roots, J)
+    return np.swapaxes(whitened, 1, 2) @ whitened

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.linear_algebra.definite import is_definite
+from spinfilters.models.sensor_noise import NoiseLevel, SensorNoiseModel, noise_model
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.perception.pose_consensus import SMALLEST_SHARE, consensus_pose
 from spinfilters.state.layout import StateLayout
@@ -31,15 +32,15 @@ class FittedPose:
 
 
 @cache
-def _stereo() -> StereoLandmark:
-    return StereoLandmark(StateLayout(("t", "a")))
+def _stereo(noise: SensorNoiseModel) -> StereoLandmark:
+    return StereoLandmark(StateLayout(("t", "a")), noise)
 
 
 def fit_pose(
     points: Float[np.ndarray, "k 3"],
     pixels: Float[np.ndarray, "k 3"],
     calibration: Float[np.ndarray, " 5"],
-    pixel_std: float,
+    noise: NoiseLevel,
     covariance: Float[np.ndarray, "k 3 3"] | None = None,
 ) -> FittedPose | None:
     """Pose of g in i that reprojects map points (frame g, m) onto rectified pixels; None when fewer than four matches agree.
@@ -47,11 +48,11 @@ def fit_pose(
     Parameters
     ----------
     calibration: (fx, fy, cx, cy, baseline) of the rig.
-    pixel_std: standard deviation of each pixel coordinate.
+    noise: standard deviation (px) of each pixel coordinate, or (k, 3, 3) covariances of the matches (px^2).
     covariance: of the points, m^2, frame g; None for a map that is known exactly. A triangulated depth is so uncertain that
         a fit without it would turn the body to please the depths.
     """
-    model, parameters = _stereo(), stereo_parameters(points, calibration, pixel_std)
+    model, parameters = _stereo(noise_model(noise, 3)), stereo_parameters(points, calibration, noise)
     pose = consensus_pose(points, pixels, calibration)
     if pose is None:
         return None

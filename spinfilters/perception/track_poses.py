@@ -8,13 +8,18 @@ from jaxtyping import Float
 from spinfilters.errors import InputError
 from spinfilters.logs.measurement_log import MeasurementStream
 from spinfilters.logs.track_files import KnownMap
+from spinfilters.models.sensor_noise import NoiseLevel, noise_of_rows
 from spinfilters.perception.pose_fit import FittedPose, fit_pose
 
 
 def poses_with_map(
-    tracks: MeasurementStream, known: KnownMap, calibration: Float[np.ndarray, " 5"], pixel_std: float
+    tracks: MeasurementStream, known: KnownMap, calibration: Float[np.ndarray, " 5"], noise: NoiseLevel
 ) -> MeasurementStream:
     """One pose per frame that sees at least four landmarks of the map.
+
+    Parameters
+    ----------
+    noise: of the tracks: a standard deviation (px), or the covariance of every row (px^2).
 
     Raises
     ------
@@ -24,7 +29,8 @@ def poses_with_map(
     fits: dict[float, FittedPose | None] = {}
     for time, rows in track_frames(tracks):
         index, found = find_landmarks(known.ids, tracks.ids[rows])
-        fits[time] = fit_pose(known.points[index[found]], tracks.values[rows][found], calibration, pixel_std)
+        own = noise_of_rows(noise_of_rows(noise, rows), found)
+        fits[time] = fit_pose(known.points[index[found]], tracks.values[rows][found], calibration, own)
     return pose_stream(fits)
 
 

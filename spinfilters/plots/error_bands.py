@@ -40,7 +40,7 @@ def error_bands_figure(evaluation: Evaluation) -> Figure:
     Without a truth the estimates themselves, with the attitude's uncertainty about zero.
     """
     rows = _error_rows(evaluation) if evaluation.errors is not None else _estimate_rows(evaluation)
-    time = evaluation.trajectory.time if evaluation.errors is None else evaluation.errors.time
+    time = evaluation.history.time if evaluation.errors is None else evaluation.errors.time
     start_end = evaluation.history.initialisation_end
     figure = Figure(figsize=(11.0, 1.0 + 1.95 * len(rows)), layout="constrained")
     panels = figure.subplots(len(rows), 3, sharex=True, squeeze=False)

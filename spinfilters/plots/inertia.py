@@ -8,12 +8,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from spinfilters.evaluation.body import BodyHistory
+from spinfilters.evaluation.body import BodyHistory, body_history
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.evaluation.rounding import with_uncertainty
 from spinfilters.evaluation.span import initialisation_end
 from spinfilters.plots.style import (
     GREY,
+    MOST_DRAWN,
     SIGMAS,
     EstimatorLine,
     estimator_lines,
@@ -37,15 +38,16 @@ def inertia_figure(
     figure = Figure(figsize=(10.0, 6.4), layout="constrained")
     panels = figure.subplots(2, 1, sharex=True)
     lines = estimator_lines([evaluation.name for evaluation in evaluations])
-    time, start_end = evaluations[0].bodies.time, initialisation_end(evaluations)
+    histories = [body_history(evaluation.history.thinned(MOST_DRAWN)) for evaluation in evaluations]
+    time, start_end = histories[0].time, initialisation_end(evaluations)
     for index, axes in enumerate(panels):
-        for evaluation, line in zip(evaluations, lines, strict=True):
-            _ratio(axes, evaluation.bodies, index, line)
+        for bodies, line in zip(histories, lines, strict=True):
+            _ratio(axes, bodies, index, line)
         if true_moments is not None:
             value = np.sort(true_moments)[index] / np.max(true_moments)
             plot_truth(axes, time[[0, -1]], np.array([value, value]))
         mark_start(axes, time[0], start_end)
-        _limits(axes, [evaluation.bodies for evaluation in evaluations], index)
+        _limits(axes, histories, index)
         axes.set_ylabel(f"{RATIO_LABELS[index]}  [-]")
         tidy(axes)
     panels[-1].set_xlabel("time [s]")

@@ -20,6 +20,8 @@ from spinfilters.plots.style import (
     note_figure,
 )
 
+_MOST_DOTS = 2000  # more lie upon one another
+
 
 def estimated_polhode_figure(rates: BodyRates, body: BodyEstimate, initialisation: int = 0) -> Figure:
     """Estimated rates (axes g) in principal axes, with ellipsoids and polhode of the last rate; a note where that is not finite.
@@ -42,6 +44,8 @@ def estimated_polhode_figure(rates: BodyRates, body: BodyEstimate, initialisatio
     draw_wires(axes, curve.momentum_semi_axes, RED)
     for branch in curve.curves:
         axes.plot(*branch.T, color=BLACK, linewidth=1.6, zorder=3)
+    step = max(1, len(path) // _MOST_DOTS)
+    path, time = path[::step], time[::step]
     before, own = path[time < begin], path[time >= begin]
     axes.scatter(*before.T, s=16, facecolors="none", edgecolors=PURPLE, depthshade=False, zorder=4)
     dots = axes.scatter(*own.T, c=time[time >= begin], cmap="cividis", s=18, depthshade=False, zorder=5)

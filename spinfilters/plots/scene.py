@@ -17,6 +17,7 @@ from spinfilters.plots.style import (
     BLACK,
     GREY,
     INITIALISATION,
+    MOST_DRAWN,
     PRINCIPAL_NAMES,
     SKY,
     legend_below,
@@ -155,8 +156,9 @@ def _last_revolutions(trajectory: Trajectory) -> int:
 
 
 def _momentum_direction(trajectory: Trajectory, body: BodyEstimate) -> Float[np.ndarray, "3"]:
-    R_ib = matrix_from_quaternion(trajectory.q_ig) @ body.principal_axes_g.T
-    rate_b = np.einsum("nij,ni->nj", R_ib, trajectory.rate_i)
+    step = -(-len(trajectory.time) // MOST_DRAWN)
+    R_ib = matrix_from_quaternion(trajectory.q_ig[::step]) @ body.principal_axes_g.T
+    rate_b = np.einsum("nij,ni->nj", R_ib, trajectory.rate_i[::step])
     momentum = np.einsum("nij,nj->i", R_ib, body.principal_moments * rate_b)
     length = float(np.linalg.norm(momentum))
     return momentum / length if length > 0 else momentum

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -44,6 +44,8 @@ _DASHES: Final[tuple[tuple[float, tuple[float, ...]], ...]] = (
     (0.0, (1.0, 1.5)),
     (0.0, (6.0, 1.5, 1.0, 1.5)),
 )
+MOST_DRAWN: Final[int] = 8000
+"""Points of a curve: four times as many as a picture has columns."""
 _DPI = 150
 _LETTER_INCHES, _HANDLE_INCHES = 0.078, 0.75  # of a legend's entries at the default font size
 
@@ -59,11 +61,12 @@ class EstimatorLine:
 
     def draw(self, axes: Axes, time: np.ndarray, values: np.ndarray) -> None:
         """A course over time."""
-        axes.plot(time, values, color=self.color, linestyle=self.dashes, linewidth=self.width)
+        rows = extremes(values)
+        axes.plot(time[rows], values[rows], color=self.color, linestyle=self.dashes, linewidth=self.width)
 
     def fill(self, axes: Axes, time: np.ndarray, centre: np.ndarray, half: np.ndarray) -> None:
         """A translucent band."""
-        axes.fill_between(time, centre - half, centre + half, color=self.color, alpha=0.17, linewidth=0)
+        fill_band(axes, time, centre, half, self.color)
 
     @property
     def handle(self) -> Line2D:
@@ -84,6 +87,29 @@ def estimator_lines(names: Sequence[str]) -> list[EstimatorLine]:
     ]
 
 
+def extremes(*curves: np.ndarray) -> Int[np.ndarray, " k"] | slice:
+    """Points of curves that a picture can show: of a long one the smallest and largest of every stretch, and both ends."""
+    count = len(curves[0])
+    if count <= MOST_DRAWN:
+        return slice(None)
+    starts = np.linspace(0, count, MOST_DRAWN // (2 * len(curves)), endpoint=False).astype(int)
+    rows = [starts[:1], np.array([count - 1])]
+    for curve in curves:
+        parts = np.split(curve, starts[1:])
+        rows += [
+            starts + [int(part.argmin()) for part in parts],
+            starts + [int(part.argmax()) for part in parts],
+        ]
+    return np.unique(np.concatenate(rows))
+
+
+def fill_band(axes: Axes, time: np.ndarray, centre: np.ndarray, half: np.ndarray, color: str) -> None:
+    """A translucent band of a half width about a course over time."""
+    low, high = centre - half, centre + half
+    rows = extremes(low, high)
+    axes.fill_between(time[rows], low[rows], high[rows], color=color, alpha=0.17, linewidth=0)
+
+
 def mark_start(axes: Axes, first: float, start_end: float | None) -> None:
     """Shade the times (s) of the filters' initialisation, from the first epoch on."""
     if start_end is not None:
@@ -102,7 +128,8 @@ def truth_handle(label: str = "truth") -> Line2D:
 
 def plot_truth(axes: Axes, time: np.ndarray, values: np.ndarray) -> None:
     """The true course, as in `truth_handle`."""
-    axes.plot(time, values, color=BLACK, linestyle=(0, (2, 1.5)), linewidth=1.3, zorder=4)
+    rows = extremes(values)
+    axes.plot(time[rows], values[rows], color=BLACK, linestyle=(0, (2, 1.5)), linewidth=1.3, zorder=4)
 
 
 def legend_below(figure: Figure, handles: Sequence[Artist]) -> None:

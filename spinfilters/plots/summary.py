@@ -22,6 +22,8 @@ from spinfilters.plots.style import (
     SIGMAS,
     EstimatorLine,
     estimator_lines,
+    extremes,
+    fill_band,
     finite_quantile,
     mark_start,
     plot_truth,
@@ -94,12 +96,13 @@ def _rates_panel(axes: Axes, evaluation: Evaluation, reference: BodyRates | None
     principal = evaluation.body.principal_axes_g
     rates = estimated_rates(evaluation.history).in_axes(principal)
     assert rates.std is not None
+    true = None if reference is None else reference.in_axes(principal)
     for k, (name, colour) in enumerate(zip(PRINCIPAL_NAMES, AXIS_COLOURS, strict=True)):
         value, band = np.rad2deg(rates.rate[:, k]), SIGMAS * np.rad2deg(rates.std[:, k])
-        axes.fill_between(rates.time, value - band, value + band, color=colour, alpha=0.2, linewidth=0)
-        axes.plot(rates.time, value, color=colour, linewidth=1.8, label=f"{name} axis")
-        if reference is not None:
-            true = reference.in_axes(principal)
+        fill_band(axes, rates.time, value, band, colour)
+        rows = extremes(value)
+        axes.plot(rates.time[rows], value[rows], color=colour, linewidth=1.8, label=f"{name} axis")
+        if true is not None:
             plot_truth(axes, true.time, np.rad2deg(true.rate[:, k]))
     if reference is not None:
         axes.plot([], [], color=BLACK, linestyle=(0, (2, 1.5)), linewidth=1.3, label=reference.label)
@@ -152,7 +155,7 @@ def _attitude_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[E
 
 def _other_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[EstimatorLine]) -> None:
     """Position, or the rate where no position is seen."""
-    sees = all(evaluation.trajectory.sees_position for evaluation in evaluations)
+    sees = all("t" in evaluation.history.layout.blocks for evaluation in evaluations)
     curves = []
     for evaluation in evaluations:
         trajectory, errors = evaluation.trajectory, evaluation.errors
@@ -174,10 +177,11 @@ def _magnitudes(
     """Length of the error, or without a truth of one standard deviation; the other as a thin grey line."""
     for evaluation, line, (std, error) in zip(evaluations, lines, curves, strict=True):
         if error is None or evaluation.errors is None:
-            line.draw(axes, evaluation.trajectory.time, std)
+            line.draw(axes, evaluation.history.time, std)
             continue
         line.draw(axes, evaluation.errors.time, error)
-        axes.plot(evaluation.trajectory.time, std, color=BLACK, linewidth=0.9, linestyle=line.dashes)
+        time, rows = evaluation.history.time, extremes(std)
+        axes.plot(time[rows], std[rows], color=BLACK, linewidth=0.9, linestyle=line.dashes)
     known = curves[0][1] is not None
     top = max(finite_quantile(std if error is None else error, 0.98) for std, error in curves)
     axes.set_ylim(0.0, 1.6 * top if top > 0 else 1.0)

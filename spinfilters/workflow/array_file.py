@@ -8,6 +8,7 @@ import warnings
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
+from typing import IO
 from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile
 
 import numpy as np
@@ -20,6 +21,8 @@ LARGEST_FILE = 2 << 30
 """Bytes, of the file and of everything in it together."""
 MOST_ARRAYS, LARGEST_RATIO, SMALL = 10_000, 50, 1 << 20
 """Bounds of what a file unpacks to: histories shrink to a third when packed, a bomb to a thousandth."""
+PIECE = 1 << 17
+"""Elements of an array that are written at a time."""
 KINDS = "biufU"
 """Kinds of elements that a file may hold: truth values, numbers and words, never objects."""
 
@@ -53,7 +56,16 @@ def write_arrays(path: Path, arrays: Mapping[str, np.ndarray], compression: int 
     with atomic_file(path) as stream, ZipFile(stream, "w", compression) as archive:
         for name, array in arrays.items():
             with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-                np.lib.format.write_array(member, array, allow_pickle=False)
+                _write_array(member, array)
+
+
+def _write_array(member: IO[bytes], array: np.ndarray) -> None:
+    """As `numpy.lib.format.write_array`, whose pieces are sixteen times as large."""
+    header = np.lib.format.header_data_from_array_1_0(array)
+    np.lib.format.write_array_header_1_0(member, header)
+    flat = array.reshape(-1, order="F" if header["fortran_order"] else "C")
+    for start in range(0, len(flat), PIECE):
+        member.write(flat[start : start + PIECE].tobytes())
 
 
 def read_arrays(path: Path) -> dict[str, np.ndarray]:

@@ -3,17 +3,19 @@
 import signal
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
+from jaxtyping import Float
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
+from spinfilters.estimators.timeline import times_of
 from spinfilters.logs.atomic_write import make_folder
 from spinfilters.logs.input_file import named
 from spinfilters.state.status import Verdict
@@ -75,12 +77,12 @@ class CheckpointFile(Keeper):
 
     Attributes
     ----------
-    identity: of the run.   time: of the frames that it is to do, s.
+    identity: of the run.   time: (k,) of the frames that it is to do, s.
     """
 
     path: Path
     identity: RunIdentity
-    time: tuple[float, ...]
+    time: Sequence[float] | Float[np.ndarray, " k"]
     pace: Pace = field(default_factory=Pace)
 
     def resume(self, estimator: Estimator) -> Checkpoint | None:
@@ -132,7 +134,7 @@ def forget(_: str) -> Keeper:
 def keep_in(folder: Path, prepared: Prepared, settings: Settings, pace: Pace | None = None) -> KeeperOf:
     """Keep every estimator's run in ``folder/<its name>/checkpoint.npz``, and go on from what is there."""
     identity = identify_run("", prepared.timeline, prepared.belief, settings.document)
-    time = tuple(frame.time for frame in prepared.timeline[len(prepared.start.frames.mean) :])
+    time = times_of(prepared.timeline[len(prepared.start.frames.mean) :])
 
     def keeper(name: str) -> Keeper:
         path = folder / name / CHECKPOINT_FILE

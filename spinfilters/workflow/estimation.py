@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.estimator import Estimator
-from spinfilters.estimators.history import EstimateHistory, GrowingHistory
+from spinfilters.estimators.history import FRAME_ARRAYS, EstimateHistory, GrowingHistory
 from spinfilters.estimators.landmarks.approximation import FirstOrder
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.landmark_filter import LandmarkFilter
@@ -17,6 +17,7 @@ from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf
 from spinfilters.estimators.run import rehearse, run
 from spinfilters.estimators.smoothing.recursive import RecursiveSmoother
+from spinfilters.estimators.timeline import times_of
 from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
 from spinfilters.logs.input_file import reason
@@ -24,7 +25,7 @@ from spinfilters.state.status import EstimatorStatus, Verdict
 from spinfilters.workflow.bound import with_bounds
 from spinfilters.workflow.checkpointing import Keeper, KeeperOf, forget
 from spinfilters.workflow.preparation import Prepared
-from spinfilters.workflow.quality import filter_doubts, judged, shared_doubts
+from spinfilters.workflow.quality import false_alarm_probability, filter_doubts, judged, shared_doubts
 from spinfilters.workflow.settings import Settings
 from spinfilters.workflow.smoothing import NAME as SMOOTHER
 from spinfilters.workflow.smoothing import begin_at_start, sliding_smoother, smooth_at_once, smoothed_history
@@ -99,7 +100,7 @@ def compare_estimators(
         if not evaluations:
             raise
         interrupted = True
-    judged_ones = _judge(evaluations, prepared)
+    judged_ones = _judge(evaluations, prepared, settings)
     bounded = judged_ones if interrupted else with_bounds(judged_ones, prepared)
     return Comparison(prepared, tuple(bounded), interrupted, maps)
 
@@ -114,12 +115,12 @@ def _estimated(
             return _smoothed(prepared, settings, follow)
         _rehearse(build_estimator(name, prepared, settings), prepared)
         estimator = build_estimator(name, prepared, settings)
-        history = _with_start(_run(name, estimator, prepared, progress, keeper_of(name)), prepared)
+        history = _with_start(*_run(name, estimator, prepared, progress, keeper_of(name)), prepared)
         return history, _map_of(estimator, history, prepared)
     except NUMERICAL_ERRORS as error:
         nothing = GrowingHistory(prepared.process.layout, prepared.start_end)
         failed = EstimatorStatus().failed(f"the estimator could not be run ({reason(error)})")
-        return _with_start(nothing.ended(name, failed), prepared), prepared.map_points
+        return _with_start(nothing.ended(name, failed), nothing, prepared), prepared.map_points
 
 
 def _smoothed(
@@ -134,12 +135,12 @@ def _smoothed(
     _rehearse(smoother, prepared)
     smoother = sliding_smoother(prepared, settings)
     assert smoother is not None
-    passed = _run(SMOOTHER, smoother, prepared, progress, keeper_of(SMOOTHER))
+    passed, rows = _run(SMOOTHER, smoother, prepared, progress, keeper_of(SMOOTHER))
     try:
         return smoothed_history(smoother, passed, prepared), smoother.sliding.window.points
     except NUMERICAL_ERRORS as error:
         status = passed.status.failed(f"the smoothed frames could not be computed ({reason(error)})")
-        return _with_start(replace(passed, status=status), prepared), smoother.sliding.window.points
+        return _with_start(replace(passed, status=status), rows, prepared), smoother.sliding.window.points
 
 
 def _maps(name: str, points: Float[np.ndarray, "k 3"] | None) -> dict[str, Float[np.ndarray, "k 3"]]:
@@ -160,15 +161,19 @@ def _check(settings: Settings, prepared: Prepared) -> None:
 
 def _run(
     name: str, estimator: Estimator, prepared: Prepared, progress: Progress, keeper: Keeper
-) -> EstimateHistory:
-    """From where the keeper left off, or from the start; a run that had ended is not made again."""
+) -> tuple[EstimateHistory, GrowingHistory]:
+    """From where the keeper left off, or from the start; a run that had ended is not made again.
+
+    Its rows have room for those of the start in front.
+    """
     rest = prepared.timeline[len(prepared.start.frames.mean) :]
     _start(estimator, prepared)
     kept = keeper.resume(estimator)
     rows = GrowingHistory(estimator.layout, prepared.start_end) if kept is None else kept.rows
+    rows.reserve(len(rest), len(prepared.start.frames.mean))
     progress(name, len(rows), len(rest))
     if kept is not None and kept.status is not None:
-        return rows.ended(name, kept.status)
+        return rows.ended(name, kept.status), rows
     with keeper.running(estimator, rows) as keep:
 
         def on_frame(_: int) -> None:
@@ -178,7 +183,7 @@ def _run(
         history = replace(run(estimator, rows.time, rest[len(rows) :], on_frame, rows), name=name)
         if not _is_cut_short(history, len(rest)):
             keeper.end(estimator, history, rows)
-    return history
+    return history, rows
 
 
 def _rehearse(estimator: Estimator, prepared: Prepared) -> None:
@@ -211,16 +216,16 @@ def _is_cut_short(history: EstimateHistory, frames: int) -> bool:
     return history.status.verdict is not Verdict.FAILED and len(history.time) < frames
 
 
-def _with_start(history: EstimateHistory, prepared: Prepared) -> EstimateHistory:
+def _with_start(history: EstimateHistory, rows: GrowingHistory, prepared: Prepared) -> EstimateHistory:
     """A filter's history with its initialisation in front: smoothed epochs, of which nothing is counted."""
     frames = prepared.start.frames
     count = len(frames.mean)
-    time = np.array([frame.time for frame in prepared.timeline[:count]])
-    uncounted = ("nis", "dof", "log_likelihood", "accepted", "rejected", "runtime")
-    before = {name: np.zeros(count, dtype=getattr(history, name).dtype) for name in uncounted}
-    before |= {"time": time, "mean": frames.mean, "factor": frames.factor}
-    rows = {name: np.concatenate([values, getattr(history, name)]) for name, values in before.items()}
-    return replace(history, initialisation=count, **rows)
+    before = dict.fromkeys(FRAME_ARRAYS, np.zeros(count)) | {
+        "time": times_of(prepared.timeline[:count]),
+        "mean": frames.mean,
+        "factor": frames.factor,
+    }
+    return rows.ended(history.name, history.status, before)
 
 
 def _evaluated(history: EstimateHistory, prepared: Prepared) -> Evaluation:
@@ -229,13 +234,14 @@ def _evaluated(history: EstimateHistory, prepared: Prepared) -> Evaluation:
     return evaluate(observed, prepared.dataset.truth, alignment)
 
 
-def _judge(evaluations: list[Evaluation], prepared: Prepared) -> list[Evaluation]:
+def _judge(evaluations: list[Evaluation], prepared: Prepared, settings: Settings) -> list[Evaluation]:
     doubts, of_filters = shared_doubts(prepared), filter_doubts(prepared)
     peers = [evaluation for evaluation in evaluations if evaluation.name in OURS]
     judged_ones = []
     for evaluation in evaluations:
         others = [peer for peer in peers if peer.history.status.verdict is not Verdict.FAILED]
         own = doubts if evaluation.name == SMOOTHER else [*doubts, *of_filters]
-        status = judged(evaluation, own, others)
+        false_alarm = false_alarm_probability(evaluation.name, prepared, settings)
+        status = judged(evaluation, own, others, false_alarm)
         judged_ones.append(replace(evaluation, history=replace(evaluation.history, status=status)))
     return judged_ones

@@ -1,5 +1,6 @@
 """The pictures of a run."""
 
+import gc
 from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -79,6 +80,7 @@ def draw_run(
     for index, (name, draw) in enumerate(figures.items()):
         progress(index, len(figures))
         draw_figure(draw, folder / name)
+        gc.collect()  # a figure is a knot of references that would wait for the next ones
     progress(len(figures), len(figures))
     return list(figures)
 

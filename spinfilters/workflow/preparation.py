@@ -13,7 +13,7 @@ from spinfilters.estimators.landmark_start.start import LandmarkStartReport, sta
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.motion_evidence import MotionEvidence, evidence_from_gyro, evidence_from_poses
 from spinfilters.estimators.start import StartOptions, StartReport, start_from_data
-from spinfilters.estimators.timeline import SensorNoise, StereoView, Timeline, build_timeline
+from spinfilters.estimators.timeline import SensorNoise, StereoView, Timeline, build_timeline, noise_level
 from spinfilters.evaluation.body import body_estimate
 from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.input_file import reason
@@ -29,6 +29,12 @@ from spinfilters.workflow.settings import AUTO, Settings
 DETERMINED_STD = 0.12
 """Of a principal moment relative to the largest: what the first frames must reach for filters to go on from them. On simulated
 motions all starts below it were consistent, and half of those above it led to NEES of twice the degrees of freedom and more."""
+STATED_NOISE = {
+    "gyro": {"gyro_noise_std"},
+    "pose": {"pose_position_std", "pose_rotation_std"},
+    "stereo": {"pixel_std"},
+}
+"""Settings that take the place of a sensor's covariances row by row."""
 WHOLE_RECORDING = 400
 """Gyro samples, at most, from which the gyro's error is identified."""
 
@@ -87,10 +93,10 @@ def prepare(dataset: Dataset, settings: Settings) -> Prepared:
     ------
     InputError: too few frames, no rotation, tracks that no pose can be found from.
     """
-    log, view = dataset.log, _view(dataset)
+    log, view = _log_with_noise(dataset.log, settings), _view(dataset)
     blocks = ROTATION_BLOCKS if log.sensors == ("gyro",) else FULL_BLOCKS
     layout = StateLayout((*blocks, "d") if settings.process.drag else blocks)
-    unknown_gyro = "gyro" in log.sensors and _gyro_is_unknown(dataset, settings)
+    unknown_gyro = "gyro" in log.sensors and _gyro_is_unknown(log, dataset, settings)
     automatic = _disturbances(dataset, unknown_gyro)
     process = TorqueFreeProcess(layout, settings.process.noise(automatic), settings.process.tolerance)
     noise, gyro_noise = _noise(dataset, settings), None
@@ -104,7 +110,7 @@ def prepare(dataset: Dataset, settings: Settings) -> Prepared:
         raise InputError(
             f"{dataset.description or dataset.path} has {len(timeline)} frame(s); give at least 5"
         )
-    start, failure = _start(dataset, process, timeline, noise, settings.start)
+    start, failure = _start(replace(dataset, log=log), process, timeline, noise, settings.start)
     belief, points = start.belief, None if dataset.known_map is None else dataset.known_map.points
     if isinstance(start, LandmarkStartReport):
         ids = most_useful(timeline, start.landmarks, settings.landmarks.capacity)
@@ -184,7 +190,7 @@ def _start_maker(
 
     def make(options: StartOptions) -> StartReport:
         first = _first_tracks(tracks, timeline, options)
-        poses = poses_with_map(first, known, calibration, noise.pixel_std)
+        poses = poses_with_map(first, known, calibration, noise_level(first, noise.pixel_std))
         evidence = _checked(process, evidence_from_poses(poses, options.count(timeline)))
         return start_from_data(process, timeline, evidence, options)
 
@@ -212,7 +218,8 @@ def _start_of_tracks(
     options: StartOptions,
 ) -> StartReport:
     """A start whose landmarks nobody knew: nothing after its last frame is looked at."""
-    poses, found = poses_without_map(_first_tracks(tracks, timeline, options), *camera)
+    (calibration, pixel_std), first = camera, _first_tracks(tracks, timeline, options)
+    poses, found = poses_without_map(first, calibration, noise_level(first, pixel_std))
     evidence = _checked(process, evidence_from_poses(poses, options.count(timeline)))
     return start_with_landmarks(process, timeline, evidence, found, options)
 
@@ -244,8 +251,16 @@ def _disturbances(dataset: Dataset, unknown_gyro: bool) -> ProcessNoise:
     return ProcessNoise(force_psd or THESIS_NOISE.force_psd, torque_psd or THESIS_NOISE.torque_psd)
 
 
-def _gyro_is_unknown(dataset: Dataset, settings: Settings) -> bool:
-    return settings.sensors.gyro_scale_std == AUTO and dataset.options.gyro_noise_std is None
+def _log_with_noise(log: MeasurementLog, settings: Settings) -> MeasurementLog:
+    """The log without those covariances of its rows in whose place the settings state a number."""
+    stated = {name for name in vars(settings.sensors) if getattr(settings.sensors, name) != AUTO}
+    streams = (replace(s, covariance=None) if stated & STATED_NOISE[s.sensor] else s for s in log.streams)
+    return MeasurementLog(tuple(streams))
+
+
+def _gyro_is_unknown(log: MeasurementLog, dataset: Dataset, settings: Settings) -> bool:
+    told = dataset.options.gyro_noise_std is not None or log.stream("gyro").covariance is not None
+    return settings.sensors.gyro_scale_std == AUTO and not told
 
 
 def _identify(

@@ -3,12 +3,16 @@
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.special import chdtrc, pdtrc
 
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.logs.gyro_files import saturated
+from spinfilters.logs.measurement_log import SENSOR_FORMATS
 from spinfilters.state.status import EstimatorStatus, Verdict
 from spinfilters.workflow.preparation import DETERMINED_STD, Prepared, moments_std_of
+from spinfilters.workflow.settings import Settings
+from spinfilters.workflow.smoothing import NAME as SMOOTHER
 
 LARGEST_MOMENT_STD = 0.1
 """Of a principal moment relative to the largest: beyond it the body's shape is not known."""
@@ -18,6 +22,8 @@ LARGEST_GYRO_ERROR = 0.04
 """Relative rms of a gyro's residual: beyond it this is no torque-free flight of a rigid body."""
 LARGEST_REJECTED = 0.2
 """Share of measurements left out, beyond which whatever makes them cannot be trusted."""
+FALSE_DOUBT = 1e-6
+"""Probability that a recording whose noise is what it is said to be, of any length, is doubted for what gates refused."""
 LARGEST_GAP = 10.0
 """Between two frames, in median intervals: beyond it the estimate in between is a prediction."""
 DISAGREEMENT_STD, DISAGREEMENT = 4.0, 0.01
@@ -55,17 +61,31 @@ def filter_doubts(prepared: Prepared) -> list[str]:
     ]
 
 
-def judged(evaluation: Evaluation, doubts: Sequence[str], others: Sequence[Evaluation]) -> EstimatorStatus:
-    """The run's own status with every further reason for doubt."""
+def false_alarm_probability(name: str, prepared: Prepared, settings: Settings) -> float:
+    """That an estimator leaves a measurement out although its noise is what it is said to be."""
+    if name == SMOOTHER:
+        dimension = max(SENSOR_FORMATS[sensor].dimension for sensor in prepared.dataset.log.sensors)
+        return (
+            float(chdtrc(dimension, settings.smoother.width**2))
+            if settings.smoother.kernel == "gate"
+            else 0.0
+        )
+    return 0.0 if name.startswith("filterpy") else 1.0 - settings.robust.gate_probability
+
+
+def judged(
+    evaluation: Evaluation, doubts: Sequence[str], others: Sequence[Evaluation], false_alarm: float
+) -> EstimatorStatus:
+    """The run's own status with every further reason for doubt; see `false_alarm_probability`."""
     status = evaluation.history.status
     if not np.isfinite(evaluation.body.principal_moments_std).all() and status.verdict is not Verdict.FAILED:
         status = status.failed("the moments of inertia at the end are not finite")
-    for reason in [*doubts, *_own_doubts(evaluation), *_disagreements(evaluation, others)]:
+    for reason in [*doubts, *_own_doubts(evaluation, false_alarm), *_disagreements(evaluation, others)]:
         status = status.degraded(reason)
     return status
 
 
-def _own_doubts(evaluation: Evaluation) -> list[str]:
+def _own_doubts(evaluation: Evaluation, false_alarm: float) -> list[str]:
     reasons, body, history = [], evaluation.body, evaluation.history
     worst = float(np.max(body.principal_moments_std))
     if worst > LARGEST_MOMENT_STD:
@@ -78,27 +98,46 @@ def _own_doubts(evaluation: Evaluation) -> list[str]:
             f"innovations are {ratio:.1f} times as large (squared) as the noise explains: raise process.force_psd, "
             "process.torque_psd or the sensor's standard deviation in a config file"
         )
-    return [*reasons, *_left_out(history)]
+    return [*reasons, *_left_out(history, false_alarm)]
 
 
-def _left_out(history: EstimateHistory) -> list[str]:
+def _left_out(history: EstimateHistory, false_alarm: float) -> list[str]:
     """Doubts about measurements that were not there or not believed."""
     reasons = []
     all_rejected, all_accepted = history.rejected[history.own], history.accepted[history.own]
     rejected, total = int(all_rejected.sum()), int((all_rejected + all_accepted).sum())
     if total and rejected > LARGEST_REJECTED * total:
         reasons.append(f"{rejected} of {total} measurements could not be used or were not believed")
-    empty = int(np.count_nonzero((all_accepted == 0) & (all_rejected > 0)))
-    if empty:
-        reasons.append(
-            f"{empty} of {len(all_accepted)} frames told nothing: all of them was refused, or they only repeated the frame before"
-        )
+    reasons += _empty_frames(history, false_alarm)
     gaps = np.diff(history.time)
     if gaps.size and gaps.max() > LARGEST_GAP * np.median(gaps):
         reasons.append(
             f"nothing was measured for {gaps.max():.3g} s after t = {history.time[gaps.argmax()]:.3f} s"
         )
     return reasons
+
+
+def _empty_frames(history: EstimateHistory, false_alarm: float) -> list[str]:
+    """Doubts about frames that told nothing: more of them, or more in a row, than false alarms account for.
+
+    A frame of m independent values is refused as a whole with probability p^m. The number of such frames is compared with a
+    Poisson number of that expectation; r in a row at one of n places have at most the probability n q^r, with q the mean of p^m.
+    """
+    measured = history.accepted + history.rejected
+    empty = (history.accepted == 0) & (measured > 0)
+    count, frames = int(np.count_nonzero(empty)), int(np.count_nonzero(measured))
+    if not count:
+        return []
+    expected = float(np.sum(false_alarm ** measured[measured > 0]))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], empty, [False]])))
+    longest = int((edges[1::2] - edges[::2]).max())
+    together = min(1.0, frames * (expected / frames) ** longest)
+    if min(float(pdtrc(count - 1, expected)), together) >= FALSE_DOUBT:
+        return []
+    return [
+        f"{count} of {len(history.time[history.own])} frames told nothing, {longest} in a row ({expected:.2g} by chance): all of them was "
+        "refused, or they only repeated the frame before"
+    ]
 
 
 def _disagreements(evaluation: Evaluation, others: Sequence[Evaluation]) -> list[str]:

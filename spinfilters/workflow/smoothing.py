@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Int
@@ -14,6 +13,9 @@ from spinfilters.estimators.run import rehearse, run
 from spinfilters.estimators.smoothing.batch import BatchSmoothing, smooth_recording
 from spinfilters.estimators.smoothing.recursive import RecursiveSmoother
 from spinfilters.estimators.smoothing.sliding_records import Taken
+from spinfilters.estimators.timeline import times_of
+from spinfilters.state.layout import StateLayout
+from spinfilters.state.status import EstimatorStatus
 from spinfilters.symbolic import working_seconds
 from spinfilters.workflow.preparation import Prepared
 from spinfilters.workflow.settings import Settings
@@ -89,13 +91,14 @@ def smooth_at_once(prepared: Prepared, settings: Settings, on_frame: OnFrame) ->
     begin = working_seconds()
     ekf = _started_ekf(prepared, settings)
     passed = run(ekf, prepared.start_end, timeline[first:], lambda k: on_frame(k + 1, len(timeline) - first))
-    trajectory = np.concatenate([start.frames.mean, passed.mean])
+    trajectory, status = np.concatenate([start.frames.mean, passed.mean]), passed.status
+    del passed  # its covariances are as large as those to come
     frames = timeline[: len(trajectory)]
     found = smooth_recording(
         prepared.process, frames, trajectory, start.prior, settings.smoother.robust_kernel
     )
     share = (working_seconds() - begin) / len(frames)
-    return _batch_history(found, passed, (np.array([frame.time for frame in frames]), share))
+    return _batch_history(found, prepared.process.layout, status, (times_of(frames), share))
 
 
 def _rehearse_at_once(prepared: Prepared, settings: Settings) -> None:
@@ -115,19 +118,19 @@ def _started_ekf(prepared: Prepared, settings: Settings) -> MultiplicativeEkf:
 
 
 def _batch_history(
-    found: BatchSmoothing, passed: EstimateHistory, clock: tuple[np.ndarray, float]
+    found: BatchSmoothing, layout: StateLayout, status: EstimatorStatus, clock: tuple[np.ndarray, float]
 ) -> EstimateHistory:
-    """Of the smoothed frames; a filter that did not come through says so for the smoother too."""
+    """Of the smoothed frames; a filter that did not come through says so, in its status, for the smoother too."""
     time, share = clock
-    status, count = passed.status, len(time)
+    count = len(time)
     for doubt in found.undetermined:
         status = status.degraded(doubt)
     if not np.isfinite(found.factor).all():
         status = status.failed("some directions are not determined")
     nothing = np.zeros(count)
-    return replace(
-        passed,
+    return EstimateHistory(
         name=NAME,
+        layout=layout,
         time=time,
         mean=found.mean,
         factor=found.factor,

@@ -165,6 +165,16 @@ STEREO_FAULTS = {
         "time_s,c00,c10,c11,c20,c21,c22\n0,1,0,1,0,0,1\n",
         "1 rows",
     ),
+    "a covariance that is not positive definite": (
+        "tracks_covariance.csv",
+        "time_s,c00,c10,c11,c20,c21,c22\n0,1,0,1,0,0,1\n0,1,2,1,0,0,1\n0.5,1,0,1,0,0,1\n0.5,1,0,1,0,0,1\n",
+        "line 3: the covariance is not positive definite",
+    ),
+    "a covariance that is no number": (
+        "tracks_covariance.csv",
+        "time_s,c00,c10,c11,c20,c21,c22\n0,1,0,1,0,0,1\n0,1,0,1,0,0,1\n0.5,1,0,nan,0,0,1\n0.5,1,0,1,0,0,1\n",
+        "line 4: c11 is 'nan'",
+    ),
 }
 PHYPHOX_FAULTS = {
     "degrees per second": ("Raw Data.csv", PHYPHOX.replace("rad/s", "°/s"), "'Gyroscope x (°/s)'"),

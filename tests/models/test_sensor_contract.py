@@ -8,6 +8,7 @@ from sensor_contract import check_sensor_contract
 
 from spinfilters.attitude.expressions import Expression
 from spinfilters.models.measurement import MeasurementModel
+from spinfilters.models.sensor_noise import CorrelatedNoise, IsotropicNoise, NoiseLevel, SensorNoiseModel
 from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
 from spinfilters.models.sensors.pose import Pose, pose_parameters
 from spinfilters.models.sensors.stereo_landmark import NEAREST_DEPTH, StereoLandmark, stereo_parameters
@@ -31,11 +32,21 @@ def _point(layout: StateLayout, seed: int = 0) -> Float[np.ndarray, " m"]:
 def _random_parameters(model: MeasurementModel, count: int = 5) -> Float[np.ndarray, "count p"]:
     generator = np.random.default_rng(1)
     if isinstance(model, Gyro):
-        return gyro_parameters(count, 0.01, 0.05)
+        return gyro_parameters(count, _level(model.noise, 0.01), 0.05)
     if isinstance(model, Pose):
         roots = 0.01 * generator.standard_normal((count, 6, 6))
         return pose_parameters(roots @ np.swapaxes(roots, 1, 2) + 1e-5 * np.eye(6))
-    return stereo_parameters(0.1 * generator.uniform(-1, 1, (count, 3)), CALIBRATION, 0.8)
+    assert isinstance(model, StereoLandmark)
+    points = 0.1 * generator.uniform(-1, 1, (count, 3))
+    return stereo_parameters(points, CALIBRATION, _level(model.noise, 0.8, count))
+
+
+def _level(noise: SensorNoiseModel, std: float, count: int = 5) -> NoiseLevel:
+    """One deviation, or covariances with correlations about it."""
+    if isinstance(noise, IsotropicNoise):
+        return std
+    roots = std * (np.eye(3) + 0.3 * np.random.default_rng(2).standard_normal((count, 3, 3)))
+    return roots @ np.swapaxes(roots, 1, 2)
 
 
 @pytest.mark.parametrize(
@@ -44,12 +55,33 @@ def _random_parameters(model: MeasurementModel, count: int = 5) -> Float[np.ndar
         *[Gyro(layout) for layout in (ROTATION, FULL, WITH_DRAG)],
         *[Pose(layout) for layout in (POSE_ONLY, FULL, WITH_DRAG)],
         *[StereoLandmark(layout) for layout in (POSE_ONLY, FULL, WITH_DRAG)],
+        Gyro(ROTATION, CorrelatedNoise(3)),
+        StereoLandmark(POSE_ONLY, CorrelatedNoise(3)),
     ],
-    ids=lambda model: f"{model.name}-{''.join(model.layout.blocks)}",
+    ids=lambda model: f"{model.name}-{''.join(model.layout.blocks)}-{model.parameter_dim}",
 )
 @pytest.mark.parametrize("seed", [0, 1])
 def test_every_sensor_keeps_the_contract(model: MeasurementModel, seed: int) -> None:
     check_sensor_contract(model, _point(model.layout, seed), _random_parameters(model))
+
+
+def test_whitened_noise_of_a_covariance_has_unit_covariance() -> None:
+    covariance = np.array([[[4e-4, 1e-4, 0.0], [1e-4, 9e-4, -2e-4], [0.0, -2e-4, 1e-4]]])
+    model, x = Gyro(ROTATION, CorrelatedNoise(3)), _point(ROTATION)
+    w = x[ROTATION.mean_slice("w")]
+    W = model.whitening(x, gyro_parameters(1, covariance, 0.1))[0]
+    assert np.allclose(W @ (covariance[0] + 0.01 * (w @ w) * np.eye(3)) @ W.T, np.eye(3), atol=1e-12)
+
+
+def test_a_covariance_tells_how_sure_a_disparity_is() -> None:
+    """u_left and u_right that err together leave the depth of a far point known."""
+    model = StereoLandmark(POSE_ONLY, CorrelatedNoise(3))
+    pixels = np.array([[330.0, 240.0, 326.0]])
+    for correlation, known in ((0.0, False), (0.99, True)):
+        noise = np.eye(3)
+        noise[0, 2] = noise[2, 0] = correlation
+        parameters = stereo_parameters(np.zeros((1, 3)), CALIBRATION, noise[None])
+        assert model.new_landmarks(POSE_ONLY.origin(), parameters, pixels).determined[0] == known
 
 
 class _ForgetsItsNeeds(Pose):

@@ -53,12 +53,12 @@ def smooth_recording(
     start = with_common_constants(process.layout, trajectory[::-1])[::-1]
     solved = solve(problem, problem.at(np.ascontiguousarray(start), NO_POINTS), options or SolverOptions())
     solution, here, n = solved.normal.solution, solved.point.trajectory, process.layout.error_dim
-    unknown = np.full((len(frames), n, n), np.nan)
-    factor = unknown if isinstance(solution, int) else Marginals(solution, None).factors
+    marginals = None if isinstance(solution, int) else Marginals(solution, None)
+    factor = np.full((len(frames), n, n), np.nan) if marginals is None else marginals.factors
     accepted, rejected = np.zeros(len(frames), dtype=int), np.zeros(len(frames), dtype=int)
     for sensor in problem.motion.sensors:
         good = problem.motion.believed(sensor, here)
         np.add.at(accepted, sensor.frame[good], 1)
         np.add.at(rejected, sensor.frame[~good], 1)
-    directions = undetermined_directions(problem, solved.point, solved.normal)
+    directions = undetermined_directions(problem, solved.point, solved.normal, marginals)
     return BatchSmoothing(here, factor, accepted, rejected, solved, directions)

@@ -19,6 +19,7 @@ from scipy.sparse import bsr_array
 
 from spinfilters.estimators.gain import triangular_factor
 from spinfilters.estimators.smoothing.elimination import Eliminated
+from spinfilters.estimators.smoothing.motion import STRETCH
 from spinfilters.estimators.smoothing.reduced import Reduced
 
 
@@ -47,12 +48,12 @@ class Marginals:
 
     def first_factors(self, count: int) -> Float[np.ndarray, "k n n"]:
         """Those of the first frames."""
-        rows = np.array([self.frame_rows(k) for k in range(count)])
-        covariance = rows @ rows.swapaxes(1, 2)
-        try:
-            return np.linalg.cholesky(covariance)
-        except np.linalg.LinAlgError:
-            return np.array([triangular_factor(each.T) for each in rows])
+        n = self.solution.unknowns.layout.error_dim
+        factors = np.empty((count, n, n))
+        for first in range(0, count, STRETCH):
+            last = min(first + STRETCH, count)
+            factors[first:last] = _triangles(np.array([self.frame_rows(k) for k in range(first, last)]))
+        return factors
 
     def frame_rows(self, frame: int) -> Float[np.ndarray, "n w"]:
         """Errors of a frame by the noise of what remains and by v own numbers; products of rows are covariances."""
@@ -117,3 +118,11 @@ class Marginals:
             after = follow[k] = -out @ pull
             after_own = own[k] = out @ triangular_factor(np.concatenate(noise))
         return (follow.reshape(K * v, -1) @ self.root).reshape(K, v, -1), own
+
+
+def _triangles(rows: Float[np.ndarray, "k n w"]) -> Float[np.ndarray, "k n n"]:
+    """Lower triangular factors of rows rows'."""
+    try:
+        return np.linalg.cholesky(rows @ rows.swapaxes(1, 2))
+    except np.linalg.LinAlgError:
+        return np.array([triangular_factor(each.T) for each in rows])

@@ -8,9 +8,9 @@ Each line divided by its noise is a row of a least-squares problem (Bell 1994). 
 with the right-hand side as last column, one per frame and one per step.
 """
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -20,11 +20,13 @@ from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.smoothing.native import kernels
 from spinfilters.estimators.smoothing.robust_kernels import LeastSquares, RobustKernel
 from spinfilters.estimators.smoothing.unknowns import CONSTANT, Unknowns
-from spinfilters.estimators.timeline import Timeline
+from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.symbolic.compiled import address
 
 NOTHING = np.zeros((0, 1, 1))
+STRETCH = 2048
+"""Frames whose rows are in memory together: rows of a frame take ten times the room of what they add to the linear problem."""
 NOISE_FLOOR = 1e-8
 """Of every moving component per step (m, rad, m/s, rad/s): far below any sensor, it stands in where a disturbance is zero."""
 
@@ -55,18 +57,40 @@ class SensorRows:
     values: Float[np.ndarray, "r v"]
     parameters: Float[np.ndarray, "r p"]
 
+    @classmethod
+    def joined(cls, parts: Sequence["SensorRows"]) -> "SensorRows":
+        """Parts of one sensor, one after the other."""
+        columns = ([getattr(part, name) for part in parts] for name in ("frame", "values", "parameters"))
+        return cls(parts[0].model, *map(np.concatenate, columns))
+
+    def part(self, rows: slice, first: int = 0) -> "SensorRows":
+        """Some of the measurements, their frames counted from frame ``first`` on."""
+        return SensorRows(self.model, self.frame[rows] - first, self.values[rows], self.parameters[rows])
+
+    def within(self, begin: int, end: int) -> "SensorRows":
+        """The measurements of the frames from ``begin`` to before ``end``, counted from ``begin`` on."""
+        first, last = np.searchsorted(self.frame, (begin, end))
+        return self.part(slice(int(first), int(last)), begin)
+
 
 def collect_sensors(frames: Timeline) -> tuple[SensorRows, ...]:
-    """Measurements without ids, by sensor."""
-    parts: dict[int, tuple[MeasurementModel, list[np.ndarray], list[np.ndarray], list[np.ndarray]]] = {}
-    for k, frame in enumerate(frames):
+    """Measurements without ids, by sensor; of a long timeline one stretch after the other."""
+    parts: dict[int, list[SensorRows]] = {}
+    for begin in range(0, len(frames), STRETCH):
+        for rows in _collected(frames[begin : begin + STRETCH], begin):
+            parts.setdefault(id(rows.model), []).append(rows)
+    return tuple(map(SensorRows.joined, parts.values()))
+
+
+def _collected(frames: Timeline, begin: int) -> list[SensorRows]:
+    """Those of a stretch whose first frame has the number ``begin``."""
+    found: dict[int, list[SensorRows]] = {}
+    for k, frame in enumerate(frames, start=begin):
         for m in frame.measurements:
             if m.ids is None and len(m.values):
-                rows = parts.setdefault(id(m.model), (m.model, [], [], []))
-                rows[1].append(np.full(len(m.values), k))
-                rows[2].append(m.values)
-                rows[3].append(m.parameters)
-    return tuple(SensorRows(model, *map(np.concatenate, lists)) for model, *lists in parts.values())
+                rows = SensorRows(m.model, np.full(len(m.values), k), m.values, m.parameters)
+                found.setdefault(id(m.model), []).append(rows)
+    return [SensorRows.joined(rows) for rows in found.values()]
 
 
 @dataclass(frozen=True)
@@ -149,7 +173,21 @@ class Motion:
 
     def believed(self, sensor: SensorRows, trajectory: Float[np.ndarray, "k m"]) -> Bool[np.ndarray, " r"]:
         """Which of a sensor's measurements have a weight."""
-        return np.abs(self.sensor_rows(sensor, trajectory)[0]).max(axis=(1, 2)) > 0
+        result = np.empty(len(sensor.frame), dtype=bool)
+        for first in range(0, len(result), STRETCH):
+            rows = slice(first, first + STRETCH)
+            result[rows] = np.abs(self.sensor_rows(sensor.part(rows), trajectory)[0]).max(axis=(1, 2)) > 0
+        return result
+
+    def stretch(self, begin: int, end: int) -> "Motion":
+        """Frames from ``begin`` to before ``end``, and the steps from them; the prior belongs to the first frame of all."""
+        return replace(
+            self,
+            unknowns=replace(self.unknowns, frames=min(end, self.unknowns.frames) - begin),
+            dt=self.dt[begin:end],
+            sensors=tuple(sensor.within(begin, end) for sensor in self.sensors),
+            prior=None if begin else self.prior,
+        )
 
 
 def motion_of(process: ProcessModel, frames: Timeline, tied: bool) -> Motion:
@@ -159,7 +197,7 @@ def motion_of(process: ProcessModel, frames: Timeline, tied: bool) -> Motion:
     ----------
     tied: whether there are sightings of landmarks.
     """
-    dt = np.array([there.time - here.time for here, there in pairwise(frames)])
+    dt = np.diff(times_of(frames))
     return Motion(process, Unknowns(process.layout, len(frames), tied), dt, collect_sensors(frames))
 
 

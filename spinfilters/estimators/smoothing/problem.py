@@ -9,8 +9,14 @@ from spinfilters.estimators.estimator import ProcessModel
 from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.smoothing.carried import Carried, CarriedAt
 from spinfilters.estimators.smoothing.elimination import Eliminated, eliminate
-from spinfilters.estimators.smoothing.motion import Grams, Motion, motion_of
-from spinfilters.estimators.smoothing.reduced import Reduced, solve_reduced
+from spinfilters.estimators.smoothing.motion import STRETCH, Grams, Motion, motion_of
+from spinfilters.estimators.smoothing.reduced import (
+    LinearSystem,
+    Reduced,
+    assembled,
+    assembled_by_stretches,
+    solve_reduced,
+)
 from spinfilters.estimators.smoothing.robust_kernels import LeastSquares, RobustKernel
 from spinfilters.estimators.smoothing.sightings import (
     LinearSightings,
@@ -47,7 +53,12 @@ class Stage:
 
 @dataclass(frozen=True)
 class Point:
-    """A trajectory and landmarks, with everything linearised about them."""
+    """A trajectory and landmarks, with everything linearised about them.
+
+    Attributes
+    ----------
+    sensors, dynamics: their grams; of a long chain the costs alone, and the linear system in ``chained``.
+    """
 
     trajectory: Float[np.ndarray, "k m"]
     points: Float[np.ndarray, "L 3"]
@@ -55,6 +66,7 @@ class Point:
     dynamics: Grams
     linear: LinearSightings | None
     carried: CarriedAt | None
+    chained: LinearSystem | None = None
 
     def cost(self, used: Bool[np.ndarray, " N"] | None, stage: Stage) -> float:
         """Of the motion and of the sightings that a step was made from: the others' landmarks did not move with it."""
@@ -110,8 +122,16 @@ class Problem:
         """How errors are split."""
         return self.motion.unknowns
 
+    @property
+    def is_long(self) -> bool:
+        """Whether it is a mere chain, of so many frames that their rows are not to be in memory together."""
+        return not self.unknowns.tied and self.carried is None and self.unknowns.frames > STRETCH
+
     def at(self, trajectory: Float[np.ndarray, "k m"], points: Float[np.ndarray, "L 3"]) -> Point:
         """Everything linearised about a trajectory, whose constants are the same in every frame, and landmarks."""
+        if self.is_long:
+            sensors, dynamics, system = assembled_by_stretches(self.motion, trajectory)
+            return Point(trajectory, points, sensors, dynamics, None, None, system)
         linear = None if self.sightings is None else linearise_sightings(self.sightings, trajectory, points)
         return Point(
             trajectory,
@@ -125,6 +145,9 @@ class Problem:
     def normal(self, here: Point, stage: Stage, damping: float = 0.0) -> Normal:
         """The linear problem about a point, solved."""
         eliminated = None
+        if here.chained is not None:
+            assert stage.slack == 1.0, "disturbances are inflated where there are landmarks alone"
+            return Normal(stage, None, solve_reduced(self.unknowns, here.chained.copy(), None, damping))
         if self.sightings is not None:
             assert here.linear is not None
             weight = stage.kernel.weight(here.linear.square)
@@ -135,7 +158,8 @@ class Problem:
         if stage.slack != 1.0:
             steps = replace(steps, steps=steps.steps / stage.slack**2)
         grams = (here.sensors, steps)
-        solution = solve_reduced(self.unknowns, grams, eliminated, here.carried, damping)
+        system = assembled(self.unknowns, grams, eliminated)
+        solution = solve_reduced(self.unknowns, system, here.carried, damping)
         return Normal(stage, eliminated, solution)
 
 

@@ -15,13 +15,37 @@ from spinfilters.estimators.smoothing.carried import CarriedAt
 from spinfilters.estimators.smoothing.chain import Chain, eliminate_chain
 from spinfilters.estimators.smoothing.elimination import Eliminated
 from spinfilters.estimators.smoothing.memory import lent_zeros
-from spinfilters.estimators.smoothing.motion import Grams
+from spinfilters.estimators.smoothing.motion import NOTHING, STRETCH, Grams, Motion
 from spinfilters.estimators.smoothing.native import kernels
 from spinfilters.estimators.smoothing.unknowns import Unknowns
 from spinfilters.symbolic.compiled import address
 
 Blocks = tuple[np.ndarray, np.ndarray, np.ndarray]
 """D, E, G of a chain."""
+
+
+@dataclass(frozen=True)
+class LinearSystem:
+    """What is to be solved.
+
+    Attributes
+    ----------
+    M: (r + 1, r) lower triangle over poses and constants, then the right-hand side as a row.   chain: D, E, G.
+    """
+
+    M: Float[np.ndarray, "w r"]
+    chain: Blocks
+
+    @classmethod
+    def empty(cls, unknowns: Unknowns, G: Float[np.ndarray, "k v w"]) -> "LinearSystem":
+        """Without any information; G is zero."""
+        K, v, width = G.shape
+        return cls(np.zeros((width, width - 1)), (np.zeros((K, v, v)), np.zeros((max(K - 1, 0), v, v)), G))
+
+    def copy(self) -> "LinearSystem":
+        """In arrays of its own: solving overwrites them."""
+        D, E, G = self.chain
+        return LinearSystem(self.M.copy(), (D.copy(), E.copy(), G.copy()))
 
 
 @dataclass(frozen=True)
@@ -68,17 +92,13 @@ class Reduced:
 
 
 def solve_reduced(
-    unknowns: Unknowns,
-    grams: tuple[Grams, ...],
-    eliminated: Eliminated | None,
-    carried: CarriedAt | None,
-    damping: float = 0.0,
+    unknowns: Unknowns, system: LinearSystem, carried: CarriedAt | None, damping: float = 0.0
 ) -> Reduced | int:
-    """Solve; the number of the first unknown that nothing determines where the system is not positive definite.
+    """Solve, overwriting the system; the number of the first undetermined unknown where it is not positive definite.
 
     Unknowns are numbered as in the elimination: chained errors frame after frame, then poses, then constants.
     """
-    M, (D, E, G) = _assembled(unknowns, grams, eliminated)
+    M, (D, E, G) = system.M, system.chain
     if carried is not None:
         carried.add_to(M, D, G)
     v, kept = len(unknowns.chain), unknowns.kept
@@ -99,24 +119,48 @@ def solve_reduced(
     return Reduced(unknowns, upper.T, chain, step, chain.back(step), gradient, decrement)
 
 
-def _assembled(
-    unknowns: Unknowns, grams: tuple[Grams, ...], eliminated: Eliminated | None
-) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """M: lower triangle over poses and constants, then the right-hand side as a row; and D, E, G of the chain."""
-    K, p, v, c = unknowns.frames, len(unknowns.pose), len(unknowns.chain), len(unknowns.constant)
-    size, width = K * p, unknowns.kept + 1
-    if eliminated is None:
-        M = np.zeros((width, width - 1))
-    else:
-        M = eliminated.information
-        M[-1, :size] += eliminated.pose_gradient[:size]
-    D, E, G = np.zeros((K, v, v)), np.zeros((max(K - 1, 0), v, v)), lent_zeros(K, v, width)
+def assembled(unknowns: Unknowns, grams: tuple[Grams, ...], eliminated: Eliminated | None) -> LinearSystem:
+    """The system of grams, and of landmarks that are eliminated already."""
+    G = lent_zeros(unknowns.frames, len(unknowns.chain), unknowns.kept + 1)
+    system = LinearSystem.empty(unknowns, G)
+    if eliminated is not None:
+        size = unknowns.frames * len(unknowns.pose)
+        system = LinearSystem(eliminated.information, system.chain)
+        system.M[-1, :size] += eliminated.pose_gradient[:size]
     for part in grams:
-        if len(part.frames):
-            _add_frames(M, (D, E, G), part.frames, (p, v, c))
-        if len(part.steps):
-            _add_steps(M, (D, E, G), part.steps, (p, v, c))
-    return M, (D, E, G)
+        _add(unknowns, system, part)
+    return system
+
+
+def assembled_by_stretches(
+    motion: Motion, trajectory: Float[np.ndarray, "k m"]
+) -> tuple[Grams, Grams, LinearSystem]:
+    """The system of a long chain of frames, after the costs of sensors and dynamics (grams without rows).
+
+    Never are the rows of more than `STRETCH` frames in memory.
+    """
+    unknowns, costs = motion.unknowns, np.zeros(2)
+    K, v = unknowns.frames, len(unknowns.chain)
+    system = LinearSystem.empty(unknowns, np.zeros((K, v, unknowns.kept + 1)))
+    D, E, G = system.chain
+    for begin in range(0, K, STRETCH):
+        end = min(begin + STRETCH, K)
+        part = motion.stretch(begin, end)
+        here, ahead = slice(begin, end), slice(begin, end + 1)
+        parts = ((here, part.measurements(trajectory[here])), (ahead, part.dynamics(trajectory[ahead])))
+        for rows, grams in parts:
+            _add(unknowns, LinearSystem(system.M, (D[rows], E[here], G[rows])), grams)
+        costs += [grams.cost for _, grams in parts]
+    sensors, dynamics = (Grams(NOTHING, NOTHING, float(cost), NOTHING) for cost in costs)
+    return sensors, dynamics, system
+
+
+def _add(unknowns: Unknowns, system: LinearSystem, grams: Grams) -> None:
+    sizes = (len(unknowns.pose), len(unknowns.chain), len(unknowns.constant))
+    if len(grams.frames):
+        _add_frames(system.M, system.chain, grams.frames, sizes)
+    if len(grams.steps):
+        _add_steps(system.M, system.chain, grams.steps, sizes)
 
 
 def _in_c(M: np.ndarray, chain: Blocks, grams: np.ndarray, sizes: tuple[int, int, int], both: int) -> bool:

@@ -29,12 +29,14 @@ BLOCK_NAMES = {
 MOVED_BY_PRIOR = ("v", "w", "c", "s", "d")
 
 
-def undetermined_directions(problem: Problem, here: Point, normal: Normal) -> list[str]:
+def undetermined_directions(
+    problem: Problem, here: Point, normal: Normal, marginals: Marginals | None = None
+) -> list[str]:
     """A sentence for everything that the measurements do not determine; empty when they determine it all.
 
     Parameters
     ----------
-    normal: the linear problem about ``here``.
+    normal: the linear problem about ``here``.   marginals: of its solution, where they are at hand.
     """
     solution = normal.solution
     if isinstance(solution, int):
@@ -43,7 +45,7 @@ def undetermined_directions(problem: Problem, here: Point, normal: Normal) -> li
     if prior is None:
         return []
     layout, first = problem.layout, here.trajectory[0]
-    rows = Marginals(solution, None).frame_rows(0)
+    rows = (marginals or Marginals(solution, None)).frame_rows(0)
     covariance = rows @ rows.T
     axis = first[layout.mean_slice("w")] if "w" in layout.blocks else np.zeros(3)
     sentences = []

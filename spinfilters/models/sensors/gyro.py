@@ -6,30 +6,36 @@ from jaxtyping import Float
 
 from spinfilters.attitude.expressions import Expression
 from spinfilters.models.measurement import MeasurementModel
+from spinfilters.models.sensor_noise import IsotropicNoise, NoiseLevel, SensorNoiseModel, noise_parameters
+from spinfilters.state.layout import StateLayout
 
 
 class Gyro(MeasurementModel):
-    """z = w + n, rad/s, with standard deviation sqrt(noise_std^2 + (scale_std |w|)^2) on each axis.
+    """z = w + n, rad/s, n of covariance N + (scale_std |w|)^2 I, with N = noise_std^2 I or each sample's own.
 
     Consumer gyros carry scale, cross-axis and timing errors that grow with the rate; ``scale_std`` stands for them, because a
     fixed noise makes the normalised innovations of a fast spin tens to hundreds of times too large.
-    Parameters of a measurement: (noise_std rad/s, scale_std 1).
+    Parameters of a measurement: (those of N, such as noise_std rad/s, scale_std 1).
     """
 
     name = "gyro"
     dim = 3
     value_dim = 3
-    parameter_dim = 2
     needs = ("w",)
+
+    def __init__(self, layout: StateLayout, noise: SensorNoiseModel | None = None) -> None:
+        super().__init__(layout)
+        self.noise = noise or IsotropicNoise(3)
+        self.parameter_dim = self.noise.parameter_dim + 1
 
     def symbolic(self, state: dict[str, Expression], parameters: Expression) -> Expression:
         return state["w"]
 
     def noise_factor(self, state: dict[str, Expression], parameters: Expression) -> Expression:
-        w = state["w"]
-        return ca.sqrt(parameters[0] ** 2 + parameters[1] ** 2 * ca.dot(w, w)) * ca.DM.eye(3)
+        w, own = state["w"], self.noise.parameter_dim
+        return self.noise.factor(parameters[:own], parameters[own] ** 2 * ca.dot(w, w))
 
 
-def gyro_parameters(count: int, noise_std: float, scale_std: float) -> Float[np.ndarray, "count 2"]:
-    """Parameters of ``count`` gyro samples."""
-    return np.tile([noise_std, scale_std], (count, 1))
+def gyro_parameters(count: int, noise: NoiseLevel, scale_std: float) -> Float[np.ndarray, "count p"]:
+    """Parameters of ``count`` gyro samples: noise_std (rad/s) of all, or (count, 3, 3) covariances ((rad/s)^2)."""
+    return np.concatenate([noise_parameters(noise, count), np.full((count, 1), scale_std)], axis=1)

@@ -1,0 +1,91 @@
+"""Noise of a sensor as parameters of its measurements: one standard deviation, or a covariance of every measurement's own."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Bool, Float
+
+from spinfilters.attitude.expressions import Expression
+from spinfilters.models.covariance_parameters import factor_of, parameters_of
+
+NoiseLevel = float | Float[np.ndarray, "k d d"]
+"""A standard deviation of every component of every measurement, or the measurements' covariances."""
+
+
+@dataclass(frozen=True)
+class SensorNoiseModel(ABC):
+    """White noise of ``dim`` components, written with parameters of a measurement."""
+
+    dim: int
+
+    @property
+    @abstractmethod
+    def parameter_dim(self) -> int:
+        """How many parameters tell it."""
+
+    @abstractmethod
+    def factor(self, parameters: Expression, added: Expression | float = 0.0) -> Expression:
+        """Lower factor (dim, dim) of the covariance, with a variance ``added`` to every component."""
+
+    @abstractmethod
+    def difference_std(self, parameters: Expression, one: int, other: int) -> Expression:
+        """Standard deviation of the difference of two components."""
+
+
+@dataclass(frozen=True)
+class IsotropicNoise(SensorNoiseModel):
+    """One standard deviation, the only parameter, for independent components."""
+
+    @property
+    def parameter_dim(self) -> int:
+        return 1
+
+    def factor(self, parameters: Expression, added: Expression | float = 0.0) -> Expression:
+        std = parameters[0] if isinstance(added, float) else ca.sqrt(parameters[0] ** 2 + added)
+        return std * ca.DM.eye(self.dim)
+
+    def difference_std(self, parameters: Expression, one: int, other: int) -> Expression:
+        return ca.sqrt(2) * parameters[0]
+
+
+@dataclass(frozen=True)
+class CorrelatedNoise(SensorNoiseModel):
+    """A covariance: parameters are the entries, row by row, of its lower Cholesky factor."""
+
+    @property
+    def parameter_dim(self) -> int:
+        return self.dim * (self.dim + 1) // 2
+
+    def factor(self, parameters: Expression, added: Expression | float = 0.0) -> Expression:
+        root = factor_of(parameters, self.dim)
+        if isinstance(added, float):
+            return root
+        return ca.chol(root @ root.T + added * ca.SX.eye(self.dim)).T
+
+    def difference_std(self, parameters: Expression, one: int, other: int) -> Expression:
+        root = factor_of(parameters, self.dim)
+        return ca.norm_2(root[one, :] - root[other, :])
+
+
+def noise_model(level: NoiseLevel, dim: int) -> SensorNoiseModel:
+    """What the parameters of measurements with such a noise are."""
+    return IsotropicNoise(dim) if isinstance(level, float | int) else CorrelatedNoise(dim)
+
+
+def noise_parameters(level: NoiseLevel, count: int) -> Float[np.ndarray, "count e"]:
+    """Parameters of ``count`` measurements.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError: when a covariance is not positive definite.
+    """
+    return np.full((count, 1), level) if isinstance(level, float | int) else parameters_of(level)
+
+
+def noise_of_rows(
+    level: NoiseLevel, rows: slice | Bool[np.ndarray, " k"]
+) -> float | Float[np.ndarray, "chosen d d"]:
+    """That of some of the measurements."""
+    return level if isinstance(level, float | int) else level[rows]
