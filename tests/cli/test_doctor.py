@@ -72,6 +72,7 @@ def test_a_cache_folder_that_cannot_be_written_is_named_with_its_cure(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     (tmp_path / "file").touch()
+    monkeypatch.setattr(doctor_checks, "compiler", lambda: "cc")
     monkeypatch.setenv("SPINFILTERS_CACHE", str(tmp_path / "file" / "cache"))
     code, text = page(CHECKS[-1:])
     assert code == 1

@@ -221,6 +221,7 @@ def test_a_build_that_was_killed_long_ago_is_cleared_away(folder: Path) -> None:
     assert new.exists()
 
 
+@pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize("home", ["absent", "a file", "foreign", "not text"])
 def test_doctor_works_whatever_the_home_is(tmp_path: Path, home: str) -> None:
     place = tmp_path / (os.fsdecode(b"home\xff") if home == "not text" else "home")
