@@ -16,6 +16,7 @@ from spinfilters.estimators.estimator import ProcessModel
 from spinfilters.estimators.gain import apply_gain, triangular_factor
 from spinfilters.estimators.linear_prediction import linear_prediction
 from spinfilters.estimators.timeline import Timeline
+from spinfilters.models.rotation_steps import IntegrationError
 from spinfilters.state.layout import StateLayout
 
 SETTLED = 0.05
@@ -85,7 +86,11 @@ def smooth_first_frames(
         trajectory = layout.retract(trajectory, _limited(layout, share * errors))
         if length <= SETTLED:
             break
-        errors, factors, cost, dof = _smooth(process, frames, trajectory, prior)
+        try:
+            errors, factors, cost, dof = _smooth(process, frames, trajectory, prior)
+        except IntegrationError:  # the trial turns beyond all bounds: another one may not
+            cost = np.inf
+            break
     return SmoothedFrames(trajectory, factors, cost, dof, used, length <= SETTLED)
 
 
