@@ -206,6 +206,8 @@ def checked_frames(layout: StateLayout, arrays: Mapping[str, np.ndarray]) -> dic
             raise ShapeError(
                 f"{name} is {array.dtype} of shape {array.shape}, which does not fit {layout.blocks}"
             )
+        if name in COUNTS and (array < 0).any():
+            raise ShapeError(f"{name} counts less than nothing")
     return {name: arrays[name] for name in FRAME_ARRAYS}
 
 

@@ -96,8 +96,9 @@ class RotationIntegrator:
             count *= 2
 
     def turns(self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        """|w| dt of many steps, rad."""
-        return np.linalg.norm(x[:, self._rate], axis=1) * dt
+        """|w| dt of many steps, rad; infinite where it is beyond all numbers."""
+        with np.errstate(over="ignore"):
+            return np.linalg.norm(x[:, self._rate], axis=1) * dt
 
     def first_count(self, x: np.ndarray, dt: float) -> int:
         """Substeps with which the step control starts."""

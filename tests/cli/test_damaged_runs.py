@@ -57,6 +57,7 @@ RUN_FAULTS = {
     "history of another state": (archive(blocks=np.array(["t", "a"])), "history.npz"),
     "history of unknown blocks": (archive(blocks=np.array(["x"])), "history.npz"),
     "history of words": (archive(mean=np.array(["a", "b"])), "history.npz"),
+    "history of negative counts": (archive(dof=np.full(12, -5)), "less than nothing"),
     "history of unknown status": (archive(verdict=np.array("fine")), "'fine'"),
     "history with objects": (archive(reasons=np.array([{}], dtype=object)), "history.npz"),
     "history that is a bomb": (archive_bomb, "history.npz"),
