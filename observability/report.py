@@ -34,8 +34,8 @@ from observability.scope import (
 )
 from observability.wording import document, null_space_sentence, null_vector_sentences, sentences
 
-WORTH_SAYING = 0.1
-"""Share of the prior's deviation from which it is told beside a result."""
+WORTH_SAYING = 0.05
+"""Share of the information that is the priors' from which it is told beside a result."""
 ALONG_SPIN = 1e-2
 """Sine of the angle within which a direction is called that of the spin axis."""
 
@@ -139,7 +139,8 @@ def verdict_in_words(report: Report, name: Quantity) -> str:
     each, unit = report.verdicts[name], "" if name[1] == "1" else f" {name[1]}"
     count = len(each.prior_directions)
     if not count:
-        rest = f"; {100 * each.remains:.2g} % of the prior remains" if each.remains > WORTH_SAYING else ""
+        share = each.remains**2
+        rest = f"; priors give {100 * share:.2g} % of what is known" if share > WORTH_SAYING else ""
         if name == ATTITUDE and len(report.case.free_rotations) == 3:
             rest += ", since the first frame, whose attitude is a definition"
         return f"{each.std:.3g}{unit}{rest}"

@@ -7,6 +7,7 @@ from observability.bounds.cramer_rao import LANDMARK_STD, PRIOR_STD
 from observability.cases import POINT_SENSORS, WIDE_POSE_STD, Case
 from observability.motions import Motion, equal_moments
 from observability.sensors import ANGLE_STD, ATTITUDE_STD, GYRO_STD, PIXEL_STD, POSE_STD, RANGE_STD
+from spinfilters.models.process import ProcessNoise
 
 NEARLY_EQUAL = 0.01
 """Relative difference below which two moments are called nearly equal: their axes are then hardly told apart."""
@@ -90,7 +91,13 @@ def assumptions(case: Case) -> list[str]:
         "attitude": f"attitude {ATTITUDE_STD[0]:g} rad",
         "gyro": f"gyro {GYRO_STD:g} rad/s",
     }
-    lines = [f"noise: {'; '.join(noise[each] for each in case.sensors)}", f"priors: {_priors(case)}"]
+    process = ProcessNoise()
+    lines = [
+        f"noise: {'; '.join(noise[each] for each in case.sensors)}",
+        f"process noise: {process.torque_psd:g} (rad/s^2)^2/Hz"
+        + (f", {process.force_psd:g} (m/s^2)^2/Hz" if case.has_place else ""),
+        f"priors: {_priors(case)}",
+    ]
     lines += [
         f"{each.axis.value}: {each.size:g} {'N m' if each.axis.is_torque else 'm/s^2'} cos(2 pi t / {each.period:.3g} s)"
         for each in case.acting

@@ -11,6 +11,8 @@ from observability.explanation import Explained
 
 DIRECTED = ("gauge translation", "gauge rotation", "centre of mass", "roll of the principal axes")
 """Kinds that mean one direction of several, which is then named."""
+ROUNDING = 1e-12
+"""Of the largest entry of a direction."""
 ALL_DIRECTIONS = 3
 """Directions of a kind that leave none to name."""
 
@@ -52,9 +54,12 @@ def null_vector_sentences(certificate: Certificate) -> list[str]:
 
 
 def named_entries(names: tuple[str, ...], vector: Float[np.ndarray, " n"]) -> dict[str, float]:
-    """Entries of a direction that are not 0 by the names of the unknowns, over the last of those that are no rounding."""
-    kept = np.flatnonzero(np.abs(vector) > 1e-12 * np.abs(vector).max(initial=0.0))
-    return {names[k]: float(vector[k] / vector[kept[-1]]) for k in kept}
+    """Entries of a direction that are not 0 by the names of the unknowns, over that of J_z (or J_zz), or over the largest."""
+    size = np.abs(vector)
+    kept = np.flatnonzero(size > ROUNDING * size.max(initial=0.0))
+    axial = [k for k in kept if names[k] in ("J_z", "J_zz")]
+    unit = vector[axial[0]] if axial else vector[size.argmax()]
+    return {names[k]: float(vector[k] / unit) for k in kept}
 
 
 def _named(explanations: list[Explained]) -> list[str]:

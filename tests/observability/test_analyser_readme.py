@@ -8,22 +8,32 @@ import pytest
 from spinfilters.cli.main import main
 
 README = Path(__file__).parents[2] / "observability" / "README.md"
-EXAMPLES = re.findall(r"```\n\$ spinfilters observe ?([^\n]*)\n(.*?)```", README.read_text(), re.DOTALL)
+EXAMPLES = re.findall(
+    r"```\n\$ spinfilters ((?:observe|condition)[^\n]*)\n(.*?)```", README.read_text(), re.DOTALL
+)
 
 
 def test_there_are_examples_of_every_kind() -> None:
     commands = " ".join(command for command, _ in EXAMPLES)
-    for word in ("gyro", "monocular", "attitude", "pose", "--torque", "--manoeuvre", "--landmarks"):
+    for word in (
+        "gyro",
+        "monocular",
+        "attitude",
+        "pose",
+        "lidar",
+        "condition",
+        "--torque",
+        "--manoeuvre",
+        "--landmarks",
+    ):
         assert word in commands
 
 
-@pytest.mark.parametrize(
-    ("command", "shown"), EXAMPLES, ids=[command or "default" for command, _ in EXAMPLES]
-)
+@pytest.mark.parametrize(("command", "shown"), EXAMPLES, ids=[command for command, _ in EXAMPLES])
 def test_an_example_prints_what_is_shown(
     command: str, shown: str, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
-    assert main(["observe", "-o", str(tmp_path / "run"), *command.split()]) == 0
+    assert main([*command.split(), "-o", str(tmp_path / "run")]) == 0
     printed = capsys.readouterr().out
     missing = [line for line in shown.splitlines() if line not in printed]
     assert missing == []
