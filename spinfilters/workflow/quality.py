@@ -135,8 +135,8 @@ def _empty_frames(history: EstimateHistory, false_alarm: float) -> list[str]:
     if min(float(pdtrc(count - 1, expected)), together) >= FALSE_DOUBT:
         return []
     return [
-        f"{count} of {len(history.time[history.own])} frames told nothing, {longest} in a row ({expected:.2g} by chance): all of them was "
-        "refused, or they only repeated the frame before"
+        f"{count} of {len(history.time[history.own])} frames told nothing, {longest} in a row ({expected:.2g} by chance): all of "
+        "them was refused, or they only repeated the frame before"
     ]
 
 
