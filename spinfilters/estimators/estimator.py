@@ -1,6 +1,7 @@
 """What every estimator is, and what one update says of itself."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -112,6 +113,10 @@ class Estimator(ABC):
     @abstractmethod
     def update(self, measurement: Measurement) -> UpdateReport:
         """Take in one sensor's values at the present time."""
+
+    def update_all(self, measurements: Sequence[Measurement]) -> list[UpdateReport]:
+        """Take in everything of the present time, in its order; an estimator that solves anew does so once."""
+        return [self.update(measurement) for measurement in measurements]
 
     @abstractmethod
     def snapshot(self) -> Snapshot:

@@ -56,14 +56,15 @@ class Taken:
 
     Attributes
     ----------
-    accepted, rejected: sightings of the frame that count and that do not.   linearisations: how many it took.
-    retired: frames that left.
+    accepted, rejected: values that count and that do not.   linearisations: how many it took.
+    retired: frames that left.   counts: accepted and rejected by measurement.
     """
 
     accepted: int
     rejected: int
     linearisations: int
     retired: tuple[Retired, ...] = ()
+    counts: tuple[tuple[int, int], ...] = ()
 
 
 @dataclass
@@ -74,9 +75,13 @@ class Memory:
     ----------
     prior_alive: whether the first frame's prior still stands by itself.   strange: whether the newest frame was not believed.
     determined: frames in a row after which the inertia was determined.   tried: when the closed form is asked again.
+    mass_std: of the mass distribution (logarithm of second moments), the largest, after the last frame.
+    fits: whether the last frame's solution explained what was measured within its noise.
     """
 
     prior_alive: bool = True
     strange: bool = False
     determined: int = 0
     tried: Tried = field(default_factory=Tried)
+    mass_std: float = np.inf
+    fits: bool = True
