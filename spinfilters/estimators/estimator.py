@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
+from spinfilters.state.status import EstimatorStatus
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,11 @@ class Estimator(ABC):
     @abstractmethod
     def belief(self) -> Gaussian:
         """The present belief."""
+
+    @property
+    def status(self) -> EstimatorStatus:
+        """What the estimator itself holds against its present belief: nothing, unless it can tell."""
+        return EstimatorStatus()
 
     @abstractmethod
     def predict(self, dt: float) -> None:

@@ -16,6 +16,7 @@ from spinfilters.estimators.smoothing.problem import Trial
 from spinfilters.estimators.smoothing.recursive import RecursiveSmoother
 from spinfilters.estimators.smoothing.sliding_records import SlidingOptions
 from spinfilters.state.gaussian import Gaussian
+from spinfilters.state.status import Verdict
 
 MODES = (Full(), FixedLag(8, SOON), FrozenVision(0.5, 12, SOON))
 BEGUN = 6
@@ -100,6 +101,14 @@ def test_observations_of_unknown_landmarks_may_come_late(mode: Mode) -> None:
     np.testing.assert_array_equal(other.belief.factor, one.belief.factor)
     error = LAYOUT.local(one.belief.mean, here.truth[-1])
     assert np.abs(error / one.belief.std).max() < 5.0
+
+
+def test_what_is_not_determined_yet_is_told_on_line() -> None:
+    here, updates = sample(LONG), _online(Full())
+    for frame in here.frames[:3]:
+        updates.receive(frame.time, frame.measurements[0])
+    assert updates.status.verdict is Verdict.DEGRADED
+    assert "not determined yet" in updates.status.reasons[0]
 
 
 def test_two_packets_of_one_camera_at_one_instant_make_one_frame() -> None:

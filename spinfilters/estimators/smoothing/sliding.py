@@ -18,7 +18,7 @@ from spinfilters.estimators.smoothing.newest_sightings import is_strange, with_l
 from spinfilters.estimators.smoothing.problem import Normal, Point, Problem, Stage
 from spinfilters.estimators.smoothing.reduced import Reduced
 from spinfilters.estimators.smoothing.robust_kernels import RobustKernel
-from spinfilters.estimators.smoothing.sliding_records import Memory, Retired, SlidingOptions, Taken
+from spinfilters.estimators.smoothing.sliding_records import TRUSTED, Memory, Retired, SlidingOptions, Taken
 from spinfilters.estimators.smoothing.solver import Plain, SolverOptions, advanced, moved, solve
 from spinfilters.estimators.smoothing.step_rules import GaussNewton
 from spinfilters.estimators.smoothing.undetermined import undetermined_directions
@@ -32,10 +32,6 @@ SURPRISE = 10.0
 LOOSE, SETTLED_COST = 0.05, 1.0
 """Standard deviation of the mass distribution above which a frame is iterated until the cost falls by less than the second number:
 what is believed of a body hardly known is curved, and a covariance from one step before would lie."""
-TRUSTED = 0.15
-"""Standard deviation of the mass distribution from which the belief is trusted: before, it may sit in a wrong minimum, or be curved
-more than a covariance tells (NEES of a hundred times the degrees of freedom above 0.3 on simulated motions, as it should be below
-0.2)."""
 SETTLED = 3
 """Frames in a row after which the inertia must have been determined before a frame leaves."""
 
@@ -75,7 +71,7 @@ class SlidingSmoother:
         _, problem = self._solved(frames[-1].measurements)
         self._remember(problem)
         every = zip(frames, ends, strict=True)
-        return [_taken(f.measurements, self._weights(k, end), 1) for k, (f, end) in enumerate(every)]
+        return [Taken.counted(f.measurements, self._weights(k, end), 1) for k, (f, end) in enumerate(every)]
 
     def add(self, frame: Frame, guess: Float[np.ndarray, " 7"] | None = None) -> Taken:
         """Take in a frame.
@@ -97,7 +93,7 @@ class SlidingSmoother:
         count, problem = self._solved(measurements)
         self._remember(problem)
         count += self._from_closed_form(problem)
-        taken = _taken(measurements, self._weights(len(self.window.frames) - 1, ends), count)
+        taken = Taken.counted(measurements, self._weights(len(self.window.frames) - 1, ends), count)
         return replace(taken, retired=self._slide(problem))
 
     def problem(self) -> Problem:
@@ -118,17 +114,7 @@ class SlidingSmoother:
     @property
     def status(self) -> EstimatorStatus:
         """Whether the belief of the latest epoch can be relied upon already, and if not, why."""
-        status, std = EstimatorStatus(), self.memory.mass_std
-        if not std <= TRUSTED:
-            status = status.degraded(
-                f"the inertia is not determined yet (standard deviation {std:.2g} of the logarithm of second moments, "
-                f"at most {TRUSTED} is trusted)"
-            )
-        if not self.memory.fits:
-            status = status.degraded("the motion found does not explain the observations within their noise")
-        if self.memory.strange:
-            status = status.degraded("the latest epoch's observations agree on no pose")
-        return status
+        return self.memory.status
 
     def smoothed(self, frames: int | None = None) -> list[Retired]:
         """Frames of the window with their covariances: all, or so many of the oldest."""
@@ -297,15 +283,3 @@ def _linear_problem(problem: Problem, here: Point, kernel: RobustKernel) -> tupl
     stage = Stage(kernel)
     here = with_landmarks_put_right(problem, here, stage)
     return here, problem.normal(here, stage)
-
-
-def _taken(
-    measurements: tuple[Measurement, ...], weights: list[Float[np.ndarray, " n"]], linearisations: int
-) -> Taken:
-    """Values that count and that do not: of measurements beside landmarks all, of observations those with a weight."""
-    counts = []
-    for m, weight in zip(measurements, weights, strict=True):
-        good = len(m.values) if m.ids is None else int(np.count_nonzero(weight > 0))
-        counts.append((good, len(m.values) - good))
-    accepted, rejected = (sum(count[side] for count in counts) for side in (0, 1))
-    return Taken(accepted, rejected, linearisations, counts=tuple(counts))
