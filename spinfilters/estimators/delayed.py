@@ -120,8 +120,8 @@ class DelayedUpdates:
 
     @property
     def status(self) -> EstimatorStatus:
-        """``degraded`` when measurements were left out as too late or unusable."""
-        status, late = EstimatorStatus(), self._counts[Outcome.TOO_LATE]
+        """The estimator's own; ``degraded`` when measurements were left out as too late or unusable."""
+        status, late = self._estimator.status, self._counts[Outcome.TOO_LATE]
         if late:
             status = status.degraded(f"{late} measurements came too late and were left out")
         if self._last_unusable:

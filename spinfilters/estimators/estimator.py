@@ -1,6 +1,7 @@
 """What every estimator is, and what one update says of itself."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -10,6 +11,7 @@ from jaxtyping import Float, Int
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
+from spinfilters.state.status import EstimatorStatus
 
 
 @dataclass(frozen=True)
@@ -105,6 +107,11 @@ class Estimator(ABC):
     def belief(self) -> Gaussian:
         """The present belief."""
 
+    @property
+    def status(self) -> EstimatorStatus:
+        """What the estimator itself holds against its present belief: nothing, unless it can tell."""
+        return EstimatorStatus()
+
     @abstractmethod
     def predict(self, dt: float) -> None:
         """Move the belief dt > 0 seconds ahead."""
@@ -112,6 +119,10 @@ class Estimator(ABC):
     @abstractmethod
     def update(self, measurement: Measurement) -> UpdateReport:
         """Take in one sensor's values at the present time."""
+
+    def update_all(self, measurements: Sequence[Measurement]) -> list[UpdateReport]:
+        """Take in everything of the present time, in its order; an estimator that solves anew does so once."""
+        return [self.update(measurement) for measurement in measurements]
 
     @abstractmethod
     def snapshot(self) -> Snapshot:

@@ -13,6 +13,11 @@ class FirstStatePrior:
     mean: Float[np.ndarray, " m"]
     std: Float[np.ndarray, " n"]
 
+    @property
+    def factor(self) -> Float[np.ndarray, "n n"]:
+        """Square root of the covariance."""
+        return np.diag(self.std)
+
 
 @dataclass(frozen=True)
 class SmoothedFrames:

@@ -89,7 +89,7 @@ def advance(estimator: Estimator, frame: Frame, dt: float) -> list[UpdateReport]
     """Move an estimator ``dt`` >= 0 seconds ahead to a frame and take in its measurements, in their order."""
     if dt > 0:
         estimator.predict(dt)
-    return [estimator.update(measurement) for measurement in frame.measurements]
+    return estimator.update_all(frame.measurements)
 
 
 def finite(belief: Gaussian, reports: list[UpdateReport]) -> bool:

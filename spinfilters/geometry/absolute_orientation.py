@@ -36,6 +36,18 @@ def absolute_orientation(
     return q, mean_a - matrix_from_quaternion(q) @ mean_b
 
 
+def rigid_motions(
+    points_a: Float[np.ndarray, "h n 3"], points_b: Float[np.ndarray, "h n 3"]
+) -> tuple[Float[np.ndarray, "h 3 3"], Float[np.ndarray, "h 3"]]:
+    """(R_ab, t_ab) of h sets at once: U V' of the singular value decomposition of sum p_a p_b' (Kabsch 1976)."""
+    mean_a, mean_b = points_a.mean(axis=1), points_b.mean(axis=1)
+    M = np.swapaxes(points_a - mean_a[:, None], 1, 2) @ (points_b - mean_b[:, None])
+    U, _, Vt = np.linalg.svd(M)
+    U[:, :, 2] *= np.sign(np.linalg.det(U @ Vt))[:, None]
+    R = U @ Vt
+    return R, mean_a - (R @ mean_b[..., None])[..., 0]
+
+
 def _horn_matrix(S: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "4 4"]:
     """N of Horn's method, scalar first, for S = sum p_b p_a'."""
     delta = np.array([S[1, 2] - S[2, 1], S[2, 0] - S[0, 2], S[0, 1] - S[1, 0]])

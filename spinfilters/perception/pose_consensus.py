@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 from spinfilters.attitude.conversions import matrix_from_quaternion, quaternion_from_matrix
 from spinfilters.errors import InputError
-from spinfilters.geometry.absolute_orientation import absolute_orientation
+from spinfilters.geometry.absolute_orientation import absolute_orientation, rigid_motions
 from spinfilters.geometry.triangulation import triangulate
 
 AGREEMENT_PX = 20.0
@@ -91,24 +91,12 @@ def _best_of_triples(
 ) -> Float[np.ndarray, " 7"]:
     generator = np.random.default_rng(SEED)
     chosen = generator.random((TRIPLES, len(points))).argpartition(2, axis=1)[:, :3]
-    rotations, shifts = _motions(points[chosen], seen[chosen])
+    rotations, shifts = rigid_motions(seen[chosen], points[chosen])
     cost = np.minimum(_squared_pixels(rotations, shifts, points, pixels, calibration), AGREEMENT_PX**2).sum(
         axis=1
     )
     best = int(np.argmin(cost))
     return np.concatenate([shifts[best], quaternion_from_matrix(rotations[best])])
-
-
-def _motions(
-    points: Float[np.ndarray, "h 3 3"], seen: Float[np.ndarray, "h 3 3"]
-) -> tuple[Float[np.ndarray, "h 3 3"], Float[np.ndarray, "h 3"]]:
-    """(R_ig, t) of many triples at once: U V' of the singular value decomposition of sum s p' (Kabsch 1976)."""
-    middle, middle_seen = points.mean(axis=1), seen.mean(axis=1)
-    M = np.swapaxes(seen - middle_seen[:, None], 1, 2) @ (points - middle[:, None])
-    U, _, Vt = np.linalg.svd(M)
-    U[:, :, 2] *= np.sign(np.linalg.det(U @ Vt))[:, None]
-    R = U @ Vt
-    return R, middle_seen - (R @ middle[..., None])[..., 0]
 
 
 def _squared_pixels(

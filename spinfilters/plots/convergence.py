@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import LogNorm
@@ -61,6 +61,7 @@ class Convergence:
     Attributes
     ----------
     time: (f,) s of the frames.   motions: a row of panels each.   bodies: after every solve.
+    trusted: (f,) which solves the smoother vouched for.
     known: whether distances are from the truth, or from the last solve.
     true_ratios: k1, k2.   true_center: (3,) m in g; None where it is not known.
     """
@@ -68,6 +69,7 @@ class Convergence:
     time: Float[np.ndarray, " f"]
     motions: Sequence[Settling]
     bodies: BodyHistory
+    trusted: Bool[np.ndarray, " f"]
     known: bool
     true_ratios: Float[np.ndarray, "2"] | None = None
     true_center: Float[np.ndarray, "3"] | None = None
@@ -82,6 +84,8 @@ def convergence_figure(found: Convergence) -> Figure:
         _surfaces(error, std, found, motion)
         _course(course, found, motion)
     _constants(panels[-1], found)
+    for axes in panels.flat:
+        _doubtful(axes, found)
     figure.align_ylabels(list(panels[:, 0]))
     for axes in panels[-1]:
         axes.set_xlabel("after frame")
@@ -94,12 +98,20 @@ def convergence_figure(found: Convergence) -> Figure:
     return figure
 
 
+def _doubtful(axes: Axes, found: Convergence) -> None:
+    """Hatch the solves that the smoother did not vouch for."""
+    edges = np.flatnonzero(np.diff(found.trusted, prepend=True, append=True))
+    for first, end in edges.reshape(-1, 2):
+        axes.axvspan(first + 0.5, end + 0.5, facecolor="none", edgecolor=GREY, hatch="///", linewidth=0.0)
+
+
 def _legend(figure: Figure, found: Convergence) -> None:
     what = "|error|" if found.known else "distance"
     handles = [
         Line2D([], [], color=BLACK, label=f"{what}, rms"),
         Line2D([], [], color=RED, linestyle="--", label="σ, rms"),
         Patch(color=GREY, alpha=0.3, label="±1 σ"),
+        Patch(facecolor="none", edgecolor=GREY, hatch="///", label="not determined yet"),
     ]
     legend_below(figure, [*handles, *([truth_handle()] if found.true_ratios is not None else [])])
 

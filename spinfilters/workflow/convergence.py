@@ -141,7 +141,8 @@ def _convergence(found: Surfaces, newest: EstimateHistory, truth: Truth | None) 
         None if truth is None or truth.principal_moments is None else _log_ratios(truth.principal_moments)
     )
     centre = None if truth is None else truth.center_of_mass_g
-    return Convergence(found.time, motions, body_history(newest), truth is not None, ratios, centre)
+    known = truth is not None
+    return Convergence(found.time, motions, body_history(newest), found.trusted, known, ratios, centre)
 
 
 def _in_estimated_frame(found: Surfaces, newest: EstimateHistory, truth: Truth) -> Truth:

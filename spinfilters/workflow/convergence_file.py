@@ -30,7 +30,13 @@ def write_surfaces(path: Path, found: Surfaces, layout: StateLayout) -> None:
     """Surfaces (solves, frames, components), the body after every solve, and the states that it was told from."""
     newest = newest_frames(layout, found)
     states = {"blocks": np.array(layout.blocks), "newest_mean": newest.mean, "newest_factor": newest.factor}
-    arrays = {"time": found.time, **found.values, **_constants(body_history(newest)), **states}
+    arrays = {
+        "time": found.time,
+        "trusted": found.trusted,
+        **found.values,
+        **_constants(body_history(newest)),
+        **states,
+    }
     write_arrays(path, arrays, ZIP_DEFLATED)
 
 
@@ -97,8 +103,11 @@ def _surfaces(arrays: dict[str, np.ndarray]) -> tuple[StateLayout, Surfaces]:
     for name, shape in shapes.items():
         if arrays[name].shape != shape or arrays[name].dtype != np.dtype(float):
             raise ValueError(f"{name} is {arrays[name].dtype} of shape {arrays[name].shape}, not {shape}")
-    time, mean = arrays["time"], arrays["newest_mean"]
+    time, mean, trusted = arrays["time"], arrays["newest_mean"], arrays["trusted"]
+    if trusted.shape != (count,) or trusted.dtype != np.dtype(bool):
+        raise ValueError(f"trusted is {trusted.dtype} of shape {trusted.shape}, not bool of {(count,)}")
     if count < 2 or not (np.isfinite(time).all() and (np.diff(time) > 0).all()):
         raise ValueError("its time does not run forwards")
     newest = zip(time.tolist(), mean, arrays["newest_factor"], strict=True)
-    return layout, Surfaces(time, {name: arrays[name] for name in _SIZES}, tuple(Retired(*r) for r in newest))
+    values = {name: arrays[name] for name in _SIZES}
+    return layout, Surfaces(time, values, tuple(Retired(*r) for r in newest), trusted)

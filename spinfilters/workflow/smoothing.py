@@ -11,6 +11,7 @@ from spinfilters.estimators.landmark_start.start import LandmarkStartReport
 from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.run import rehearse, run
 from spinfilters.estimators.smoothing.batch import BatchSmoothing, smooth_recording
+from spinfilters.estimators.smoothing.problem import Trial
 from spinfilters.estimators.smoothing.recursive import RecursiveSmoother
 from spinfilters.estimators.smoothing.sliding_records import Taken
 from spinfilters.estimators.timeline import times_of
@@ -28,19 +29,20 @@ OnFrame = Callable[[int, int], None]
 
 def sliding_smoother(prepared: Prepared, settings: Settings) -> RecursiveSmoother | None:
     """The smoother of tracks without a map; None for sensors that tie nothing together, see `smooth_at_once`."""
-    start, timeline = prepared.start, prepared.timeline
-    if not isinstance(start, LandmarkStartReport):
+    timeline = prepared.timeline
+    if not isinstance(prepared.start, LandmarkStartReport):
         return None
-    return RecursiveSmoother(
-        prepared.process, start.prior, settings.smoother.options(len(timeline)), timeline
-    )
+    every = (measurement.model for frame in timeline for measurement in frame.measurements)
+    options = settings.smoother.options(len(timeline))
+    return RecursiveSmoother(prepared.process, options, tuple(dict.fromkeys(every)))
 
 
 def begin_at_start(smoother: RecursiveSmoother, prepared: Prepared) -> list[Taken]:
     """Take in the frames of the start with what it found."""
     assert isinstance(prepared.start, LandmarkStartReport)
-    found = prepared.start.landmarks
-    return smoother.begin(prepared.start.frames.mean, found.ids, found.points)
+    start, found = prepared.start, prepared.start.landmarks
+    first = Trial(start.frames.mean, found.ids, found.points)
+    return smoother.begin(start.prior, prepared.timeline[: len(first.trajectory)], first)
 
 
 def smoothed_history(
@@ -59,7 +61,7 @@ def smoothed_history(
     return EstimateHistory(
         name=NAME,
         layout=prepared.process.layout,
-        time=np.array([row.time for row in rows]),
+        time=np.array([frame.time for frame in prepared.timeline[: len(rows)]]),
         mean=np.array([row.mean for row in rows]),
         factor=factor,
         nis=nothing,

@@ -41,6 +41,8 @@ def test_the_arrays_of_convergence_end_in_the_smoothed_trajectory(unmapped: Path
     assert arrays["position"].shape == (FRAMES, FRAMES, 3)
     assert (np.isfinite(arrays["position"]).all(axis=2) == np.tri(FRAMES, dtype=bool)).all()
     assert arrays["log_ratios"].shape == (FRAMES, 2)
+    assert arrays["trusted"].shape == (FRAMES,)
+    assert not arrays["trusted"][0]
     difference = np.abs(arrays["position"][-1] - smoothed[:, 1:4])
     assert (difference < arrays["std_position"][-1]).all()
     assert (unmapped / "convergence.png").stat().st_size > 10_000

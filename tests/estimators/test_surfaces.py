@@ -8,6 +8,7 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.smoothing.modes import FixedLag, Full
 from spinfilters.estimators.smoothing.surfaces import record_surfaces
 from spinfilters.evaluation.consistency import normalised_square
+from spinfilters.state.status import Verdict
 
 FRAMES = MIDDLE.frames
 
@@ -47,6 +48,14 @@ def test_standard_deviations_shrink_as_frames_come_and_errors_stay_within_them()
     last = surfaces.newest[-1]
     error = LAYOUT.local(last.mean, here.truth[-1])
     assert normalised_square(error[np.newaxis], last.factor[np.newaxis])[0] < 60
+
+
+def test_solves_are_trusted_once_the_inertia_is_determined() -> None:
+    here = sample(MIDDLE)
+    surfaces = record_surfaces(smoother(here, Full()), here.frames)
+    sliding = run(smoother(here, Full()), here.frames)
+    assert not surfaces.trusted[0]
+    assert surfaces.trusted[-1] == (sliding.status.verdict is Verdict.OK)
 
 
 def test_what_is_told_of_a_window_is_chosen_by_the_caller() -> None:

@@ -14,7 +14,7 @@ from spinfilters.attitude.conversions import (
     rotate,
 )
 from spinfilters.errors import InputError
-from spinfilters.geometry.absolute_orientation import absolute_orientation
+from spinfilters.geometry.absolute_orientation import absolute_orientation, rigid_motions
 from spinfilters.geometry.triangulation import triangulate
 from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.track_files import KnownMap
@@ -171,3 +171,12 @@ def test_tracks_that_share_no_landmark_with_the_map_are_refused(recording: Datas
     elsewhere = KnownMap(recording.known_map.ids + 10_000, recording.known_map.points)
     with pytest.raises(InputError, match="four landmarks"):
         poses_with_map(recording.log.stream("stereo"), elsewhere, RIG.calibration, 1.0)
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_motions_of_triples_are_those_of_absolute_orientation(turn: float) -> None:
+    pose, points = _pose(turn), np.stack([_points(3, seed) for seed in range(4)])
+    seen = points @ matrix_from_quaternion(pose[3:]).T + pose[:3]
+    R, t = rigid_motions(seen, points)
+    np.testing.assert_allclose(R, np.tile(matrix_from_quaternion(pose[3:]), (4, 1, 1)), atol=1e-9)
+    np.testing.assert_allclose(t, np.tile(pose[:3], (4, 1)), atol=1e-9)

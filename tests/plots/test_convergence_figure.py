@@ -12,6 +12,8 @@ from run_samples import FRAMES, MOMENTS, full_runs
 from spinfilters.plots.convergence import Convergence, Settling, convergence_figure
 
 BODIES = full_runs().with_truth[0].bodies
+DETERMINED = 7
+"""The first solve that is trusted."""
 SHRINKING = np.where(np.tri(FRAMES) > 0, 1.0 / (1.0 + np.arange(FRAMES))[:, np.newaxis], np.nan)
 
 
@@ -19,7 +21,8 @@ def found(known: bool) -> Convergence:
     """Two motions that settle as one over the number of the solve."""
     motions = [Settling(name, "mm", 2.0 * SHRINKING, SHRINKING) for name in ("position", "velocity")]
     ratios = np.log([MOMENTS[2] / MOMENTS[1], MOMENTS[1] / MOMENTS[0]]) if known else None
-    return Convergence(BODIES.time, motions, BODIES, known, ratios, np.zeros(3) if known else None)
+    trusted, centre = np.arange(FRAMES) >= DETERMINED, np.zeros(3) if known else None
+    return Convergence(BODIES.time, motions, BODIES, trusted, known, ratios, centre)
 
 
 def meshes(axes: Axes) -> list[QuadMesh]:
@@ -40,6 +43,21 @@ def test_error_and_deviation_share_colours_and_are_blank_above_the_diagonal(know
             assert (np.ma.getmaskarray(values) == np.isnan(SHRINKING).T).all()
     titles = " ".join(axes.get_title(loc="left") for axes in figure.axes)
     assert ("error" in titles) == known
+
+
+def _hatched(shown: Convergence) -> list[list[tuple[float, float]]]:
+    """Where each panel is hatched, in numbers of solves."""
+    panels = [axes for axes in convergence_figure(shown).axes if axes.get_title(loc="left")]
+    spans = [[each for each in axes.patches if each.get_hatch()] for axes in panels]
+    return [[(each.get_x(), each.get_x() + each.get_width()) for each in span] for span in spans]  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_solves_that_are_not_trusted_are_hatched_in_every_panel() -> None:
+    shown = found(True)
+    hatched = _hatched(shown)
+    assert len(hatched) == 9
+    assert all(spans == [(0.5, DETERMINED + 0.5)] for spans in hatched)
+    assert not any(_hatched(replace(shown, trusted=np.ones(FRAMES, dtype=bool))))
 
 
 def test_first_solves_that_know_nothing_do_not_flatten_the_panel_of_the_inertia() -> None:

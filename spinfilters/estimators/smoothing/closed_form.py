@@ -6,51 +6,54 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.errors import InputError
+from spinfilters.estimators.landmark_start.smoother import DrawnIn, SmoothingOptions
 from spinfilters.estimators.motion_evidence import evidence_from_poses
-from spinfilters.estimators.smoothing.problem import Normal, Point, Problem
-from spinfilters.estimators.smoothing.solver import Plain, SolverOptions, solve
-from spinfilters.estimators.start import closed_form
+from spinfilters.estimators.smoothing.problem import Normal, Point, Problem, Stage
+from spinfilters.estimators.smoothing.solver import SolverOptions, solve
+from spinfilters.estimators.start import MASS_SHARES, closed_form
 from spinfilters.logs.measurement_log import MeasurementStream
 
-FIRST, GROWTH = 5, 1.5
-"""Number of frames at which it is first asked, and by how much more before it is asked again."""
-GOOD_FIT, BELIEVED = 1.5, 0.9
+FIRST, GROWTH, RETRY = 4, 1.5, 1.2
+"""Number of frames at which it is first asked, and by how much more before it is asked again: where all fits, and where not."""
+GOOD_FIT, BELIEVED = 1.5, 0.4
 """Cost per degree of freedom, and share of the sightings, from which a fit is not in doubt."""
-STEPS = 4
-"""From where it points to."""
+ITERATIONS = 15
+"""From where it points to, with an annealed schedule."""
 
 
 @dataclass
 class Tried:
-    """When to ask again."""
+    """When to ask again: at a number of frames where all fits, or where it does not."""
 
     next: float = FIRST
+    retry: float = FIRST
 
-    def due(self, frames: int) -> bool:
+    def due(self, frames: int, good: bool) -> bool:
         """Whether there are enough frames; the next time there must be more."""
-        if frames < self.next:
+        if frames < (self.next if good else self.retry):
             return False
-        self.next = GROWTH * frames
+        self.next, self.retry = GROWTH * frames, RETRY * frames
         return True
 
 
 def fits(here: Point, normal: Normal) -> bool:
-    """Whether the fit, after the step that the linear problem promises, is as good as noise allows."""
-    if normal.eliminated is None or here.linear is None or not normal.solved:
+    """Whether a point fits as well as noise allows; the cost that its linear problem promises is not trusted."""
+    if not normal.solved:
         return False
+    if normal.eliminated is None or here.linear is None:
+        return True
     used = int(np.count_nonzero(normal.eliminated.used))
     dof = here.linear.rows.shape[1] * used - 3 * int(np.count_nonzero(normal.eliminated.told))
     every = int(np.count_nonzero(normal.eliminated.told[normal.eliminated.sightings.landmark]))
-    cost = here.cost(normal.used, normal.stage) - normal.decrement
-    return used >= BELIEVED * every and cost <= GOOD_FIT * max(dof, 1)
+    return used >= BELIEVED * every and here.cost(normal.used, normal.stage) <= GOOD_FIT * max(dof, 1)
 
 
 def at_closed_form(
-    problem: Problem, here: Point, normal: Normal, times: Float[np.ndarray, " k"]
+    problem: Problem, here: Point, stage: Stage, times: Float[np.ndarray, " k"]
 ) -> tuple[Point | None, int]:
-    """A point that fits better than ``here`` would after a step, reached from the closed form, or None; and linearisations."""
+    """A point that fits better than ``here``, reached from the closed form, or None; and linearisations."""
     layout = problem.layout
-    if "t" not in layout.blocks:
+    if "t" not in layout.blocks or problem.sightings is None:
         return None, 0
     poses = np.concatenate([here.trajectory[:, layout.mean_slice(b)] for b in ("t", "a")], axis=1)
     try:
@@ -63,9 +66,20 @@ def at_closed_form(
         if block in layout.blocks:
             trajectory[:, layout.mean_slice(block)] = first[layout.mean_slice(block)]
     trajectory[:, layout.mean_slice("w")] = evidence.rates
-    found = solve(
-        problem, problem.at(trajectory, here.points), SolverOptions(STEPS), Plain(normal.stage.kernel)
-    )
-    best = here.cost(normal.used, normal.stage) - normal.decrement
-    better = found.point.cost(found.normal.used, normal.stage) < best - 1
-    return (found.point if better else None), found.linearisations
+    best, least, count = None, here.robust_cost(stage) - 1, 0
+    for share in MASS_SHARES:
+        start = trajectory.copy()
+        start[:, layout.mean_slice("s")] *= share
+        found = solve(
+            problem,
+            problem.at(start, here.points),
+            SolverOptions(ITERATIONS),
+            DrawnIn(problem, SmoothingOptions(ITERATIONS)),
+        )
+        count += found.linearisations
+        cost = found.point.robust_cost(stage)
+        if cost < least:
+            best, least = found.point, cost
+        if fits(found.point, found.normal):
+            break
+    return best, count

@@ -11,12 +11,12 @@ with the right-hand side as last column, one per frame and one per step.
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinfilters.estimators.estimator import ProcessModel
-from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.smoothing.native import kernels
 from spinfilters.estimators.smoothing.robust_kernels import LeastSquares, RobustKernel
 from spinfilters.estimators.smoothing.unknowns import CONSTANT, Unknowns
@@ -46,6 +46,16 @@ class Grams:
     steps: Float[np.ndarray, "j s1 s1"]
     cost: float
     rows: Float[np.ndarray, "j d s1"]
+
+
+class StatePrior(Protocol):
+    """A Gaussian of one state: a `FirstStatePrior`, or a `Gaussian`."""
+
+    @property
+    def mean(self) -> Float[np.ndarray, " m"]: ...
+
+    @property
+    def factor(self) -> Float[np.ndarray, "n n"]: ...
 
 
 @dataclass(frozen=True)
@@ -108,7 +118,7 @@ class Motion:
     unknowns: Unknowns
     dt: Float[np.ndarray, " j"]
     sensors: tuple[SensorRows, ...]
-    prior: FirstStatePrior | None = None
+    prior: StatePrior | None = None
     kernel: RobustKernel = field(default_factory=LeastSquares)
     first: Float[np.ndarray, " m"] | None = None
 
@@ -246,13 +256,13 @@ def whitened_steps_in_numpy(
 
 
 def prior_rows(
-    unknowns: Unknowns, first: Float[np.ndarray, " m"], prior: FirstStatePrior
+    unknowns: Unknowns, first: Float[np.ndarray, " m"], prior: StatePrior
 ) -> Float[np.ndarray, "n n1"]:
     """The error about the prior's mean, where the prior is Gaussian, by the error about the trial."""
     layout = unknowns.layout
     away = layout.local(prior.mean, first)
     by_trial = np.linalg.inv(layout.reset_jacobian(away))[:, unknowns.order]
-    return np.concatenate([by_trial, -away[:, None]], axis=1) / prior.std[:, None]
+    return np.linalg.solve(prior.factor, np.concatenate([by_trial, -away[:, None]], axis=1))
 
 
 def _grams_by_frame(

@@ -12,7 +12,7 @@ from spinfilters.estimators.smoothing.sightings import SIGHTINGS_NEEDED, lineari
 STRANGE = 0.3
 """Share of the newest frame's sightings without weight from which the frame's guess, not the sightings, is taken to be wrong."""
 WIDTH = 5.0
-"""Standard deviations: of the kernel that then takes over, and within which sightings' own points agree."""
+"""Standard deviations within which sightings' own points agree."""
 
 
 def is_strange(problem: Problem, here: Point, kernel: RobustKernel) -> bool:

@@ -76,6 +76,10 @@ class Point:
             return cost
         return cost + self.linear.cost(stage.kernel, used)
 
+    def robust_cost(self, stage: Stage) -> float:
+        """Of everything, so that a fit gains nothing by rejecting: an outlier costs what the loss says, whoever rejects it."""
+        return self.cost(None if self.linear is None else np.ones(len(self.linear.square), dtype=bool), stage)
+
 
 @dataclass(frozen=True)
 class Normal:

@@ -1,89 +1,108 @@
-"""The sliding smoother as one estimator among others: driven frame by frame, kept in a checkpoint, and brought back from it."""
+"""The sliding smoother as a recursive estimator: time and belief move with every prediction, measurements come one by one."""
 
-from bisect import bisect_left, bisect_right
-from dataclasses import replace
-from itertools import takewhile
+from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, Int
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Estimator, Measurement, ProcessModel, Snapshot, UpdateReport
-from spinfilters.estimators.first_frames import FirstStatePrior
-from spinfilters.estimators.smoothing.carried import Carried
+from spinfilters.estimators.prediction import predict_ahead
 from spinfilters.estimators.smoothing.closed_form import Tried
+from spinfilters.estimators.smoothing.motion import StatePrior
+from spinfilters.estimators.smoothing.problem import Trial
 from spinfilters.estimators.smoothing.sliding import SlidingSmoother
 from spinfilters.estimators.smoothing.sliding_records import Memory, Retired, SlidingOptions, Taken
-from spinfilters.estimators.smoothing.unknowns import Unknowns
-from spinfilters.estimators.smoothing.window import Seen, Window
+from spinfilters.estimators.smoothing.unknowns import PLACE
+from spinfilters.estimators.smoothing.window_arrays import window_arrays, window_of
 from spinfilters.estimators.timeline import Frame, Timeline
-from spinfilters.models.landmark_sensor import LandmarkSensor
+from spinfilters.models.measurement import MeasurementModel
 from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.layout import StateLayout
+from spinfilters.state.status import EstimatorStatus
 
-_SEEN = ("frame", "landmark", "sensor", "values", "parameters")
 _RETIRED = ("time", "mean", "factor")
 
 
 class RecursiveSmoother(Estimator):
-    """A sliding smoother that knows its timeline: all measurements of a frame are taken in with the first of them.
+    """A sliding smoother that takes measurements as they come; those of one instant make one frame.
+
+    A frame is made by the first measurement of an instant, and solved again with every further one, or once for all that come by
+    `update_all`. Where nothing was measured the belief is predicted, and no frame is made.
 
     Parameters
     ----------
-    prior: of the first frame's state.   timeline: all frames that it will be given.
+    sensors: those of a run whose snapshot another object is to restore, in the same order; others join as they speak.
     """
 
     name = "smoother"
 
     def __init__(
-        self, process: ProcessModel, prior: FirstStatePrior, options: SlidingOptions, timeline: Timeline
+        self,
+        process: ProcessModel,
+        options: SlidingOptions | None = None,
+        sensors: Sequence[MeasurementModel] = (),
     ) -> None:
         super().__init__(process)
-        self._prior, self._options, self._timeline = prior, options, timeline
-        self.sliding = SlidingSmoother(process, prior, options, tied=True)
-        self.retired: list[Retired] = []
         self.begun: list[Taken] = []
         """What `begin` did, epoch by epoch."""
-        self._time, self._belief = timeline[0].time, Gaussian(self.layout, prior.mean, np.diag(prior.std))
+        self._options, self._sensors = options or SlidingOptions(), list(sensors)
+        n = self.layout.error_dim
+        self._begun(Gaussian(self.layout, self.layout.origin(), np.full((n, n), np.nan)))
 
     def start(self, belief: Gaussian) -> None:
-        """Begin from a belief of the first frame's state, whose standard deviations are the prior's."""
-        prior = FirstStatePrior(belief.mean, np.linalg.norm(belief.factor, axis=1))
-        self.__init__(self.process, prior, self._options, self._timeline)
+        """Begin from a belief at time 0, correlations and all; the pose of landmarks' frame g is as certain as it says."""
+        if belief.layout != self.layout:
+            raise InputError(
+                f"belief has the blocks {belief.layout.blocks}, the process has {self.layout.blocks}"
+            )
+        self._begun(belief)
+        self.sliding.add(Frame(0.0, ()))
+        self._time, self._belief = 0.0, belief
 
-    def begin(
-        self,
-        trajectory: Float[np.ndarray, "k m"],
-        ids: Int[np.ndarray, " L"],
-        points: Float[np.ndarray, "L 3"],
-    ) -> list[Taken]:
-        """Take in the first k frames at once, as `SlidingSmoother.begin`."""
-        first = self._timeline[: len(trajectory)]
-        self.begun = self.sliding.begin(first, trajectory, ids, points)
-        self._time, self._belief = first[-1].time, self.sliding.belief
+    def begin(self, prior: StatePrior, frames: Timeline, first: Trial) -> list[Taken]:
+        """Begin with some frames at once, from the states and landmarks that an initialisation found for them.
+
+        Parameters
+        ----------
+        prior: of the first frame's state; its pose says where g is.
+        """
+        self._begun(prior)
+        for frame in frames:
+            self._meet(frame.measurements)
+        self.begun = self.sliding.begin(frames, first.trajectory, first.ids, first.points)
+        self._time, self._belief = frames[-1].time, self.sliding.belief
         return self.begun
 
     @property
     def belief(self) -> Gaussian:
-        """Of the newest frame, given all up to it."""
+        """Of the present time, given all measurements up to it."""
         return self._belief
 
+    @property
+    def status(self) -> EstimatorStatus:
+        """Whether the belief can be relied upon already: see `SlidingSmoother.status`."""
+        return self.sliding.status
+
     def predict(self, dt: float) -> None:
-        """Go dt > 0 seconds ahead; the next frame says what was measured there."""
-        later = bisect_right(self._timeline, self._time, key=_time_of)
-        if later == len(self._timeline) or not dt > 0:
-            raise InputError(f"no frame follows t = {self._time} s; give the smoother its whole timeline")
-        self._time = self._timeline[later].time
+        """Move time and belief dt > 0 seconds ahead; the window stays as it is until something is measured."""
+        ahead = predict_ahead(self.process, self._belief, np.array([dt]))
+        self._time, self._belief = self._time + dt, ahead.belief(0)
 
     def update(self, measurement: Measurement) -> UpdateReport:
-        """Take in the frame that the measurement belongs to, if that has not been done."""
-        frames = self.sliding.window.frames
-        if frames and frames[-1].time >= self._time:
-            return UpdateReport(nis=0.0, dof=0, accepted=0, rejected=0)
-        taken = self.sliding.add(self._timeline[bisect_left(self._timeline, self._time, key=_time_of)])
+        """Take in one sensor's values at the present time, beside what was measured then already."""
+        return self.update_all((measurement,))[0]
+
+    def update_all(self, measurements: Sequence[Measurement]) -> list[UpdateReport]:
+        """Take in what was measured at the present time, and solve once."""
+        if not measurements:
+            return []
+        self._meet(measurements)
+        if self.sliding.window.frames[-1].time < self._time:
+            taken = self.sliding.add(Frame(self._time, tuple(measurements)))
+        else:
+            taken = self.sliding.extend(tuple(measurements))
         self.retired += taken.retired
         self._belief = self.sliding.belief
-        return UpdateReport(nis=0.0, dof=0, accepted=taken.accepted, rejected=taken.rejected)
+        return [UpdateReport(0.0, 0, accepted, rejected) for accepted, rejected in taken.counts]
 
     def smoothed(self) -> list[Retired]:
         """Every frame so far, those in the window iterated until nothing moves."""
@@ -92,66 +111,43 @@ class RecursiveSmoother(Estimator):
 
     def snapshot(self) -> Snapshot:
         """Copies of everything that the future of the estimate depends on."""
-        window, memory = self.sliding.window, self.sliding.memory
-        arrays = {f"seen_{name}": getattr(window.seen, name).copy() for name in _SEEN}
-        arrays |= {
+        m = self.sliding.memory
+        flags = [m.prior_alive, m.strange, m.determined, m.tried.next, m.tried.retry, m.mass_std, m.fits]
+        retired = {
             name: np.array([getattr(row, name) for row in self.retired]) for name in _RETIRED if self.retired
         }
-        if window.carried is not None:
-            c = window.carried
-            arrays |= {"first": c.first, "root": c.root, "right": c.right, "lost": np.array(c.lost)}
-        flags = [memory.prior_alive, memory.strange, memory.determined, memory.tried.next]
-        return arrays | {
-            "window_time": np.array([frame.time for frame in window.frames]),
-            "trajectory": window.trajectory.copy(),
-            "ids": window.ids.copy(),
-            "points": window.points.copy(),
-            "flags": np.array(flags, dtype=float),
+        return {
+            **retired,
+            **window_arrays(self.sliding.window, self._sensors),
+            "flags": np.array([self._time, *flags], dtype=float),
+            "prior_mean": self._prior.mean.copy(),
+            "prior_factor": self._prior.factor.copy(),
             "belief_mean": self._belief.mean.copy(),
             "belief_factor": self._belief.factor.copy(),
         }
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Go on from a snapshot of a smoother over the same timeline."""
-        times = set(snapshot["window_time"].tolist())
-        frames = tuple(frame for frame in self._timeline if frame.time in times)
-        if len(frames) != len(times):
-            raise InputError("the snapshot's frames are not those of this timeline; give the same data set")
-        window = Window(
-            frames,
-            snapshot["trajectory"],
-            Seen(*(snapshot[f"seen_{name}"] for name in _SEEN)),
-            _sensors(self._timeline, frames[-1].time),
-            snapshot["ids"],
-            snapshot["points"],
-        )
-        alive, strange, determined, due = snapshot["flags"]
-        memory = Memory(bool(alive), bool(strange), int(determined), Tried(float(due)))
-        self.sliding.resume(replace(window, carried=_carried(self.layout, snapshot)), memory)
-        self._time = frames[-1].time
-        self._belief = Gaussian(self.layout, snapshot["belief_mean"], snapshot["belief_factor"])
+        """Go on from a snapshot of a smoother that has met the same sensors in the same order."""
+        window = window_of(self.layout, snapshot, self._sensors)
+        self._begun(Gaussian(self.layout, snapshot["prior_mean"].copy(), snapshot["prior_factor"].copy()))
+        self._time, alive, strange, determined, due, retry, std, fits = map(float, snapshot["flags"])
+        tried = Tried(due, retry)
+        memory = Memory(bool(alive), bool(strange), int(determined), tried, std, bool(fits))
+        self.sliding.resume(window, memory)
+        mean, factor = snapshot["belief_mean"].copy(), snapshot["belief_factor"].copy()
+        self._belief = Gaussian(self.layout, mean, factor)
         kept = [snapshot[name] for name in _RETIRED if name in snapshot]
         self.retired = [Retired(float(t), m, f) for t, m, f in zip(*kept, strict=True)]
 
+    def _begun(self, prior: StatePrior) -> None:
+        """Nothing taken in yet."""
+        self._prior, self.retired = prior, list[Retired]()
+        tied = self.layout.blocks[:2] == PLACE
+        self.sliding = SlidingSmoother(self.process, prior, self._options, tied)
+        self._time, self._belief = 0.0, Gaussian(self.layout, prior.mean, prior.factor)
 
-def _time_of(frame: Frame) -> float:
-    return frame.time
-
-
-def _carried(layout: StateLayout, snapshot: Snapshot) -> Carried | None:
-    if "root" not in snapshot:
-        return None
-    first = snapshot["first"]
-    unknowns = Unknowns(layout, len(first), tied=True)
-    return Carried(unknowns, first, snapshot["root"], snapshot["right"], float(snapshot["lost"]))
-
-
-def _sensors(timeline: Timeline, until: float) -> tuple[LandmarkSensor, ...]:
-    """Sensors of landmarks in the order in which they first spoke."""
-    found: list[LandmarkSensor] = []
-    for frame in takewhile(lambda frame: frame.time <= until, timeline):
-        for m in frame.measurements:
-            new = m.ids is not None and len(m.ids) and not any(known is m.model for known in found)
-            if new and isinstance(m.model, LandmarkSensor):
-                found.append(m.model)
-    return tuple(found)
+    def _meet(self, measurements: Sequence[Measurement]) -> None:
+        """Give new sensors a number."""
+        for m in measurements:
+            if not any(known is m.model for known in self._sensors):
+                self._sensors.append(m.model)

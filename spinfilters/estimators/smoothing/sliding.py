@@ -6,24 +6,26 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.errors import InputError
-from spinfilters.estimators.estimator import ProcessModel
-from spinfilters.estimators.first_frames import FirstStatePrior
+from spinfilters.estimators.estimator import Measurement, ProcessModel
 from spinfilters.estimators.smoothing.closed_form import at_closed_form, fits
+from spinfilters.estimators.smoothing.latest_pose import latest_pose
 from spinfilters.estimators.smoothing.marginalisation import without_landmarks, without_oldest
 from spinfilters.estimators.smoothing.marginals import Marginals
 from spinfilters.estimators.smoothing.modes import DETERMINED
+from spinfilters.estimators.smoothing.motion import StatePrior
 from spinfilters.estimators.smoothing.newest import newest_factor
-from spinfilters.estimators.smoothing.newest_sightings import WIDTH, is_strange, with_landmarks_put_right
+from spinfilters.estimators.smoothing.newest_sightings import is_strange, with_landmarks_put_right
 from spinfilters.estimators.smoothing.problem import Normal, Point, Problem, Stage
 from spinfilters.estimators.smoothing.reduced import Reduced
-from spinfilters.estimators.smoothing.robust_kernels import Huber, RobustKernel
-from spinfilters.estimators.smoothing.sliding_records import Memory, Retired, SlidingOptions, Taken
+from spinfilters.estimators.smoothing.robust_kernels import RobustKernel
+from spinfilters.estimators.smoothing.sliding_records import TRUSTED, Memory, Retired, SlidingOptions, Taken
 from spinfilters.estimators.smoothing.solver import Plain, SolverOptions, advanced, moved, solve
 from spinfilters.estimators.smoothing.step_rules import GaussNewton
 from spinfilters.estimators.smoothing.undetermined import undetermined_directions
 from spinfilters.estimators.smoothing.window import Window
 from spinfilters.estimators.timeline import Frame, Timeline
 from spinfilters.state.gaussian import Gaussian
+from spinfilters.state.status import EstimatorStatus
 
 SURPRISE = 10.0
 """Fall of the cost per scalar measurement of the newest frame from which a step is checked and followed by another."""
@@ -43,20 +45,15 @@ class SlidingSmoother:
     tied: whether there are sightings of landmarks.
     """
 
-    def __init__(
-        self, process: ProcessModel, prior: FirstStatePrior, options: SlidingOptions, tied: bool
-    ) -> None:
+    def __init__(self, process: ProcessModel, prior: StatePrior, options: SlidingOptions, tied: bool) -> None:
         self.process, self.options, self._tied = process, options, tied
         self._prior, self.memory = prior, Memory()
         self._linear: tuple[Point, Normal] | None = None
         self.window = Window.empty(process.layout.mean_dim)
 
     def resume(self, window: Window, memory: Memory) -> None:
-        """Go on from a window that was taken in before, linearised where it is."""
-        self.window, self.memory = window, memory
-        problem = self.problem()
-        here = problem.at(window.trajectory, window.points)
-        self._linear = _linear_problem(problem, here, self.options.sighting_kernel)
+        """Go on from a window that was taken in before; it is linearised where it is when that is asked for."""
+        self.window, self.memory, self._linear = window, memory, None
 
     def begin(
         self,
@@ -66,14 +63,15 @@ class SlidingSmoother:
         points: Float[np.ndarray, "L 3"],
     ) -> list[Taken]:
         """Take in the first frames at once, with states and landmarks (m, frame g) that a start has found for them."""
-        window = self.window
+        ends = []
         for frame, state in zip(frames, trajectory, strict=True):
-            window = window.grown(frame, state)
-        self.window = window.placed(ids, points)
-        problem = self.problem()
-        _, here, normal = self._solved(problem, problem.at(self.window.trajectory, self.window.points))
-        self._linear = (here, normal)
-        return [Taken(*self._counted(normal, k), 1) for k in range(len(frames))]
+            self.window = self.window.opened(frame.time, state)
+            ends.append(self._extended(frame.measurements))
+        self.window = self.window.placed(ids, points)
+        _, problem = self._solved(frames[-1].measurements)
+        self._remember(problem)
+        every = zip(frames, ends, strict=True)
+        return [Taken.counted(f.measurements, self._weights(k, end), 1) for k, (f, end) in enumerate(every)]
 
     def add(self, frame: Frame, guess: Float[np.ndarray, " 7"] | None = None) -> Taken:
         """Take in a frame.
@@ -86,15 +84,17 @@ class SlidingSmoother:
         ------
         InputError: when time does not go forwards.
         """
-        self.window = self.window.grown(frame, self._guess(frame.time, guess))
-        problem = self.problem()
-        here = problem.at(self.window.trajectory, self.window.points)
-        count, here, normal = self._solved(problem, here)
-        self._linear = (here, normal)
-        tries = self._from_closed_form(problem, here, normal)
-        accepted, rejected = self._counted(normal)
-        retired = self._slide(problem)
-        return Taken(accepted, rejected, count + tries, retired)
+        self.window = self.window.opened(frame.time, self._guess(frame.time, guess))
+        return self.extend(frame.measurements)
+
+    def extend(self, measurements: tuple[Measurement, ...]) -> Taken:
+        """Take in measurements of the newest frame, beside those it has; solve, and let go what the mode lets go."""
+        ends = self._extended(measurements)
+        count, problem = self._solved(measurements)
+        self._remember(problem)
+        count += self._from_closed_form(problem)
+        taken = Taken.counted(measurements, self._weights(len(self.window.frames) - 1, ends), count)
+        return replace(taken, retired=self._slide(problem))
 
     def problem(self) -> Problem:
         """The least-squares problem of the window."""
@@ -109,14 +109,16 @@ class SlidingSmoother:
     @property
     def mass_std(self) -> float:
         """Largest standard deviation of the mass distribution (logarithm of second moments)."""
-        assert self._linear is not None
-        solution = self._linear[1].solution
-        return np.inf if isinstance(solution, int) else solution.mass_std
+        return self.memory.mass_std
+
+    @property
+    def status(self) -> EstimatorStatus:
+        """Whether the belief of the latest epoch can be relied upon already, and if not, why."""
+        return self.memory.status
 
     def smoothed(self, frames: int | None = None) -> list[Retired]:
         """Frames of the window with their covariances: all, or so many of the oldest."""
-        assert self._linear is not None
-        solution, n = self._linear[1].solution, self.process.layout.error_dim
+        solution, n = self._linearised()[1].solution, self.process.layout.error_dim
         count = len(self.window.frames) if frames is None else frames
         if isinstance(solution, int):
             factors = np.full((count, n, n), np.nan)
@@ -134,6 +136,7 @@ class SlidingSmoother:
         here = solved.point
         self.window = replace(self.window, trajectory=here.trajectory, points=here.points)
         self._linear = (here, solved.normal)
+        self._remember(problem)
 
     def counts(self) -> Int[np.ndarray, "k 2"] | None:
         """Values of every epoch that count, and that do not; None where a part of them has been marginalized."""
@@ -145,11 +148,10 @@ class SlidingSmoother:
 
     def undetermined(self) -> list[str]:
         """What the measurements so far do not determine, in words; only while the first frame is in the window."""
-        assert self._linear is not None
-        count = len(self.window.frames)
-        if self._linear[0].trajectory.shape[0] != count:
+        here, normal = self._linearised()
+        if len(here.trajectory) != len(self.window.frames):
             return []
-        return undetermined_directions(self.problem(), *self._linear)
+        return undetermined_directions(self.problem(), here, normal)
 
     def _guess(self, time: float, guess: np.ndarray | None) -> Float[np.ndarray, " m"]:
         """A first state for a new frame: predicted, at the guessed pose."""
@@ -167,93 +169,109 @@ class SlidingSmoother:
             state[layout.mean_slice("t")], state[layout.mean_slice("a")] = guess[:3], guess[3:]
         return state
 
-    @property
-    def _before(self) -> float:
-        """Standard deviation of the mass distribution after the last frame."""
-        return np.inf if self._linear is None else self.mass_std
-
-    def _solved(self, problem: Problem, here: Point) -> tuple[int, Point, Normal]:
-        """The linear problem at the last linearisation, which the window's states are one step beyond, and how many there were."""
-        kernel = self.options.sighting_kernel
-        here, count = self._found_back(problem, here, kernel)
-        here, normal = _linear_problem(problem, here, kernel)
-        surprise = SURPRISE * self._measured() if self._before <= LOOSE else SETTLED_COST
+    def _solved(self, measurements: tuple[Measurement, ...]) -> tuple[int, Problem]:
+        """Linearise, and bring the window's states one step beyond the last linearisation; and how many there were."""
+        problem, loss = self.problem(), self.options.sighting_kernel
+        here = self._found_back(problem, problem.at(self.window.trajectory, self.window.points), loss)
+        here, normal = _linear_problem(problem, here, loss)
+        surprise = SURPRISE * self._measured(measurements) if self.mass_std <= LOOSE else SETTLED_COST
+        count = 1
         while count < self.options.iterations and normal.solved and normal.decrement > surprise:
             there, _, _ = advanced(problem, here, normal, (GaussNewton(), 1.0))
             if there is None:
                 break
-            here, normal = _linear_problem(problem, there, kernel)
+            here, normal = _linear_problem(problem, there, loss)
             count += 1
         step = GaussNewton().propose(lambda _: normal, problem.layout, 1.0) if normal.solved else None
         trajectory, points = (here.trajectory, here.points) if step is None else moved(problem, here, step)
         self.window = replace(self.window, trajectory=trajectory, points=points)
-        return count, here, normal
+        self._linear = (here, normal)
+        return count, problem
 
-    def _found_back(self, problem: Problem, here: Point, kernel: RobustKernel) -> tuple[Point, int]:
-        """Where the newest frame fits, if its guess was so poor that the kernel would lose it; else where it was."""
+    def _remember(self, problem: Problem) -> None:
+        """What the last linear problem says of the whole."""
+        here, normal = self._linearised(problem)
+        solution = normal.solution
+        self.memory.mass_std = np.inf if isinstance(solution, int) else solution.mass_std
+        self.memory.fits = fits(here, normal)
+
+    def _linearised(self, problem: Problem | None = None) -> tuple[Point, Normal]:
+        """The last linear problem; after `resume` about where the window is."""
+        if self._linear is None:
+            problem = problem or self.problem()
+            here = problem.at(self.window.trajectory, self.window.points)
+            self._linear = _linear_problem(problem, here, self.options.sighting_kernel)
+        return self._linear
+
+    def _found_back(self, problem: Problem, here: Point, kernel: RobustKernel) -> Point:
+        """With the latest epoch where its observations agree, if its guess was so poor that the loss would reject them."""
+        self.memory.strange = False
         if not is_strange(problem, here, kernel):
-            self.memory.strange = False
-            return here, 1
-        there = here
-        for count in range(1, self.options.iterations + 1):
-            normal = problem.normal(there, Stage(Huber(WIDTH)))
-            moved_there, _, _ = advanced(problem, there, normal, (GaussNewton(), 1.0))
-            if moved_there is None:
-                break
-            there = moved_there
-            if not is_strange(problem, there, kernel):
-                self.memory.strange = False
-                return there, count + 1
-        self.memory.strange = True
-        return here, self.options.iterations + 1
+            return here
+        pose = latest_pose(problem, here.trajectory, here.points)
+        self.memory.strange = pose is None
+        if pose is None:
+            return here
+        self.window = self.window.latest_at(pose)
+        return problem.at(self.window.trajectory, self.window.points)
 
-    def _measured(self) -> int:
-        """Scalar measurements of the newest frame, and unknowns of its state."""
-        frame = self.window.frames[-1]
-        return sum(m.values.size for m in frame.measurements) + self.process.layout.error_dim
+    def _measured(self, measurements: tuple[Measurement, ...]) -> int:
+        """Scalar measurements that are new, and unknowns of a state."""
+        return sum(m.values.size for m in measurements) + self.process.layout.error_dim
 
-    def _from_closed_form(self, problem: Problem, here: Point, normal: Normal) -> int:
+    def _from_closed_form(self, problem: Problem) -> int:
         """While the inertia is not determined, the closed form of the momentum may know a better place to go on from.
 
         Returns how many linearisations it took to see.
         """
-        if self.mass_std <= DETERMINED or fits(here, normal):
+        if self.mass_std <= (TRUSTED if self.memory.fits else DETERMINED):
             return 0
-        if not self.memory.tried.due(len(self.window.frames)):
+        if not self.memory.tried.due(len(self.window.frames), self.memory.fits):
             return 0
-        times = np.array([frame.time for frame in self.window.frames])
-        found, tries = at_closed_form(problem, here, normal, times)
+        stage, times = self._linearised()[1].stage, np.array([frame.time for frame in self.window.frames])
+        now = problem.at(self.window.trajectory, self.window.points)
+        found, tries = at_closed_form(problem, now, stage, times)
         if found is not None:
-            self.window = replace(self.window, trajectory=found.trajectory, points=found.points)
-        return tries
+            here, normal = _linear_problem(problem, found, stage.kernel)
+            self._linear = (here, normal)
+            self.window = replace(self.window, trajectory=here.trajectory, points=here.points)
+            self._remember(problem)
+        return tries + 1
 
-    def _counted(self, normal: Normal, number: int = -1) -> tuple[int, int]:
-        """Values of a frame that count, and that do not."""
-        frame = self.window.frames[number]
-        rest = sum(len(m.values) for m in frame.measurements if m.ids is None)
-        every = sum(len(m.values) for m in frame.measurements if m.ids is not None)
-        if normal.eliminated is None:
-            return rest, every
-        inside = normal.eliminated.sightings.frame == number % len(self.window.frames)
-        good = int(np.count_nonzero(normal.eliminated.weight[inside] > 0))
-        return rest + good, every - good
+    def _extended(self, measurements: tuple[Measurement, ...]) -> list[int]:
+        """Put measurements into the newest frame; where their observations begin and end in the window."""
+        ends = [len(self.window.seen.frame)]
+        for measurement in measurements:
+            self.window = self.window.extended(measurement)
+            ends.append(len(self.window.seen.frame))
+        return ends
+
+    def _weights(self, frame: int, ends: list[int]) -> list[Float[np.ndarray, " n"]]:
+        """Of the observations of a frame between these ends; zero where there is no solution."""
+        seen, fit = self.window.seen, self._linearised()[1].eliminated
+        landmark = seen.landmark[seen.frame == frame]
+        weight = np.zeros(len(landmark))
+        if fit is not None:
+            weight[np.argsort(landmark, kind="stable")] = fit.weight[fit.sightings.frame == frame]
+        first = int(np.searchsorted(seen.frame, frame))
+        return np.split(weight, np.array(ends) - first)[1:-1]
 
     def _slide(self, problem: Problem) -> tuple[Retired, ...]:
         """Let go what the mode lets go."""
-        assert self._linear is not None
+        at = self._linearised()
         window, mode, std = self.window, self.options.mode, self.mass_std
         self.memory.determined = (
             self.memory.determined + 1 if std <= mode.determined and not self.memory.strange else 0
         )
         landmarks = mode.frozen(window, self.process.layout)
         over = mode.leaving(len(window.frames), std if self.memory.determined >= SETTLED else np.inf)
-        if over < 1 or not self._linear[1].solved:
-            if landmarks.any() and self._linear[1].solved:
-                self.window = without_landmarks(window, problem, self._linear, landmarks)
+        if over < 1 or not at[1].solved:
+            if landmarks.any() and at[1].solved:
+                self.window = without_landmarks(window, problem, at, landmarks)
             return ()
         landmarks[window.seen.landmark[window.seen.frame < over]] = True
         retired = self._leaving(over)
-        self.window = without_oldest(window, problem, self._linear, landmarks, over)
+        self.window = without_oldest(window, problem, at, landmarks, over)
         self.memory.prior_alive = False
         return retired
 
@@ -261,8 +279,7 @@ class SlidingSmoother:
         return tuple(self.smoothed(count)) if self.options.retired else ()
 
     def _newest_factor(self) -> Float[np.ndarray, "n n"]:
-        assert self._linear is not None
-        solution = self._linear[1].solution
+        solution = self._linearised()[1].solution
         if isinstance(solution, Reduced):
             return newest_factor(solution)
         n = self.process.layout.error_dim

@@ -8,12 +8,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.smoothing.sliding import SlidingSmoother
 from spinfilters.estimators.smoothing.sliding_records import Retired
 from spinfilters.estimators.timeline import Timeline
+from spinfilters.state.status import Verdict
 
 MOST_FRAMES = 600
 """Of a recording: a surface grows with their square."""
@@ -33,11 +34,13 @@ class Surfaces:
     time: (f,) s, of the frames; solve number k took in frame number k.
     values: by name (f, f, q), solves by frames by components; not a number where the frame was not in the window.
     newest: the frame that each solve took in, as that solve saw it; it holds the constants of the solve.
+    trusted: (f,) whether the smoother vouched for its solve; before, it may sit in a wrong minimum.
     """
 
     time: Float[np.ndarray, " f"]
     values: dict[str, Float[np.ndarray, "f f q"]]
     newest: tuple[Retired, ...]
+    trusted: Bool[np.ndarray, " f"]
 
 
 def states(window: Sequence[Retired]) -> dict[str, Float[np.ndarray, "k q"]]:
@@ -65,6 +68,7 @@ def record_surfaces(
         )
     values: dict[str, np.ndarray] = {}
     newest: list[Retired] = []
+    trusted = np.zeros(count, dtype=bool)
     for solve, frame in enumerate(timeline):
         try:
             smoother.add(frame)
@@ -74,6 +78,7 @@ def record_surfaces(
             if not newest:
                 raise
             break
+        trusted[solve] = smoother.status.verdict is Verdict.OK
         for name, rows in said.items():
             surface = values.setdefault(name, np.full((count, count, rows.shape[1]), np.nan))
             surface[solve, solve + 1 - len(rows) : solve + 1] = rows
@@ -81,4 +86,5 @@ def record_surfaces(
         on_frame(solve + 1, count)
     nothing = replace(newest[-1], mean=newest[-1].mean * np.nan, factor=newest[-1].factor * np.nan)
     newest += [replace(nothing, time=frame.time) for frame in timeline[len(newest) :]]
-    return Surfaces(np.array([frame.time for frame in timeline]), values, tuple(newest))
+    times = np.array([frame.time for frame in timeline])
+    return Surfaces(times, values, tuple(newest), trusted)

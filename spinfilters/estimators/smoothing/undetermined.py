@@ -44,7 +44,7 @@ def undetermined_directions(
     prior = problem.motion.prior
     if prior is None:
         return []
-    layout, first = problem.layout, here.trajectory[0]
+    layout, first, std = problem.layout, here.trajectory[0], np.linalg.norm(prior.factor, axis=1)
     rows = (marginals or Marginals(solution, None)).frame_rows(0)
     covariance = rows @ rows.T
     axis = first[layout.mean_slice("w")] if "w" in layout.blocks else np.zeros(3)
@@ -52,7 +52,7 @@ def undetermined_directions(
     for block in layout.blocks:
         if block in MOVED_BY_PRIOR:
             at = layout.slice(block)
-            own = covariance[at, at] / np.outer(prior.std[at], prior.std[at])
+            own = covariance[at, at] / np.outer(std[at], std[at])
             sentences += _sentences(block, own, axis)
     return sentences
 

@@ -6,10 +6,9 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinfilters.estimators.estimator import ProcessModel
-from spinfilters.estimators.first_frames import FirstStatePrior
+from spinfilters.estimators.estimator import Measurement, ProcessModel
 from spinfilters.estimators.smoothing.carried import Carried
-from spinfilters.estimators.smoothing.motion import motion_of
+from spinfilters.estimators.smoothing.motion import StatePrior, motion_of
 from spinfilters.estimators.smoothing.problem import Problem
 from spinfilters.estimators.smoothing.sightings import SensorGroup, Sightings
 from spinfilters.estimators.timeline import Frame
@@ -54,7 +53,8 @@ class Window:
 
     Attributes
     ----------
-    frames: k of them.   trajectory: (k, m).   seen: their sightings.   models: sensors of landmarks, by number.
+    frames: k of them, with what was measured beside landmarks.   trajectory: (k, m).   seen: their sightings.
+    models: sensors of landmarks, by number.
     ids: (L,) of the landmarks, each once.   points: (L, 3) m, frame g.   carried: what is left of those that have gone.
     """
 
@@ -88,7 +88,7 @@ class Window:
         chosen = tuple(group for group in groups if len(group.rows))
         return Sightings(s.frame[order], s.landmark[order], place, counts, len(self.ids), chosen)
 
-    def problem(self, process: ProcessModel, prior: FirstStatePrior | None, tied: bool) -> Problem:
+    def problem(self, process: ProcessModel, prior: StatePrior | None, tied: bool) -> Problem:
         """The least-squares problem of the window."""
         known = self.carried is not None and self.carried.knows_constants
         first = self.carried.first[0] if self.carried is not None and known else None
@@ -101,22 +101,41 @@ class Window:
         np.maximum.at(last, self.seen.landmark, self.seen.frame)
         return last
 
-    def grown(self, frame: Frame, state: Float[np.ndarray, " m"]) -> "Window":
-        """With one more frame at a first guess of its state; landmarks that are new begin where this frame puts them."""
-        grown = replace(
-            self, frames=(*self.frames, frame), trajectory=np.concatenate([self.trajectory, state[None]])
-        )
-        for m in frame.measurements:
-            if m.ids is not None and len(m.ids):
-                assert isinstance(m.model, LandmarkSensor)
-                grown = _with_sightings(grown, m.model, (m.ids, m.values, m.parameters))
-        return grown
+    def opened(self, time: float, state: Float[np.ndarray, " m"]) -> "Window":
+        """With one more frame (s) at a first guess of its state, in which nothing is measured yet."""
+        trajectory = np.concatenate([self.trajectory, state[None]])
+        return replace(self, frames=(*self.frames, Frame(time, ())), trajectory=trajectory)
+
+    def extended(self, m: Measurement) -> "Window":
+        """With one more measurement in the newest frame; landmarks that are new begin where this frame puts them."""
+        if m.ids is None:
+            newest = self.frames[-1]
+            newest = Frame(newest.time, (*newest.measurements, m))
+            return replace(self, frames=(*self.frames[:-1], newest))
+        if not len(m.ids):
+            return self
+        assert isinstance(m.model, LandmarkSensor)
+        return _with_sightings(self, m.model, (m.ids, m.values, m.parameters))
 
     def placed(self, ids: Int[np.ndarray, " k"], points: Float[np.ndarray, "k 3"]) -> "Window":
         """With those of its landmarks that have these ids at these points (m, frame g)."""
         at, moved = _numbers(self.ids, ids), self.points.copy()
         moved[at[at >= 0]] = points[at >= 0]
         return replace(self, points=moved)
+
+    def latest_at(self, pose: Float[np.ndarray, " 7"]) -> "Window":
+        """With the newest frame at a pose (t m, q_ig), and with it the landmarks that no other frame saw."""
+        seen, newest = self.seen, len(self.frames) - 1
+        trajectory, points = self.trajectory.copy(), self.points.copy()
+        trajectory[-1, :7] = pose
+        only = np.ones(len(self.ids), dtype=bool)
+        only[seen.landmark[seen.frame < newest]] = False
+        for number, model in enumerate(self.models):
+            rows = np.flatnonzero((seen.frame == newest) & (seen.sensor == number) & only[seen.landmark])
+            parameters = np.concatenate([np.zeros((len(rows), 3)), seen.parameters[rows]], axis=1)
+            made = model.new_landmarks(trajectory[-1], parameters, seen.values[rows])
+            points[seen.landmark[rows]] = made.points
+        return replace(self, trajectory=trajectory, points=points)
 
     def without(self, landmarks: Bool[np.ndarray, " L"]) -> "Window":
         """Without some landmarks and their sightings."""
