@@ -44,9 +44,8 @@ def no_surfaces(layout: StateLayout, time: Float[np.ndarray, " f"]) -> Surfaces:
     """Surfaces of a smoother none of whose solves came to anything: nothing is a number."""
     n, m, e = len(time), layout.mean_dim, layout.error_dim
     newest = [Retired(float(t), np.full(m, np.nan), np.full((e, e), np.nan)) for t in time]
-    return Surfaces(
-        time, {name: np.full((n, n, size), np.nan) for name, size in _SIZES.items()}, tuple(newest)
-    )
+    values = {name: np.full((n, n, size), np.nan) for name, size in _SIZES.items()}
+    return Surfaces(time, values, tuple(newest), np.zeros(n, dtype=bool))
 
 
 def read_surfaces(path: Path) -> tuple[StateLayout, Surfaces]:

@@ -15,7 +15,7 @@ from spinfilters.estimators.smoothing.sliding import SlidingSmoother
 from spinfilters.estimators.smoothing.sliding_records import SlidingOptions
 from spinfilters.estimators.smoothing.solver import Plain, Solved, SolverOptions, solve
 from spinfilters.estimators.smoothing.step_rules import GaussNewton, StepRule
-from spinfilters.estimators.timeline import Frame, SensorNoise, StereoView, Timeline, build_timeline
+from spinfilters.estimators.timeline import SensorNoise, StereoView, Timeline, build_timeline
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.logs.measurement_log import MeasurementLog
 from spinfilters.logs.track_files import KnownMap
@@ -98,7 +98,7 @@ def smoother(here: Sample, mode: Mode, std: Float[np.ndarray, " n"] = STD) -> Sl
     return SlidingSmoother(PROCESS, FirstStatePrior(here.truth[0], std), SlidingOptions(mode), tied=True)
 
 
-def run(sliding: SlidingSmoother, frames: tuple[Frame, ...]) -> SlidingSmoother:
+def run(sliding: SlidingSmoother, frames: Timeline) -> SlidingSmoother:
     """The smoother after these frames."""
     for frame in frames:
         sliding.add(frame)

@@ -29,7 +29,7 @@ from spinfilters.estimators.smoothing.sliding import SlidingSmoother
 from spinfilters.estimators.smoothing.sliding_records import SlidingOptions
 from spinfilters.estimators.smoothing.solver import SolverOptions, solve
 from spinfilters.estimators.smoothing.step_rules import Dogleg, GaussNewton, LevenbergMarquardt, StepRule
-from spinfilters.estimators.timeline import Frame
+from spinfilters.estimators.timeline import Frame, Timeline
 from spinfilters.simulation.scenario import Scenario
 
 MODES = (Full(), FixedLag(4, SOON), FrozenVision())
@@ -72,7 +72,7 @@ def test_a_body_that_does_not_tumble_keeps_its_inertia_unknown(
     assert np.abs(error / belief.std).max() < 6.0
 
 
-def _blind(frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
+def _blind(frames: Timeline) -> Timeline:
     return tuple(Frame(frame.time, ()) for frame in frames)
 
 

@@ -73,6 +73,6 @@ def test_what_is_told_of_a_window_is_chosen_by_the_caller() -> None:
 
 def test_no_frame_and_too_many_frames_are_refused() -> None:
     here = sample(MIDDLE)
-    for frames in ((), here.frames * 60):
+    for frames in ((), tuple(here.frames) * 60):
         with pytest.raises(InputError, match="frames"):
             record_surfaces(smoother(here, Full()), frames)
