@@ -90,7 +90,8 @@ def compare_estimators(
     _check(settings, prepared)
     try:
         for name in settings.estimators:
-            history, points = _estimated(name, prepared, settings, (progress, keeper_of))
+            with np.errstate(all="ignore"):  # what is not finite becomes a status
+                history, points = _estimated(name, prepared, settings, (progress, keeper_of))
             evaluations.append(_evaluated(history, prepared))
             maps |= _maps(name, points)
             interrupted = _is_cut_short(history, len(prepared.timeline))

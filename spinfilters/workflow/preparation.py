@@ -127,8 +127,9 @@ def _start(
 ) -> tuple[StartReport, str | None]:
     """The smoothed first frames; where their numbers lead nowhere none of them is finite, and why."""
     try:
-        make = _start_maker(dataset, process, timeline, noise)
-        return _long_enough_start(timeline, make, options), None
+        with np.errstate(all="ignore"):  # what is not finite becomes a status
+            make = _start_maker(dataset, process, timeline, noise)
+            return _long_enough_start(timeline, make, options), None
     except NUMERICAL_ERRORS as error:
         layout, count = process.layout, options.count(timeline)
         mean = np.full((count, layout.mean_dim), np.nan)

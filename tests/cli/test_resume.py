@@ -74,7 +74,7 @@ def halted(dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pa
     with monkeypatch.context() as patch:
         disturbed(kill_at("ukf", 6), patch)
         assert killed(lambda: main(["compare", str(dataset), "-o", str(run)]))
-    assert {path.name for path in run.iterdir()} == {"config.toml", "mekf", "ukf"}
+    assert {path.name for path in run.iterdir()} == {".lock", "config.toml", "mekf", "ukf"}
     return run
 
 

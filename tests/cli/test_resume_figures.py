@@ -7,8 +7,8 @@ from matplotlib.figure import Figure
 
 from spinfilters.cli import compare as command
 from spinfilters.cli.main import main
+from spinfilters.plots import style
 from spinfilters.plots.style import save_figure
-from spinfilters.workflow import figures
 from spinfilters.workflow.run_folder import picture_files
 
 
@@ -25,7 +25,7 @@ def test_a_run_whose_figures_were_interrupted_gets_those_it_lacks(
     run = tmp_path / "run"
     arguments = ["compare", str(originals / "gyro"), "--estimators", "mekf", "-o", str(run)]
     with monkeypatch.context() as patch:
-        patch.setattr(figures, "save_figure", interrupted_at_rates)
+        patch.setattr(style, "save_figure", interrupted_at_rates)
         assert main(arguments) == 2
     assert "--resume goes on from it" in capsys.readouterr().err
     assert [path.name for path in run.glob("*.png")] == ["summary.png"]
