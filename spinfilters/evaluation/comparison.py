@@ -106,7 +106,7 @@ def _moment(index: int, part: int) -> Cell:
     def cell(column: Column) -> str:
         body = column.evaluation.body
         pair = with_uncertainty(body.principal_moments[index], body.principal_moments_std[index])
-        return pair.split(" ± ")[part]
+        return pair.split(" ± ")[part] if " ± " in pair else pair
 
     return cell
 

@@ -16,7 +16,7 @@ CONFIG_FAULTS = {
     "beyond float64": ("[process]\ntolerance = 1" + 400 * "0", "process.tolerance"),
     "negative density": (
         "[process]\nforce_psd = -1.0",
-        "process.force_psd is -1.0; give 0 or a number from 1e-30",
+        'process.force_psd is -1.0; give "auto" or 0 or a number from 1e-30',
     ),
     "negative std": ("[sensors]\npixel_std = -1.0", "sensors.pixel_std is -1.0"),
     "frames beyond all": ("[start]\nframes = 1" + 30 * "0", "start.frames is 1000"),

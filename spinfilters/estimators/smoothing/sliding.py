@@ -140,11 +140,15 @@ class SlidingSmoother:
 
     def counts(self) -> Int[np.ndarray, "k 2"] | None:
         """Values of every epoch that count, and that do not; None where a part of them has been marginalized."""
-        assert self._linear is not None
         if self.window.carried is not None:
             return None
-        normal = self._linear[1]
-        return np.array([self._counted(normal, k) for k in range(len(self.window.frames))])
+        found = []
+        for k, frame in enumerate(self.window.frames):
+            ends = np.searchsorted(self.window.seen.frame, [k, k + 1])
+            (weight,) = self._weights(k, ends.tolist())
+            good, beside = int(np.count_nonzero(weight > 0)), sum(len(m.values) for m in frame.measurements)
+            found.append((beside + good, len(weight) - good))
+        return np.array(found)
 
     def undetermined(self) -> list[str]:
         """What the measurements so far do not determine, in words; only while the first frame is in the window."""
