@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.errors import InputError
-from spinfilters.estimators.landmark_start.choice import most_useful
 from spinfilters.estimators.landmark_start.start import LandmarkStartReport, start_with_landmarks
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.motion_evidence import MotionEvidence, evidence_from_gyro, evidence_from_poses
@@ -94,8 +93,7 @@ def prepare(dataset: Dataset, settings: Settings) -> Prepared:
     start = _long_enough_start(timeline, make, settings.start)
     belief, points = start.belief, None if dataset.known_map is None else dataset.known_map.points
     if isinstance(start, LandmarkStartReport):
-        ids = most_useful(timeline, start.landmarks, settings.landmarks.capacity)
-        belief, points = start.landmarks.joint(ids), start.landmarks.points
+        belief, points = start.landmarks.belief(settings.landmarks), start.landmarks.points
     return Prepared(dataset, process, timeline, noise, start, belief, points, gyro_noise)
 
 

@@ -5,16 +5,16 @@ from functools import cache
 import numpy as np
 import pytest
 from landmark_samples import LAYOUT, landmark_filter, recording
+from spinfilters.estimators.landmarks.approximation import FirstOrder
+from spinfilters.estimators.landmarks.landmark_filter import LandmarkFilter
+from spinfilters.estimators.landmarks.unscented import Unscented
 
 from experiments.arithmetic_methods import CONVENTIONAL, forms_definite, is_definite, lower
 from experiments.arithmetic_runs import Step
 from experiments.arithmetic_sweep import RATIO, check, inspect, noise_error
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.iterated import IterationOptions
-from spinfilters.estimators.landmarks.approximation import FirstOrder
-from spinfilters.estimators.landmarks.landmark_filter import LandmarkFilter
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
-from spinfilters.estimators.landmarks.unscented import Unscented
 from spinfilters.estimators.robustness import RobustOptions
 from spinfilters.state.gaussian import Gaussian
 
