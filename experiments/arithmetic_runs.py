@@ -76,7 +76,7 @@ def random_run(seed: int) -> RandomRun:
     process = copy(_PROCESS)  # shares its compiled integrator
     process.noise = ProcessNoise(*psd)
     options = LandmarkOptions(
-        modes=int(generator.integers(1, 13)), largest_map=int(generator.integers(4, 13)), precision=precision
+        modes=int(generator.choice([3, 12])), largest_map=int(generator.integers(4, 13)), precision=precision
     )
     mean = _random_state(generator, dt)
     points = 0.1 * mean[2] * generator.standard_normal((int(generator.integers(6, 13)), 3)).clip(-2, 2)

@@ -3,11 +3,11 @@
     python -m experiments.arithmetic_sweep [--runs 10000] [--every 8] [-o runs/arithmetic]
 
 Time steps from 1e-4 s to 10 s, variances that an update lowers by up to 1e12 and more (`arithmetic_runs`). After every step the
-factor must be finite, every landmark's own root without a zero on its diagonal, and the covariance that the factor forms in higher
-precision positive definite. One in ``--every`` runs of the MEKF is solved again, every step as the linear problem that it was
-(`arithmetic_methods`): by a reference in extended precision, which tells the error of the standard deviations, and by
-covariances in the conventional forms in the run's precision, which show that the check can fail. Last, the process noise over
-one step is compared with that composed of many.
+factor must be finite, every landmark's own root without a zero on its diagonal, and the covariance of the state that the factor
+forms in higher precision positive definite. One in ``--every`` runs of the MEKF is solved again, every step as the linear problem
+that it was (`arithmetic_methods`): by a reference in extended precision, which tells the error of the standard deviations, and by
+covariances in the conventional forms in the run's precision, which show that the check can fail. Last, the process noise over one
+step is compared with that composed of many.
 """
 
 import argparse
@@ -111,7 +111,10 @@ def check(seed: int, every: int) -> Checked:
 
 
 def inspect(checked: Checked, step: Step) -> None:
-    """Look at the factor after a step."""
+    """Look at the covariances after a step: of the state, and of each landmark's own error.
+
+    Modes may be functions of the state: those that came in last are errors of its pose.
+    """
     factor = step.after["factor"]
     checked.steps += 1
     if not (np.isfinite(factor).all() and np.isfinite(step.after["mean"]).all()):
@@ -120,17 +123,16 @@ def inspect(checked: Checked, step: Step) -> None:
     roots = step.after.get("map.roots", np.ones((1, 3, 3)))
     if not np.isfinite(roots).all() or not np.diagonal(roots, axis1=1, axis2=2).all():
         checked.failures.append("a landmark is singular")
-    if not factor.any(axis=1).all():
+    state = factor[: LAYOUT.error_dim].astype(float)
+    if not state.any(axis=1).all():
         checked.failures.append("singular")
         return
-    if not forms_definite(factor):
+    if not forms_definite(state):
         checked.failures.append("indefinite")
     if step.measurement is not None:
-        rows = factor.astype(float)
-        rows /= np.linalg.norm(rows, axis=1, keepdims=True)
+        rows = state / np.linalg.norm(state, axis=1, keepdims=True)
         checked.smallest = min(checked.smallest, float(np.linalg.svd(rows, compute_uv=False)[-1]) ** 2)
-        kept = slice(0, LAYOUT.error_dim)
-        before, after = stds(step.before["factor"][kept]), stds(factor[kept])
+        before, after = stds(step.before["factor"][: LAYOUT.error_dim]), stds(state)
         checked.ratio = max(checked.ratio, float(np.max(before / after)) ** 2)
 
 

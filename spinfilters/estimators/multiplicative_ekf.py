@@ -70,7 +70,7 @@ class MultiplicativeEkf(MultiplicativeFilter):
         )
 
     def _solved(self, observations: Observations, guard: SensorGuard) -> Solved:
-        linear = observations.rows_at(self._mean, observations.points)
+        linear = observations.rows_at(self._mean)
         first = solve(observations, linear, self._factor, guard)
         if self._is_small(first.correction):
             return first

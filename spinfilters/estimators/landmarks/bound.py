@@ -61,7 +61,7 @@ class CramerRaoBound(MultiplicativeEkf):
         order = np.argsort(change.used)
         known = true.ids[observations.known]
         weights = change.weights[order[np.searchsorted(change.used, known, sorter=order)]]
-        linear = observations.rows_at(self._mean, observations.points)
+        linear = observations.rows_at(self._mean)
         steps, rows = observations.landmarks.steps, np.arange(len(known))
         white = steps.whitened(observations.landmarks, observations.at, linear.rows, weights)
         solved = corrected(observations, linear, white, (rows, weights), self._factor)

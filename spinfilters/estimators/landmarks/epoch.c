@@ -2,6 +2,7 @@
  * compiler. D components of an observation, C columns of the state that it depends on, M modes, N rows of the factor and `stored`,
  * float or double, are defined in front of this text. Matrices are row by row. */
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 typedef long long integer;
@@ -403,4 +404,40 @@ void observe(integer count, const double* rows, const double* spread, const doub
 /* The same for new landmarks, which depend on the pose by [count][3][C] and have their own roots. */
 void settle_new(integer count, const double* by_pose, const double* own, const double* turned, stored* modes, stored* roots) {
   for (integer i = 0; i < count; ++i) settle(by_pose + i * 3 * C, C, own + i * 9, turned, modes + i * 3 * M, roots + i * 9);
+}
+
+/* `Steps.close`: everything after the correction of an epoch, in the order of its NumPy reference. fresh: new landmarks, by_pose
+ * [fresh][3][C] and own [fresh][3][3]; places: begin and end of the rows whose turn it is. */
+void close_epoch(integer count, const double* rows, const double* spread, const double* gram, const integer* at, const double* error,
+                 integer fresh, const double* by_pose, const double* own, double share, integer n, const double* both,
+                 double* explained, double* turned, double* mode_rows, stored* new_modes, stored* new_roots, integer total,
+                 integer begin, integer end, integer slots, integer now, integer* epoch, double* transform, double* dropped,
+                 double* shift, double* points, stored* modes, stored* roots) {
+  double step[M * M], left[M * C], *scaled = (double*)malloc((fresh * 3 * C + 1) * sizeof(double));
+  if (scaled == 0) abort();
+  for (integer i = 0; i < fresh; ++i)
+    for (int k = 0; k < C; ++k) {
+      const double *L = own + 9 * i, *x = by_pose + i * 3 * C + k;
+      double *y = scaled + i * 3 * C + k, a = x[0] / L[0], b = (x[C] - L[3] * a) / L[4];
+      y[0] = a;
+      y[C] = b;
+      y[2 * C] = (x[2 * C] - L[6] * a - L[7] * b) / L[8];
+    }
+  compress(count, rows, spread, fresh, scaled, share, n, both, explained, turned, mode_rows);
+  free(scaled);
+  for (integer i = 0; i < total; ++i)
+    if ((i >= begin && i < end) || epoch[i] < now - (slots - 2))
+      refresh(1, &i, now, slots, epoch, transform, dropped, shift, points, modes, roots);
+  for (int a = 0; a < M; ++a) {
+    memcpy(step + a * M, turned + (C + a) * Q, M * sizeof(double));
+    memcpy(left + a * C, turned + (C + a) * Q + M, C * sizeof(double));
+  }
+  compose(slots, step, left, error + C, transform, dropped, shift);
+  const integer slot = ++now % slots;
+  memset(transform + slot * M * M, 0, M * M * sizeof(double));
+  memset(dropped + slot * M * M, 0, M * M * sizeof(double));
+  memset(shift + slot * M, 0, M * sizeof(double));
+  for (int a = 0; a < M; ++a) transform[slot * M * M + a * M + a] = 1;
+  observe(count, rows, spread, gram, at, error, turned, now, epoch, points, modes, roots);
+  settle_new(fresh, by_pose, own, turned, new_modes, new_roots);
 }

@@ -10,8 +10,9 @@ from spinfilters.estimators.estimator import MapChange, Measurement
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.landmark_map import CONFIRMED, LandmarkMap, LandmarkOptions
 from spinfilters.estimators.landmarks.observations import Observations, Solved
+from spinfilters.estimators.landmarks.reference import Closing
 from spinfilters.models.gauge import GAUGE_DIM
-from spinfilters.models.landmark_sensor import LandmarkSensor
+from spinfilters.models.landmark_sensor import LandmarkSensor, NewLandmarks
 from spinfilters.state.layout import StateLayout
 
 MEMORY = 0.9
@@ -136,15 +137,21 @@ class HeldMap:
         reset = o.layout.reset_jacobian(correction.error[:n])
         new = self._newcomers(o, measurement, newcomers, (mean, reset))
         factor = correction.factor
-        scaled = np.linalg.solve(new.roots, new.by_pose) if len(new.ids) else new.by_pose
-        modes = held.steps.compress(solved.whitened, scaled, factor[o.columns], MEMORY * self._explained)
-        c = len(o.sensor.columns)
-        held.advance(modes.kept[c:], modes.dropped[c:], correction.error[n : n + rank])
-        held.steps.observe(held, o.at[used], solved.whitened, correction.error[o.columns], modes)
+        closing = Closing(
+            o.at[used],
+            solved.whitened,
+            correction.error[o.columns],
+            factor[o.columns],
+            new.by_pose,
+            new.roots,
+            MEMORY * self._explained,
+            held.take_turn(),
+        )
+        modes, dependence, roots = held.close(closing)
         self._explained = modes.explained
         self.move = self.move + correction.error[n + rank :] if len(factor) > n + rank else self.move
         removed = held.remove(wrong)
-        held.append(new.ids, new.points, *held.steps.settled(new.by_pose, new.roots, modes))
+        held.append(new.ids, new.points, dependence, roots)
         removed = np.concatenate([removed, held.remove(held.stalest(self._options.largest_map))])
         result = factor.copy()
         result[:n] = reset @ factor[:n]
@@ -160,13 +167,14 @@ class HeldMap:
         moved: tuple[Float[np.ndarray, " m"], Float[np.ndarray, "n n"]],
     ) -> _Newcomers:
         mean, reset = moved
-        fresh = o.sensor.new_landmarks(mean, measurement.parameters[which], measurement.values[which])
-        good = fresh.determined & np.isfinite(fresh.points).all(axis=1)
         assert measurement.ids is not None
-        pose = o.sensor.columns
-        by_pose = fresh.jacobian[good] @ reset[np.ix_(pose, pose)]
-        roots = np.sqrt(o.scale) * fresh.root[good]
-        return _Newcomers(measurement.ids[which][good], fresh.points[good], by_pose, roots)
+        rows, pose = np.flatnonzero(which), o.sensor.columns
+        fresh = o.sensor.new_landmarks(mean, measurement.parameters[rows], measurement.values[rows])
+        good = fresh.determined & np.isfinite(fresh.points).all(axis=1)
+        if np.count_nonzero(good) < len(good):
+            fresh, rows = NewLandmarks(*[array[good] for array in fresh]), rows[good]
+        by_pose = fresh.jacobian @ reset[pose][:, pose]
+        return _Newcomers(measurement.ids[rows], fresh.points, by_pose, np.sqrt(o.scale) * fresh.root)
 
     def snapshot(self) -> dict[str, np.ndarray]:
         """Its whole state as arrays named ``map.<what>``."""

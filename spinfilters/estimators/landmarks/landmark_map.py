@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float, Int
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.landmarks.native import steps_of
+from spinfilters.estimators.landmarks.reference import Closing, NewModes, next_epoch
 
 SLOTS = 24
 """Epochs that a landmark may fall behind; less would touch more landmarks, more would keep more transformations."""
@@ -172,19 +173,22 @@ class LandmarkMap:
         shift: Float[np.ndarray, " r"],
     ) -> None:
         """Go on to the next epoch: m_before = shift + transform m + dropped f, f of unit covariance."""
-        self.take_turns()
-        self.steps.compose(self, transform, dropped, shift)
-        self.now += 1
-        slot = self.now % SLOTS
-        self.transform[slot], self.spread[slot], self.shift[slot] = np.eye(self.rank), 0.0, 0.0
-
-    def take_turns(self) -> None:
-        """Bring a share of the map up to date: all of it in fewer epochs than there are slots."""
-        share = -(-self.count // (SLOTS - 4))
-        rows = np.arange(self.turn, min(self.turn + share, self.count))
+        begin, end = self.take_turn()
         late = np.flatnonzero(self.epoch[: self.count] < self.now - (SLOTS - 2))  # where the map has grown
-        self.refresh(np.concatenate([rows, late]) if len(late) else rows)
-        self.turn = 0 if self.turn + share >= self.count else self.turn + share
+        self.refresh(np.union1d(np.arange(begin, end), late))
+        self.steps.compose(self, transform, dropped, shift)
+        next_epoch(self)
+
+    def close(self, closing: Closing) -> tuple[NewModes, np.ndarray, np.ndarray]:
+        """Go on to the next epoch with what was observed in this one; see `Steps.close`."""
+        return self.steps.close(self, closing)
+
+    def take_turn(self) -> tuple[int, int]:
+        """First and last row of the share of the map whose turn it is: all of it in fewer epochs than there are slots."""
+        begin = self.turn
+        end = min(begin - (-self.count // (SLOTS - 4)), self.count)
+        self.turn = 0 if end == self.count else end
+        return begin, end
 
     def snapshot(self) -> dict[str, np.ndarray]:
         """Its whole state as arrays named ``map.<what>``."""

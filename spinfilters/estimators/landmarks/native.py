@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 from spinfilters.estimators.gain import LOG_2_PI, Correction
 from spinfilters.estimators.landmarks.reference import (
     NEW_LANDMARK_SHARE,
+    Closing,
     NewModes,
     NumpySteps,
     Steps,
@@ -35,6 +36,7 @@ _SIGNATURES = {
     "compress": "ipp" + "ipdi" + "pppp",
     "observe": "i" + "pppppp" + "i" + "pppp",
     "settle_new": "i" + "ppppp",
+    "close_epoch": "ipppppippdi" + "ppppppiiiii" + "ppppppp",
 }
 
 
@@ -174,6 +176,35 @@ class NativeSteps(Steps):
         given = np.ascontiguousarray(by_pose), np.ascontiguousarray(roots), new.turned
         self._c.settle_new(k, *map(address, (*given, *made)))
         return made
+
+    def close(
+        self, stored: Stored, closing: Closing
+    ) -> tuple[NewModes, Float[np.ndarray, "q 3 r"], Float[np.ndarray, "q 3 3"]]:
+        white, r, n = closing.white, len(closing.remembered), closing.factor.shape[1]
+        k, c = len(closing.by_pose), closing.by_pose.shape[2]
+        if (white.rows.shape[1], c) != SHAPE or n > r + LARGEST_STATE:
+            return self._reference.close(stored, closing)
+        made = closing.remembered.copy(), np.empty((c + r, c + r)), np.empty((r, n))
+        new = np.empty((k, 3, r), self._kept), np.empty((k, 3, 3), self._kept)
+        seen = (white.rows, white.spread, white.gram, np.ascontiguousarray(closing.at), closing.error)
+        fresh = np.ascontiguousarray(closing.by_pose), np.ascontiguousarray(closing.roots)
+        slots = (stored.epoch, stored.transform, stored.spread, stored.shift)
+        self._c.close_epoch(
+            len(closing.at),
+            *map(address, seen),
+            k,
+            *map(address, fresh),
+            NEW_LANDMARK_SHARE,
+            n,
+            *map(address, (closing.factor, *made, *new)),
+            stored.count,
+            *closing.behind,
+            len(stored.shift),
+            stored.now,
+            *map(address, (*slots, stored.points, stored.modes, stored.roots)),
+        )
+        stored.now += 1
+        return NewModes(made[1], made[2], made[0]), *new
 
     def _fits(self, d: int, columns: Int[np.ndarray, " q"], n: int, width: int) -> bool:
         modes = len(columns) - SHAPE[1]

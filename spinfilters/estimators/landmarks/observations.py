@@ -66,13 +66,15 @@ class Observations:
         """Of the landmarks' own covariances."""
         return self.landmarks.roots[self.at].astype(float)
 
-    def rows_at(self, x: Float[np.ndarray, " m"], points: Float[np.ndarray, "k 3"]) -> LinearRows:
-        """First derivatives at a state and at points."""
+    def rows_at(
+        self, x: Float[np.ndarray, " m"], points: Float[np.ndarray, "k 3"] | None = None
+    ) -> LinearRows:
+        """First derivatives at a state and at points, those of the map where none are given."""
         k, d = len(self.values), self.sensor.dim
-        same = np.zeros(k, dtype=np.int64)
-        rest = self.parameters[:, 3:]
+        same, rest = np.zeros(k, dtype=np.int64), self.parameters[:, 3:]
+        places = (self.landmarks.points, self.at) if points is None else (points, None)
         made, valid, square, log_noise = self.sensor.sighting_rows(
-            x[None], points, rest, self.values, rows=(same, None, None, None)
+            x[None], places[0], rest, self.values, rows=(same, places[1], None, None)
         )
         rows = made.reshape(k, d, len(self.sensor.columns) + 4)
         good = (valid[:, 0] > 0) & np.isfinite(square[:, 0])

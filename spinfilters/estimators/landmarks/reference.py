@@ -73,6 +73,29 @@ class NewModes:
         return self.turned[:, len(self.rows) :]
 
 
+@dataclass(frozen=True)
+class Closing:
+    """What an epoch's observations have led to: how landmarks and modes go on from it.
+
+    Attributes
+    ----------
+    at: (k,) rows of the observed landmarks, as in ``white``.
+    error: (c + r,) of pose and modes.   factor: (c + r, N) its rows after the update.
+    by_pose, roots: (q, 3, c), (q, 3, 3) of new landmarks, their dependence on the pose and their own root.
+    remembered: (r,) what modes explained before, as far as it still counts.
+    behind: rows of landmarks, first and last, whose turn it is to be brought up to date.
+    """
+
+    at: Int[np.ndarray, " k"]
+    white: WhitenedRows
+    error: Float[np.ndarray, " p"]
+    factor: Float[np.ndarray, "p N"]
+    by_pose: Float[np.ndarray, "q 3 c"]
+    roots: Float[np.ndarray, "q 3 3"]
+    remembered: Float[np.ndarray, " r"]
+    behind: tuple[int, int]
+
+
 class Stored(Protocol):
     """Where landmarks are kept (`landmark_map.LandmarkMap`)."""
 
@@ -81,6 +104,10 @@ class Stored(Protocol):
     roots: np.ndarray
     epoch: Int[np.ndarray, " k"]
     now: int
+
+    @property
+    def count(self) -> int: ...
+
     transform: Float[np.ndarray, "s r r"]
     spread: Float[np.ndarray, "s r r"]
     shift: Float[np.ndarray, "s r"]
@@ -161,6 +188,12 @@ class Steps(ABC):
         self, by_pose: Float[np.ndarray, "q 3 c"], roots: Float[np.ndarray, "q 3 3"], new: NewModes
     ) -> tuple[Float[np.ndarray, "q 3 r"], Float[np.ndarray, "q 3 3"]]:
         """Dependence on the modes, and own roots, of new landmarks that depend on the pose."""
+
+    @abstractmethod
+    def close(
+        self, stored: Stored, closing: Closing
+    ) -> tuple[NewModes, Float[np.ndarray, "q 3 r"], Float[np.ndarray, "q 3 3"]]:
+        """Everything after the correction, which takes the map to the next epoch; what `settled` says of the new landmarks."""
 
 
 class NumpySteps(Steps):
@@ -266,3 +299,23 @@ class NumpySteps(Steps):
         c = by_pose.shape[2]
         own = lower_roots(np.concatenate([roots, by_pose @ new.dropped[:c]], axis=2))
         return by_pose @ new.kept[:c], own
+
+    def close(
+        self, stored: Stored, closing: Closing
+    ) -> tuple[NewModes, Float[np.ndarray, "q 3 r"], Float[np.ndarray, "q 3 3"]]:
+        c = closing.by_pose.shape[2]
+        scaled = np.linalg.solve(closing.roots, closing.by_pose)
+        new = self.compress(closing.white, scaled, closing.factor, closing.remembered)
+        late = np.flatnonzero(stored.epoch[: stored.count] < stored.now - (len(stored.shift) - 2))
+        self.refresh(stored, np.union1d(np.arange(*closing.behind), late))
+        self.compose(stored, new.kept[c:], new.dropped[c:], closing.error[c:])
+        next_epoch(stored)
+        self.observe(stored, closing.at, closing.white, closing.error, new)
+        return new, *self.settled(closing.by_pose, closing.roots, new)
+
+
+def next_epoch(stored: Stored) -> None:
+    """Count one epoch on; its slot begins with the identity."""
+    stored.now += 1
+    slot = stored.now % len(stored.shift)
+    stored.transform[slot], stored.spread[slot], stored.shift[slot] = np.eye(stored.shift.shape[1]), 0.0, 0.0
