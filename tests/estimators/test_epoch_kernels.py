@@ -5,7 +5,8 @@ import pytest
 
 from spinfilters.estimators.landmarks.landmark_map import LandmarkMap
 from spinfilters.estimators.landmarks.native import LARGEST_STATE, NativeSteps, steps_of
-from spinfilters.estimators.landmarks.reference import NewModes, NumpySteps
+from spinfilters.estimators.landmarks.reference import NumpySteps
+from spinfilters.estimators.landmarks.steps import NewModes
 
 RANK, COUNT, POSE = 5, 23, 6
 SIZE = 20 + RANK + 6

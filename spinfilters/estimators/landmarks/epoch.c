@@ -1,5 +1,5 @@
-/* The steps of an epoch's observations of landmarks; `reference.py` says what they compute, in NumPy, and serves where there is no
- * compiler. D components of an observation, C columns of the state that it depends on, M modes, N rows of the factor and `stored`,
+/* The steps of an epoch's observations of landmarks; `steps.py` says what they compute, `reference.py` computes it in NumPy where there
+ * is no compiler. D components of an observation, C columns of the state that it depends on, M modes, N rows of the factor and `stored`,
  * float or double, are defined in front of this text. Matrices are row by row. */
 #include <math.h>
 #include <stdlib.h>

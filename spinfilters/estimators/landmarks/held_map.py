@@ -10,7 +10,7 @@ from spinfilters.estimators.estimator import MapChange, Measurement
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.landmark_map import CONFIRMED, LandmarkMap, LandmarkOptions
 from spinfilters.estimators.landmarks.observations import Observations, Solved
-from spinfilters.estimators.landmarks.reference import Closing
+from spinfilters.estimators.landmarks.steps import Closing
 from spinfilters.models.gauge import GAUGE_DIM
 from spinfilters.models.landmark_sensor import LandmarkSensor, NewLandmarks
 from spinfilters.state.layout import StateLayout

@@ -17,7 +17,8 @@ from jaxtyping import Bool, Float, Int
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.landmarks.native import steps_of
-from spinfilters.estimators.landmarks.reference import Closing, NewModes, next_epoch
+from spinfilters.estimators.landmarks.reference import next_epoch
+from spinfilters.estimators.landmarks.steps import Closing, NewModes
 
 SLOTS = 24
 """Epochs that a landmark may fall behind; less would touch more landmarks, more would keep more transformations."""

@@ -8,15 +8,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.estimators.gain import LOG_2_PI, Correction
-from spinfilters.estimators.landmarks.reference import (
-    NEW_LANDMARK_SHARE,
-    Closing,
-    NewModes,
-    NumpySteps,
-    Steps,
-    Stored,
-    WhitenedRows,
-)
+from spinfilters.estimators.landmarks.reference import NEW_LANDMARK_SHARE, NumpySteps
+from spinfilters.estimators.landmarks.steps import Closing, NewModes, Steps, Stored, WhitenedRows
 from spinfilters.estimators.smoothing.native import KERNEL_FLAGS
 from spinfilters.symbolic.c_library import load_text
 from spinfilters.symbolic.compiled import address

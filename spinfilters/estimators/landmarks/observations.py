@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from spinfilters.estimators.gain import Correction
 from spinfilters.estimators.landmarks.landmark_map import LandmarkMap
-from spinfilters.estimators.landmarks.reference import WhitenedRows
+from spinfilters.estimators.landmarks.steps import WhitenedRows
 from spinfilters.estimators.robustness import SensorGuard
 from spinfilters.models.landmark_sensor import LandmarkSensor
 from spinfilters.state.layout import StateLayout
