@@ -1,8 +1,9 @@
-"""The linear problem behind each step of a landmark filter, and three other ways of solving it.
+"""The linear problem behind each step of a filter without a map, and three other ways of solving it.
 
-A step takes the covariance P of all errors to T P+ T' + G G', P+ = P - K S K' the update with unit noise and rows H. The
-reference solves it by the square-root array of Morf and Kailath (1975) with Householder reflections in extended precision (64
-bits of mantissa); the conventional filters form covariances in the precision that is tried, and symmetrise them.
+A step takes the covariance P of all errors to T P+ T' + G G' of the state's, P+ = P - K S K' the update with unit noise and rows
+H over state and landmarks. Of the state the filter's update is exact, however few modes landmarks share. The reference solves it
+by the square-root array of Morf and Kailath (1975) with Householder reflections in extended precision (64 bits of mantissa); the
+conventional filters form covariances in the precision that is tried, and symmetrise them.
 """
 
 from dataclasses import dataclass
@@ -12,8 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from experiments.arithmetic_runs import LAYOUT, RandomRun, Step
-from spinfilters.estimators.landmarks.gauge_rules import Point, gauge_rule
-from spinfilters.models.anchored_point import anchored_points
+from spinfilters.estimators.landmarks.held_map import HeldMap
 from spinfilters.models.landmark_sensor import LandmarkSensor
 
 STATE = LAYOUT.error_dim
@@ -30,41 +30,24 @@ class LinearStep:
     noise: Float[np.ndarray, "M k"]
 
 
+def joint_before(run: RandomRun, step: Step) -> Float[np.ndarray, "N N"]:
+    """Factor of the errors of state and landmarks before a step."""
+    held = HeldMap.restored(step.before, run.options)
+    if held is None:
+        return step.before["factor"]
+    return held.belief(LAYOUT, step.before["mean"], step.before["factor"]).joint_factor()
+
+
 def linear_step(run: RandomRun, step: Step) -> LinearStep:
-    """What the filter of first order solved in this step."""
-    size = len(step.before["factor"])
+    """What the filter of first order solved in this step: of all errors before it, those of the state after it."""
+    size = STATE + 3 * len(step.before.get("map.ids", ()))
+    T = np.zeros((STATE, size))
     if step.measurement is None:
-        _, transition, noise = run.process.linearise(step.before["mean"], run.dt)
-        T, G = np.eye(size), np.zeros((size, noise.shape[1]))
-        T[:STATE, :STATE], G[:STATE] = transition, noise
-        return LinearStep(np.zeros((0, size)), T, G)
-    carried = _carried(run, step)
-    if step.change is None:
-        return LinearStep(_reading_rows(step, size), carried, np.zeros((size, 0)))
-    stay = ~np.isin(step.before["map.ids"], step.change.removed)
-    carried = carried[np.concatenate([np.ones(STATE, dtype=bool), np.repeat(stay, 3)])]
-    by_state, own = _newcomers(step)
-    T = np.concatenate([carried, by_state @ carried[:STATE]])
-    G = np.concatenate([np.zeros((len(carried), own.shape[1])), own])
-    return LinearStep(_sighting_rows(step, size), T, G)
-
-
-def _carried(run: RandomRun, step: Step) -> Float[np.ndarray, "N N"]:
-    """How errors about the mean before an update become errors about the mean after it."""
-    before, after = step.before, step.after
-    where = {i: row for row, i in enumerate(after["map.ids"].tolist())}
-    removed = set() if step.change is None else set(step.change.removed.tolist())
-    coordinates = before["map.coordinates"].copy()
-    for row, i in enumerate(before["map.ids"].tolist()):
-        if i not in removed:
-            coordinates[row] = after["map.coordinates"][where[i]]
-    old = Point(before["mean"], before["map.anchors"], before["map.coordinates"])
-    new = Point(after["mean"], before["map.anchors"], coordinates)
-    reset = LAYOUT.reset_jacobian(LAYOUT.local(before["mean"], after["mean"]))
-    state, landmarks = gauge_rule(run.options.gauge).carried(LAYOUT, old, new, reset)
-    T = np.eye(len(before["factor"]))
-    T[:STATE, :STATE], T[STATE:, :STATE] = state, landmarks
-    return T
+        _, T[:, :STATE], noise = run.process.linearise(step.before["mean"], run.dt)
+        return LinearStep(np.zeros((0, size)), T, noise)
+    T[:, :STATE] = LAYOUT.reset_jacobian(LAYOUT.local(step.before["mean"], step.after["mean"]))
+    rows = _reading_rows(step, size) if step.change is None else _sighting_rows(run, step, size)
+    return LinearStep(rows, T, np.zeros((STATE, 0)))
 
 
 def _reading_rows(step: Step, size: int) -> Float[np.ndarray, "m N"]:
@@ -77,38 +60,25 @@ def _reading_rows(step: Step, size: int) -> Float[np.ndarray, "m N"]:
     return H
 
 
-def _sighting_rows(step: Step, size: int) -> Float[np.ndarray, "m N"]:
-    measured, change, before = step.measurement, step.change, step.before
-    assert measured is not None
-    assert change is not None
-    assert isinstance(measured.model, LandmarkSensor)
-    where = [before["map.ids"].tolist().index(i) for i in change.used.tolist()]
-    rows = [measured.ids.tolist().index(i) for i in change.used.tolist()] if measured.ids is not None else []
-    points, slopes = anchored_points(before["map.anchors"][where], before["map.coordinates"][where])
-    parameters = np.concatenate([points, measured.parameters[rows, 3:]], axis=1)
-    at = measured.model.linearise_landmarks(before["mean"], parameters, measured.values[rows])
-    H = np.zeros((len(rows), 3, size))
-    H[:, :, measured.model.columns] = at.jacobian
-    for k, row in enumerate(where):
-        H[k, :, STATE + 3 * row : STATE + 3 * row + 3] = at.by_landmark[k] @ slopes[k]
-    return (np.sqrt(change.weights)[:, None, None] * H).reshape(-1, size)
-
-
-def _newcomers(step: Step) -> tuple[Float[np.ndarray, "l n"], Float[np.ndarray, "l l"]]:
-    measured, change, after = step.measurement, step.change, step.after
+def _sighting_rows(run: RandomRun, step: Step, size: int) -> Float[np.ndarray, "m N"]:
+    measured, change = step.measurement, step.change
     assert measured is not None
     assert measured.ids is not None
     assert change is not None
     assert isinstance(measured.model, LandmarkSensor)
-    rows = [measured.ids.tolist().index(i) for i in change.added.tolist()]
-    first = len(after["map.ids"]) - len(rows)
-    slopes = anchored_points(after["map.anchors"][first:], after["map.coordinates"][first:])[1]
-    fresh = measured.model.new_landmarks(after["mean"], measured.parameters[rows], measured.values[rows])
-    by_state, own = np.zeros((len(rows), 3, STATE)), np.zeros((3 * len(rows),) * 2)
-    by_state[:, :, measured.model.columns] = np.linalg.solve(slopes, fresh.jacobian)
-    for k, root in enumerate(np.linalg.solve(slopes, fresh.root)):
-        own[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = root
-    return by_state.reshape(-1, STATE), own
+    held = HeldMap.restored(step.before, run.options)
+    if held is None:
+        return np.zeros((0, size))
+    before = held.belief(LAYOUT, step.before["mean"], step.before["factor"])
+    where = [before.ids.tolist().index(i) for i in change.used.tolist()]
+    rows = [measured.ids.tolist().index(i) for i in change.used.tolist()]
+    parameters = np.concatenate([before.points[where], measured.parameters[rows, 3:]], axis=1)
+    at = measured.model.linearise_landmarks(before.mean, parameters, measured.values[rows])
+    H = np.zeros((len(rows), 3, size))
+    H[:, :, measured.model.columns] = at.jacobian
+    for k, row in enumerate(where):
+        H[k, :, STATE + 3 * row : STATE + 3 * row + 3] = at.by_landmark[k]
+    return (np.sqrt(change.weights)[:, None, None] * H).reshape(-1, size)
 
 
 def reference(factor: Float[np.ndarray, "N N"], step: LinearStep) -> Float[np.ndarray, "M M"]:

@@ -13,11 +13,11 @@ from jaxtyping import Float
 
 from spinfilters.estimators.estimator import MapChange, Measurement, Snapshot
 from spinfilters.estimators.iterated import IterationOptions
-from spinfilters.estimators.landmarks.approximation import Approximation, FirstOrder
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
-from spinfilters.estimators.landmarks.landmark_filter import LandmarkFilter
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
-from spinfilters.estimators.landmarks.unscented import Unscented
+from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
+from spinfilters.estimators.multiplicative_filter import MultiplicativeFilter
+from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
@@ -49,10 +49,11 @@ class RandomRun:
     belief: Gaussian | LandmarkBelief
     frames: tuple[tuple[Measurement, ...], ...]
 
-    def filter(self, iteration: IterationOptions | None = None) -> LandmarkFilter:
+    def filter(self, iteration: IterationOptions | None = None) -> MultiplicativeFilter:
         """The filter, not yet started."""
-        approximation: Approximation = FirstOrder(iteration) if self.estimator == "mekf" else Unscented()
-        return LandmarkFilter(self.process, approximation, self.options)
+        if self.estimator == "mekf":
+            return MultiplicativeEkf(self.process, iteration=iteration, landmarks=self.options)
+        return MultiplicativeUkf(self.process, landmarks=self.options)
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,9 @@ def random_run(seed: int) -> RandomRun:
     psd = [_log_uniform(generator, 1e-12, 1e-3) for _ in range(2)]
     process = copy(_PROCESS)  # shares its compiled integrator
     process.noise = ProcessNoise(*psd)
-    options = LandmarkOptions(capacity=int(generator.integers(4, 13)), precision=precision)
+    options = LandmarkOptions(
+        modes=int(generator.choice([3, 12])), largest_map=int(generator.integers(4, 13)), precision=precision
+    )
     mean = _random_state(generator, dt)
     points = 0.1 * mean[2] * generator.standard_normal((int(generator.integers(6, 13)), 3)).clip(-2, 2)
     small = np.sqrt(pixel_std / PIXELS_PER_RADIAN)
@@ -85,14 +88,14 @@ def random_run(seed: int) -> RandomRun:
     truth = LAYOUT.retract(mean, (factor @ generator.standard_normal(20)).clip(-0.1 * limit, 0.1 * limit))
     belief = Gaussian(LAYOUT, mean, factor)
     if generator.random() < 0.6:
-        belief = _with_map(generator, belief, points, 0.1 * small * mean[2])
+        belief = _with_map(generator, belief, points, 0.1 * small * mean[2], options.modes)
     frames = tuple(
         _frames(generator, process, truth, dt, stereo_parameters(points, RIG.calibration, pixel_std))
     )
     return RandomRun(estimator, precision, dt, process, options, belief, frames)
 
 
-def steps(run: RandomRun, estimator: LandmarkFilter) -> Iterator[Step]:
+def steps(run: RandomRun, estimator: MultiplicativeFilter) -> Iterator[Step]:
     """Every prediction and update of a run, as it is made."""
     estimator.start(run.belief)
     for k, measurements in enumerate(run.frames):
@@ -132,15 +135,21 @@ def _prior(generator: np.random.Generator, distance: float) -> Float[np.ndarray,
 
 
 def _with_map(
-    generator: np.random.Generator, belief: Gaussian, points: Float[np.ndarray, "k 3"], limit: float
+    generator: np.random.Generator,
+    belief: Gaussian,
+    points: Float[np.ndarray, "k 3"],
+    limit: float,
+    modes: int,
 ) -> LandmarkBelief:
     """The belief with some of the landmarks, their errors at most ``limit`` m whatever their standard deviation."""
     ids = np.flatnonzero(generator.random(len(points)) < 0.5)[:4]
     std = _log_uniform(generator, 1e-7, 1.0)
     wrong = (std * generator.standard_normal((len(ids), 3))).clip(-limit, limit)
-    factor = np.diag(np.full(20 + 3 * len(ids), std))
+    factor = np.eye(20 + modes)
     factor[:20, :20] = belief.factor
-    return LandmarkBelief(LAYOUT, belief.mean, ids, points[ids] + wrong, factor)
+    roots = np.tile(std * np.eye(3), (len(ids), 1, 1))
+    shared = np.zeros((len(ids), 3, modes))
+    return LandmarkBelief(LAYOUT, belief.mean, ids, points[ids] + wrong, shared, roots, factor, np.zeros(6))
 
 
 def _frames(

@@ -1,4 +1,4 @@
-"""One simulated run of the filters that hold landmarks in their state, with the Cramer-Rao bound of what each used."""
+"""One simulated run of the filters of tracks without a map, with the Cramer-Rao bound of what each used."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,8 @@ from spinfilters.estimators.landmark_start.smoother import SmoothingOptions, smo
 from spinfilters.estimators.landmark_start.start import GAUGE_STD, LandmarkStartReport
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.bound import CramerRaoBound, TrueLandmarks
-from spinfilters.estimators.landmarks.landmark_filter import LandmarkFilter
+from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.multiplicative_filter import MultiplicativeFilter
 from spinfilters.estimators.run import advance
 from spinfilters.estimators.smoothing.problem import Trial
 from spinfilters.evaluation.body import body_history
@@ -31,7 +32,10 @@ from spinfilters.workflow.settings import ProcessSettings, Settings
 
 NAMES = ("mekf", "ukf")
 MOTIONS = {"rich": RICH_RPM, "thesis": THESIS_RPM}
-SETTINGS = Settings(estimators=NAMES, process=ProcessSettings(force_psd=1e-6, torque_psd=1e-6))
+OPTIONS = LandmarkOptions()
+SETTINGS = Settings(
+    estimators=NAMES, landmarks=OPTIONS, process=ProcessSettings(force_psd=1e-6, torque_psd=1e-6)
+)
 
 
 @dataclass(frozen=True)
@@ -67,7 +71,8 @@ def run_case(case: Case, settings: Settings = SETTINGS) -> dict[str, np.ndarray]
 def filtered(name: str, prepared: Prepared, settings: Settings) -> tuple[EstimateHistory, list[MapChange]]:
     """History of a filter, with the smoothed frames of the start in front, and what it did to its landmarks in every frame."""
     estimator = build_estimator(name, prepared, settings)
-    assert isinstance(estimator, LandmarkFilter)
+    assert isinstance(estimator, MultiplicativeFilter)
+    assert isinstance(prepared.belief, LandmarkBelief)
     estimator.start(prepared.belief)
     rows, changes = _smoothed_rows(prepared), []
     for frame in prepared.timeline[len(rows) :]:
@@ -85,7 +90,7 @@ def bound_history(prepared: Prepared, whole: Dataset, changes: list[MapChange]) 
     layout, begin = prepared.process.layout, len(prepared.start.frames.mean)
     truth = true_states(whole.truth, layout)
     landmarks = TrueLandmarks(whole.known_map.ids, whole.known_map.points)
-    bound = CramerRaoBound(prepared.process, landmarks)
+    bound = CramerRaoBound(prepared.process, landmarks, OPTIONS)
     bound.start(_true_start(prepared, truth[:begin], landmarks))
     rows = GrowingHistory(layout, prepared.start_end)
     for k, change in zip(range(begin, len(truth)), changes, strict=True):
@@ -100,7 +105,6 @@ def _true_start(
 ) -> LandmarkBelief:
     """The belief at the end of the start, had everything been linearised at the truth."""
     assert isinstance(prepared.start, LandmarkStartReport)
-    assert isinstance(prepared.belief, LandmarkBelief)
     layout, options = prepared.process.layout, SmoothingOptions(iterations=0)
     std = np.repeat([GAUGE_STD, GAUGE_STD, 1.0, 1.0, 1.0, 1.5], [3, 3, 3, 3, 3, 5])
     mean = truth[0].copy()
@@ -108,7 +112,7 @@ def _true_start(
     frames = prepared.timeline[: len(truth)]
     trial = Trial(truth, landmarks.ids, landmarks.points)
     found = smooth_with_landmarks(prepared.process, frames, trial, FirstStatePrior(mean, std), options)
-    return found.joint(prepared.belief.ids)
+    return found.belief(OPTIONS)
 
 
 def _figures(evaluation: Evaluation, bound: EstimateHistory) -> dict[str, np.ndarray]:

@@ -95,11 +95,11 @@ class Explained(Protocol):
 
 
 class PredictedMotion(NamedTuple):
-    """A predicted belief and how it came about: mean (m,), covariance factor (n, n) lower triangular, transition (n, n) of the
-    error, and factor (n, k) of the noise that came in, as scaled."""
+    """A predicted belief and how it came about: mean (m,), covariance factor (N, N) lower triangular, of its first n rows the
+    transition (n, n) of the error, and factor (n, k) of the noise that came in, as scaled."""
 
     mean: Float[np.ndarray, " m"]
-    factor: Float[np.ndarray, "n n"]
+    factor: Float[np.ndarray, "N N"]
     transition: Float[np.ndarray, "n n"]
     noise: Float[np.ndarray, "n k"]
 
@@ -138,7 +138,8 @@ class NoiseAdaptation:
         """Keep a prediction, to compare with what the updates make of it."""
         if not self.options.process:
             return
-        kept = {"mean": motion.mean, "factor": motion.factor}
+        n = len(motion.transition)
+        kept = {"mean": motion.mean, "factor": motion.factor[:n, :n]}
         for source, columns in SOURCES.items():
             entered = motion.noise[:, columns]
             if entered.size:
@@ -148,7 +149,7 @@ class NoiseAdaptation:
         self._known = kept
 
     def observe_motion(
-        self, layout: StateLayout, mean: Float[np.ndarray, " m"], factor: Float[np.ndarray, "n n"]
+        self, layout: StateLayout, mean: Float[np.ndarray, " m"], factor: Float[np.ndarray, "n r"]
     ) -> None:
         """Learn the disturbances' scales from how all updates since `expect_motion` changed the belief."""
         if not self._known:

@@ -14,8 +14,8 @@ from jaxtyping import Float
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Estimator, Measurement, ProcessModel, Snapshot, UpdateReport
 from spinfilters.estimators.global_chart import global_chart
-from spinfilters.estimators.multiplicative_filter import usable
-from spinfilters.estimators.multiplicative_ukf import SigmaPointOptions
+from spinfilters.estimators.linear_prediction import usable
+from spinfilters.estimators.sigma_points import SigmaPointOptions
 from spinfilters.models.measurement import Linearisation
 from spinfilters.state.gaussian import Gaussian
 

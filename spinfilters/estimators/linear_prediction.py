@@ -7,7 +7,6 @@ from jaxtyping import Bool, Float
 
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.gain import MeasurementPrediction, compressed
-from spinfilters.estimators.multiplicative_filter import nothing_usable, usable
 
 
 @dataclass(frozen=True)
@@ -105,6 +104,18 @@ def linear_prediction(
     rows = linear_rows(measurement, x)
     used = len(rows.innovation)
     return (rows.predicted(factor, error), used) if used else nothing_usable(factor)
+
+
+def nothing_usable(factor: Float[np.ndarray, "n n"]) -> tuple[MeasurementPrediction, int]:
+    """The prediction of a measurement none of whose values is valid."""
+    return MeasurementPrediction(np.zeros(0), np.zeros((0, factor.shape[1])), factor, 0.0, 0, 0.0), 0
+
+
+def usable(values: Float[np.ndarray, "k r"], valid: Bool[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
+    """Where an innovation is valid and finite."""
+    if np.count_nonzero(np.isfinite(values)) == values.size:  # the usual case, in a third of the time
+        return valid
+    return valid & np.isfinite(values).all(axis=-1)
 
 
 def _sliced(columns: list[int]) -> list[int] | slice:

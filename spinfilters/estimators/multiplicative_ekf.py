@@ -9,10 +9,13 @@ from jaxtyping import Float
 
 from spinfilters.estimators.adaptation import AdaptationOptions, PredictedMotion
 from spinfilters.estimators.estimator import Measurement, ProcessModel
-from spinfilters.estimators.gain import Correction, apply_gain, triangular_factor
+from spinfilters.estimators.gain import Correction, apply_gain
 from spinfilters.estimators.iterated import IterationOptions, agrees, iterate
+from spinfilters.estimators.landmarks.iterated_observations import IteratedObservations
+from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.landmarks.observations import Observations, Solved, solve
 from spinfilters.estimators.linear_prediction import LinearRows, linear_rows
-from spinfilters.estimators.multiplicative_filter import Corrected, MultiplicativeFilter
+from spinfilters.estimators.multiplicative_filter import Corrected, MultiplicativeFilter, propagated
 from spinfilters.estimators.robustness import RobustOptions, SensorGuard
 from spinfilters.state.layout import StateLayout
 
@@ -27,7 +30,7 @@ class MultiplicativeEkf(MultiplicativeFilter):
 
     Parameters
     ----------
-    process, robust, adaptation: see `MultiplicativeFilter`.
+    process, robust, adaptation, landmarks: see `MultiplicativeFilter`.
     iteration: of an update whose measurement is far from linear.
     """
 
@@ -39,14 +42,15 @@ class MultiplicativeEkf(MultiplicativeFilter):
         robust: RobustOptions | None = None,
         adaptation: AdaptationOptions | None = None,
         iteration: IterationOptions | None = None,
+        landmarks: LandmarkOptions | None = None,
     ) -> None:
-        super().__init__(process, robust or RobustOptions(), adaptation or AdaptationOptions())
+        super().__init__(process, robust, adaptation, landmarks)
         self._iteration = iteration or IterationOptions()
 
     def _moved(self, dt: float) -> PredictedMotion:
         mean, transition, noise = self.process.linearise(self._mean, dt)
         noise = self._adaptation.scaled(noise)
-        factor = triangular_factor(np.concatenate([transition @ self._factor, noise], axis=1).T)
+        factor = propagated(self._factor, transition @ self._factor[: self._n], noise)
         return PredictedMotion(mean, factor, transition, noise)
 
     def _corrected(self, measurement: Measurement, guard: SensorGuard, scale: float) -> Corrected | None:
@@ -58,19 +62,29 @@ class MultiplicativeEkf(MultiplicativeFilter):
         if not weighted.dof:
             return None
         correction = apply_gain(weighted.predicted(self._factor))
-        mean = self.layout.retract(self._mean, correction.error)
+        mean = self.layout.retract(self._mean, correction.error[: self._n])
         if self._is_good(weighted, mean, correction):
             return Corrected(mean, correction)
         return IteratedUpdate(self.layout, self._mean, self._factor, weighted).solved(
             correction, self._iteration
         )
 
+    def _solved(self, observations: Observations, guard: SensorGuard) -> Solved:
+        linear = observations.rows_at(self._mean)
+        first = solve(observations, linear, self._factor, guard)
+        if self._is_small(first.correction):
+            return first
+        problem = IteratedObservations(observations, self._mean, self._factor, first)
+        return problem.solution(self._iteration)
+
+    def _is_small(self, correction: Correction) -> bool:
+        """Whether the linear model cannot but have proved right."""
+        length = math.sqrt(correction.shift @ correction.shift)
+        return length * _curvature(self.layout, self._mean, correction.error) <= self._iteration.tolerance
+
     def _is_good(self, rows: LinearRows, mean: Float[np.ndarray, " m"], correction: Correction) -> bool:
         """Whether the linear model has proved right, or cannot but do so, or no other is wanted."""
-        if self._iteration.iterations == 1:
-            return True
-        length = math.sqrt(correction.shift @ correction.shift)
-        if length * _curvature(self.layout, self._mean, correction.error) <= self._iteration.tolerance:
+        if self._iteration.iterations == 1 or self._is_small(correction):
             return True
         spacing = -(-len(rows.innovation) // SAMPLE)
         chosen = slice(None, None, spacing)
@@ -117,7 +131,7 @@ class IteratedUpdate:
         """The most probable point, from the correction about the mean."""
         y, correction = iterate(first, self.solution, self.objective, options)
         correction = replace(correction, error=self.factor @ y)
-        return Corrected(self.layout.retract(self.mean, correction.error), correction)
+        return Corrected(self._point(y), correction)
 
     def objective(self, y: Float[np.ndarray, " n"]) -> float:
         """|y|^2 + |r|^2, infinite where a value is impossible."""
@@ -136,14 +150,19 @@ class IteratedUpdate:
         back = np.swapaxes(m.model.whitening(point, m.parameters), 1, 2)
         turn = np.swapaxes(np.linalg.solve(back, np.swapaxes(self._weighing, 1, 2)), 1, 2)
         innovation = (turn @ rows.innovation[..., np.newaxis])[..., 0]
-        moved = self.layout.reset_jacobian(self.factor @ y) @ self.factor
+        moved = self.layout.reset_jacobian(self._rows @ y) @ self._rows
         rows = replace(
             rows, innovation=innovation, jacobian=turn @ rows.jacobian, log_noise=self.rows.log_noise
         )
         return apply_gain(replace(rows.predicted(moved, -(moved @ y)), state_factor=self.factor))
 
     def _point(self, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
-        return self.layout.retract(self.mean, self.factor @ y)
+        return self.layout.retract(self.mean, self._rows @ y)
+
+    @property
+    def _rows(self) -> Float[np.ndarray, "n N"]:
+        """Of the state."""
+        return self.factor[: self.layout.error_dim]
 
     @cached_property
     def _weighing(self) -> Float[np.ndarray, "k d d"]:

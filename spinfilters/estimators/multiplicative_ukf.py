@@ -2,12 +2,10 @@
 
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.errors import InputError
 from spinfilters.estimators.adaptation import AdaptationOptions, PredictedMotion
 from spinfilters.estimators.estimator import Measurement, ProcessModel
 from spinfilters.estimators.gain import (
@@ -17,38 +15,13 @@ from spinfilters.estimators.gain import (
     last_nonzero,
     triangular_factor,
 )
-from spinfilters.estimators.multiplicative_filter import Corrected, MultiplicativeFilter, usable
+from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.landmarks.observations import Observations, Solved, solve
+from spinfilters.estimators.landmarks.regression import Regression
+from spinfilters.estimators.linear_prediction import usable
+from spinfilters.estimators.multiplicative_filter import Corrected, MultiplicativeFilter, propagated
 from spinfilters.estimators.robustness import RobustOptions, SensorGuard
-
-if TYPE_CHECKING:
-    from filterpy.kalman import MerweScaledSigmaPoints
-
-
-@dataclass(frozen=True)
-class SigmaPointOptions:
-    """Van der Merwe's scaled set; no covariance weight may be negative: with beta = 2 that asks for alpha >= 0.518."""
-
-    alpha: float = 0.6
-    beta: float = 2.0
-    kappa: float = 0.0
-
-    def points(self, n: int) -> "MerweScaledSigmaPoints":
-        """filterpy's set over n coordinates.
-
-        Raises
-        ------
-        InputError: when a covariance weight is negative, with which a covariance could become indefinite.
-        """
-        # slow to import, and settings alone need none of it
-        from filterpy.kalman import MerweScaledSigmaPoints
-
-        points = MerweScaledSigmaPoints(n, self.alpha, self.beta, self.kappa)
-        if np.min(points.Wc) < 0:
-            raise InputError(
-                f"sigma points with alpha={self.alpha}, beta={self.beta} have a covariance weight of {np.min(points.Wc):.3g}"
-                "; choose alpha >= 0.518 with beta = 2 so that covariances stay positive"
-            )
-        return points
+from spinfilters.estimators.sigma_points import SigmaPointOptions
 
 
 class MultiplicativeUkf(MultiplicativeFilter):
@@ -56,7 +29,7 @@ class MultiplicativeUkf(MultiplicativeFilter):
 
     Parameters
     ----------
-    process, robust, adaptation: see `MultiplicativeFilter`.
+    process, robust, adaptation, landmarks: see `MultiplicativeFilter`.
     options: of the sigma-point set.
 
     Raises
@@ -72,10 +45,11 @@ class MultiplicativeUkf(MultiplicativeFilter):
         options: SigmaPointOptions | None = None,
         robust: RobustOptions | None = None,
         adaptation: AdaptationOptions | None = None,
+        landmarks: LandmarkOptions | None = None,
     ) -> None:
-        super().__init__(process, robust or RobustOptions(), adaptation or AdaptationOptions())
-        n = self.layout.error_dim
-        points = (options or SigmaPointOptions()).points(n)
+        super().__init__(process, robust, adaptation, landmarks)
+        n, self._points_options = self.layout.error_dim, options or SigmaPointOptions()
+        points = self._points_options.points(n)
         self._offsets = points.sigma_points(np.zeros(n), np.eye(n))
         self._mean_weights = points.Wm
         self._root_weights = np.sqrt(points.Wc)
@@ -84,18 +58,31 @@ class MultiplicativeUkf(MultiplicativeFilter):
     def _moved(self, dt: float) -> PredictedMotion:
         _, transition, noise = self.process.linearise(self._mean, dt)
         noise = self._adaptation.scaled(noise)
+        self._factor = self._triangular()
         moved = self.process.step(self._sigma_points(), dt)
         centre = moved[0]
         shift = self._mean_weights @ self.layout.local(centre, moved)
         mean = self.layout.retract(centre, shift)
         deviations = self._root_weights[:, None] * self.layout.local(mean, moved)
-        factor = triangular_factor(np.concatenate([deviations, noise.T]))
+        if self._held is None:
+            factor = triangular_factor(np.concatenate([deviations, noise.T]))
+            return PredictedMotion(mean, factor, transition, noise)
+        scaled = self._root_weights[:, None] * self._offsets
+        rows = np.zeros((self._n, len(self._factor)))
+        rows[:, : self._n] = deviations.T @ scaled
+        rest = deviations.T - rows[:, : self._n] @ scaled.T
+        factor = propagated(self._factor, rows, np.concatenate([rest, noise], axis=1))
         return PredictedMotion(mean, factor, transition, noise)
 
+    def _triangular(self) -> Float[np.ndarray, "N N"]:
+        """The factor with the state's rows on its first coordinates alone, as sigma points need it."""
+        return self._factor if self._held is None else triangular_factor(self._factor.T)
+
     def _sigma_points(self) -> Float[np.ndarray, "p m"]:
-        return self.layout.retract(self._mean, self._offsets @ self._factor.T)
+        return self.layout.retract(self._mean, self._offsets @ self._factor[: self._n, : self._n].T)
 
     def _corrected(self, measurement: Measurement, guard: SensorGuard, scale: float) -> Corrected | None:
+        self._factor = self._triangular()
         subset = self._subset(last_nonzero(self._factor[measurement.model.columns]))
         seen = self._seen(measurement, subset)
         if len(seen.log_noise) and scale != 1:
@@ -109,17 +96,25 @@ class MultiplicativeUkf(MultiplicativeFilter):
             return None
         mean, points = seen.mean.reshape(-1), seen.points.reshape(seen.mean.size, -1)
         rho, H, residual = compressed(mean, mean[:, np.newaxis] - points)
-        n = self.layout.error_dim
-        X = np.concatenate([np.zeros((n, subset.mixing.shape[1] - n)), self._factor], axis=1)
+        size, n = len(self._factor), self._n
+        X = np.concatenate([np.zeros((size, subset.mixing.shape[1] - n)), self._factor], axis=1)
         log_noise = float(seen.log_noise.sum())
-        prediction = MeasurementPrediction(rho, H @ subset.mixing, X, residual, mean.size, log_noise)
+        Y = H @ subset.mixing
+        if size > n:  # what stands behind the state is not seen
+            Y = np.concatenate([Y, np.zeros((len(Y), size - n))], axis=1)
+        prediction = MeasurementPrediction(rho, Y, X, residual, mean.size, log_noise)
         correction = apply_gain(prediction)
-        return Corrected(self.layout.retract(self._mean, correction.error), correction)
+        return Corrected(self.layout.retract(self._mean, correction.error[:n]), correction)
+
+    def _solved(self, observations: Observations, guard: SensorGuard) -> Solved:
+        self._factor = self._triangular()
+        regression = Regression(observations, self._mean, self._factor)
+        return solve(observations, regression.rows(self._points_options), self._factor, guard)
 
     def _seen(self, measurement: Measurement, subset: "_SigmaSubset") -> "_SeenPoints":
         """The usable values as the points see them."""
         model = measurement.model
-        points = self.layout.retract(self._mean, subset.offsets @ self._factor.T)
+        points = self.layout.retract(self._mean, subset.offsets @ self._factor[: self._n, : self._n].T)
         innovation, valid, log_noise = model.innovations_at(
             points, self._mean, measurement.parameters, measurement.values
         )

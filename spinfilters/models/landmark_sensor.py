@@ -104,15 +104,30 @@ class LandmarkSensor(MeasurementModel):
 
         Inputs: a point of the layout, a landmark (3, m, frame g), the rest of the parameters, the measured value. Outputs: per
         component of the innovation a row (by the model's `columns`, by the landmark, the whitened innovation itself), row after
-        row; what is positive where the model applies; and the squared length of the whitened innovation.
+        row; what is positive where the model applies; the squared length of the whitened innovation; and the log determinant of the
+        noise factor.
         """
         x, p, z = self._symbols
         whitening, here, jacobian, by_landmark = self._derivatives(x, p, z)
         away = whitening @ here
         rows = ca.horzcat(whitening @ jacobian, whitening @ by_landmark, away)
         valid = self.valid(self.layout.unpack(x), p)
-        outputs = [row_by_row(rows), valid, ca.dot(away, away)]
+        outputs = [row_by_row(rows), valid, ca.dot(away, away), self._whitening_expression(x, p)[1]]
         return Lanes(ca.Function(f"{self.name}_sighting_rows", [x, p[:3], p[3:], z], outputs))
+
+    @cached_property
+    @building()
+    def sighting_innovations(self) -> Lanes:
+        """Whitened innovations, what is positive where the model applies, and the log determinant of the noise factor.
+
+        Inputs: those of `sighting_rows`.
+        """
+        x, p, z = self._symbols
+        state = self.layout.unpack(x)
+        whitening, log_noise = self._whitening_expression(x, p)
+        away = whitening @ self.innovation(self.symbolic(state, p), z)
+        outputs = [away, self.valid(state, p), log_noise]
+        return Lanes(ca.Function(f"{self.name}_sighting_innovations", [x, p[:3], p[3:], z], outputs))
 
     @cached_property
     @building()

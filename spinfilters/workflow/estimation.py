@@ -9,11 +9,9 @@ from jaxtyping import Float
 from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.history import FRAME_ARRAYS, EstimateHistory, GrowingHistory
-from spinfilters.estimators.landmarks.approximation import FirstOrder
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
-from spinfilters.estimators.landmarks.landmark_filter import LandmarkFilter
-from spinfilters.estimators.landmarks.unscented import Unscented
 from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
+from spinfilters.estimators.multiplicative_filter import MultiplicativeFilter
 from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf
 from spinfilters.estimators.run import rehearse, run
 from spinfilters.estimators.smoothing.recursive import RecursiveSmoother
@@ -55,13 +53,10 @@ class Comparison:
 def build_estimator(name: str, prepared: Prepared, settings: Settings) -> Estimator:
     """The estimator of a name in `spinfilters.workflow.settings.ESTIMATORS`; filterpy's need a known map or none at all."""
     process, robust, adaptation = prepared.process, settings.robust, settings.adaptation
-    if isinstance(prepared.belief, LandmarkBelief) and name in OURS:
-        approximation = FirstOrder(settings.iteration) if name == "mekf" else Unscented(settings.ukf)
-        return LandmarkFilter(process, approximation, settings.landmarks, robust, adaptation)
     if name == "mekf":
-        return MultiplicativeEkf(process, robust, adaptation, settings.iteration)
+        return MultiplicativeEkf(process, robust, adaptation, settings.iteration, settings.landmarks)
     if name == "ukf":
-        return MultiplicativeUkf(process, settings.ukf, robust, adaptation)
+        return MultiplicativeUkf(process, settings.ukf, robust, adaptation, settings.landmarks)
     from spinfilters.estimators.filterpy_baselines import (
         FilterpyEkf,
         FilterpyUkf,
@@ -197,8 +192,10 @@ def _map_of(
     estimator: Estimator, history: EstimateHistory, prepared: Prepared
 ) -> Float[np.ndarray, "k 3"] | None:
     """The landmarks that an estimator ended with; those of the start where it failed or holds none."""
-    if isinstance(estimator, LandmarkFilter) and history.status.verdict is not Verdict.FAILED:
-        return estimator.landmark_belief.points
+    if not isinstance(estimator, MultiplicativeFilter) or not isinstance(prepared.belief, LandmarkBelief):
+        return prepared.map_points
+    if history.status.verdict is not Verdict.FAILED:
+        return estimator.landmark_belief.points_in_g
     return prepared.map_points
 
 
@@ -206,7 +203,7 @@ def _start(estimator: Estimator, prepared: Prepared) -> None:
     """With its landmarks for a filter that holds them."""
     if isinstance(estimator, RecursiveSmoother):
         begin_at_start(estimator, prepared)
-    elif isinstance(estimator, LandmarkFilter):
+    elif isinstance(estimator, MultiplicativeFilter):
         estimator.start(prepared.belief)
     else:
         estimator.start(prepared.start.belief)

@@ -8,7 +8,6 @@ from jaxtyping import Float, Int
 
 from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.first_frames import FirstStatePrior, SmoothedFrames
-from spinfilters.estimators.landmark_start.choice import most_useful
 from spinfilters.estimators.landmark_start.start import LandmarkStartReport, start_with_landmarks
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.motion_evidence import MotionEvidence, evidence_from_gyro, evidence_from_poses
@@ -113,8 +112,7 @@ def prepare(dataset: Dataset, settings: Settings) -> Prepared:
     start, failure = _start(replace(dataset, log=log), process, timeline, noise, settings.start)
     belief, points = start.belief, None if dataset.known_map is None else dataset.known_map.points
     if isinstance(start, LandmarkStartReport):
-        ids = most_useful(timeline, start.landmarks, settings.landmarks.capacity)
-        belief, points = start.landmarks.joint(ids), start.landmarks.points
+        belief, points = start.landmarks.belief(settings.landmarks), start.landmarks.points
     return Prepared(dataset, process, timeline, noise, start, belief, points, gyro_noise, failure)
 
 

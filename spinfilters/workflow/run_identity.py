@@ -106,7 +106,9 @@ def _digest_of_timeline(timeline: Timeline) -> str:
 
 def _digest_of(belief: Gaussian | LandmarkBelief) -> str:
     digest = hashlib.sha256(" ".join(belief.layout.blocks).encode())
-    landmarks = (belief.ids, belief.points) if isinstance(belief, LandmarkBelief) else ()
+    landmarks = ()
+    if isinstance(belief, LandmarkBelief):
+        landmarks = (belief.ids, belief.points, belief.modes, belief.roots)
     for array in (belief.mean, belief.factor, *landmarks):
         digest.update(f"{array.shape}".encode() + array.tobytes())
     return digest.hexdigest()

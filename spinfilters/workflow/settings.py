@@ -9,8 +9,8 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.adaptation import AdaptationOptions
 from spinfilters.estimators.iterated import IterationOptions
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
-from spinfilters.estimators.multiplicative_ukf import SigmaPointOptions
 from spinfilters.estimators.robustness import RobustOptions
+from spinfilters.estimators.sigma_points import SigmaPointOptions
 from spinfilters.estimators.start import StartOptions
 from spinfilters.logs.input_file import named, shown
 from spinfilters.logs.settings_files import read_toml

@@ -1,15 +1,16 @@
 """A tumbling body whose landmarks nobody knows: small recordings, and filters started near the truth."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 
 from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.landmarks.approximation import Approximation, FirstOrder
-from spinfilters.estimators.landmarks.landmark_filter import LandmarkFilter
-from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
-from spinfilters.estimators.landmarks.unscented import Unscented
+from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
+from spinfilters.estimators.multiplicative_filter import MultiplicativeFilter
+from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf
 from spinfilters.estimators.timeline import Frame, SensorNoise, StereoView, Timeline, build_timeline
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.logs.dataset import Dataset
@@ -23,7 +24,10 @@ NOISE = ProcessNoise(force_psd=1e-6, torque_psd=1e-6)
 PROCESS = TorqueFreeProcess(LAYOUT, NOISE, 1e-8)
 START_STD = np.repeat([1e-6, 1e-6, 0.002, 0.003, 0.002, 0.01], [3, 3, 3, 3, 3, 5])
 """Of the belief at the first frame, whose pose defines g."""
-APPROXIMATIONS = {"mekf": FirstOrder, "ukf": Unscented}
+FILTERS: dict[str, Callable[..., MultiplicativeFilter]] = {
+    "mekf": MultiplicativeEkf,
+    "ukf": MultiplicativeUkf,
+}
 
 
 @dataclass(frozen=True)
@@ -63,25 +67,14 @@ def first_belief(states: np.ndarray, seed: int = 0) -> Gaussian:
     return Gaussian(LAYOUT, LAYOUT.retract(states[0], error), np.diag(START_STD))
 
 
-def landmark_filter(
-    approximation: Approximation | None = None,
-    options: LandmarkOptions | None = None,
-    process: TorqueFreeProcess = PROCESS,
-) -> LandmarkFilter:
-    """A filter that has not been started."""
-    return LandmarkFilter(process, approximation or FirstOrder(), options)
-
-
-def started(
-    name: str = "mekf", options: LandmarkOptions | None = None, seed: int = 0, frames: int = 30
-) -> LandmarkFilter:
+def started(name: str = "mekf", seed: int = 0, frames: int = 30, **options: Any) -> MultiplicativeFilter:
     """A filter that stands at the first frame of a recording, before its sightings."""
-    estimator = landmark_filter(APPROXIMATIONS[name](), options)
+    estimator = FILTERS[name](PROCESS, **options)
     estimator.start(first_belief(recording(seed, frames).states, seed))
     return estimator
 
 
-def run_through(estimator: LandmarkFilter, timeline: Timeline, first: int = 0) -> list[Gaussian]:
+def run_through(estimator: MultiplicativeFilter, timeline: Timeline, first: int = 0) -> list[Gaussian]:
     """Beliefs after every frame from this one on; the filter stands at the frame before."""
     beliefs = []
     for k in range(first, len(timeline)):

@@ -12,8 +12,9 @@ from spinfilters.estimators.estimator import Estimator, ProcessModel
 from spinfilters.estimators.filterpy_baselines import FilterpyEkf, FilterpyUkf
 from spinfilters.estimators.global_chart import GlobalChart
 from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf, SigmaPointOptions
+from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf
 from spinfilters.estimators.run import run
+from spinfilters.estimators.sigma_points import SigmaPointOptions
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout

@@ -23,7 +23,7 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.delayed import DelayedUpdates, Outcome
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.filterpy_baselines import FilterpyEkf
-from spinfilters.estimators.landmarks.landmark_filter import LandmarkFilter
+from spinfilters.estimators.multiplicative_filter import MultiplicativeFilter
 from spinfilters.estimators.run import run
 from spinfilters.estimators.start import StartOptions
 from spinfilters.estimators.timeline import Frame
@@ -133,7 +133,7 @@ def test_landmarks_of_the_state_come_and_go_in_the_order_of_time(name: str) -> N
     states, updates = [], []
     for arrival in (rest, [rest[k] for k in order]):
         estimator = build_estimator(name, prepared, settings)
-        assert isinstance(estimator, LandmarkFilter)
+        assert isinstance(estimator, MultiplicativeFilter)
         estimator.start(prepared.belief)
         updates.append(DelayedUpdates(estimator, prepared.start_end, horizon_s=5.0))
         received(updates[-1], arrival)

@@ -12,9 +12,10 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Estimator, Measurement, ProcessModel
 from spinfilters.estimators.filterpy_baselines import FilterpyEkf, FilterpyUkf
 from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf, SigmaPointOptions
+from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf
 from spinfilters.estimators.robustness import RobustOptions
 from spinfilters.estimators.run import run
+from spinfilters.estimators.sigma_points import SigmaPointOptions
 from spinfilters.estimators.timeline import Frame
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensors.gyro import Gyro, gyro_parameters

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from landmark_samples import (
-    APPROXIMATIONS,
+    FILTERS,
     LAYOUT,
     nees,
     recording,
@@ -21,7 +21,7 @@ from spinfilters.simulation.faults import (
     with_faults,
 )
 
-BOTH = pytest.mark.parametrize("name", APPROXIMATIONS)
+BOTH = pytest.mark.parametrize("name", FILTERS)
 
 
 @BOTH

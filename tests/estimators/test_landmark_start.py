@@ -17,6 +17,7 @@ from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.landmark_start.result import LandmarkSmoothing
 from spinfilters.estimators.landmark_start.smoother import SmoothingOptions, smooth_with_landmarks
 from spinfilters.estimators.landmark_start.start import LandmarkStartReport, start_with_landmarks
+from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.estimators.motion_evidence import MotionEvidence
 from spinfilters.estimators.smoothing.problem import Trial
 from spinfilters.estimators.start import StartOptions
@@ -154,20 +155,30 @@ def test_a_linearisation_at_the_truth_has_the_covariance_of_the_dense_problem() 
 
 
 def test_the_joint_belief_is_that_of_the_dense_problem() -> None:
+    """Of the state exactly; of landmarks but for what modes that are left out share with the frame g."""
     dense, ids = _dense_covariance()
     count = len(_small().frames)
-    chosen = ids[[7, 2, 5]]
-    belief = _linearised().joint(chosen)
+    belief = _linearised().belief(LandmarkOptions())
     first = MOVING * count + 8
-    landmarks = [first + 3 * k + axis for k in (7, 2, 5) for axis in range(3)]
-    rows = np.r_[MOVING * (count - 1) : first, landmarks]
-    expected = dense[np.ix_(rows, rows)]
+    factor = belief.joint_factor()
+    state = np.arange(MOVING * (count - 1), first)
+    expected = dense[np.ix_(state, state)]
     np.testing.assert_allclose(
-        _scaled(belief.factor @ belief.factor.T, expected), _scaled(expected, expected), atol=2e-5
+        _scaled((factor @ factor.T)[:20, :20], expected), _scaled(expected, expected), atol=2e-5
     )
-    assert not np.triu(belief.factor, 1).any()
-    np.testing.assert_array_equal(belief.ids, chosen)
-    np.testing.assert_array_equal(belief.points, _small().known.points[chosen])
+    std, found = np.sqrt(np.diag(dense)[first:]), np.sqrt(np.square(factor[20:]).sum(axis=1))
+    np.testing.assert_allclose(found, std, rtol=0.2)
+    np.testing.assert_array_equal(belief.ids, ids)
+    np.testing.assert_array_equal(belief.points, _small().known.points[ids])
+
+
+def test_with_enough_modes_landmarks_and_state_are_as_correlated_as_in_the_dense_problem() -> None:
+    dense, _ = _dense_covariance()
+    count = len(_small().frames)
+    factor = _linearised().belief(LandmarkOptions(modes=60, explained=0.0)).joint_factor()
+    rows = np.arange(MOVING * (count - 1), len(dense))
+    expected = dense[np.ix_(rows, rows)]
+    np.testing.assert_allclose(_scaled(factor @ factor.T, expected), _scaled(expected, expected), atol=2e-5)
 
 
 def test_hits_count_the_sightings_in_use() -> None:
@@ -258,7 +269,6 @@ def _no_place() -> None:
 @pytest.mark.parametrize(
     ("attempt", "complaint"),
     [
-        (lambda: _linearised().joint(np.array([10_000])), "not in the fit"),
         (lambda: _smoothed(_small(), replace(_true(_small()), ids=np.arange(40) + 10_000)), "seen twice"),
         (_no_place, "blocks t, a"),
     ],

@@ -1,9 +1,8 @@
-"""A sensor that sees landmarks: its derivative by them, its inverse, and the anchored coordinates of what it found."""
+"""A sensor that sees landmarks: its derivative by them, and its inverse."""
 
 import numpy as np
 import pytest
 
-from spinfilters.models.anchored_point import anchored_coordinates, anchored_points
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.state.layout import StateLayout
 
@@ -61,29 +60,3 @@ def test_a_landmark_at_infinity_is_not_determined(scene):
     found = SENSOR.new_landmarks(x, parameters[:3], far)
     assert found.determined.tolist() == [False, False, True]
     assert np.isfinite(found.points).all()
-
-
-def test_anchored_coordinates_are_a_chart_of_space(scene):
-    x, parameters = scene
-    anchors = np.tile(x, (6, 1))
-    coordinates = anchored_coordinates(anchors, parameters[:, :3])
-    points, slopes = anchored_points(anchors, coordinates)
-    np.testing.assert_allclose(points, parameters[:, :3], atol=1e-13)
-    for k in range(3):
-        d = STEP * np.eye(3)[k]
-        moved = anchored_points(anchors, coordinates + d)[0] - anchored_points(anchors, coordinates - d)[0]
-        np.testing.assert_allclose(slopes[:, :, k], moved / (2 * STEP), atol=1e-8)
-
-
-def test_the_covariance_of_a_fresh_sighting_does_not_depend_on_depth_in_anchored_coordinates(scene):
-    """That is what they are for: pixel noise is pixel noise at any range."""
-    x, _ = scene
-    near, far = (np.array([[300.0 + shift, 200.0, 300.0]]) for shift in (140.0, 35.0))
-    parameters = stereo_parameters(np.zeros((1, 3)), CALIBRATION, 1.0)
-    stds = []
-    for measured in (near, far):
-        found = SENSOR.new_landmarks(x, parameters, measured)
-        slopes = anchored_points(x[None], anchored_coordinates(x[None], found.points))[1]
-        root = np.linalg.solve(slopes, found.root)[0]
-        stds.append(np.sqrt(np.diag(root @ root.T)))
-    np.testing.assert_allclose(stds[0], stds[1], rtol=1e-9)

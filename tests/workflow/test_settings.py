@@ -54,7 +54,7 @@ def test_every_setting_is_taken_from_its_table(table: str) -> None:
         ("smoother", "mode", "sliding"),
         ("robust", "kernel", "soft"),
         ("landmarks", "gauge", 3),
-        ("landmarks", "capacity", 2.5),
+        ("landmarks", "modes", 2.5),
     ],
 )
 def test_a_setting_that_cannot_be_is_named(table: str, key: str, value: object) -> None:

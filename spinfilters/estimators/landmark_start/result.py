@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinfilters.errors import InputError
-from spinfilters.estimators.gain import triangular_factor
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
+from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.landmarks.shared_modes import HeldErrors, SharedErrors, shared_modes
 from spinfilters.estimators.smoothing.marginals import Marginals
+from spinfilters.models.gauge import GAUGE_DIM
 from spinfilters.state.layout import StateLayout
 
 
@@ -45,39 +46,28 @@ class LandmarkSmoothing:
         where, known = self._rows(ids)
         return np.where(known, self.counts[where], 0)
 
-    def joint(self, ids: Int[np.ndarray, " q"]) -> LandmarkBelief:
-        """Belief over the last frame's state and these landmarks, given all first frames.
-
-        Raises
-        ------
-        InputError: for a landmark that is not in the fit.
-        """
-        where, known = self._rows(ids)
-        if not known.all():
-            raise InputError(
-                f"landmarks {np.asarray(ids)[~known].tolist()} are not in the fit; choose among its ids"
-            )
+    def belief(self, options: LandmarkOptions) -> LandmarkBelief:
+        """Belief over the last frame's state and all landmarks, given all first frames; not finite where there is none."""
+        mean, n = self.mean[-1], self.layout.error_dim
         if self.marginals is None:
-            size = self.factor.shape[1] + 3 * len(where)
-            nothing = np.full((size, size), np.nan)
-            return LandmarkBelief(self.layout, self.mean[-1], self.ids[where], self.points[where], nothing)
+            nothing = np.full((len(self.ids), 3, 3), np.nan)
+            held = HeldErrors(nothing[:, :, :1], nothing, np.full((n + 1, n + 1), np.nan))
+        else:
+            assert self.marginals.eliminated is not None
+            rows = self.marginals.frame_rows(len(self.mean) - 1)
+            told = np.flatnonzero(self.marginals.eliminated.told)
+            every = SharedErrors(self.layout, mean, self.points, rows, *self.marginals.landmark_rows(told))
+            held = shared_modes(every, options)
         return LandmarkBelief(
-            self.layout, self.mean[-1], self.ids[where], self.points[where], self._joint_factor(where)
+            self.layout,
+            mean,
+            self.ids,
+            self.points,
+            held.modes,
+            held.roots,
+            held.factor,
+            np.zeros(GAUGE_DIM),
         )
-
-    def _joint_factor(self, where: Int[np.ndarray, " q"]) -> Float[np.ndarray, "j j"]:
-        assert self.marginals is not None
-        assert self.marginals.eliminated is not None
-        rows = self.marginals.frame_rows(len(self.mean) - 1)
-        told = np.flatnonzero(self.marginals.eliminated.told)
-        follow, out = self.marginals.landmark_rows(told[where])
-        size, width = 3 * len(where), follow.shape[2]
-        own = np.zeros((len(where), 3, len(where), 3))
-        own[np.arange(len(where)), :, np.arange(len(where))] = out
-        top = np.concatenate([rows, np.zeros((len(rows), size))], axis=1)
-        gap = np.zeros((size, rows.shape[1] - width))
-        below = np.concatenate([follow.reshape(size, width), gap, own.reshape(size, size)], axis=1)
-        return triangular_factor(np.concatenate([top, below]).T)
 
     def _rows(self, ids: Int[np.ndarray, " q"]) -> tuple[Int[np.ndarray, " q"], Bool[np.ndarray, " q"]]:
         where = np.clip(np.searchsorted(self.ids, ids), 0, max(len(self.ids) - 1, 0))

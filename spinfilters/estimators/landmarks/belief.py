@@ -1,45 +1,117 @@
 """A belief about a state and the landmarks of the body together."""
 
 from dataclasses import dataclass
+from functools import cache
 
+import casadi as ca
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinfilters.attitude.expressions import quaternion_from_mrp, rotate
 from spinfilters.errors import InputError, ShapeError
+from spinfilters.estimators.gain import triangular_factor
+from spinfilters.models.gauge import GAUGE_DIM, gauge_directions, gauge_move, gauge_of_points
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
+from spinfilters.symbolic import Compiled
 
 
 @dataclass(frozen=True)
 class LandmarkBelief:
-    """Means and the square root of the joint error covariance, state first, then the landmarks in the order of ``ids``.
+    """A state, r modes of error that all landmarks share, and each landmark's own error: d_i = modes_i m + roots_i e_i.
+
+    All of it is told in the map's frame, in which no rigid motion of all landmarks together is uncertain. Frame g of the state that
+    is asked for differs by a small move (theta, rho), whose error stands in the factor too: nothing observed depends on it.
 
     Attributes
     ----------
-    layout: of the state.   mean: (m,) its point.
-    ids: (k,) of the landmarks, each once.   points: (k, 3) m, frame g.
-    factor: (n + 3k, n + 3k) lower triangular, P = factor factor'; the error of a point adds, p = points + d.
+    layout: of the state.   mean: (m,) its point.   move: (6,) most probable move from the map's frame to g (`models.gauge`).
+    ids: (k,) of the landmarks, each once.   points: (k, 3) m.
+    modes: (k, 3, r).   roots: (k, 3, 3).
+    factor: (n + r + p, n + r + p) of the errors of state, modes and, where p is 6 and not 0, the move.
     """
 
     layout: StateLayout
     mean: Float[np.ndarray, " m"]
     ids: Int[np.ndarray, " k"]
     points: Float[np.ndarray, "k 3"]
-    factor: Float[np.ndarray, "j j"]
+    modes: Float[np.ndarray, "k 3 r"]
+    roots: Float[np.ndarray, "k 3 3"]
+    factor: Float[np.ndarray, "N N"]
+    move: Float[np.ndarray, " 6"]
 
     def __post_init__(self) -> None:
-        size = self.layout.error_dim + 3 * len(self.ids)
-        shapes = self.mean.shape, self.points.shape, self.factor.shape
-        if shapes != ((self.layout.mean_dim,), (len(self.ids), 3), (size, size)):
+        size = self.layout.error_dim + self.modes.shape[2]
+        if self.mean.shape != (self.layout.mean_dim,) or self.factor.shape not in (
+            (size, size),
+            (size + GAUGE_DIM, size + GAUGE_DIM),
+        ):
             raise ShapeError(
-                f"a belief over {self.layout.blocks} and {len(self.ids)} landmarks needs a mean ({self.layout.mean_dim},), points "
-                f"({len(self.ids)}, 3) and a factor ({size}, {size}), got {', '.join(map(str, shapes))}"
+                f"a belief over {self.layout.blocks} and {self.modes.shape[2]} modes needs a mean ({self.layout.mean_dim},) and a "
+                f"factor of {size} or {size + GAUGE_DIM} rows, got {self.mean.shape} and {self.factor.shape}"
             )
         if len(np.unique(self.ids)) < len(self.ids):
             raise InputError("a landmark occurs twice in a belief; give each id once")
 
     @property
     def state(self) -> Gaussian:
-        """The state alone: its factor is the leading block."""
+        """The state alone, in frame g."""
+        mean, rows = self._state_rows()
+        return Gaussian(self.layout, mean, triangular_factor(rows.T))
+
+    @property
+    def points_in_g(self) -> Float[np.ndarray, "k 3"]:
+        """Landmarks in frame g, m."""
+        return moved_points(self.points, self.move)
+
+    def joint_factor(self) -> Float[np.ndarray, "j j"]:
+        """Lower triangular factor of the errors of the state and of all points, in frame g."""
+        n, r, k = self.layout.error_dim, self.modes.shape[2], len(self.ids)
+        rows = (self.modes @ self.factor[n : n + r]).reshape(3 * k, -1)
+        if len(self.factor) > n + r:
+            rows = rows + gauge_of_points(self.points_in_g) @ self.factor[n + r :]
+        own = np.zeros((k, 3, k, 3))
+        own[np.arange(k), :, np.arange(k)] = self.roots
+        top = np.concatenate([self._state_rows()[1], np.zeros((n, 3 * k))], axis=1)
+        return triangular_factor(
+            np.concatenate([top, np.concatenate([rows, own.reshape(3 * k, -1)], axis=1)]).T
+        )
+
+    def _state_rows(self) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "n N"]]:
         n = self.layout.error_dim
-        return Gaussian(self.layout, self.mean, self.factor[:n, :n].copy())
+        if len(self.factor) == n + self.modes.shape[2]:
+            return self.mean, self.factor[:n]
+        return state_in_g(self.layout, self.mean, self.factor, self.move)
+
+
+def state_in_g(
+    layout: StateLayout,
+    mean: Float[np.ndarray, " m"],
+    factor: Float[np.ndarray, "N N"],
+    move: Float[np.ndarray, " 6"],
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "n N"]]:
+    """Point and factor rows of a state in frame g, from those in the map's frame; the move stands last in the factor.
+
+    The move is small: the derivative of the moved state by the state is taken for one.
+    """
+    there = _moved_state(layout)(mean, move)[0]
+    return there, factor[: layout.error_dim] + gauge_directions(layout, there) @ factor[-GAUGE_DIM:]
+
+
+def moved_points(points: Float[np.ndarray, "k 3"], move: Float[np.ndarray, " 6"]) -> Float[np.ndarray, "k 3"]:
+    """R(theta) p + rho."""
+    return _moved_point()(points, move)[0]
+
+
+@cache
+def _moved_state(layout: StateLayout) -> Compiled:
+    x, move = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("move", GAUGE_DIM)
+    return Compiled(ca.Function("moved_state", [x, move], [gauge_move(layout, x, move)]))
+
+
+@cache
+def _moved_point() -> Compiled:
+    p, move = ca.SX.sym("p", 3), ca.SX.sym("move", GAUGE_DIM)
+    return Compiled(
+        ca.Function("moved_point", [p, move], [rotate(quaternion_from_mrp(move[:3]), p) + move[3:]])
+    )

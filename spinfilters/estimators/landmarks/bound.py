@@ -1,9 +1,9 @@
-"""The Cramer-Rao bound of what a landmark filter used.
+"""The Cramer-Rao bound of what a filter of tracks without a map used.
 
 The posterior bound of a filter is the covariance that the same recursion gives when everything is linearised at the truth instead
-of at an estimate (Tichavsky, Muravchik, Nehorai 1998). A filter's decisions - which sightings it believed, which landmarks it took
-in and let go - are taken from its reports, so that the bound is that of the measurements it used. A landmark that was let go and
-came back is a new unknown, as it is for the filter.
+of at an estimate (Tichavsky, Muravchik, Nehorai 1998). A filter's decisions - which observations it believed, which landmarks it
+took in and let go - are taken from its reports, so that the bound is that of the measurements it used. A landmark that was let go
+and came back is a new unknown, as it is for the filter; modes that the filter leaves out, the bound leaves out too.
 """
 
 from dataclasses import dataclass
@@ -12,12 +12,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.estimators.estimator import MapChange, Measurement, ProcessModel
-from spinfilters.estimators.iterated import IterationOptions
-from spinfilters.estimators.landmarks.approximation import FirstOrder
-from spinfilters.estimators.landmarks.joint_factor import after_correction, corrected
-from spinfilters.estimators.landmarks.landmark_filter import LandmarkFilter
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
-from spinfilters.estimators.landmarks.sightings import predicted_sightings, stacked
+from spinfilters.estimators.landmarks.observations import corrected
+from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
 
 
 @dataclass(frozen=True)
@@ -32,19 +29,20 @@ class TrueLandmarks:
         return self.points[np.searchsorted(self.ids, ids)]
 
 
-class CramerRaoBound(LandmarkFilter):
-    """A landmark filter that always stands at the truth and repeats another one's decisions.
+class CramerRaoBound(MultiplicativeEkf):
+    """A filter that always stands at the truth and repeats another one's decisions.
 
     Parameters
     ----------
-    landmarks: the true map.
+    landmarks: the true map.   options: of the filter.
     """
 
-    def __init__(self, process: ProcessModel, landmarks: TrueLandmarks) -> None:
-        super().__init__(
-            process, FirstOrder(IterationOptions(iterations=1)), LandmarkOptions(capacity=1 << 30)
-        )
-        self.name = "bound"
+    name = "bound"
+
+    def __init__(
+        self, process: ProcessModel, landmarks: TrueLandmarks, options: LandmarkOptions | None = None
+    ) -> None:
+        super().__init__(process, landmarks=options)
         self._landmarks = landmarks
 
     def step(self, truth: Float[np.ndarray, " m"], dt: float) -> None:
@@ -54,24 +52,27 @@ class CramerRaoBound(LandmarkFilter):
 
     def repeat(self, measurement: Measurement, change: MapChange) -> None:
         """Take in what another filter took in at this time, and keep house as it did."""
-        assert measurement.ids is not None
-        order = np.argsort(self._map.locate(change.used), kind="stable")
-        used, weights = change.used[order], change.weights[order]
-        at = self._map.locate(used)
-        rows, _ = predicted_sightings(
-            self._approximation, self._joint, self._true_sightings(measurement, used), at
-        )
-        found = corrected(*stacked(rows, weights, at, self._factor))
-        self._factor = after_correction(self._factor, found)
-        self._drop(~np.isin(self._map.ids, change.removed))
-        self._take_in(self._true_sightings(measurement, change.added), change.added)
+        held = self._with_map()
+        gone = held.landmarks.locate(change.removed)
+        held.landmarks.remove(gone[gone >= 0])
+        true = self._true_measurement(measurement, np.concatenate([change.used, change.added]))
+        assert true.ids is not None
+        observations = held.observations(self.layout, true, true.ids, 1.0)
+        order = np.argsort(change.used)
+        known = true.ids[observations.known]
+        weights = change.weights[order[np.searchsorted(change.used, known, sorter=order)]]
+        linear = observations.rows_at(self._mean)
+        steps, rows = observations.landmarks.steps, np.arange(len(known))
+        white = steps.whitened(observations.landmarks, observations.at, linear.rows, weights)
+        solved = corrected(observations, linear, white, (rows, weights), self._factor)
+        self._factor, _ = held.after(observations, true, solved, self._mean)
 
-    def _true_sightings(self, measurement: Measurement, ids: Int[np.ndarray, " q"]) -> Measurement:
-        """Noise-free sightings of these landmarks."""
+    def _true_measurement(self, measurement: Measurement, ids: Int[np.ndarray, " q"]) -> Measurement:
+        """Noise-free observations of these landmarks."""
         assert measurement.ids is not None
-        rows = np.flatnonzero(np.isin(measurement.ids, ids))
-        rows = rows[np.argsort(measurement.ids[rows])][np.argsort(np.argsort(ids))]
+        order = np.argsort(measurement.ids)
+        rows = order[np.searchsorted(measurement.ids, ids, sorter=order)]
         parameters = measurement.parameters[rows].copy()
         parameters[:, :3] = self._landmarks.of(ids)
         values = measurement.model.predict(self._mean, parameters)
-        return Measurement(measurement.model, values, parameters)
+        return Measurement(measurement.model, values, parameters, ids)

@@ -1,27 +1,35 @@
-"""Which landmarks a filter holds, how often each was of use, and which has to go when there is no more room."""
+"""The landmarks of a filter: where they are, how they depend on the shared modes, and their own covariance.
 
-from dataclasses import dataclass, field
+Modes change in every epoch. Landmarks that are not observed are not touched: for each of the latest `SLOTS` epochs it is kept how
+the modes of then follow from those of now,
+
+    m_then = transform m_now + shift + f,   cov f = spread,
+
+and a landmark is brought up to date when it is observed next, or when its turn comes: every epoch takes a share of the map in turn,
+so that hardly any falls behind by as many epochs as there are slots, and no epoch costs more than another.
+"""
+
+from dataclasses import dataclass
+from itertools import repeat
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinfilters.errors import InputError
-from spinfilters.estimators.landmarks.gauge_rules import gauge_rule
-from spinfilters.models.anchored_point import ANCHOR_DIM, anchored_points
+from spinfilters.estimators.landmarks.native import steps_of
+from spinfilters.estimators.landmarks.reference import next_epoch
+from spinfilters.estimators.landmarks.steps import Closing, NewModes
 
-LARGEST_WAITING_LIST = 4096
-"""Landmarks outside the map whose sightings are counted; the ones seen longest ago are forgotten."""
-MEMORY = 20.0
-"""Frames after which a landmark's own record counts as much as what is usual in the map."""
-USUAL_RATE = 0.3
-"""Sightings per frame expected of a landmark of which nothing is known."""
-WORTH_REPLACING = 0.5
-"""A landmark gives way to a newcomer when it is expected to be seen less than this share as often."""
+SLOTS = 24
+"""Epochs that a landmark may fall behind; less would touch more landmarks, more would keep more transformations."""
+FIRST_ROOM = 256
+"""Landmarks for which there is room before the arrays grow."""
 CONFIRMED = 2
-"""Sightings that agree, from which on a landmark is believed more than a sighting that does not."""
+"""Observations that agree, from which on a landmark is believed more than an observation that does not."""
 WRONG_IN_A_ROW = 3
-"""Sightings in a row outside the gate after which the landmark, not the sightings, is taken to be wrong."""
+"""Observations in a row outside the gate after which the landmark, not the observations, is taken to be wrong."""
 PRECISIONS = ("float64", "float32")
+FIELDS = ("ids", "points", "modes", "roots", "epoch", "hits", "wrong", "last")
 
 
 @dataclass(frozen=True)
@@ -30,146 +38,186 @@ class LandmarkOptions:
 
     Attributes
     ----------
-    capacity: landmarks at most.   replaced_per_frame: at most, which bounds the time of a frame.
-    gauge: how errors are carried over an update, see `spinfilters.estimators.landmarks.gauge_rules`.
-    precision: of the joint factor, "float64" or "float32".
+    modes: errors that all landmarks share, at most; they stand in the state.
+    explained: of the landmarks of a start, in all, that a mode must explain to be held, in squared standard deviations.
+    largest_map: landmarks at most; those observed longest ago go first.
+    precision: of what is kept of every landmark, "float64" or "float32".
     """
 
-    capacity: int = 150
-    replaced_per_frame: int = 10
-    gauge: str = "invariant"
+    modes: int = 12
+    explained: float = 0.5
+    largest_map: int = 20_000
     precision: str = "float64"
 
     def __post_init__(self) -> None:
-        if self.capacity < 4 or self.replaced_per_frame < 1:
+        if not 1 <= self.modes <= 60 or self.largest_map < 4:
             raise InputError(
-                f"landmarks.capacity is {self.capacity}, landmarks.replaced_per_frame is {self.replaced_per_frame}; "
-                "give at least 4 and 1"
+                f"landmarks.modes is {self.modes}, landmarks.largest_map is {self.largest_map}; give 1 to 60 modes and at least "
+                "4 landmarks"
             )
-        gauge_rule(self.gauge)
+        if not (np.isfinite(self.explained) and self.explained >= 0):
+            raise InputError(f"landmarks.explained is {self.explained}; give a finite number of at least 0")
         if self.precision not in PRECISIONS:
-            raise InputError(f"precision {self.precision!r} is unknown; use one of {', '.join(PRECISIONS)}")
+            raise InputError(
+                f"landmarks.precision {self.precision!r} is unknown; use one of {', '.join(PRECISIONS)}"
+            )
 
 
-@dataclass
 class LandmarkMap:
-    """The landmarks of a filter, one row each, in the order of the joint state; and the waiting list.
+    """Landmarks in rows, the first ``count`` of arrays that grow in steps.
 
     Attributes
     ----------
-    ids: (k,).   anchors: (k, 7), coordinates: (k, 3), see `spinfilters.models.anchored_point`.   first: (k, 3) as first estimated.
-    hits: (k,) sightings that agree.   since: (k,) frame of the first sighting.   wrong: (k,) rejected sightings in a row.
-    frame: frames so far.
-    waiting: rows (id, sightings, frame of the first, frame of the last) of landmarks outside.
+    ids: (k,).   points: (k, 3) m, in the map's frame.   modes: (k, 3, r) A.   roots: (k, 3, 3) L.
+    epoch: (k,) of whose modes ``modes`` speak.   hits: (k,) observations that agree.   wrong: (k,) refused ones in a row.
+    last: (k,) epoch of the last observation.   now: the present epoch.   turn: row from which the next share begins.
+    transform, spread: (SLOTS, r, r), shift: (SLOTS, r), see the module's docstring; slot of an epoch: its number modulo SLOTS.
     """
 
-    ids: Int[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    anchors: Float[np.ndarray, "k 7"] = field(default_factory=lambda: np.zeros((0, ANCHOR_DIM)))
-    coordinates: Float[np.ndarray, "k 3"] = field(default_factory=lambda: np.zeros((0, 3)))
-    first: Float[np.ndarray, "k 3"] = field(default_factory=lambda: np.zeros((0, 3)))
-    hits: Int[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    since: Int[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    wrong: Int[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    frame: int = 0
-    waiting: Int[np.ndarray, "w 4"] = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
+    def __init__(self, rank: int, precision: str = "float64") -> None:
+        kept, self.steps = np.dtype(precision), steps_of(rank, precision)
+        self.count, self.now, self.turn = 0, 0, 0
+        self.ids = np.zeros(FIRST_ROOM, dtype=np.int64)
+        self.points = np.zeros((FIRST_ROOM, 3))
+        self.modes = np.zeros((FIRST_ROOM, 3, rank), dtype=kept)
+        self.roots = np.zeros((FIRST_ROOM, 3, 3), dtype=kept)
+        self.epoch, self.hits, self.wrong, self.last = (
+            np.zeros(FIRST_ROOM, dtype=np.int64) for _ in range(4)
+        )
+        self.transform = np.tile(np.eye(rank), (SLOTS, 1, 1))
+        self.spread = np.zeros((SLOTS, rank, rank))
+        self.shift = np.zeros((SLOTS, rank))
+        self._rows: dict[int, int] = {}
 
     def __len__(self) -> int:
-        return len(self.ids)
+        return self.count
+
+    @property
+    def rank(self) -> int:
+        """r, number of modes."""
+        return self.modes.shape[2]
 
     def locate(self, ids: Int[np.ndarray, " q"]) -> Int[np.ndarray, " q"]:
         """Row of every id, -1 where the map does not hold it."""
-        if not len(self.ids):
-            return np.full(len(ids), -1)
-        order = np.argsort(self.ids, kind="stable")
-        at = np.clip(np.searchsorted(self.ids, ids, sorter=order), 0, len(order) - 1)
-        rows = order[at]
-        return np.where(self.ids[rows] == ids, rows, -1)
-
-    def record(self, rows: Int[np.ndarray, " q"], accepted: Bool[np.ndarray, " q"]) -> None:
-        """Count sightings of landmarks of the map."""
-        self.hits[rows[accepted]] += 1
-        self.wrong[rows[accepted]] = 0
-        self.wrong[rows[~accepted]] += 1
-
-    @property
-    def mistaken(self) -> Bool[np.ndarray, " k"]:
-        """Landmarks that disagree with everything lately seen of them, or with the second sighting there ever was: made anew."""
-        return (self.wrong >= WRONG_IN_A_ROW) | ((self.wrong > 0) & (self.hits < CONFIRMED))
-
-    def keep(self, which: Bool[np.ndarray, " k"]) -> None:
-        """Drop the others."""
-        for name in ("ids", "anchors", "coordinates", "first", "hits", "since", "wrong"):
-            setattr(self, name, getattr(self, name)[which])
+        return np.fromiter(map(self._rows.get, ids.tolist(), repeat(-1)), np.int64, len(ids))
 
     def append(
         self,
         ids: Int[np.ndarray, " q"],
-        anchors: Float[np.ndarray, "q 7"],
-        coordinates: Float[np.ndarray, "q 3"],
+        points: Float[np.ndarray, "q 3"],
+        modes: Float[np.ndarray, "q 3 r"],
+        roots: Float[np.ndarray, "q 3 3"],
         confirmed: int = 1,
     ) -> None:
-        """New landmarks; what the waiting list knew of them goes with them.
+        """New landmarks.
 
         Parameters
         ----------
-        confirmed: sightings that agree about each of them.
+        modes: by those of the present epoch.   confirmed: observations that agree about each of them.
         """
-        since = self._record_of(ids)[1]
-        hits = np.full(len(ids), confirmed)
-        self.waiting = self.waiting[~np.isin(self.waiting[:, 0], ids)]
-        added = {"ids": ids, "anchors": anchors, "coordinates": coordinates, "first": coordinates}
-        for name, rows in (added | {"hits": hits, "since": since, "wrong": 0 * hits}).items():
-            setattr(self, name, np.concatenate([getattr(self, name), rows]))
+        begin, end = self.count, self.count + len(ids)
+        self._make_room(end)
+        values = (ids, points, modes, roots, self.now, confirmed, 0, self.now)
+        for name, value in zip(FIELDS, values, strict=True):
+            getattr(self, name)[begin:end] = value
+        self._rows.update(zip(ids.tolist(), range(begin, end), strict=True))
+        self.count = end
 
-    @property
-    def points(self) -> Float[np.ndarray, "k 3"]:
-        """The landmarks in frame g, m."""
-        return anchored_points(self.anchors, self.coordinates)[0]
+    def record(self, rows: Int[np.ndarray, " q"], accepted: Bool[np.ndarray, " q"]) -> Int[np.ndarray, " m"]:
+        """Count observations of landmarks; rows of those that must be wrong themselves.
 
-    def note(self, ids: Int[np.ndarray, " q"]) -> None:
-        """Count sightings of landmarks outside the map."""
-        known = np.isin(ids, self.waiting[:, 0])
-        again = np.isin(self.waiting[:, 0], ids)
-        self.waiting[again, 1] += 1
-        self.waiting[again, 3] = self.frame
-        fresh = ids[~known]
-        rows = np.stack(
-            [fresh, *(np.full(len(fresh), value) for value in (1, self.frame, self.frame))], axis=1
-        )
-        self.waiting = np.concatenate([self.waiting, rows])
-        if len(self.waiting) > LARGEST_WAITING_LIST:
-            latest = np.argsort(self.waiting[:, 3], kind="stable")[-LARGEST_WAITING_LIST:]
-            self.waiting = self.waiting[np.sort(latest)]
+        A landmark is, that disagrees with everything lately observed of it, or with the second observation there ever was.
+        """
+        good, bad = rows[accepted], rows[~accepted]
+        self.hits[good] += 1
+        self.wrong[good] = 0
+        self.wrong[bad] += 1
+        self.last[rows] = self.now
+        mistaken = (self.wrong[bad] >= WRONG_IN_A_ROW) | (self.hits[bad] < CONFIRMED)
+        return bad[mistaken]
 
-    def expected_rate(self, hits: np.ndarray, since: np.ndarray) -> Float[np.ndarray, " q"]:
-        """Sightings per frame expected of landmarks with such records; for few frames, what is usual."""
-        return (hits + USUAL_RATE * MEMORY) / (self.frame - since + 1 + MEMORY)
+    def remove(self, rows: Int[np.ndarray, " q"]) -> Int[np.ndarray, " q"]:
+        """Ids of the landmarks in these rows, which are no more there; the last rows take their places."""
+        removed = self.ids[rows]
+        if not len(rows):
+            return removed
+        stay = np.ones(self.count, dtype=bool)
+        stay[rows] = False
+        count = self.count - len(rows)
+        holes = np.flatnonzero(~stay[:count])
+        movers = count + np.flatnonzero(stay[count:])
+        self.refresh(movers)
+        for name in FIELDS:
+            array = getattr(self, name)
+            array[holes] = array[movers]
+        self.count = count
+        for key in removed.tolist():
+            del self._rows[key]
+        self._rows.update(zip(self.ids[holes].tolist(), holes.tolist(), strict=True))
+        return removed
 
-    def admission(
-        self, ids: Int[np.ndarray, " q"], options: LandmarkOptions
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Which of the newcomers come in (rows of ``ids``, best first), and which landmarks stay (mask)."""
-        rates = self.expected_rate(*self._record_of(ids))
-        order = np.argsort(-rates, kind="stable")
-        stay = np.ones(len(self), dtype=bool)
-        free = max(options.capacity - len(self), 0)
-        if len(ids) <= free:
-            return order, stay
-        own = self.expected_rate(self.hits, self.since)
-        worst = np.argsort(own, kind="stable")[: options.replaced_per_frame]
-        rivals = rates[order[free : free + len(worst)]]
-        pairs = min(len(rivals), len(worst))
-        replaced = worst[:pairs][own[worst[:pairs]] < WORTH_REPLACING * rivals[:pairs]]
-        stay[replaced] = False
-        return order[: free + len(replaced)], stay
+    def stalest(self, largest: int) -> Int[np.ndarray, " q"]:
+        """Rows observed longest ago, so many that a sixteenth is free again, where there are more than ``largest``."""
+        if self.count <= largest:
+            return np.zeros(0, dtype=np.int64)
+        going = self.count - largest + largest // 16
+        return np.argsort(self.last[: self.count], kind="stable")[:going]
 
-    def _record_of(self, ids: Int[np.ndarray, " q"]) -> tuple[np.ndarray, np.ndarray]:
-        """Sightings and frame of the first, from the waiting list; one now for those that are not on it."""
-        hits, since = np.ones(len(ids), dtype=np.int64), np.full(len(ids), self.frame)
-        order = np.argsort(self.waiting[:, 0], kind="stable")
-        listed = self.waiting[order]
-        if len(listed):
-            at = np.clip(np.searchsorted(listed[:, 0], ids), 0, len(listed) - 1)
-            found = listed[at, 0] == ids
-            hits[found], since[found] = listed[at[found], 1], listed[at[found], 2]
-        return hits, since
+    def refresh(self, rows: Int[np.ndarray, " q"]) -> None:
+        """Bring landmarks up to the present epoch's modes."""
+        self.steps.refresh(self, rows)
+
+    def advance(
+        self,
+        transform: Float[np.ndarray, "r r"],
+        dropped: Float[np.ndarray, "r c"],
+        shift: Float[np.ndarray, " r"],
+    ) -> None:
+        """Go on to the next epoch: m_before = shift + transform m + dropped f, f of unit covariance."""
+        begin, end = self.take_turn()
+        late = np.flatnonzero(self.epoch[: self.count] < self.now - (SLOTS - 2))  # where the map has grown
+        self.refresh(np.union1d(np.arange(begin, end), late))
+        self.steps.compose(self, transform, dropped, shift)
+        next_epoch(self)
+
+    def close(self, closing: Closing) -> tuple[NewModes, np.ndarray, np.ndarray]:
+        """Go on to the next epoch with what was observed in this one; see `Steps.close`."""
+        return self.steps.close(self, closing)
+
+    def take_turn(self) -> tuple[int, int]:
+        """First and last row of the share of the map whose turn it is: all of it in fewer epochs than there are slots."""
+        begin = self.turn
+        end = min(begin - (-self.count // (SLOTS - 4)), self.count)
+        self.turn = 0 if end == self.count else end
+        return begin, end
+
+    def snapshot(self) -> dict[str, np.ndarray]:
+        """Its whole state as arrays named ``map.<what>``."""
+        kept = {name: getattr(self, name)[: self.count].copy() for name in FIELDS}
+        kept |= {name: getattr(self, name).copy() for name in ("transform", "spread", "shift")}
+        kept |= {"now": np.array(self.now), "turn": np.array(self.turn)}
+        return {f"map.{name}": array for name, array in kept.items()}
+
+    @classmethod
+    def restored(cls, snapshot: dict[str, np.ndarray]) -> "LandmarkMap":
+        """The map whose `snapshot` is among these arrays."""
+        modes = snapshot["map.modes"]
+        result = cls(modes.shape[2], modes.dtype.name)
+        result._make_room(len(modes))
+        for name in FIELDS:
+            getattr(result, name)[: len(modes)] = snapshot[f"map.{name}"]
+        for name in ("transform", "spread", "shift"):
+            setattr(result, name, snapshot[f"map.{name}"].copy())
+        result.now, result.turn = int(snapshot["map.now"]), int(snapshot["map.turn"])
+        result.count = len(modes)
+        result._rows = {key: row for row, key in enumerate(result.ids[: result.count].tolist())}
+        return result
+
+    def _make_room(self, wanted: int) -> None:
+        room = len(self.ids)
+        if wanted <= room:
+            return
+        extra = max(wanted, 2 * room) - room
+        for name in FIELDS:
+            array = getattr(self, name)
+            setattr(self, name, np.concatenate([array, np.zeros((extra, *array.shape[1:]), array.dtype)]))

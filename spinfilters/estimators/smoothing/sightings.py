@@ -198,7 +198,7 @@ def linearise_sightings(
     for group in sightings.groups:
         every = slice(None) if whole else group.rows
         frame, landmark = sightings.frame[every], sightings.landmark[every]
-        made, positive, length = group.model.sighting_rows(
+        made, positive, length, _ = group.model.sighting_rows(
             trajectory, points, group.parameters, group.values, rows=(frame, landmark, None, None)
         )
         made = made.reshape(len(made), group.model.dim, COLUMNS)

@@ -1,0 +1,191 @@
+"""The map of a filter: what observations do to it, and how its errors hang on those of the state."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.errors import InputError
+from spinfilters.estimators.estimator import MapChange, Measurement
+from spinfilters.estimators.landmarks.belief import LandmarkBelief
+from spinfilters.estimators.landmarks.landmark_map import CONFIRMED, LandmarkMap, LandmarkOptions
+from spinfilters.estimators.landmarks.observations import Observations, Solved
+from spinfilters.estimators.landmarks.steps import Closing
+from spinfilters.models.gauge import GAUGE_DIM
+from spinfilters.models.landmark_sensor import LandmarkSensor, NewLandmarks
+from spinfilters.state.layout import StateLayout
+
+MEMORY = 0.9
+"""Of what modes explain, from one epoch to the next: landmarks that were observed lately will be again."""
+
+
+@dataclass(frozen=True)
+class _Newcomers:
+    """New landmarks: ids (q,), points (q, 3), by_pose (q, 3, c) about the point before the update, roots (q, 3, 3)."""
+
+    ids: Int[np.ndarray, " q"]
+    points: Float[np.ndarray, "q 3"]
+    by_pose: Float[np.ndarray, "q 3 c"]
+    roots: Float[np.ndarray, "q 3 3"]
+
+
+class HeldMap:
+    """Landmarks, the modes that they share, and the move of their frame."""
+
+    def __init__(self, landmarks: LandmarkMap, options: LandmarkOptions) -> None:
+        self.landmarks, self._options = landmarks, options
+        self.move = np.zeros(GAUGE_DIM)
+        self._explained = np.zeros(landmarks.rank)
+        self._columns: dict[str, np.ndarray] = {}
+
+    @classmethod
+    def empty(cls, options: LandmarkOptions) -> "HeldMap":
+        """Without a landmark."""
+        return cls(LandmarkMap(options.modes, options.precision), options)
+
+    @classmethod
+    def of(cls, belief: LandmarkBelief, options: LandmarkOptions) -> "HeldMap":
+        """The map of a belief."""
+        result = cls(LandmarkMap(belief.modes.shape[2], options.precision), options)
+        result.landmarks.append(
+            belief.ids.astype(np.int64), belief.points, belief.modes, belief.roots, CONFIRMED
+        )
+        result.move = belief.move.copy()
+        return result
+
+    @property
+    def ids(self) -> Int[np.ndarray, " k"]:
+        """Of the landmarks, in the map's order."""
+        return self.landmarks.ids[: len(self.landmarks)].copy()
+
+    def has_move(self, factor: Float[np.ndarray, "N N"], layout: StateLayout) -> bool:
+        """Whether a factor holds the errors of the move behind those of state and modes."""
+        return len(factor) > layout.error_dim + self.landmarks.rank
+
+    def belief(
+        self, layout: StateLayout, mean: Float[np.ndarray, " m"], factor: Float[np.ndarray, "N N"]
+    ) -> LandmarkBelief:
+        """Everything, brought up to date in copies."""
+        now, rows = LandmarkMap.restored(self.landmarks.snapshot()), np.arange(len(self.landmarks))
+        now.refresh(rows)
+        modes, roots = now.modes[rows].astype(float), now.roots[rows].astype(float)
+        return LandmarkBelief(layout, mean, now.ids[rows], now.points[rows], modes, roots, factor, self.move)
+
+    def follow(self, error: Float[np.ndarray, " w"]) -> None:
+        """Take in what a sensor without landmarks told of modes and move."""
+        rank = self.landmarks.rank
+        self.landmarks.advance(np.eye(rank), np.zeros((rank, 0)), error[:rank])
+        if len(error) > rank:
+            self.move = self.move + error[rank:]
+
+    def observations(
+        self, layout: StateLayout, measurement: Measurement, ids: Int[np.ndarray, " m"], scale: float
+    ) -> Observations:
+        """A measurement as one of landmarks in the map.
+
+        Raises
+        ------
+        InputError: for a sensor that cannot see landmarks.
+        """
+        sensor, held = measurement.model, self.landmarks
+        if not isinstance(sensor, LandmarkSensor):
+            raise InputError(
+                f"sensor {sensor.name!r} names landmarks, but cannot see them; leave out their ids"
+            )
+        at = held.locate(ids)
+        known = at >= 0
+        rows = at[known]
+        held.refresh(rows)
+        return Observations(
+            layout,
+            sensor,
+            measurement.values[known],
+            measurement.parameters[known],
+            rows,
+            known,
+            held,
+            self._columns_of(layout, sensor),
+            scale,
+        )
+
+    def _columns_of(self, layout: StateLayout, sensor: LandmarkSensor) -> Int[np.ndarray, " q"]:
+        """Errors that a sensor observes: those of the pose, then the modes."""
+        if sensor.name not in self._columns:
+            n = layout.error_dim
+            modes = np.arange(n, n + self.landmarks.rank)
+            self._columns[sensor.name] = np.concatenate([sensor.columns, modes])
+        return self._columns[sensor.name]
+
+    def after(
+        self,
+        observations: Observations,
+        measurement: Measurement,
+        solved: Solved,
+        mean: Float[np.ndarray, " m"],
+    ) -> tuple[Float[np.ndarray, "N N"], MapChange]:
+        """Factor and change of the map after an update that led to this mean."""
+        o, held, assert_ids = observations, self.landmarks, measurement.ids
+        assert assert_ids is not None
+        ids, used, n, rank = assert_ids, solved.used, o.layout.error_dim, held.rank
+        correction = solved.correction
+        accepted = np.zeros(len(o.at), dtype=bool)
+        accepted[used] = True
+        wrong = held.record(o.at, accepted)
+        newcomers = ~o.known
+        if len(wrong):
+            newcomers[np.flatnonzero(o.known)[np.isin(o.at, wrong)]] = True
+        reset = o.layout.reset_jacobian(correction.error[:n])
+        new = self._newcomers(o, measurement, newcomers, (mean, reset))
+        factor = correction.factor
+        closing = Closing(
+            o.at[used],
+            solved.whitened,
+            correction.error[o.columns],
+            factor[o.columns],
+            new.by_pose,
+            new.roots,
+            MEMORY * self._explained,
+            held.take_turn(),
+        )
+        modes, dependence, roots = held.close(closing)
+        self._explained = modes.explained
+        self.move = self.move + correction.error[n + rank :] if len(factor) > n + rank else self.move
+        removed = held.remove(wrong)
+        held.append(new.ids, new.points, dependence, roots)
+        removed = np.concatenate([removed, held.remove(held.stalest(self._options.largest_map))])
+        result = factor.copy()
+        result[:n] = reset @ factor[:n]
+        result[n : n + rank] = modes.rows
+        change = MapChange(ids[o.known][used], o.scale * solved.weights, new.ids, removed)
+        return result, change
+
+    def _newcomers(
+        self,
+        o: Observations,
+        measurement: Measurement,
+        which: np.ndarray,
+        moved: tuple[Float[np.ndarray, " m"], Float[np.ndarray, "n n"]],
+    ) -> _Newcomers:
+        mean, reset = moved
+        assert measurement.ids is not None
+        rows, pose = np.flatnonzero(which), o.sensor.columns
+        fresh = o.sensor.new_landmarks(mean, measurement.parameters[rows], measurement.values[rows])
+        good = fresh.determined & np.isfinite(fresh.points).all(axis=1)
+        if np.count_nonzero(good) < len(good):
+            fresh, rows = NewLandmarks(*[array[good] for array in fresh]), rows[good]
+        by_pose = fresh.jacobian @ reset[pose][:, pose]
+        return _Newcomers(measurement.ids[rows], fresh.points, by_pose, np.sqrt(o.scale) * fresh.root)
+
+    def snapshot(self) -> dict[str, np.ndarray]:
+        """Its whole state as arrays named ``map.<what>``."""
+        own = {"map.move": self.move.copy(), "map.explained": self._explained.copy()}
+        return self.landmarks.snapshot() | own
+
+    @classmethod
+    def restored(cls, snapshot: dict[str, np.ndarray], options: LandmarkOptions) -> "HeldMap | None":
+        """The map whose `snapshot` is among these arrays; None where there is none."""
+        if "map.ids" not in snapshot:
+            return None
+        result = cls(LandmarkMap.restored(snapshot), options)
+        result.move, result._explained = snapshot["map.move"].copy(), snapshot["map.explained"].copy()
+        return result

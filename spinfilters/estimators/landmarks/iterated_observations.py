@@ -1,0 +1,95 @@
+"""An update by observations of landmarks that is iterated where they are far from linear.
+
+What the landmarks' own errors make of the observations is noise, whitened as at the point before the update; see
+`spinfilters.estimators.iterated`.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.estimators.gain import lower_roots
+from spinfilters.estimators.iterated import IterationOptions, agrees, iterate
+from spinfilters.estimators.landmarks.observations import LinearRows, Observations, Solved, corrected
+
+
+@dataclass(frozen=True)
+class IteratedObservations:
+    """Observations in the coordinates y of a predicted belief, error = factor @ y about its mean.
+
+    Attributes
+    ----------
+    first: the solution about the mean.
+    """
+
+    observations: Observations
+    mean: Float[np.ndarray, " m"]
+    factor: Float[np.ndarray, "N N"]
+    first: Solved
+
+    def solution(self, options: IterationOptions) -> Solved:
+        """The most probable point, from the first solution."""
+        if options.iterations == 1 or self._is_good(options):
+            return self.first
+        found = _Found(self.first)
+        y, last = iterate(found, self._solved_at, self._objective, options)
+        correction = replace(last.solved.correction, error=self.factor @ y)
+        return replace(last.solved, correction=correction)
+
+    def _is_good(self, options: IterationOptions) -> bool:
+        """Whether the innovations at the first solution are what the linear model foretold."""
+        rows, error = self.first.whitened.rows, self.first.correction.error
+        found = self._linear(error)
+        residual = (self._weighing @ found.rows[self.first.used, :, -1:])[..., 0]
+        expected = rows[..., -1] - rows[..., :-1] @ error[self.observations.columns]
+        valid = bool(found.valid[self.first.used].all())
+        return valid and agrees(residual.reshape(-1), expected.reshape(-1), options)
+
+    def _objective(self, y: Float[np.ndarray, " N"]) -> float:
+        found = self._linear(self.factor @ y)
+        if not found.valid[self.first.used].all():
+            return np.inf
+        residual = self._weighing @ found.rows[self.first.used, :, -1:]
+        return float(y @ y) + float(np.sum(residual * residual))
+
+    def _solved_at(self, y: Float[np.ndarray, " N"]) -> "_Found":
+        """The solution of the model linearised at y, told about y = 0."""
+        error, o = self.factor @ y, self.observations
+        found, pose, c = self._linear(error), o.sensor.columns, len(o.sensor.columns)
+        reset = o.layout.reset_jacobian(error[: o.layout.error_dim])[np.ix_(pose, pose)]
+        rows = found.rows.copy()
+        rows[..., :c] = rows[..., :c] @ reset
+        own = o.modes @ error[o.layout.error_dim : o.layout.error_dim + o.modes.shape[2]]
+        rows[..., -1] += rows[..., :c] @ error[pose] + np.einsum("kdi,ki->kd", rows[..., c:-1], own)
+        used, weights = self.first.used, self.first.weights
+        white = o.landmarks.steps.whitened(o.landmarks, o.at[used], rows[used], weights)
+        return _Found(corrected(o, found, white, (used, weights), self.factor))
+
+    def _linear(self, error: Float[np.ndarray, " N"]) -> LinearRows:
+        o, n = self.observations, self.observations.layout.error_dim
+        points = o.points + o.modes @ error[n : n + o.modes.shape[2]]
+        return o.rows_at(o.layout.retract(self.mean, error[:n]), points)
+
+    @cached_property
+    def _weighing(self) -> Float[np.ndarray, "u d d"]:
+        """What whitens the used residuals, that were whitened by the sensor's noise alone."""
+        gram = self.first.whitened.gram
+        unit = np.broadcast_to(np.eye(gram.shape[1]), (len(gram), gram.shape[1], gram.shape[1]))
+        root = lower_roots(np.concatenate([unit, gram], axis=2))
+        return np.linalg.solve(root, np.sqrt(self.first.weights)[:, None, None] * unit)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A solution as `iterate` wants it."""
+
+    solved: Solved
+
+    @property
+    def coordinates(self) -> Float[np.ndarray, " N"]:
+        return self.solved.correction.coordinates
+
+    def length(self, step: Float[np.ndarray, " N"]) -> float:
+        return self.solved.correction.length(step)

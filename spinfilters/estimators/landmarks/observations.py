@@ -1,0 +1,129 @@
+"""Observations of landmarks of the map, from their rows to a correction of state and modes."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from spinfilters.estimators.gain import Correction
+from spinfilters.estimators.landmarks.landmark_map import LandmarkMap
+from spinfilters.estimators.landmarks.steps import WhitenedRows
+from spinfilters.estimators.robustness import SensorGuard
+from spinfilters.models.landmark_sensor import LandmarkSensor
+from spinfilters.state.layout import StateLayout
+
+
+@dataclass(frozen=True)
+class LinearRows:
+    """Observations about a point, whitened by the sensor's noise.
+
+    Attributes
+    ----------
+    rows: (k, d, c + 4) by the columns of the state, by the landmark (3), and the innovation.
+    valid: (k,).   log_noise: (k,) log determinant of the sensor's noise factor.
+    """
+
+    rows: Float[np.ndarray, "k d w"]
+    valid: Bool[np.ndarray, " k"]
+    log_noise: Float[np.ndarray, " k"]
+
+
+@dataclass(frozen=True)
+class Observations:
+    """One measurement of k landmarks of the map, and of q that it does not hold.
+
+    Attributes
+    ----------
+    values, parameters: (k, v), (k, p).   at: (k,) rows of the map, which are up to date.
+    known: (k + q,) which of all are of landmarks of the map.
+    columns: (c + r,) errors that are observed: those of the pose, then the modes.
+    scale: by which the covariance of the noise differs from the stated one.
+    """
+
+    layout: StateLayout
+    sensor: LandmarkSensor
+    values: Float[np.ndarray, "k v"]
+    parameters: Float[np.ndarray, "k p"]
+    at: Int[np.ndarray, " k"]
+    known: Bool[np.ndarray, " m"]
+    landmarks: LandmarkMap
+    columns: Int[np.ndarray, " q"]
+    scale: float
+
+    @cached_property
+    def points(self) -> Float[np.ndarray, "k 3"]:
+        """Of the landmarks, m."""
+        return self.landmarks.points[self.at]
+
+    @cached_property
+    def modes(self) -> Float[np.ndarray, "k 3 r"]:
+        """Of the landmarks."""
+        return self.landmarks.modes[self.at].astype(float)
+
+    @cached_property
+    def roots(self) -> Float[np.ndarray, "k 3 3"]:
+        """Of the landmarks' own covariances."""
+        return self.landmarks.roots[self.at].astype(float)
+
+    def rows_at(
+        self, x: Float[np.ndarray, " m"], points: Float[np.ndarray, "k 3"] | None = None
+    ) -> LinearRows:
+        """First derivatives at a state and at points, those of the map where none are given."""
+        k, d = len(self.values), self.sensor.dim
+        same, rest = np.zeros(k, dtype=np.int64), self.parameters[:, 3:]
+        places = (self.landmarks.points, self.at) if points is None else (points, None)
+        made, valid, square, log_noise = self.sensor.sighting_rows(
+            x[None], places[0], rest, self.values, rows=(same, places[1], None, None)
+        )
+        rows = made.reshape(k, d, len(self.sensor.columns) + 4)
+        good = (valid[:, 0] > 0) & np.isfinite(square[:, 0])
+        return LinearRows(rows, good, log_noise[:, 0])
+
+
+@dataclass(frozen=True)
+class Solved:
+    """What observations say.
+
+    Attributes
+    ----------
+    used: (u,) which of the k count, and their weights.
+    whitened: rows of those; the last linearisation's, told about the point before the update.
+    """
+
+    correction: Correction
+    used: Int[np.ndarray, " u"]
+    weights: Float[np.ndarray, " u"]
+    whitened: WhitenedRows
+
+
+def solve(
+    observations: Observations, linear: LinearRows, factor: Float[np.ndarray, "N N"], guard: SensorGuard
+) -> Solved:
+    """The correction by all valid observations that the guard lets pass."""
+    valid, columns, steps = np.flatnonzero(linear.valid), observations.columns, observations.landmarks.steps
+    rows, at = linear.rows[valid] if len(valid) < len(linear.rows) else linear.rows, observations.at[valid]
+    weights = np.full(len(valid), 1 / observations.scale)
+    white = steps.whitened(observations.landmarks, at, rows, weights)
+    given = guard.weights(white.rows[..., -1], lambda which: white.rows[which, :, :-1] @ factor[columns])
+    if given is None:
+        return corrected(observations, linear, white, (valid, weights), factor)
+    keep = np.flatnonzero(given > 0)
+    weights = (weights * given)[keep]
+    white = steps.whitened(observations.landmarks, at[keep], rows[keep], weights)
+    return corrected(observations, linear, white, (valid[keep], weights), factor)
+
+
+def corrected(
+    observations: Observations,
+    linear: LinearRows,
+    white: WhitenedRows,
+    chosen: tuple[Int[np.ndarray, " u"], Float[np.ndarray, " u"]],
+    factor: Float[np.ndarray, "N N"],
+) -> Solved:
+    """The correction by chosen observations (which, and their weights)."""
+    used, weights = chosen
+    log_noise = linear.log_noise[used] + white.log_noise - 0.5 * white.rows.shape[1] * np.log(weights)
+    correction = observations.landmarks.steps.corrected(white.rows, factor, observations.columns)
+    likelihood = correction.log_likelihood - float(log_noise.sum())
+    return Solved(replace(correction, log_likelihood=likelihood), used, weights, white)

@@ -1,0 +1,71 @@
+"""The modes that the landmarks of a smoothed start share, from their joint covariance."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.estimators.gain import lower_roots, triangular_factor
+from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.models.gauge import GAUGE_DIM, gauge_directions, gauge_of_points
+from spinfilters.state.layout import StateLayout
+
+
+@dataclass(frozen=True)
+class SharedErrors:
+    """Errors of a state, state_rows y, and of k landmarks, follow_i y + own_i e_i; y and e_i of unit covariance.
+
+    Attributes
+    ----------
+    state_rows: (n, w).   follow: (k, 3, R), by the first R of the w.   own: (k, 3, 3).
+    """
+
+    layout: StateLayout
+    mean: Float[np.ndarray, " m"]
+    points: Float[np.ndarray, "k 3"]
+    state_rows: Float[np.ndarray, "n w"]
+    follow: Float[np.ndarray, "k 3 R"]
+    own: Float[np.ndarray, "k 3 3"]
+
+    def in_frame_of_map(self) -> tuple["SharedErrors", Float[np.ndarray, "6 R"]]:
+        """The same errors in the frame that the landmarks together define, and those of frame g in it.
+
+        The move gamma = sum of S_i follow_i y is the rigid motion nearest to what the landmarks share, each weighed by how well it
+        is known; errors in the map's frame are those of g less what gamma makes of them.
+        """
+        k = len(self.points)
+        weight = 1 / np.einsum("kij,kij->k", self.own, self.own)
+        N = gauge_of_points(self.points).reshape(k, 3, GAUGE_DIM)
+        turned = (weight[:, None, None] * N).reshape(3 * k, GAUGE_DIM).T
+        normal, right = turned @ N.reshape(3 * k, -1), turned @ self.follow.reshape(3 * k, -1)
+        rigid = np.linalg.lstsq(normal, right, rcond=None)[0]  # of landmarks on a line not all is told
+        rows = self.state_rows.copy()
+        rows[:, : rigid.shape[1]] -= gauge_directions(self.layout, self.mean) @ rigid
+        return replace(self, state_rows=rows, follow=self.follow - N @ rigid), rigid
+
+
+@dataclass(frozen=True)
+class HeldErrors:
+    """The same with few modes: modes (k, 3, r), roots (k, 3, 3), factor (n + r + 6, n + r + 6); see `LandmarkBelief`."""
+
+    modes: Float[np.ndarray, "k 3 r"]
+    roots: Float[np.ndarray, "k 3 3"]
+    factor: Float[np.ndarray, "N N"]
+
+
+def shared_modes(every: SharedErrors, options: LandmarkOptions) -> HeldErrors:
+    """The modes that explain most of what landmarks share, weighed by what is their own; what is left out becomes their own."""
+    errors, rigid = every.in_frame_of_map()
+    k, R = len(errors.points), errors.follow.shape[2]
+    own = lower_roots(errors.own)
+    scaled = np.linalg.solve(own, errors.follow).reshape(3 * k, R)
+    explained, vectors = np.linalg.eigh(scaled.T @ scaled)
+    explained, vectors = explained[::-1], vectors[:, ::-1]
+    r = int(np.clip(np.count_nonzero(explained >= options.explained), 1, options.modes))
+    held, left = vectors[:, :r], vectors[:, r:]
+    rows = np.zeros((len(errors.state_rows) + r + GAUGE_DIM, errors.state_rows.shape[1]))
+    rows[: len(errors.state_rows)] = errors.state_rows
+    rows[len(errors.state_rows) :, :R] = np.concatenate([held.T, rigid])
+    rest = own @ ((scaled @ left).reshape(k, 3, -1))
+    roots = np.linalg.cholesky(own @ np.swapaxes(own, 1, 2) + rest @ np.swapaxes(rest, 1, 2))
+    return HeldErrors(errors.follow @ held, roots, triangular_factor(rows.T))

@@ -1,0 +1,193 @@
+"""The steps of an epoch's landmark observations: what they take and give.
+
+The error of landmark i is split, d_i = A_i m + e_i: modes m that all landmarks share, whose errors stand with those of the state
+in one factor F (P = F F'), and e_i of its own, independent of everything, with covariance L_i L_i'. An observation of it depends on
+the pose x (the sensor's columns of the state) and on the landmark,
+
+    rho_i = H_x x + H_p (A_i m + e_i) + v_i = H_x x + H_p A_i m + w_i,   cov w_i = S_i = I / weight + H_p L_i L_i' H_p',
+
+so that with S_i = T T' the rows T^-1 [H_x, H_p A_i] of all observations are a measurement of (x, m) with unit noise: `whitened` and
+`corrected`. This is exact, as is what follows of the landmark, with X = T^-1 H_p L_i and K = L_i X' T^-1:
+
+    e_i = K (rho_i - H_x x - H_p A_i m) + e_i',   cov e_i' = L_i (I - X'X) L_i'.
+
+So it depends on the modes and on the pose of this epoch: d_i = B_i (x, m) + e_i'. `compress` finds as many new modes as there
+were that explain most of what the (x, m) of all landmarks make of their observations: with (x, m) = R q, q of unit covariance,
+and G the sum of squares of those observations by (x, m), the leading eigenvectors V of R'GR give the modes V'q. The others are
+taken for every landmark's own (`observe`). Landmarks that were not observed follow with one transformation for all
+(`landmark_map`).
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.estimators.gain import Correction
+
+
+@dataclass(frozen=True)
+class WhitenedRows:
+    """Observations of k landmarks, whitened by noise and the landmarks' own covariance.
+
+    Attributes
+    ----------
+    rows: (k, d, c + r + 1) by the c columns of the state, by the r modes, and the innovation.
+    spread: (k, d, 3) X = T^-1 H_p L.   gram: (k, d, 3) H_p L times the square root of the weight.
+    log_noise: (k,) log determinant of T.
+    """
+
+    rows: Float[np.ndarray, "k d w"]
+    spread: Float[np.ndarray, "k d 3"]
+    gram: Float[np.ndarray, "k d 3"]
+    log_noise: Float[np.ndarray, " k"]
+
+
+@dataclass(frozen=True)
+class NewModes:
+    """The next modes by the old: (x, m) = kept m' + dropped f, m' and f of unit covariance.
+
+    Attributes
+    ----------
+    turned: (c + r, r + c) kept and dropped side by side.   rows: (r, N) of the modes' factor.
+    explained: (r,) squares of standard deviations that each mode explains in observations.
+    """
+
+    turned: Float[np.ndarray, "q q"]
+    rows: Float[np.ndarray, "r N"]
+    explained: Float[np.ndarray, " r"]
+
+    @property
+    def kept(self) -> Float[np.ndarray, "q r"]:
+        """What stays shared."""
+        return self.turned[:, : len(self.rows)]
+
+    @property
+    def dropped(self) -> Float[np.ndarray, "q c"]:
+        """What becomes every landmark's own."""
+        return self.turned[:, len(self.rows) :]
+
+
+@dataclass(frozen=True)
+class Closing:
+    """What an epoch's observations have led to: how landmarks and modes go on from it.
+
+    Attributes
+    ----------
+    at: (k,) rows of the observed landmarks, as in ``white``.
+    error: (c + r,) of pose and modes.   factor: (c + r, N) its rows after the update.
+    by_pose, roots: (q, 3, c), (q, 3, 3) of new landmarks, their dependence on the pose and their own root.
+    remembered: (r,) what modes explained before, as far as it still counts.
+    behind: rows of landmarks, first and last, whose turn it is to be brought up to date.
+    """
+
+    at: Int[np.ndarray, " k"]
+    white: WhitenedRows
+    error: Float[np.ndarray, " p"]
+    factor: Float[np.ndarray, "p N"]
+    by_pose: Float[np.ndarray, "q 3 c"]
+    roots: Float[np.ndarray, "q 3 3"]
+    remembered: Float[np.ndarray, " r"]
+    behind: tuple[int, int]
+
+
+class Stored(Protocol):
+    """Where landmarks are kept (`landmark_map.LandmarkMap`)."""
+
+    points: Float[np.ndarray, "k 3"]
+    modes: np.ndarray
+    roots: np.ndarray
+    epoch: Int[np.ndarray, " k"]
+    now: int
+
+    @property
+    def count(self) -> int: ...
+
+    transform: Float[np.ndarray, "s r r"]
+    spread: Float[np.ndarray, "s r r"]
+    shift: Float[np.ndarray, "s r"]
+
+
+class Steps(ABC):
+    """What is computed of landmarks in an epoch."""
+
+    @abstractmethod
+    def refresh(self, stored: Stored, rows: Int[np.ndarray, " q"]) -> None:
+        """Bring landmarks in these rows up to the present epoch's modes."""
+
+    @abstractmethod
+    def compose(
+        self,
+        stored: Stored,
+        transform: Float[np.ndarray, "r r"],
+        dropped: Float[np.ndarray, "r c"],
+        shift: Float[np.ndarray, " r"],
+    ) -> None:
+        """Take every slot's transformation one step on: m_before = shift + transform m + dropped f."""
+
+    @abstractmethod
+    def whitened(
+        self,
+        stored: Stored,
+        at: Int[np.ndarray, " k"],
+        linear: Float[np.ndarray, "k d w"],
+        weights: Float[np.ndarray, " k"],
+    ) -> WhitenedRows:
+        """Rows of observations of the landmarks in rows ``at``, whose own errors are noise to them.
+
+        Parameters
+        ----------
+        linear: whitened by the sensor's noise: by c columns of the state, by the landmark (3), the innovation.
+        weights: positive; noise has 1 / weight times the covariance.
+        """
+
+    @abstractmethod
+    def corrected(
+        self,
+        rows: Float[np.ndarray, "k d w"],
+        factor: Float[np.ndarray, "N N"],
+        columns: Int[np.ndarray, " q"],
+    ) -> Correction:
+        """What whitened observations say of the errors with this factor; ``columns`` (c + r,) of them are observed."""
+
+    @abstractmethod
+    def compress(
+        self,
+        white: WhitenedRows,
+        new: Float[np.ndarray, "q 3 c"],
+        factor: Float[np.ndarray, "p N"],
+        remembered: Float[np.ndarray, " r"],
+    ) -> NewModes:
+        """The modes after an epoch.
+
+        Parameters
+        ----------
+        new: how new landmarks depend on the pose, over their own root.
+        factor: (c + r, N) rows of pose and modes after the update.
+        remembered: what modes explained before, as far as it still counts.
+        """
+
+    @abstractmethod
+    def observe(
+        self,
+        stored: Stored,
+        at: Int[np.ndarray, " k"],
+        white: WhitenedRows,
+        error: Float[np.ndarray, " q"],
+        new: NewModes,
+    ) -> None:
+        """Move observed landmarks, and tell them by the new modes; ``error`` (c + r,) of pose and modes."""
+
+    @abstractmethod
+    def settled(
+        self, by_pose: Float[np.ndarray, "q 3 c"], roots: Float[np.ndarray, "q 3 3"], new: NewModes
+    ) -> tuple[Float[np.ndarray, "q 3 r"], Float[np.ndarray, "q 3 3"]]:
+        """Dependence on the modes, and own roots, of new landmarks that depend on the pose."""
+
+    @abstractmethod
+    def close(
+        self, stored: Stored, closing: Closing
+    ) -> tuple[NewModes, Float[np.ndarray, "q 3 r"], Float[np.ndarray, "q 3 3"]]:
+        """Everything after the correction, which takes the map to the next epoch; what `settled` says of the new landmarks."""
