@@ -31,9 +31,10 @@ from spinfilters.estimators.smoothing.solver import Schedule, SolverOptions, sol
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.evaluation.body import body_history
 from spinfilters.evaluation.consistency import normalised_square, true_states
-from spinfilters.evaluation.errors import Alignment, truth_in_first_frame
+from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
 from spinfilters.evaluation.trajectory import trajectory_of
+from spinfilters.evaluation.truth_frames import truth_in_first_frame
 from spinfilters.logs.dataset import Dataset
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.simulation.scenario import Scenario, simulate

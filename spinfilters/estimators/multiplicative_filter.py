@@ -166,7 +166,10 @@ class MultiplicativeFilter(Estimator):
         self._mean = mean
         self._factor, change = held.after(observations, measurement, solved, mean)
         self._adaptation.observe_measurement(measurement.model.name, solved.correction)
-        used, correction = len(solved.used), solved.correction
+        used, correction = (
+            len(solved.used) + len(change.added),
+            solved.correction,
+        )  # a landmark's first makes it
         return UpdateReport(
             correction.nis, correction.dof, used, len(ids) - used, correction.log_likelihood, change
         )

@@ -86,9 +86,14 @@ def epoch_sentences(evaluations: Sequence[Evaluation]) -> list[str]:
     begin, count = shared_begin(evaluations), history.initialisation
     if not count or begin == ALWAYS:
         return []
+    own = {e.name: int(np.count_nonzero(e.history.time[e.history.own] >= begin)) for e in evaluations}
+    if len(set(own.values())) == 1:
+        epochs = f"the {next(iter(own.values()))} epochs from t = {begin:.6g} s on, which every estimator made itself"
+    else:
+        each = ", ".join(f"{name.upper()} {number}" for name, number in own.items())
+        epochs = f"every estimator's own epochs from t = {begin:.6g} s on ({each})"
     return [
-        f"Errors, NEES, NIS and counts: over the {len(history.time) - count} epochs from t = {begin:.6g} s on, which every "
-        f"estimator made itself. The {count} before are the filters' initialisation, made by a smoother."
+        f"Errors, NEES, NIS and counts: over {epochs}. The {count} before are the filters' initialisation, made by a smoother."
     ]
 
 

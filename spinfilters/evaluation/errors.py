@@ -1,6 +1,6 @@
 """How far an estimate is from the truth, at the time stamps that both have."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
@@ -9,7 +9,6 @@ from jaxtyping import Float, Int
 
 from spinfilters.attitude.conversions import inverse, multiply, rotate, rotation_vector_from_quaternion
 from spinfilters.errors import InputError
-from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.body import BodyEstimate
 from spinfilters.evaluation.derived import STRETCH, by_stretches
 from spinfilters.evaluation.trajectory import Trajectory
@@ -17,8 +16,6 @@ from spinfilters.logs.truth import Truth
 
 TIME_TOLERANCE: Final[float] = 1e-6
 """Largest difference in s of two stamps of one instant: what printing to six decimals leaves."""
-DEFINED_STD: Final[float] = 1e-4
-"""Largest standard deviation (m, rad) of a pose that is a definition: well above any such prior, well below any measurement."""
 
 
 class Alignment(StrEnum):
@@ -31,6 +28,9 @@ class Alignment(StrEnum):
     FIRST_FRAME = "first frame"
     """The constant transformation between both frames g that the first frame tells: an estimator without known map defines its
     g by the pose there, so that this pose is exact and nothing is fitted. Needs what `tells_first_frame` asks for."""
+    INERTIAL_FRAME = "inertial frame"
+    """The constant rotation between both frames i: a gyro's estimate is told in the g of its sensor and knows no direction of i.
+    Taken from the first frame where the estimate defines its attitude there, else the one that fits best; no NEES."""
 
 
 @dataclass(frozen=True)
@@ -115,54 +115,10 @@ class BodyErrors:
     center_of_mass_g: Float[np.ndarray, "3"] | None
 
 
-def tells_first_frame(history: EstimateHistory, truth: Truth) -> bool:
-    """Whether `Alignment.FIRST_FRAME` applies.
-
-    The estimate must hold the pose of g at its first frame as a definition, without doubt (`DEFINED_STD`): a pose that was
-    measured there would hand its error on to everything after. The truth must tell that pose: a row at the time of the first
-    frame, and the centre of mass in its own g.
-    """
-    layout = history.layout
-    if "t" not in layout.blocks or truth.center_of_mass_g is None:
-        return False
-    doubt = max(np.linalg.norm(history.factor[0, layout.slice(b)], axis=1).max() for b in "ta")
-    told = doubt <= DEFINED_STD and np.isfinite(history.mean[0]).all()
-    return bool(told and np.abs(truth.time - history.time[0]).min() <= TIME_TOLERANCE)
-
-
-def truth_in_first_frame(history: EstimateHistory, truth: Truth) -> Truth:
-    """The truth told in the g of the estimate: the g that has the estimated pose at the history's first frame.
-
-    With T = (R_ig, t) and t = r - R_ig c the transformation from the estimate's g to that of the truth is
-    T_true(0)^-1 T_estimate(0); attitude, principal axes and centre of mass of the truth are expressed with it.
-
-    Raises
-    ------
-    InputError: when `tells_first_frame` is False.
-    """
-    if not tells_first_frame(history, truth) or truth.center_of_mass_g is None:
-        raise InputError(
-            "the first frame does not tell how the frames g of estimate and truth differ; give center_of_mass_g in truth.toml, a "
-            f"true pose at {history.time[0]:.6f} s and an estimate that defines g there, or use {Alignment.BODY_FRAME.name}"
-        )
-    row, layout, first = common_stamps(history.time[:1], truth.time)[1][0], history.layout, history.mean[0]
-    q_true, q_first = truth.q_ig[row], first[layout.mean_slice("a")]
-    turn = multiply(inverse(q_true), q_first)
-    from_origin = truth.center_of_mass[row] - first[layout.mean_slice("t")]
-    return replace(
-        truth,
-        q_ig=multiply(truth.q_ig, turn),
-        principal_axes_g=None
-        if truth.principal_axes_g is None
-        else rotate(inverse(turn), truth.principal_axes_g),
-        center_of_mass_g=rotate(inverse(q_first), from_origin),
-    )
-
-
 def truth_errors(trajectory: Trajectory, truth: Truth, alignment: Alignment = Alignment.NONE) -> TruthErrors:
     """Errors of a trajectory at its common time stamps with the truth, where it is finite; nothing is interpolated.
 
-    `Alignment.FIRST_FRAME` takes the first common stamp for the frame that defines g (see `tells_first_frame`).
+    `Alignment.FIRST_FRAME` takes the first common stamp for the frame that defines g (see `truth_frames.tells_first_frame`).
 
     Raises
     ------
@@ -201,7 +157,7 @@ def _finite_stamps(
 
 
 def _turn_of_frame(q: np.ndarray, q_true: np.ndarray, alignment: Alignment) -> Float[np.ndarray, "4"] | None:
-    if alignment is Alignment.NONE:
+    if alignment in (Alignment.NONE, Alignment.INERTIAL_FRAME):
         return None
     if alignment is Alignment.FIRST_FRAME:
         return multiply(inverse(q_true[0]), q[0])

@@ -16,16 +16,13 @@ from spinfilters.evaluation.consistency import (
     nis_ratio,
     normalised_errors,
 )
-from spinfilters.evaluation.errors import (
-    Alignment,
-    BodyErrors,
-    TruthErrors,
-    body_errors,
-    tells_first_frame,
-    truth_errors,
-    truth_in_first_frame,
-)
+from spinfilters.evaluation.errors import Alignment, BodyErrors, TruthErrors, body_errors, truth_errors
 from spinfilters.evaluation.trajectory import Trajectory, trajectory_of
+from spinfilters.evaluation.truth_frames import (
+    tells_first_frame,
+    truth_in_first_frame,
+    truth_in_inertial_frame,
+)
 from spinfilters.logs.input_file import reason
 from spinfilters.logs.truth import Truth
 from spinfilters.state.status import Verdict
@@ -113,7 +110,9 @@ def evaluate(
         evaluation = _described(_with_status(history))
         if truth is None:
             return evaluation
-        if alignment is Alignment.FIRST_FRAME and not tells_first_frame(history, truth):
+        if alignment is Alignment.FIRST_FRAME and "t" not in history.layout.blocks:
+            alignment = Alignment.INERTIAL_FRAME
+        elif alignment is Alignment.FIRST_FRAME and not tells_first_frame(history, truth):
             alignment = Alignment.BODY_FRAME
         try:
             return _compared(evaluation, truth, alignment)
@@ -159,10 +158,13 @@ def _failed(evaluation: Evaluation, why: str) -> Evaluation:
 
 def _compared(evaluation: Evaluation, truth: Truth, alignment: Alignment) -> Evaluation:
     history = evaluation.history
+    if alignment is Alignment.INERTIAL_FRAME:
+        truth = truth_in_inertial_frame(history, truth)
     errors = truth_errors(evaluation.trajectory, truth, alignment)
     common = truth_in_first_frame(history, truth) if alignment is Alignment.FIRST_FRAME else truth
     frame = errors.frame if alignment is Alignment.BODY_FRAME else None
-    known = frame is None and knows_state(common, history.layout) and bool(finite_frames(history).any())
+    exact = alignment in (Alignment.NONE, Alignment.FIRST_FRAME)
+    known = exact and knows_state(common, history.layout) and bool(finite_frames(history).any())
     return replace(
         evaluation,
         alignment=alignment,

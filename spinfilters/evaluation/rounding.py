@@ -11,4 +11,5 @@ def with_uncertainty(value: float, std: float) -> str:
         return "unknown"
     decimals = 1 - math.floor(math.log10(std)) if math.isfinite(std) and std > 0 else 4
     decimals = max(2, min(decimals, _MOST_DECIMALS))
-    return f"{value:.{decimals}f} ± {std:.{decimals}f}"
+    spread = f"{std:.{decimals}f}" if math.isfinite(std) else "unknown"
+    return f"{value:.{decimals}f} ± {spread}"

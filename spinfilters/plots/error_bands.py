@@ -87,7 +87,7 @@ def _inside(rows: list[_Row], own: Bool[np.ndarray, " n"]) -> str:
     pairs = [(np.abs(row.values), SIGMAS * row.std) for row in rows if row.about_zero and row.values.any()]
     if len(pairs) < len(rows) or not own.any():
         return ""
-    held = [own & np.isfinite(band) for _, band in pairs]
+    held = [own[:, np.newaxis] & np.isfinite(band) for _, band in pairs]
     if not all(chosen.any() for chosen in held):
         return ""
     share = np.mean(

@@ -30,6 +30,7 @@ from spinfilters.plots.style import (
     start_handle,
     tidy,
 )
+from spinfilters.state.status import Verdict
 
 
 def summary_figure(
@@ -62,12 +63,16 @@ def summary_figure(
         axes.set_xlabel("time [s]")
     _name_initialisation(rates, evaluations)
     figure.supxlabel("\n".join(_footer(evaluations, conditions)), fontsize="medium", x=0.01, ha="left")
-    figure.suptitle(headline(evaluations[0]), fontsize="large", fontweight="bold")
+    figure.suptitle(headline(evaluations), fontsize="large", fontweight="bold")
     return figure
 
 
-def headline(evaluation: Evaluation) -> str:
-    """How the body spins, in one sentence."""
+def headline(evaluations: Sequence[Evaluation]) -> str:
+    """How the body spins, in one sentence, by the first estimator that has not failed."""
+    standing = [each for each in evaluations if each.history.status.verdict is not Verdict.FAILED]
+    if not standing:
+        return "Every estimator failed: nothing here tells how the body spins"
+    evaluation = standing[0]
     rates, body = estimated_rates(evaluation.history), evaluation.body
     speed = np.linalg.norm(rates.rate, axis=1) * 30.0 / np.pi
     if not np.isfinite([*speed, *body.principal_moments]).all():
@@ -80,9 +85,10 @@ def headline(evaluation: Evaluation) -> str:
     )
     flips = f"{turns} flip{'s' * (turns > 1)}" if turns else "no flip"
     duration = rates.time[-1] - rates.time[0]
-    return (
-        f"Spins at {np.median(speed):.3g} rpm, {flips} in {duration:.3g} s, moments of inertia {moments} : 1"
+    doubt = (
+        "" if evaluation.history.status.verdict is Verdict.OK else f" ({evaluation.name.upper()}, degraded)"
     )
+    return f"Spins at {np.median(speed):.3g} rpm, {flips} in {duration:.3g} s, moments of inertia {moments} : 1{doubt}"
 
 
 def _sign_changes(rate: np.ndarray) -> int:

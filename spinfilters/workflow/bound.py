@@ -27,8 +27,9 @@ from spinfilters.estimators.smoothing.sightings import (
 )
 from spinfilters.evaluation.bound import error_bound
 from spinfilters.evaluation.consistency import finite_frames, true_states
-from spinfilters.evaluation.errors import Alignment, common_stamps, truth_in_first_frame
+from spinfilters.evaluation.errors import Alignment, common_stamps
 from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.truth_frames import truth_in_first_frame, truth_in_inertial_frame
 from spinfilters.logs.truth import Truth
 from spinfilters.workflow.preparation import Prepared
 
@@ -93,6 +94,8 @@ def _states(prepared: Prepared, truth: Truth, evaluation: Evaluation) -> Float[n
         return None
     if evaluation.alignment is Alignment.FIRST_FRAME:
         truth = truth_in_first_frame(history, truth)
+    if evaluation.alignment is Alignment.INERTIAL_FRAME:
+        truth = truth_in_inertial_frame(history, truth)
     rows, true_rows = common_stamps(history.time, truth.time)
     return true_states(truth, history.layout)[true_rows] if len(rows) == len(prepared.timeline) else None
 

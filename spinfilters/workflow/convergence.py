@@ -16,14 +16,10 @@ from spinfilters.estimators.smoothing.sliding import SlidingSmoother
 from spinfilters.estimators.smoothing.sliding_records import Retired
 from spinfilters.estimators.smoothing.surfaces import MOST_FRAMES, Surfaces, record_surfaces
 from spinfilters.evaluation.body import body_history
-from spinfilters.evaluation.errors import (
-    attitude_alignment,
-    common_stamps,
-    tells_first_frame,
-    truth_in_first_frame,
-)
+from spinfilters.evaluation.errors import attitude_alignment, common_stamps
 from spinfilters.evaluation.rates import estimated_rates
 from spinfilters.evaluation.trajectory import trajectory_of
+from spinfilters.evaluation.truth_frames import tells_first_frame, truth_in_first_frame
 from spinfilters.logs.atomic_write import make_folder
 from spinfilters.logs.truth import Truth
 from spinfilters.plots.convergence import Convergence, Settling, convergence_figure

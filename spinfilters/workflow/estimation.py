@@ -109,9 +109,8 @@ def _estimated(
     try:
         if name == SMOOTHER:
             return _smoothed(prepared, settings, follow)
-        _rehearse(build_estimator(name, prepared, settings), prepared)
-        estimator = build_estimator(name, prepared, settings)
-        history = _with_start(*_run(name, estimator, prepared, progress, keeper_of(name)), prepared)
+        twin, estimator = (build_estimator(name, prepared, settings) for _ in range(2))
+        history = _with_start(*_run(name, estimator, twin, prepared, progress, keeper_of(name)), prepared)
         return history, _map_of(estimator, history, prepared)
     except NUMERICAL_ERRORS as error:
         nothing = GrowingHistory(prepared.process.layout, prepared.start_end)
@@ -128,10 +127,9 @@ def _smoothed(
     if smoother is None:
         on_frame = lambda done, every: progress(SMOOTHER, done, every)  # noqa: E731
         return smooth_at_once(prepared, settings, on_frame), prepared.map_points
-    _rehearse(smoother, prepared)
-    smoother = sliding_smoother(prepared, settings)
-    assert smoother is not None
-    passed, rows = _run(SMOOTHER, smoother, prepared, progress, keeper_of(SMOOTHER))
+    twin = sliding_smoother(prepared, settings)
+    assert twin is not None
+    passed, rows = _run(SMOOTHER, smoother, twin, prepared, progress, keeper_of(SMOOTHER))
     try:
         return smoothed_history(smoother, passed, prepared), smoother.sliding.window.points
     except NUMERICAL_ERRORS as error:
@@ -156,11 +154,15 @@ def _check(settings: Settings, prepared: Prepared) -> None:
 
 
 def _run(
-    name: str, estimator: Estimator, prepared: Prepared, progress: Progress, keeper: Keeper
+    name: str, estimator: Estimator, twin: Estimator, prepared: Prepared, progress: Progress, keeper: Keeper
 ) -> tuple[EstimateHistory, GrowingHistory]:
     """From where the keeper left off, or from the start; a run that had ended is not made again.
 
     Its rows have room for those of the start in front.
+
+    Parameters
+    ----------
+    twin: built alike; what it needs is built before the clock of the other runs.
     """
     rest = prepared.timeline[len(prepared.start.frames.mean) :]
     _start(estimator, prepared)
@@ -170,6 +172,7 @@ def _run(
     progress(name, len(rows), len(rest))
     if kept is not None and kept.status is not None:
         return rows.ended(name, kept.status), rows
+    _rehearse(twin, prepared)
     with keeper.running(estimator, rows) as keep:
 
         def on_frame(_: int) -> None:

@@ -136,7 +136,7 @@ def _empty_frames(history: EstimateHistory, false_alarm: float) -> list[str]:
         return []
     return [
         f"{count} of {len(history.time[history.own])} frames told nothing, {longest} in a row ({expected:.2g} by chance): all of "
-        "them was refused, or they only repeated the frame before"
+        "them were refused, or they only repeated the frame before"
     ]
 
 

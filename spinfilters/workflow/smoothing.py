@@ -4,8 +4,9 @@ from collections.abc import Callable
 from contextlib import suppress
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
+from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.landmark_start.start import LandmarkStartReport
 from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
@@ -14,14 +15,20 @@ from spinfilters.estimators.smoothing.batch import BatchSmoothing, smooth_record
 from spinfilters.estimators.smoothing.problem import Trial
 from spinfilters.estimators.smoothing.recursive import RecursiveSmoother
 from spinfilters.estimators.smoothing.sliding_records import Taken
+from spinfilters.estimators.start import trial_trajectory
 from spinfilters.estimators.timeline import times_of
 from spinfilters.state.layout import StateLayout
-from spinfilters.state.status import EstimatorStatus
+from spinfilters.state.status import EstimatorStatus, Verdict
 from spinfilters.symbolic import working_seconds
-from spinfilters.workflow.preparation import Prepared
+from spinfilters.workflow.preparation import Prepared, measured_motion
 from spinfilters.workflow.settings import Settings
 
 NAME = "smoother"
+NO_FILTER = (
+    "the filter that the smoother sets out from failed: it began from what the measurements say directly"
+)
+ANNEALED_ITERATIONS = 30
+"""At most, from a trajectory that no filter has made."""
 
 OnFrame = Callable[[int, int], None]
 """Called with frames done and frames in all."""
@@ -95,12 +102,25 @@ def smooth_at_once(prepared: Prepared, settings: Settings, on_frame: OnFrame) ->
     passed = run(ekf, prepared.start_end, timeline[first:], lambda k: on_frame(k + 1, len(timeline) - first))
     trajectory, status = np.concatenate([start.frames.mean, passed.mean]), passed.status
     del passed  # its covariances are as large as those to come
+    annealed = 0
+    if status.verdict is Verdict.FAILED:
+        with suppress(InputError, *NUMERICAL_ERRORS):
+            trajectory = _measured_trajectory(prepared)
+            annealed, status = ANNEALED_ITERATIONS, EstimatorStatus().degraded(NO_FILTER)
     frames = timeline[: len(trajectory)]
     found = smooth_recording(
-        prepared.process, frames, trajectory, start.prior, settings.smoother.robust_kernel
+        prepared.process, frames, trajectory, start.prior, settings.smoother.robust_kernel, annealed
     )
+    if not found.solved.converged:
+        status = status.degraded(f"the smoother did not settle in {found.solved.iterations} iterations")
     share = (working_seconds() - begin) / len(frames)
     return _batch_history(found, prepared.process.layout, status, (times_of(frames), share))
+
+
+def _measured_trajectory(prepared: Prepared) -> Float[np.ndarray, "k m"]:
+    """States that the measurements say directly, for a recording that no filter comes through."""
+    layout, frames = prepared.process.layout, prepared.timeline
+    return trial_trajectory(layout, frames, prepared.start.frames.mean[-1], measured_motion(prepared))
 
 
 def _rehearse_at_once(prepared: Prepared, settings: Settings) -> None:

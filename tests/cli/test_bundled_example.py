@@ -82,7 +82,7 @@ def test_only_tracks_have_a_map_to_write(tmp_path: Path, capsys: pytest.CaptureF
 def test_simulate_says_in_how_many_epochs_the_body_is_in_view(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["simulate", "-o", str(tmp_path / "long"), "--frames", "6", "--interval", "60"]) == 0
+    assert main(["simulate", "-o", str(tmp_path / "long"), "--frames", "12", "--interval", "20"]) == 0
     assert "the body is in view in " in words(capsys)
     assert main(["simulate", "-o", str(tmp_path / "short"), *SHORT]) == 0
     assert "in view" not in words(capsys)

@@ -19,10 +19,11 @@ from spinfilters.dynamics.mass_distribution import from_inertia, inertia_matrix
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.consistency import chi_square_band, true_states
-from spinfilters.evaluation.errors import Alignment, tells_first_frame, truth_in_first_frame
+from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
 from spinfilters.evaluation.metrics import numbers
 from spinfilters.evaluation.rates import estimated_rates, true_rates
+from spinfilters.evaluation.truth_frames import tells_first_frame, truth_in_first_frame
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 
 COUNT = 300
@@ -191,4 +192,23 @@ def test_a_state_of_rotations_has_no_first_pose() -> None:
         true_states(TRUTH, layout), np.tile(1e-6 * np.eye(layout.error_dim), (COUNT, 1, 1)), layout
     )
     assert not tells_first_frame(history, TRUTH)
-    assert evaluate(history, TRUTH, Alignment.FIRST_FRAME).alignment is Alignment.BODY_FRAME
+    assert evaluate(history, TRUTH, Alignment.FIRST_FRAME).alignment is Alignment.INERTIAL_FRAME
+
+
+@pytest.mark.parametrize("std", [1e-6, 1e-2], ids=["attitude defined", "attitude fitted"])
+def test_errors_of_rotations_do_not_hang_on_the_inertial_frame_of_the_truth(std: float) -> None:
+    layout = StateLayout(ROTATION_BLOCKS)
+    history = history_of(
+        true_states(TRUTH, layout), np.tile(std * np.eye(layout.error_dim), (COUNT, 1, 1)), layout
+    )
+    turned = replace(
+        TRUTH,
+        q_ig=multiply(TURN, TRUTH.q_ig),
+        rate_i=rotate(TURN, TRUTH.rate_i),
+        velocity=rotate(TURN, TRUTH.velocity),
+        center_of_mass=rotate(TURN, TRUTH.center_of_mass),
+    )
+    errors = evaluate(history, turned, Alignment.FIRST_FRAME).errors
+    assert errors is not None
+    np.testing.assert_allclose(errors.attitude, 0, atol=1e-9)
+    np.testing.assert_allclose(errors.rate, 0, atol=1e-9)

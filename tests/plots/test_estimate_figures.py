@@ -171,7 +171,7 @@ def test_the_headline_counts_the_flips_of_the_intermediate_axis() -> None:
     rate = true_rates(FULL.truth).rate[:, 1]
     flips = np.count_nonzero(np.diff(np.sign(rate)))
     assert flips > 0
-    assert f" {flips} flip" in headline(FULL.with_truth[0])
+    assert f" {flips} flip" in headline(FULL.with_truth[:1])
 
 
 def test_many_innovations_are_grouped_without_losing_any() -> None:

@@ -53,7 +53,7 @@ def test_disturbances_are_the_data_sets_own_and_the_thesis_where_it_is_silent() 
 
 
 def test_a_density_that_is_not_positive_is_refused() -> None:
-    with pytest.raises(InputError, match=r"force_psd is -1\.0; a density is positive and finite"):
+    with pytest.raises(InputError, match=r"force_psd is -1\.0; give 0 or a number from"):
         replace(simulate(TRACKS).options, force_psd=-1.0)
 
 

@@ -41,7 +41,7 @@ def alternating(kind: str, seed: int) -> Dataset:
     more = np.sqrt(std**2 - good**2)[:, None] * np.random.default_rng(seed).standard_normal((len(stream), 3))
     covariance = (std**2)[:, None, None] * np.eye(3)
     noisy = MeasurementStream(stream.sensor, stream.time, stream.values + more, stream.ids, covariance)
-    found = with_stream(dataset, noisy, DatasetOptions())
+    found = with_stream(dataset, noisy, replace(dataset.options, pixel_std=None, gyro_noise_std=None))
     return without_map(found) if kind == "unknown map" else found
 
 
@@ -50,7 +50,7 @@ def without_covariances(dataset: Dataset) -> Dataset:
     stream = dataset.log.streams[0]
     std = float(np.sqrt(np.mean(np.square(STDS[stream.sensor]))))
     plain = MeasurementStream(stream.sensor, stream.time, stream.values, stream.ids)
-    return with_stream(dataset, plain, DatasetOptions(pixel_std=std, gyro_noise_std=std))
+    return with_stream(dataset, plain, replace(dataset.options, pixel_std=std, gyro_noise_std=std))
 
 
 def repeated(dataset: Dataset, std: float) -> Dataset:
@@ -58,7 +58,7 @@ def repeated(dataset: Dataset, std: float) -> Dataset:
     s = dataset.log.streams[0]
     covariance = np.tile(std**2 * np.eye(3), (len(s), 1, 1))
     stream = MeasurementStream(s.sensor, s.time, s.values, s.ids, covariance)
-    return with_stream(dataset, stream, DatasetOptions())
+    return with_stream(dataset, stream, replace(dataset.options, pixel_std=None, gyro_noise_std=None))
 
 
 def estimated(dataset: Dataset, *names: str, sensors: SensorSettings | None = None) -> tuple[Evaluation, ...]:

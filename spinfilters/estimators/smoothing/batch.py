@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 
 from spinfilters.estimators.estimator import ProcessModel
 from spinfilters.estimators.first_frames import FirstStatePrior
+from spinfilters.estimators.smoothing.annealing import Annealed
 from spinfilters.estimators.smoothing.marginals import Marginals
 from spinfilters.estimators.smoothing.problem import problem_of, with_common_constants
 from spinfilters.estimators.smoothing.robust_kernels import RobustKernel
@@ -46,12 +47,19 @@ def smooth_recording(
     trajectory: Float[np.ndarray, "k m"],
     prior: FirstStatePrior,
     kernel: RobustKernel,
-    options: SolverOptions | None = None,
+    annealed_iterations: int = 0,
 ) -> BatchSmoothing:
-    """Smooth measurements without landmark ids from a first trajectory (its constants are those of the last frame)."""
+    """Smooth measurements without landmark ids from a first trajectory (its constants are those of the last frame).
+
+    Parameters
+    ----------
+    annealed_iterations: in which disturbances are taken for larger than they are, at most, for a trajectory that does not obey
+        its dynamics.
+    """
     problem = problem_of(process, frames, NO_LANDMARKS, prior, 2, kernel)
-    start = with_common_constants(process.layout, trajectory[::-1])[::-1]
-    solved = solve(problem, problem.at(np.ascontiguousarray(start), NO_POINTS), options or SolverOptions())
+    start = np.ascontiguousarray(with_common_constants(process.layout, trajectory[::-1])[::-1])
+    schedule = Annealed(problem.motion, annealed_iterations) if annealed_iterations else None
+    solved = solve(problem, problem.at(start, NO_POINTS), SolverOptions(), schedule)
     solution, here, n = solved.normal.solution, solved.point.trajectory, process.layout.error_dim
     marginals = None if isinstance(solution, int) else Marginals(solution, None)
     factor = np.full((len(frames), n, n), np.nan) if marginals is None else marginals.factors
