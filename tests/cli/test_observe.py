@@ -113,8 +113,8 @@ def test_a_second_run_replaces_the_first(tmp_path: Path) -> None:
     [
         (["--sensor", "sonar"], "sensor 'sonar' is unknown; use one of stereo"),
         (["--chart", "mercator"], "chart 'mercator' is unknown"),
-        (["--landmarks", "0"], "0 landmarks; give at least 1"),
-        (["--landmarks", "100000"], "give at most 200"),
+        (["--landmarks", "0"], "--landmarks: '0' is not allowed; give a whole number from 1 to 200"),
+        (["--landmarks", "100000"], "give a whole number from 1 to 200"),
         (["--frames", "0"], "--frames: '0' is not allowed; give a whole number from 1"),
         (["--interval", "-1"], "--interval: '-1' is not allowed; give a number from 1e-06 to 100000 s"),
         (["--interval", "1e-300"], "give a number from 1e-06 to 100000 s"),
@@ -131,8 +131,14 @@ def test_a_second_run_replaces_the_first(tmp_path: Path) -> None:
             ["--unknowns", "moments", "--chart", "tensor"],
             "the three moments are unknowns of the chart principal",
         ),
-        (["--torque", "x", "--torque-size", "0"], "a known input of size 0"),
-        (["--manoeuvre", "x", "--input-period", "0"], "period 0 s"),
+        (
+            ["--torque", "x", "--torque-size", "0"],
+            "--torque-size: '0' is not allowed; give a number from 1e-06 to 1e+06 N m",
+        ),
+        (
+            ["--manoeuvre", "x", "--input-period", "0"],
+            "--input-period: '0' is not allowed; give a number from 1e-06 to 1e+06 s",
+        ),
         (["--manoeuvre", "z", "--manoeuvre-size", "1"], "carries the camera past the body"),
         (["--sensor", "gyro", "--manoeuvre", "x"], "an inspector's manoeuvre needs a velocity"),
     ],
