@@ -21,6 +21,8 @@ from spinfilters.plots.style import BLACK, BLUE, GREEN, GREY, RED, tidy
 TIME_STEPS: Final = np.geomspace(1e-2, 1e2, 161)
 LONGEST_STEP = 10.0
 """Of the full state, whose motion is integrated, s."""
+UNITS_TOP: Final = 2e10
+"""Of the panel of several units: its legend stands above the curves."""
 BEST_IN_WORDS: Final = r"best at $\sqrt{3}/\alpha$: $7 + 4\sqrt{3}$ = 13.93"
 ALPHAS: Final = (0.1, 1.0, 10.0)
 ELLIPSES: Final = ((0.6, BLUE), (float(np.sqrt(3)), GREEN), (3.0, RED))
@@ -40,6 +42,7 @@ def conditioning_figure(rate: Float[np.ndarray, " 3"], asked: tuple[float, float
     over_time.set_title("double integrator (as Figure 4-6)", loc="left", fontsize="medium")
     _ellipse_panel(ellipses)
     _condition_panel(units, ALPHAS)
+    units.set_ylim(top=UNITS_TOP)
     units.set_title(r"velocity in units of $\alpha$ (as Figure 4-8)", loc="left", fontsize="medium")
     _full_state_panel(whole, rate)
     if asked is not None:
