@@ -115,6 +115,11 @@ class Case:
         return set(self.sensors) != {"gyro"}
 
     @property
+    def holds_attitude(self) -> bool:
+        """Whether the chart holds the attitude: the filters' state always does."""
+        return self.has_attitude or self.chart == "filter"
+
+    @property
     def maps(self) -> bool:
         """Whether landmarks are unknowns."""
         return bool(set(self.sensors) & set(POINT_SENSORS)) and not self.known_map

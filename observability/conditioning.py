@@ -15,16 +15,21 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
 
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.errors import InputError, ShapeError
 from spinfilters.linear_algebra.definite import correlation_root
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.models.rotation_steps import IntegrationError
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 BEST_CONDITION: Final = 7 + 4 * np.sqrt(3)
 """Least condition number of a double integrator's noise over all scalings of its velocity."""
+WORTH_CHANGING: Final = 0.99
+"""Part of a condition number that other units must bring it below, to be worth their while."""
+FARTHEST_UNIT: Final = 5.0
+"""Logarithm of how far from the ratio of the deviations, and from SI, the best unit of rate is sought."""
 NOISY_BLOCKS: Final = ("t", "a", "v", "w")
 """Blocks that process noise reaches; the others are constants."""
 TYPICAL_MOMENTS: Final = (1.0322, 1.0, 0.8596)
@@ -67,6 +72,26 @@ def noise_covariance(
     every = np.arange(layout.error_dim)
     noisy = np.concatenate([every[layout.slice(block)] for block in NOISY_BLOCKS])
     return whole[np.ix_(noisy, noisy)]
+
+
+def conditions_over(
+    steps: Float[np.ndarray, " n"], rate: Float[np.ndarray, " 3"]
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Condition numbers of `noise_covariance` over time steps, s, in SI and after Jacobi scaling; NaN for too fast a turn."""
+    plain, jacobi = np.full((2, len(steps)), np.nan)
+    for index, dt in enumerate(steps.tolist()):
+        try:
+            covariance = noise_covariance(dt, rate)
+        except IntegrationError:
+            break  # longer steps turn the body further
+        plain[index] = condition_number(covariance)
+        jacobi[index] = condition_number(scaled(covariance, jacobi_scaling(covariance)))
+    return plain, jacobi
+
+
+def improves(before: float, after: float) -> bool:
+    """Whether a condition number falls by enough to change units for it."""
+    return after < WORTH_CHANGING * before
 
 
 @cache
@@ -153,9 +178,12 @@ class Scaling:
     after: float
 
     def __str__(self) -> str:
+        velocities = f"at {self.dt:g} s hold velocities in units of {self.velocity:.3g} m/s"
+        if not improves(self.before, self.after):
+            return f"{velocities}; no unit of rate improves on SI: condition of the rotation's noise {self.before:.3g}"
         return (
-            f"at {self.dt:g} s hold velocities in units of {self.velocity:.3g} m/s, rates in {self.rate:.3g} rad/s: "
-            f"condition of the rotation's noise {self.before:.3g} -> {self.after:.3g}"
+            f"{velocities}, rates in {self.rate:.3g} rad/s: condition of the rotation's noise {self.before:.3g} -> "
+            f"{self.after:.3g}"
         )
 
 
@@ -173,7 +201,7 @@ def suggest_scaling(dt: float, w: Float[np.ndarray, " 3"]) -> Scaling:
     turn = np.r_[3:6, 9:12]
     rotation = covariance[np.ix_(turn, turn)]
     variances = np.diag(rotation)
-    alpha = float(np.sqrt(variances[3:].mean() / variances[:3].mean()))
+    alpha = _rate_unit(rotation, float(np.sqrt(variances[3:].mean() / variances[:3].mean())))
     return Scaling(
         dt=dt,
         velocity=best_velocity_unit(dt),
@@ -181,6 +209,20 @@ def suggest_scaling(dt: float, w: Float[np.ndarray, " 3"]) -> Scaling:
         before=condition_number(rotation),
         after=condition_number(scaled(rotation, np.repeat([1.0, alpha], 3))),
     )
+
+
+def _rate_unit(rotation: Float[np.ndarray, "6 6"], start: float) -> float:
+    """The unit of rate of the least condition number, where that is worth leaving the start, the ratio of the deviations."""
+
+    def badness(logarithm: float) -> float:
+        return float(np.log(condition_number(scaled(rotation, np.repeat([1.0, np.exp(logarithm)], 3)))))
+
+    middle = float(np.log(start))
+    reach = abs(middle) + FARTHEST_UNIT
+    found = minimize_scalar(badness, bounds=(middle - reach, middle + reach), method="bounded")
+    if improves(np.exp(badness(middle)), np.exp(found.fun)):
+        return float(np.exp(found.x))
+    return start
 
 
 @dataclass(frozen=True)
@@ -191,7 +233,8 @@ class CovarianceConditioning:
     ----------
     name: of the estimator.   time: (n,) s.
     plain: (n,) in SI units.   jacobi: (n,) every component in units of its own deviation at that epoch.
-    fixed: (n,) in one unit per block for all epochs.   units: of every block, SI: root mean square deviation in the median epoch.
+    fixed: (n,) in one unit per block for all epochs.
+    units: of every block, SI: root mean square deviation in the median epoch; empty where no epoch has a number.
     """
 
     name: str
@@ -205,16 +248,12 @@ class CovarianceConditioning:
 def covariance_conditioning(
     name: str, layout: StateLayout, time: Float[np.ndarray, " n"], factors: Float[np.ndarray, "n e e"]
 ) -> CovarianceConditioning:
-    """Conditioning of P = factor factor' over epochs, and the units of the blocks that improve it.
-
-    Raises
-    ------
-    InputError: no epoch has a covariance that is finite and positive.
-    """
+    """Conditioning of P = factor factor' over epochs, and the units of the blocks that improve it."""
     deviations = np.sqrt(np.einsum("tij,tij->ti", factors, factors))
     usable = np.all(np.isfinite(deviations) & (deviations > 0), axis=1)
     if not usable.any():
-        raise InputError(f"{name}: no epoch has a finite covariance of positive variances; take another run")
+        nowhere = np.full(len(time), np.inf)
+        return CovarianceConditioning(name, time, nowhere, nowhere, nowhere, {})
     typical = np.median(deviations[usable], axis=0)
     units = {block: float(np.sqrt(np.mean(typical[layout.slice(block)] ** 2))) for block in layout.blocks}
     divisors = np.concatenate(

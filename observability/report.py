@@ -21,6 +21,7 @@ from observability.bounds.quantities import (
 )
 from observability.cases import Case
 from observability.certificate import Certificate
+from observability.input_gain import InputGain, input_gain
 from observability.rational import as_floats
 from observability.scope import (
     CAMERA_AXES,
@@ -40,6 +41,8 @@ ALONG_SPIN = 1e-2
 """Sine of the angle within which a direction is called that of the spin axis."""
 
 ATTITUDE = BLOCK_NAMES["a"]
+MOVING = (ATTITUDE, BLOCK_NAMES["v"], BLOCK_NAMES["w"], PLACE)
+"""Quantities that are no constants: their directions hold at an epoch."""
 AXES_GIVEN = "That the ratios count as determined rests on the axes being taken as known."
 
 
@@ -50,6 +53,7 @@ class Report:
     Attributes
     ----------
     quantities: standard deviations over time.   verdicts: of every quantity after the last frame.
+    gain: of the known inputs, None without any.
     """
 
     case: Case
@@ -58,6 +62,7 @@ class Report:
     bound: Bound
     quantities: dict[Quantity, Float[np.ndarray, " frames"]]
     verdicts: dict[Quantity, QuantityBound]
+    gain: InputGain | None = None
 
     @cached_property
     def rank_sentences(self) -> list[str]:
@@ -78,6 +83,8 @@ class Report:
         lines.append(f"Cramer-Rao bound after {when}, standard deviation of each component:")
         lines += [f"  {name:<28} {verdict_in_words(self, (name, unit))}" for name, unit in self.verdicts]
         lines.append(f"Least known: {weak_direction_in_words(self.bound)}.")
+        if self.gain is not None:
+            lines.append(str(self.gain))
         return [*lines, "Assumed:", *[f"  {words}" for words in assumptions(self.case)]]
 
     @property
@@ -98,6 +105,7 @@ class Report:
             "axes": axes_in_words(self.case),
             "assumed": assumptions(self.case),
             "bound": {_key(name): value for name, value in self.final.items()},
+            "gain_of_inputs": None if self.gain is None else self.gain.document(),
             "bound_verdicts": {_key(name): self._verdict(name) for name in self.verdicts},
         }
 
@@ -124,13 +132,16 @@ def analyse(case: Case, frames: int, interval: float) -> Report:
     certificate = case.certificate()
     flight = case.flight(frames, interval)
     bound = case.bound(flight)
+    quantities = bounded_quantities(bound, flight)
+    final = {name: float(values[-1]) for name, values in quantities.items()}
     return Report(
         case,
         certificate,
         flight,
         bound,
-        bounded_quantities(bound, flight),
+        quantities,
         quantity_bounds(case, flight, bound),
+        input_gain(case, certificate, final, frames, interval),
     )
 
 
@@ -169,13 +180,18 @@ def _reason(each: QuantityBound) -> str:
 
 
 def _direction(report: Report, name: Quantity, row: Float[np.ndarray, " d"]) -> str:
-    """A vector in the quantity's own axes, and whether the body spins about it."""
+    """A vector in the quantity's own axes, when these are those of a frame, and whether the body spins about it."""
     words = _vector(row)
+    if name in (MOMENTS, EACH_MOMENT):
+        return words
+    told = ["frame i" if _axes(name) == CAMERA_AXES else "frame g"]
+    if name in MOVING:
+        told.append("at the last epoch")
     rate = as_floats(report.case.motion.rate)
     speed = float(np.linalg.norm(rate))
     if _axes(name) == PRINCIPAL_AXES and speed and np.linalg.norm(np.cross(row, rate)) < ALONG_SPIN * speed:
-        words += " (the spin axis)"
-    return words
+        told.append("the spin axis")
+    return f"{words} ({', '.join(told)})"
 
 
 def _vector(values: Float[np.ndarray, " d"]) -> str:
@@ -187,7 +203,7 @@ def _axes(name: Quantity) -> str:
         return "(J_min/J_max, J_mid/J_max)"
     if name == EACH_MOMENT:
         return "(J_xx, J_yy, J_zz)"
-    return CAMERA_AXES if name in (PLACE, ("velocity", "m/s")) else PRINCIPAL_AXES
+    return CAMERA_AXES if name in (PLACE, BLOCK_NAMES["v"]) else PRINCIPAL_AXES
 
 
 def _key(name: Quantity) -> str:

@@ -35,7 +35,7 @@ def scope(case: Case) -> Scope:
     in_axes = case.chart == "principal"
     answers = {
         "position and velocity": case.has_place,
-        "attitude": case.has_attitude,
+        "attitude": case.holds_attitude,
         "body rate": True,
         INERTIA_WORDS[case.chart, case.holds_scale]: True,
         "where the principal axes lie in the body": in_axes and case.has_attitude,
@@ -43,7 +43,7 @@ def scope(case: Case) -> Scope:
         "the map of landmarks": case.maps,
     }
     left_out = {
-        "attitude": not case.has_attitude,
+        "attitude": not case.holds_attitude,
         "position and velocity": not case.has_place,
         "centre of mass": not case.has_place,
         "overall scale of the inertia": not case.holds_scale,
@@ -73,11 +73,13 @@ def scope_sentences(case: Case) -> list[str]:
 
 def axes_in_words(case: Case) -> str:
     """The frames that options and results are in."""
-    words = [f"rates and moments about {PRINCIPAL_AXES}, in the order of --moments"]
+    words = [f"rates and moments about {PRINCIPAL_AXES}, in the order of --moments; frame g along these axes"]
+    if case.has_place:
+        words.append(f"frame i along {CAMERA_AXES}")
     if case.has_torque:
         words.append("torques about these axes as well, fixed in the body and known in frame g")
     if not all(each.is_torque for each in case.inputs):
-        words.append(f"manoeuvres along {CAMERA_AXES}")
+        words.append("manoeuvres along the axes of frame i")
     return "; ".join(words)
 
 

@@ -116,7 +116,7 @@ def inertial_symmetries(place: str | None, attitude: str | None) -> Iterator[Sym
         if attitude is not None:
             names = () if place is None else (place, "v")
             yield Symmetry(
-                "attitude of the observer",
+                "attitude in inertial space",
                 f"rotation of i about {AXES[k]}",
                 _turned_around(k, attitude, names),
                 0.3,

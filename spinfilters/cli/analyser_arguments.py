@@ -42,7 +42,7 @@ def _add_question(observe: argparse.ArgumentParser) -> None:
     )
     observe.add_argument(
         "--landmarks",
-        type=number(-1e9, 1e9, whole=True),
+        type=number(1, 200, whole=True),
         default=4,
         metavar="N",
         help="that each camera or lidar sees, its own (default 4)",
@@ -76,13 +76,22 @@ def _add_known_inputs(observe: argparse.ArgumentParser) -> None:
             metavar="AXIS",
             help=f"{what} x, y, z of {axes}; in every chart",
         )
-    for name, default, what in (
-        ("--torque-size", 0.1, "amplitude of the torques in the bound, N m; --moments are then kg m^2"),
-        ("--manoeuvre-size", 0.01, "amplitude of the accelerations in the bound, m/s^2"),
-        ("--input-period", 20.0, "period of the first of them, s; each further one is faster"),
+    for name, unit, default, what in (
+        (
+            "--torque-size",
+            "N m",
+            0.1,
+            "amplitude of the torques in the bound, N m; --moments are then kg m^2",
+        ),
+        ("--manoeuvre-size", "m/s^2", 0.01, "amplitude of the accelerations in the bound, m/s^2"),
+        ("--input-period", "s", 20.0, "period of the first of them, s; each further one is faster"),
     ):
         observe.add_argument(
-            name, type=number(-1e9, 1e9), default=default, metavar="X", help=f"{what} (default {default:g})"
+            name,
+            type=number(1e-6, 1e6, unit),
+            default=default,
+            metavar="X",
+            help=f"{what} (default {default:g})",
         )
 
 
@@ -104,16 +113,16 @@ def add_condition(commands: Commands) -> argparse.ArgumentParser:
         default="runs/condition",
         help="JSON, CSV and picture (default runs/condition)",
     )
-    condition.add_argument("--time-step", type=number(-1e9, 1e9), metavar="DT", help="s (default 0.5)")
+    condition.add_argument("--time-step", type=number(1e-6, 1e6, "s"), metavar="DT", help="s (default 0.5)")
     condition.add_argument(
         "--alpha",
-        type=number(-1e9, 1e9),
+        type=number(1e-6, 1e6, "1/s"),
         metavar="A",
         help="unit of velocity over that of position, 1/s (default sqrt(3)/DT, the best)",
     )
     condition.add_argument(
         "--rate-rpm",
-        type=number(-1e9, 1e9),
+        type=number(-1e6, 1e6, "rpm"),
         nargs=3,
         metavar=("X", "Y", "Z"),
         help="body rate about the principal axes x, y, z (default 0.5 10 0.5)",

@@ -16,8 +16,10 @@ from observability.conditioning import (
     best_time_step,
     best_velocity_unit,
     condition_number,
+    conditions_over,
     covariance_conditioning,
     double_integrator_covariance,
+    improves,
     jacobi_scaling,
     noise_covariance,
     scaled,
@@ -28,6 +30,7 @@ from spinfilters.conventions import RPM
 from spinfilters.errors import InputError
 from spinfilters.logs.atomic_write import write_json, write_text
 from spinfilters.logs.output_folder import output_folder, refuse_foreign
+from spinfilters.models.rotation_steps import IntegrationError
 from spinfilters.plots.conditioning import TIME_STEPS, conditioning_figure, covariance_figure
 from spinfilters.plots.style import save_figure
 from spinfilters.workflow.history_file import read_history
@@ -36,10 +39,6 @@ from spinfilters.workflow.run_folder import HISTORY_FILE
 COMMAND = "condition"
 RESULT_FILE, TABLE_FILE, PICTURE_FILE = "condition.json", "condition.csv", "condition.png"
 TIME_STEP, RATE_RPM = 0.5, (0.5, 10.0, 0.5)
-SMALLEST, LARGEST = 1e-6, 1e6
-"""Of a time step in s and of a unit of velocity in 1/s: between them double precision holds all numbers."""
-MOST_TURNS = 30
-"""In a time step: the motion is integrated step by step."""
 
 
 def condition(options: argparse.Namespace) -> int:
@@ -62,16 +61,12 @@ def condition(options: argparse.Namespace) -> int:
 
 def _of_time_step(options: argparse.Namespace) -> tuple[dict[str, Any], list[str], Table, Figure]:
     dt = TIME_STEP if options.time_step is None else options.time_step
-    _check("--time-step", dt)
     alpha = best_velocity_unit(dt) if options.alpha is None else options.alpha
-    _check("--alpha", alpha)
     rate = RPM * np.array(options.rate_rpm or RATE_RPM)
-    if float(np.linalg.norm(rate)) * dt > 2 * np.pi * MOST_TURNS:
-        raise InputError(
-            f"--rate-rpm {' '.join(f'{rpm:g}' for rpm in options.rate_rpm or RATE_RPM)} at {dt:g} s; give at most {MOST_TURNS} "
-            "turns in a time step"
-        )
-    rows = _noise_rows(dt, alpha, rate)
+    try:
+        rows = _noise_rows(dt, alpha, rate)
+    except IntegrationError as error:
+        raise InputError(f"{error}; give a shorter --time-step or a slower --rate-rpm") from None
     text = _sentences(dt, alpha, rate)
     document = {
         "time_step_s": dt,
@@ -115,18 +110,16 @@ def _sentences(dt: float, alpha: float, rate: Float[np.ndarray, " 3"]) -> list[s
 
 def _sweep(alpha: float, rate: Float[np.ndarray, " 3"]) -> list[str]:
     """Lines of the CSV: condition numbers over the time steps of the picture."""
-    speed = float(np.linalg.norm(rate))
     lines = ["time_step_s,position_velocity_si,position_velocity_alpha,whole_si,whole_jacobi"]
-    for dt in TIME_STEPS.tolist():
-        plain = [condition_number(double_integrator_covariance(dt, unit)) for unit in (1.0, alpha)]
-        whole: list[float] = []
-        if speed * dt <= 2 * np.pi * MOST_TURNS:
-            covariance = noise_covariance(dt, rate)
-            jacobi = scaled(covariance, jacobi_scaling(covariance))
-            whole = [condition_number(covariance), condition_number(jacobi)]
-        cells = [f"{value:.9g}" for value in (dt, *plain, *whole)] + [""] * (2 - len(whole))
-        lines.append(",".join(cells))
+    for dt, *whole in zip(TIME_STEPS.tolist(), *conditions_over(TIME_STEPS, rate), strict=True):
+        line = [condition_number(double_integrator_covariance(dt, unit)) for unit in (1.0, alpha)]
+        lines.append(",".join(_cell(value) for value in (dt, *line, *whole)))
     return lines
+
+
+def _cell(value: float) -> str:
+    """Of a CSV file; empty for what is not finite."""
+    return f"{value:.9g}" if np.isfinite(value) else ""
 
 
 def _of_run(options: argparse.Namespace) -> tuple[dict[str, Any], list[str], Table, Figure]:
@@ -139,11 +132,9 @@ def _of_run(options: argparse.Namespace) -> tuple[dict[str, Any], list[str], Tab
     table = Table("covariance of", "epochs", "units", "condition number: median", "largest")
     for each in found:
         for row in zip(each.time, each.plain, each.fixed, each.jacobi, strict=True):
-            lines.append(
-                ",".join([each.name, *(f"{value:.9g}" if np.isfinite(value) else "" for value in row)])
-            )
+            lines.append(",".join([each.name, *map(_cell, row)]))
         for units, values in _kinds(each):
-            table.add_row(each.name, str(len(values)), units, *(f"{value:.3g}" for value in _summary(values)))
+            table.add_row(each.name, str(len(values)), units, *map(_shown, _summary(values)))
     document = {
         "run": str(options.run),
         "estimators": {each.name: _document(each) for each in found},
@@ -175,9 +166,13 @@ def _kinds(each: CovarianceConditioning) -> Sequence[tuple[str, Float[np.ndarray
 
 
 def _summary(values: Float[np.ndarray, " n"]) -> tuple[float, float]:
-    """Median and largest of the epochs that have a number."""
+    """Median and largest of the epochs that have a number; NaN where none has."""
     finite = values[np.isfinite(values)]
-    return float(np.median(finite)), float(finite.max())
+    return (float(np.median(finite)), float(finite.max())) if finite.size else (np.nan, np.nan)
+
+
+def _shown(value: float) -> str:
+    return f"{value:.3g}" if np.isfinite(value) else "-"
 
 
 def _document(each: CovarianceConditioning) -> dict[str, Any]:
@@ -191,12 +186,9 @@ def _document(each: CovarianceConditioning) -> dict[str, Any]:
 
 def _improvement(each: CovarianceConditioning) -> str:
     before, after = _summary(each.plain)[0], _summary(each.fixed)[0]
+    if not np.isfinite(before):
+        return f"{each.name}: no epoch has a finite covariance of positive variances."
     units = ", ".join(f"{block} {unit:.2g}" for block, unit in each.units.items())
-    if after >= before:
+    if not improves(before, after):
         return f"{each.name}: no units of whole blocks improve on SI ({before:.3g} in the median; {after:.3g} with {units})."
     return f"{each.name}: blocks in units of {units} (SI) take the median condition number from {before:.3g} to {after:.3g}."
-
-
-def _check(name: str, value: float) -> None:
-    if not SMALLEST <= value <= LARGEST:
-        raise InputError(f"{name} {value:g}; give a value of {SMALLEST:g} to {LARGEST:g}")

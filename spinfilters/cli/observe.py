@@ -23,8 +23,8 @@ from spinfilters.plots.conditioning import conditioning_figure
 from spinfilters.plots.style import save_figure
 
 COMMAND, RESULT_FILE = "observe", "observe.json"
-MOST_FRAMES, MOST_LANDMARKS = 5000, 200
-"""Beyond these the bound takes minutes and says nothing new."""
+MOST_FRAMES = 5000
+"""Beyond it the bound takes minutes and says nothing new."""
 SHORTEST, LONGEST = 1e-6, 1e5
 """Interval in s: between those the numbers of all sensors are of a size that double precision holds."""
 MOST_RPM, MOST_TURNS = 1e6, 100
@@ -97,6 +97,4 @@ def _refuse(options: argparse.Namespace, folder: Path) -> None:
             f"--rate-rpm {' '.join(f'{rpm:g}' for rpm in options.rate_rpm)} at {options.interval:g} s; give rates of at most "
             f"{MOST_RPM:g} rpm and at most {MOST_TURNS} turns between frames"
         )
-    if options.landmarks > MOST_LANDMARKS:
-        raise InputError(f"--landmarks {options.landmarks}; give at most {MOST_LANDMARKS}, more add no rank")
     refuse_foreign(folder, COMMAND)

@@ -13,16 +13,17 @@ from observability.conditioning import (
     CovarianceConditioning,
     best_time_step,
     condition_number,
+    conditions_over,
     double_integrator_covariance,
-    jacobi_scaling,
-    noise_covariance,
-    scaled,
 )
 from spinfilters.plots.style import BLACK, BLUE, GREEN, GREY, RED, tidy
 
 TIME_STEPS: Final = np.geomspace(1e-2, 1e2, 161)
-LONGEST_STEP, MOST_RADIANS = 10.0, 200.0
-"""Of the full state, whose motion is integrated: s, and rad that it may turn in a step."""
+LONGEST_STEP = 10.0
+"""Of the full state, whose motion is integrated, s."""
+UNITS_TOP: Final = 2e10
+"""Of the panel of several units: its legend stands above the curves."""
+BEST_IN_WORDS: Final = r"best at $\sqrt{3}/\alpha$: $7 + 4\sqrt{3}$ = 13.93"
 ALPHAS: Final = (0.1, 1.0, 10.0)
 ELLIPSES: Final = ((0.6, BLUE), (float(np.sqrt(3)), GREEN), (3.0, RED))
 """Time steps in s: shorter than the best one, best, longer."""
@@ -41,6 +42,7 @@ def conditioning_figure(rate: Float[np.ndarray, " 3"], asked: tuple[float, float
     over_time.set_title("double integrator (as Figure 4-6)", loc="left", fontsize="medium")
     _ellipse_panel(ellipses)
     _condition_panel(units, ALPHAS)
+    units.set_ylim(top=UNITS_TOP)
     units.set_title(r"velocity in units of $\alpha$ (as Figure 4-8)", loc="left", fontsize="medium")
     _full_state_panel(whole, rate)
     if asked is not None:
@@ -74,14 +76,21 @@ def covariance_figure(found: Sequence[CovarianceConditioning]) -> Figure:
 def _mark_asked(panels: Sequence[Axes], time_step: float, alpha: float) -> None:
     over_time, units, whole = panels
     for axes in (over_time, units, whole):
-        axes.axvline(time_step, color=BLACK, linewidth=0.9, linestyle=":", zorder=1)
+        label = f"asked: {time_step:.3g} s"
+        axes.axvline(time_step, color=BLACK, linewidth=0.9, linestyle=":", zorder=1, label=label)
     curve = [condition_number(double_integrator_covariance(float(dt), alpha)) for dt in TIME_STEPS]
     units.loglog(
         TIME_STEPS, curve, color=BLACK, linewidth=1.2, linestyle="--", label=rf"asked: {alpha:.3g} s$^{{-1}}$"
     )
     value = condition_number(double_integrator_covariance(time_step, alpha))
     units.plot(time_step, value, "D", color=BLACK, markersize=6, label=f"at {time_step:.3g} s: {value:.4g}")
-    units.legend(edgecolor="none", framealpha=1.0, fontsize="small")
+    for axes in panels:
+        _legend(axes)
+
+
+def _legend(axes: Axes) -> None:
+    """One that hides the lines behind it."""
+    axes.legend(edgecolor="none", framealpha=1.0, fontsize="small")
 
 
 def _condition_panel(axes: Axes, alphas: Sequence[float]) -> None:
@@ -91,15 +100,9 @@ def _condition_panel(axes: Axes, alphas: Sequence[float]) -> None:
         values = [condition_number(double_integrator_covariance(float(dt), alpha)) for dt in TIME_STEPS]
         axes.loglog(TIME_STEPS, values, color=color, label=rf"$\alpha$ = {alpha:g} s$^{{-1}}$")
         axes.plot(best_time_step(alpha), BEST_CONDITION, "o", color=color, markersize=5)
-    axes.axhline(BEST_CONDITION, color=BLACK, linewidth=0.8, linestyle="--")
-    axes.annotate(
-        r"best at $\sqrt{3}/\alpha$: $7 + 4\sqrt{3}$ = 13.93",
-        (TIME_STEPS[0], BEST_CONDITION),
-        (4, -13),
-        textcoords="offset points",
-    )
+    axes.axhline(BEST_CONDITION, color=BLACK, linewidth=0.8, linestyle="--", label=BEST_IN_WORDS)
     axes.set(xlabel="time step [s]", ylabel="condition number", ylim=(5, 2e7))
-    axes.legend(frameon=False)
+    _legend(axes)
     tidy(axes)
 
 
@@ -118,17 +121,14 @@ def _ellipse_panel(axes: Axes) -> None:
 
 
 def _full_state_panel(axes: Axes, rate: Float[np.ndarray, " 3"]) -> None:
-    speed = float(np.linalg.norm(rate))
-    steps = TIME_STEPS[min(LONGEST_STEP, MOST_RADIANS / max(speed, 1e-9)) >= TIME_STEPS]
+    steps = TIME_STEPS[TIME_STEPS <= LONGEST_STEP]
     for turning, color, width in ((np.zeros(3), BLUE, 3.0), (rate, RED, 1.4)):
-        covariances = [noise_covariance(float(dt), turning) for dt in steps]
+        plain, jacobi = conditions_over(steps, turning)
         speed = float(np.linalg.norm(turning))
-        plain = [condition_number(C) for C in covariances]
-        jacobi = [condition_number(scaled(C, jacobi_scaling(C))) for C in covariances]
         for values, dash, units in ((plain, "-", "SI units"), (jacobi, "--", "Jacobi scaling")):
             label = f"{units}, {speed:.2g} rad/s"
             axes.loglog(steps, values, color=color, linewidth=width, linestyle=dash, label=label)
     axes.set(xlabel="time step [s]", ylabel="condition number")
     axes.set_title("pose and velocities together", loc="left", fontsize="medium")
-    axes.legend(frameon=False)
+    _legend(axes)
     tidy(axes)

@@ -9,9 +9,8 @@ import pytest
 
 from observability.conditioning import BEST_CONDITION, covariance_conditioning
 from spinfilters.cli.main import main
-from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.plots.conditioning import covariance_figure
+from spinfilters.plots.conditioning import conditioning_figure, covariance_figure
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 from spinfilters.state.status import EstimatorStatus, Verdict
 from spinfilters.workflow.history_file import write_history
@@ -109,19 +108,87 @@ def test_an_epoch_without_a_covariance_has_no_number_and_stops_nothing() -> None
     found = covariance_conditioning("mekf", LAYOUT, np.arange(4.0), factors)
     np.testing.assert_array_equal(np.isfinite(found.plain), [True, False, False, True])
     assert len(covariance_figure([found]).axes[0].lines) == 3
-    with pytest.raises(InputError, match="no epoch has a finite covariance"):
-        covariance_conditioning("mekf", LAYOUT, np.arange(2.0), factors[1:3])
+
+
+@pytest.mark.parametrize("finite", [0, 2])
+def test_a_run_without_covariances_has_null_in_the_document_and_a_dash_in_the_table(
+    tmp_path: Path, finite: int, capsys: pytest.CaptureFixture
+) -> None:
+    factors = np.stack([np.eye(20)] * finite + [np.full((20, 20), np.nan)] * 2)
+    run = written_run(tmp_path / "run", factors)
+    written_run(tmp_path / "run", np.stack([np.eye(20)]), "ukf")
+    found = conditioned(tmp_path / "out", str(run))
+    estimator = found["estimators"]["mekf"]
+    assert estimator["epochs_without_a_number"] == 2
+    expected = (
+        {"median": pytest.approx(1.0), "largest": pytest.approx(1.0)}
+        if finite
+        else {"median": None, "largest": None}
+    )
+    assert estimator["SI"] == expected
+    said = capsys.readouterr().out
+    (line,) = [line for line in said.splitlines() if "mekf" in line and "SI" in line and "epoch" not in line][
+        :1
+    ]
+    assert line.split().count("-") == (0 if finite else 2)
+    assert ("mekf: no epoch has a finite covariance" in said) == (not finite)
+    assert [row["si"] for row in rows_of(tmp_path / "out" / "condition.csv")][:4] == (
+        ["1", "1", "", ""] if finite else ["", "", "1"]
+    )
+
+
+@pytest.mark.parametrize("arguments", [("--rate-rpm", "0", "0", "60"), ("--rate-rpm", "0", "400", "0")])
+def test_a_fast_rate_shortens_the_curves_and_not_the_answer(
+    tmp_path: Path, arguments: tuple[str, ...]
+) -> None:
+    found = conditioned(tmp_path, "--time-step", "1", *arguments)
+    assert found["time_step_s"] == 1.0
+    rows = rows_of(tmp_path / "condition.csv")
+    assert rows[0]["whole_si"]
+    assert rows[-1]["whole_si"] == rows[-1]["whole_jacobi"] == ""
+    assert rows[-1]["position_velocity_si"]
+
+
+def test_units_that_improve_nothing_are_not_recommended(tmp_path: Path) -> None:
+    text = " ".join(conditioned(tmp_path, "--time-step", "2", "--alpha", "3")["text"])
+    assert "no unit of rate improves on SI" in text
+    assert "rates in" not in text
+
+
+def test_the_shortest_time_step_is_answered(tmp_path: Path) -> None:
+    found = conditioned(tmp_path, "--time-step", "1e-6")
+    numbers = found["condition_numbers"]
+    assert next(value for name, value in numbers.items() if "velocity in" in name) == pytest.approx(
+        BEST_CONDITION
+    )
+
+
+def test_the_asked_time_step_is_labelled_and_crosses_no_words() -> None:
+    figure = conditioning_figure(np.array([0.0, 1.0, 0.0]), (0.5, 3.0))
+    over_time, _, units, whole = figure.axes
+    for axes in (over_time, units, whole):
+        legend = axes.get_legend()
+        assert legend is not None
+        assert "asked: 0.5 s" in [text.get_text() for text in legend.get_texts()]
+        assert legend.get_frame().get_alpha() == 1.0
+        assert not axes.texts
+    best = over_time.get_legend()
+    assert best is not None
+    words = [text.get_text() for text in best.get_texts()]
+    assert any("13.93" in each for each in words)
 
 
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (["--time-step", "0"], "--time-step 0; give a value of 1e-06 to 1e+06"),
-        (["--time-step", "-1"], "--time-step -1"),
-        (["--time-step", "nan"], "nan is not finite"),
-        (["--alpha", "1e300"], "--alpha 1e+300"),
-        (["--alpha", "0"], "--alpha 0"),
-        (["--rate-rpm", "1e6", "0", "0"], "at most 30 turns in a time step"),
+        (["--time-step", "0"], "--time-step: '0' is not allowed; give a number from 1e-06 to 1e+06 s"),
+        (["--time-step", "-1"], "--time-step: '-1' is not allowed"),
+        (["--time-step", "nan"], "--time-step: 'nan' is not allowed"),
+        (["--alpha", "1e300"], "--alpha: '1e300' is not allowed"),
+        (["--alpha", "1e20"], "--alpha: '1e20' is not allowed; give a number from 1e-06 to 1e+06 1/s"),
+        (["--alpha", "0"], "--alpha: '0' is not allowed"),
+        (["--rate-rpm", "1e7", "0", "0"], "give a number from -1e+06 to 1e+06 rpm"),
+        (["--rate-rpm", "1e6", "0", "0"], "give a shorter --time-step or a slower --rate-rpm"),
         (["nowhere"], "nowhere: holds no history.npz"),
         (["nowhere", "--alpha", "1"], "a run has its own time steps and rates"),
     ],

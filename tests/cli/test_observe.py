@@ -88,6 +88,57 @@ def test_the_document_keeps_its_keys_and_says_what_rests_on_the_prior(tmp_path: 
     assert found["bound_verdicts"]["each moment, relative [1]"]["directions_not_determined"] == 2
 
 
+def test_a_gyro_in_the_filters_state_is_asked_for_the_attitude_that_it_does_not_determine(
+    tmp_path: Path,
+) -> None:
+    found = observed(tmp_path, "--sensor", "gyro", "--chart", "filter")
+    assert {each["group"] for each in found["not_determined"]} == {"attitude in inertial space"}
+    assert "Not determined, 3: attitude in inertial space (3)." in found["text"]
+    assert "attitude" in found["asked"]
+    assert "attitude" not in found["not_asked"]
+
+
+def test_directions_name_their_frame_and_moving_ones_their_epoch(tmp_path: Path) -> None:
+    observed(tmp_path, "--sensor", "monocular")
+    lines = (tmp_path / "observe.txt").read_text().splitlines()
+    directed = {line[2:30].strip(): line for line in lines if line.startswith("  ") and " along (" in line}
+    assert {"velocity", "centre of mass in g", "place of the centre of mass"} <= directed.keys()
+    for name in ("velocity", "place of the centre of mass"):
+        assert ") (frame i, at the last epoch): " in directed[name]
+    assert ") (frame g): " in directed["centre of mass in g"]
+    (axes,) = [line for line in lines if line.startswith("Axes: ")]
+    assert "frame g along these axes" in axes
+    assert "frame i along the camera's axes at the first frame" in axes
+
+
+def test_an_input_is_compared_with_the_same_question_without_it(tmp_path: Path) -> None:
+    found = observed(tmp_path / "a", "--sensor", "monocular", "--frames", "60", "--manoeuvre", "x")
+    alone = observed(tmp_path / "b", "--sensor", "monocular", "--frames", "60")
+    assert alone["gain_of_inputs"] is None
+    gain = found["gain_of_inputs"]
+    assert gain["rank"] == [25, 26]
+    assert gain["dimension"] == [32, 32]
+    falls = {name for name, value in alone["bound"].items() if found["bound"][name] < 0.9 * value}
+    assert gain["bounds_that_fall"].keys() == falls != set()
+    for name, pair in gain["bounds_that_fall"].items():
+        assert pair == [alone["bound"][name], found["bound"][name]]
+    (line,) = [
+        each for each in (tmp_path / "a" / "observe.txt").read_text().splitlines() if each.startswith("Gain")
+    ]
+    assert line.startswith("Gain of the known inputs: rank 25 of 32 -> 26 of 32; ")
+    assert " -> " in line.split("; ", 1)[1]
+    assert "Gain" not in (tmp_path / "b" / "observe.txt").read_text()
+
+
+def test_an_input_that_tells_nothing_is_said_to_tell_nothing(tmp_path: Path) -> None:
+    found = observed(tmp_path, "--sensor", "pose", "--manoeuvre", "x", "--manoeuvre-size", "1e-6")
+    assert found["gain_of_inputs"]["bounds_that_fall"] == {}
+    assert (
+        "rank 20 of 20 -> 20 of 20; no bound falls by more than 10 %."
+        in (tmp_path / "observe.txt").read_text()
+    )
+
+
 def test_help_names_every_sensor_and_the_axes(
     capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -113,8 +164,8 @@ def test_a_second_run_replaces_the_first(tmp_path: Path) -> None:
     [
         (["--sensor", "sonar"], "sensor 'sonar' is unknown; use one of stereo"),
         (["--chart", "mercator"], "chart 'mercator' is unknown"),
-        (["--landmarks", "0"], "0 landmarks; give at least 1"),
-        (["--landmarks", "100000"], "give at most 200"),
+        (["--landmarks", "0"], "--landmarks: '0' is not allowed; give a whole number from 1 to 200"),
+        (["--landmarks", "100000"], "give a whole number from 1 to 200"),
         (["--frames", "0"], "--frames: '0' is not allowed; give a whole number from 1"),
         (["--interval", "-1"], "--interval: '-1' is not allowed; give a number from 1e-06 to 100000 s"),
         (["--interval", "1e-300"], "give a number from 1e-06 to 100000 s"),
@@ -131,8 +182,14 @@ def test_a_second_run_replaces_the_first(tmp_path: Path) -> None:
             ["--unknowns", "moments", "--chart", "tensor"],
             "the three moments are unknowns of the chart principal",
         ),
-        (["--torque", "x", "--torque-size", "0"], "a known input of size 0"),
-        (["--manoeuvre", "x", "--input-period", "0"], "period 0 s"),
+        (
+            ["--torque", "x", "--torque-size", "0"],
+            "--torque-size: '0' is not allowed; give a number from 1e-06 to 1e+06 N m",
+        ),
+        (
+            ["--manoeuvre", "x", "--input-period", "0"],
+            "--input-period: '0' is not allowed; give a number from 1e-06 to 1e+06 s",
+        ),
         (["--manoeuvre", "z", "--manoeuvre-size", "1"], "carries the camera past the body"),
         (["--sensor", "gyro", "--manoeuvre", "x"], "an inspector's manoeuvre needs a velocity"),
     ],

@@ -17,6 +17,7 @@ from observability.conditioning import (
     whitening_matrix,
 )
 from spinfilters.errors import InputError, ShapeError
+from spinfilters.models.process import ProcessNoise
 from spinfilters.plots.conditioning import conditioning_figure
 
 STEPS = [10.0**k for k in range(-8, 9)]
@@ -86,6 +87,22 @@ def test_the_suggestion_for_a_tumble_is_a_sentence_with_its_numbers() -> None:
     scaling = suggest_scaling(0.1, TUMBLE)
     assert scaling.after < 15 < 1000 < scaling.before
     assert "at 0.1 s hold velocities in units of 17.3 m/s, rates in 17.3 rad/s" in str(scaling)
+
+
+@pytest.mark.parametrize(("dt", "rate"), [(0.1, 1.0), (2.0, 1.05), (5.0, 20.9)])
+def test_no_unit_of_rate_beats_the_suggested_one_or_si_where_it_says_so(dt: float, rate: float) -> None:
+    scaling, covariance = (
+        suggest_scaling(dt, np.array([0.0, 0.0, rate])),
+        noise_covariance(dt, np.array([0.0, 0.0, rate]), ProcessNoise(1.0, 1.0)),
+    )
+    turn = np.r_[3:6, 9:12]
+    rotation = covariance[np.ix_(turn, turn)]
+    others = [
+        condition_number(scaled(rotation, np.repeat([1.0, alpha], 3)))
+        for alpha in np.geomspace(1e-3, 1e3, 121)
+    ]
+    assert min(others) > 0.98 * min(scaling.before, scaling.after)
+    assert ("no unit of rate improves on SI" in str(scaling)) == (scaling.after >= 0.99 * scaling.before)
 
 
 @pytest.mark.parametrize(

@@ -133,7 +133,7 @@ def test_one_direction_of_the_centre_of_mass_is_named_in_words_and_as_a_vector()
     text = " ".join(found.sentences)
     assert "centre of mass along the spin axis" in text
     assert "The spin axis is (0, 1, 0) in the body's principal axes x, y, z." in text
-    assert "prior only (1 m) along (0, 1, 0) (the spin axis): not determined" in text
+    assert "prior only (1 m) along (0, 1, 0) (frame g, the spin axis): not determined" in text
     verdict = found.document()["bound_verdicts"]["centre of mass in g [m]"]
     assert verdict["directions_not_determined"] == 1
     assert verdict["prior_only_directions"] == [pytest.approx([0.0, 1.0, 0.0], abs=1e-6)]
