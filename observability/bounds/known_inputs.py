@@ -67,8 +67,8 @@ class DrivenMotion:
         self, x: Float[np.ndarray, " m"], start: float, dt: float
     ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "n k"], Float[np.ndarray, "n q"]]:
         """The point, its derivatives by the error of x and by the logarithm of the inertia's scale, and the noise factor."""
-        n, factor = self._process.layout.error_dim, self._process.linearise(x, dt)[2]
-        transition, count = np.eye(n, n + self.constants), self._count(x, dt)
+        n, count = self._process.layout.error_dim, self._count(x, dt)
+        transition, factor = np.eye(n, n + self.constants), self._process.linearise(x, dt)[2]
         h = dt / count
         for k in range(count):
             time = start + k * h

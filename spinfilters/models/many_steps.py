@@ -20,13 +20,12 @@ from spinfilters.attitude.expressions import (
 )
 from spinfilters.errors import InputError
 from spinfilters.models.rotation_steps import (
-    FEWEST,
     IntegrationError,
     RotationIntegrator,
-    boole_weights,
     rotation_constants,
     rotation_difference,
 )
+from spinfilters.models.step_count import FEWEST, boole_weights
 from spinfilters.state.layout import StateLayout
 from spinfilters.symbolic import Fold, building
 

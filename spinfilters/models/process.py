@@ -20,7 +20,8 @@ from spinfilters.attitude.expressions import Expression, quaternion_rate, rotate
 from spinfilters.dynamics.mass_distribution import inertia
 from spinfilters.errors import InputError
 from spinfilters.models.many_steps import ManySteps
-from spinfilters.models.rotation_steps import MAX_SUBSTEPS, RotationIntegrator, substeps
+from spinfilters.models.rotation_steps import RotationIntegrator
+from spinfilters.models.step_count import MAX_SUBSTEPS, substeps
 from spinfilters.state.layout import StateLayout
 
 SMALLEST_SQUARE = 1e-300

@@ -25,21 +25,12 @@ from spinfilters.attitude.expressions import (
 )
 from spinfilters.dynamics.mass_distribution import inertia
 from spinfilters.errors import InputError, SpinfiltersError
+from spinfilters.models.step_count import FEWEST, MAX_SUBSTEPS, boole_weights, substeps
 from spinfilters.state.layout import StateLayout
 from spinfilters.symbolic import Compiled, building
 
 Acceleration = Callable[[Expression, Expression, Expression | None], Expression]
 """w' from the rate, the inertia (3 x 3) and, where the state has it, the drag."""
-
-MAX_SUBSTEPS = 1 << 14
-"""Budget of one step, in substeps: forty revolutions at a tolerance of 1e-8. What needs more raises `IntegrationError`."""
-FEWEST = 4
-"""Substeps of a step: a panel of Boole's rule."""
-BOOLE_ERROR, NOISE_ERROR = 0.1, 1e-6
-"""Relative error of the noise covariance per rad^4 of turn and sixth power of the number of substeps, and what is allowed of it."""
-STEP_ERROR = 6e-4
-"""Error of a turn per rad and per fourth power of the substep's angle: where the step control starts. A guess that proves too
-coarse costs one more evaluation, one that is too fine would cost every one."""
 
 SHARED = {"cse": True}
 """Expressions that occur again are evaluated once, to the same bits."""
@@ -243,26 +234,11 @@ class RotationIntegrator:
         return ca.Function("assemble", [x, dt, psd, moved, noise], [after, transition, entry @ root], SHARED)
 
 
-def substeps(turn: float, tolerance: float) -> int:
-    """Substeps that a turn (rad) in one step is expected to need, a power of two; above `MAX_SUBSTEPS` for what needs more."""
-    angle = (tolerance / (STEP_ERROR * max(turn, tolerance))) ** 0.25
-    noise_angle = (NOISE_ERROR / BOOLE_ERROR) ** (1 / 6) * max(turn, NOISE_ERROR) ** (1 / 3)
-    count = FEWEST
-    while count * min(angle, noise_angle) < turn and count <= MAX_SUBSTEPS:
-        count *= 2
-    return count
-
-
 def rotation_constants(values: dict[str, Expression]) -> Expression:
     """What the rotation's constants enter by: the six entries of J(s), then the drag."""
     J = inertia(values["s"])
     entries = ca.vertcat(J[0, 0], J[1, 0], J[2, 0], J[1, 1], J[2, 1], J[2, 2])
     return ca.vertcat(entries, values["d"]) if "d" in values else entries
-
-
-def boole_weights(count: int) -> Float[np.ndarray, " nodes"]:
-    """Of the noise of every node of ``count`` substeps and of the end, over panels of four (Boole's rule)."""
-    return np.array([7.0, *([32.0, 12.0, 32.0, 14.0] * (count // 4))[:-1], 7.0]) * 2 / 45
 
 
 def _repeat(

@@ -172,7 +172,8 @@ def _run(
     progress(name, len(rows), len(rest))
     if kept is not None and kept.status is not None:
         return rows.ended(name, kept.status), rows
-    _rehearse(twin, prepared)
+    if len(rows) < len(rest):
+        _rehearse(twin, prepared)
     with keeper.running(estimator, rows) as keep:
 
         def on_frame(_: int) -> None:

@@ -20,7 +20,8 @@ from spinfilters.estimators.timeline import times_of
 from spinfilters.state.layout import StateLayout
 from spinfilters.state.status import EstimatorStatus, Verdict
 from spinfilters.symbolic import working_seconds
-from spinfilters.workflow.preparation import Prepared, measured_motion
+from spinfilters.workflow.measured_motion import measured_motion
+from spinfilters.workflow.preparation import Prepared
 from spinfilters.workflow.settings import Settings
 
 NAME = "smoother"
