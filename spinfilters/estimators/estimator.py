@@ -51,7 +51,8 @@ class UpdateReport:
     ----------
     nis: normalised innovation squared, chi-square distributed with ``dof`` degrees of freedom when the filter is consistent.
     dof: number of scalar measurements used.
-    accepted, rejected: numbers of measurements used and left out (point at or behind the camera, not finite).
+    accepted, rejected: numbers of measurements used, the first of a landmark among them, and left out (point at or behind the
+        camera, not finite, refused).
     log_likelihood: of the values used, given everything before.
     map_change: of an estimator that holds landmarks in its state, None otherwise.
     """

@@ -79,7 +79,9 @@ def test_prediction_and_update_are_those_of_the_textbook():
     error = K @ rho
     estimator.predict(0.5)
     report = estimator.update(measured)
-    assert report.accepted == len(H) // 3
+    assert report.map_change is not None
+    assert report.dof == len(H)
+    assert report.accepted == len(H) // 3 + len(report.map_change.added)
     np.testing.assert_allclose(LAYOUT.local(moved, estimator.belief.mean), error[:20], atol=1e-9)
     J = LAYOUT.reset_jacobian(error[:20])
     expected = J @ (P - K @ H @ P)[:20, :20] @ J.T

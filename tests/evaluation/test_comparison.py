@@ -101,7 +101,7 @@ def test_rates_turn_with_their_axes_and_meet_the_truth_in_the_frame_of_the_estim
         (0.99, 0.5, "0.99 ± 0.50"),
         (1.0, 0.0, "1.0000 ± 0.0000"),
         (0.34, 1.7e-5, "0.340000 ± 0.000017"),
-        (12.0, np.nan, "12.0000 ± nan"),
+        (12.0, np.nan, "12.0000 ± unknown"),
     ],
 )
 def test_an_uncertainty_is_given_to_two_digits(value: float, std: float, expected: str) -> None:
