@@ -133,12 +133,19 @@ def test_errors_are_of_its_size_and_summary_and_table_show_it(comparison, tmp_pa
     assert " ".join(stream.getvalue().split()).endswith(BOUND_CAPTION)
 
 
-def test_of_a_gyro_what_the_fitted_frame_hides_has_no_bound() -> None:
-    found = of_kind("gyro").evaluations[0].bound
+def test_a_gyros_attitude_and_axes_have_a_bound_in_the_inertial_frame_of_the_first_sample() -> None:
+    evaluation = of_kind("gyro").evaluations[0]
+    found, errors, body = evaluation.bound, evaluation.errors, evaluation.body_errors
     assert found is not None
-    assert found.rms.attitude is None
+    assert errors is not None
+    assert body is not None
     assert found.rms.position is None
-    assert found.body.axes_angle is None
+    assert found.rms.attitude is not None
+    assert errors.rms.attitude is not None
+    assert 0.2 < errors.rms.attitude / found.rms.attitude < 4
+    assert found.body.axes_angle is not None
+    assert body.axes_angle is not None
+    assert (body.axes_angle < 4 * found.body.axes_angle).all()
     assert found.body.principal_moments is not None
     assert 0 < found.rms.rate < 0.1
 
