@@ -76,11 +76,12 @@ def truth_in_inertial_frame(history: EstimateHistory, truth: Truth) -> Truth:
         raise InputError("the estimate is finite at no time stamp of the truth; it has no errors")
     q, q_true = q[finite], truth.q_ig[true_rows[finite]]
     doubt = np.linalg.norm(history.factor[rows[finite][0], layout.slice("a")], axis=1).max()
-    at_first, fitted = (
-        multiply(q[0], inverse(q_true[0])),
-        inverse(attitude_alignment(inverse(q), inverse(q_true))),
+    defined = doubt <= DEFINED_STD
+    turn = (
+        multiply(q[0], inverse(q_true[0]))
+        if defined
+        else inverse(attitude_alignment(inverse(q), inverse(q_true)))
     )
-    turn = at_first if doubt <= DEFINED_STD else fitted
     return replace(
         truth,
         center_of_mass=rotate(turn, truth.center_of_mass),
