@@ -33,6 +33,9 @@ class Measurement:
     ids: Int[np.ndarray, " k"] | None = None
 
 
+NO_IDS = np.zeros(0, dtype=np.int64)
+
+
 @dataclass(frozen=True)
 class MapChange:
     """What an update did to the landmarks in the state: ids that it used (with their weights), took in, and let go."""

@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 from spinfilters.errors import InputError
 from spinfilters.estimators.adaptation import AdaptationOptions, NoiseAdaptation, PredictedMotion
 from spinfilters.estimators.estimator import (
+    NO_IDS,
     Estimator,
     MapChange,
     Measurement,
@@ -25,7 +26,6 @@ from spinfilters.estimators.robustness import RobustOptions, SensorGuard, Sensor
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
 
-NO_IDS = np.zeros(0, dtype=np.int64)
 NOTHING_CHANGED = MapChange(NO_IDS, np.zeros(0), NO_IDS, NO_IDS)
 """What an update that could not be made did to the map."""
 

@@ -6,7 +6,7 @@
 #include <string.h>
 
 typedef long long integer;
-enum { Q = C + M, W = Q + 1, LINEAR = C + 4, BAND = 24 };
+enum { Q = C + M, W = Q + 1, LINEAR = C + 4, BAND = 96 };
 
 /* Householder reflections take `count` rows into the upper triangle R of order n, all with `width` >= n columns in rows of `pitch`. */
 static inline void absorb(double* R, double* rows, int count, int n, int width, int pitch) {
@@ -146,30 +146,39 @@ void whiten(integer count, const double* linear, const double* weights, const in
   }
 }
 
-/* The same for rows of a fixed length, a multiple of eight: whole vectors throughout, for what lies left of the diagonal is zero. */
-#define ABSORB(NAME, PITCH)                                                                            \
-  static void NAME(double* restrict R, double* restrict rows, int count, int n) {                      \
-    for (int j = 0; j < n; ++j) {                                                                      \
-      double square = 0, sum[PITCH], *top = R + j * PITCH;                                             \
-      for (int i = 0; i < count; ++i) square += rows[i * PITCH + j] * rows[i * PITCH + j];             \
-      if (square == 0) continue;                                                                       \
-      const double length = sqrt(top[j] * top[j] + square), head = top[j] > 0 ? top[j] + length : top[j] - length; \
-      const double scale = 2 / (head * head + square);                                                 \
-      for (int k = 0; k < PITCH; ++k) sum[k] = head * top[k];                                          \
-      for (int i = 0; i < count; ++i) {                                                                \
-        const double *row = rows + i * PITCH, v = row[j];                                              \
-        for (int k = 0; k < PITCH; ++k) sum[k] += v * row[k];                                          \
-      }                                                                                                \
-      for (int k = 0; k < PITCH; ++k) {                                                                \
-        sum[k] *= scale;                                                                               \
-        top[k] -= head * sum[k];                                                                       \
-      }                                                                                                \
-      for (int i = 0; i < count; ++i) {                                                                \
-        double *row = rows + i * PITCH, v = row[j];                                                    \
-        for (int k = 0; k < PITCH; ++k) row[k] -= v * sum[k];                                          \
-        row[j] = 0;                                                                                    \
-      }                                                                                                \
-    }                                                                                                  \
+/* The same for columns `first` to `last` of rows of a fixed length, a multiple of eight; what lies left of `from` is zero. All lengths
+ * are known to the compiler, so that it works with whole vectors throughout. */
+static inline void absorb_columns(double* restrict R, double* restrict rows, int count, int first, int last, const int from,
+                                  const int pitch) {
+  for (int j = first; j < last; ++j) {
+    double square = 0, sum[64], *top = R + j * pitch;
+    for (int i = 0; i < count; ++i) square += rows[i * pitch + j] * rows[i * pitch + j];
+    if (square == 0) continue;
+    const double length = sqrt(top[j] * top[j] + square), head = top[j] > 0 ? top[j] + length : top[j] - length;
+    const double scale = 2 / (head * head + square);
+    for (int k = from; k < pitch; ++k) sum[k] = head * top[k];
+    for (int i = 0; i < count; ++i) {
+      const double *row = rows + i * pitch, v = row[j];
+      for (int k = from; k < pitch; ++k) sum[k] += v * row[k];
+    }
+    for (int k = from; k < pitch; ++k) {
+      sum[k] *= scale;
+      top[k] -= head * sum[k];
+    }
+    for (int i = 0; i < count; ++i) {
+      double *row = rows + i * pitch, v = row[j];
+      for (int k = from; k < pitch; ++k) row[k] -= v * sum[k];
+      row[j] = 0;
+    }
+  }
+}
+
+#define ABSORB(NAME, PITCH)                                                                    \
+  static void NAME(double* restrict R, double* restrict rows, int count, int n) {              \
+    absorb_columns(R, rows, count, 0, n < 8 ? n : 8, 0, PITCH);                                \
+    if (PITCH > 8) absorb_columns(R, rows, count, 8, n < 16 ? n : 16, 8, PITCH);               \
+    if (PITCH > 16) absorb_columns(R, rows, count, 16, n < 24 ? n : 24, 16, PITCH);            \
+    if (PITCH > 24) absorb_columns(R, rows, count, 24, n, 24, PITCH);                          \
   }
 enum { WP = (W + 7) / 8 * 8, NP = (N + 8) / 8 * 8 };
 ABSORB(absorb_rows, WP)
@@ -219,41 +228,72 @@ double correct(integer count, integer n, const double* rows, const integer* colu
   return nis;
 }
 
-/* Eigenvalues on the diagonal of a symmetric A (order Q), eigenvectors in the rows of V: cyclic rotations. */
-static void eigenvectors(double* A, double* V) {
-  double trace = 0;
-  memset(V, 0, Q * Q * sizeof(double));
-  for (int j = 0; j < Q; ++j) {
-    V[j * Q + j] = 1;
-    trace += A[j * Q + j];
+/* Rows a and b of V, turned. */
+static inline void turn(double* restrict a, double* restrict b, double c, double s) {
+  for (int k = 0; k < Q; ++k) {
+    const double x = a[k], y = b[k];
+    a[k] = c * x - s * y;
+    b[k] = s * x + c * y;
   }
-  const double small = 1e-15 * trace;
-  for (int sweep = 0, turned = 1; turned && sweep < 30; ++sweep) {
-    turned = 0;
-    for (int p = 0; p < Q; ++p)
-      for (int q = p + 1; q < Q; ++q) {
-        double off = A[p * Q + q], *a = A + p * Q, *b = A + q * Q, *v = V + p * Q, *w = V + q * Q;
-        if (!(fabs(off) > small)) continue;
-        double gap = (b[q] - a[p]) / (2 * off), t = 1 / (fabs(gap) + sqrt(gap * gap + 1));
-        if (gap < 0) t = -t;
-        double c = 1 / sqrt(t * t + 1), s = t * c, pp = a[p] - t * off, qq = b[q] + t * off;
-        for (int k = 0; k < Q; ++k) {
-          double x = a[k], y = b[k], f = v[k], g = w[k];
-          a[k] = c * x - s * y;
-          b[k] = s * x + c * y;
-          v[k] = c * f - s * g;
-          w[k] = s * f + c * g;
-        }
-        a[p] = pp;
-        b[q] = qq;
-        a[q] = b[p] = 0;
-        for (int k = 0; k < Q; ++k) {
-          A[k * Q + p] = a[k];
-          A[k * Q + q] = b[k];
-        }
-        turned = 1;
+}
+
+/* Eigenvalues d of a symmetric A (order Q, overwritten), eigenvectors in the rows of V: Householder's reflections to three diagonals,
+ * then QL with implicit shifts (Wilkinson and Reinsch, 1971). */
+static void eigenvectors(double* A, double* d, double* V) {
+  double e[Q] = {0};
+  memset(V, 0, Q * Q * sizeof(double));
+  for (int j = 0; j < Q; ++j) V[j * (Q + 1)] = 1;
+  for (int j = 0; j + 2 < Q; ++j) {
+    double v[Q] = {0}, w[Q] = {0}, z[Q] = {0}, square = 0, along = 0;
+    for (int k = j + 1; k < Q; ++k) v[k] = A[j * Q + k];
+    for (int k = j + 2; k < Q; ++k) square += v[k] * v[k];
+    if (square == 0) continue;
+    const double length = sqrt(square + v[j + 1] * v[j + 1]);
+    v[j + 1] += v[j + 1] > 0 ? length : -length;
+    const double scale = 2 / (square + v[j + 1] * v[j + 1]);
+    for (int a = j; a < Q; ++a)
+      for (int k = 0; k < Q; ++k) {
+        w[k] += scale * v[a] * A[a * Q + k];
+        z[k] += scale * v[a] * V[a * Q + k];
+      }
+    for (int k = 0; k < Q; ++k) along += 0.5 * scale * v[k] * w[k];
+    for (int k = 0; k < Q; ++k) w[k] -= along * v[k];
+    for (int a = j; a < Q; ++a)
+      for (int k = 0; k < Q; ++k) {
+        A[a * Q + k] -= v[a] * w[k] + w[a] * v[k];
+        V[a * Q + k] -= v[a] * z[k];
       }
   }
+  for (int j = 0; j < Q; ++j) d[j] = A[j * (Q + 1)];
+  for (int j = 0; j + 1 < Q; ++j) e[j] = A[j * (Q + 1) + 1];
+  for (int l = 0; l < Q; ++l)
+    for (int sweep = 0; sweep < 60; ++sweep) {
+      int m = l;
+      while (m + 1 < Q && !(fabs(e[m]) <= 1e-16 * (fabs(d[m]) + fabs(d[m + 1])))) ++m;
+      if (m == l) break;
+      double g = (d[l + 1] - d[l]) / (2 * e[l]), r = sqrt(g * g + 1), s = 1, c = 1, p = 0;
+      g = d[m] - d[l] + e[l] / (g > 0 ? g + r : g - r);
+      int i = m - 1;
+      for (; i >= l; --i) {
+        const double f = s * e[i], b = c * e[i];
+        e[i + 1] = r = sqrt(f * f + g * g);
+        if (r == 0) break;
+        s = f / r;
+        c = g / r;
+        g = d[i + 1] - p;
+        r = (d[i] - g) * s + 2 * c * b;
+        p = s * r;
+        d[i + 1] = g + p;
+        g = c * r - b;
+        turn(V + i * Q, V + (i + 1) * Q, c, s);
+      }
+      if (i >= l) d[i + 1] -= p;
+      else {
+        d[l] -= p;
+        e[l] = g;
+      }
+      e[m] = 0;
+    }
 }
 
 /* Rows of `from` (Q x n) by reflections from the right: lower triangular R (Q x Q), and the reflections. */
@@ -306,7 +346,7 @@ static inline void add_square(const double* s, int rows, int width, double scale
 /* `compress`: turned [Q][Q] of kept and dropped side by side, mode_rows [M][n], explained [M] (in: what is remembered). */
 void compress(integer count, const double* rows, const double* spread, integer fresh, const double* scaled, double share, integer n,
               const double* both, double* explained, double* turned, double* mode_rows) {
-  double G[Q * Q] = {0}, R[Q * Q], A[Q * Q] = {0}, V[Q * Q], T[Q * Q] = {0}, reflect[Q * N];
+  double G[Q * Q] = {0}, R[Q * Q], A[Q * Q] = {0}, d[Q], V[Q * Q], T[Q * Q] = {0}, reflect[Q * N];
   for (integer i = 0; i < count; ++i) {
     const double *row = rows + i * D * W, *X = spread + i * D * 3;
     double pull[3 * W], seen[D * Q];
@@ -326,32 +366,34 @@ void compress(integer count, const double* rows, const double* spread, integer f
   for (int b = 0; b < Q; ++b)
     for (int a = 0; a <= b; ++a)
       for (int k = 0; k < Q; ++k) A[a * Q + k] += R[b * Q + a] * T[b * Q + k];
-  eigenvectors(A, V);
+  eigenvectors(A, d, V);
   int order[Q];
   for (int j = 0; j < Q; ++j) {
     int at = j;
-    for (; at > 0 && A[order[at - 1] * (Q + 1)] < A[j * (Q + 1)]; --at) order[at] = order[at - 1];
+    for (; at > 0 && d[order[at - 1]] < d[j]; --at) order[at] = order[at - 1];
     order[at] = j;
   }
-  memset(mode_rows, 0, M * n * sizeof(double));
+  double side[N * M] = {0}; /* the modes' rows side by side */
   for (int j = 0; j < Q; ++j) {
     const double* v = V + order[j] * Q;
     for (int a = 0; a < Q; ++a) {
       double sum = 0;
       for (int b = 0; b <= a; ++b) sum += R[a * Q + b] * v[b];
       turned[a * Q + j] = sum;
+      if (j < M) side[a * M + j] = v[a];
     }
-    if (j >= M) continue;
-    double* row = mode_rows + j * n;
-    explained[j] = A[order[j] * (Q + 1)];
-    memcpy(row, v, Q * sizeof(double));
-    for (int k = Q - 1; k >= 0; --k) {
-      const double* u = reflect + k * n;
-      double sum = 0;
-      for (int l = k; l < n; ++l) sum += row[l] * u[l];
-      for (int l = k; l < n; ++l) row[l] -= sum * u[l];
-    }
+    if (j < M) explained[j] = d[order[j]];
   }
+  for (int k = Q - 1; k >= 0; --k) {
+    const double* u = reflect + k * n;
+    double sum[M] = {0};
+    for (int l = k; l < n; ++l)
+      for (int m = 0; m < M; ++m) sum[m] += u[l] * side[l * M + m];
+    for (int l = k; l < n; ++l)
+      for (int m = 0; m < M; ++m) side[l * M + m] -= u[l] * sum[m];
+  }
+  for (int m = 0; m < M; ++m)
+    for (int l = 0; l < n; ++l) mode_rows[m * n + l] = side[l * M + m];
 }
 
 /* Dependence on the new modes and own root of a landmark that depended on (pose, modes) by `both` (3 x width) and on itself by `own`. */

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.errors import InputError
-from spinfilters.estimators.estimator import MapChange, Measurement
+from spinfilters.estimators.estimator import NO_IDS, MapChange, Measurement
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.landmark_map import CONFIRMED, LandmarkMap, LandmarkOptions
 from spinfilters.estimators.landmarks.observations import Observations, Solved
@@ -92,15 +92,17 @@ class HeldMap:
             raise InputError(
                 f"sensor {sensor.name!r} names landmarks, but cannot see them; leave out their ids"
             )
-        at = held.locate(ids)
-        known = at >= 0
-        rows = at[known]
+        rows = held.locate(ids)
+        known = rows >= 0
+        values, parameters = measurement.values, measurement.parameters
+        if not known.all():
+            rows, values, parameters = rows[known], values[known], parameters[known]
         held.refresh(rows)
         return Observations(
             layout,
             sensor,
-            measurement.values[known],
-            measurement.parameters[known],
+            values,
+            parameters,
             rows,
             known,
             held,
@@ -151,8 +153,9 @@ class HeldMap:
         self._explained = modes.explained
         self.move = self.move + correction.error[n + rank :] if len(factor) > n + rank else self.move
         removed = held.remove(wrong)
-        held.append(new.ids, new.points, dependence, roots)
-        removed = np.concatenate([removed, held.remove(held.stalest(self._options.largest_map))])
+        if len(new.ids):
+            held.append(new.ids, new.points, dependence, roots)
+            removed = np.concatenate([removed, held.remove(held.stalest(self._options.largest_map))])
         result = factor.copy()
         result[:n] = reset @ factor[:n]
         result[n : n + rank] = modes.rows
@@ -169,6 +172,8 @@ class HeldMap:
         mean, reset = moved
         assert measurement.ids is not None
         rows, pose = np.flatnonzero(which), o.sensor.columns
+        if not len(rows):
+            return _Newcomers(NO_IDS, np.zeros((0, 3)), np.zeros((0, 3, len(pose))), np.zeros((0, 3, 3)))
         fresh = o.sensor.new_landmarks(mean, measurement.parameters[rows], measurement.values[rows])
         good = fresh.determined & np.isfinite(fresh.points).all(axis=1)
         if np.count_nonzero(good) < len(good):

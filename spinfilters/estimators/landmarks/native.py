@@ -3,6 +3,7 @@
 import ctypes
 from functools import cache
 from importlib.resources import files
+from operator import is_
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -59,14 +60,27 @@ class NativeSteps(Steps):
     def __init__(self, library: ctypes.PyDLL, precision: str) -> None:
         self._c, self._kept = library, np.dtype(precision)
         self._reference = NumpySteps()
+        self._known: tuple[np.ndarray, ...] = ()
+        self._places: tuple[int, ...] = ()
+
+    def _stored(self, stored: Stored) -> tuple[int, ...]:
+        """Where epoch, transform, spread, shift, points, modes and roots lie; looked up when they are other arrays."""
+        arrays = (
+            stored.epoch,
+            stored.transform,
+            stored.spread,
+            stored.shift,
+            stored.points,
+            stored.modes,
+            stored.roots,
+        )
+        if len(self._known) != len(arrays) or not all(map(is_, arrays, self._known)):
+            self._known, self._places = arrays, tuple(map(address, arrays))
+        return self._places
 
     def refresh(self, stored: Stored, rows: Int[np.ndarray, " q"]) -> None:
         rows = np.ascontiguousarray(rows)
-        arrays = (stored.epoch, stored.transform, stored.spread, stored.shift)
-        places = (stored.points, stored.modes, stored.roots)
-        self._c.refresh(
-            len(rows), address(rows), stored.now, len(stored.shift), *map(address, (*arrays, *places))
-        )
+        self._c.refresh(len(rows), address(rows), stored.now, len(stored.shift), *self._stored(stored))
 
     def compose(
         self,
@@ -95,7 +109,7 @@ class NativeSteps(Steps):
         rows = np.empty((k, d, width - 3 + stored.modes.shape[2]))
         made = rows, np.empty((k, d, 3)), np.empty((k, d, 3)), np.empty(k)
         given = [np.ascontiguousarray(array) for array in (linear, weights, at)]
-        self._c.whiten(k, *map(address, (*given, stored.modes, stored.roots, *made)))
+        self._c.whiten(k, *map(address, given), *self._stored(stored)[-2:], *map(address, made))
         return WhitenedRows(*made)
 
     def corrected(
@@ -181,7 +195,6 @@ class NativeSteps(Steps):
         new = np.empty((k, 3, r), self._kept), np.empty((k, 3, 3), self._kept)
         seen = (white.rows, white.spread, white.gram, np.ascontiguousarray(closing.at), closing.error)
         fresh = np.ascontiguousarray(closing.by_pose), np.ascontiguousarray(closing.roots)
-        slots = (stored.epoch, stored.transform, stored.spread, stored.shift)
         self._c.close_epoch(
             len(closing.at),
             *map(address, seen),
@@ -194,7 +207,7 @@ class NativeSteps(Steps):
             *closing.behind,
             len(stored.shift),
             stored.now,
-            *map(address, (*slots, stored.points, stored.modes, stored.roots)),
+            *self._stored(stored),
         )
         stored.now += 1
         return NewModes(made[1], made[2], made[0]), *new
