@@ -19,6 +19,7 @@ from jaxtyping import Float
 from spinfilters.attitude.expressions import Expression, quaternion_rate, rotate
 from spinfilters.dynamics.mass_distribution import inertia
 from spinfilters.errors import InputError
+from spinfilters.models.disturbed_steps import DisturbedSteps
 from spinfilters.models.many_steps import ManySteps
 from spinfilters.models.rotation_steps import RotationIntegrator
 from spinfilters.models.step_count import MAX_SUBSTEPS, substeps
@@ -93,11 +94,28 @@ class TorqueFreeProcess:
         self.layout = layout
         self.noise = noise
         self._tolerance = tolerance
-        self._integrator, self._many = _integrators(layout, tolerance)
+        self._integrator, self._many, self._disturbed = _integrators(layout, tolerance)
 
     def step(self, x: Float[np.ndarray, "*batch m"], dt: float) -> Float[np.ndarray, "*batch m"]:
         """Points after ``dt`` seconds (dt > 0) without noise."""
         return self._integrator.step(x, dt)
+
+    def disturbed_steps(
+        self, x: Float[np.ndarray, "*batch m"], dt: float, normal: Float[np.ndarray, "n *batch 2 b"]
+    ) -> Float[np.ndarray, "*batch m"]:
+        """Points after n steps of ``dt`` seconds (dt > 0), each between half a step's white disturbances before it and after it.
+
+        Parameters
+        ----------
+        normal: independent standard normals before and after each step: of the body rate, then of the velocity if there is one.
+        """
+        psd = np.repeat([self.noise.torque_psd, self.noise.force_psd], 3)[: self.disturbed_dim]
+        return self._disturbed.run(x, dt, np.sqrt(psd * (dt / 2)) * normal)
+
+    @property
+    def disturbed_dim(self) -> int:
+        """Components of a state that white disturbances act on."""
+        return len(self._disturbed.kicked)
 
     def linearise(
         self, x: Float[np.ndarray, " m"], dt: float
@@ -156,7 +174,9 @@ class TorqueFreeProcess:
 
 
 @cache
-def _integrators(layout: StateLayout, tolerance: float) -> tuple[RotationIntegrator, ManySteps]:
+def _integrators(
+    layout: StateLayout, tolerance: float
+) -> tuple[RotationIntegrator, ManySteps, DisturbedSteps]:
     """The compiled steps of a layout, made once in a process: building their expressions costs as much as smoothing."""
     integrator = RotationIntegrator(layout, body_acceleration, tolerance)
-    return integrator, ManySteps(layout, integrator)
+    return integrator, ManySteps(layout, integrator), DisturbedSteps(layout, integrator)

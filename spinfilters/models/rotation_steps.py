@@ -86,6 +86,10 @@ class RotationIntegrator:
                 return after, transition, factor
             count *= 2
 
+    def step_function(self, count: int) -> ca.Function:
+        """(x, dt) to (the point after dt in ``count`` substeps, an estimate of its error)."""
+        return self._stepper(count).function
+
     def turns(self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         """|w| dt of many steps, rad; infinite where it is beyond all numbers."""
         with np.errstate(over="ignore"):
