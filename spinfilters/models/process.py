@@ -22,7 +22,7 @@ from spinfilters.errors import InputError
 from spinfilters.models.disturbed_steps import DisturbedSteps
 from spinfilters.models.many_steps import ManySteps
 from spinfilters.models.rotation_steps import RotationIntegrator
-from spinfilters.models.step_count import MAX_SUBSTEPS, substeps
+from spinfilters.models.step_count import MAX_SUBSTEPS, substeps, turns
 from spinfilters.state.layout import StateLayout
 
 SMALLEST_SQUARE = 1e-300
@@ -149,17 +149,17 @@ class TorqueFreeProcess:
 
         That is a step beyond `MAX_SUBSTEPS`, or more than `MOST_SUBSTEPS` and `USUAL_SUBSTEPS` a step in all.
         """
-        turns = np.linalg.norm(rates[:-1], axis=1) * np.diff(time)
-        if substeps(float(turns.max(initial=0.0)), self._tolerance) <= USUAL_SUBSTEPS:
+        turned = turns(rates[:-1], np.diff(time))
+        if substeps(float(turned.max(initial=0.0)), self._tolerance) <= USUAL_SUBSTEPS:
             return  # nearly always, and long recordings have many steps
-        counts = np.array([substeps(turn, self._tolerance) for turn in turns.tolist()])
+        counts = np.array([substeps(turn, self._tolerance) for turn in turned.tolist()])
         if counts.max(initial=0) <= MAX_SUBSTEPS and counts.sum() <= max(
             MOST_SUBSTEPS, USUAL_SUBSTEPS * len(counts)
         ):
             return
-        k = int(turns.argmax())
+        k = int(turned.argmax())
         raise InputError(
-            f"the body turns {turns[k] / (2 * np.pi):.3g} times from t = {time[k]:.9g} s to {time[k + 1]:.9g} s, too far to be "
+            f"the body turns {turned[k] / (2 * np.pi):.3g} times from t = {time[k]:.9g} s to {time[k + 1]:.9g} s, too far to be "
             f"followed at process.tolerance {self._tolerance:g}; correct rates and times there, or cut the recording"
         )
 
