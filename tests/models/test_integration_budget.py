@@ -53,7 +53,7 @@ def test_a_motion_that_is_too_much_to_integrate_is_refused_before_it_begins() ->
         PROCESS.require_steps(np.arange(200) * 100.0, np.tile([0.3, 1.0, 0.2], (200, 1)))
 
 
-@pytest.mark.parametrize("rate", [1e160, 1e305, 1.7e308])
+@pytest.mark.parametrize("rate", [1e160, 1e305, 1.5e308])
 def test_a_rate_whose_square_is_beyond_all_numbers_is_refused_without_a_warning(rate: float) -> None:
     fast, slice_w = POINT.copy(), PROCESS.layout.mean_slice("w")
     fast[slice_w] = [rate, 0.0, rate / 2]
