@@ -78,9 +78,9 @@ def _rates(time: Float[np.ndarray, " k"], q: Float[np.ndarray, "k 4"]) -> Float[
     count = np.count_nonzero(used, axis=1)
     if count.min() < 2:
         k = int(np.argmin(count))
-        others = np.delete(turn[k], half)[np.delete(inside[k], half)]
+        beside = turn[k, [half - 1, half + 1]][inside[k, [half - 1, half + 1]]]
         raise InputError(
-            f"the body turns by {np.degrees(others.min()):.0f} deg between frames near t = {time[k]:.3f} s; "
+            f"the body turns by {np.degrees(beside.min()):.0f} deg between frames near t = {time[k]:.3f} s; "
             "more than about half a revolution per frame cannot be told from its opposite: give a faster frame rate"
         )
     elapsed = np.where(used, time[around] - time[:, None], 0.0)
