@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from spinfilters.cli.console import wide_console
+from spinfilters.cli.console import progress_bars, wide_console
 from spinfilters.errors import InputError
 from spinfilters.evaluation.rates import true_rates
 from spinfilters.logs.dataset_writing import write_dataset
@@ -25,7 +25,8 @@ def simulate(options: argparse.Namespace) -> int:
     _refuse_blur(options)
     folder, scenario = Path(options.output), _scenario(options)
     refuse_foreign(folder, COMMAND)
-    dataset = simulate_scenario(scenario)
+    with progress_bars() as report:
+        dataset = simulate_scenario(scenario, lambda done, total: report("motion", done, total))
     assert dataset.truth is not None
     with output_folder(folder, COMMAND) as place:
         write_dataset(dataset if options.known_map else without_map(dataset), place)

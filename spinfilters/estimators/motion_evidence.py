@@ -61,27 +61,31 @@ def evidence_from_poses(poses: MeasurementStream, frames: int) -> MotionEvidence
         raise InputError(
             f"a start from poses needs at least 4 frames, got {len(time)}; give a longer recording"
         )
-    rates = np.array([_rate(time, q, k) for k in range(len(time))])
-    return MotionEvidence(time, q, rates, poses.values[:frames, :3])
+    return MotionEvidence(time, q, _rates(time, q), poses.values[:frames, :3])
 
 
-def _rate(time: Float[np.ndarray, " k"], q: Float[np.ndarray, "k 4"], k: int) -> Float[np.ndarray, " 3"]:
-    around = np.arange(max(0, k - LARGEST_WINDOW // 2), min(len(time), k + LARGEST_WINDOW // 2 + 1))
-    phi = rotation_vector_from_quaternion(multiply(inverse(q[k]), q[around]))
-    turn = np.linalg.norm(phi, axis=1)
-    near = turn < LARGEST_TURN
-    middle = int(np.flatnonzero(around == k)[0])
-    first = middle - int(np.argmin(np.append(near[middle::-1], False))) + 1
-    last = middle + int(np.argmin(np.append(near[middle:], False)))
-    if last - first < 2:
+def _rates(time: Float[np.ndarray, " k"], q: Float[np.ndarray, "k 4"]) -> Float[np.ndarray, "k 3"]:
+    """Slope at every pose of a polynomial through the rotation vectors to the poses around it."""
+    half = LARGEST_WINDOW // 2
+    around = np.arange(len(time))[:, None] + np.arange(-half, half + 1)
+    inside = (around >= 0) & (around < len(time))
+    around = np.clip(around, 0, len(time) - 1)
+    phi = rotation_vector_from_quaternion(multiply(inverse(q)[:, None], q[around]))
+    turn = np.linalg.norm(phi, axis=2)
+    near = inside & (turn < LARGEST_TURN)
+    reach = np.logical_and.accumulate
+    used = np.concatenate([reach(near[:, half::-1], axis=1)[:, :0:-1], reach(near[:, half:], axis=1)], axis=1)
+    count = np.count_nonzero(used, axis=1)
+    if count.min() < 2:
+        k = int(np.argmin(count))
+        beside = turn[k, [half - 1, half + 1]][inside[k, [half - 1, half + 1]]]
         raise InputError(
-            f"the body turns by {np.degrees(np.delete(turn, middle).min()):.0f} deg between frames near t = {time[k]:.3f} s; "
+            f"the body turns by {np.degrees(beside.min()):.0f} deg between frames near t = {time[k]:.3f} s; "
             "more than about half a revolution per frame cannot be told from its opposite: give a faster frame rate"
         )
-    elapsed = time[around[first:last]] - time[k]
-    scale = np.abs(elapsed).max()
-    degree = min(DEGREE, len(elapsed) - 1)
-    slope = np.linalg.lstsq(
-        np.vander(elapsed / scale, degree + 1, increasing=True), phi[first:last], rcond=None
-    )[0]
-    return slope[1] / scale
+    elapsed = np.where(used, time[around] - time[:, None], 0.0)
+    scale = np.abs(elapsed).max(axis=1, keepdims=True)
+    powers = (elapsed / scale)[..., None] ** np.arange(DEGREE + 1)
+    told = used[..., None] & (np.arange(DEGREE + 1) < count[:, None, None])
+    slope = np.linalg.pinv(np.where(told, powers, 0.0))[:, 1:2] @ phi
+    return slope[:, 0] / scale

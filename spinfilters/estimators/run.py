@@ -18,6 +18,8 @@ from spinfilters.symbolic import working_seconds
 REHEARSED = 3
 """Frames of a rehearsal: the third is predicted and updated from what the second left."""
 
+NO_FRAME_LEFT = "no frame is left after the start; give a longer recording or a shorter start (start.frames)"
+
 
 def run(
     estimator: Estimator,
@@ -100,9 +102,7 @@ def finite(belief: Gaussian, reports: list[UpdateReport]) -> bool:
 
 def _check(time: float, timeline: Timeline, rows: GrowingHistory) -> None:
     if not timeline and not len(rows):
-        raise InputError(
-            "no frame is left after the start; give a longer recording or a shorter start (start.frames)"
-        )
+        raise InputError(NO_FRAME_LEFT)
     if rows.time != time:
         raise InputError(f"the frames done before end at {rows.time} s; go on from there, not from {time} s")
     if timeline and not timeline[0].time >= time:

@@ -1,7 +1,7 @@
 """Absolute orientation: the rigid motion between two sets of matched points."""
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.errors import InputError
@@ -13,10 +13,7 @@ def absolute_orientation(
     points_b: Float[np.ndarray, "n 3"],
     weights: Float[np.ndarray, " n"] | None = None,
 ) -> tuple[Float[np.ndarray, " 4"], Float[np.ndarray, " 3"]]:
-    """(q_ab, t_ab) that minimises the weighted sum of |p_a - R_ab p_b - t_ab|^2, scale one.
-
-    Horn's closed form: the quaternion is the eigenvector of the largest eigenvalue of N (Tweddle 2013, Eqs 2.104-2.108, with the
-    means of 2.104-2.105 corrected; Horn 1987).
+    """(q_ab, t_ab) that minimises the weighted sum of |p_a - R_ab p_b - t_ab|^2, scale one; of one set (`absolute_orientations`).
 
     Raises
     ------
@@ -25,15 +22,30 @@ def absolute_orientation(
     if len(points_a) < 3:
         raise InputError(f"absolute orientation needs at least 3 matched points, got {len(points_a)}")
     w = np.ones(len(points_a)) if weights is None else weights
-    w = w / w.sum()
-    mean_a, mean_b = w @ points_a, w @ points_b
-    M = (points_b - mean_b).T @ (w[:, None] * (points_a - mean_a))
-    values, vectors = np.linalg.eigh(_horn_matrix(M))
-    if values[3] - values[2] <= SINGULAR * max(abs(values[3]), np.finfo(float).tiny):
+    q, t, determined = absolute_orientations(points_a[None], points_b[None], w[None])
+    if not determined[0]:
         raise InputError("absolute orientation is undetermined: the matched points lie on one line")
-    s, x, y, z = vectors[:, 3]
-    q = np.array([x, y, z, s]) * (1.0 if s >= 0 else -1.0)
-    return q, mean_a - matrix_from_quaternion(q) @ mean_b
+    return q[0], t[0]
+
+
+def absolute_orientations(
+    points_a: Float[np.ndarray, "h n 3"],
+    points_b: Float[np.ndarray, "h n 3"],
+    weights: Float[np.ndarray, "h n"],
+) -> tuple[Float[np.ndarray, "h 4"], Float[np.ndarray, "h 3"], Bool[np.ndarray, " h"]]:
+    """(q_ab, t_ab) of h sets at once, and which of them their points determine (those not on one line do).
+
+    Horn's closed form: the quaternion is the eigenvector of the largest eigenvalue of N (Tweddle 2013, Eqs 2.104-2.108, with the
+    means of 2.104-2.105 corrected; Horn 1987). A point of weight zero has no say; the weights of a set must not all be zero.
+    """
+    w = (weights / weights.sum(axis=1, keepdims=True))[:, None]
+    mean_a, mean_b = w @ points_a, w @ points_b
+    M = np.swapaxes(points_b - mean_b, 1, 2) @ (np.swapaxes(w, 1, 2) * (points_a - mean_a))
+    values, vectors = np.linalg.eigh(_horn_matrices(M))
+    largest = np.maximum(np.abs(values[:, 3]), np.finfo(float).tiny)
+    q = vectors[:, [1, 2, 3, 0], 3] * np.where(vectors[:, :1, 3] >= 0, 1.0, -1.0)
+    t = mean_a - mean_b @ np.swapaxes(matrix_from_quaternion(q), 1, 2)
+    return q, t[:, 0], values[:, 3] - values[:, 2] > SINGULAR * largest
 
 
 def rigid_motions(
@@ -48,11 +60,12 @@ def rigid_motions(
     return R, mean_a - (R @ mean_b[..., None])[..., 0]
 
 
-def _horn_matrix(S: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "4 4"]:
+def _horn_matrices(S: Float[np.ndarray, "h 3 3"]) -> Float[np.ndarray, "h 4 4"]:
     """N of Horn's method, scalar first, for S = sum p_b p_a'."""
-    delta = np.array([S[1, 2] - S[2, 1], S[2, 0] - S[0, 2], S[0, 1] - S[1, 0]])
-    N = np.empty((4, 4))
-    N[0, 0] = np.trace(S)
-    N[0, 1:] = N[1:, 0] = delta
-    N[1:, 1:] = S + S.T - np.trace(S) * np.eye(3)
+    trace = np.trace(S, axis1=1, axis2=2)
+    N = np.empty((len(S), 4, 4))
+    N[:, 0, 0] = trace
+    delta = (S[:, 1, 2] - S[:, 2, 1], S[:, 2, 0] - S[:, 0, 2], S[:, 0, 1] - S[:, 1, 0])
+    N[:, 0, 1:] = N[:, 1:, 0] = np.stack(delta, axis=1)
+    N[:, 1:, 1:] = S + np.swapaxes(S, 1, 2) - trace[:, None, None] * np.eye(3)
     return N

@@ -6,7 +6,7 @@ A singular matrix passes a Cholesky factorisation or not by the last bit of a su
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 SINGULAR: Final = 1e-12
 """Smallest eigenvalue, over the largest or over a diagonal of ones, from which down a matrix counts as singular.
@@ -38,3 +38,10 @@ def is_definite(covariance: Float[np.ndarray, "*batch n n"]) -> bool:
     except np.linalg.LinAlgError:
         return False
     return True
+
+
+def which_definite(covariances: Float[np.ndarray, "k n n"]) -> Bool[np.ndarray, " k"]:
+    """Which symmetric matrices have a `correlation_root`."""
+    if is_definite(covariances):
+        return np.ones(len(covariances), dtype=bool)
+    return np.array([is_definite(covariance) for covariance in covariances])

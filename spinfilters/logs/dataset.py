@@ -5,7 +5,8 @@ phyphox app and a single gyro or TUM file are read as they are.
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -83,6 +84,20 @@ class Dataset:
         self.log.stream(KINDS[self.kind])
         if "stereo" in self.log.sensors and self.rig is None:
             raise InputError("stereo measurements need a rig; give the calibration of the cameras")
+
+    @property
+    def name(self) -> str:
+        """Where it was read, with the segment, or what it is: how an error names it."""
+        place = printable(self.description) or "the data set" if self.path is None else named(self.path)
+        return place if self.segment is None else f"{place}, segment {self.segment.number}"
+
+    @contextmanager
+    def naming(self) -> Iterator[None]:
+        """Put `name` in front of every InputError about the measurements, which do not know where they come from."""
+        try:
+            yield
+        except InputError as error:
+            raise InputError(f"{self.name}: {error}") from None
 
 
 def read_dataset(path: str | os.PathLike[str], segment: int | None = None) -> Dataset:

@@ -19,9 +19,10 @@ from jaxtyping import Float
 from spinfilters.attitude.expressions import Expression, quaternion_rate, rotate
 from spinfilters.dynamics.mass_distribution import inertia
 from spinfilters.errors import InputError
+from spinfilters.models.disturbed_steps import DisturbedSteps
 from spinfilters.models.many_steps import ManySteps
 from spinfilters.models.rotation_steps import RotationIntegrator
-from spinfilters.models.step_count import MAX_SUBSTEPS, substeps
+from spinfilters.models.step_count import MAX_SUBSTEPS, substeps, turns
 from spinfilters.state.layout import StateLayout
 
 SMALLEST_SQUARE = 1e-300
@@ -93,11 +94,28 @@ class TorqueFreeProcess:
         self.layout = layout
         self.noise = noise
         self._tolerance = tolerance
-        self._integrator, self._many = _integrators(layout, tolerance)
+        self._integrator, self._many, self._disturbed = _integrators(layout, tolerance)
 
     def step(self, x: Float[np.ndarray, "*batch m"], dt: float) -> Float[np.ndarray, "*batch m"]:
         """Points after ``dt`` seconds (dt > 0) without noise."""
         return self._integrator.step(x, dt)
+
+    def disturbed_steps(
+        self, x: Float[np.ndarray, "*batch m"], dt: float, normal: Float[np.ndarray, "n *batch 2 b"]
+    ) -> Float[np.ndarray, "*batch m"]:
+        """Points after n steps of ``dt`` seconds (dt > 0), each between half a step's white disturbances before it and after it.
+
+        Parameters
+        ----------
+        normal: independent standard normals before and after each step: of the body rate, then of the velocity if there is one.
+        """
+        psd = np.repeat([self.noise.torque_psd, self.noise.force_psd], 3)[: self.disturbed_dim]
+        return self._disturbed.run(x, dt, np.sqrt(psd * (dt / 2)) * normal)
+
+    @property
+    def disturbed_dim(self) -> int:
+        """Components of a state that white disturbances act on."""
+        return len(self._disturbed.kicked)
 
     def linearise(
         self, x: Float[np.ndarray, " m"], dt: float
@@ -131,17 +149,17 @@ class TorqueFreeProcess:
 
         That is a step beyond `MAX_SUBSTEPS`, or more than `MOST_SUBSTEPS` and `USUAL_SUBSTEPS` a step in all.
         """
-        turns = np.linalg.norm(rates[:-1], axis=1) * np.diff(time)
-        if substeps(float(turns.max(initial=0.0)), self._tolerance) <= USUAL_SUBSTEPS:
+        turned = turns(rates[:-1], np.diff(time))
+        if substeps(float(turned.max(initial=0.0)), self._tolerance) <= USUAL_SUBSTEPS:
             return  # nearly always, and long recordings have many steps
-        counts = np.array([substeps(turn, self._tolerance) for turn in turns.tolist()])
+        counts = np.array([substeps(turn, self._tolerance) for turn in turned.tolist()])
         if counts.max(initial=0) <= MAX_SUBSTEPS and counts.sum() <= max(
             MOST_SUBSTEPS, USUAL_SUBSTEPS * len(counts)
         ):
             return
-        k = int(turns.argmax())
+        k = int(turned.argmax())
         raise InputError(
-            f"the body turns {turns[k] / (2 * np.pi):.3g} times from t = {time[k]:.9g} s to {time[k + 1]:.9g} s, too far to be "
+            f"the body turns {turned[k] / (2 * np.pi):.3g} times from t = {time[k]:.9g} s to {time[k + 1]:.9g} s, too far to be "
             f"followed at process.tolerance {self._tolerance:g}; correct rates and times there, or cut the recording"
         )
 
@@ -156,7 +174,9 @@ class TorqueFreeProcess:
 
 
 @cache
-def _integrators(layout: StateLayout, tolerance: float) -> tuple[RotationIntegrator, ManySteps]:
+def _integrators(
+    layout: StateLayout, tolerance: float
+) -> tuple[RotationIntegrator, ManySteps, DisturbedSteps]:
     """The compiled steps of a layout, made once in a process: building their expressions costs as much as smoothing."""
     integrator = RotationIntegrator(layout, body_acceleration, tolerance)
-    return integrator, ManySteps(layout, integrator)
+    return integrator, ManySteps(layout, integrator), DisturbedSteps(layout, integrator)

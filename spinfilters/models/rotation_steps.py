@@ -8,6 +8,7 @@ weights keep it positive semidefinite, and which is exact for dt -> 0.
 
 from collections.abc import Callable
 from functools import lru_cache
+from math import hypot
 
 import casadi as ca
 import numpy as np
@@ -25,7 +26,7 @@ from spinfilters.attitude.expressions import (
 )
 from spinfilters.dynamics.mass_distribution import inertia
 from spinfilters.errors import InputError, SpinfiltersError
-from spinfilters.models.step_count import FEWEST, MAX_SUBSTEPS, boole_weights, substeps
+from spinfilters.models.step_count import FEWEST, MAX_SUBSTEPS, boole_weights, substeps, turns
 from spinfilters.state.layout import StateLayout
 from spinfilters.symbolic import Compiled, building
 
@@ -86,18 +87,20 @@ class RotationIntegrator:
                 return after, transition, factor
             count *= 2
 
+    def step_function(self, count: int) -> ca.Function:
+        """(x, dt) to (the point after dt in ``count`` substeps, an estimate of its error)."""
+        return self._stepper(count).function
+
     def turns(self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         """|w| dt of many steps, rad; infinite where it is beyond all numbers."""
-        with np.errstate(over="ignore"):
-            return np.linalg.norm(x[:, self._rate], axis=1) * dt
+        return turns(x[:, self._rate], dt)
 
     def first_count(self, x: np.ndarray, dt: float) -> int:
         """Substeps with which the step control starts."""
         if not (np.isfinite(dt) and dt > 0):
             raise InputError(f"time step is {dt} s; it must be positive and finite")
         w = x[..., self._rate]
-        squared = w @ w if w.ndim == 1 else np.max(np.einsum("...i,...i->...", w, w), initial=0.0)
-        turn = float(squared) ** 0.5 * dt
+        turn = hypot(*w.tolist()) * dt if w.ndim == 1 else float(np.max(turns(w, np.array(dt)), initial=0.0))
         if not np.isfinite(turn):
             return FEWEST  # no step count helps: the caller sees that the result is not finite
         count = substeps(turn, self._tolerance)

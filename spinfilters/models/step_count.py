@@ -14,6 +14,15 @@ STEP_ERROR = 6e-4
 coarse costs one more evaluation, one that is too fine would cost every one."""
 
 
+def turns(
+    rates: Float[np.ndarray, "*batch 3"], dt: Float[np.ndarray, "*batch"]
+) -> Float[np.ndarray, "*batch"]:
+    """|w| dt of steps, rad; infinite where it is beyond all numbers, which no square on the way is."""
+    scale = np.abs(rates).max(axis=-1, keepdims=True, initial=np.finfo(float).tiny)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return scale[..., 0] * np.linalg.norm(rates / scale, axis=-1) * dt
+
+
 def substeps(turn: float, tolerance: float) -> int:
     """Substeps that a turn (rad) in one step is expected to need, a power of two; above `MAX_SUBSTEPS` for what needs more."""
     angle = (tolerance / (STEP_ERROR * max(turn, tolerance))) ** 0.25

@@ -10,7 +10,8 @@ from spinfilters.logs.measurement_log import MeasurementStream
 from spinfilters.logs.track_files import KnownMap
 from spinfilters.models.sensor_noise import NoiseLevel, noise_of_rows
 from spinfilters.perception.map_in_progress import MapInProgress
-from spinfilters.perception.pose_fit import FittedPose, fit_pose
+from spinfilters.perception.matches import Matches
+from spinfilters.perception.pose_fit import FittedPose, fit_pose, fit_poses
 from spinfilters.perception.track_poses import find_landmarks, pose_stream, track_frames
 
 PASSES = 4
@@ -47,14 +48,17 @@ def poses_without_map(
     building, fits = MapInProgress.empty(ids), {}
     for time, rows in chosen:
         fits[time] = (
-            _pose(tracks, rows, building, calibration, noise) if fits else _first(tracks, rows, calibration)
+            fit_pose(_matches(tracks, rows, building, noise), calibration)
+            if fits
+            else _first(tracks, rows, calibration)
         )
         _add_sightings(tracks, rows, fits[time], building, calibration, noise)
     for _ in range(PASSES):
         complete, building = building, MapInProgress.empty(ids)
-        for time, rows in chosen:
-            fits[time] = _pose(tracks, rows, complete, calibration, noise)
-            _add_sightings(tracks, rows, fits[time], building, calibration, noise)
+        found = fit_poses([_matches(tracks, rows, complete, noise) for _, rows in chosen], calibration)
+        for (time, rows), fitted in zip(chosen, found, strict=True):
+            fits[time] = fitted
+            _add_sightings(tracks, rows, fitted, building, calibration, noise)
     seen = np.flatnonzero(building.seen)
     return pose_stream(fits), KnownMap(ids[seen], building.points(seen)[0])
 
@@ -70,17 +74,14 @@ def _first(tracks: MeasurementStream, rows: slice, calibration: np.ndarray) -> F
     return FittedPose(pose, np.eye(6) * 1e-12, good)
 
 
-def _pose(
-    tracks: MeasurementStream, rows: slice, known: MapInProgress, calibration: np.ndarray, noise: NoiseLevel
-) -> FittedPose | None:
+def _matches(tracks: MeasurementStream, rows: slice, known: MapInProgress, noise: NoiseLevel) -> Matches:
+    """Those of a frame with a map of which each point has its covariance."""
     assert tracks.ids is not None
     index, _ = find_landmarks(known.ids, tracks.ids[rows])
     found = known.seen[index]
-    if np.count_nonzero(found) < 4:
-        return None
     points, covariance = known.points(index[found])
     own = noise_of_rows(noise_of_rows(noise, rows), found)
-    return fit_pose(points, tracks.values[rows][found], calibration, own, covariance)
+    return Matches(points, tracks.values[rows][found], own, covariance)
 
 
 def _add_sightings(

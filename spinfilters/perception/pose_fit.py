@@ -1,16 +1,19 @@
-"""The pose of one frame from a stereo pair's points and a map: what most matches agree on, then Gauss-Newton on the pixels."""
+"""Poses from a stereo pair's pixels and a map: what most matches of a frame agree on, then Gauss-Newton, many frames at once."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
-from spinfilters.linear_algebra.definite import is_definite
-from spinfilters.models.sensor_noise import NoiseLevel, SensorNoiseModel, noise_model
-from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
-from spinfilters.perception.pose_consensus import SMALLEST_SHARE, consensus_pose
+from spinfilters.linear_algebra.definite import which_definite
+from spinfilters.models.sensor_noise import SensorNoiseModel, noise_model
+from spinfilters.models.sensors.stereo_landmark import StereoLandmark
+from spinfilters.perception.matches import Matches, MatchTable
+from spinfilters.perception.pose_consensus import SMALLEST_SHARE, consensus_poses
 from spinfilters.state.layout import StateLayout
 
 ITERATIONS = 8
@@ -20,6 +23,8 @@ GATE_PX = 6.0
 """Residual in standard deviations beyond which a match counts as wrong."""
 OPENING = 6.0
 """Times the lower quartile of the residuals: less than the gate when all matches are right and so is their noise."""
+FRAMES_AT_ONCE = 64
+"""Whose rows are in memory together: more gain no time."""
 
 
 @dataclass(frozen=True)
@@ -36,60 +41,105 @@ def _stereo(noise: SensorNoiseModel) -> StereoLandmark:
     return StereoLandmark(StateLayout(("t", "a")), noise)
 
 
-def fit_pose(
-    points: Float[np.ndarray, "k 3"],
-    pixels: Float[np.ndarray, "k 3"],
-    calibration: Float[np.ndarray, " 5"],
-    noise: NoiseLevel,
-    covariance: Float[np.ndarray, "k 3 3"] | None = None,
-) -> FittedPose | None:
-    """Pose of g in i that reprojects map points (frame g, m) onto rectified pixels; None when fewer than four matches agree.
+def fit_pose(matches: Matches, calibration: Float[np.ndarray, " 5"]) -> FittedPose | None:
+    """`fit_poses` of one frame."""
+    return fit_poses([matches], calibration)[0]
+
+
+def fit_poses(frames: Sequence[Matches], calibration: Float[np.ndarray, " 5"]) -> list[FittedPose | None]:
+    """Poses of g in i that reproject map points onto rectified pixels; None for a frame where fewer than four matches agree.
 
     Parameters
     ----------
+    frames: whose noise is told in one way: all by a standard deviation, or all by covariances; so are their points.
     calibration: (fx, fy, cx, cy, baseline) of the rig.
-    noise: standard deviation (px) of each pixel coordinate, or (k, 3, 3) covariances of the matches (px^2).
-    covariance: of the points, m^2, frame g; None for a map that is known exactly. A triangulated depth is so uncertain that
-        a fit without it would turn the body to please the depths.
     """
-    model, parameters = _stereo(noise_model(noise, 3)), stereo_parameters(points, calibration, noise)
-    pose = consensus_pose(points, pixels, calibration)
-    if pose is None:
-        return None
-    inliers = np.ones(len(points), dtype=bool)
-    information = np.eye(6)
-    for _ in range(ITERATIONS):
-        innovation, jacobian, valid, _ = model.linearise(pose, parameters, pixels)
-        if covariance is not None:
-            innovation, jacobian = _with_map_noise(pose, innovation, jacobian, covariance)
-        inliers = valid & _within_gate(np.abs(innovation).max(axis=1))
-        if np.count_nonzero(inliers) < max(4, SMALLEST_SHARE * len(points)):
-            return None
-        A, b = jacobian[inliers].reshape(-1, 6), innovation[inliers].reshape(-1)
-        information = A.T @ A
-        if not is_definite(information):
-            return None
-        step = np.linalg.solve(information, A.T @ b)
-        pose = model.layout.retract(pose, step)
-        if step @ information @ step < SETTLED**2:
+    found: list[FittedPose | None] = []
+    for first in range(0, len(frames), FRAMES_AT_ONCE):
+        found += _fitted(frames[first : first + FRAMES_AT_ONCE], calibration)
+    return found
+
+
+def _fitted(frames: Sequence[Matches], calibration: Float[np.ndarray, " 5"]) -> list[FittedPose | None]:
+    table = MatchTable.of(frames, calibration)
+    fits: list[FittedPose | None] = [None] * len(frames)
+    if not table.given.any():
+        return fits
+    model = _stereo(noise_model(frames[0].noise, 3))
+    poses, moving = consensus_poses(table, calibration)
+    for iteration in range(ITERATIONS):
+        rows = np.flatnonzero(moving)
+        if not len(rows):
             break
-    return FittedPose(pose, np.linalg.inv(information), inliers)
+        step = _gauss_newton(model, table.part(moving), poses[moving])
+        poses[rows] = step.poses
+        settled = step.determined & (step.length < SETTLED)
+        done = step.determined if iteration == ITERATIONS - 1 else settled
+        for k in np.flatnonzero(done):
+            inliers = step.inliers[k, : len(frames[rows[k]].points)]
+            fits[rows[k]] = FittedPose(step.poses[k], np.linalg.inv(step.information[k]), inliers)
+        moving[rows] = step.determined & ~settled
+    return fits
 
 
-def _within_gate(size: Float[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
-    """Residuals (standard deviations) below a gate that opens while the pose is off, judged by the quarter that fits best."""
-    quarter = len(size) // 4
-    return size < max(GATE_PX, OPENING * float(np.partition(size, quarter)[quarter]))
+class _Step(NamedTuple):
+    """One step of Gauss-Newton of f frames.
+
+    Attributes
+    ----------
+    poses: (f, 7) after it.   information: (f, 6, 6) before it.   inliers: (f, k) matches that took part.
+    length: (f,) in standard deviations of the pose.   determined: (f,) whether the matches tell a pose; else it stays.
+    """
+
+    poses: Float[np.ndarray, "f 7"]
+    information: Float[np.ndarray, "f 6 6"]
+    inliers: Bool[np.ndarray, "f k"]
+    length: Float[np.ndarray, " f"]
+    determined: Bool[np.ndarray, " f"]
+
+
+def _gauss_newton(model: StereoLandmark, table: MatchTable, poses: Float[np.ndarray, "f 7"]) -> _Step:
+    innovation, jacobian, valid = _linearised(model, table, poses)
+    if table.covariance is not None:
+        innovation, jacobian = _with_map_noise(poses, innovation, jacobian, table.covariance)
+    inliers = valid & _within_gate(np.abs(innovation).max(axis=2), table)
+    determined = np.count_nonzero(inliers, axis=1) >= np.maximum(4, SMALLEST_SHARE * table.counts)
+    jacobian[~inliers], innovation[~inliers] = 0.0, 0.0
+    A, b = jacobian.reshape(len(poses), -1, 6), innovation.reshape(len(poses), -1, 1)
+    information, gradient = np.swapaxes(A, 1, 2) @ A, np.swapaxes(A, 1, 2) @ b
+    determined[determined] = which_definite(information[determined])
+    step = np.zeros((len(poses), 6))
+    step[determined] = np.linalg.solve(information[determined], gradient[determined])[..., 0]
+    length = np.sqrt(np.einsum("fi,fij,fj->f", step, information, step))
+    return _Step(model.layout.retract(poses, step), information, inliers, length, determined)
+
+
+def _linearised(
+    model: StereoLandmark, table: MatchTable, poses: Float[np.ndarray, "f 7"]
+) -> tuple[Float[np.ndarray, "f k 3"], Float[np.ndarray, "f k 3 6"], Bool[np.ndarray, "f k"]]:
+    """Whitened innovations of the matches, their derivatives by the poses, and where the sensor applies."""
+    (f, k), p = table.given.shape, table.parameters.shape[2]
+    innovation, jacobian, valid, _ = model.linearise(
+        np.repeat(poses, k, axis=0), table.parameters.reshape(f * k, p), table.pixels.reshape(f * k, 3)
+    )
+    return innovation.reshape(f, k, 3), jacobian.reshape(f, k, 3, 6), valid.reshape(f, k) & table.given
+
+
+def _within_gate(size: Float[np.ndarray, "f k"], table: MatchTable) -> Bool[np.ndarray, "f k"]:
+    """Residuals (standard deviations) below a gate that opens while a pose is off, judged by the quarter that fits best."""
+    ordered = np.sort(np.where(table.given, size, np.nan), axis=1)  # what is not a number comes last
+    quarter = np.take_along_axis(ordered, table.counts[:, None] // 4, axis=1)
+    return size < np.fmax(GATE_PX, OPENING * quarter)
 
 
 def _with_map_noise(
-    pose: Float[np.ndarray, " 7"],
-    innovation: Float[np.ndarray, "k 3"],
-    jacobian: Float[np.ndarray, "k 3 6"],
-    covariance: Float[np.ndarray, "k 3 3"],
-) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3 6"]]:
+    poses: Float[np.ndarray, "f 7"],
+    innovation: Float[np.ndarray, "f k 3"],
+    jacobian: Float[np.ndarray, "f k 3 6"],
+    covariance: Float[np.ndarray, "f k 3 3"],
+) -> tuple[Float[np.ndarray, "f k 3"], Float[np.ndarray, "f k 3 6"]]:
     """Whitened once more, by the pixels' and the points' noise together."""
-    by_point = jacobian[:, :, :3] @ matrix_from_quaternion(pose[3:])
-    root = np.linalg.cholesky(np.eye(3) + by_point @ covariance @ np.swapaxes(by_point, 1, 2))
-    both = np.linalg.solve(root, np.concatenate([innovation[..., None], jacobian], axis=2))
+    by_point = jacobian[..., :3] @ matrix_from_quaternion(poses[:, 3:])[:, None]
+    root = np.linalg.cholesky(np.eye(3) + by_point @ covariance @ np.swapaxes(by_point, 2, 3))
+    both = np.linalg.solve(root, np.concatenate([innovation[..., None], jacobian], axis=3))
     return both[..., 0], both[..., 1:]

@@ -9,7 +9,8 @@ from spinfilters.errors import InputError
 from spinfilters.logs.measurement_log import MeasurementStream
 from spinfilters.logs.track_files import KnownMap
 from spinfilters.models.sensor_noise import NoiseLevel, noise_of_rows
-from spinfilters.perception.pose_fit import FittedPose, fit_pose
+from spinfilters.perception.matches import Matches
+from spinfilters.perception.pose_fit import FittedPose, fit_poses
 
 
 def poses_with_map(
@@ -26,12 +27,13 @@ def poses_with_map(
     InputError: when no frame does.
     """
     assert tracks.ids is not None
-    fits: dict[float, FittedPose | None] = {}
+    times, frames = [], []
     for time, rows in track_frames(tracks):
         index, found = find_landmarks(known.ids, tracks.ids[rows])
         own = noise_of_rows(noise_of_rows(noise, rows), found)
-        fits[time] = fit_pose(known.points[index[found]], tracks.values[rows][found], calibration, own)
-    return pose_stream(fits)
+        times.append(time)
+        frames.append(Matches(known.points[index[found]], tracks.values[rows][found], own))
+    return pose_stream(dict(zip(times, fit_poses(frames, calibration), strict=True)))
 
 
 def track_frames(tracks: MeasurementStream) -> list[tuple[float, slice]]:

@@ -1,6 +1,7 @@
 """One figure that says how the body spins, how well that is known, and what it cost."""
 
 from collections.abc import Sequence
+from textwrap import wrap
 
 import numpy as np
 from jaxtyping import Float
@@ -8,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.flips import count_flips, knows_intermediate_axis
 from spinfilters.evaluation.rates import BodyRates, estimated_rates
 from spinfilters.evaluation.rounding import with_uncertainty
 from spinfilters.evaluation.span import initialisation_end, shared_begin
@@ -31,6 +33,9 @@ from spinfilters.plots.style import (
     tidy,
 )
 from spinfilters.state.status import Verdict
+
+FOOTER_WIDTH = 160
+"""Characters of a line below the panels."""
 
 
 def summary_figure(
@@ -77,25 +82,24 @@ def headline(evaluations: Sequence[Evaluation]) -> str:
     speed = np.linalg.norm(rates.rate, axis=1) * 30.0 / np.pi
     if not np.isfinite([*speed, *body.principal_moments]).all():
         return f"The estimate of {evaluation.name.upper()} is not finite"
-    about = rates.in_axes(body.principal_axes_g).rate
-    turns = _sign_changes(about)
     moments = " : ".join(
         with_uncertainty(value, std)
         for value, std in zip(body.principal_moments[:2], body.principal_moments_std[:2], strict=True)
     )
-    flips = f"{turns} flip{'s' * (turns > 1)}" if turns else "no flip"
     duration = rates.time[-1] - rates.time[0]
     doubt = (
         "" if evaluation.history.status.verdict is Verdict.OK else f" ({evaluation.name.upper()}, degraded)"
     )
-    return f"Spins at {np.median(speed):.3g} rpm, {flips} in {duration:.3g} s, moments of inertia {moments} : 1{doubt}"
+    return f"Spins at {np.median(speed):.3g} rpm, {_flips(evaluation)}{duration:.3g} s, moments of inertia {moments} : 1{doubt}"
 
 
-def _sign_changes(rate: np.ndarray) -> int:
-    """Reversals of the rate about the axis it is mostly about, beyond a tenth of its largest value."""
-    strongest = rate[:, int(np.square(rate).sum(axis=0).argmax())]
-    clear = strongest[np.abs(strongest) > 0.1 * np.abs(strongest).max()]
-    return int(np.count_nonzero(np.diff(np.sign(clear))))
+def _flips(evaluation: Evaluation) -> str:
+    """How often the rotation about the intermediate axis reverses in the time that follows; of no known axis nothing is said."""
+    body = evaluation.body
+    if not knows_intermediate_axis(body):
+        return "seen for "
+    count = count_flips(estimated_rates(evaluation.history).in_axes(body.principal_axes_g).rate)
+    return f"{count or 'no'} flip{'s' * (count > 1)} about the intermediate axis in "
 
 
 def _rates_panel(axes: Axes, evaluation: Evaluation, reference: BodyRates | None) -> None:
@@ -146,7 +150,10 @@ def _inertia_panel(
     axes.set_ylabel("ratio [-]")
     axes.set_title(f"inertia at the end, ±{SIGMAS:g} σ", loc="left", fontsize="medium")
     tidy(axes)
-    axes.legend(frameon=False, fontsize="small", loc="upper left")
+    below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.09)}
+    axes.legend(
+        frameon=False, fontsize="small", ncols=2 if count > 3 else count + 1, columnspacing=1.0, **below
+    )
 
 
 def _attitude_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[EstimatorLine]) -> None:
@@ -245,8 +252,8 @@ def _name_initialisation(axes: Axes, evaluations: Sequence[Evaluation]) -> None:
 
 def _footer(evaluations: Sequence[Evaluation], conditions: Sequence[str]) -> list[str]:
     """What was estimated from what, and by whom; a dollar sign would begin a formula."""
-    lines = [*title_sentences(evaluations), " ".join(conditions)]
-    return [line.replace("$", r"\$") for line in lines if line]
+    sentences = [*title_sentences(evaluations), " ".join(conditions)]
+    return [line.replace("$", r"\$") for words in sentences for line in wrap(words, FOOTER_WIDTH)]
 
 
 def _length(vectors: np.ndarray) -> Float[np.ndarray, " n"]:

@@ -1,5 +1,6 @@
 """A true motion: the stochastic process equation, integrated finely."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,12 @@ from spinfilters.state.layout import StateLayout
 
 SUBSTEPS = 40
 """Noise kicks per frame interval: the splitting error falls with its square."""
+Progress = Callable[[int, int], None]
+"""Called with how many frames are done, and of how many."""
+
+
+def silent(done: int, total: int) -> None:
+    """Tell nobody."""
 
 
 @dataclass(frozen=True)
@@ -36,34 +43,24 @@ def simulate_motion(
     start: Float[np.ndarray, "*batch m"],
     time: Float[np.ndarray, " n"],
     generator: np.random.Generator,
+    progress: Progress = silent,
 ) -> Float[np.ndarray, "n *batch m"]:
     """States at every time of one or many motions that begin at ``start`` (time[0]).
 
     Between frames the noise-free step and white kicks of rate and velocity alternate (Strang splitting: half a kick, a step, half a
     kick), so it does not rest on the process model's own noise covariance.
+
+    Parameters
+    ----------
+    progress: called after every frame with how many are done, and of how many.
     """
-    q, densities = process.layout.mean_slice("a"), _densities(process)
+    q, blocks = process.layout.mean_slice("a"), process.disturbed_dim // 3
     states, x = [start], start
     for interval in np.diff(time):
-        h, x = float(interval) / SUBSTEPS, x.copy()
-        for _ in range(SUBSTEPS):
-            before, after = generator.standard_normal((2, len(densities), *x.shape[:-1], 3))
-            _kick(x, densities, h / 2, before)
-            x = process.step(x, h)
-            _kick(x, densities, h / 2, after)
+        drawn = generator.standard_normal((SUBSTEPS, 2, blocks, *x.shape[:-1], 3))
+        normal = np.moveaxis(drawn, (1, 2), (-3, -2)).reshape(SUBSTEPS, *x.shape[:-1], 2, 3 * blocks)
+        x = process.disturbed_steps(x, float(interval) / SUBSTEPS, normal)
         x[..., q] /= np.linalg.norm(x[..., q], axis=-1, keepdims=True)
         states.append(x)
+        progress(len(states), len(time))
     return np.stack(states)
-
-
-def _densities(process: TorqueFreeProcess) -> list[tuple[slice, float]]:
-    """Where a state is disturbed, and how strongly."""
-    blocks = {"w": process.noise.torque_psd, "v": process.noise.force_psd}
-    layout = process.layout
-    return [(layout.mean_slice(block), psd) for block, psd in blocks.items() if block in layout.blocks]
-
-
-def _kick(x: np.ndarray, densities: list[tuple[slice, float]], h: float, normal: np.ndarray) -> None:
-    """What the disturbances of ``h`` seconds add to the states, in place."""
-    for (where, psd), values in zip(densities, normal, strict=True):
-        x[..., where] += np.sqrt(psd * h) * values

@@ -16,7 +16,7 @@ from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.logs.track_files import KnownMap
 from spinfilters.logs.truth import Truth
 from spinfilters.models.process import THESIS_NOISE, ProcessNoise, TorqueFreeProcess
-from spinfilters.simulation.motion import Motion, simulate_motion
+from spinfilters.simulation.motion import Motion, Progress, silent, simulate_motion
 from spinfilters.simulation.stereo_tracks import (
     RIG,
     EveryAppearance,
@@ -136,14 +136,19 @@ class Scenario:
         )
 
 
-def simulate(scenario: Scenario) -> Dataset:
-    """A data set with truth, from a seed; stereo tracks come with the map of their landmarks."""
+def simulate(scenario: Scenario, progress: Progress = silent) -> Dataset:
+    """A data set with truth, from a seed; stereo tracks come with the map of their landmarks.
+
+    Parameters
+    ----------
+    progress: called after every frame of the motion with how many are done, and of how many.
+    """
     generator = np.random.default_rng(scenario.seed)
     layout = StateLayout(FULL_BLOCKS)
     process = TorqueFreeProcess(layout, scenario.noise)
     time = scenario.interval * np.arange(scenario.frames)
     starts = np.tile(_first_state(scenario, layout), (scenario.candidates, 1))
-    states = simulate_motion(process, starts, time, generator)
+    states = simulate_motion(process, starts, time, generator, progress)
     motions = [Motion(layout, time, states[:, k]) for k in range(scenario.candidates)]
     motion = next((m for m in motions if stays_in_view(m, scenario.radius_m)), motions[0])
     surface = ball(scenario.landmarks, scenario.radius_m, generator)

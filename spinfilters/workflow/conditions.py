@@ -1,4 +1,4 @@
-"""What a comparison was made under: whether the map is known, the noise that the estimators are told, the seed."""
+"""What a comparison was made under: the map, the noise that the estimators are told, the seed, a truth that belongs together."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from spinfilters.evaluation.truth_consistency import contradictions
 from spinfilters.logs.measurement_log import MeasurementStream
 from spinfilters.workflow.preparation import Prepared
 
@@ -32,6 +33,7 @@ class Conditions:
     ----------
     map: "known" or "unknown", None where no landmark is seen.   landmarks: of a known map.
     sensors, disturbances: their noise.   seed: of a simulated data set.
+    contradictions: sentences on how the truth contradicts itself.
     """
 
     map: str | None
@@ -39,15 +41,16 @@ class Conditions:
     sensors: tuple[StatedNoise, ...]
     disturbances: tuple[StatedNoise, ...]
     seed: int | None
+    contradictions: tuple[str, ...] = ()
 
     @property
     def sentences(self) -> list[str]:
-        """In words: the map and the seed, then the noise."""
+        """In words: the map and the seed, then the noise, then what is wrong with the truth."""
         known = "" if self.landmarks is None else f" ({self.landmarks} landmarks)"
         first = [] if self.map is None else [f"Map {self.map}{known}."]
         first += [] if self.seed is None else [f"Seed {self.seed}."]
         noise = f"Noise: {_listed(self.sensors)}; disturbances: {_listed(self.disturbances)}."
-        return [*([" ".join(first)] if first else []), noise]
+        return [*([" ".join(first)] if first else []), noise, *self.contradictions]
 
     @property
     def document(self) -> dict[str, Any]:
@@ -58,6 +61,7 @@ class Conditions:
             "landmarks_known": self.landmarks,
             "seed": self.seed,
             "noise": {each.name: {"value": each.value, "unit": each.unit} for each in noise},
+            "truth_contradictions": list(self.contradictions),
             "sentences": self.sentences,
         }
 
@@ -74,6 +78,7 @@ def conditions_of(prepared: Prepared) -> Conditions:
         sensors,
         tuple(_disturbances(prepared)),
         seed if isinstance(seed, int) and not isinstance(seed, bool) else None,
+        () if dataset.truth is None else tuple(contradictions(dataset.truth)),
     )
 
 

@@ -13,7 +13,7 @@ from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.multiplicative_filter import MultiplicativeFilter
 from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf
-from spinfilters.estimators.run import rehearse, run
+from spinfilters.estimators.run import NO_FRAME_LEFT, rehearse, run
 from spinfilters.estimators.smoothing.recursive import RecursiveSmoother
 from spinfilters.estimators.timeline import times_of
 from spinfilters.evaluation.errors import Alignment
@@ -165,6 +165,8 @@ def _run(
     twin: built alike; what it needs is built before the clock of the other runs.
     """
     rest = prepared.timeline[len(prepared.start.frames.mean) :]
+    if not len(rest):
+        raise InputError(f"{prepared.dataset.name}: {NO_FRAME_LEFT}")
     _start(estimator, prepared)
     kept = keeper.resume(estimator)
     rows = GrowingHistory(estimator.layout, prepared.start_end) if kept is None else kept.rows

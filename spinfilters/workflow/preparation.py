@@ -90,8 +90,13 @@ def prepare(dataset: Dataset, settings: Settings) -> Prepared:
 
     Raises
     ------
-    InputError: too few frames, no rotation, tracks that no pose can be found from.
+    InputError: too few frames, no rotation, tracks that no pose can be found from. The text names the data set.
     """
+    with dataset.naming():
+        return _prepared(dataset, settings)
+
+
+def _prepared(dataset: Dataset, settings: Settings) -> Prepared:
     log, view = _log_with_noise(dataset.log, settings), _view(dataset)
     blocks = ROTATION_BLOCKS if log.sensors == ("gyro",) else FULL_BLOCKS
     layout = StateLayout((*blocks, "d") if settings.process.drag else blocks)
@@ -106,9 +111,7 @@ def prepare(dataset: Dataset, settings: Settings) -> Prepared:
         noise = replace(noise, gyro_scale_std=gyro_noise.scale_std)
     timeline = build_timeline(log, layout, noise, view)
     if len(timeline) < 5:
-        raise InputError(
-            f"{dataset.description or dataset.path} has {len(timeline)} frame(s); give at least 5"
-        )
+        raise InputError(f"{len(timeline)} frame(s) are too few for a motion; give at least 5")
     start, failure = _start(replace(dataset, log=log), process, timeline, noise, settings.start)
     belief, points = start.belief, None if dataset.known_map is None else dataset.known_map.points
     if isinstance(start, LandmarkStartReport):

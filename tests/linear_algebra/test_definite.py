@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.errors import InputError
-from spinfilters.linear_algebra.definite import correlation_root, is_definite
+from spinfilters.linear_algebra.definite import correlation_root, is_definite, which_definite
 from spinfilters.linear_algebra.signs import with_largest_positive
 
 SEEDS = st.integers(0, 1 << 32)
@@ -59,3 +59,10 @@ def test_of_equally_large_components_the_first_is_made_positive(rounding: float)
     vector = np.array([-1.0, 1.0 + rounding, 0.5])
     np.testing.assert_array_equal(with_largest_positive(np.stack([vector, -vector])), [-vector, -vector])
     np.testing.assert_array_equal(with_largest_positive(np.array([0.1, -3.0])), [-0.1, 3.0])
+
+
+def test_of_many_matrices_it_is_told_which_are_definite() -> None:
+    P = np.array([[2.0, 0.3], [0.3, 1.0]])
+    np.testing.assert_array_equal(which_definite(np.stack([P, np.ones((2, 2)), P])), [True, False, True])
+    np.testing.assert_array_equal(which_definite(np.stack([P, 2 * P])), [True, True])
+    assert which_definite(np.empty((0, 2, 2))).shape == (0,)

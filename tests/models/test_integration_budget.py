@@ -51,3 +51,17 @@ def test_a_motion_that_is_too_much_to_integrate_is_refused_before_it_begins() ->
         PROCESS.require_steps(np.array([0.0, 1.0, 2.0, 1e6]), rates[:4])
     with pytest.raises(InputError, match="cut the recording"):
         PROCESS.require_steps(np.arange(200) * 100.0, np.tile([0.3, 1.0, 0.2], (200, 1)))
+
+
+@pytest.mark.parametrize("rate", [1e160, 1e305, 1.5e308])
+def test_a_rate_whose_square_is_beyond_all_numbers_is_refused_without_a_warning(rate: float) -> None:
+    fast, slice_w = POINT.copy(), PROCESS.layout.mean_slice("w")
+    fast[slice_w] = [rate, 0.0, rate / 2]
+    for advance in (PROCESS.step, PROCESS.linearise):
+        with pytest.raises(IntegrationError, match="turns the body"):
+            advance(fast, 0.5)
+    with pytest.raises(IntegrationError, match="turns the body"):
+        PROCESS.step(np.stack([POINT, fast]), 0.5)
+    assert np.isnan(PROCESS.linearise_steps(fast[None], fast[None], np.array([0.5]))[0]).all()
+    with pytest.raises(InputError, match="too far to be followed"):
+        PROCESS.require_steps(np.arange(3.0), np.tile(fast[slice_w], (3, 1)))

@@ -20,7 +20,8 @@ from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.track_files import KnownMap
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.perception.map_building import poses_without_map
-from spinfilters.perception.pose_fit import fit_pose
+from spinfilters.perception.matches import Matches
+from spinfilters.perception.pose_fit import fit_pose, fit_poses
 from spinfilters.perception.track_poses import poses_with_map
 from spinfilters.simulation.scenario import RIG, Scenario, simulate
 from spinfilters.state.layout import StateLayout
@@ -82,7 +83,7 @@ def test_triangulation_undoes_the_projection() -> None:
 @pytest.mark.parametrize("turn", TURNS)
 def test_a_fit_to_exact_pixels_is_the_pose(turn: float) -> None:
     points, pose = _points(30), _pose(turn)
-    fitted = fit_pose(points, _pixels(pose, points), RIG.calibration, 1.0)
+    fitted = fit_pose(Matches(points, _pixels(pose, points), 1.0), RIG.calibration)
     assert fitted is not None
     assert fitted.inliers.all()
     np.testing.assert_allclose(POSE.local(fitted.pose, pose), 0.0, atol=1e-10)
@@ -93,9 +94,8 @@ def test_a_fit_s_error_is_explained_by_its_covariance() -> None:
     total = 0.0
     for k in range(100):
         pose = _pose(1.0, seed=k)
-        fitted = fit_pose(
-            points, _pixels(pose, points) + generator.standard_normal((60, 3)), RIG.calibration, 1.0
-        )
+        noisy = _pixels(pose, points) + generator.standard_normal((60, 3))
+        fitted = fit_pose(Matches(points, noisy, 1.0), RIG.calibration)
         assert fitted is not None
         error = POSE.local(fitted.pose, pose)
         total += float(error @ np.linalg.solve(fitted.covariance, error))
@@ -109,7 +109,7 @@ def test_wrong_matches_are_found_and_do_not_move_the_pose(share: float) -> None:
     wrong = np.zeros(80, dtype=bool)
     wrong[: int(80 * share)] = True
     pixels[wrong] += generator.uniform(30, 60, (wrong.sum(), 3)) * generator.choice([-1, 1], (wrong.sum(), 3))
-    fitted = fit_pose(points, pixels, RIG.calibration, 1.0)
+    fitted = fit_pose(Matches(points, pixels, 1.0), RIG.calibration)
     assert fitted is not None
     np.testing.assert_array_equal(fitted.inliers, ~wrong)
     np.testing.assert_allclose(POSE.local(fitted.pose, pose), 0.0, atol=1e-10)
@@ -118,9 +118,44 @@ def test_wrong_matches_are_found_and_do_not_move_the_pose(share: float) -> None:
 def test_fewer_than_four_usable_matches_give_no_pose() -> None:
     points, pose = _points(6), _pose(1.0)
     pixels = _pixels(pose, points)
-    assert fit_pose(points[:3], pixels[:3], RIG.calibration, 1.0) is None
+    assert fit_pose(Matches(points[:3], pixels[:3], 1.0), RIG.calibration) is None
     pixels[:3] = np.nan
-    assert fit_pose(points, pixels, RIG.calibration, 1.0) is None
+    assert fit_pose(Matches(points, pixels, 1.0), RIG.calibration) is None
+
+
+def _unlike_frames(with_map_noise: bool) -> list[Matches]:
+    """Many matches and few, wrong ones, too few, none at all, some without a number, and some that agree on nothing."""
+    generator, frames = np.random.default_rng(5), []
+    for k, count in enumerate([60, 7, 90, 3, 0, 40, 30, 65]):
+        points, pose = _points(count, seed=k), _pose(0.4 * k, seed=k)
+        pixels = _pixels(pose, points) + generator.standard_normal((count, 3))
+        if k == 2:
+            pixels[:45] = np.roll(pixels[:45], 1, axis=0)
+        if k == 5:
+            pixels[3:7] = np.nan
+        if k == 6:
+            pixels = np.roll(pixels, 1, axis=0)
+        covariance = np.tile(1e-7 * np.eye(3), (count, 1, 1)) if with_map_noise else None
+        frames.append(Matches(points, pixels, 1.0, covariance))
+    return frames
+
+
+@pytest.mark.parametrize("with_map_noise", [False, True])
+@pytest.mark.parametrize("at_once", [3, 64])
+def test_frames_fitted_together_are_those_fitted_alone(
+    with_map_noise: bool, at_once: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("spinfilters.perception.pose_fit.FRAMES_AT_ONCE", at_once)
+    frames = _unlike_frames(with_map_noise)
+    together = fit_poses(frames, RIG.calibration)
+    assert [fitted is not None for fitted in together] == [True, True, True, False, False, True, False, True]
+    for fitted, frame in zip(together, frames, strict=True):
+        alone = fit_pose(frame, RIG.calibration)
+        assert (alone is None) == (fitted is None)
+        if fitted is not None and alone is not None:
+            np.testing.assert_allclose(POSE.local(fitted.pose, alone.pose), 0.0, atol=1e-12)
+            np.testing.assert_allclose(fitted.covariance, alone.covariance, rtol=1e-9, atol=1e-15)
+            np.testing.assert_array_equal(fitted.inliers, alone.inliers)
 
 
 @pytest.fixture(scope="module")

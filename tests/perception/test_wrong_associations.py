@@ -19,7 +19,8 @@ from spinfilters.logs.measurement_log import MeasurementStream
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.perception.map_building import poses_without_map
 from spinfilters.perception.map_in_progress import MapInProgress
-from spinfilters.perception.pose_consensus import consensus_pose
+from spinfilters.perception.matches import Matches, MatchTable
+from spinfilters.perception.pose_consensus import consensus_poses
 from spinfilters.perception.pose_fit import fit_pose
 from spinfilters.simulation.scenario import RIG, Scenario, simulate
 from spinfilters.state.layout import StateLayout
@@ -42,13 +43,17 @@ def _swapped_matches(share: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return points, pixels, wrong
 
 
+def _rough(points: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return consensus_poses(MatchTable.of([Matches(points, pixels, 1.0)], RIG.calibration), RIG.calibration)
+
+
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.5, 0.65])
 def test_the_pose_that_most_matches_agree_on_is_found_among_wrong_ones(share: float) -> None:
     points, pixels, wrong = _swapped_matches(share)
-    rough = consensus_pose(points, pixels, RIG.calibration)
-    assert rough is not None
-    assert angle_between(rough[3:], POSE[3:]) < 0.1
-    fitted = fit_pose(points, pixels, RIG.calibration, 1.0)
+    rough, found = _rough(points, pixels)
+    assert found.all()
+    assert angle_between(rough[0, 3:], POSE[3:]) < 0.1
+    fitted = fit_pose(Matches(points, pixels, 1.0), RIG.calibration)
     assert fitted is not None
     error = CAMERA.layout.local(fitted.pose, POSE)
     assert error @ np.linalg.solve(fitted.covariance, error) < 30
@@ -58,13 +63,12 @@ def test_the_pose_that_most_matches_agree_on_is_found_among_wrong_ones(share: fl
 
 def test_the_same_matches_give_the_same_pose() -> None:
     points, pixels, _ = _swapped_matches(0.5)
-    first = consensus_pose(points, pixels, RIG.calibration)
-    np.testing.assert_array_equal(first, consensus_pose(points, pixels, RIG.calibration))
+    np.testing.assert_array_equal(_rough(points, pixels)[0], _rough(points, pixels)[0])
 
 
 def test_matches_that_agree_on_nothing_give_no_pose() -> None:
     points, pixels, _ = _swapped_matches(1.0)
-    assert fit_pose(points, pixels, RIG.calibration, 1.0) is None
+    assert fit_pose(Matches(points, pixels, 1.0), RIG.calibration) is None
 
 
 def test_a_landmark_that_a_wrong_association_made_is_placed_anew_when_later_ones_agree() -> None:

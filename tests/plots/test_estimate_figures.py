@@ -22,6 +22,7 @@ from run_samples import (
 
 from spinfilters.errors import InputError
 from spinfilters.evaluation.evaluation import evaluate
+from spinfilters.evaluation.flips import count_flips
 from spinfilters.evaluation.rates import BodyRates, estimated_rates, true_rates
 from spinfilters.logs.camera import StereoRig
 from spinfilters.plots.consistency import consistency_figure
@@ -168,10 +169,36 @@ def test_the_share_inside_the_bands_is_of_the_estimators_own_epochs() -> None:
 
 
 def test_the_headline_counts_the_flips_of_the_intermediate_axis() -> None:
-    rate = true_rates(FULL.truth).rate[:, 1]
-    flips = np.count_nonzero(np.diff(np.sign(rate)))
+    flips = count_flips(true_rates(FULL.truth).rate)
     assert flips > 0
-    assert f" {flips} flip" in headline(FULL.with_truth[:1])
+    assert f" {flips} flip{'s' * (flips > 1)} about the intermediate axis in " in headline(
+        FULL.with_truth[:1]
+    )
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_the_legend_of_the_inertia_hides_no_error_bar(count: int) -> None:
+    evaluations = [
+        replace(FULL.with_truth[0], history=replace(FULL.with_truth[0].history, name=f"filterpy-ekf{k}"))
+        for k in range(count)
+    ]
+    figure = summary_figure(evaluations, true_rates(FULL.truth), MOMENTS, CONDITIONS)
+    rendered_size(figure)
+    (axes,) = [axes for axes in figure.axes if axes.get_title("left").startswith("inertia")]
+    legend = axes.get_legend()
+    assert legend is not None
+    box = legend.get_window_extent()
+    others = [each.get_window_extent() for each in figure.axes if each is not axes]
+    ticks = [label.get_window_extent() for label in axes.get_xticklabels()]
+    assert not any(box.overlaps(each) for each in (axes.get_window_extent(), *others, *ticks))
+
+
+def test_no_sentence_below_the_summary_runs_out_of_the_picture() -> None:
+    long = [*CONDITIONS, "A sentence that tells what is wrong with the truth. " * 3]
+    figure = summary_figure(FULL.with_truth, true_rates(FULL.truth), MOMENTS, long)
+    rendered_size(figure)
+    footer = next(text for text in figure.texts if "A sentence that tells" in text.get_text())
+    assert footer.get_window_extent().x1 < figure.bbox.x1
 
 
 def test_many_innovations_are_grouped_without_losing_any() -> None:

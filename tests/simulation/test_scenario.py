@@ -108,6 +108,39 @@ def test_disturbances_spread_the_motion_as_their_densities_say() -> None:
     )
 
 
+def test_a_motion_is_kicked_before_and_after_every_step() -> None:
+    process, h = TorqueFreeProcess(FULL, ProcessNoise(4e-4, 1e-2)), 0.05
+    x = np.tile(_states(simulate(SHORT))[0], (3, 1))
+    normal = np.random.default_rng(2).standard_normal((5, 3, 2, 6))
+    expected, where = x.copy(), np.r_[FULL.mean_slice("w"), FULL.mean_slice("v")]
+    std = np.repeat(np.sqrt([1e-2 * h / 2, 4e-4 * h / 2]), 3)
+    for kick in std * normal:
+        expected[:, where] += kick[:, 0]
+        expected = process.step(expected, h)
+        expected[:, where] += kick[:, 1]
+    np.testing.assert_allclose(process.disturbed_steps(x, h, normal), expected, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(process.disturbed_steps(x[0], h, normal[:, 0]), expected[0], atol=1e-13)
+
+
+def test_a_kick_that_makes_a_body_fast_is_followed_to_the_tolerance() -> None:
+    """At first it rests, so that a step's substeps would be far too few."""
+    process, x = TorqueFreeProcess(FULL, ProcessNoise(0.0, 2.0)), _states(simulate(SHORT))[0]
+    x[FULL.mean_slice("w")] = 0.0
+    normal = np.zeros((2, 2, 6))
+    normal[0, 0, :3] = [20.0, 10.0, 5.0]
+    after = process.disturbed_steps(x, 1.0, normal)
+    kicked = x.copy()
+    kicked[FULL.mean_slice("w")] = normal[0, 0, :3]
+    fine = TorqueFreeProcess(FULL, ProcessNoise(), 1e-12)
+    np.testing.assert_allclose(after, fine.step(fine.step(kicked, 1.0), 1.0), atol=1e-7)
+
+
+def test_a_simulation_tells_how_far_it_is() -> None:
+    told: list[tuple[int, int]] = []
+    simulate(SHORT, lambda done, total: told.append((done, total)))
+    assert told == [(k, 20) for k in range(2, 21)]
+
+
 def test_only_landmarks_that_face_the_camera_inside_both_images_are_seen() -> None:
     dataset = simulate(replace(SHORT, detection=1.0, pixel_std=1e-9))
     stream, states = dataset.log.stream("stereo"), _states(dataset)

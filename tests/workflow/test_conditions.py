@@ -63,3 +63,15 @@ def test_a_summary_tells_its_sentences_and_nothing_else_is_taken_for_one() -> No
     for strange in ({}, {"conditions": 3}, {"conditions": {"sentences": "no list"}}):
         assert told_sentences(strange) == []
     assert told_sentences({"conditions": {"sentences": [3, "a\x1b[2J", "good"]}}) == ["good"]
+
+
+def test_a_truth_that_contradicts_itself_is_told_with_the_conditions_and_no_other() -> None:
+    dataset = simulate(replace(TRACKS, kind="gyro"))
+    truth = dataset.truth
+    assert truth is not None
+    assert conditions_of(prepare(dataset, Settings())).contradictions == ()
+    wrong = replace(dataset, truth=replace(truth, rate_i=-truth.rate_i))
+    told = conditions_of(prepare(wrong, Settings()))
+    assert "CONTRADICTS" in told.sentences[-1]
+    assert told.document["truth_contradictions"] == [told.sentences[-1]]
+    assert told_sentences({"conditions": told.document}) == told.sentences

@@ -176,9 +176,11 @@ class Motion:
             square = np.einsum("nr,nr->n", innovation, innovation)
         good = valid & np.isfinite(square)
         square = np.where(good, square, np.inf)
-        weight = np.where(good, np.sqrt(self.kernel.weight(square)), 0.0)[:, None, None]
-        rows = np.concatenate([jacobian, innovation[..., None]], axis=2) * weight
-        rows[~good] = 0.0
+        weight = np.where(good, np.sqrt(self.kernel.weight(square)), 0.0)
+        rows = np.concatenate([jacobian, innovation[..., None]], axis=2)
+        if not np.all(weight == 1.0):
+            rows *= weight[:, None, None]
+            rows[~good] = 0.0
         return rows, np.where(good, self.kernel.cost(square), 0.0)
 
     def believed(self, sensor: SensorRows, trajectory: Float[np.ndarray, "k m"]) -> Bool[np.ndarray, " r"]:

@@ -1,0 +1,75 @@
+"""Points of a map and the pixels where they are taken to be seen, of one frame and of many side by side."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from spinfilters.models.sensor_noise import NoiseLevel
+from spinfilters.models.sensors.stereo_landmark import stereo_parameters
+
+
+@dataclass(frozen=True)
+class Matches:
+    """Those of one frame.
+
+    Attributes
+    ----------
+    points: (k, 3) m, frame g.   pixels: (k, 3) rectified.
+    noise: standard deviation (px) of each pixel coordinate, or (k, 3, 3) covariances of the matches (px^2).
+    covariance: (k, 3, 3) of the points, m^2, frame g; None for a map that is known exactly. A triangulated depth is so uncertain
+        that a fit without it would turn the body to please the depths.
+    """
+
+    points: Float[np.ndarray, "k 3"]
+    pixels: Float[np.ndarray, "k 3"]
+    noise: NoiseLevel
+    covariance: Float[np.ndarray, "k 3 3"] | None = None
+
+
+@dataclass(frozen=True)
+class MatchTable:
+    """Those of f frames, each in a row as long as the longest: a shorter one goes on with copies of its last match.
+
+    Attributes
+    ----------
+    given: (f, k) where there is a match that is no copy.
+    parameters: (f, k, p) of the sensor: point, calibration, noise.   covariance: of the points, or None.
+    """
+
+    given: Bool[np.ndarray, "f k"]
+    points: Float[np.ndarray, "f k 3"]
+    pixels: Float[np.ndarray, "f k 3"]
+    parameters: Float[np.ndarray, "f k p"]
+    covariance: Float[np.ndarray, "f k 3 3"] | None
+
+    @classmethod
+    def of(cls, frames: Sequence[Matches], calibration: Float[np.ndarray, " 5"]) -> "MatchTable":
+        """One or more frames, whose noise is told in one way, side by side."""
+        counts = np.array([len(frame.points) for frame in frames])
+        column = np.arange(counts.max())
+        row = (np.cumsum(counts) - counts)[:, None] + np.minimum(column, counts[:, None] - 1)
+        covariances = [frame.covariance for frame in frames if frame.covariance is not None]
+        parameters = [stereo_parameters(frame.points, calibration, frame.noise) for frame in frames]
+        return cls(
+            column < counts[:, None],
+            np.concatenate([frame.points for frame in frames])[row],
+            np.concatenate([frame.pixels for frame in frames])[row],
+            np.concatenate(parameters)[row],
+            np.concatenate(covariances)[row] if covariances else None,
+        )
+
+    @property
+    def counts(self) -> Int[np.ndarray, " f"]:
+        """Matches of each frame."""
+        return np.count_nonzero(self.given, axis=1)
+
+    def part(self, frames: Bool[np.ndarray, " f"]) -> "MatchTable":
+        """Some of the frames."""
+        if frames.all():
+            return self
+        covariance = None if self.covariance is None else self.covariance[frames]
+        return MatchTable(
+            self.given[frames], self.points[frames], self.pixels[frames], self.parameters[frames], covariance
+        )
