@@ -26,6 +26,8 @@ from spinfilters.symbolic import Compiled
 
 SQUARED_STEP: Final[float] = 3.0
 """h^2: the fourth moment of a Gaussian."""
+WIDEST: Final[float] = 4.0
+"""Of a deviation of the mass distribution (log second moments): beyond it are plates and rods alone, and overflow."""
 TURNS: Final = np.array([[x, y, x * y] for x, y in product((1.0, -1.0), repeat=2)])
 """Signs of right-handed axes."""
 Spread = tuple[Float[np.ndarray, "n 3 3"], Float[np.ndarray, "n 2 2"], Float[np.ndarray, "n 3 3"]]
@@ -35,16 +37,22 @@ Spread = tuple[Float[np.ndarray, "n 3 3"], Float[np.ndarray, "n 2 2"], Float[np.
 def body_spread(
     s: Float[np.ndarray, "n 5"], factor: Float[np.ndarray, "n 5 e"], axes: Float[np.ndarray, "n 3 3"]
 ) -> Spread:
-    """The covariances about mass distributions s, whose error has the covariance factor factor'; axes are columns."""
+    """The covariances about mass distributions s, whose error has the covariance factor factor'; axes are columns.
+
+    Not a number where a body at such a deviation is none to rounding.
+    """
     directions, deviations, _ = np.linalg.svd(factor, full_matrices=False)
-    steps = np.sqrt(SQUARED_STEP) * directions * deviations[:, np.newaxis]
+    steps = np.sqrt(SQUARED_STEP) * directions * np.minimum(deviations, WIDEST)[:, np.newaxis]
     offsets = np.concatenate(
         [np.zeros((len(s), 1, DIMENSION)), *(x * np.swapaxes(steps, 1, 2) for x in (1, -1))], 1
     )
     J = _moved_inertia()(np.repeat(s[:, np.newaxis], offsets.shape[1], 1), offsets)[0].reshape(
         len(s), -1, 3, 3
     )
-    moments, vectors = np.linalg.eigh(J)
+    bodies = np.asarray(np.isfinite(J).all(axis=(1, 2, 3)))
+    moments, vectors = np.linalg.eigh(np.where(bodies[:, np.newaxis, np.newaxis, np.newaxis], J, np.eye(3)))
+    bodies &= (moments > 0).all(axis=(1, 2))
+    moments[~bodies] = np.nan
     scaled = moments / moments[..., 2:]
     ratios = np.log(moments[..., [2, 1]] / moments[..., [1, 0]])
     return _covariance(scaled), _covariance(ratios), _covariance(_turns(axes, vectors))

@@ -29,11 +29,11 @@ DETERMINED_STD = 0.12
 """Of a principal moment relative to the largest: what the first frames must reach for filters to go on from them. On simulated
 motions all starts below it were consistent, and half of those above it led to NEES of twice the degrees of freedom and more."""
 LINEAR_STD = 0.08
-"""Of the mass distribution (log second moments), below which hardly anything is bent and no filter is tried: on simulated motions all
-that went astray had begun beyond 0.1."""
+"""Of the mass distribution (log second moments), below which hardly anything is bent and no filter is tried: on simulated
+motions all that went astray had begun beyond 0.1."""
 LARGEST_DEPARTURE = 0.7
-"""Of a filter from the smoother, in the length of the whole error in standard deviations: on simulated motions filters below it kept
-a NEES of their degrees of freedom to the end, and most of those beyond it did not."""
+"""Of a filter from the smoother, in the length of the whole error in standard deviations: simulated filters below it kept a NEES of
+their degrees of freedom to the end, and most of those beyond it did not."""
 MOST_FRAMES = 480
 """Up to which more seconds are looked at than `StartOptions.duration`, where the motion is not known by then."""
 

@@ -52,3 +52,14 @@ def test_directions_without_uncertainty_add_nothing() -> None:
     assert not moments.any()
     assert not ratios.any()
     assert np.abs(turns).max() < 1e-14
+
+
+@pytest.mark.parametrize("std", [1e2, 1e6, 1e150])
+def test_a_body_of_which_nothing_is_known_any_more_raises_nothing(std: float) -> None:
+    body = body_estimate(belief((0.5, 0.75, 1.0), std))
+    assert not body.principal_moments_std[:2].max() < 0.1
+    absurd = belief((0.5, 0.75, 1.0), std)
+    absurd.mean[LAYOUT.mean_slice("s")] *= 300
+    with np.errstate(all="ignore"):
+        found = body_estimate(absurd)
+    assert not np.isfinite(found.principal_moments_std).all()
