@@ -28,9 +28,9 @@ from spinfilters.state.status import Verdict
 DETERMINED_STD = 0.12
 """Of a principal moment relative to the largest: what the first frames must reach for filters to go on from them. On simulated
 motions all starts below it were consistent, and half of those above it led to NEES of twice the degrees of freedom and more."""
-LINEAR_STD = 0.08
-"""Of the mass distribution (log second moments), below which hardly anything is bent and no filter is tried: on simulated
-motions all that went astray had begun beyond 0.1."""
+LINEAR_STD, LINEAR_RATE_STD = 0.08, 0.02
+"""Of the mass distribution (log second moments) and of the body rate relative to it, below which hardly anything is bent and no
+filter is tried: simulated motions that went astray had begun beyond 0.1 or, with noisy sensors, beyond 0.04."""
 LARGEST_DEPARTURE = 0.7
 """Of a filter from the smoother, in the length of the whole error in standard deviations: simulated filters below it kept a NEES of
 their degrees of freedom to the end, and most of those beyond it did not."""
@@ -109,8 +109,7 @@ def _checked(process: ProcessModel, timeline: Timeline, make: Make, options: Sta
     With landmarks nothing is compared: which sightings are believed differs between filter and smoother.
     """
     start = make(options)
-    masses = start.belief.factor[process.layout.slice("s")]
-    determined = np.linalg.norm(masses, 2) > LINEAR_STD and moments_std_of(start) <= DETERMINED_STD
+    determined = _is_bent(start.belief) and moments_std_of(start) <= DETERMINED_STD
     count = len(start.frames.mean)
     if not determined or isinstance(start, LandmarkStartReport) or count == len(timeline):
         return CheckedStart(start)
@@ -126,3 +125,10 @@ def _checked(process: ProcessModel, timeline: Timeline, make: Make, options: Sta
 def _length(belief: Gaussian, mean: np.ndarray) -> float:
     away = belief.layout.local(belief.mean, mean)
     return float(np.sqrt(normalised_square(away[np.newaxis], belief.factor[np.newaxis])[0]))
+
+
+def _is_bent(belief: Gaussian) -> bool:
+    """Whether a belief is wide enough for a filter's linearisation to count."""
+    layout, rate = belief.layout, belief.mean[belief.layout.mean_slice("w")]
+    masses, rates = (np.linalg.norm(belief.factor[layout.slice(b)], 2) for b in "sw")
+    return bool(masses > LINEAR_STD or rates > LINEAR_RATE_STD * np.linalg.norm(rate))
