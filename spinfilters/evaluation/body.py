@@ -1,12 +1,12 @@
 """What a belief says of the body: principal moments and axes, centre of mass, drag, with uncertainties.
 
 The state holds the mass distribution in axes g (`spinfilters.dynamics.mass_distribution`); principal moments
-are the eigenvalues of J and principal axes its eigenvectors. Covariances are of first order,
+are the eigenvalues of J and principal axes its eigenvectors. Covariances of what is well known are of first order,
 
     d lambda_k = u_k' dJ u_k,   d u_k = sum over j != k of u_j (u_j' dJ u_k) / (lambda_k - lambda_j),
 
-with dJ by the error of the state. Where two moments agree within their uncertainty the first order says too
-little: the moments are sorted, so the estimated gap is biased outwards.
+with dJ by the error of the state; those of what is vaguely known are of second order (`body_spread`). The moments are sorted: where
+two agree within their uncertainty, the estimated gap is biased outwards.
 """
 
 from dataclasses import dataclass
@@ -18,6 +18,7 @@ from jaxtyping import Float
 
 from spinfilters.dynamics.mass_distribution import inertia
 from spinfilters.estimators.history import EstimateHistory
+from spinfilters.evaluation.body_spread import body_spread
 from spinfilters.evaluation.derived import by_stretches, with_error_jacobian
 from spinfilters.linear_algebra.signs import with_largest_positive
 from spinfilters.state.gaussian import Gaussian
@@ -26,6 +27,9 @@ from spinfilters.symbolic import Compiled
 
 UNDETERMINED_STD: Final[float] = np.pi / np.sqrt(12.0)
 """Standard deviation in rad of an axis of which nothing is known: an angle uniform over half a turn."""
+FIRST_ORDER_STD: Final[float] = 0.05
+"""Largest standard deviation of the logarithm of second moments, and of an axis in rad, for which derivatives are enough: what they
+leave out is a share of its square."""
 _SMALLEST_GAP = 1e-12  # of moments, relative to the largest: below it rounding decides
 
 
@@ -146,14 +150,33 @@ def _inertias(layout: StateLayout, mean: np.ndarray, factor: np.ndarray) -> dict
     roots = (scaled[..., np.newaxis] * (slopes - slopes[:, 2:])) @ factor
     logs = (slopes[:, [2, 1]] - slopes[:, [1, 0]]) @ factor
     turns = _axis_turns(moments, turned) @ factor
-    return {
+    found = {
         "principal_moments": scaled,
         "principal_moments_cov": roots @ np.swapaxes(roots, 1, 2),
         "principal_axes_g": np.swapaxes(vectors, 1, 2),
-        "principal_axes_cov": _bounded(turns),
+        "principal_axes_cov": turns @ np.swapaxes(turns, 1, 2),
         "log_ratios": np.log(moments[:, [2, 1]] / moments[:, [1, 0]]),
         "log_ratios_std": np.linalg.norm(logs, axis=2),
     }
+    _widen(layout, mean, factor, found)
+    found["principal_axes_cov"] = _bounded(found["principal_axes_cov"])
+    return found
+
+
+def _widen(layout: StateLayout, mean: np.ndarray, factor: np.ndarray, found: dict[str, np.ndarray]) -> None:
+    """Put the second order in place of the first where that is not enough."""
+    masses = factor[:, layout.slice("s")]
+    axes_std = np.sqrt(np.einsum("nkk->nk", found["principal_axes_cov"]).max(axis=1))
+    widest = np.maximum(np.linalg.norm(masses, axis=(1, 2)), axes_std)
+    known = np.isfinite(masses).all(axis=(1, 2)) & np.isfinite(found["principal_moments"]).all(axis=1)
+    vague = np.flatnonzero(known & (widest > FIRST_ORDER_STD))
+    if not vague.size:
+        return
+    axes = np.swapaxes(found["principal_axes_g"][vague], 1, 2)
+    moments, ratios, turns = body_spread(mean[vague][:, layout.mean_slice("s")], masses[vague], axes)
+    found["principal_moments_cov"][vague] = moments
+    found["log_ratios_std"][vague] = np.sqrt(np.einsum("nkk->nk", ratios))
+    found["principal_axes_cov"][vague] = turns
 
 
 def _principal(J: Float[np.ndarray, "n 3 3"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 3"]]:
@@ -173,11 +196,11 @@ def _axis_turns(moments: np.ndarray, turned: np.ndarray) -> Float[np.ndarray, "n
     return turned[:, last, after] / gap[..., np.newaxis]
 
 
-def _bounded(root: np.ndarray) -> Float[np.ndarray, "n 3 3"]:
-    """Covariance root root', each standard deviation bounded by that of an axis of which nothing is known."""
-    std = np.linalg.norm(root, axis=2, keepdims=True)
-    root = root * (UNDETERMINED_STD / np.maximum(std, UNDETERMINED_STD))
-    return root @ np.swapaxes(root, 1, 2)
+def _bounded(covariance: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3 3"]:
+    """The covariance with each standard deviation bounded by that of an axis of which nothing is known."""
+    std = np.sqrt(np.einsum("nkk->nk", covariance))
+    share = UNDETERMINED_STD / np.maximum(std, UNDETERMINED_STD)
+    return covariance * share[:, :, np.newaxis] * share[:, np.newaxis]
 
 
 def _right_handed(vectors: np.ndarray) -> Float[np.ndarray, "n 3 3"]:

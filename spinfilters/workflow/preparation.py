@@ -13,7 +13,6 @@ from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.motion_evidence import MotionEvidence, evidence_from_gyro, evidence_from_poses
 from spinfilters.estimators.start import StartOptions, StartReport, start_from_data
 from spinfilters.estimators.timeline import SensorNoise, StereoView, Timeline, build_timeline, noise_level
-from spinfilters.evaluation.body import body_estimate
 from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.input_file import reason
 from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
@@ -24,10 +23,8 @@ from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 from spinfilters.workflow.gyro_noise import FIRST_SCALE, GyroNoise, disturbance_psd, identify_gyro_noise
 from spinfilters.workflow.settings import AUTO, Settings
+from spinfilters.workflow.start_length import CheckedStart, long_enough_start
 
-DETERMINED_STD = 0.12
-"""Of a principal moment relative to the largest: what the first frames must reach for filters to go on from them. On simulated
-motions all starts below it were consistent, and half of those above it led to NEES of twice the degrees of freedom and more."""
 STATED_NOISE = {
     "gyro": {"gyro_noise_std"},
     "pose": {"pose_position_std", "pose_rotation_std"},
@@ -49,6 +46,7 @@ class Prepared:
     map_points: (k, 3) m in g: the known map or that of the start, or None.
     gyro_noise: identified, or None when it was stated.
     start_failure: why the first frames could not be smoothed, so that nothing of the start is finite; None where they could.
+    departure: of a filter that goes on from the start, in standard deviations (`start_length.departure_of`).
     """
 
     dataset: Dataset
@@ -60,6 +58,7 @@ class Prepared:
     map_points: Float[np.ndarray, "k 3"] | None
     gyro_noise: GyroNoise | None
     start_failure: str | None = None
+    departure: float = 0.0
 
     @property
     def start_end(self) -> float:
@@ -112,11 +111,14 @@ def _prepared(dataset: Dataset, settings: Settings) -> Prepared:
     timeline = build_timeline(log, layout, noise, view)
     if len(timeline) < 5:
         raise InputError(f"{len(timeline)} frame(s) are too few for a motion; give at least 5")
-    start, failure = _start(replace(dataset, log=log), process, timeline, noise, settings.start)
+    checked, failure = _start(replace(dataset, log=log), process, timeline, noise, settings.start)
+    start = checked.report
     belief, points = start.belief, None if dataset.known_map is None else dataset.known_map.points
     if isinstance(start, LandmarkStartReport):
         belief, points = start.landmarks.belief(settings.landmarks), start.landmarks.points
-    return Prepared(dataset, process, timeline, noise, start, belief, points, gyro_noise, failure)
+    return Prepared(
+        dataset, process, timeline, noise, start, belief, points, gyro_noise, failure, checked.departure
+    )
 
 
 def _start(
@@ -125,44 +127,19 @@ def _start(
     timeline: Timeline,
     noise: SensorNoise,
     options: StartOptions,
-) -> tuple[StartReport, str | None]:
+) -> tuple[CheckedStart, str | None]:
     """The smoothed first frames; where their numbers lead nowhere none of them is finite, and why."""
     try:
         with np.errstate(all="ignore"):  # what is not finite becomes a status
             make = _start_maker(dataset, process, timeline, noise)
-            return _long_enough_start(timeline, make, options), None
+            return long_enough_start(process, timeline, make, options), None
     except NUMERICAL_ERRORS as error:
         layout, count = process.layout, options.count(timeline)
         mean = np.full((count, layout.mean_dim), np.nan)
         factor = np.full((count, layout.error_dim, layout.error_dim), np.nan)
         frames = SmoothedFrames(mean, factor, np.nan, 0, 0, converged=False)
         prior = FirstStatePrior(mean[0], np.full(layout.error_dim, np.nan))
-        return StartReport(layout, frames, np.nan, np.nan, prior), reason(error)
-
-
-def moments_std_of(start: StartReport) -> float:
-    """Largest standard deviation of a principal moment at the end of a start, relative to the largest moment."""
-    return float(np.max(body_estimate(start.belief).principal_moments_std))
-
-
-def _long_enough_start(
-    timeline: Timeline, make: Callable[[StartOptions], StartReport], options: StartOptions
-) -> StartReport:
-    """A start that looks at twice the frames until it knows the moments, or has looked at its share of the recording.
-
-    A filter that linearises while the inertia is hardly known is over-confident ever after; the smoother of the start is not.
-    """
-    start = make(options)
-    while not moments_std_of(start) <= DETERMINED_STD:
-        longer = replace(options, frames=2 * options.frames)
-        if longer.count(timeline) == options.count(timeline):
-            break
-        options = longer
-        try:
-            start = make(options)
-        except NUMERICAL_ERRORS:  # more frames lead nowhere; the fewer did
-            break
-    return start
+        return CheckedStart(StartReport(layout, frames, np.nan, np.nan, prior)), reason(error)
 
 
 def _view(dataset: Dataset) -> StereoView | None:

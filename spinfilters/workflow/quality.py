@@ -10,9 +10,10 @@ from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.logs.gyro_files import saturated
 from spinfilters.logs.measurement_log import SENSOR_FORMATS
 from spinfilters.state.status import EstimatorStatus, Verdict
-from spinfilters.workflow.preparation import DETERMINED_STD, Prepared, moments_std_of
+from spinfilters.workflow.preparation import Prepared
 from spinfilters.workflow.settings import Settings
 from spinfilters.workflow.smoothing import NAME as SMOOTHER
+from spinfilters.workflow.start_length import DETERMINED_STD, LARGEST_DEPARTURE, moments_std_of
 
 LARGEST_MOMENT_STD = 0.1
 """Of a principal moment relative to the largest: beyond it the body's shape is not known."""
@@ -52,13 +53,18 @@ def shared_doubts(prepared: Prepared) -> list[str]:
 
 def filter_doubts(prepared: Prepared) -> list[str]:
     """Reasons that concern filters alone: a smoother takes back what it believed of the first frames."""
-    std = moments_std_of(prepared.start)
-    if std <= DETERMINED_STD or prepared.start_failure is not None:
+    if prepared.start_failure is not None:
         return []
-    return [
-        f"the first {len(prepared.start.frames.mean)} frames leave the moments uncertain by {std:.2f}: what follows is "
-        "over-confident; give a longer recording, a richer motion or a larger start.share"
-    ]
+    std, count = moments_std_of(prepared.start), len(prepared.start.frames.mean)
+    cure = "what follows is over-confident; give a longer recording, a richer motion or a larger start.share"
+    if not std <= DETERMINED_STD:
+        return [f"the first {count} frames leave the moments uncertain by {std:.2f}: {cure}"]
+    if not prepared.departure <= LARGEST_DEPARTURE:
+        return [
+            f"a filter from the first {count} frames on comes to lie {prepared.departure:.1f} standard deviations from the "
+            f"smoother of the same measurements: {cure}"
+        ]
+    return []
 
 
 def false_alarm_probability(name: str, prepared: Prepared, settings: Settings) -> float:

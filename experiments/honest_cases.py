@@ -1,0 +1,160 @@
+"""Simulated recordings whose stated noise and model are true: motions, lengths, noise and stamps that try estimators."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.attitude.conversions import matrix_from_quaternion, quaternion_from_euler321
+from spinfilters.conventions import RPM
+from spinfilters.dynamics.mass_distribution import from_inertia
+from spinfilters.logs.dataset import Dataset
+from spinfilters.logs.dataset_options import DatasetOptions
+from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.simulation.motion import simulate_motion
+from spinfilters.simulation.scenario import RICH_RPM, THESIS_RPM
+from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+
+FREE = 1e-12
+"""Densities of a motion that hardly anything disturbs, (rad/s^2)^2/Hz and (m/s^2)^2/Hz."""
+LAYOUT = StateLayout((*FULL_BLOCKS, "d"))
+AXES_EULER_G, CENTRE, PLACE = (0.5, -0.3, 0.2), (0.02, -0.015, 0.01), (0.0, 0.0, 0.6)
+SPHERES = (1.0322, 1.0, 0.8596)
+POSITION_PER_ROTATION = 0.5
+"""Standard deviation of a pose's position over that of its rotation, m/rad."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One kind of recording.
+
+    Attributes
+    ----------
+    kind: "gyro" or "pose".   moments: principal ones, any scale.   rate_rpm: at first, about the principal axes.
+    noise_std: rad/s of a gyro, rad of a pose's rotation.   psd: of torque and force, true and stated.
+    jitter: of the time stamps, uniform, in intervals.   dropped: share of the samples that are lost.   drag: 1/rad.
+    """
+
+    name: str
+    kind: str = "gyro"
+    moments: tuple[float, float, float] = SPHERES
+    rate_rpm: tuple[float, float, float] = RICH_RPM
+    frames: int = 200
+    interval: float = 0.5
+    noise_std: float = 0.01
+    psd: float = 1e-6
+    jitter: float = 0.0
+    dropped: float = 0.0
+    drag: float = 0.0
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A data set, and the true states (n, m) of `LAYOUT` at its n time stamps."""
+
+    dataset: Dataset
+    states: Float[np.ndarray, "n m"]
+
+
+CASES = (
+    Case("gyro rich"),
+    Case("gyro thesis", rate_rpm=THESIS_RPM),
+    Case("gyro slow", rate_rpm=(0.4, 0.9, 0.3), noise_std=0.002, psd=1e-8),
+    Case("gyro fast", rate_rpm=(80.0, 180.0, 60.0), interval=0.01, frames=1000),
+    Case("gyro flip", rate_rpm=(0.02, 10.0, 0.02), psd=1e-10, frames=400),
+    Case("gyro near-axisymmetric", moments=(1.0, 0.995, 0.6)),
+    Case("gyro near-spherical", moments=(1.0, 0.99, 0.98)),
+    Case("gyro plate", moments=(1.0, 0.6, 0.402)),
+    Case("gyro rod", moments=(1.0, 0.99, 0.02)),
+    Case("gyro near major axis", rate_rpm=(9.0, 0.6, 0.4)),
+    Case("gyro 20 samples", frames=20),
+    Case("gyro 50 samples", frames=50),
+    Case("gyro 100 samples", frames=100),
+    Case("gyro thesis 50 samples", rate_rpm=THESIS_RPM, frames=50),
+    Case("gyro 100 Hz", rate_rpm=THESIS_RPM, interval=0.02, frames=1000, noise_std=0.002),
+    Case("gyro free, long", frames=3000, psd=FREE),
+    Case("gyro free, thesis, long", rate_rpm=THESIS_RPM, interval=0.1, frames=3000, psd=FREE),
+    Case("gyro noise 1e-6", noise_std=1e-6),
+    Case("gyro noise 1e-6, free", noise_std=1e-6, psd=FREE),
+    Case("gyro noise 0.3", noise_std=0.3, frames=1000, psd=1e-8),
+    Case("gyro drag", drag=0.005),
+    Case("gyro irregular", jitter=0.45),
+    Case("gyro dropped", dropped=0.5, frames=400),
+    Case("pose rich", kind="pose"),
+    Case("pose thesis", kind="pose", rate_rpm=THESIS_RPM),
+    Case("pose slow", kind="pose", rate_rpm=(0.4, 0.9, 0.3), psd=1e-8),
+    Case("pose flip", kind="pose", rate_rpm=(0.02, 10.0, 0.02), psd=1e-10),
+    Case("pose near-axisymmetric", kind="pose", moments=(1.0, 0.995, 0.6)),
+    Case("pose near-spherical", kind="pose", moments=(1.0, 0.99, 0.98)),
+    Case("pose plate", kind="pose", moments=(1.0, 0.6, 0.402)),
+    Case("pose 20 epochs", kind="pose", frames=20),
+    Case("pose 50 epochs", kind="pose", frames=50),
+    Case("pose thesis 100 epochs", kind="pose", rate_rpm=THESIS_RPM, frames=100),
+    Case("pose free, long", kind="pose", frames=2000, psd=FREE),
+    Case("pose noise 1e-6", kind="pose", noise_std=1e-6),
+    Case("pose noise 0.3", kind="pose", noise_std=0.3, frames=400, psd=1e-8),
+    Case("pose drag", kind="pose", drag=0.005),
+    Case("pose irregular", kind="pose", jitter=0.45),
+    Case("pose dropped", kind="pose", dropped=0.5, frames=400),
+)
+
+
+def recordings(case: Case, seeds: int) -> list[Recording]:
+    """So many recordings of a case; the draws depend on the case and their number."""
+    generator = np.random.default_rng([seeds, *case.name.encode()])
+    time = case.interval * np.arange(case.frames)
+    time[1:] += case.jitter * case.interval * generator.uniform(-1, 1, case.frames - 1)
+    process = TorqueFreeProcess(LAYOUT, ProcessNoise(case.psd, case.psd))
+    states = simulate_motion(process, np.tile(_first_state(case), (seeds, 1)), time, generator)
+    return [_recording(case, time, states[:, k], generator) for k in range(seeds)]
+
+
+def principal_axes() -> Float[np.ndarray, "3 3"]:
+    """R_gb: columns are the principal axes, in the order of `Case.moments`, in g."""
+    return matrix_from_quaternion(quaternion_from_euler321(np.array(AXES_EULER_G)))
+
+
+def _first_state(case: Case) -> Float[np.ndarray, " m"]:
+    R_gb, x = principal_axes(), LAYOUT.origin()
+    blocks = {
+        "t": np.array(PLACE) - CENTRE,
+        "w": R_gb @ np.array(case.rate_rpm) * RPM,
+        "c": np.array(CENTRE),
+        "s": from_inertia(R_gb @ np.diag(case.moments) @ R_gb.T),
+        "d": case.drag,
+    }
+    for block, value in blocks.items():
+        x[LAYOUT.mean_slice(block)] = value
+    return x
+
+
+def _recording(
+    case: Case, time: np.ndarray, states: Float[np.ndarray, "n m"], generator: np.random.Generator
+) -> Recording:
+    measure, options = {"gyro": _gyro, "pose": _poses}[case.kind], {"gyro_noise_std": case.noise_std}
+    if case.kind == "pose":
+        options = {
+            "pose_position_std": POSITION_PER_ROTATION * case.noise_std,
+            "pose_rotation_std": case.noise_std,
+        }
+    kept = generator.random(len(time)) >= case.dropped
+    kept[0] = True
+    values = measure(case, states, generator)[kept]
+    stated = replace(DatasetOptions(), force_psd=case.psd, torque_psd=case.psd, **options)
+    log = MeasurementLog((MeasurementStream(case.kind, time[kept], values),))
+    return Recording(Dataset(kind=case.kind, log=log, description=case.name, options=stated), states[kept])
+
+
+def _gyro(case: Case, states: np.ndarray, generator: np.random.Generator) -> Float[np.ndarray, "n 3"]:
+    rates = states[:, LAYOUT.mean_slice("w")]
+    return rates + case.noise_std * generator.standard_normal(rates.shape)
+
+
+def _poses(case: Case, states: np.ndarray, generator: np.random.Generator) -> Float[np.ndarray, "n 7"]:
+    small = StateLayout(("t", "a"))
+    exact = states[
+        :, [*range(*LAYOUT.mean_slice("t").indices(99)), *range(*LAYOUT.mean_slice("a").indices(99))]
+    ]
+    std = case.noise_std * np.repeat([POSITION_PER_ROTATION, 1.0], 3)
+    return small.retract(exact, std * generator.standard_normal((len(exact), 6)))

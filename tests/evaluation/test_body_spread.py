@@ -1,0 +1,65 @@
+"""The covariance of moments, ratios and axes where the mass distribution is known too vaguely for derivatives."""
+
+import numpy as np
+import pytest
+
+from spinfilters.dynamics.mass_distribution import from_inertia, inertia_matrix
+from spinfilters.evaluation.body import FIRST_ORDER_STD, body_estimate
+from spinfilters.evaluation.body_spread import body_spread
+from spinfilters.state.gaussian import Gaussian
+from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
+
+LAYOUT = StateLayout(ROTATION_BLOCKS)
+MOMENTS = {"rod": (0.02, 0.995, 1.0), "plate": (0.4, 0.61, 1.0), "near a sphere": (0.97, 0.985, 1.0)}
+
+
+def belief(moments: tuple[float, float, float], std: float) -> Gaussian:
+    """With the same standard deviation of all numbers of the mass distribution."""
+    mean, factor = LAYOUT.origin(), 1e-3 * np.eye(LAYOUT.error_dim)
+    mean[LAYOUT.mean_slice("s")] = from_inertia(np.diag(moments))
+    factor[LAYOUT.slice("s"), LAYOUT.slice("s")] = std * np.eye(5)
+    return Gaussian(LAYOUT, mean, factor)
+
+
+@pytest.mark.parametrize("std", [0.3, 1.0])
+@pytest.mark.parametrize("moments", MOMENTS.values(), ids=MOMENTS)
+def test_vague_bodies_depart_from_the_published_moments_as_far_as_is_said(
+    moments: tuple[float, float, float], std: float
+) -> None:
+    wide, generator = belief(moments, std), np.random.default_rng(0)
+    errors = np.zeros((2000, LAYOUT.error_dim))
+    errors[:, LAYOUT.slice("s")] = std * generator.standard_normal((2000, 5))
+    points = LAYOUT.retract(wide.mean, errors)[:, LAYOUT.mean_slice("s")]
+    values = np.array([np.linalg.eigvalsh(inertia_matrix(s)) for s in points])
+    body = body_estimate(wide)
+    away = (values / values[:, 2:])[:, :2] - body.principal_moments[:2]
+    stated = body.principal_moments_std[:2]
+    assert np.all(np.sqrt(np.mean(away**2, axis=0)) < 2 * stated)
+    assert np.all(np.abs(away).mean(axis=0) > 0.2 * stated)
+
+
+def test_first_and_second_order_meet_where_one_takes_over_from_the_other() -> None:
+    share = FIRST_ORDER_STD / np.sqrt(5)
+    below, above = (belief((0.5, 0.75, 1.0), x * share) for x in (0.999, 1.001))
+    first, second = body_estimate(below), body_estimate(above)
+    for name in ("principal_moments_std", "k1_std", "k2_std", "principal_axes_std"):
+        np.testing.assert_allclose(getattr(second, name), getattr(first, name), rtol=0.03)
+
+
+def test_directions_without_uncertainty_add_nothing() -> None:
+    s = from_inertia(np.diag([0.5, 0.75, 1.0]))[np.newaxis]
+    moments, ratios, turns = body_spread(s, np.zeros((1, 5, 5)), np.eye(3)[np.newaxis])
+    assert not moments.any()
+    assert not ratios.any()
+    assert np.abs(turns).max() < 1e-14
+
+
+@pytest.mark.parametrize("std", [1e2, 1e6, 1e150])
+def test_a_body_of_which_nothing_is_known_any_more_raises_nothing(std: float) -> None:
+    body = body_estimate(belief((0.5, 0.75, 1.0), std))
+    assert not body.principal_moments_std[:2].max() < 0.1
+    absurd = belief((0.5, 0.75, 1.0), std)
+    absurd.mean[LAYOUT.mean_slice("s")] *= 300
+    with np.errstate(all="ignore"):
+        found = body_estimate(absurd)
+    assert not np.isfinite(found.principal_moments_std).all()
