@@ -53,16 +53,17 @@ def fit_pose(
         a fit without it would turn the body to please the depths.
     """
     model, parameters = _stereo(noise_model(noise, 3)), stereo_parameters(points, calibration, noise)
-    pose = consensus_pose(points, pixels, calibration)
-    if pose is None:
+    rough = consensus_pose(points, pixels, calibration)
+    if rough is None:
         return None
+    pose = rough.pose
     inliers = np.ones(len(points), dtype=bool)
     information = np.eye(6)
     for _ in range(ITERATIONS):
         innovation, jacobian, valid, _ = model.linearise(pose, parameters, pixels)
         if covariance is not None:
             innovation, jacobian = _with_map_noise(pose, innovation, jacobian, covariance)
-        inliers = valid & _within_gate(np.abs(innovation).max(axis=1))
+        inliers = valid & _within_gate(np.abs(innovation).max(axis=1), rough.agreeing)
         if np.count_nonzero(inliers) < max(4, SMALLEST_SHARE * len(points)):
             return None
         A, b = jacobian[inliers].reshape(-1, 6), innovation[inliers].reshape(-1)
@@ -76,10 +77,14 @@ def fit_pose(
     return FittedPose(pose, np.linalg.inv(information), inliers)
 
 
-def _within_gate(size: Float[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
-    """Residuals (standard deviations) below a gate that opens while the pose is off, judged by the quarter that fits best."""
-    quarter = len(size) // 4
-    return size < max(GATE_PX, OPENING * float(np.partition(size, quarter)[quarter]))
+def _within_gate(size: Float[np.ndarray, " k"], agreeing: Bool[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
+    """Residuals (standard deviations) below a gate that opens while the pose is off.
+
+    By how much is judged by the best quarter of those that agree with the rough pose: among all, that quarter may be wrong.
+    """
+    own = size[agreeing]
+    quarter = len(own) // 4
+    return size < max(GATE_PX, OPENING * float(np.partition(own, quarter)[quarter]))
 
 
 def _with_map_noise(

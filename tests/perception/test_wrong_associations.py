@@ -1,4 +1,4 @@
-"""Poses and a map from tracks in which a third of the ids are swapped, and what finds them out."""
+"""Poses and a map from tracks in which up to half of the ids are swapped, and what finds them out."""
 
 import numpy as np
 import pytest
@@ -42,12 +42,12 @@ def _swapped_matches(share: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return points, pixels, wrong
 
 
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.5, 0.65])
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.5, 0.65, 0.75])
 def test_the_pose_that_most_matches_agree_on_is_found_among_wrong_ones(share: float) -> None:
     points, pixels, wrong = _swapped_matches(share)
     rough = consensus_pose(points, pixels, RIG.calibration)
     assert rough is not None
-    assert angle_between(rough[3:], POSE[3:]) < 0.1
+    assert angle_between(rough.pose[3:], POSE[3:]) < 0.1
     fitted = fit_pose(points, pixels, RIG.calibration, 1.0)
     assert fitted is not None
     error = CAMERA.layout.local(fitted.pose, POSE)
@@ -58,8 +58,11 @@ def test_the_pose_that_most_matches_agree_on_is_found_among_wrong_ones(share: fl
 
 def test_the_same_matches_give_the_same_pose() -> None:
     points, pixels, _ = _swapped_matches(0.5)
-    first = consensus_pose(points, pixels, RIG.calibration)
-    np.testing.assert_array_equal(first, consensus_pose(points, pixels, RIG.calibration))
+    first, again = (consensus_pose(points, pixels, RIG.calibration) for _ in range(2))
+    assert first is not None
+    assert again is not None
+    np.testing.assert_array_equal(first.pose, again.pose)
+    np.testing.assert_array_equal(first.agreeing, again.agreeing)
 
 
 def test_matches_that_agree_on_nothing_give_no_pose() -> None:
@@ -108,8 +111,12 @@ def _pose_errors(recording: Dataset, poses: MeasurementStream) -> tuple[np.ndarr
     )
 
 
-def test_a_third_of_the_ids_swapped_leaves_poses_and_map_nearly_as_good(recording: Dataset) -> None:
-    tracks = swapped(recording.log.stream("stereo"), 0.3, np.random.default_rng(0))
+@pytest.mark.parametrize(("share", "placed"), [(0.3, 0.8), (0.5, 0.6)])
+def test_many_swapped_ids_leave_poses_and_map_nearly_as_good(
+    recording: Dataset, share: float, placed: float
+) -> None:
+    """A landmark is placed where most of its sightings agree; those of few sightings may have none that do."""
+    tracks = swapped(recording.log.stream("stereo"), share, np.random.default_rng(0))
     poses, found = poses_without_map(tracks, RIG.calibration, 1.0)
     assert len(poses) == 20
     angles, distances = _pose_errors(recording, poses)
@@ -123,7 +130,7 @@ def test_a_third_of_the_ids_swapped_leaves_poses_and_map_nearly_as_good(recordin
     known = recording.known_map.points[np.searchsorted(recording.known_map.ids, found.ids)]
     camera = known @ R.T + truth.center_of_mass[0] - R @ truth.center_of_mass_g
     there = (camera - poses.values[0, :3]) @ matrix_from_quaternion(poses.values[0, 3:])
-    assert np.quantile(np.linalg.norm(there - found.points, axis=1), 0.8) < 0.01
+    assert np.quantile(np.linalg.norm(there - found.points, axis=1), placed) < 0.01
 
 
 def test_the_first_frames_alone_are_all_that_is_looked_at(recording: Dataset) -> None:
