@@ -24,10 +24,11 @@ from spinfilters.simulation.faults import (
 BOTH = pytest.mark.parametrize("name", FILTERS)
 
 
+@pytest.mark.parametrize("share", [0.3, 0.45])
 @BOTH
-def test_wrong_associations_are_refused_and_do_no_harm(name):
+def test_wrong_associations_are_refused_and_do_no_harm(name, share):
     recorded = recording()
-    faulty = timeline_of(with_faults(recorded.dataset, (WrongAssociations(0.3),), 1))
+    faulty = timeline_of(with_faults(recorded.dataset, (WrongAssociations(share),), 1))
     estimator, true = started(name), [frame.measurements[0].ids for frame in recorded.timeline]
     reports = []
     for k, frame in enumerate(faulty):
