@@ -24,8 +24,6 @@ LARGEST_REJECTED = 0.2
 """Share of measurements left out, beyond which whatever makes them cannot be trusted."""
 FALSE_DOUBT = 1e-6
 """Probability that a recording whose noise is what it is said to be, of any length, is doubted for what gates refused."""
-POSE_FREEDOMS = 6
-"""Scalar measurements of landmarks that were known before, below which an epoch does not tell a pose."""
 LARGEST_GAP = 10.0
 """Between two frames, in median intervals: beyond it the estimate in between is a prediction."""
 DISAGREEMENT_STD, DISAGREEMENT = 4.0, 0.01
@@ -100,24 +98,7 @@ def _own_doubts(evaluation: Evaluation, false_alarm: float) -> list[str]:
             f"innovations are {ratio:.1f} times as large (squared) as the noise explains: raise process.force_psd, "
             "process.torque_psd or the sensor's standard deviation in a config file"
         )
-    lost = [] if evaluation.name == SMOOTHER else _lost_map(history)
-    return [*reasons, *lost, *_left_out(history, false_alarm)]
-
-
-def _lost_map(history: EstimateHistory) -> list[str]:
-    """Doubts about epochs whose landmarks are new but for so few that they do not tell a pose.
-
-    Frame g then hangs on a prediction. Afterwards little but the body's dynamics tells where it is, of which a filter that
-    linearises anew in every epoch believes too much.
-    """
-    dof, accepted = history.dof[history.own], history.accepted[history.own]
-    lost = np.flatnonzero((dof < POSE_FREEDOMS) & (accepted >= POSE_FREEDOMS))
-    if not lost.size:
-        return []
-    return [
-        f"hardly a landmark was known again at t = {history.time[history.own][lost[0]]:.3f} s: since then the body-fixed frame is "
-        "known by prediction, with standard deviations that may be too small"
-    ]
+    return [*reasons, *_left_out(history, false_alarm)]
 
 
 def _left_out(history: EstimateHistory, false_alarm: float) -> list[str]:
