@@ -24,14 +24,17 @@ FAR_OFF: Final = 4.0
 
 @dataclass(frozen=True)
 class NewNumbers(Fault):
-    """From a time on (s) no landmark is known again: each bears an id that it did not bear before."""
+    """From a time on, until another (s), each landmark bears an id that it did not bear before."""
 
     begin: float
+    end: float = np.inf
 
     def apply(self, dataset: Dataset, generator: np.random.Generator) -> Dataset:
         stream = dataset.log.stream("stereo")
         assert stream.ids is not None
-        ids = np.where(stream.time < self.begin, stream.ids, stream.ids + stream.ids.max() + 1)
+        ids = stream.ids + np.where(
+            (stream.time >= self.begin) & (stream.time < self.end), stream.ids.max() + 1, 0
+        )
         return replace(dataset, log=MeasurementLog((replace(stream, ids=ids),)))
 
 
@@ -77,6 +80,7 @@ CASES: Final = {
         "nothing is measured for a revolution, and no landmark is known again",
         (Dropout(BEGIN, BEGIN + REVOLUTION), NewNumbers(BEGIN)),
     ),
+    "returned": HardCase("all landmarks are new for a revolution", (NewNumbers(BEGIN, BEGIN + REVOLUTION),)),
     "twenty": HardCase("20 landmarks an epoch", (), lambda usual: replace(usual, landmarks=400)),
     "growing": HardCase("20 landmarks an epoch in the initialisation, then all", (FewAtFirst(0.1, 30.0),)),
     "many": HardCase("5,000 landmarks", (), lambda usual: replace(usual, landmarks=8700)),
