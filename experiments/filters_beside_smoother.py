@@ -1,13 +1,14 @@
 """Tracks without a map: what filters say of the newest frame, beside what the smoother says of it when it comes.
 
     python -m experiments.filters_beside_smoother [--motion rich|thesis] [--seeds 24] [--force-psd 1e-6] [--wrong 0.3]
-        [--dropout 5] [--scale-q 1] [--scale-r 1] [-o runs/beside]
+        [--case dropout] [--scale-q 1] [--scale-r 1] [-o runs/beside]
 
 Simulates the workload disam115 without its map. All begin with the same smoothed first frames. Prints, over seeds, the rms error
 of the frames after them over that of the smoother (median and largest), and mean NEES per degree of freedom by block, of one frame
-in the middle of the rest and of the last, with its 95 % band. Wrong associations and dropouts are the filters' alone: the smoother
-sees clean data. With --scale-q or --scale-r the filters believe in a wrong process or pixel noise, which the band must show. A seed
-that has been run is read from the output folder.
+in the middle of the rest and of the last, with its 95 % band; verdicts, and the largest error of a run in stated standard
+deviations. Wrong associations and the faults of a case (`experiments.hard_cases`), of which a picture is written, are the filters'
+alone: the smoother sees clean data. With --scale-q or --scale-r the filters believe in a wrong process or pixel noise, which the
+band must show. A seed that has been run is read from the output folder.
 """
 
 import argparse
@@ -16,22 +17,23 @@ from pathlib import Path
 
 import numpy as np
 
+from experiments.hard_cases import CASES, FAR_OFF, case_figure
 from experiments.landmark_runs import MOTIONS, NAMES
 from spinfilters.conventions import STATE_BLOCKS
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
 from spinfilters.estimators.run import run
 from spinfilters.evaluation.consistency import chi_square_band
 from spinfilters.evaluation.errors import Alignment
-from spinfilters.evaluation.evaluation import evaluate
+from spinfilters.evaluation.evaluation import Evaluation, evaluate
 from spinfilters.logs.atomic_write import make_folder
 from spinfilters.logs.dataset import Dataset
 from spinfilters.models.process import ProcessNoise
-from spinfilters.simulation.faults import Dropout, WrongAssociations, with_faults
+from spinfilters.simulation.faults import WrongAssociations, with_faults
 from spinfilters.simulation.scenario import Scenario, simulate, without_map
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import FULL_BLOCKS
 from spinfilters.workflow.array_file import read_arrays, write_arrays
-from spinfilters.workflow.estimation import build_estimator
+from spinfilters.workflow.estimation import compare_estimators
 from spinfilters.workflow.preparation import Prepared, prepare
 from spinfilters.workflow.settings import ProcessSettings, SensorSettings, Settings
 from spinfilters.workflow.smoothing import NAME as SMOOTHER
@@ -39,8 +41,6 @@ from spinfilters.workflow.smoothing import begin_at_start, sliding_smoother
 
 ERRORS = ("position", "velocity", "attitude", "rate")
 TORQUE_PSD = 1e-6
-BEGIN_OF_DROPOUT = 40.2
-"""s; the start has ended by then."""
 
 
 @dataclass(frozen=True)
@@ -49,14 +49,14 @@ class Study:
 
     Attributes
     ----------
-    force_psd: (m/s^2)^2/Hz.   wrong: share of wrong associations.   dropout: s.
+    force_psd: (m/s^2)^2/Hz.   wrong: share of wrong associations.   case: of `CASES`.
     scale_q, scale_r: of process noise and pixel variance.
     """
 
     motion: str = "rich"
     force_psd: float = 1e-6
     wrong: float = 0.0
-    dropout: float = 0.0
+    case: str = "usual"
     scale_q: float = 1.0
     scale_r: float = 1.0
 
@@ -68,12 +68,9 @@ class Study:
     def recordings(self, seed: int) -> tuple[Dataset, Dataset]:
         """Clean and faulty."""
         noise = ProcessNoise(self.force_psd, TORQUE_PSD)
-        scenario = replace(Scenario.disam115(MOTIONS[self.motion], seed), noise=noise)
-        clean = without_map(simulate(scenario))
-        faults = (
-            *((WrongAssociations(self.wrong),) if self.wrong else ()),
-            *((Dropout(BEGIN_OF_DROPOUT, BEGIN_OF_DROPOUT + self.dropout),) if self.dropout else ()),
-        )
+        case, usual = CASES[self.case], Scenario.disam115(MOTIONS[self.motion], seed)
+        clean = without_map(simulate(case.scenario(replace(usual, noise=noise))))
+        faults = (*((WrongAssociations(self.wrong),) if self.wrong else ()), *case.faults)
         return clean, with_faults(clean, faults, seed) if faults else clean
 
     def settings(self, believed: bool) -> Settings:
@@ -93,7 +90,8 @@ def main() -> None:
     )
     parser.add_argument("--motion", choices=tuple(MOTIONS), default="rich")
     parser.add_argument("--seeds", type=int, default=24)
-    for name in ("force-psd", "wrong", "dropout", "scale-q", "scale-r"):
+    parser.add_argument("--case", choices=tuple(CASES), default="usual")
+    for name in ("force-psd", "wrong", "scale-q", "scale-r"):
         parser.add_argument(f"--{name}", type=float, default=getattr(Study, name.replace("-", "_")))
     parser.add_argument("-o", "--output", type=Path, default=Path("runs/beside"))
     given = vars(parser.parse_args())
@@ -103,6 +101,8 @@ def main() -> None:
     runs = [kept(study, seed, output) for seed in range(seeds)]
     for name in NAMES:
         print(described(name, runs))
+    picture = case_figure(runs, NAMES, f"{study.motion} motion, {CASES[study.case].description}")
+    picture.savefig(output / f"{study.label}.png", dpi=100)
 
 
 def kept(study: Study, seed: int, folder: Path) -> dict[str, np.ndarray]:
@@ -117,20 +117,14 @@ def kept(study: Study, seed: int, folder: Path) -> dict[str, np.ndarray]:
 def figures(study: Study, seed: int) -> dict[str, np.ndarray]:
     """By ``<estimator>/<what>`` of the frames after the start: rms errors (1,), NEES by block (n,), frames used (n,)."""
     clean, faulty = study.recordings(seed)
-    prepared = prepare(faulty, study.settings(believed=True))
-    arrays = {}
-    for name in NAMES:
-        arrays |= _figures(name, filtered(name, prepared, study.settings(believed=True)), faulty)
+    believed = study.settings(believed=True)
+    prepared = prepare(faulty, believed)
+    first, arrays = len(prepared.start.frames.mean), {}
+    for evaluation in compare_estimators(prepared, believed, lambda *_: None).evaluations:
+        arrays |= _figures(evaluation.name, evaluation, first)
     reference = prepare(clean, study.settings(believed=False))
-    return arrays | _figures(SMOOTHER, smoothed(reference, study.settings(believed=False)), clean)
-
-
-def filtered(name: str, prepared: Prepared, settings: Settings) -> tuple[EstimateHistory, int]:
-    """A filter's history with the smoothed frames in front, and how many those are."""
-    estimator, rows = build_estimator(name, prepared, settings), _start_rows(prepared)
-    estimator.start(prepared.belief)  # pyright: ignore[reportArgumentType]
-    first = len(rows)
-    return run(estimator, rows.time, prepared.timeline[first:], rows=rows), first
+    history, first = smoothed(reference, study.settings(believed=False))
+    return arrays | _figures(SMOOTHER, evaluate(history, clean.truth, Alignment.FIRST_FRAME), first)
 
 
 def smoothed(prepared: Prepared, settings: Settings) -> tuple[EstimateHistory, int]:
@@ -150,15 +144,21 @@ def _start_rows(prepared: Prepared) -> GrowingHistory:
     return rows
 
 
-def _figures(name: str, found: tuple[EstimateHistory, int], dataset: Dataset) -> dict[str, np.ndarray]:
-    history, first = found
-    evaluation = evaluate(history, dataset.truth, Alignment.FIRST_FRAME)
+def _figures(name: str, evaluation: Evaluation, first: int) -> dict[str, np.ndarray]:
+    history = evaluation.history
     assert evaluation.errors is not None
+    assert evaluation.errors.position is not None
     assert evaluation.nees is not None
     result = {}
     for what in ERRORS:
         rows = getattr(evaluation.errors, what)[first:]
         result[f"{name}/{what}"] = np.array([np.sqrt(np.square(rows).sum(axis=1).mean())])
+    result[f"{name}/time"] = history.time[first:]
+    result[f"{name}/position_error"] = np.linalg.norm(evaluation.errors.position[first:], axis=1)
+    result[f"{name}/position_std"] = np.linalg.norm(evaluation.trajectory.std_position[first:], axis=1)
+    scaled = [values / STATE_BLOCKS[block] for block, values in evaluation.nees.blocks.items()]
+    result[f"{name}/deviations"] = np.sqrt(np.max(scaled, axis=0)[first:])
+    result[f"{name}/verdict"] = np.array([history.status.verdict.value, *history.status.reasons])
     for block, values in evaluation.nees.blocks.items():
         result[f"{name}/nees_{block}"] = values[first:]
     used, runtime = history.accepted[first:].astype(float), history.runtime[first:]
@@ -181,6 +181,7 @@ def described(name: str, runs: list[dict[str, np.ndarray]]) -> str:
     lines.append(
         f"  landmarks used per frame {used:.0f}; ms per frame {1e3 * times[0]:.2f}, the smoother {1e3 * times[1]:.1f}"
     )
+    lines += _verdicts(name, runs)
     lines.append(
         "  NEES per degree of freedom: mean; in the middle, at the end; 95 % band; the smoother's mean"
     )
@@ -195,6 +196,20 @@ def described(name: str, runs: list[dict[str, np.ndarray]]) -> str:
             f"  {block}: {mean:.2f}; {middle:.2f}, {last:.2f}; {low:.2f} .. {high:.2f}; {others:.2f}"
         )
     return "\n".join(lines)
+
+
+def _verdicts(name: str, runs: list[dict[str, np.ndarray]]) -> list[str]:
+    """How many runs ended how, and how far off they were at worst."""
+    verdicts = [str(run[f"{name}/verdict"][0]) for run in runs]
+    worst = np.array([run[f"{name}/deviations"].max() for run in runs])
+    silent = sum(verdict == "ok" and far > FAR_OFF for verdict, far in zip(verdicts, worst, strict=True))
+    counts = ", ".join(f"{verdicts.count(each)} {each}" for each in sorted(set(verdicts)))
+    reasons = sorted({str(reason) for run in runs for reason in run[f"{name}/verdict"][1:]})
+    lines = [
+        f"  {counts}; largest error of a block in standard deviations {np.median(worst):.1f} ({worst.max():.1f}), "
+        f"{silent} ok beyond {FAR_OFF:g}"
+    ]
+    return [*lines, *(f"    {reason}" for reason in reasons)]
 
 
 if __name__ == "__main__":

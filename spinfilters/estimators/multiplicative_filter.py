@@ -22,7 +22,9 @@ from spinfilters.estimators.landmarks.belief import LandmarkBelief, state_in_g
 from spinfilters.estimators.landmarks.held_map import HeldMap
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.estimators.landmarks.observations import Observations, Solved
+from spinfilters.estimators.landmarks.shared_modes import anchored_at_pose
 from spinfilters.estimators.robustness import RobustOptions, SensorGuard, SensorGuards
+from spinfilters.models.gauge import GAUGE_DIM
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
 
@@ -153,11 +155,21 @@ class MultiplicativeFilter(Estimator):
             self._factor = factor
         return self._held
 
+    def _anchored(self, dim: int, ids: Int[np.ndarray, " k"]) -> HeldMap:
+        """The map; in the frame of the present pose where new landmarks alone are seen, but for so few that they tell no pose."""
+        held = self._with_map()
+        known = int(np.count_nonzero(held.landmarks.locate(ids) >= 0))
+        if len(held.landmarks) == 0 or dim * known >= GAUGE_DIM or dim * (len(ids) - known) < GAUGE_DIM:
+            return held
+        belief = anchored_at_pose(self.landmark_belief, self._options)
+        self._factor, self._held = belief.factor, HeldMap.of(belief, self._options)
+        return self._held
+
     def _observed(
         self, measurement: Measurement, ids: Int[np.ndarray, " k"], guard: SensorGuard, scale: float
     ) -> UpdateReport:
         """Landmarks of the map seen, and new ones."""
-        held = self._with_map()
+        held = self._anchored(measurement.model.dim, ids)
         observations = held.observations(self.layout, measurement, ids, scale)
         solved = self._solved(observations, guard)
         mean = self.layout.retract(self._mean, solved.correction.error[: self._n])

@@ -18,7 +18,10 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.repeated_frames import RepeatedFrames
 
 PATIENCE = 3
-"""Updates in a row most of whose values the gate refused, after which it is the state that is doubted."""
+"""Updates in a row hardly any of whose values the gate let through, after which it is the state that is doubted."""
+AGREEING_SHARE = 0.2
+"""Of an update's values inside the gate, from which on the state is believed, not the others: a lost state agrees with few values,
+and by chance; where half of the associations are wrong, and landmarks that they made, a true one agrees with two of five."""
 WIDEST = 1e100
 """Of the scale of Cauchy weights: its square is a number still."""
 
@@ -146,11 +149,11 @@ _KERNELS = {"none": _least_squares, "huber": _huber, "barron": _barron}
 
 
 class SensorGuard:
-    """What a filter remembers of one sensor to distrust it by: the latest values, and how often in a row the gate refused most.
+    """What a filter remembers of one sensor to distrust it by: the latest values, and how often in a row few passed the gate.
 
     A filter that is wrong would refuse everything for ever. So after `PATIENCE` refusals in a row the gate is lifted for as long as
-    most values lie outside it, and Cauchy weights take its place, their width scaled by the median distance: the majority counts,
-    and what disagrees with it does not.
+    fewer than `AGREEING_SHARE` of the values lie inside it, and Cauchy weights take its place, their width scaled by the median
+    distance: the majority counts, and what disagrees with it does not.
     """
 
     def __init__(self, options: RobustOptions) -> None:
@@ -169,7 +172,9 @@ class SensorGuard:
             refused = 0 if result is None else int(np.count_nonzero(result == 0))
         else:
             result, refused = self._lifted(innovation, deviations)
-        self._refusals = self._refusals + 1 if 2 * refused > len(innovation) else 0
+        self._refusals = (
+            self._refusals + 1 if len(innovation) - refused < AGREEING_SHARE * len(innovation) else 0
+        )
         return result
 
     def _lifted(

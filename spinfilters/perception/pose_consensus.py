@@ -1,8 +1,9 @@
 """First poses from matches of which many may be wrong: the rigid motion that most matches of a frame agree on.
 
 A least-squares fit that is trimmed twice is tried first, for all frames at once. Where too few matches agree with it, motions of
-random triples are tried (RANSAC, Fischler and Bolles 1981, with the cost of Torr and Zisserman 2000: squared pixels up to a bound),
-and the best is fitted again to all that agree with it.
+random triples are tried (RANSAC, Fischler and Bolles 1981, with the cost of Torr and Zisserman 2000: squared pixels up to a bound).
+A triple of right matches lies so close together, and its depths are so poor, that it hardly ever shows which others are right; so
+the cheapest of every batch are fitted to all that agree with them before they are compared (Chum, Matas and Kittler 2003).
 """
 
 from dataclasses import dataclass
@@ -23,7 +24,13 @@ SMALLEST_SHARE = 0.2
 CLEAR_SHARE = 0.6
 """Of the matches: where so many agree with the trimmed fit, no other motion can have as many."""
 TRIPLES = 200
-"""Where half of the matches are right, one triple in eight is; of 200 some are spread well besides."""
+"""In a batch."""
+RIGHT_TRIPLES = 20
+"""Expected among all that are tried: only some of them are spread well besides."""
+LARGEST_SEARCH = 10
+"""Batches: enough for `RIGHT_TRIPLES` where 22 % of the matches are right."""
+REFINED = 4
+"""Motions of a batch that are fitted to what agrees with them."""
 TRIMS = 2
 REFITS = 3
 SEED = 0
@@ -57,45 +64,87 @@ class _Seen:
         """They fall with depth, as its uncertainty grows."""
         return self.camera[..., 2] ** -4
 
+    def frame(self, number: int) -> "_Seen":
+        """The usable matches of one frame."""
+        usable = self.usable[number]
+        points, pixels, camera = (a[number][usable][None] for a in (self.points, self.pixels, self.camera))
+        return _Seen(np.ones((1, points.shape[1]), dtype=bool), points, pixels, camera, self.calibration)
+
     def share(self, chosen: Bool[np.ndarray, "f k"]) -> Float[np.ndarray, " f"]:
         """Of the usable matches."""
         return np.count_nonzero(chosen, axis=1) / np.maximum(np.count_nonzero(self.usable, axis=1), 1)
 
-    def agreeing(self, poses: Float[np.ndarray, "f 7"]) -> Bool[np.ndarray, "f k"]:
-        """Matches near the pixels that a pose tells."""
-        R = matrix_from_quaternion(poses[:, 3:])
-        squares = _squared_pixels(R, poses[:, :3], self.points, self.pixels, self.calibration)
-        return self.usable & (squares < AGREEMENT_PX**2)
+    def agreeing(self, poses: Float[np.ndarray, "h 7"]) -> Bool[np.ndarray, "h k"]:
+        """Matches near the pixels that a pose tells; poses are of all frames, or h of one."""
+        return self.usable & (self.squared_pixels(poses) < AGREEMENT_PX**2)
+
+    def cost(self, poses: Float[np.ndarray, "h 7"]) -> Float[np.ndarray, " h"]:
+        """Sum of squared pixels up to a bound, under each of the poses."""
+        return np.minimum(self.squared_pixels(poses), AGREEMENT_PX**2).sum(axis=1)
 
     def fitted(
-        self, chosen: Bool[np.ndarray, "f k"]
-    ) -> tuple[Float[np.ndarray, "f 7"], Bool[np.ndarray, " f"]]:
+        self, chosen: Bool[np.ndarray, "h k"]
+    ) -> tuple[Float[np.ndarray, "h 7"], Bool[np.ndarray, " h"]]:
         """Absolute orientations of the chosen matches, and which they determine: four of them at least."""
         enough = np.count_nonzero(chosen, axis=1) >= 4
         weights = np.where(chosen | ~enough[:, None], self.weights, 0.0)
-        q, t, determined = absolute_orientations(self.camera, self.points, weights)
+        shape = (*chosen.shape, 3)
+        camera, points = np.broadcast_to(self.camera, shape), np.broadcast_to(self.points, shape)
+        q, t, determined = absolute_orientations(camera, points, weights)
         return np.concatenate([t, q], axis=1), enough & determined
 
+    def squared_pixels(self, poses: Float[np.ndarray, "h 7"]) -> Float[np.ndarray, "h k"]:
+        """Squared distance (u_left, v_left, u_right) of each match under each pose, infinite behind the camera."""
+        (fx, fy, cx, cy, baseline), pixels = self.calibration, self.pixels
+        rotations = matrix_from_quaternion(poses[:, 3:])
+        at = self.points @ np.swapaxes(rotations, 1, 2) + poses[:, None, :3]
+        x, y, z = at[..., 0], at[..., 1], at[..., 2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            u, v = fx * x / z + cx - pixels[..., 0], fy * y / z + cy - pixels[..., 1]
+            right = u + pixels[..., 0] - fx * baseline / z - pixels[..., 2]
+            return np.where(z > 0, u**2 + v**2 + right**2, np.inf)
 
-def consensus_poses(
-    table: MatchTable, calibration: Float[np.ndarray, " 5"]
-) -> tuple[Float[np.ndarray, "f 7"], Bool[np.ndarray, " f"]]:
-    """Rough poses (t, q_ig) of f frames, and where there is one: where matches enough agree at every turn."""
+
+@dataclass(frozen=True)
+class Consensus:
+    """Rough poses (t, q_ig) of f frames, where there is one, and which matches agree with it.
+
+    Attributes
+    ----------
+    poses: (f, 7).   found: (f,) where matches enough agree.   agreeing: (f, k).
+    """
+
+    poses: Float[np.ndarray, "f 7"]
+    found: Bool[np.ndarray, " f"]
+    agreeing: Bool[np.ndarray, "f k"]
+
+
+def consensus_poses(table: MatchTable, calibration: Float[np.ndarray, " 5"]) -> Consensus:
+    """Rough poses of f frames, those that most of their matches agree on."""
     seen = _Seen.of(table, calibration)
     poses, found = _trimmed(seen)
     unclear = found & (seen.share(seen.agreeing(poses)) < CLEAR_SHARE)
     for frame in np.flatnonzero(unclear).tolist():
-        poses[frame] = _best_of_triples(seen, frame)
-    fitted = np.zeros_like(seen.usable)
+        poses[frame] = _best_of_triples(seen.frame(frame))
+    poses = _refined(seen, poses, found)
+    agreeing = seen.agreeing(poses) & found[:, None]
+    return Consensus(poses, found & (seen.share(agreeing) >= SMALLEST_SHARE), agreeing)
+
+
+def _refined(
+    seen: _Seen, poses: Float[np.ndarray, "h 7"], found: Bool[np.ndarray, " h"] | None = None
+) -> Float[np.ndarray, "h 7"]:
+    """Poses fitted again and again to what agrees with them; those that it does not determine stay."""
+    fitted = np.zeros((len(poses), seen.usable.shape[1]), dtype=bool)
     for _ in range(REFITS):
-        agreeing = seen.agreeing(poses) & found[:, None]
-        found &= seen.share(agreeing) >= SMALLEST_SHARE
+        agreeing = seen.agreeing(poses)
+        if found is not None:
+            agreeing &= found[:, None]
         if np.array_equal(agreeing, fitted):
             break
-        fitted = agreeing
-        poses, determined = seen.fitted(agreeing)
-        found &= determined
-    return poses, found
+        again, determined = seen.fitted(agreeing)
+        poses, fitted = np.where(determined[:, None], again, poses), agreeing
+    return poses
 
 
 def _trimmed(seen: _Seen) -> tuple[Float[np.ndarray, "f 7"], Bool[np.ndarray, " f"]]:
@@ -121,29 +170,24 @@ def _medians(values: Float[np.ndarray, "f k"], chosen: Bool[np.ndarray, "f k"]) 
     return np.take_along_axis(ordered, middle, axis=1).mean(axis=1)
 
 
-def _best_of_triples(seen: _Seen, frame: int) -> Float[np.ndarray, " 7"]:
-    usable = seen.usable[frame]
-    points, pixels, camera = (array[frame][usable] for array in (seen.points, seen.pixels, seen.camera))
+def _best_of_triples(seen: _Seen) -> Float[np.ndarray, " 7"]:
+    """The cheapest pose of one frame, from as many triples as promise `RIGHT_TRIPLES` right ones at the share that agrees."""
     generator = np.random.default_rng(SEED)
-    chosen = generator.random((TRIPLES, len(points))).argpartition(2, axis=1)[:, :3]
-    rotations, shifts = rigid_motions(camera[chosen], points[chosen])
-    squares = _squared_pixels(rotations, shifts, points, pixels, seen.calibration)
-    best = int(np.argmin(np.minimum(squares, AGREEMENT_PX**2).sum(axis=1)))
-    return np.concatenate([shifts[best], quaternion_from_matrix(rotations[best])])
+    best, least = np.zeros(7), np.inf
+    for batch in range(1, LARGEST_SEARCH + 1):
+        poses = _refined(seen, _promising(seen, generator))
+        costs = seen.cost(poses)
+        cheapest = int(np.argmin(costs))
+        if costs[cheapest] < least:
+            best, least = poses[cheapest], float(costs[cheapest])
+        if batch * TRIPLES * float(seen.share(seen.agreeing(best[None]))[0]) ** 3 >= RIGHT_TRIPLES:
+            break
+    return best
 
 
-def _squared_pixels(
-    rotations: Float[np.ndarray, "h 3 3"],
-    shifts: Float[np.ndarray, "h 3"],
-    points: Float[np.ndarray, "*h k 3"],
-    pixels: Float[np.ndarray, "*h k 3"],
-    calibration: Float[np.ndarray, " 5"],
-) -> Float[np.ndarray, "h k"]:
-    """Squared distance (u_left, v_left, u_right) of each match under each motion, infinite behind the camera."""
-    fx, fy, cx, cy, baseline = calibration
-    at = points @ np.swapaxes(rotations, 1, 2) + shifts[:, None]
-    x, y, z = at[..., 0], at[..., 1], at[..., 2]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        u, v = fx * x / z + cx - pixels[..., 0], fy * y / z + cy - pixels[..., 1]
-        right = u + pixels[..., 0] - fx * baseline / z - pixels[..., 2]
-        return np.where(z > 0, u**2 + v**2 + right**2, np.inf)
+def _promising(seen: _Seen, generator: np.random.Generator) -> Float[np.ndarray, "r 7"]:
+    """The cheapest motions of a batch of triples."""
+    chosen = generator.random((TRIPLES, seen.points.shape[1])).argpartition(2, axis=1)[:, :3]
+    rotations, shifts = rigid_motions(seen.camera[0][chosen], seen.points[0][chosen])
+    poses = np.concatenate([shifts, quaternion_from_matrix(rotations)], axis=1)
+    return poses[np.argsort(seen.cost(poses))[:REFINED]]

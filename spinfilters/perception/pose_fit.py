@@ -66,12 +66,13 @@ def _fitted(frames: Sequence[Matches], calibration: Float[np.ndarray, " 5"]) -> 
     if not table.given.any():
         return fits
     model = _stereo(noise_model(frames[0].noise, 3))
-    poses, moving = consensus_poses(table, calibration)
+    rough = consensus_poses(table, calibration)
+    poses, moving = rough.poses, rough.found.copy()
     for iteration in range(ITERATIONS):
         rows = np.flatnonzero(moving)
         if not len(rows):
             break
-        step = _gauss_newton(model, table.part(moving), poses[moving])
+        step = _gauss_newton(model, table.part(moving), poses[moving], rough.agreeing[moving])
         poses[rows] = step.poses
         settled = step.determined & (step.length < SETTLED)
         done = step.determined if iteration == ITERATIONS - 1 else settled
@@ -98,11 +99,16 @@ class _Step(NamedTuple):
     determined: Bool[np.ndarray, " f"]
 
 
-def _gauss_newton(model: StereoLandmark, table: MatchTable, poses: Float[np.ndarray, "f 7"]) -> _Step:
+def _gauss_newton(
+    model: StereoLandmark,
+    table: MatchTable,
+    poses: Float[np.ndarray, "f 7"],
+    agreeing: Bool[np.ndarray, "f k"],
+) -> _Step:
     innovation, jacobian, valid = _linearised(model, table, poses)
     if table.covariance is not None:
         innovation, jacobian = _with_map_noise(poses, innovation, jacobian, table.covariance)
-    inliers = valid & _within_gate(np.abs(innovation).max(axis=2), table)
+    inliers = valid & _within_gate(np.abs(innovation).max(axis=2), agreeing)
     determined = np.count_nonzero(inliers, axis=1) >= np.maximum(4, SMALLEST_SHARE * table.counts)
     jacobian[~inliers], innovation[~inliers] = 0.0, 0.0
     A, b = jacobian.reshape(len(poses), -1, 6), innovation.reshape(len(poses), -1, 1)
@@ -125,11 +131,16 @@ def _linearised(
     return innovation.reshape(f, k, 3), jacobian.reshape(f, k, 3, 6), valid.reshape(f, k) & table.given
 
 
-def _within_gate(size: Float[np.ndarray, "f k"], table: MatchTable) -> Bool[np.ndarray, "f k"]:
-    """Residuals (standard deviations) below a gate that opens while a pose is off, judged by the quarter that fits best."""
-    ordered = np.sort(np.where(table.given, size, np.nan), axis=1)  # what is not a number comes last
-    quarter = np.take_along_axis(ordered, table.counts[:, None] // 4, axis=1)
-    return size < np.fmax(GATE_PX, OPENING * quarter)
+def _within_gate(
+    size: Float[np.ndarray, "f k"], agreeing: Bool[np.ndarray, "f k"]
+) -> Bool[np.ndarray, "f k"]:
+    """Residuals (standard deviations) below a gate that opens while a pose is off.
+
+    By how much is judged by the best quarter of those that agree with the rough pose: among all, that quarter may be wrong.
+    """
+    ordered = np.sort(np.where(agreeing, size, np.nan), axis=1)  # what is not a number comes last
+    quarter = np.count_nonzero(agreeing, axis=1)[:, None] // 4
+    return size < np.fmax(GATE_PX, OPENING * np.take_along_axis(ordered, quarter, axis=1))
 
 
 def _with_map_noise(

@@ -1,5 +1,7 @@
 """What goes wrong around filters with landmarks in their state does them no harm."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from landmark_samples import (
@@ -12,6 +14,9 @@ from landmark_samples import (
     timeline_of,
 )
 
+from spinfilters.estimators.landmarks.belief import state_in_g
+from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.landmarks.shared_modes import anchored_at_pose
 from spinfilters.evaluation.consistency import chi_square_band
 from spinfilters.simulation.faults import (
     Dropout,
@@ -24,10 +29,11 @@ from spinfilters.simulation.faults import (
 BOTH = pytest.mark.parametrize("name", FILTERS)
 
 
+@pytest.mark.parametrize("share", [0.3, 0.45])
 @BOTH
-def test_wrong_associations_are_refused_and_do_no_harm(name):
+def test_wrong_associations_are_refused_and_do_no_harm(name, share):
     recorded = recording()
-    faulty = timeline_of(with_faults(recorded.dataset, (WrongAssociations(0.3),), 1))
+    faulty = timeline_of(with_faults(recorded.dataset, (WrongAssociations(share),), 1))
     estimator, true = started(name), [frame.measurements[0].ids for frame in recorded.timeline]
     reports = []
     for k, frame in enumerate(faulty):
@@ -73,6 +79,39 @@ def test_a_frozen_camera_is_no_news():
         assert (estimator.belief.mean == before.mean).all()
     errors = nees(run_through(estimator, frozen, 16), recorded.states[16:])
     assert np.median(errors) < chi_square_band(20, 1)[1]
+
+
+@BOTH
+def test_a_filter_that_loses_every_landmark_knows_how_little_it_knows(name):
+    """New landmarks tell nothing of the attitude in frame g: what is said of it does not shrink to what they tell of each other."""
+    recorded, estimator = recording(), started(name)
+    run_through(estimator, recorded.timeline[:15])
+    estimator.predict(8.0)
+    lost, spreads, epochs = estimator.belief, [], recorded.timeline[15:22]
+    for before, frame in zip([None, *epochs], epochs, strict=False):
+        seen = frame.measurements[0]
+        if before is not None:
+            estimator.predict(frame.time - before.time)
+        assert seen.ids is not None
+        estimator.update(replace(seen, ids=seen.ids + 10_000))
+        spreads.append(np.linalg.norm(estimator.belief.std[LAYOUT.slice("a")]))
+    assert min(spreads) > 0.9 * np.linalg.norm(lost.std[LAYOUT.slice("a")])
+
+
+def test_a_belief_anchored_at_the_pose_is_the_same_belief():
+    estimator, n = started(), LAYOUT.error_dim
+    run_through(estimator, recording().timeline[:15])
+    estimator.predict(8.0)
+    belief = estimator.landmark_belief
+    anchored = anchored_at_pose(belief, LandmarkOptions())
+    assert not anchored.factor[np.r_[LAYOUT.slice("t"), LAYOUT.slice("a")]].any()
+    mean, rows = state_in_g(LAYOUT, anchored.mean, anchored.factor, anchored.move)
+    np.testing.assert_allclose(mean, belief.mean, atol=1e-12)
+    expected = belief.factor[:n] @ belief.factor[:n].T
+    scale = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(
+        rows @ rows.T / np.outer(scale, scale), expected / np.outer(scale, scale), atol=1e-8
+    )
 
 
 def test_a_dropout_of_ten_seconds_is_survived():

@@ -9,6 +9,7 @@ from linear_samples import linear_belief, linear_process, linear_sensor
 from scipy.stats import chi2
 
 from spinfilters.errors import InputError
+from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.multiplicative_filter import MultiplicativeFilter
 from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf
@@ -241,20 +242,51 @@ def test_after_refusing_most_values_often_enough_the_gate_is_lifted_and_closes_a
     assert not again.any()
 
 
+def test_a_gate_that_two_of_five_values_pass_is_not_lifted() -> None:
+    guard, Y, values = SensorGuard(RobustOptions()), np.zeros((10, 2, 1)), np.zeros((10, 2))
+    values[4:] = 100.0
+    for _ in range(3 * PATIENCE):
+        found = guard.weights(values, lambda chosen: Y[chosen])
+        assert found is not None
+        np.testing.assert_array_equal(found, np.repeat([1, 0], [4, 6]))
+
+
+def _exchanged(frame: Measurement, share: float, generator: np.random.Generator) -> Measurement:
+    """With a share of the landmarks exchanged in a ring."""
+    values = frame.values.copy()
+    rows = generator.choice(len(values), round(share * len(values)), replace=False)
+    values[rows] = values[np.roll(rows, 1)]
+    return replace(frame, values=values)
+
+
 @pytest.mark.parametrize("build", OURS)
-def test_a_filter_that_went_astray_finds_back(build: Build) -> None:
+def test_sixty_percent_of_wrong_associations_do_not_lead_a_filter_astray(build: Build) -> None:
+    timeline, truth, n = embedded(0).timeline, embedded(0).truth, START.frames
+    estimator, generator = build(PROCESS), np.random.default_rng(1)
+    estimator.start(started(0).belief)
+    for frame in timeline[n : n + 10]:
+        estimator.predict(0.5)
+        estimator.update(_exchanged(frame.measurements[0], 0.6, generator))
+    error = np.linalg.solve(estimator.belief.factor, FULL.local(estimator.belief.mean, truth[n + 9]))
+    assert error @ error < chi2.ppf(0.999, 20)
+
+
+@pytest.mark.parametrize("wrong", [0.0, 0.3])
+@pytest.mark.parametrize("build", OURS)
+def test_a_filter_that_went_astray_finds_back(build: Build, wrong: float) -> None:
     timeline, truth, n = embedded(0).timeline, embedded(0).truth, START.frames
     belief = started(0).belief
     away = np.zeros(20)
     away[FULL.slice("a")] = 0.2
-    estimator = build(PROCESS)
+    estimator, generator = build(PROCESS), np.random.default_rng(1)
     estimator.start(Gaussian(FULL, FULL.retract(belief.mean, away), belief.factor))
     accepted = []
     for frame in timeline[n : n + 30]:
         estimator.predict(0.5)
-        accepted.append(estimator.update(frame.measurements[0]).accepted / len(frame.measurements[0].values))
+        seen = _exchanged(frame.measurements[0], wrong, generator)
+        accepted.append(estimator.update(seen).accepted / len(seen.values))
     assert accepted[0] < 0.5
-    assert min(accepted[-5:]) > 0.95
+    assert min(accepted[-5:]) > 0.95 - wrong
     error = FULL.local(estimator.belief.mean, truth[n + 29])[FULL.slice("a")]
     assert np.linalg.norm(error) < 0.01
 

@@ -20,7 +20,7 @@ from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_pa
 from spinfilters.perception.map_building import poses_without_map
 from spinfilters.perception.map_in_progress import MapInProgress
 from spinfilters.perception.matches import Matches, MatchTable
-from spinfilters.perception.pose_consensus import consensus_poses
+from spinfilters.perception.pose_consensus import Consensus, consensus_poses
 from spinfilters.perception.pose_fit import fit_pose
 from spinfilters.simulation.scenario import RIG, Scenario, simulate
 from spinfilters.state.layout import StateLayout
@@ -43,16 +43,16 @@ def _swapped_matches(share: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return points, pixels, wrong
 
 
-def _rough(points: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _rough(points: np.ndarray, pixels: np.ndarray) -> Consensus:
     return consensus_poses(MatchTable.of([Matches(points, pixels, 1.0)], RIG.calibration), RIG.calibration)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.5, 0.65])
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.5, 0.65, 0.75])
 def test_the_pose_that_most_matches_agree_on_is_found_among_wrong_ones(share: float) -> None:
     points, pixels, wrong = _swapped_matches(share)
-    rough, found = _rough(points, pixels)
-    assert found.all()
-    assert angle_between(rough[0, 3:], POSE[3:]) < 0.1
+    rough = _rough(points, pixels)
+    assert rough.found.all()
+    assert angle_between(rough.poses[0, 3:], POSE[3:]) < 0.1
     fitted = fit_pose(Matches(points, pixels, 1.0), RIG.calibration)
     assert fitted is not None
     error = CAMERA.layout.local(fitted.pose, POSE)
@@ -63,7 +63,9 @@ def test_the_pose_that_most_matches_agree_on_is_found_among_wrong_ones(share: fl
 
 def test_the_same_matches_give_the_same_pose() -> None:
     points, pixels, _ = _swapped_matches(0.5)
-    np.testing.assert_array_equal(_rough(points, pixels)[0], _rough(points, pixels)[0])
+    first, again = _rough(points, pixels), _rough(points, pixels)
+    np.testing.assert_array_equal(first.poses, again.poses)
+    np.testing.assert_array_equal(first.agreeing, again.agreeing)
 
 
 def test_matches_that_agree_on_nothing_give_no_pose() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.estimators.gain import lower_roots, triangular_factor
+from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.models.gauge import GAUGE_DIM, gauge_directions, gauge_of_points
 from spinfilters.state.layout import StateLayout
@@ -55,7 +56,30 @@ class HeldErrors:
 
 def shared_modes(every: SharedErrors, options: LandmarkOptions) -> HeldErrors:
     """The modes that explain most of what landmarks share, weighed by what is their own; what is left out becomes their own."""
-    errors, rigid = every.in_frame_of_map()
+    return _held(*every.in_frame_of_map(), options)
+
+
+def anchored_at_pose(belief: LandmarkBelief, options: LandmarkOptions) -> LandmarkBelief:
+    """The same belief in the map's frame that the present pose defines: its error is then that of the move alone.
+
+    Where no landmark is known again, new ones share the error of the pose that they are first seen from. In the old frame that
+    error stays in the state; every epoch would linearise it anew and take the differences for information.
+    """
+    layout, modes, n = belief.layout, belief.modes, belief.layout.error_dim
+    r, k, size = modes.shape[2], len(modes), len(belief.factor)
+    state, shared, before = np.split(belief.factor, [n, n + r])
+    directions = gauge_directions(layout, belief.mean)
+    pose = np.r_[layout.slice("a"), layout.slice("t")]
+    move = np.linalg.solve(directions[pose], state[pose])
+    follow = modes.reshape(-1, r) @ shared - gauge_of_points(belief.points) @ move
+    rows = state - directions @ move
+    rows[pose] = 0.0  # of rounding
+    errors = SharedErrors(layout, belief.mean, belief.points, rows, follow.reshape(k, 3, size), belief.roots)
+    held = _held(errors, move + before if len(before) else move, options)
+    return replace(belief, modes=held.modes, roots=held.roots, factor=held.factor)
+
+
+def _held(errors: SharedErrors, rigid: Float[np.ndarray, "6 R"], options: LandmarkOptions) -> HeldErrors:
     k, R = len(errors.points), errors.follow.shape[2]
     own = lower_roots(errors.own)
     scaled = np.linalg.solve(own, errors.follow).reshape(3 * k, R)

@@ -1,0 +1,32 @@
+"""What the faults of the hard cases do to a recording."""
+
+import numpy as np
+
+from experiments.hard_cases import CASES, FewAtFirst, NewNumbers
+from spinfilters.logs.dataset import Dataset
+from spinfilters.simulation.faults import with_faults
+from spinfilters.simulation.scenario import Scenario, simulate
+
+RECORDING = simulate(Scenario(frames=20, landmarks=100))
+
+
+def _ids(dataset: Dataset, begin: float, end: float) -> set[int]:
+    stream = dataset.log.stream("stereo")
+    assert stream.ids is not None
+    return set(stream.ids[(stream.time >= begin) & (stream.time < end)].tolist())
+
+
+def test_new_numbers_are_new_and_end_when_told() -> None:
+    faulty = with_faults(RECORDING, (NewNumbers(4.0, 6.0),), 0)
+    assert not _ids(faulty, 4.0, 6.0) & (_ids(faulty, 0.0, 4.0) | _ids(faulty, 6.0, np.inf))
+    assert _ids(faulty, 6.0, np.inf) == _ids(RECORDING, 6.0, np.inf)
+
+
+def test_few_at_first_are_all_afterwards() -> None:
+    faulty = with_faults(RECORDING, (FewAtFirst(0.2, 5.0),), 0)
+    assert 0 < len(_ids(faulty, 0.0, 5.0)) <= 20
+    assert _ids(faulty, 5.0, np.inf) == _ids(RECORDING, 5.0, np.inf)
+
+
+def test_every_case_has_a_recording_of_its_own() -> None:
+    assert len({(case.description, case.faults) for case in CASES.values()}) == len(CASES)
