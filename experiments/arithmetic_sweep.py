@@ -13,6 +13,7 @@ step is compared with that composed of many.
 import argparse
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -139,7 +140,7 @@ def inspect(checked: Checked, step: Step) -> None:
 def solve_again(checked: Checked, taken: list[Step]) -> None:
     """Each step's linear problem by the reference, and by conventional forms."""
     checked.indefinite, checked.std_error = dict.fromkeys(CONVENTIONAL, False), 0.0
-    for step in taken:
+    for step in takewhile(_is_in_g, taken):
         problem, before = linear_step(checked.run, step), joint_before(checked.run, step)
         exact = reference(before.astype(np.longdouble), problem)
         error = np.abs(stds(step.after["factor"][: LAYOUT.error_dim]) / stds(exact) - 1).max()
@@ -147,6 +148,12 @@ def solve_again(checked: Checked, taken: list[Step]) -> None:
         kept = before.astype(checked.run.options.precision)
         for name in CONVENTIONAL:
             checked.indefinite[name] |= _fails(kept @ kept.T, name, problem)
+
+
+def _is_in_g(step: Step) -> bool:
+    """Whether the state is still told in frame g: a filter that knows no landmark again goes on in another frame."""
+    modes = step.after.get("map.modes", np.zeros((0, 3, 0))).shape[2]
+    return len(step.after["factor"]) == LAYOUT.error_dim + modes
 
 
 def _fails(covariance: np.ndarray, name: str, problem: LinearStep) -> bool:

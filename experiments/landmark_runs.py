@@ -9,7 +9,7 @@ from spinfilters.estimators.estimator import MapChange
 from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
 from spinfilters.estimators.landmark_start.smoother import SmoothingOptions, smooth_with_landmarks
-from spinfilters.estimators.landmark_start.start import GAUGE_STD, LandmarkStartReport
+from spinfilters.estimators.landmark_start.start import LandmarkStartReport
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.bound import CramerRaoBound, TrueLandmarks
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
@@ -22,6 +22,7 @@ from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
 from spinfilters.evaluation.trajectory import trajectory_of
 from spinfilters.logs.dataset import Dataset
+from spinfilters.models.gauge import GAUGE_STD
 from spinfilters.simulation.faults import WrongAssociations, with_faults
 from spinfilters.simulation.scenario import RICH_RPM, THESIS_RPM, Scenario, simulate, without_map
 from spinfilters.state.gaussian import Gaussian

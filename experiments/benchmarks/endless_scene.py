@@ -15,8 +15,8 @@ from spinfilters.conventions import RPM
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.first_frames import FirstStatePrior
-from spinfilters.estimators.landmark_start.start import GAUGE_STD
 from spinfilters.estimators.timeline import Frame
+from spinfilters.models.gauge import GAUGE_STD
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.simulation.motion import Motion, simulate_motion

@@ -12,12 +12,12 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.estimators.first_frames import FirstStatePrior
-from spinfilters.estimators.landmark_start.start import GAUGE_STD
 from spinfilters.estimators.motion_evidence import evidence_from_poses
 from spinfilters.estimators.smoothing.problem import Problem, Trial, problem_of
 from spinfilters.estimators.smoothing.sightings import SIGHTINGS_NEEDED, Sightings, collect_sightings
 from spinfilters.estimators.start import StartOptions, closed_form, trial_trajectory, wide_prior
 from spinfilters.estimators.timeline import SensorNoise, StereoView, Timeline, build_timeline
+from spinfilters.models.gauge import GAUGE_STD
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.perception.map_building import poses_without_map
 from spinfilters.simulation.scenario import RICH_RPM, THESIS_RPM, Scenario, simulate

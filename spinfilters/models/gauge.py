@@ -27,6 +27,8 @@ from spinfilters.symbolic import Compiled, building
 
 GAUGE_DIM = 6
 """Rotation vector theta (rad), then translation rho (m), both in g axes."""
+GAUGE_STD = 1e-6
+"""Of a pose that defines a frame, m and rad."""
 
 
 def gauge_move(layout: StateLayout, x: Expression, move: Expression) -> Expression:

@@ -27,9 +27,7 @@ from spinfilters.estimators.start import (
 )
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.logs.track_files import KnownMap
-
-GAUGE_STD = 1e-6
-"""Of the first frame's pose, m and rad: it defines g."""
+from spinfilters.models.gauge import GAUGE_STD
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from spinfilters.estimators.gain import lower_roots, triangular_factor
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
-from spinfilters.models.gauge import GAUGE_DIM, gauge_directions, gauge_of_points
+from spinfilters.models.gauge import GAUGE_DIM, GAUGE_STD, gauge_directions, gauge_of_points
 from spinfilters.state.layout import StateLayout
 
 
@@ -63,7 +63,8 @@ def anchored_at_pose(belief: LandmarkBelief, options: LandmarkOptions) -> Landma
     """The same belief in the map's frame that the present pose defines: its error is then that of the move alone.
 
     Where no landmark is known again, new ones share the error of the pose that they are first seen from. In the old frame that
-    error stays in the state; every epoch would linearise it anew and take the differences for information.
+    error stays in the state; every epoch would linearise it anew and take the differences for information. The pose keeps the
+    deviation of one that defines a frame, as that of the first epoch has.
     """
     layout, modes, n = belief.layout, belief.modes, belief.layout.error_dim
     r, k, size = modes.shape[2], len(modes), len(belief.factor)
@@ -72,8 +73,9 @@ def anchored_at_pose(belief: LandmarkBelief, options: LandmarkOptions) -> Landma
     pose = np.r_[layout.slice("a"), layout.slice("t")]
     move = np.linalg.solve(directions[pose], state[pose])
     follow = modes.reshape(-1, r) @ shared - gauge_of_points(belief.points) @ move
-    rows = state - directions @ move
-    rows[pose] = 0.0  # of rounding
+    rows = np.concatenate([state - directions @ move, np.zeros((n, GAUGE_DIM))], axis=1)
+    rows[pose] = 0.0  # but for rounding
+    rows[pose, size:] = GAUGE_STD * np.eye(GAUGE_DIM)
     errors = SharedErrors(layout, belief.mean, belief.points, rows, follow.reshape(k, 3, size), belief.roots)
     held = _held(errors, move + before if len(before) else move, options)
     return replace(belief, modes=held.modes, roots=held.roots, factor=held.factor)
