@@ -7,6 +7,7 @@ from spinfilters.logs.input_file import shown
 from spinfilters.logs.number_range import NumberRange
 
 SEED: Final = NumberRange(0, 10**18, whole=True)
+SEGMENT: Final = NumberRange(0, 10**9 - 1, whole=True)
 FRAMES: Final = NumberRange(1, 100_000, whole=True)
 INTERVAL: Final = NumberRange(1e-6, 1e5, "s")
 RATE_RPM: Final = NumberRange(-1e6, 1e6, "rpm")

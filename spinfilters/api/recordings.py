@@ -4,7 +4,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import replace
 
-from spinfilters.api.argument_ranges import DEFAULT_MOMENTS, DEFAULT_RATE_RPM, SEED, require_motion
+from spinfilters.api.argument_ranges import DEFAULT_MOMENTS, DEFAULT_RATE_RPM, SEED, SEGMENT, require_motion
 from spinfilters.errors import InputError
 from spinfilters.logs.dataset import Dataset, read_dataset
 from spinfilters.simulation.scenario import Scenario, without_map
@@ -25,8 +25,10 @@ def load(path: str | os.PathLike[str], segment: int | None = None) -> Dataset:
 
     Raises
     ------
-    InputError: an unusable file; the text names file, line or value, and the cure.
+    InputError: an unusable file, a segment that is no number; the text names file, line or value, and the cure.
     """
+    if segment is not None:
+        SEGMENT.require("segment", segment)
     return read_dataset(path, segment)
 
 

@@ -15,12 +15,13 @@ from spinfilters.errors import InputError
 from spinfilters.evaluation.body import BodyEstimate
 from spinfilters.evaluation.comparison import comparison_cells, comparison_table
 from spinfilters.evaluation.evaluation import Evaluation
-from spinfilters.evaluation.trajectory import TRAJECTORY_COLUMNS, Trajectory, trajectory_columns
+from spinfilters.evaluation.trajectory import TRAJECTORY_COLUMNS, Trajectory, read_map_ply, trajectory_columns
 from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.input_file import shown
 from spinfilters.workflow.conditions import conditions_of
 from spinfilters.workflow.estimation import Comparison
 from spinfilters.workflow.pipeline import write_comparison
+from spinfilters.workflow.run_folder import MAP_FILE
 from spinfilters.workflow.run_summary import read_summary, summary
 from spinfilters.workflow.settings import Settings
 
@@ -128,9 +129,9 @@ class Run(Mapping[str, EstimatorResult]):
         from spinfilters.workflow.figures import Pictured
 
         shown_run = Pictured.from_folder(folder)
-        first, *others = shown_run.evaluations
-        results = {first.name: EstimatorResult(first, shown_run.map_points)}
-        results |= {each.name: EstimatorResult(each) for each in others}
+        maps = {e.name: folder / e.name / MAP_FILE for e in shown_run.evaluations}
+        landmarks = {name: read_map_ply(path) for name, path in maps.items() if path.exists()}
+        results = {e.name: EstimatorResult(e, landmarks.get(e.name)) for e in shown_run.evaluations}
         conditions = tuple(shown_run.conditions)
         return cls(shown_run.dataset, settings, results, conditions, read_summary(folder), None, folder)
 

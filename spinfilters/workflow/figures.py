@@ -28,7 +28,7 @@ from spinfilters.plots.summary import summary_figure
 from spinfilters.workflow.conditions import conditions_of, told_sentences
 from spinfilters.workflow.estimation import Comparison
 from spinfilters.workflow.preparation import knows_frames
-from spinfilters.workflow.run_folder import DATASET_FOLDER, read_histories
+from spinfilters.workflow.run_folder import DATASET_FOLDER, MAP_FILE, read_histories
 from spinfilters.workflow.run_summary import not_whole, read_summary
 
 
@@ -61,7 +61,7 @@ class Pictured:
         alignment = Alignment.NONE if knows_frames(dataset) else Alignment.FIRST_FRAME
         try:
             names = [str(name) for name in document["estimators"]]
-            map_path = folder / names[0] / "map.ply"
+            map_path = folder / names[0] / MAP_FILE
         except (KeyError, IndexError, TypeError, ValueError) as error:
             raise not_whole(folder, error) from None
         histories = read_histories(folder, names)

@@ -62,6 +62,18 @@ def test_a_run_in_a_folder_is_written_there_and_read_from_there_again(
         again.save(tmp_path / "copy")
 
 
+@pytest.mark.usefixtures("few_figures")
+def test_a_finished_run_is_read_with_every_estimators_landmarks(tmp_path: Path) -> None:
+    tracks = spinfilters.simulate(frames=8, known_map=True)
+    first = spinfilters.compare(tracks, "mekf,ukf", output=tmp_path / "run")
+    again = spinfilters.compare(tracks, "mekf,ukf", output=tmp_path / "run", resume=True)
+    for name in first:
+        there, here = first[name].landmarks, again[name].landmarks
+        assert there is not None
+        assert here is not None
+        np.testing.assert_array_equal(here, there)
+
+
 def test_nothing_is_written_unless_asked_for(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -85,6 +97,7 @@ def test_settings_may_be_an_object_a_mapping_or_a_file(gyro: spinfilters.Dataset
     [
         ({"data": 3}, "data is 3; give a path or a data set"),
         ({"data": "nowhere.csv"}, "nowhere.csv: no such file"),
+        ({"data": "mine", "segment": "all"}, "segment is 'all'; give a whole number from 0"),
         ({"segment": 2}, "segment 2 is of a recording's folder"),
         ({"estimators": ["kalman"]}, "unknown estimator 'kalman'; choose from mekf"),
         ({"estimators": []}, "none given"),
