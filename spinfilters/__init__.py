@@ -1,3 +1,63 @@
-"""spinfilters: how does that unknown object spin?"""
+"""spinfilters: how does that unknown object spin?
+
+A first look, from a file of gyro rates to a picture::
+
+    run = spinfilters.compare("gyro.csv")  # seconds and rad/s
+    run.figure("summary").savefig("summary.png")
+
+Everything public is here, and is loaded when it is first asked for: `load` and `simulate` give data sets, `compare` runs estimators
+on one and gives a `Run`, `observe` says what a sensor can determine. What cannot be used raises `InputError`, whose text is one
+line that names the value and the cure.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from spinfilters.errors import InputError
+
+if TYPE_CHECKING:
+    from spinfilters.api.analysis import ObservabilityResult, observe
+    from spinfilters.api.recordings import load, simulate
+    from spinfilters.api.results import EstimatorResult, Run
+    from spinfilters.api.runs import compare
+    from spinfilters.logs.dataset import Dataset
+    from spinfilters.workflow.settings import Settings
 
 __version__ = "0.1.0"
+__all__ = [
+    "Dataset",
+    "EstimatorResult",
+    "InputError",
+    "ObservabilityResult",
+    "Run",
+    "Settings",
+    "compare",
+    "load",
+    "observe",
+    "simulate",
+]
+
+_MODULES = {
+    "Dataset": "spinfilters.logs.dataset",
+    "EstimatorResult": "spinfilters.api.results",
+    "ObservabilityResult": "spinfilters.api.analysis",
+    "Run": "spinfilters.api.results",
+    "Settings": "spinfilters.workflow.settings",
+    "compare": "spinfilters.api.runs",
+    "load": "spinfilters.api.recordings",
+    "observe": "spinfilters.api.analysis",
+    "simulate": "spinfilters.api.recordings",
+}
+"""Where each public name comes from."""
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module 'spinfilters' has no attribute {name!r}")
+    value = getattr(import_module(_MODULES[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*__all__, "__version__"})

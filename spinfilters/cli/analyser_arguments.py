@@ -4,6 +4,15 @@ import argparse
 from collections.abc import Callable
 from typing import Any
 
+from spinfilters.api.argument_ranges import (
+    DEFAULT_MOMENTS,
+    DEFAULT_RATE_RPM,
+    FRAMES,
+    INTERVAL,
+    LANDMARKS,
+    MOMENT,
+    RATE_RPM,
+)
 from spinfilters.logs.number_range import NumberRange
 
 Commands = Any
@@ -42,7 +51,7 @@ def _add_question(observe: argparse.ArgumentParser) -> None:
     )
     observe.add_argument(
         "--landmarks",
-        type=number(1, 200, whole=True),
+        type=number(LANDMARKS),
         default=4,
         metavar="N",
         help="that each camera or lidar sees, its own (default 4)",
@@ -88,7 +97,7 @@ def _add_known_inputs(observe: argparse.ArgumentParser) -> None:
     ):
         observe.add_argument(
             name,
-            type=number(1e-6, 1e6, unit),
+            type=number(NumberRange(1e-6, 1e6, unit)),
             default=default,
             metavar="X",
             help=f"{what} (default {default:g})",
@@ -113,16 +122,18 @@ def add_condition(commands: Commands) -> argparse.ArgumentParser:
         default="runs/condition",
         help="JSON, CSV and picture (default runs/condition)",
     )
-    condition.add_argument("--time-step", type=number(1e-6, 1e6, "s"), metavar="DT", help="s (default 0.5)")
+    condition.add_argument(
+        "--time-step", type=number(NumberRange(1e-6, 1e6, "s")), metavar="DT", help="s (default 0.5)"
+    )
     condition.add_argument(
         "--alpha",
-        type=number(1e-6, 1e6, "1/s"),
+        type=number(NumberRange(1e-6, 1e6, "1/s")),
         metavar="A",
         help="unit of velocity over that of position, 1/s (default sqrt(3)/DT, the best)",
     )
     condition.add_argument(
         "--rate-rpm",
-        type=number(-1e6, 1e6, "rpm"),
+        type=number(RATE_RPM),
         nargs=3,
         metavar=("X", "Y", "Z"),
         help="body rate about the principal axes x, y, z (default 0.5 10 0.5)",
@@ -132,36 +143,30 @@ def add_condition(commands: Commands) -> argparse.ArgumentParser:
 
 def add_motion(parser: argparse.ArgumentParser) -> None:
     """Options of a simulated motion."""
-    rate, moment = number(-1e6, 1e6, "rpm"), number(1e-6, 1e6)
+    parser.add_argument("--frames", type=number(FRAMES), default=115, help="number of frames (default 115)")
     parser.add_argument(
-        "--frames", type=number(1, 100_000, whole=True), default=115, help="number of frames (default 115)"
-    )
-    parser.add_argument(
-        "--interval", type=number(1e-6, 1e5, "s"), default=0.5, help="seconds between frames (default 0.5)"
+        "--interval", type=number(INTERVAL), default=0.5, help="seconds between frames (default 0.5)"
     )
     parser.add_argument(
         "--rate-rpm",
-        type=rate,
+        type=number(RATE_RPM),
         nargs=3,
-        default=(0.5, 10.0, 0.5),
+        default=DEFAULT_RATE_RPM,
         metavar=("X", "Y", "Z"),
         help="about the principal axes x, y, z in the order of --moments (default 0.5 10 0.5)",
     )
     parser.add_argument(
         "--moments",
-        type=moment,
+        type=number(MOMENT),
         nargs=3,
-        default=(1.0322, 1.0, 0.8596),
+        default=DEFAULT_MOMENTS,
         metavar=("JX", "JY", "JZ"),
         help="principal moments about x, y, z, of any scale (default 1.0322 1 0.8596)",
     )
 
 
-def number(
-    smallest: float, largest: float, unit: str = "", whole: bool = False
-) -> Callable[[str], float | int]:
+def number(allowed: NumberRange) -> Callable[[str], float | int]:
     """What reads a number of a range from an argument."""
-    allowed = NumberRange(smallest, largest, unit, whole=whole)
 
     def parsed(text: str) -> float | int:
         try:

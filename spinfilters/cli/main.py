@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Final, NoReturn
 
 from spinfilters import __version__
+from spinfilters.api.argument_ranges import SECONDS_AHEAD, SEED
 from spinfilters.cli.analyser_arguments import add_condition, add_motion, add_observe, number
 from spinfilters.errors import SpinfiltersError
 from spinfilters.logs.input_file import printable
@@ -140,7 +141,7 @@ def _add_compare(commands: "argparse._SubParsersAction[_Parser]") -> None:
         metavar="A,B",
         help="mekf, ukf, smoother, filterpy-ekf, filterpy-ukf (default: mekf,ukf,smoother; all with --known-map)",
     )
-    compare.add_argument("--seed", type=_SEED, default=0, help="of the bundled example")
+    compare.add_argument("--seed", type=number(SEED), default=0, help="of the bundled example")
     compare.add_argument(
         "--known-map", action="store_true", help="of the bundled example: its landmarks are known"
     )
@@ -180,7 +181,7 @@ def _add_run_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--predict",
-        type=number(1e-9, 1e9, "s"),
+        type=number(SECONDS_AHEAD),
         metavar="SECONDS",
         help="go on for so long after the last frame: <estimator>/prediction.csv and .npz, prediction.png",
     )
@@ -197,15 +198,12 @@ def _add_simulate(commands: "argparse._SubParsersAction[_Parser]") -> None:
     )
     simulate.add_argument("-o", "--output", metavar="DATASET", required=True, help="folder of the data set")
     simulate.add_argument("--kind", default="stereo-tracks", help="stereo-tracks, pose or gyro")
-    simulate.add_argument("--seed", type=_SEED, default=0)
+    simulate.add_argument("--seed", type=number(SEED), default=0)
     simulate.add_argument(
         "--known-map", action="store_true", help="write landmarks.csv, the map of the tracks"
     )
     add_motion(simulate)
     simulate.set_defaults(command=_simulate)
-
-
-_SEED: Final = number(0, 10**18, whole=True)
 
 
 def _compare(options: argparse.Namespace) -> int:

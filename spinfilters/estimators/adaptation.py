@@ -14,13 +14,14 @@ covariance. Log scale moves by log(1 + (y'Dy - tr D K) / I) with I the sum of tr
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Annotated, NamedTuple, Protocol
 
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg.lapack import dtrtri, dtrtrs
 
 from spinfilters.errors import InputError
+from spinfilters.logs.number_range import NumberRange
 from spinfilters.state.layout import StateLayout
 
 SOURCES = {"torque": slice(0, 6), "force": slice(6, None)}
@@ -33,6 +34,9 @@ SMALLEST_FACTOR = 0.1
 """By which one step multiplies a scale."""
 
 
+HORIZON = NumberRange(1, 1e9, "updates", zero=True)
+
+
 @dataclass(frozen=True)
 class AdaptationOptions:
     """How fast noise follows what is seen.
@@ -43,8 +47,8 @@ class AdaptationOptions:
     process: horizon of the disturbances' scales, in predictions; 0 keeps the stated densities.
     """
 
-    measurement: float = 0.0
-    process: float = 0.0
+    measurement: Annotated[float, HORIZON] = 0.0
+    process: Annotated[float, HORIZON] = 0.0
 
     def __post_init__(self) -> None:
         for name in ("measurement", "process"):

@@ -11,12 +11,13 @@ and Cathey 1993); the covariance is that of the last model. See Skoglund, Hendeb
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import Annotated, Protocol, TypeVar
 
 import numpy as np
 from jaxtyping import Float
 
 from spinfilters.errors import InputError
+from spinfilters.logs.number_range import NumberRange
 
 HALVINGS = 6
 """Of a step at most: a 64th that still does not fall says that the trial is the least there is, to rounding."""
@@ -33,8 +34,8 @@ class IterationOptions:
         its residual is nowhere so far, in all, from what was expected to be left.
     """
 
-    iterations: int = 4
-    tolerance: float = 0.1
+    iterations: Annotated[int, NumberRange(1, 1000, whole=True)] = 4
+    tolerance: Annotated[float, NumberRange(1e-15, 1e9)] = 0.1
 
     def __post_init__(self) -> None:
         if self.iterations < 1:

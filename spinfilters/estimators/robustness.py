@@ -9,6 +9,7 @@ whose root mean square is 1 whatever d is. Weight w stands for noise of covarian
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -16,6 +17,7 @@ from scipy.special import chdtri
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.repeated_frames import RepeatedFrames
+from spinfilters.logs.number_range import NumberRange
 
 PATIENCE = 3
 """Updates in a row hardly any of whose values the gate let through, after which it is the state that is doubted."""
@@ -41,10 +43,10 @@ class RobustOptions:
     shape: Barron's alpha, at most 2: 2 least squares, 1 pseudo-Huber, 0 Cauchy, -2 Geman-McClure.
     """
 
-    gate_probability: float = 0.9999
+    gate_probability: Annotated[float, NumberRange(1e-15, 1)] = 0.9999
     kernel: str = "none"
-    width: float = 2.5
-    shape: float = 0.0
+    width: Annotated[float, NumberRange(1e-6, 1e9)] = 2.5
+    shape: Annotated[float, NumberRange(-1e9, 2)] = 0.0
 
     def __post_init__(self) -> None:
         if not 0 < self.gate_probability <= 1:

@@ -2,12 +2,13 @@
 
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from jaxtyping import Float
 
 from spinfilters.errors import InputError
+from spinfilters.logs.number_range import NumberRange
 
 if TYPE_CHECKING:
     from filterpy.kalman import MerweScaledSigmaPoints
@@ -17,9 +18,9 @@ if TYPE_CHECKING:
 class SigmaPointOptions:
     """Van der Merwe's scaled set; no covariance weight may be negative: with beta = 2 that asks for alpha >= 0.518."""
 
-    alpha: float = 0.6
-    beta: float = 2.0
-    kappa: float = 0.0
+    alpha: Annotated[float, NumberRange(1e-3, 1e3)] = 0.6
+    beta: Annotated[float, NumberRange(0, 1e6)] = 2.0
+    kappa: Annotated[float, NumberRange(-10, 1e6)] = 0.0
 
     def points(self, n: int) -> "MerweScaledSigmaPoints":
         """filterpy's set over n coordinates.

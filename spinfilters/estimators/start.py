@@ -7,6 +7,7 @@ measurement is counted twice and no guess of the mass distribution enters but a 
 
 from dataclasses import dataclass
 from itertools import product
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
@@ -25,6 +26,7 @@ from spinfilters.estimators.smoothing.robust_kernels import LeastSquares
 from spinfilters.estimators.smoothing.sightings import SIGHTINGS_NEEDED
 from spinfilters.estimators.smoothing.solver import Plain, Schedule, SolverOptions, solve
 from spinfilters.estimators.timeline import Timeline
+from spinfilters.logs.number_range import NumberRange
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
 
@@ -35,6 +37,8 @@ SETTLED_FIT = 1.5
 CLEAR_MASS_STD = 0.3
 """Of the mass distribution (log second moments) below which a fit is believed without trying others: on simulated poses all fits
 with a second optimum were beyond 0.7, and all optima that were alone below 0.5."""
+PRIOR_STD = NumberRange(1e-9, 1e9)
+"""Of a prior in the settings, in its unit."""
 GAUGE_STD = 1e-9
 """Of an attitude that defines a frame rather than being measured, rad."""
 
@@ -53,14 +57,14 @@ class StartOptions:
     drag_std: of the prior of the drag coefficient, 1/rad.
     """
 
-    frames: int = 60
-    share: float = 0.6
-    duration: float = 60.0
-    iterations: int = 40
-    mass_std: float = 1.5
-    centre_std: float = 1.0
-    speed_std: float = 1.0
-    drag_std: float = 0.05
+    frames: Annotated[int, NumberRange(1, 100_000, whole=True)] = 60
+    share: Annotated[float, NumberRange(1e-6, 1e6)] = 0.6
+    duration: Annotated[float, NumberRange(1e-6, 1e11, "s")] = 60.0
+    iterations: Annotated[int, NumberRange(1, 10_000, whole=True)] = 40
+    mass_std: Annotated[float, PRIOR_STD] = 1.5
+    centre_std: Annotated[float, PRIOR_STD] = 1.0
+    speed_std: Annotated[float, PRIOR_STD] = 1.0
+    drag_std: Annotated[float, PRIOR_STD] = 0.05
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

@@ -48,7 +48,23 @@ class Row:
     bound: Cell = lambda _: None
 
 
-def comparison_table(evaluations: Sequence[Evaluation], conditions: Sequence[str] = ()) -> Table:
+@dataclass(frozen=True)
+class ComparisonCells:
+    """Texts of the table.
+
+    Attributes
+    ----------
+    title, captions: sentences above and below.   headings: of the columns behind the rows' names.
+    sections: groups of rows, each a name and a cell per heading.
+    """
+
+    title: tuple[str, ...]
+    headings: tuple[str, ...]
+    sections: tuple[tuple[tuple[str, ...], ...], ...]
+    captions: tuple[str, ...]
+
+
+def comparison_cells(evaluations: Sequence[Evaluation], conditions: Sequence[str] = ()) -> ComparisonCells:
     """One column per estimator; rows that no estimator can fill are left out.
 
     Errors (root mean squares), NEES and counts are over the epochs that every estimator has made itself; the rows "all epochs"
@@ -60,24 +76,39 @@ def comparison_table(evaluations: Sequence[Evaluation], conditions: Sequence[str
     """
     begin = shared_begin(evaluations)
     columns = [_column(evaluation, begin) for evaluation in evaluations]
-    table = Table(title=Text("\n".join([*title_sentences(evaluations), *conditions])), title_justify="left")
     bounded = any(evaluation.bound is not None for evaluation in evaluations)
-    captions = [*epoch_sentences(evaluations), *([BOUND_CAPTION] if bounded else [])]
-    table.caption, table.caption_justify = "\n".join(captions) or None, "left"
+    headings = [column.evaluation.name.upper() for column in columns]
+    rows = [[_filled(row, columns, bounded) for row in section] for section in SECTIONS]
+    return ComparisonCells(
+        title=(*title_sentences(evaluations), *conditions),
+        headings=(*headings, *([BOUND_COLUMN] if bounded else [])),
+        sections=tuple(tuple(row for row in section if row is not None) for section in rows),
+        captions=(*epoch_sentences(evaluations), *([BOUND_CAPTION] if bounded else [])),
+    )
+
+
+def comparison_table(evaluations: Sequence[Evaluation], conditions: Sequence[str] = ()) -> Table:
+    """The table of `comparison_cells` for a terminal."""
+    cells = comparison_cells(evaluations, conditions)
+    table = Table(title=Text("\n".join(cells.title)), title_justify="left")
+    table.caption, table.caption_justify = "\n".join(cells.captions) or None, "left"
     table.add_column("")
-    for column in columns:
-        table.add_column(column.evaluation.name.upper(), justify="right")
-    if bounded:
-        table.add_column(BOUND_COLUMN, justify="right")
-    for section in SECTIONS:
-        for row in section:
-            cells = [row.cell(column) for column in columns]
-            if any(text is not None for text in cells):
-                bounds = [text for column in columns if (text := row.bound(column)) is not None]
-                last = [next(iter(bounds), "")] if bounded else []
-                table.add_row(Text(row.name), *(text or "-" for text in cells), *last)
+    for heading in cells.headings:
+        table.add_column(heading, justify="right")
+    for section in cells.sections:
+        for name, *row in section:
+            table.add_row(Text(name), *row)
         table.add_section()
     return table
+
+
+def _filled(row: Row, columns: Sequence[Column], bounded: bool) -> tuple[str, ...] | None:
+    """A row's name and cells, the bound's last; None where no estimator fills one."""
+    cells = [row.cell(column) for column in columns]
+    if all(text is None for text in cells):
+        return None
+    bounds = (text for column in columns if (text := row.bound(column)) is not None)
+    return (row.name, *(text or "-" for text in cells), *([next(bounds, "")] if bounded else []))
 
 
 def epoch_sentences(evaluations: Sequence[Evaluation]) -> list[str]:

@@ -92,10 +92,14 @@ def trajectory_of(history: EstimateHistory) -> Trajectory:
 
 def write_trajectory_csv(path: Path, trajectory: Trajectory) -> None:
     """Write `TRAJECTORY_COLUMNS`, so that reading gives the same bits. Atomic."""
+    write_csv(path, TRAJECTORY_COLUMNS, trajectory_columns(trajectory))
+
+
+def trajectory_columns(trajectory: Trajectory) -> list[Float[np.ndarray, " n"]]:
+    """Columns of `TRAJECTORY_COLUMNS`."""
     motion = [trajectory.position, trajectory.q_ig, trajectory.velocity, trajectory.rate_i]
     std = [trajectory.std_position, trajectory.std_attitude, trajectory.std_velocity, trajectory.std_rate]
-    columns = [column for block in (*motion, *std) for column in block.T]
-    write_csv(path, TRAJECTORY_COLUMNS, [trajectory.time, *columns])
+    return [trajectory.time, *(column for block in (*motion, *std) for column in block.T)]
 
 
 def write_trajectory_tum(path: Path, trajectory: Trajectory) -> None:

@@ -15,6 +15,7 @@ from spinfilters.errors import InputError
 from spinfilters.logs.camera import StereoRig, read_stereo_rig
 from spinfilters.logs.covariance_files import with_covariance
 from spinfilters.logs.dataset_options import DatasetOptions, options_from_toml
+from spinfilters.logs.gyro_columns import read_gyro_table
 from spinfilters.logs.gyro_files import PHYPHOX_TABLE, Segment, read_gyro_csv, write_gyro_csv
 from spinfilters.logs.input_file import named, printable, require_file, require_folder, shown
 from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
@@ -197,7 +198,7 @@ def _read_file(path: Path) -> Dataset:
     require_file(path, _LARGEST_FILE)
     if path.name in (DATASET_FILE, LANDMARK_FILE, "tracks.csv", "truth.csv"):
         raise InputError(f"{named(path)}: is one part of a data set; give the folder that holds it")
-    readers = {".csv": ("gyro", read_gyro_csv), ".tum": ("pose", read_tum), ".txt": ("pose", read_tum)}
+    readers = {".csv": ("gyro", read_gyro_table), ".tum": ("pose", read_tum), ".txt": ("pose", read_tum)}
     if path.suffix.lower() not in readers:
         raise InputError(
             f"{named(path)}: {shown(path.suffix)} is no known kind of file; "

@@ -68,7 +68,7 @@ def read_gyro_csv(path: Path) -> MeasurementStream:
     """
     names = read_header(path)
     if names != GYRO_COLUMNS:
-        _refuse_degrees(path, names)
+        refuse_degrees(path, names)
     table = read_csv(path, GYRO_COLUMNS)
     require_times(table, repeats=False)
     table.require(slice(1, 4), RATE)
@@ -119,7 +119,8 @@ def read_phyphox(folder: Path) -> PhyphoxRecording:
     return PhyphoxRecording(chosen.values[:, 0], chosen.values[:, 1:], segments)
 
 
-def _refuse_degrees(path: Path, names: Iterable[str]) -> None:
+def refuse_degrees(path: Path, names: Iterable[str]) -> None:
+    """Raise InputError for a column whose heading says that it is in degrees."""
     for name in names:
         if _DEGREES.search(name):
             raise InputError(
@@ -141,7 +142,7 @@ def _phyphox_columns(path: Path, names: tuple[str, ...]) -> list[int]:
             ]
         )
     if any(len(indices) != 1 for indices in found):
-        _refuse_degrees(path, (name for name in names if _AXIS.search(name)))
+        refuse_degrees(path, (name for name in names if _AXIS.search(name)))
         raise InputError(
             f"{named(path)}: line 1: the header is {shown(', '.join(names))}, "
             "expected Time (s) and Gyroscope x, y, z (rad/s); export the gyroscope experiment of phyphox"

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 from spinfilters.errors import InputError
 from spinfilters.logs.input_file import shown
@@ -40,6 +40,18 @@ class NumberRange:
         """Raise InputError, which names what it is, its value and the range, for a value outside."""
         if value not in self:
             raise InputError(f"{name} is {shown(value)}; give {self}")
+
+    def __get_pydantic_core_schema__(self, _source: object, _handler: object) -> Any:
+        """How pydantic validates a field whose type is annotated with the range: no truth value, no text, no other number."""
+        from pydantic_core import core_schema  # only settings need it
+
+        number = core_schema.int_schema(strict=True) if self.whole else core_schema.float_schema(strict=True)
+        return core_schema.no_info_after_validator_function(self._checked, number)
+
+    def _checked(self, value: float) -> float:
+        if value not in self:
+            raise ValueError(f"give {self}")
+        return value
 
     def parsed(self, text: str) -> float | int:
         """The number that a text tells.

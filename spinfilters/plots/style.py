@@ -166,7 +166,20 @@ def draw_figure(draw: Callable[[], Figure], path: Path) -> None:
         with np.errstate(all="ignore"):
             save_figure(draw(), path)
     except NUMERICAL_ERRORS as error:
-        save_figure(note_figure(f"{path.stem} cannot be drawn: {reason(error)}"), path)
+        save_figure(_undrawable(path.stem, error), path)
+
+
+def drawn(draw: Callable[[], Figure], name: str) -> Figure:
+    """The figure, or a note in its place where its numbers cannot be drawn; ``name`` is for the note."""
+    try:
+        with np.errstate(all="ignore"):
+            return draw()
+    except NUMERICAL_ERRORS as error:
+        return _undrawable(name, error)
+
+
+def _undrawable(name: str, error: Exception) -> Figure:
+    return note_figure(f"{name} cannot be drawn: {reason(error)}")
 
 
 def note_figure(text: str) -> Figure:

@@ -9,24 +9,26 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
+from spinfilters.errors import InputError
 from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
 from spinfilters.evaluation.rates import BodyRates, estimated_rates, measured_rates, true_rates
 from spinfilters.evaluation.span import initialisation_end
 from spinfilters.evaluation.trajectory import read_map_ply
 from spinfilters.logs.dataset import Dataset, read_dataset
+from spinfilters.logs.input_file import shown
 from spinfilters.plots.consistency import consistency_figure
 from spinfilters.plots.error_bands import error_bands_figure
 from spinfilters.plots.inertia import inertia_figure
 from spinfilters.plots.polhode import estimated_polhode_figure
 from spinfilters.plots.rates import rates_figure
 from spinfilters.plots.scene import scene_figure
-from spinfilters.plots.style import draw_figure
+from spinfilters.plots.style import draw_figure, drawn
 from spinfilters.plots.summary import summary_figure
 from spinfilters.workflow.conditions import conditions_of, told_sentences
 from spinfilters.workflow.estimation import Comparison
 from spinfilters.workflow.preparation import knows_frames
-from spinfilters.workflow.run_folder import DATASET_FOLDER, read_histories
+from spinfilters.workflow.run_folder import DATASET_FOLDER, MAP_FILE, read_histories
 from spinfilters.workflow.run_summary import not_whole, read_summary
 
 
@@ -59,7 +61,7 @@ class Pictured:
         alignment = Alignment.NONE if knows_frames(dataset) else Alignment.FIRST_FRAME
         try:
             names = [str(name) for name in document["estimators"]]
-            map_path = folder / names[0] / "map.ply"
+            map_path = folder / names[0] / MAP_FILE
         except (KeyError, IndexError, TypeError, ValueError) as error:
             raise not_whole(folder, error) from None
         histories = read_histories(folder, names)
@@ -83,6 +85,19 @@ def draw_run(
         gc.collect()  # a figure is a knot of references that would wait for the next ones
     progress(len(figures), len(figures))
     return list(figures)
+
+
+def drawn_figure(pictured: Pictured, name: str) -> Figure:
+    """One figure of a run; a note where its numbers cannot be drawn.
+
+    Raises
+    ------
+    InputError: no such figure.
+    """
+    figures = dict(_figures(pictured))
+    if name not in figures:
+        raise InputError(f"figure {shown(name)} is unknown; choose from {', '.join(figures)}")
+    return drawn(figures[name], name)
 
 
 def _figures(pictured: Pictured) -> Iterator[tuple[str, Callable[[], Figure]]]:

@@ -33,7 +33,7 @@ from spinfilters.workflow.run_summary import SUMMARY_FILE, read_summary, summary
 from spinfilters.workflow.settings import ESTIMATORS, Settings
 
 CONFIG_FILE, DATASET_FOLDER, TRUTH_FILE = "config.toml", "dataset", "truth.tum"
-HISTORY_FILE = "history.npz"
+HISTORY_FILE, MAP_FILE = "history.npz", "map.ply"
 FIGURES = ("summary", "rates", "inertia", "polhode", "scene", "consistency")
 """Names of the figures of a run, besides errors-<estimator>."""
 PREDICTION_PICTURE, CONVERGENCE_PICTURE = "prediction.png", "convergence.png"
@@ -43,7 +43,7 @@ PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS = (
 )
 """Files that a run has where they were asked for (`spinfilters.workflow.additions`); all but pictures by estimator."""
 ESTIMATOR_FILES = (
-    *("trajectory.csv", "trajectory.tum", "map.ply", HISTORY_FILE),
+    *("trajectory.csv", "trajectory.tum", MAP_FILE, HISTORY_FILE),
     *(PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS),
 )
 """Everything that a run writes into the folder of an estimator, besides its checkpoint."""
@@ -131,7 +131,7 @@ def write_run(folder: Path, comparison: Comparison, settings: Settings) -> None:
         write_trajectory_tum(part / "trajectory.tum", evaluation.trajectory)
         write_history(part / HISTORY_FILE, evaluation.history)
         if evaluation.name in comparison.maps:
-            write_map_ply(part / "map.ply", comparison.maps[evaluation.name])
+            write_map_ply(part / MAP_FILE, comparison.maps[evaluation.name])
     write_json(folder / SUMMARY_FILE, summary(comparison))
     if not comparison.interrupted:
         remove_checkpoints(folder)

@@ -1,9 +1,9 @@
 """Everything that can be set about a run, read from and written to TOML."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import MISSING, asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Final, Literal
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.adaptation import AdaptationOptions
@@ -12,16 +12,30 @@ from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.estimators.robustness import RobustOptions
 from spinfilters.estimators.sigma_points import SigmaPointOptions
 from spinfilters.estimators.start import StartOptions
+from spinfilters.logs.dataset_options import DENSITIES, STANDARD_DEVIATIONS
 from spinfilters.logs.input_file import named, shown
+from spinfilters.logs.number_range import NumberRange
 from spinfilters.logs.settings_files import read_toml
-from spinfilters.models.process import THESIS_NOISE, ProcessNoise
-from spinfilters.workflow.setting_ranges import SETTING_RANGES
+from spinfilters.models.process import ProcessNoise
 from spinfilters.workflow.smoother_settings import SmootherSettings
 
-AUTO = "auto"
+AUTO: Final = "auto"
+Auto = Literal["auto"]
 DEFAULT_ESTIMATORS = ("mekf", "ukf", "smoother")
 ESTIMATORS = (*DEFAULT_ESTIMATORS, "filterpy-ekf", "filterpy-ukf")
 """Names of all; filterpy's hold no landmarks."""
+
+
+class TruthValue:
+    """What a setting that is true or false admits: no number and no text, which pydantic takes for a bool by itself."""
+
+    def __str__(self) -> str:
+        return "true or false"
+
+    def __get_pydantic_core_schema__(self, _source: object, _handler: object) -> Any:
+        from pydantic_core import core_schema
+
+        return core_schema.bool_schema(strict=True)
 
 
 @dataclass(frozen=True)
@@ -37,20 +51,15 @@ class ProcessSettings:
     tolerance: of the integrator, rad and relative rate per step.
     """
 
-    force_psd: float | str = AUTO
-    torque_psd: float | str = AUTO
-    drag: bool = False
-    tolerance: float = 1e-8
-
-    def __post_init__(self) -> None:
-        if not self.tolerance > 0:
-            raise InputError(f"process.tolerance is {self.tolerance}; it must be positive")
-        self.noise(THESIS_NOISE)
+    force_psd: Auto | Annotated[float, DENSITIES["force_psd"]] = AUTO
+    torque_psd: Auto | Annotated[float, DENSITIES["torque_psd"]] = AUTO
+    drag: Annotated[bool, TruthValue()] = False
+    tolerance: Annotated[float, NumberRange(1e-12, 1e-2)] = 1e-8
 
     def noise(self, automatic: ProcessNoise) -> ProcessNoise:
         """Its noise densities, checked; ``automatic`` are those that nobody has set."""
-        force_psd = automatic.force_psd if isinstance(self.force_psd, str) else self.force_psd
-        torque_psd = automatic.torque_psd if isinstance(self.torque_psd, str) else self.torque_psd
+        force_psd = automatic.force_psd if self.force_psd == AUTO else self.force_psd
+        torque_psd = automatic.torque_psd if self.torque_psd == AUTO else self.torque_psd
         return ProcessNoise(force_psd, torque_psd)
 
 
@@ -65,16 +74,23 @@ class SensorSettings:
     pixel_std: px.   pose_position_std: m.   pose_rotation_std: rad.
     """
 
-    gyro_noise_std: float | str = AUTO
-    gyro_scale_std: float | str = AUTO
-    pixel_std: float | str = AUTO
-    pose_position_std: float | str = AUTO
-    pose_rotation_std: float | str = AUTO
+    gyro_noise_std: Auto | Annotated[float, STANDARD_DEVIATIONS["gyro_noise_std"]] = AUTO
+    gyro_scale_std: Auto | Annotated[float, NumberRange(1e-9, 1e3, zero=True)] = AUTO
+    pixel_std: Auto | Annotated[float, STANDARD_DEVIATIONS["pixel_std"]] = AUTO
+    pose_position_std: Auto | Annotated[float, STANDARD_DEVIATIONS["pose_position_std"]] = AUTO
+    pose_rotation_std: Auto | Annotated[float, STANDARD_DEVIATIONS["pose_rotation_std"]] = AUTO
 
 
 @dataclass(frozen=True)
 class Settings:
-    """All settings of a run; the field names are those of the TOML file's tables and keys."""
+    """All settings of a run; the field names are those of the TOML file's tables and keys.
+
+    Each table may be given as its own dataclass or as a mapping of its keys: ``Settings(sensors={"pixel_std": 0.5})``.
+
+    Raises
+    ------
+    InputError: an unknown key of a table, a value of another type or out of its range, an unknown or repeated estimator.
+    """
 
     estimators: tuple[str, ...] = DEFAULT_ESTIMATORS
     process: ProcessSettings = field(default_factory=ProcessSettings)
@@ -88,6 +104,8 @@ class Settings:
     smoother: SmootherSettings = field(default_factory=SmootherSettings)
 
     def __post_init__(self) -> None:
+        for name, value in self._validated().items():
+            object.__setattr__(self, name, value)
         unknown = [name for name in self.estimators if name not in ESTIMATORS]
         if unknown or not self.estimators:
             raise InputError(
@@ -96,23 +114,20 @@ class Settings:
         if len(set(self.estimators)) < len(self.estimators):
             raise InputError(f"estimators {shown(list(self.estimators))} name one twice; name each once")
 
+    def _validated(self) -> dict[str, Any]:
+        """Values of the fields that are not at their default."""
+        given = {each.name: getattr(self, each.name) for each in fields(self)}
+        changed = {name: value for name, value in given.items() if not _is_default(name, value)}
+        if not changed:
+            return {}
+        from spinfilters.workflow.setting_validation import validated  # pydantic takes a tenth of a second
+
+        return validated(Settings, changed)
+
     @property
     def document(self) -> dict[str, Any]:
         """Every setting as TOML tables."""
         return {**asdict(self), "estimators": list(self.estimators)}
-
-
-_TABLES = {
-    "process": ProcessSettings,
-    "sensors": SensorSettings,
-    "start": StartOptions,
-    "ukf": SigmaPointOptions,
-    "landmarks": LandmarkOptions,
-    "robust": RobustOptions,
-    "iteration": IterationOptions,
-    "adaptation": AdaptationOptions,
-    "smoother": SmootherSettings,
-}
 
 
 def read_settings(path: Path) -> Settings:
@@ -127,53 +142,18 @@ def read_settings(path: Path) -> Settings:
 
 def settings_from(document: Mapping[str, Any], source: str) -> Settings:
     """Settings of parsed TOML; ``source`` names it in errors. Errors: `read_settings`."""
-    values: dict[str, Any] = {}
-    for key, value in document.items():
-        if key == "estimators":
-            if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
-                raise InputError(f"{source}: estimators is {shown(value)}; give a list of names")
-            values[key] = tuple(value)
-        elif key in _TABLES:
-            values[key] = _table(_TABLES[key], key, value, source)
-        elif key != "provenance":
-            raise InputError(
-                f"{source}: unknown key {shown(key)}; known are estimators, {', '.join(_TABLES)}"
-            )
+    values = {key: value for key, value in document.items() if key != "provenance"}
+    known = [each.name for each in fields(Settings)]
+    for key in values:
+        if key not in known:
+            raise InputError(f"{source}: unknown key {shown(key)}; known are {', '.join(known)}")
     try:
         return Settings(**values)
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
 
 
-def _table(kind: type, name: str, value: object, source: str) -> Any:
-    if not isinstance(value, dict):
-        raise InputError(f"{source}: {name} is {shown(value)}; it must be a table [{name}]")
-    known = {item.name: getattr(kind(), item.name) for item in fields(kind)}
-    for key, entry in value.items():
-        if key not in known:
-            raise InputError(f"{source}: unknown key {name}.{shown(key)[1:-1]}; known are {', '.join(known)}")
-        _check(source, f"{name}.{key}", known[key], entry)
-    try:
-        return kind(
-            **{
-                key: type(known[key])(entry) if isinstance(known[key], float) else entry
-                for key, entry in value.items()
-            }
-        )
-    except InputError as error:
-        raise InputError(f"{source}: {error}") from None
-
-
-def _check(where: str, name: str, default: object, value: object) -> None:
-    """Refuse a value that is not of its default's type, or a number out of its range."""
-    if isinstance(default, bool):
-        good, wanted = isinstance(value, bool), "true or false"
-    elif name in SETTING_RANGES:
-        allowed = SETTING_RANGES[name]
-        good, wanted = value in allowed, str(allowed)
-        if default == AUTO:
-            good, wanted = good or value == AUTO, f'"{AUTO}" or {wanted}'
-    else:
-        good, wanted = isinstance(value, str), "a name"
-    if not good:
-        raise InputError(f"{where}: {name} is {shown(value)}; give {wanted}")
+def _is_default(name: str, value: object) -> bool:
+    (each,) = (each for each in fields(Settings) if each.name == name)
+    default = each.default if each.default_factory is MISSING else each.default_factory()
+    return type(value) is type(default) and value == default

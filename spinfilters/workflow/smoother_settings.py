@@ -1,6 +1,7 @@
 """What can be set about the smoother."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.smoothing.modes import FixedLag, FrozenVision, Full, Mode
@@ -13,6 +14,7 @@ from spinfilters.estimators.smoothing.robust_kernels import (
     RobustKernel,
 )
 from spinfilters.estimators.smoothing.sliding_records import SlidingOptions
+from spinfilters.logs.number_range import NumberRange
 
 MODES = ("automatic", "full", "frozen", "window")
 KERNELS = ("gate", "huber", "pseudo-huber", "barron", "none")
@@ -36,12 +38,12 @@ class SmootherSettings:
     """
 
     mode: str = "automatic"
-    frames: int = 180
-    revolutions: float = 8.0
+    frames: Annotated[int, NumberRange(2, 1_000_000, whole=True)] = 180
+    revolutions: Annotated[float, NumberRange(1e-6, 1e9)] = 8.0
     kernel: str = "gate"
-    width: float = 5.0
-    shape: float = 0.0
-    iterations: int = 4
+    width: Annotated[float, NumberRange(1e-6, 1e9)] = 5.0
+    shape: Annotated[float, NumberRange(-1e9, 2)] = 0.0
+    iterations: Annotated[int, NumberRange(1, 1000, whole=True)] = 4
 
     def __post_init__(self) -> None:
         if self.mode not in MODES:

@@ -9,10 +9,9 @@ import pytest
 from faults import Change, cut_off, refusal
 from matplotlib.figure import Figure
 
-from spinfilters.cli import compare as command
 from spinfilters.cli.main import main
 from spinfilters.estimators.history import FRAME_ARRAYS
-from spinfilters.workflow import additions, figures
+from spinfilters.workflow import additions, figures, pipeline
 from spinfilters.workflow.array_file import read_arrays, write_arrays
 
 FRAMES = 30
@@ -148,7 +147,7 @@ def resumed(bare: Path, recordings: Path, tmp_path: Path, monkeypatch: pytest.Mo
     """Resumes a copy of the bare run with more arguments, no estimator at work; gives its folder."""
     run = tmp_path / "run"
     shutil.copytree(bare, run)
-    monkeypatch.setattr(command, "compare_estimators", None)
+    monkeypatch.setattr(pipeline, "compare_estimators", None)
 
     def resume(*arguments: str) -> Path:
         place = ["--estimators", "mekf,smoother", "--resume", "-o", str(run)]

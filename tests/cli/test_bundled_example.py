@@ -49,7 +49,7 @@ def test_with_the_known_map_filterpy_joins_by_default(
         asked.append(settings)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("spinfilters.cli.compare.compare_estimators", none_of_them)
+    monkeypatch.setattr("spinfilters.workflow.pipeline.compare_estimators", none_of_them)
     assert main(["compare", "--known-map", "-o", str(tmp_path / "run")]) == 2
     assert main(["compare", "-o", str(tmp_path / "run")]) == 2
     known, unknown = (settings.estimators for settings in asked)

@@ -171,7 +171,7 @@ def test_a_second_run_replaces_the_first(tmp_path: Path) -> None:
         (["--interval", "1e-300"], "give a number from 1e-06 to 100000 s"),
         (["--interval", "1e300"], "give a number from 1e-06 to 100000 s"),
         (["--rate-rpm", "1e300", "0", "0"], "give a number from -1e+06 to 1e+06 rpm"),
-        (["--interval", "1e5"], "at most 100 turns between frames"),
+        (["--interval", "1e5"], "at most 100 revolutions between epochs"),
         (["--moments", "1", "1", "5"], "are no motion"),
         (["--rate-rpm", "nan", "0", "0"], "'nan' is not allowed"),
         (["--torque", "x", "--chart", "filter"], "which the filters' state does not hold"),

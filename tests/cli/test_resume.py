@@ -10,12 +10,11 @@ import pytest
 from faults import Change, replaced
 from forked import kill_at, killed
 
-from spinfilters.cli import compare as command
 from spinfilters.cli.main import main
 from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.logs.dataset_writing import write_dataset
 from spinfilters.simulation.scenario import Scenario, simulate
-from spinfilters.workflow import estimation, figures
+from spinfilters.workflow import estimation, figures, pipeline
 from spinfilters.workflow.checkpointing import CHECKPOINT_FILE, Pace, keep_in
 from spinfilters.workflow.estimation import Comparison, compare_estimators
 from spinfilters.workflow.preparation import Prepared
@@ -63,8 +62,8 @@ def disturbed(event: Progress, monkeypatch: pytest.MonkeyPatch) -> None:
 
         return compare_estimators(prepared, settings, report, keeper_of)  # pyright: ignore[reportArgumentType]
 
-    monkeypatch.setattr(command, "compare_estimators", compare)
-    monkeypatch.setattr(command, "keep_in", lambda *run: keep_in(run[0], run[1], run[2], Pace(0.0, 1.0)))
+    monkeypatch.setattr(pipeline, "compare_estimators", compare)
+    monkeypatch.setattr(pipeline, "keep_in", lambda *run: keep_in(run[0], run[1], run[2], Pace(0.0, 1.0)))
 
 
 @pytest.fixture
@@ -111,7 +110,7 @@ def test_a_complete_run_is_left_alone(
 ) -> None:
     arguments = ["compare", str(dataset), "-o", str(tmp_path / "run"), "--resume"]
     assert main(arguments) == 0
-    monkeypatch.setattr(command, "prepare", None)
+    monkeypatch.setattr(pipeline, "prepare", None)
     capsys.readouterr()
     assert main(arguments) == 0
     assert "is complete, nothing is left to do" in capsys.readouterr().out

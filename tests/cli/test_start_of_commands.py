@@ -3,9 +3,18 @@
 import subprocess
 import sys
 
+import pytest
 
-def test_comparing_loads_nothing_that_draws() -> None:
-    """In a process of its own: here other tests have drawn."""
-    look = "import sys, spinfilters.cli.compare; print('matplotlib' in sys.modules)"
+
+@pytest.mark.parametrize(
+    ("module", "unneeded"),
+    [
+        ("spinfilters.cli.main", ("numpy", "casadi", "rich", "pydantic", "matplotlib")),
+        ("spinfilters.cli.compare", ("pydantic", "matplotlib")),
+    ],
+)
+def test_a_command_loads_nothing_before_it_is_needed(module: str, unneeded: tuple[str, ...]) -> None:
+    """In a process of its own: here other tests have loaded everything."""
+    look = f"import sys, {module}; print([name for name in {unneeded} if name in sys.modules])"
     found = subprocess.run([sys.executable, "-c", look], capture_output=True, text=True, check=True)
-    assert found.stdout.strip() == "False"
+    assert found.stdout.strip() == "[]"

@@ -1,12 +1,23 @@
 """Settings and their TOML."""
 
 from pathlib import Path
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import pytest
 
 from spinfilters.errors import InputError
+from spinfilters.estimators.start import StartOptions
 from spinfilters.logs.atomic_write import write_toml
-from spinfilters.workflow.settings import Settings, read_settings, settings_from
+from spinfilters.logs.number_range import NumberRange
+from spinfilters.workflow.settings import (
+    ProcessSettings,
+    SensorSettings,
+    Settings,
+    TruthValue,
+    read_settings,
+    settings_from,
+)
 
 TABLES = [name for name in Settings().document if name != "estimators"]
 
@@ -77,3 +88,61 @@ def test_a_whole_number_is_good_for_a_real_one() -> None:
 
 def test_provenance_of_another_run_is_not_a_setting() -> None:
     assert settings_from({"provenance": {"python": "2.7"}}, "test") == Settings()
+
+
+def test_tables_may_be_mappings_of_their_keys() -> None:
+    given = Settings(sensors={"pixel_std": 0.5}, smoother={"mode": "window"})  # pyright: ignore[reportArgumentType]
+    assert given == settings_from({"sensors": {"pixel_std": 0.5}, "smoother": {"mode": "window"}}, "test")
+    assert given.sensors == SensorSettings(pixel_std=0.5)
+
+
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        (
+            {"sensors": {"pixel_std": -1.0}},
+            'sensors.pixel_std is -1.0; give "auto" or a number from 1e-12 to',
+        ),
+        ({"sensors": SensorSettings(pixel_std=-1.0)}, "sensors.pixel_std is -1.0; give"),
+        (
+            {"start": StartOptions(frames=10**7)},
+            "start.frames is 10000000; give a whole number from 1 to 100000",
+        ),
+        ({"process": {"drag": 1}}, "process.drag is 1; give true or false"),
+        ({"process": 3}, r"process is 3; it must be a table \[process\]"),
+        ({"landmarks": {"precision": 3}}, "landmarks.precision is 3; give a name"),
+        ({"estimators": ("mekf", 1)}, "estimators holds 1; give a list of names"),
+        ({"estimators": "mekf"}, "estimators is 'mekf'; give a list of names"),
+        ({"ukf": {"gamma": 1}}, "unknown key ukf.gamma; known are alpha, beta, kappa"),
+    ],
+)
+def test_settings_made_in_python_are_validated_as_those_of_a_file(values: dict[str, Any], says: str) -> None:
+    with pytest.raises(InputError, match=f"^{says}"):
+        Settings(**values)
+
+
+@pytest.mark.parametrize("key", ["self", "__dataclass_self__", "kind", "a\nb"])
+def test_a_key_of_any_name_is_refused_in_one_line(key: str) -> None:
+    with pytest.raises(InputError, match=r"test: unknown key 'a?[^\n]*'; known are estimators"):
+        settings_from({key: 1}, "test")
+
+
+def test_every_number_of_the_settings_has_a_range() -> None:
+    for table, kind in get_type_hints(Settings, include_extras=True).items():
+        for key, hint in get_type_hints(kind, include_extras=True).items() if table != "estimators" else ():
+            members = (
+                get_args(hint) if get_origin(hint) is UnionType or get_origin(hint) is Union else (hint,)
+            )
+            for member in members:
+                told = any(isinstance(each, NumberRange | TruthValue) for each in get_args(member))
+                assert told or member is str or get_origin(member) is Literal, f"{table}.{key}"
+
+
+@pytest.mark.parametrize("default", [Settings(), Settings(process=ProcessSettings())])
+def test_defaults_need_no_validation(default: Settings) -> None:
+    assert default._validated() == {}
+
+
+def test_a_keyword_that_is_no_table_is_a_mistake_of_the_program() -> None:
+    with pytest.raises(TypeError, match="speed"):
+        Settings(speed=1)  # pyright: ignore[reportCallIssue]

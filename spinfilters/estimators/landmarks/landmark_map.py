@@ -11,6 +11,7 @@ so that hardly any falls behind by as many epochs as there are slots, and no epo
 
 from dataclasses import dataclass
 from itertools import repeat
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -19,6 +20,7 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.landmarks.native import steps_of
 from spinfilters.estimators.landmarks.reference import next_epoch
 from spinfilters.estimators.landmarks.steps import Closing, NewModes
+from spinfilters.logs.number_range import NumberRange
 
 SLOTS = 24
 """Epochs that a landmark may fall behind; less would touch more landmarks, more would keep more transformations."""
@@ -44,9 +46,9 @@ class LandmarkOptions:
     precision: of what is kept of every landmark, "float64" or "float32".
     """
 
-    modes: int = 12
-    explained: float = 0.5
-    largest_map: int = 20_000
+    modes: Annotated[int, NumberRange(1, 60, whole=True)] = 12
+    explained: Annotated[float, NumberRange(0, 1e9)] = 0.5
+    largest_map: Annotated[int, NumberRange(4, 10_000_000, whole=True)] = 20_000
     precision: str = "float64"
 
     def __post_init__(self) -> None:

@@ -1,0 +1,168 @@
+"""Questions to the analyser: what a sensor can determine of a motion, proved, and how well."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from observability.cases import Case, InputSizes
+from observability.motions import motion
+from observability.report import Report, analyse
+from observability.scope import title
+from observability.system import Input
+from spinfilters.api.argument_ranges import DEFAULT_MOMENTS, DEFAULT_RATE_RPM, LANDMARKS, require_motion
+from spinfilters.conventions import RPM
+from spinfilters.errors import InputError
+from spinfilters.logs.atomic_write import write_json, write_text
+from spinfilters.logs.output_folder import output_folder, refuse_foreign
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+OBSERVE: Final = "observe"
+"""Name of the command whose folders are these."""
+MOST_FRAMES: Final = 5000
+"""Beyond it the bound takes minutes and says nothing new."""
+MOST_TURNS: Final = 100
+"""Revolutions between epochs, at most: the motion is integrated step by step."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ObservabilityResult:
+    """What was found: printed, and shown in a notebook, it is the text of ``spinfilters observe``.
+
+    Attributes
+    ----------
+    report: with the certificate of the rank, the Cramer-Rao bound and the verdict on every quantity.
+    """
+
+    report: Report
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The content of ``observe.json``."""
+        return self.report.document()
+
+    def figure(self) -> "Figure":
+        """Ranks by order of derivative, and the bound over time, as a matplotlib figure."""
+        from spinfilters.plots.bounds import observability_figure
+
+        return observability_figure(self.report, title(self.report.case))
+
+    def write(self, folder: Path) -> None:
+        """Text, JSON and picture into a folder that exists. InputError: they cannot be written."""
+        from spinfilters.plots.style import save_figure
+
+        write_text(folder / "observe.txt", f"{self}\n")
+        save_figure(self.figure(), folder / "observe.png")
+        write_json(folder / "observe.json", self.document)
+
+    def save(self, folder: str | os.PathLike[str]) -> Path:
+        """Text, JSON and picture in a folder as the command writes them; returns its path.
+
+        Raises
+        ------
+        InputError: it holds something else, or cannot be written.
+        """
+        refuse_foreign(Path(folder), OBSERVE)
+        with output_folder(Path(folder), OBSERVE) as place:
+            self.write(place)
+        return Path(folder)
+
+    def __str__(self) -> str:
+        return "\n".join(self.report.sentences)
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        """For a notebook."""
+        return f"<pre>{escape(str(self))}</pre>"
+
+
+@dataclass(frozen=True)
+class KnownInputs:
+    """What acts on the body or the inspector and is known.
+
+    Attributes
+    ----------
+    torque: axes x, y, z of the body with a known torque.   manoeuvre: axes of the camera along which the inspector accelerates.
+    sizes: amplitudes (N m, m/s^2) and period (s) of both.
+    """
+
+    torque: Sequence[str] = ()
+    manoeuvre: Sequence[str] = ()
+    sizes: InputSizes = field(default_factory=InputSizes)
+
+    @property
+    def inputs(self) -> tuple[Input, ...]:
+        """As the analyser takes them, each once. InputError: no axis."""
+        for axis in (*self.torque, *self.manoeuvre):
+            if axis not in ("x", "y", "z"):
+                raise InputError(f"axis {axis!r} is unknown; use x, y or z")
+        named = [f"torque about {axis}" for axis in self.torque]
+        named += [f"inspector's acceleration along {axis}" for axis in self.manoeuvre]
+        return tuple(Input(name) for name in dict.fromkeys(named))
+
+
+def observe(
+    sensors: Sequence[str] | str = "stereo",
+    *,
+    rate_rpm: Sequence[float] = DEFAULT_RATE_RPM,
+    moments: Sequence[float] = DEFAULT_MOMENTS,
+    frames: int = 115,
+    interval: float = 0.5,
+    landmarks: int = 4,
+    known_map: bool = False,
+    chart: str = "principal",
+    unknowns: str = "ratios",
+    known: KnownInputs | None = None,
+) -> ObservabilityResult:
+    """What sensors can determine of a motion and what not, with a proof, and how well: a Cramer-Rao bound.
+
+    Parameters
+    ----------
+    sensors: one or several of "stereo", "monocular", "lidar", "pose", "attitude", "gyro"; one text may list several, with commas.
+    rate_rpm: (3,) about the principal axes x, y, z, rpm.   moments: (3,) about them, any scale.
+    frames: number of epochs, at most 5000.   interval: between them, s.
+    landmarks: that each camera or lidar sees.   known_map: whether they are known.
+    chart: coordinates of the unknowns: "principal", "tensor" or "filter".
+    unknowns: of the inertia in the principal chart: "ratios" or "moments".
+    known: torques and accelerations that are known, None for none.
+
+    Raises
+    ------
+    InputError: an unknown sensor, chart, kind of unknowns or axis, a number out of its range, a motion that is too
+    fast for the interval.
+    """
+    LANDMARKS.require("landmarks", landmarks)
+    rate, inertia = tuple(rate_rpm), tuple(moments)
+    require_motion(frames, interval, rate, inertia)
+    _require_bound(frames, interval, rate)
+    names = sensors.split(",") if isinstance(sensors, str) else sensors
+    acting = known or KnownInputs()
+    exact = [round(rpm * RPM, 12) for rpm in rate]  # 0 rpm about an axis is exactly 0
+    case = Case(
+        sensors=tuple(name.strip() for name in names if name.strip()),
+        landmarks=landmarks,
+        known_map=known_map,
+        chart=chart,
+        unknowns=unknowns,
+        motion=motion(f"{' '.join(f'{rpm:g}' for rpm in rate)} rpm", exact, list(inertia)),
+        inputs=acting.inputs,
+        sizes=acting.sizes,
+    )
+    return ObservabilityResult(analyse(case, frames, interval))
+
+
+def _require_bound(frames: int, interval: float, rate_rpm: tuple[float, ...]) -> None:
+    """Refuse recordings whose bound would take too long, and motions that are too fast between epochs."""
+    if frames > MOST_FRAMES:
+        raise InputError(f"frames is {frames}; give 1 to {MOST_FRAMES}")
+    fastest = max(map(abs, rate_rpm))
+    if fastest * interval / 60 > MOST_TURNS:
+        raise InputError(
+            f"a rate of {' '.join(f'{rpm:g}' for rpm in rate_rpm)} rpm at an interval of {interval:g} s; give at most {MOST_TURNS} "
+            "revolutions between epochs"
+        )

@@ -1,0 +1,39 @@
+"""What the numbers of a simulated motion and of a question to the analyser may be; nothing heavy is imported here."""
+
+from typing import Final
+
+from spinfilters.errors import InputError
+from spinfilters.logs.input_file import shown
+from spinfilters.logs.number_range import NumberRange
+
+SEED: Final = NumberRange(0, 10**18, whole=True)
+SEGMENT: Final = NumberRange(0, 10**9 - 1, whole=True)
+FRAMES: Final = NumberRange(1, 100_000, whole=True)
+INTERVAL: Final = NumberRange(1e-6, 1e5, "s")
+RATE_RPM: Final = NumberRange(-1e6, 1e6, "rpm")
+MOMENT: Final = NumberRange(1e-6, 1e6)
+"""Of inertia, in any unit."""
+LANDMARKS: Final = NumberRange(1, 200, whole=True)
+SECONDS_AHEAD: Final = NumberRange(1e-9, 1e9, "s")
+
+DEFAULT_RATE_RPM: Final = (0.5, 10.0, 0.5)
+DEFAULT_MOMENTS: Final = (1.0322, 1.0, 0.8596)
+"""Of the bundled example (Tweddle 2013, section 6.5.2)."""
+
+
+def require_motion(
+    frames: int, interval: float, rate_rpm: tuple[float, ...], moments: tuple[float, ...]
+) -> None:
+    """Raise InputError unless the numbers of a motion can be used.
+
+    Parameters
+    ----------
+    interval: s.   rate_rpm, moments: three each, about the principal axes x, y, z.
+    """
+    FRAMES.require("frames", frames)
+    INTERVAL.require("interval", interval)
+    for name, values, allowed in (("rate_rpm", rate_rpm, RATE_RPM), ("moments", moments, MOMENT)):
+        if len(values) != 3:
+            raise InputError(f"{name} is {shown(values)}; give three numbers, about the axes x, y, z")
+        for value in values:
+            allowed.require(name, value)

@@ -1,0 +1,83 @@
+"""Data sets: read from files, or simulated."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+
+from spinfilters.api.argument_ranges import DEFAULT_MOMENTS, DEFAULT_RATE_RPM, SEED, SEGMENT, require_motion
+from spinfilters.errors import InputError
+from spinfilters.logs.dataset import Dataset, read_dataset
+from spinfilters.simulation.motion import Progress, silent
+from spinfilters.simulation.scenario import Scenario, without_map
+from spinfilters.simulation.scenario import simulate as simulate_scenario
+
+MOST_TURNS = 100
+"""Revolutions between epochs, at most: beyond, rounding decides where the body points."""
+
+
+def load(path: str | os.PathLike[str], segment: int | None = None) -> Dataset:
+    """Data set of a folder or file: whatever ``spinfilters compare`` reads.
+
+    Parameters
+    ----------
+    path: a folder with ``dataset.toml``, a phyphox export, a gyro ``.csv`` (time in s, then three body rates in rad/s) or a TUM
+        ``.tum`` or ``.txt`` of poses.
+    segment: number of a marked segment of a phyphox recording; None where there is only one.
+
+    Raises
+    ------
+    InputError: an unusable file, a segment that is no number; the text names file, line or value, and the cure.
+    """
+    if segment is not None:
+        SEGMENT.require("segment", segment)
+    return read_dataset(path, segment)
+
+
+def simulate(
+    kind: str = "stereo-tracks",
+    *,
+    seed: int = 0,
+    frames: int = 115,
+    interval: float = 0.5,
+    rate_rpm: Sequence[float] = DEFAULT_RATE_RPM,
+    moments: Sequence[float] = DEFAULT_MOMENTS,
+    known_map: bool = False,
+    progress: Progress = silent,
+) -> Dataset:
+    """Simulated data set with truth, as ``spinfilters simulate`` writes it: of the thesis' body, camera, noise and disturbances.
+
+    Parameters
+    ----------
+    kind: "stereo-tracks", "pose" or "gyro".   seed: of everything random.
+    frames: number of epochs, at least 2.   interval: between them, s.
+    rate_rpm: (3,) initial rate about the principal axes x, y, z, rpm.   moments: (3,) principal moments about them, any scale.
+    known_map: whether the data set tells the landmarks' positions; of tracks only.
+    progress: called after every epoch of the motion with how many are done, and of how many.
+
+    Raises
+    ------
+    InputError: an unknown kind, a number out of its range, moments of no body, more than 100 revolutions between epochs.
+    """
+    SEED.require("seed", seed)
+    rate, inertia = tuple(rate_rpm), tuple(moments)
+    require_motion(frames, interval, rate, inertia)
+    turns = max(map(abs, rate)) * interval / 60
+    if turns > MOST_TURNS:
+        raise InputError(
+            f"a rate of {' '.join(map(str, rate))} rpm at an interval of {interval} s is {turns:.3g} revolutions between epochs; "
+            f"give less than {MOST_TURNS}"
+        )
+    tracks = kind == "stereo-tracks"
+    if known_map and not tracks:
+        raise InputError(f"a known map is for the kind stereo-tracks; a {kind} has no map")
+    thesis = Scenario.disam115((rate[0], rate[1], rate[2]), seed)
+    scenario = replace(
+        thesis,
+        kind=kind,
+        frames=frames,
+        interval=interval,
+        principal_moments=inertia,
+        candidates=thesis.candidates if tracks else 1,
+    )
+    dataset = simulate_scenario(scenario, progress)
+    return dataset if known_map else without_map(dataset)

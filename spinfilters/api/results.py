@@ -1,0 +1,204 @@
+"""What a comparison gives back: a run, and in it a result per estimator."""
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.api.tables import data_frame, flattened, html_table, plain_text
+from spinfilters.errors import InputError
+from spinfilters.evaluation.body import BodyEstimate
+from spinfilters.evaluation.comparison import comparison_cells, comparison_table
+from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.trajectory import TRAJECTORY_COLUMNS, Trajectory, read_map_ply, trajectory_columns
+from spinfilters.logs.dataset import Dataset
+from spinfilters.logs.input_file import shown
+from spinfilters.workflow.conditions import conditions_of
+from spinfilters.workflow.estimation import Comparison
+from spinfilters.workflow.pipeline import write_comparison
+from spinfilters.workflow.run_folder import MAP_FILE
+from spinfilters.workflow.run_summary import read_summary, summary
+from spinfilters.workflow.settings import Settings
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, eq=False)
+class EstimatorResult:
+    """What one estimator found.
+
+    Attributes
+    ----------
+    evaluation: everything that was computed of it, `spinfilters.evaluation.evaluation.Evaluation`.
+    landmarks: (k, 3) m in frame g, the map that it ended with or was given; None without any.
+    """
+
+    evaluation: Evaluation
+    landmarks: Float[np.ndarray, "k 3"] | None = None
+
+    @property
+    def name(self) -> str:
+        """Of the estimator."""
+        return self.evaluation.name
+
+    @property
+    def status(self) -> str:
+        """Whether it can be trusted: "ok", "degraded" or "failed"."""
+        return str(self.evaluation.history.status.verdict)
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why it is not "ok": sentences with their numbers; empty where it is."""
+        return self.evaluation.history.status.reasons
+
+    @property
+    def body(self) -> BodyEstimate:
+        """The body after the last epoch.
+
+        ``principal_moments`` (3,), ascending, largest = 1; ``principal_axes_g`` (3, 3), rows are unit axes in g;
+        ``center_of_mass_g`` (3,) m, None for a gyro alone; standard deviations as ``principal_moments_std`` (3,),
+        ``principal_axes_std`` (3,) rad, ``center_of_mass_std`` (3,) m. NaN where the estimator failed.
+        """
+        return self.evaluation.body
+
+    @cached_property
+    def trajectory(self) -> Trajectory:
+        """Motion after every epoch.
+
+        ``time`` (n,) s, ``position`` (n, 3) of the centre of mass in i, m, ``q_ig`` (n, 4), ``velocity`` (n, 3) in i, m/s,
+        ``rate_i`` (n, 3) in i axes, rad/s; ``std_position``, ``std_attitude`` (rad, g axes), ``std_velocity``, ``std_rate``,
+        each (n, 3).
+        """
+        return self.evaluation.trajectory
+
+    def to_dataframe(self) -> Any:
+        """The trajectory as a pandas.DataFrame over ``time_s``, with the columns of ``trajectory.csv``.
+
+        Raises
+        ------
+        ImportError: pandas is not installed.
+        """
+        columns = dict(zip(TRAJECTORY_COLUMNS, trajectory_columns(self.trajectory), strict=True))
+        return data_frame(columns, TRAJECTORY_COLUMNS[0])
+
+    def __repr__(self) -> str:
+        moments = ", ".join(f"{value:.4f}" for value in self.body.principal_moments)
+        epochs = len(self.evaluation.history.time)
+        return f"<{self.name}: {self.status}, {epochs} epochs, principal moments {moments}>"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Run(Mapping[str, EstimatorResult]):
+    """Estimators side by side on one data set: a mapping from an estimator's name to its result.
+
+    Printed, and shown in a notebook, it is the table of the command.
+
+    Attributes
+    ----------
+    dataset, settings: that it was made with.   results: by name of the estimator.
+    conditions: sentences on the map, the seed and the noise.   summary: the content of ``summary.json``.
+    comparison: what the estimators left behind, None where the run was read from its folder.
+    folder: that holds the run, None where it was not written.
+    """
+
+    dataset: Dataset
+    settings: Settings
+    results: Mapping[str, EstimatorResult]
+    conditions: tuple[str, ...]
+    summary: Mapping[str, Any]
+    comparison: Comparison | None = None
+    folder: Path | None = None
+
+    @classmethod
+    def from_comparison(cls, comparison: Comparison, settings: Settings, folder: Path | None = None) -> "Run":
+        """Of estimators that have just run."""
+        results = {e.name: EstimatorResult(e, comparison.maps.get(e.name)) for e in comparison.evaluations}
+        prepared = comparison.prepared
+        conditions = tuple(conditions_of(prepared).sentences)
+        return cls(prepared.dataset, settings, results, conditions, summary(comparison), comparison, folder)
+
+    @classmethod
+    def from_folder(cls, folder: Path, settings: Settings) -> "Run":
+        """Of a run folder that is whole. InputError: a damaged one."""
+        from spinfilters.workflow.figures import Pictured
+
+        shown_run = Pictured.from_folder(folder)
+        maps = {e.name: folder / e.name / MAP_FILE for e in shown_run.evaluations}
+        landmarks = {name: read_map_ply(path) for name, path in maps.items() if path.exists()}
+        results = {e.name: EstimatorResult(e, landmarks.get(e.name)) for e in shown_run.evaluations}
+        conditions = tuple(shown_run.conditions)
+        return cls(shown_run.dataset, settings, results, conditions, read_summary(folder), None, folder)
+
+    def __getitem__(self, name: str) -> EstimatorResult:
+        if name not in self.results:
+            raise KeyError(f"{shown(name)} is not in this run; it has {', '.join(self.results)}")
+        return self.results[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.results)
+
+    def __len__(self) -> int:
+        return len(self.results)
+
+    @property
+    def remarks(self) -> list[str]:
+        """A sentence per reason for which an estimator is not "ok"."""
+        return [f"{each.name} is {each.status}: {why}" for each in self.values() for why in each.reasons]
+
+    def figure(self, name: str = "summary") -> "Figure":
+        """One of the run's pictures as a matplotlib figure, which can be shown or saved (`savefig`).
+
+        Parameters
+        ----------
+        name: "summary", "rates", "inertia", "polhode", "scene", "consistency", or "errors-" and an estimator's name.
+
+        Raises
+        ------
+        InputError: no such figure.
+        """
+        from spinfilters.workflow.figures import Pictured, drawn_figure
+
+        landmarks = next(iter(self.values())).landmarks
+        return drawn_figure(Pictured(self.dataset, self._evaluations, landmarks, self.conditions), name)
+
+    def save(self, folder: str | os.PathLike[str]) -> Path:
+        """Write the run folder of the command, with its pictures; returns its path.
+
+        Raises
+        ------
+        InputError: the folder holds something else than a run or cannot be written; the run was read from a folder itself.
+        """
+        if self.comparison is None:
+            raise InputError(f"this run was read from {self.folder}; copy that folder")
+        write_comparison(Path(folder), self.comparison, self.settings)
+        return Path(folder)
+
+    def to_dataframe(self) -> Any:
+        """The numbers of ``summary.json`` as a pandas.DataFrame, a row per estimator; tables as ``a.b``, lists as ``a_1``.
+
+        Raises
+        ------
+        ImportError: pandas is not installed.
+        """
+        rows = [{"estimator": name} | dict(flattened(self.summary["estimators"][name], "")) for name in self]
+        names = dict.fromkeys(name for row in rows for name in row)
+        return data_frame({name: [row.get(name) for row in rows] for name in names}, "estimator")
+
+    def __str__(self) -> str:
+        return "\n".join([plain_text(comparison_table(self._evaluations, self.conditions)), *self.remarks])
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        """For a notebook."""
+        return html_table(comparison_cells(self._evaluations, self.conditions), self.remarks)
+
+    @property
+    def _evaluations(self) -> list[Evaluation]:
+        return [each.evaluation for each in self.values()]

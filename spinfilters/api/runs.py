@@ -1,0 +1,120 @@
+"""The comparison of estimators on one recording."""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from spinfilters.api.argument_ranges import SECONDS_AHEAD
+from spinfilters.api.recordings import load
+from spinfilters.api.results import Run
+from spinfilters.errors import InputError
+from spinfilters.logs.dataset import Dataset
+from spinfilters.logs.input_file import shown
+from spinfilters.workflow.estimation import Comparison, Progress
+from spinfilters.workflow.pipeline import RunOutput, compare_dataset, compare_into, silent
+from spinfilters.workflow.settings import Settings, read_settings, settings_from
+
+if TYPE_CHECKING:
+    from spinfilters.workflow.additions import Additions
+
+AnySettings = Settings | Mapping[str, Any] | str | os.PathLike[str]
+"""Settings, the tables of a settings file, or the path of one."""
+
+
+def compare(
+    data: Dataset | str | os.PathLike[str],
+    estimators: Sequence[str] | str | None = None,
+    settings: AnySettings | None = None,
+    segment: int | None = None,
+    output: str | os.PathLike[str] | None = None,
+    *,
+    resume: bool = False,
+    predict: float | None = None,
+    convergence: bool = False,
+    progress: Progress = silent,
+) -> Run:
+    """Estimators side by side on one recording, as ``spinfilters compare`` runs them.
+
+    Parameters
+    ----------
+    data: a data set, or the path of one (see `load`).   segment: of a phyphox recording, see `load`.
+    estimators: names among "mekf", "ukf", "smoother", "filterpy-ekf", "filterpy-ukf"; one text may list several, with commas. None
+        takes those of the settings, by default the first three.
+    settings: `Settings`, a mapping such as ``{"sensors": {"pixel_std": 0.5}}``, or the path of a settings file.
+    output: folder to write the run into, with checkpoints and pictures; None writes nothing, and `Run.save` can later.
+    resume: go on from what an interrupted run has left in ``output``; a finished run is read from there.
+    predict: s to go on after the last epoch.   convergence: whether to show how the smoother settles. Both are files of ``output``.
+    progress: called with what is being done, steps done and steps in all.
+
+    Raises
+    ------
+    InputError: what the command refuses with exit code 2; the text is one line that names the value and the cure.
+    KeyboardInterrupt: Ctrl-C; what was estimated is in ``output``, if given, for ``resume`` to go on from.
+    """
+    chosen = _settings(settings, estimators)
+    dataset = _dataset(data, segment)
+    additions = _additions(predict, convergence)
+    if output is None:
+        if resume or additions is not None:
+            raise InputError("resume, predict and convergence work in a run folder; give output")
+        return Run.from_comparison(_whole(compare_dataset(dataset, chosen, progress), None), chosen)
+    folder = Path(output)
+    written = compare_into(dataset, chosen, RunOutput(folder, resume, additions), progress)
+    if written.comparison is None:
+        return Run.from_folder(folder, chosen)
+    return Run.from_comparison(_whole(written.comparison, folder), chosen, folder)
+
+
+def _whole(comparison: Comparison, folder: Path | None) -> Comparison:
+    """A comparison that Ctrl-C has not cut short."""
+    if comparison.interrupted:
+        raise KeyboardInterrupt(
+            "nothing was written; give output to go on from there next time"
+            if folder is None
+            else f"what was estimated is in {folder}; resume=True goes on from there"
+        )
+    return comparison
+
+
+def _settings(settings: AnySettings | None, estimators: Sequence[str] | str | None) -> Settings:
+    if settings is None:
+        chosen = Settings()
+    elif isinstance(settings, Settings):
+        chosen = settings
+    elif isinstance(settings, Mapping):
+        chosen = settings_from(settings, "settings")
+    else:
+        chosen = read_settings(Path(settings))
+    if estimators is None:
+        return chosen
+    return replace(chosen, estimators=estimator_names(estimators))
+
+
+def estimator_names(estimators: Sequence[str] | str) -> tuple[str, ...]:
+    """Names from a list, or from one text with commas."""
+    if isinstance(estimators, str):
+        return tuple(name.strip() for name in estimators.split(",") if name.strip())
+    return tuple(estimators)
+
+
+def _dataset(data: object, segment: int | None) -> Dataset:
+    if isinstance(data, Dataset):
+        if segment is not None:
+            raise InputError(f"segment {segment} is of a recording's folder; give its path, not a data set")
+        return data
+    if isinstance(data, str | os.PathLike):
+        return load(data, segment)
+    raise InputError(f"data is {shown(data)}; give a path or a data set of spinfilters.load or .simulate")
+
+
+def _additions(predict: float | None, convergence: bool) -> "Additions | None":
+    """What a run writes only when asked to, or None where nothing was asked."""
+    if predict is None and not convergence:
+        return None
+    if predict is not None:
+        SECONDS_AHEAD.require("predict", predict)
+    from spinfilters.workflow.additions import Additions
+
+    return Additions(predict, convergence)
