@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 
 from experiments.landmark_runs import MOTIONS, NAMES
-from spinfilters.conventions import STATE_BLOCKS
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
 from spinfilters.estimators.run import run
 from spinfilters.evaluation.consistency import chi_square_band
@@ -28,6 +27,7 @@ from spinfilters.logs.dataset import Dataset
 from spinfilters.models.process import ProcessNoise
 from spinfilters.simulation.faults import Dropout, WrongAssociations, with_faults
 from spinfilters.simulation.scenario import Scenario, simulate, without_map
+from spinfilters.state.blocks import BLOCKS
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import FULL_BLOCKS
 from spinfilters.workflow.array_file import read_arrays, write_arrays
@@ -185,7 +185,7 @@ def described(name: str, runs: list[dict[str, np.ndarray]]) -> str:
         "  NEES per degree of freedom: mean; in the middle, at the end; 95 % band; the smoother's mean"
     )
     for block in (*FULL_BLOCKS, "moments"):
-        dof = STATE_BLOCKS.get(block, 2)
+        dof = BLOCKS[block].dimension if block in BLOCKS else 2
         values = [run[f"{name}/nees_{block}"] / dof for run in runs]
         others = np.mean([run[f"{SMOOTHER}/nees_{block}"].mean() / dof for run in runs])
         low, high = (float(limit) / dof for limit in chi_square_band(dof, len(runs)))

@@ -11,7 +11,7 @@ from spinfilters.linear_algebra.definite import is_definite
 from spinfilters.models.sensor_noise import NoiseLevel, SensorNoiseModel, noise_model
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.perception.pose_consensus import SMALLEST_SHARE, consensus_pose
-from spinfilters.state.layout import StateLayout
+from spinfilters.state.layout import POSE_BLOCKS, StateLayout
 
 ITERATIONS = 8
 SETTLED = 1e-6
@@ -33,7 +33,7 @@ class FittedPose:
 
 @cache
 def _stereo(noise: SensorNoiseModel) -> StereoLandmark:
-    return StereoLandmark(StateLayout(("t", "a")), noise)
+    return StereoLandmark(StateLayout(POSE_BLOCKS), noise)
 
 
 def fit_pose(

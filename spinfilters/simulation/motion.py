@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.models.process import TorqueFreeProcess
+from spinfilters.state.blocks.rigid_body import RATE, VELOCITY
 from spinfilters.state.layout import StateLayout
 
 SUBSTEPS = 40
@@ -58,9 +59,9 @@ def simulate_motion(
 
 def _densities(process: TorqueFreeProcess) -> list[tuple[slice, float]]:
     """Where a state is disturbed, and how strongly."""
-    blocks = {"w": process.noise.torque_psd, "v": process.noise.force_psd}
-    layout = process.layout
-    return [(layout.mean_slice(block), psd) for block, psd in blocks.items() if block in layout.blocks]
+    noise, layout = process.noise, process.layout
+    rotation = [(layout.mean_slice(RATE.name), noise.torque_psd)]
+    return rotation + ([(layout.mean_slice(VELOCITY.name), noise.force_psd)] if layout.translates else [])
 
 
 def _kick(x: np.ndarray, densities: list[tuple[slice, float]], h: float, normal: np.ndarray) -> None:

@@ -25,6 +25,7 @@ SETTING_RANGES: Final[dict[str, NumberRange]] = {
     "start.centre_std": _STD,
     "start.speed_std": _STD,
     "start.drag_std": _STD,
+    "start.gyro_bias_std": NumberRange(1e-9, 1e3, "rad/s", zero=True),
     "ukf.alpha": NumberRange(1e-3, 1e3),
     "ukf.beta": NumberRange(0, 1e6),
     "ukf.kappa": NumberRange(-10, 1e6),

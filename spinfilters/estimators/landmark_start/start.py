@@ -27,6 +27,7 @@ from spinfilters.estimators.start import (
 )
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.logs.track_files import KnownMap
+from spinfilters.state.layout import POSE_BLOCKS
 
 GAUGE_STD = 1e-6
 """Of the first frame's pose, m and rad: it defines g."""
@@ -74,7 +75,7 @@ def _fixing_g(
 ) -> FirstStatePrior:
     """The prior with the first pose held where the trial has it."""
     layout, mean, std = process.layout, prior.mean.copy(), prior.std.copy()
-    for block in ("t", "a"):
+    for block in POSE_BLOCKS:
         mean[layout.mean_slice(block)] = first[layout.mean_slice(block)]
         std[layout.slice(block)] = GAUGE_STD
     return FirstStatePrior(mean, std)
