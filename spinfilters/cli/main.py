@@ -201,6 +201,13 @@ def _add_simulate(commands: "argparse._SubParsersAction[_Parser]") -> None:
     simulate.add_argument(
         "--known-map", action="store_true", help="write landmarks.csv, the map of the tracks"
     )
+    simulate.add_argument(
+        "--gyro-bias",
+        type=number(-100, 100, "rad/s"),
+        nargs=3,
+        metavar=("BX", "BY", "BZ"),
+        help="constant error of the gyro's rates, axes g, rad/s (with --kind gyro)",
+    )
     add_motion(simulate)
     simulate.set_defaults(command=_simulate)
 

@@ -46,6 +46,8 @@ def _scenario(options: argparse.Namespace) -> Scenario:
     tracks = options.kind == "stereo-tracks"
     if options.known_map and not tracks:
         raise InputError(f"--known-map needs --kind stereo-tracks; a {options.kind} has no map")
+    if options.gyro_bias is not None and options.kind != "gyro":
+        raise InputError(f"--gyro-bias needs --kind gyro; a {options.kind} has no gyro")
     thesis = Scenario.disam115(tuple(options.rate_rpm), options.seed)
     return replace(
         thesis,
@@ -54,6 +56,7 @@ def _scenario(options: argparse.Namespace) -> Scenario:
         interval=options.interval,
         principal_moments=tuple(options.moments),
         candidates=thesis.candidates if tracks else 1,
+        gyro_bias=tuple(options.gyro_bias or thesis.gyro_bias),
     )
 
 
