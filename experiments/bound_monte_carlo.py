@@ -27,12 +27,12 @@ from spinfilters.estimators.smoothing.robust_kernels import LeastSquares
 from spinfilters.estimators.smoothing.sightings import SIGHTINGS_NEEDED
 from spinfilters.estimators.smoothing.solver import SolverOptions, solve
 from spinfilters.estimators.timeline import SensorNoise, StereoView, Timeline, build_timeline
-from spinfilters.evaluation.comparison import BLOCK_NAMES
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.track_files import KnownMap
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.simulation.scenario import Scenario, simulate
+from spinfilters.state.blocks import BLOCKS
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 LAYOUT: Final = StateLayout(FULL_BLOCKS)
@@ -143,7 +143,7 @@ def ratio_table(squares: Squares, title: str) -> Table:
     for block, values in squares.items():
         root, error = ratio(values)
         verdict = "met" if abs(root - 1) <= BAR else "not met"
-        table.add_row(BLOCK_NAMES[block], f"{root:.3f}", f"{error:.3f}", verdict)
+        table.add_row(BLOCKS[block].label, f"{root:.3f}", f"{error:.3f}", verdict)
     return table
 
 

@@ -19,7 +19,6 @@ import numpy as np
 
 from experiments.hard_cases import CASES, FAR_OFF, case_figure
 from experiments.landmark_runs import MOTIONS, NAMES
-from spinfilters.conventions import STATE_BLOCKS
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
 from spinfilters.estimators.run import run
 from spinfilters.evaluation.consistency import chi_square_band
@@ -30,6 +29,7 @@ from spinfilters.logs.dataset import Dataset
 from spinfilters.models.process import ProcessNoise
 from spinfilters.simulation.faults import WrongAssociations, with_faults
 from spinfilters.simulation.scenario import Scenario, simulate, without_map
+from spinfilters.state.blocks import BLOCKS
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import FULL_BLOCKS
 from spinfilters.workflow.array_file import read_arrays, write_arrays
@@ -156,7 +156,7 @@ def _figures(name: str, evaluation: Evaluation, first: int) -> dict[str, np.ndar
     result[f"{name}/time"] = history.time[first:]
     result[f"{name}/position_error"] = np.linalg.norm(evaluation.errors.position[first:], axis=1)
     result[f"{name}/position_std"] = np.linalg.norm(evaluation.trajectory.std_position[first:], axis=1)
-    scaled = [values / STATE_BLOCKS[block] for block, values in evaluation.nees.blocks.items()]
+    scaled = [values / BLOCKS[block].dimension for block, values in evaluation.nees.blocks.items()]
     result[f"{name}/deviations"] = np.sqrt(np.max(scaled, axis=0)[first:])
     result[f"{name}/verdict"] = np.array([history.status.verdict.value, *history.status.reasons])
     for block, values in evaluation.nees.blocks.items():
@@ -186,7 +186,7 @@ def described(name: str, runs: list[dict[str, np.ndarray]]) -> str:
         "  NEES per degree of freedom: mean; in the middle, at the end; 95 % band; the smoother's mean"
     )
     for block in (*FULL_BLOCKS, "moments"):
-        dof = STATE_BLOCKS.get(block, 2)
+        dof = BLOCKS[block].dimension if block in BLOCKS else 2
         values = [run[f"{name}/nees_{block}"] / dof for run in runs]
         others = np.mean([run[f"{SMOOTHER}/nees_{block}"].mean() / dof for run in runs])
         low, high = (float(limit) / dof for limit in chi_square_band(dof, len(runs)))

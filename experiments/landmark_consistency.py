@@ -22,17 +22,17 @@ from matplotlib.figure import Figure
 from rich.progress import track
 
 from experiments.landmark_runs import NAMES, SETTINGS, Case, run_case
-from spinfilters.conventions import STATE_BLOCKS
 from spinfilters.evaluation.consistency import chi_square_band
 from spinfilters.logs.atomic_write import make_folder
 from spinfilters.plots.style import save_figure
-from spinfilters.state.layout import FULL_BLOCKS
+from spinfilters.state.blocks import BLOCKS
+from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 from spinfilters.workflow.array_file import read_arrays, write_arrays
 from spinfilters.workflow.settings import Settings
 
 SECOND_REVOLUTION = 12
 """First frame of the second revolution, at 10 rpm and 0.5 s."""
-DOF = sum(STATE_BLOCKS[block] for block in FULL_BLOCKS)
+DOF = StateLayout(FULL_BLOCKS).error_dim
 
 Runs = list[dict[str, np.ndarray]]
 
@@ -141,7 +141,7 @@ def consistency(name: str, runs: Runs) -> str:
     ]
     for block in FULL_BLOCKS:
         values = np.array([run[f"{name}/nees_{block}"][SECOND_REVOLUTION:] for run in runs])
-        low, high = chi_square_band(STATE_BLOCKS[block], len(runs))
+        low, high = chi_square_band(BLOCKS[block].dimension, len(runs))
         lines.append(f"  {block}: {values.mean():.2f} (band {float(low):.2f} .. {float(high):.2f})")
     return "\n".join(lines)
 

@@ -11,9 +11,9 @@ from matplotlib.patches import Patch
 
 from experiments.smoother_report import DOF, Motions, stacked
 from experiments.smoother_runs import MODES
-from spinfilters.conventions import STATE_BLOCKS
 from spinfilters.evaluation.consistency import chi_square_band
 from spinfilters.plots.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY, legend_below, tidy
+from spinfilters.state.blocks import BLOCKS
 from spinfilters.state.layout import FULL_BLOCKS
 
 BLOCK_COLOURS: Final = dict(zip(FULL_BLOCKS, (BLUE, SKY, GREEN, ORANGE, PURPLE, RED), strict=True))
@@ -33,7 +33,7 @@ def nees_figure(motions: Motions) -> Figure:
         whole.plot(frames, means["nees"] / DOF, color=BLACK, linewidth=1.2)
         whole.set_title(f"{motion} motion, {len(runs)} runs; mean {means['nees'].mean():.2f} of {DOF}")
         for block, color in BLOCK_COLOURS.items():
-            values = np.nanmean(stacked(runs, f"nees_{block}")[:, 1:], axis=0) / STATE_BLOCKS[block]
+            values = np.nanmean(stacked(runs, f"nees_{block}")[:, 1:], axis=0) / BLOCKS[block].dimension
             blocks.plot(frames, values, color=color, linewidth=1.2)
         _band(blocks, 3, len(runs))
         blocks.set_xlabel("frame [-]")

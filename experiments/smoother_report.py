@@ -8,11 +8,11 @@ from rich.table import Table
 
 from experiments.smoother_marginals import QUANTITIES, THESIS
 from experiments.smoother_runs import MODES, Arrays, root_mean_square
-from spinfilters.conventions import STATE_BLOCKS
 from spinfilters.evaluation.consistency import chi_square_band
-from spinfilters.state.layout import FULL_BLOCKS
+from spinfilters.state.blocks import BLOCKS
+from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
-DOF: Final = sum(STATE_BLOCKS[block] for block in FULL_BLOCKS)
+DOF: Final = StateLayout(FULL_BLOCKS).error_dim
 BOUND_RATIO, MOMENTS_RATIO, THESIS_NEES, MODE_RATIO, LINEARISATIONS = 1.10, 1.3, 22.5, 1.1, 12
 """Bars: position and velocity over the bound; moments over it on rich motion; NEES on the thesis' motion; a mode's errors over
 those of full smoothing; linearisations from the closed form."""
@@ -89,7 +89,7 @@ def block_table(motions: Motions) -> Table:
     table = _table(f"NEES by block, all frames at once, {count} seeds", columns)
     for motion, runs in motions.items():
         for block in ("all", *FULL_BLOCKS):
-            name, dof = ("nees", DOF) if block == "all" else (f"nees_{block}", STATE_BLOCKS[block])
+            name, dof = ("nees", DOF) if block == "all" else (f"nees_{block}", BLOCKS[block].dimension)
             cells = []
             for each in (name, f"linear_{name}"):
                 means = stacked(runs, each)[:, AFTER_FIRST].mean(axis=1)

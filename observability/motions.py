@@ -14,6 +14,7 @@ from observability.charts.tensor import TensorChart
 from observability.rational import Rationals, rational, rationals, unit_quaternion
 from observability.system import AXES_OF_G
 from spinfilters.errors import InputError
+from spinfilters.state.blocks import BLOCKS
 
 DIGITS = 6
 """Decimals of logarithms of ratios of moments, which make the body of a chart of logarithms: equal moments stay exactly equal."""
@@ -146,12 +147,16 @@ def _tensor(of: Motion) -> dict[str, Rationals]:
 
 
 def _filter_state(of: Motion) -> dict[str, Rationals]:
-    """With g along the principal axes: s holds half logarithms of the second moments (`spinfilters.dynamics.mass_distribution`)."""
+    """With g along the principal axes: s holds half logarithms of the second moments (`spinfilters.dynamics.mass_distribution`).
+
+    Blocks that a motion does not tell, such as the bias of a gyro, are at their origin.
+    """
     half = sum(of.moments, Fraction(0)) / 2
     x, y, z = (half - moment for moment in of.moments)
     first, second = _log_ratio(x, y), _log_ratio(y, z)
     s = ((2 * first + second) / 6, (second - first) / 6, Fraction(0), Fraction(0), Fraction(0))
-    return {
+    others = {block.symbol: rationals(block.origin) for block in BLOCKS.values()}
+    return others | {
         "t": PLACE,
         "q": ATTITUDE_IB,
         "v": VELOCITY,

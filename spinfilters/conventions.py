@@ -13,11 +13,11 @@ Quaternions
 Attitude error
     4 x MRP, on the body side: q = q_ref (x) dq(a). A small ``a`` is a rotation vector in rad. The plain MRP is tan(angle/4) n,
     so ``a = 4 tan(angle/4) n`` (Tweddle 2013, Eq. 2.34).
-State blocks (error dimension)
+State blocks (error dimension; defined in `spinfilters.state.blocks`)
     ``t`` 3  origin of g in i, m                 ``a`` 3  attitude error of q_ig, rad
     ``v`` 3  velocity of the centre of mass, i, m/s   ``w`` 3  body rate, g axes, rad/s
     ``c`` 3  centre of mass in g, m              ``s`` 5  mass distribution (see `spinfilters.dynamics.mass_distribution`)
-    ``d`` 1  aerodynamic drag, 1/rad (optional)
+    ``d`` 1  aerodynamic drag, 1/rad (optional)      ``b`` 3  bias of the gyro, g axes, rad/s (optional)
     The centre of mass moves as r = t + R_ig c, r' = v; the rate as w' = J^-1 (J w x w), J in g axes.
     A data set that sees rotation only (a gyro) uses the blocks a, w, s (and d): the origin of i then rides on the centre of mass.
 Noise
@@ -25,9 +25,6 @@ Noise
 """
 
 from typing import Final
-
-STATE_BLOCKS: Final[dict[str, int]] = {"t": 3, "a": 3, "v": 3, "w": 3, "c": 3, "s": 5, "d": 1}
-"""Error dimension of every state block, in the order in which a layout holds them."""
 
 RPM: Final[float] = 0.10471975511965977
 """One revolution per minute in rad/s (2 pi / 60)."""

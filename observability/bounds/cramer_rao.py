@@ -14,7 +14,7 @@ from scipy.linalg import qr, solve_triangular
 from observability.bounds.flight import Flight, Watch, rows_at
 from spinfilters.errors import InputError, ShapeError
 from spinfilters.linear_algebra.signs import with_largest_positive
-from spinfilters.state.layout import StateLayout
+from spinfilters.state.layout import POSE_BLOCKS, StateLayout
 
 PRIOR_STD: dict[str, float] = {
     "t": 1e-6,
@@ -67,7 +67,9 @@ class Bound:
         The pose is left out: its prior may be a definition. With P the bound and S the prior this is the top eigenvector of
         S^-1/2 P S^-1/2 over the other blocks; the second result is what `prior_directions` finds for it.
         """
-        free = [k for block in self.layout.blocks if block not in "ta" for k in _range(self.layout, block)]
+        free = [
+            k for block in self.layout.blocks if block not in POSE_BLOCKS for k in _range(self.layout, block)
+        ]
         scale = self.prior_std[free]
         values = [
             part[-1][np.ix_(free, free)] / np.outer(scale, scale) for part in (self.covariances, self.widened)

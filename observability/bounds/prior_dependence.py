@@ -104,7 +104,7 @@ def undetermined_directions(case: Case) -> dict[Quantity, int]:
     names = {block: space[_range(layout, block)] for block in layout.blocks}
     rows = {name: names[block] for block, name in BLOCK_NAMES.items() if block in layout.blocks}
     rows[ATTITUDE] = np.concatenate([names["a"], names["w"]])
-    if "t" in layout.blocks:
+    if layout.translates:
         rows[PLACE] = np.concatenate([_place_change(case, space), names["v"]])
     mass = _mixing_components(case)
     rows[MOMENTS] = names["s"][mass]

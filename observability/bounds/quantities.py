@@ -98,7 +98,7 @@ def _slopes(
         for block, quantity in BLOCK_NAMES.items()
         if block in layout.blocks
     }
-    if "t" in layout.blocks:
+    if layout.translates:
         slopes[PLACE] = _place(layout)(x)[0]
     return slopes
 

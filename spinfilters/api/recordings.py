@@ -4,9 +4,17 @@ import os
 from collections.abc import Sequence
 from dataclasses import replace
 
-from spinfilters.api.argument_ranges import DEFAULT_MOMENTS, DEFAULT_RATE_RPM, SEED, SEGMENT, require_motion
+from spinfilters.api.argument_ranges import (
+    DEFAULT_MOMENTS,
+    DEFAULT_RATE_RPM,
+    GYRO_BIAS,
+    SEED,
+    SEGMENT,
+    require_motion,
+)
 from spinfilters.errors import InputError
 from spinfilters.logs.dataset import Dataset, read_dataset
+from spinfilters.logs.input_file import shown
 from spinfilters.simulation.motion import Progress, silent
 from spinfilters.simulation.scenario import Scenario, without_map
 from spinfilters.simulation.scenario import simulate as simulate_scenario
@@ -42,6 +50,7 @@ def simulate(
     rate_rpm: Sequence[float] = DEFAULT_RATE_RPM,
     moments: Sequence[float] = DEFAULT_MOMENTS,
     known_map: bool = False,
+    gyro_bias: Sequence[float] | None = None,
     progress: Progress = silent,
 ) -> Dataset:
     """Simulated data set with truth, as ``spinfilters simulate`` writes it: of the thesis' body, camera, noise and disturbances.
@@ -52,6 +61,7 @@ def simulate(
     frames: number of epochs, at least 2.   interval: between them, s.
     rate_rpm: (3,) initial rate about the principal axes x, y, z, rpm.   moments: (3,) principal moments about them, any scale.
     known_map: whether the data set tells the landmarks' positions; of tracks only.
+    gyro_bias: (3,) constant error of a gyro's rates, g axes, rad/s; of that kind only.
     progress: called after every epoch of the motion with how many are done, and of how many.
 
     Raises
@@ -70,6 +80,13 @@ def simulate(
     tracks = kind == "stereo-tracks"
     if known_map and not tracks:
         raise InputError(f"a known map is for the kind stereo-tracks; a {kind} has no map")
+    bias = () if gyro_bias is None else tuple(gyro_bias)
+    if bias and kind != "gyro":
+        raise InputError(f"a gyro's bias is for the kind gyro; a {kind} has no gyro")
+    if gyro_bias is not None and len(bias) != 3:
+        raise InputError(f"gyro_bias is {shown(bias)}; give three numbers, about the axes x, y, z")
+    for value in bias:
+        GYRO_BIAS.require("gyro_bias", value)
     thesis = Scenario.disam115((rate[0], rate[1], rate[2]), seed)
     scenario = replace(
         thesis,
@@ -78,6 +95,7 @@ def simulate(
         interval=interval,
         principal_moments=inertia,
         candidates=thesis.candidates if tracks else 1,
+        gyro_bias=(bias[0], bias[1], bias[2]) if bias else thesis.gyro_bias,
     )
     dataset = simulate_scenario(scenario, progress)
     return dataset if known_map else without_map(dataset)

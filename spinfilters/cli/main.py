@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final, NoReturn
 
 from spinfilters import __version__
-from spinfilters.api.argument_ranges import SECONDS_AHEAD, SEED
+from spinfilters.api.argument_ranges import GYRO_BIAS, SECONDS_AHEAD, SEED
 from spinfilters.cli.analyser_arguments import add_condition, add_motion, add_observe, number
 from spinfilters.errors import SpinfiltersError
 from spinfilters.logs.input_file import printable
@@ -201,6 +201,13 @@ def _add_simulate(commands: "argparse._SubParsersAction[_Parser]") -> None:
     simulate.add_argument("--seed", type=number(SEED), default=0)
     simulate.add_argument(
         "--known-map", action="store_true", help="write landmarks.csv, the map of the tracks"
+    )
+    simulate.add_argument(
+        "--gyro-bias",
+        type=number(GYRO_BIAS),
+        nargs=3,
+        metavar=("BX", "BY", "BZ"),
+        help="constant error of the gyro's rates, axes g, rad/s (with --kind gyro)",
     )
     add_motion(simulate)
     simulate.set_defaults(command=_simulate)

@@ -29,6 +29,7 @@ def simulate(options: argparse.Namespace) -> int:
             rate_rpm=options.rate_rpm,
             moments=options.moments,
             known_map=options.known_map,
+            gyro_bias=options.gyro_bias,
             progress=lambda done, total: report("motion", done, total),
         )
     assert dataset.truth is not None

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.attitude.expressions import Expression, mrp_from_quaternion, quaternion_from_mrp, shadow_mrp
+from spinfilters.state.blocks.rigid_body import ATTITUDE
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
 from spinfilters.symbolic import Compiled, building
@@ -47,17 +48,17 @@ class GlobalChart:
         self, xi: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
         """Mean and covariance after a switch to the shadow MRP where |a| > 4, unchanged elsewhere."""
-        if "a" not in self.layout.blocks or np.linalg.norm(xi[self.layout.slice("a")]) <= LARGEST_MRP:
+        if not self.layout.has(ATTITUDE) or np.linalg.norm(xi[self.layout.slice("a")]) <= LARGEST_MRP:
             return xi, covariance
         switched, jacobian = self._shadow(xi)
         return switched, jacobian @ covariance @ jacobian.T
 
     def from_belief(self, belief: Gaussian) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
         """Mean and covariance of the coordinates, |a| <= 4. What a later switch to the shadow needs is built here."""
-        if "a" in self.layout.blocks:
+        if self.layout.has(ATTITUDE):
             self._shadow.build()
         x = belief.mean.copy()
-        if "a" in self.layout.blocks:
+        if self.layout.has(ATTITUDE):
             q = self.layout.mean_slice("a")
             x[q] *= np.copysign(1.0, x[q.stop - 1])
         xi = self.coordinates(x)
@@ -99,8 +100,10 @@ class GlobalChart:
         return Compiled(ca.Function("point", [xi], [self._point_of(xi)], ["xi"], ["x"]))
 
     def _point_of(self, xi: Expression) -> Expression:
-        parts = {block: xi[self.layout.slice(block)] for block in self.layout.blocks}
-        return ca.vertcat(*[quaternion_from_mrp(v) if block == "a" else v for block, v in parts.items()])
+        values = {block.symbol: xi[self.layout.slice(block.name)] for block in self.layout.members}
+        if self.layout.has(ATTITUDE):
+            values[ATTITUDE.symbol] = quaternion_from_mrp(values[ATTITUDE.symbol])
+        return self.layout.pack(values)
 
     @cached_property
     @building()

@@ -17,6 +17,7 @@ from spinfilters.estimators.landmarks.observations import Observations, Solved, 
 from spinfilters.estimators.linear_prediction import LinearRows, linear_rows
 from spinfilters.estimators.multiplicative_filter import Corrected, MultiplicativeFilter, propagated
 from spinfilters.estimators.robustness import RobustOptions, SensorGuard
+from spinfilters.state.blocks.rigid_body import ATTITUDE
 from spinfilters.state.layout import StateLayout
 
 SMALLEST_RANGE = 1e-3
@@ -104,10 +105,10 @@ def _curvature(layout: StateLayout, mean: Float[np.ndarray, " m"], error: Float[
 
     A correction moves a residual by |H y| <= |U y| deviations; where that times this is small, a second look is not worth its time.
     """
-    if "a" not in layout.blocks:
+    if not layout.has(ATTITUDE):
         return math.inf
     curvature = math.hypot(*error[layout.slice("a")].tolist())
-    if "t" in layout.blocks:
+    if layout.translates:
         away = math.hypot(*mean[layout.mean_slice("t")].tolist())
         curvature += math.hypot(*error[layout.slice("t")].tolist()) / max(away, SMALLEST_RANGE)
     return curvature

@@ -214,7 +214,7 @@ def reset_factor(
     layout: StateLayout, error: Float[np.ndarray, " N"], factor: Float[np.ndarray, "N N"]
 ) -> Float[np.ndarray, "N N"]:
     """Covariance factor after the state's error, the first n components, has been folded into the mean."""
-    if "a" not in layout.blocks and "s" not in layout.blocks:
+    if not layout.curved:
         return factor
     n = layout.error_dim
     if len(factor) == n:

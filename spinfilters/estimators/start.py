@@ -27,6 +27,10 @@ from spinfilters.estimators.smoothing.sightings import SIGHTINGS_NEEDED
 from spinfilters.estimators.smoothing.solver import Plain, Schedule, SolverOptions, solve
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.logs.number_range import NumberRange
+from spinfilters.state.block import StateBlock
+from spinfilters.state.blocks.drag import DRAG
+from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
+from spinfilters.state.blocks.rigid_body import ATTITUDE, CENTRE_OF_MASS, MASS_DISTRIBUTION, RATE, VELOCITY
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
 
@@ -41,6 +45,8 @@ PRIOR_STD = NumberRange(1e-9, 1e9)
 """Of a prior in the settings, in its unit."""
 GAUGE_STD = 1e-9
 """Of an attitude that defines a frame rather than being measured, rad."""
+CLOSED_FORM_BLOCKS = (CENTRE_OF_MASS, MASS_DISTRIBUTION, DRAG, VELOCITY)
+"""What conserved momentum and a straight path tell beyond what was seen."""
 
 
 @dataclass(frozen=True)
@@ -55,21 +61,28 @@ class StartOptions:
     mass_std: of the prior of the mass distribution about the sphere, in the logarithm of second moments (a phone lies at 2).
     centre_std: of the prior of the centre of mass about the origin of g, m.   speed_std: of its velocity, m/s.
     drag_std: of the prior of the drag coefficient, 1/rad.
+    gyro_bias_std: of the prior of a gyro's bias, rad/s; 0 for a gyro without one.
     """
 
     frames: Annotated[int, NumberRange(1, 100_000, whole=True)] = 60
     share: Annotated[float, NumberRange(1e-6, 1e6)] = 0.6
     duration: Annotated[float, NumberRange(1e-6, 1e11, "s")] = 60.0
     iterations: Annotated[int, NumberRange(1, 10_000, whole=True)] = 40
-    mass_std: Annotated[float, PRIOR_STD] = 1.5
-    centre_std: Annotated[float, PRIOR_STD] = 1.0
-    speed_std: Annotated[float, PRIOR_STD] = 1.0
-    drag_std: Annotated[float, PRIOR_STD] = 0.05
+    mass_std: Annotated[float, PRIOR_STD] = MASS_DISTRIBUTION.prior_std
+    centre_std: Annotated[float, PRIOR_STD] = CENTRE_OF_MASS.prior_std
+    speed_std: Annotated[float, PRIOR_STD] = VELOCITY.prior_std
+    drag_std: Annotated[float, PRIOR_STD] = DRAG.prior_std
+    gyro_bias_std: Annotated[float, NumberRange(1e-9, 1e3, "rad/s", zero=True)] = 0.0
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not (np.isfinite(value) and value > 0):
+            allowed = value >= 0 if name == GYRO_BIAS.prior_option else value > 0
+            if not (np.isfinite(value) and allowed):
                 raise InputError(f"start.{name} is {value}; it must be positive")
+
+    def prior_std(self, block: StateBlock) -> float:
+        """Of the prior of a block: the option that it names where that is set, or the block's own."""
+        return (getattr(self, block.prior_option) if block.prior_option else 0.0) or block.prior_std
 
     def count(self, timeline: Timeline) -> int:
         """How many frames of a timeline belong to the start."""
@@ -127,14 +140,14 @@ def start_from_data(
 
 def closed_form(layout: StateLayout, evidence: MotionEvidence) -> tuple[Float[np.ndarray, " m"], float]:
     """First state from conserved momentum (and a straight path of the centre of mass), and how constant momentum was."""
-    fit = fit_momentum(evidence.rotations, evidence.rates, evidence.time, "d" in layout.blocks)
+    fit = fit_momentum(evidence.rotations, evidence.rates, evidence.time, layout.has(DRAG))
     x = layout.origin()
     x[layout.mean_slice("a")] = evidence.attitude[0]
     x[layout.mean_slice("w")] = evidence.rates[0]
     x[layout.mean_slice("s")] = from_inertia(fit.inertia)
-    if "d" in layout.blocks:
+    if layout.has(DRAG):
         x[layout.mean_slice("d")] = fit.drag
-    if evidence.positions is not None and "t" in layout.blocks:
+    if evidence.positions is not None and layout.translates:
         c, v = _straight_centre(evidence)
         x[layout.mean_slice("t")] = evidence.positions[0]
         x[layout.mean_slice("c")], x[layout.mean_slice("v")] = c, v
@@ -159,7 +172,7 @@ def trial_trajectory(
     nearest = [int(np.argmin(np.abs(evidence.time - frame.time))) for frame in frames]
     trajectory[:, layout.mean_slice("a")] = evidence.attitude[nearest]
     trajectory[:, layout.mean_slice("w")] = evidence.rates[nearest]
-    if evidence.positions is not None and "t" in layout.blocks:
+    if evidence.positions is not None and layout.translates:
         trajectory[:, layout.mean_slice("t")] = evidence.positions[nearest]
     return trajectory
 
@@ -169,20 +182,13 @@ def wide_prior(
 ) -> FirstStatePrior:
     """Wide prior: spheres, at the pose and rate that were seen; tight only where the first frame defines a frame."""
     mean, std = first.copy(), np.zeros(layout.error_dim)
-    speed = float(np.linalg.norm(evidence.rates, axis=1).max())
-    widths = {
-        "t": 1.0,
-        "a": 1.0 if "t" in layout.blocks else GAUGE_STD,
-        "v": options.speed_std,
-        "w": max(speed, 1e-3),
-        "c": options.centre_std,
-        "s": options.mass_std,
-        "d": options.drag_std,
-    }
-    for block in layout.blocks:
-        std[layout.slice(block)] = widths[block]
-        if block in {"v", "c", "s", "d"}:
-            mean[layout.mean_slice(block)] = 0.0
+    for block in layout.members:
+        std[layout.slice(block.name)] = options.prior_std(block)
+        if block.prior_at_origin:
+            mean[layout.mean_slice(block.name)] = block.origin
+    std[layout.slice(RATE.name)] = max(float(np.linalg.norm(evidence.rates, axis=1).max()), 1e-3)
+    if not layout.translates:
+        std[layout.slice(ATTITUDE.name)] = GAUGE_STD
     return FirstStatePrior(mean, std)
 
 

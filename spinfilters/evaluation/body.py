@@ -21,6 +21,9 @@ from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.body_spread import body_spread
 from spinfilters.evaluation.derived import by_stretches, with_error_jacobian
 from spinfilters.linear_algebra.signs import with_largest_positive
+from spinfilters.state.block import StateBlock
+from spinfilters.state.blocks.drag import DRAG
+from spinfilters.state.blocks.rigid_body import CENTRE_OF_MASS
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
 from spinfilters.symbolic import Compiled
@@ -127,8 +130,8 @@ def body_history(history: EstimateHistory) -> BodyHistory:
 
 
 def _bodies(layout: StateLayout, time: np.ndarray, mean: np.ndarray, factor: np.ndarray) -> BodyHistory:
-    centre, centre_std = _block(layout, "c", mean, factor)
-    drag, drag_std = _block(layout, "d", mean, factor)
+    centre, centre_std = _block(layout, CENTRE_OF_MASS, mean, factor)
+    drag, drag_std = _block(layout, DRAG, mean, factor)
     return BodyHistory(
         time=time,
         **by_stretches(len(time), lambda rows: _inertias(layout, mean[rows], factor[rows])),
@@ -210,11 +213,12 @@ def _right_handed(vectors: np.ndarray) -> Float[np.ndarray, "n 3 3"]:
 
 
 def _block(
-    layout: StateLayout, block: str, mean: np.ndarray, factor: np.ndarray
+    layout: StateLayout, block: StateBlock, mean: np.ndarray, factor: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray] | tuple[None, None]:
-    if block not in layout.blocks:
+    if not layout.has(block):
         return None, None
-    return mean[:, layout.mean_slice(block)], np.linalg.norm(factor[:, layout.slice(block)], axis=2)
+    std = np.linalg.norm(factor[:, layout.slice(block.name)], axis=2)
+    return mean[:, layout.mean_slice(block.name)], std
 
 
 @cache

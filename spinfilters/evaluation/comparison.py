@@ -12,6 +12,8 @@ from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.evaluation.rounding import with_uncertainty
 from spinfilters.evaluation.span import ALWAYS, SpanErrors, shared_begin, span_errors
 from spinfilters.evaluation.usage import ObservationUse, observation_use, title_sentences
+from spinfilters.state.block import StateBlock
+from spinfilters.state.blocks import BLOCKS
 
 BOUND_COLUMN = "BOUND"
 BOUND_CAPTION = (
@@ -208,6 +210,23 @@ def _nees(span: Callable[[Column], SpanErrors | None], block: str | None = None)
     return cell
 
 
+def _constant_rows(block: StateBlock) -> tuple[Row, ...]:
+    """Value and standard deviation of a constant that is a result of its own."""
+    reported = block.reported
+    if reported is None:
+        return ()
+
+    def value(column: Column) -> str | None:
+        found = column.evaluation.constants.get(block.name)
+        return None if found is None else " ".join(f"{x:{reported.value_format}}" for x in found.value)
+
+    def std(column: Column) -> str | None:
+        found = column.evaluation.constants.get(block.name)
+        return None if found is None else " ".join(f"{x:{reported.std_format}}" for x in found.std)
+
+    return Row(f"{block.label} [{block.unit}]", value), Row("  standard deviation", std)
+
+
 def _used(show: Callable[[ObservationUse], str | None]) -> Cell:
     return lambda column: None if column.use is None else show(column.use)
 
@@ -228,16 +247,6 @@ def _every(column: Column) -> SpanErrors | None:
     return column.every
 
 
-BLOCK_NAMES: dict[str, str] = {
-    "t": "position of g",
-    "a": "attitude",
-    "v": "velocity",
-    "w": "rate",
-    "c": "centre of mass",
-    "s": "mass distribution",
-    "d": "drag",
-}
-"""What the blocks of a state are called in the table."""
 MOTIONS = (
     ("position", "mm", 1e-3),
     ("attitude", "deg", DEGREE),
@@ -268,13 +277,12 @@ SECTIONS: tuple[tuple[Row, ...], ...] = (
             lambda c: _centre(c.evaluation.body_errors),
             lambda c: _centre(_body_bound(c)),
         ),
-        Row("drag [1/rad]", lambda c: _optional(c.evaluation.body.drag, ".2e")),
-        Row("  standard deviation", lambda c: _optional(c.evaluation.body.drag_std, ".1e")),
+        *(row for block in BLOCKS.values() for row in _constant_rows(block)),
     ),
     tuple(_rms_row(f"{name} error [{unit}]", name, scale, _shared) for name, unit, scale in MOTIONS),
     (
         Row("NEES per dof", _nees(_shared)),
-        *(Row(f"  {name}", _nees(_shared, block)) for block, name in BLOCK_NAMES.items()),
+        *(Row(f"  {block.label}", _nees(_shared, block.name)) for block in BLOCKS.values()),
         Row("NIS per dof", lambda c: _optional(c.evaluation.nis_ratio, ".3f")),
     ),
     (

@@ -7,13 +7,14 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import chdtri
 
 from spinfilters.attitude.conversions import inverse, matrix_from_quaternion, rotate
-from spinfilters.conventions import STATE_BLOCKS
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.derived import by_stretches
 from spinfilters.evaluation.errors import common_stamps
-from spinfilters.logs.truth import Truth
+from spinfilters.logs.truth import BODY_KEYS, Truth
+from spinfilters.state.blocks import BLOCKS
+from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION, POSITION, RATE
 from spinfilters.state.layout import StateLayout
 
 
@@ -24,7 +25,7 @@ class NormalisedErrors:
     Attributes
     ----------
     time: (n,) s.   total: (n,) of the whole error, dimension ``dof``.
-    blocks: of every block of the state by name, (n,) each, dimension `STATE_BLOCKS`.
+    blocks: of every block of the state by name, (n,) each, dimension `StateBlock.dimension`.
     """
 
     time: Float[np.ndarray, " n"]
@@ -35,7 +36,9 @@ class NormalisedErrors:
     @property
     def block_means(self) -> dict[str, float]:
         """Mean over time by block, divided by its dimension: 1 for a consistent estimator."""
-        return {block: float(np.mean(values)) / STATE_BLOCKS[block] for block, values in self.blocks.items()}
+        return {
+            block: float(np.mean(values)) / BLOCKS[block].dimension for block, values in self.blocks.items()
+        }
 
     @property
     def mean(self) -> float:
@@ -67,11 +70,11 @@ def chi_square_band(
 
 def knows_state(truth: Truth, layout: StateLayout) -> bool:
     """Whether the truth tells every block of the layout; its frames must be those of the estimate besides."""
-    known = set("avw")
+    known = {*_fields(truth), RATE.name}
     if truth.center_of_mass_g is not None:
-        known |= set("tc")
+        known.add(POSITION.name)
     if truth.principal_moments is not None and truth.principal_axes_g is not None:
-        known |= {"s"}
+        known.add(MASS_DISTRIBUTION.name)
     return known.issuperset(layout.blocks)
 
 
@@ -84,20 +87,27 @@ def true_states(truth: Truth, layout: StateLayout) -> Float[np.ndarray, "n m"]:
     """
     if not knows_state(truth, layout):
         raise InputError(
-            f"the truth does not tell all of the blocks {', '.join(layout.blocks)}; give principal_moments, "
-            "principal_axes_g and center_of_mass_g in truth.toml"
+            f"the truth does not tell all of the blocks {', '.join(layout.blocks)}; give what truth.toml can hold of "
+            f"{', '.join(BODY_KEYS)}"
         )
-    values = {"a": truth.q_ig, "v": truth.velocity, "w": rotate(inverse(truth.q_ig), truth.rate_i)}
+    values = _fields(truth) | {RATE.name: rotate(inverse(truth.q_ig), truth.rate_i)}
     if truth.center_of_mass_g is not None:
-        values["c"] = truth.center_of_mass_g
-        values["t"] = truth.center_of_mass - matrix_from_quaternion(truth.q_ig) @ truth.center_of_mass_g
+        values[POSITION.name] = (
+            truth.center_of_mass - matrix_from_quaternion(truth.q_ig) @ truth.center_of_mass_g
+        )
     if truth.principal_moments is not None and truth.principal_axes_g is not None:
         axes = truth.principal_axes_g
-        values["s"] = from_inertia(axes.T @ np.diag(truth.principal_moments) @ axes)
+        values[MASS_DISTRIBUTION.name] = from_inertia(axes.T @ np.diag(truth.principal_moments) @ axes)
     x = np.empty((len(truth.time), layout.mean_dim))
     for block in layout.blocks:
         x[:, layout.mean_slice(block)] = values[block]
     return x
+
+
+def _fields(truth: Truth) -> dict[str, np.ndarray]:
+    """Points of the blocks that the truth holds as such, by name."""
+    told = {block.name: getattr(truth, block.truth_field) for block in BLOCKS.values() if block.truth_field}
+    return {name: point for name, point in told.items() if point is not None}
 
 
 def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedErrors:

@@ -17,6 +17,7 @@ from spinfilters.evaluation.consistency import (
     normalised_errors,
 )
 from spinfilters.evaluation.errors import Alignment, BodyErrors, TruthErrors, body_errors, truth_errors
+from spinfilters.evaluation.reported_constants import ConstantEstimate, constant_estimates
 from spinfilters.evaluation.trajectory import Trajectory, trajectory_of
 from spinfilters.evaluation.truth_frames import (
     tells_first_frame,
@@ -67,6 +68,11 @@ class Evaluation:
         """The body after the last frame."""
         return body_estimate(self.history.belief(-1))
 
+    @cached_property
+    def constants(self) -> dict[str, ConstantEstimate]:
+        """Drag, gyro bias and the like after the last frame, by the name of their block."""
+        return constant_estimates(self.history.belief(-1))
+
     @property
     def own_begin(self) -> float | None:
         """Time of the first epoch that is the estimator's own, s; None where it has none."""
@@ -110,7 +116,7 @@ def evaluate(
         evaluation = _described(_with_status(history))
         if truth is None:
             return evaluation
-        if alignment is Alignment.FIRST_FRAME and "t" not in history.layout.blocks:
+        if alignment is Alignment.FIRST_FRAME and not history.layout.translates:
             alignment = Alignment.INERTIAL_FRAME
         elif alignment is Alignment.FIRST_FRAME and not tells_first_frame(history, truth):
             alignment = Alignment.BODY_FRAME

@@ -7,6 +7,7 @@ import numpy as np
 from spinfilters.evaluation.bound import ErrorBound
 from spinfilters.evaluation.errors import BodyErrors, RmsErrors
 from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.reported_constants import constant_numbers
 from spinfilters.evaluation.span import ALWAYS, SpanErrors, middle, span_errors
 from spinfilters.evaluation.usage import ObservationUse, observation_use
 
@@ -35,8 +36,7 @@ def numbers(evaluation: Evaluation, shared: float = ALWAYS) -> dict[str, Any]:
         "k2_std": body.k2_std,
         "center_of_mass_g_m": _listed(body.center_of_mass_g),
         "center_of_mass_std_m": _listed(body.center_of_mass_std),
-        "drag_per_rad": body.drag,
-        "drag_std_per_rad": body.drag_std,
+        **constant_numbers(evaluation.constants),
         "nis_per_dof": evaluation.nis_ratio,
         "accepted": int(history.accepted[history.own].sum()),
         "rejected": int(history.rejected[history.own].sum()),

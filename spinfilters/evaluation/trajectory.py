@@ -80,7 +80,7 @@ def trajectory_of(history: EstimateHistory) -> Trajectory:
             **{f"std_{name.removesuffix('_i')}": std[:, columns] for name, columns in moving.items()},
         }
 
-    sees_position = "t" in layout.blocks
+    sees_position = layout.translates
     places = {"position": slice(0, 3), "velocity": slice(3, 6)}
     moving = (places if sees_position else {}) | {"rate_i": slice(6, 9)}
     motion = by_stretches(len(history.time), derive)
@@ -154,11 +154,15 @@ def _ply_header(count: int) -> bytes:
 @cache
 def _motion(layout: StateLayout) -> Compiled:
     """Centre of mass, its velocity and the rate in i (9), with derivative (9 x e) by the state's error."""
-    return with_error_jacobian(layout, "motion_in_i", _inertial_motion)
+    return with_error_jacobian(
+        layout, "motion_in_i", _motion_of_centre if layout.translates else _rotation_alone
+    )
 
 
-def _inertial_motion(state: dict[str, Expression]) -> Expression:
-    rate = rotate(state["q"], state["w"])
-    if "t" not in state:
-        return ca.vertcat(ca.SX.zeros(6), rate)
-    return ca.vertcat(state["t"] + rotate(state["q"], state["c"]), state["v"], rate)
+def _rotation_alone(state: dict[str, Expression]) -> Expression:
+    return ca.vertcat(ca.SX.zeros(6), rotate(state["q"], state["w"]))
+
+
+def _motion_of_centre(state: dict[str, Expression]) -> Expression:
+    centre = state["t"] + rotate(state["q"], state["c"])
+    return ca.vertcat(centre, state["v"], rotate(state["q"], state["w"]))

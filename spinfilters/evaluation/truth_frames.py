@@ -10,6 +10,7 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.errors import TIME_TOLERANCE, Alignment, attitude_alignment, common_stamps
 from spinfilters.logs.truth import Truth
+from spinfilters.state.layout import POSE_BLOCKS
 
 DEFINED_STD: Final[float] = 1e-4
 """Largest standard deviation (m, rad) of a pose that is a definition: well above any such prior, well below any measurement."""
@@ -23,9 +24,9 @@ def tells_first_frame(history: EstimateHistory, truth: Truth) -> bool:
     frame, and the centre of mass in its own g.
     """
     layout = history.layout
-    if "t" not in layout.blocks or truth.center_of_mass_g is None:
+    if not layout.translates or truth.center_of_mass_g is None:
         return False
-    doubt = max(np.linalg.norm(history.factor[0, layout.slice(b)], axis=1).max() for b in "ta")
+    doubt = max(np.linalg.norm(history.factor[0, layout.slice(b)], axis=1).max() for b in POSE_BLOCKS)
     told = doubt <= DEFINED_STD and np.isfinite(history.mean[0]).all()
     return bool(told and np.abs(truth.time - history.time[0]).min() <= TIME_TOLERANCE)
 
@@ -56,6 +57,7 @@ def truth_in_first_frame(history: EstimateHistory, truth: Truth) -> Truth:
         if truth.principal_axes_g is None
         else rotate(inverse(turn), truth.principal_axes_g),
         center_of_mass_g=rotate(inverse(q_first), from_origin),
+        gyro_bias=None if truth.gyro_bias is None else rotate(inverse(turn), truth.gyro_bias),
     )
 
 

@@ -31,8 +31,16 @@ _BODY_RANGES = {
     "principal_moments": NumberRange(1e-9, 1e18),
     "principal_axes_g": NumberRange(-1.001, 1.001),
     "center_of_mass_g": LENGTH,
+    "gyro_bias": RATE,
 }
-_BODY_SHAPES = {"principal_moments": (3,), "principal_axes_g": (3, 3), "center_of_mass_g": (3,)}
+_BODY_SHAPES = {
+    "principal_moments": (3,),
+    "principal_axes_g": (3, 3),
+    "center_of_mass_g": (3,),
+    "gyro_bias": (3,),
+}
+BODY_KEYS: Final[tuple[str, ...]] = tuple(_BODY_SHAPES)
+"""Keys of truth.toml."""
 _ORTHONORMAL = 1e-6  # entries of axes printed with seven digits
 _TRIANGLE = 1e-6  # relative: a flat body, whose moments satisfy A + B = C, must pass with rounding
 
@@ -48,7 +56,7 @@ class Truth:
     velocity: of the centre of mass in i, m/s.   rate_i: rate in i axes, rad/s (not g axes as in the state).
     principal_moments: any common scale, positive, none above the sum of the others.
     principal_axes_g: rows are the principal axes in g, so that it is R_bg; right-handed.
-    center_of_mass_g: in g, m.
+    center_of_mass_g: in g, m.   gyro_bias: constant error of a gyro's rates, g axes, rad/s.
 
     Raises
     ------
@@ -63,6 +71,7 @@ class Truth:
     principal_moments: Float[np.ndarray, "3"] | None = None
     principal_axes_g: Float[np.ndarray, "3 3"] | None = None
     center_of_mass_g: Float[np.ndarray, "3"] | None = None
+    gyro_bias: Float[np.ndarray, "3"] | None = None
 
     def __post_init__(self) -> None:
         freeze_arrays(self, ("time", *_TRAJECTORY_SHAPES, *_BODY_SHAPES))
@@ -73,7 +82,7 @@ class Truth:
 
     @property
     def body(self) -> dict[str, Float[np.ndarray, "..."]]:
-        """The mass properties that are known, by name, as in truth.toml."""
+        """Constants that are known, by name, as in truth.toml."""
         known = {name: getattr(self, name) for name in _BODY_SHAPES}
         return {name: value for name, value in known.items() if value is not None}
 

@@ -7,10 +7,11 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.models.rotation_steps import RotationIntegrator
+from spinfilters.state.blocks.rigid_body import RATE, VELOCITY
 from spinfilters.state.layout import StateLayout
 from spinfilters.symbolic import Compiled, building
 
-DISTURBED = ("w", "v")
+DISTURBED = (RATE.name, VELOCITY.name)
 """Blocks that disturbances kick, where a layout has them."""
 
 

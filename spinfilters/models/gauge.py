@@ -2,7 +2,7 @@
 
 A move (theta, rho) takes a point p_g to R(theta) p_g + rho. With it
 
-    q_ig -> q_ig (x) dq(-theta),  t -> t - R_ig R(theta)' rho,  w -> R w,  c -> R c + rho,  S -> R S R',  v -> v,
+    q_ig -> q_ig (x) dq(-theta),  t -> t - R_ig R(theta)' rho,  w -> R w,  c -> R c + rho,  S -> R S R',  v -> v,  b -> R b,
 
 the motion, the centre of mass in i and every sighting stay what they were: six directions of the state in which only the definition
 of g, and nothing observed, may put information.
@@ -21,7 +21,6 @@ from spinfilters.attitude.expressions import (
     quaternion_from_mrp,
     rotate,
 )
-from spinfilters.dynamics.mass_distribution import from_second_moments, second_moments
 from spinfilters.state.layout import StateLayout
 from spinfilters.symbolic import Compiled, building
 
@@ -37,12 +36,12 @@ def gauge_move(layout: StateLayout, x: Expression, move: Expression) -> Expressi
     turn, rho = quaternion_from_mrp(move[:3]), move[3:]
     R = matrix_from_quaternion(turn)
     moved = dict(values)
+    for block in layout.members:
+        if block.after_gauge_move is not None:
+            moved[block.symbol] = block.after_gauge_move(values[block.symbol], R, rho)
     moved["q"] = product(values["q"], quaternion_from_mrp(-move[:3]))
-    moved["w"] = R @ values["w"]
-    moved["s"] = from_second_moments(R @ second_moments(values["s"]) @ R.T)
-    if "t" in values:
+    if layout.translates:
         moved["t"] = values["t"] - rotate(moved["q"], rho)
-        moved["c"] = R @ values["c"] + rho
     return layout.pack(moved)
 
 

@@ -97,6 +97,10 @@ class LandmarkSensor(MeasurementModel):
             determined[..., 0] > 0,
         )
 
+    def build(self) -> None:
+        """Make what `new_landmarks` runs, where an epoch without new landmarks would leave it to a later one."""
+        self._new_landmarks.build()
+
     @cached_property
     @building()
     def sighting_rows(self) -> Lanes:

@@ -5,6 +5,7 @@ same expressions and with the same control of their number, evaluated in lanes.
 """
 
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
@@ -19,12 +20,8 @@ from spinfilters.attitude.expressions import (
     short_mrp_from_quaternion,
 )
 from spinfilters.errors import InputError
-from spinfilters.models.rotation_steps import (
-    IntegrationError,
-    RotationIntegrator,
-    rotation_constants,
-    rotation_difference,
-)
+from spinfilters.models.rotation_parameters import rotation_parameters
+from spinfilters.models.rotation_steps import IntegrationError, RotationIntegrator, rotation_difference
 from spinfilters.models.step_count import FEWEST, boole_weights
 from spinfilters.state.layout import StateLayout
 from spinfilters.symbolic import Fold, building
@@ -35,6 +32,20 @@ ALIKE = 8.0
 """Ratio of turns whose steps are integrated side by side."""
 SMALLEST_TURN = 1e-3
 """Rad in a step, for which the fewest substeps are enough."""
+
+
+@dataclass(frozen=True)
+class StepBatch:
+    """Steps of ``dt`` seconds from ``here`` to about ``there``, with slopes taken ``about`` points with other constants."""
+
+    here: Float[np.ndarray, "k m"]
+    there: Float[np.ndarray, "k m"]
+    about: Float[np.ndarray, "k m"]
+    dt: Float[np.ndarray, " k"]
+
+    def chosen(self, rows: Int[np.ndarray, " r"]) -> "StepBatch":
+        """Some of them."""
+        return StepBatch(self.here[rows], self.there[rows], self.about[rows], self.dt[rows])
 
 
 class ManySteps:
@@ -62,26 +73,24 @@ class ManySteps:
         wrong = dt[~(np.isfinite(dt) & (dt > 0))]
         if len(wrong):
             raise InputError(f"time step is {wrong[0]} s; it must be positive and finite")
-        points = (here, there, here if about is None else about)
-        n, q = self._layout.error_dim, 12 if "t" in self._layout.blocks else 6
+        steps = StepBatch(here, there, here if about is None else about, dt)
+        n, q = self._layout.error_dim, self._integrator.noise_dim
         shapes = ((len(dt), n), (len(dt), n, n), (len(dt), n, q))
         defect, transition, noise = (np.full(shape, np.nan) for shape in shapes)
         for rows in _alike(self._integrator.turns(here, dt)):
-            chosen = (points[0][rows], points[1][rows], points[2][rows])
             with suppress(IntegrationError):
-                defect[rows], transition[rows], noise[rows] = self._linearised(chosen, dt[rows], densities)
+                defect[rows], transition[rows], noise[rows] = self._linearised(steps.chosen(rows), densities)
         return defect, transition, noise
 
     def _linearised(
-        self, points: tuple[np.ndarray, np.ndarray, np.ndarray], dt: np.ndarray, densities: np.ndarray
+        self, steps: "StepBatch", densities: Float[np.ndarray, " 2"]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """`linearise` with as many substeps for all as the longest turn needs."""
-        here = points[0]
+        here, dt = steps.here, steps.dt[:, None]
         count = self._integrator.first_count(here, float(dt.max())) if len(here) else 0
         while True:
-            step = (dt[:, None], dt[:, None] / max(count, 1))
             error, defect, transition, noise = self._fold(
-                *points, *step, densities[None], each=_numbers(count)
+                here, steps.there, steps.about, dt, dt / max(count, 1), densities[None], each=_numbers(count)
             )
             if self._integrator.good(error, count):
                 break
@@ -106,10 +115,10 @@ class ManySteps:
     def _begin(self, here: Expression, about: Expression) -> list[Expression]:
         """The first state, and the constants of the rotation of both."""
         own, slopes = self._layout.unpack(here), self._layout.unpack(about)
-        p, rotation = rotation_constants(own), ca.vertcat(own["q"], own["w"])
+        p, rotation = rotation_parameters(self._layout, own), ca.vertcat(own["q"], own["w"])
         rest = ca.vertcat(ca.SX.eye(6)[:], ca.SX.zeros(6 * p.numel() + 36))
         first = ca.vertcat(rotation, rotation, slopes["q"], slopes["w"], rest)
-        return [first, p, rotation_constants(slopes)]
+        return [first, p, rotation_parameters(self._layout, slopes)]
 
     def _turn(self, state: Expression) -> ca.Function:
         substep, linear = self._integrator.substep(), self._integrator.linear_substep()

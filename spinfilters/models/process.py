@@ -75,13 +75,13 @@ def derivative(layout: StateLayout, x: Expression) -> Expression:
     rates = {name: 0 * value for name, value in values.items()}
     rates["q"] = quaternion_rate(values["q"], values["w"])
     rates["w"] = body_acceleration(values["w"], inertia(values["s"]), values.get("d"))
-    if "t" in values:
+    if layout.translates:
         rates["t"] = values["v"] - rotate(values["q"], ca.cross(values["w"], values["c"]))
     return layout.pack(rates)
 
 
 class TorqueFreeProcess:
-    """Discrete process model over any layout that holds a, w and s (and t, v, c together; d optionally).
+    """Discrete process model over any layout that holds a, w and s (t, v, c together, and other constants, optionally).
 
     Parameters
     ----------

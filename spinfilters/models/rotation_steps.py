@@ -24,9 +24,11 @@ from spinfilters.attitude.expressions import (
     rotate,
     short_mrp_from_quaternion,
 )
-from spinfilters.dynamics.mass_distribution import inertia
 from spinfilters.errors import InputError, SpinfiltersError
+from spinfilters.models.rotation_parameters import rotation_parameter_slices, rotation_parameters
 from spinfilters.models.step_count import FEWEST, MAX_SUBSTEPS, boole_weights, substeps, turns
+from spinfilters.state.blocks.drag import DRAG
+from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION
 from spinfilters.state.layout import StateLayout
 from spinfilters.symbolic import Compiled, building
 
@@ -46,7 +48,7 @@ class RotationIntegrator:
 
     Parameters
     ----------
-    layout: blocks of the state; ``s`` and ``d`` are constants that the acceleration may use.
+    layout: blocks of the state; the acceleration may use the constants that have `RotationParameters`.
     acceleration: w' in g axes, rad/s^2.
     tolerance: bound on the estimated error of attitude (rad) and rate (relative) of one call.
 
@@ -61,8 +63,8 @@ class RotationIntegrator:
         self._layout = layout
         self._acceleration = acceleration
         self._tolerance = tolerance
-        self._constant_blocks = tuple(block for block in ("s", "d") if block in layout.blocks)
-        self._constant_dim = 5 + len(self._constant_blocks)
+        self._parameters = rotation_parameter_slices(layout)
+        self._parameter_count = max(at.stop for at in self._parameters.values())
         self._rate = layout.mean_slice("w")
         self._stepper = lru_cache(maxsize=None)(self._build_step)
         self._lineariser = lru_cache(maxsize=None)(self._build_lineariser)
@@ -90,6 +92,11 @@ class RotationIntegrator:
     def step_function(self, count: int) -> ca.Function:
         """(x, dt) to (the point after dt in ``count`` substeps, an estimate of its error)."""
         return self._stepper(count).function
+
+    @property
+    def noise_dim(self) -> int:
+        """Columns of the noise factor: rotation (a, w), and where the state translates position and velocity."""
+        return 12 if self._layout.translates else 6
 
     def turns(self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         """|w| dt of many steps, rad; infinite where it is beyond all numbers."""
@@ -136,13 +143,13 @@ class RotationIntegrator:
         self, values: dict[str, Expression], dt: Expression, count: int
     ) -> tuple[Expression, Expression]:
         """(q, w) after dt in ``count`` substeps, and an estimate of its error by step doubling."""
-        constants, start = rotation_constants(values), ca.vertcat(values["q"], values["w"])
+        constants, start = rotation_parameters(self._layout, values), ca.vertcat(values["q"], values["w"])
         fine = _repeat(self.substep(), count, start, constants, dt / count)
         coarse = _repeat(self.substep(), count // 2, start, constants, 2 * dt / count)
         return fine, rotation_difference(coarse, fine) / 15
 
     def substep(self) -> ca.Function:
-        y, p, h = ca.SX.sym("y", 7), ca.SX.sym("p", self._constant_dim), ca.SX.sym("h")
+        y, p, h = ca.SX.sym("y", 7), ca.SX.sym("p", self._parameter_count), ca.SX.sym("h")
         return ca.Function("substep", [y, p, h], [self._runge_kutta(y, p, h)], SHARED)
 
     def _runge_kutta(self, y: Expression, p: Expression, h: Expression) -> Expression:
@@ -154,10 +161,11 @@ class RotationIntegrator:
         return ca.vertcat(normalised(after[:4]), after[4:7])
 
     def _rotation_rate(self, y: Expression, p: Expression) -> Expression:
+        j = p[self._parameters[MASS_DISTRIBUTION.name]]  # the lower triangle of J, column by column
         J = ca.vertcat(
-            ca.horzcat(p[0], p[1], p[2]), ca.horzcat(p[1], p[3], p[4]), ca.horzcat(p[2], p[4], p[5])
+            ca.horzcat(j[0], j[1], j[2]), ca.horzcat(j[1], j[3], j[4]), ca.horzcat(j[2], j[4], j[5])
         )
-        drag = p[6] if "d" in self._constant_blocks else None
+        drag = p[self._parameters[DRAG.name]] if self._layout.has(DRAG) else None
         return ca.vertcat(quaternion_rate(y[:4], y[4:7]), self._acceleration(y[4:7], J, drag))
 
     def translated(
@@ -165,7 +173,7 @@ class RotationIntegrator:
     ) -> Expression:
         """The state after dt from the rotation after dt: r = t + R c moves with v, the rest is constant."""
         after = dict(values) | {"q": q, "w": w}
-        if "t" in values:
+        if self._layout.translates:
             centre = values["t"] + rotate(values["q"], values["c"]) + dt * values["v"]
             after["t"] = centre - rotate(q, values["c"])
         return self._layout.pack(after)
@@ -174,8 +182,8 @@ class RotationIntegrator:
     def _build_lineariser(self, count: int) -> Compiled:
         x, dt, densities = ca.MX.sym("x", self._layout.mean_dim), ca.MX.sym("dt"), ca.MX.sym("psd", 2)
         values = self._layout.unpack(x)
-        constants, start = rotation_constants(values), ca.vertcat(values["q"], values["w"])
-        sums = ca.vertcat(start, ca.DM.eye(6)[:], ca.DM.zeros(6 * self._constant_dim), ca.DM.zeros(36))
+        constants, start = rotation_parameters(self._layout, values), ca.vertcat(values["q"], values["w"])
+        sums = ca.vertcat(start, ca.DM.eye(6)[:], ca.DM.zeros(6 * self._parameter_count), ca.DM.zeros(36))
         weights = ca.DM(boole_weights(count)).T
         moved = _repeat(self.linear_substep(), count, sums, constants, dt / count, weights[:count])
         coarse = _repeat(self.substep(), count // 2, start, constants, 2 * dt / count)
@@ -189,8 +197,13 @@ class RotationIntegrator:
         )
 
     def linear_substep(self) -> ca.Function:
-        """One substep of (q, w, Psi, Theta, noise): the noise of a node enters with its Simpson weight, then all moves on."""
-        n = self._constant_dim
+        """One substep of (q, w, Psi, Theta, noise): the noise of a node enters with its weight, then all moves on.
+
+        The state u is [q w (7) | Psi (6 x 6) | Theta (6 x n) | noise (6 x 6)], matrices column by column: Psi by the first error
+        (a, w), Theta by the n parameters of the rotation. G = [A B] is one substep's own derivative by the same (a, w) and
+        parameters, so Psi <- A Psi, Theta <- A Theta + B, noise <- A noise A'.
+        """
+        n = self._parameter_count
         sums, p, h, weight = (
             ca.SX.sym("u", 7 + 36 + 6 * n + 36),
             ca.SX.sym("p", n),
@@ -208,40 +221,37 @@ class RotationIntegrator:
         return ca.Function("linear_substep", [sums, p, h, weight], [out], SHARED)
 
     def assemble(self) -> ca.Function:
-        """Whole state, transition and noise factor from those of the rotation, differentiated through the translation."""
-        layout, n = self._layout, self._constant_dim
+        """Whole state, transition and noise factor from those of the rotation, differentiated through the translation.
+
+        ``d`` is the error of the state before the step, ``e`` the noise of the step: (a, w) of the rotation, then (position,
+        velocity) of the centre of mass, which a state without translation does not have.
+        """
+        layout, n = self._layout, self._parameter_count
         x, dt, psd = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("dt"), ca.SX.sym("psd", 2)
         moved, noise = ca.SX.sym("u", 43 + 6 * n), ca.SX.sym("Q", 6, 6)
         d, e = ca.SX.sym("d", layout.error_dim), ca.SX.sym("e", 12)
         Psi, Theta = ca.reshape(moved[7:43], 6, 6), ca.reshape(moved[43:], 6, n)
         after = self.translated(layout.unpack(x), moved[:4], moved[4:7], dt)
         turned = Psi @ ca.vertcat(d[layout.slice("a")], d[layout.slice("w")])
-        constants = rotation_constants(layout.unpack(layout.retract_expression(x, d)))
+        constants = rotation_parameters(layout, layout.unpack(layout.retract_expression(x, d)))
         turned += Theta @ (ca.substitute(ca.jacobian(constants, d), d, 0) @ d)
         rotation = _rotation_retract(moved[:7], turned + e[:6])
         values = layout.unpack(layout.retract_expression(x, d))
-        if "t" in values:
+        if layout.translates:
             values = values | {"t": values["t"] + e[6:9]}
         shifted = layout.unpack(self.translated(values, rotation[:4], rotation[4:7], dt))
-        if "t" in shifted:
+        if layout.translates:
             shifted["v"] = shifted["v"] + e[9:12]
         error = layout.near_local_expression(after, layout.pack(shifted))
         zero = {"old": [d, e], "new": [ca.SX.zeros(*d.shape), ca.SX.zeros(*e.shape)]}
         transition = ca.substitute([ca.jacobian(error, d)], zero["old"], zero["new"])[0]
         entry = ca.substitute([ca.jacobian(error, e)], zero["old"], zero["new"])[0]
         root = ca.sqrt(psd[1]) * _lower_cholesky(noise)
-        if "t" in layout.blocks:
+        if layout.translates:
             root = ca.diagcat(root, ca.sqrt(psd[0]) * _double_integrator_root(dt))
         else:
             entry = entry[:, :6]
         return ca.Function("assemble", [x, dt, psd, moved, noise], [after, transition, entry @ root], SHARED)
-
-
-def rotation_constants(values: dict[str, Expression]) -> Expression:
-    """What the rotation's constants enter by: the six entries of J(s), then the drag."""
-    J = inertia(values["s"])
-    entries = ca.vertcat(J[0, 0], J[1, 0], J[2, 0], J[1, 1], J[2, 1], J[2, 2])
-    return ca.vertcat(entries, values["d"]) if "d" in values else entries
 
 
 def _repeat(

@@ -14,7 +14,7 @@ from spinfilters.models.sensor_noise import SensorNoiseModel, noise_model
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark
 from spinfilters.perception.matches import Matches, MatchTable
 from spinfilters.perception.pose_consensus import SMALLEST_SHARE, consensus_poses
-from spinfilters.state.layout import StateLayout
+from spinfilters.state.layout import POSE_BLOCKS, StateLayout
 
 ITERATIONS = 8
 SETTLED = 1e-6
@@ -38,7 +38,7 @@ class FittedPose:
 
 @cache
 def _stereo(noise: SensorNoiseModel) -> StereoLandmark:
-    return StereoLandmark(StateLayout(("t", "a")), noise)
+    return StereoLandmark(StateLayout(POSE_BLOCKS), noise)
 
 
 def fit_pose(matches: Matches, calibration: Float[np.ndarray, " 5"]) -> FittedPose | None:

@@ -168,7 +168,7 @@ def _attitude_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[E
 
 def _other_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[EstimatorLine]) -> None:
     """Position, or the rate where no position is seen."""
-    sees = all("t" in evaluation.history.layout.blocks for evaluation in evaluations)
+    sees = all(evaluation.history.layout.translates for evaluation in evaluations)
     curves = []
     for evaluation in evaluations:
         trajectory, errors = evaluation.trajectory, evaluation.errors

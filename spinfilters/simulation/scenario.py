@@ -57,6 +57,7 @@ class Scenario:
         the thesis' 24,723 observations in 115 frames.
     detection, facing_cosine, recognition, fewest_sightings: see `FrontEnd`.
     pixel_std px, position_std m, rotation_std rad, gyro_std rad/s: white noise of the sensors.
+    gyro_bias: constant error of the gyro's rates, g axes, rad/s.
     noise: disturbances of the motion; the thesis' are `spinfilters.models.process.THESIS_NOISE`.
     candidates: motions that are drawn; the first that keeps the whole body in view is taken, or the first of all if none does.
     seed: of everything random.
@@ -81,6 +82,7 @@ class Scenario:
     position_std: float = 0.005
     rotation_std: float = 0.01
     gyro_std: float = 0.002
+    gyro_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
     noise: ProcessNoise = field(default_factory=ProcessNoise)
     candidates: int = 1
     seed: int = 0
@@ -202,7 +204,7 @@ def _poses(scenario: Scenario, motion: Motion, generator: np.random.Generator) -
 def _gyro(scenario: Scenario, motion: Motion, generator: np.random.Generator) -> MeasurementStream:
     rates = motion.block("w")
     noise = scenario.gyro_std * generator.standard_normal(rates.shape)
-    return MeasurementStream("gyro", motion.time, rates + noise)
+    return MeasurementStream("gyro", motion.time, rates + scenario.gyro_bias + noise)
 
 
 def _truth(scenario: Scenario, motion: Motion) -> Truth:
@@ -219,6 +221,7 @@ def _truth(scenario: Scenario, motion: Motion) -> Truth:
         principal_moments=np.array(scenario.principal_moments)[order] / max(scenario.principal_moments),
         principal_axes_g=axes,
         center_of_mass_g=np.array(scenario.center_of_mass_g),
+        gyro_bias=np.array(scenario.gyro_bias) if scenario.kind == "gyro" else None,
     )
 
 

@@ -1,66 +1,104 @@
-"""Which blocks a state holds, and how a point on its manifold and an error vector meet."""
+"""Layout of a state: which blocks it holds in which order, and how its points and errors meet."""
 
 import builtins
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import pairwise
 
 import casadi as ca
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from spinfilters.attitude.expressions import (
-    Expression,
-    conjugate,
-    product,
-    quaternion_from_mrp,
-    short_mrp_from_quaternion,
-)
-from spinfilters.conventions import STATE_BLOCKS
-from spinfilters.dynamics.mass_distribution import (
-    local_mass,
-    near_local_mass,
-    reset_mass_jacobian,
-    retract_mass,
-)
+from spinfilters.attitude.expressions import Expression
 from spinfilters.errors import InputError
+from spinfilters.state.block import PointAndError, StateBlock
+from spinfilters.state.blocks import BLOCKS
+from spinfilters.state.blocks.rigid_body import BLOCKS as RIGID_BODY
 from spinfilters.symbolic import Compiled, building
 
-Chart = Callable[[Expression, Expression], Expression]
-"""How a block's point takes an error, or how two of its points differ."""
-ROTATION_BLOCKS = ("a", "w", "s")
-"""What a gyro alone can see."""
-FULL_BLOCKS = ("t", "a", "v", "w", "c", "s")
+FULL_BLOCKS = tuple(block.name for block in RIGID_BODY)
 """Pose, velocities, centre of mass and mass distribution."""
+ROTATION_BLOCKS = tuple(block.name for block in RIGID_BODY if not block.translational)
+"""What a gyro alone can see."""
+POSE_BLOCKS = ("t", "a")
+"""What an observation of a landmark depends on; the pose of the first epoch defines frame g."""
 
 
 @dataclass(frozen=True)
 class StateLayout:
-    """The blocks of a state, in the order of `spinfilters.conventions.STATE_BLOCKS`.
+    """The blocks of a state, in the order of `spinfilters.state.blocks.BLOCKS`.
 
-    A point ``x`` (mean_dim,) holds the attitude as the quaternion q_ig, an error ``d`` (error_dim,) as 4 x MRP on the body side.
-    The error of the mass distribution is multiplicative too (`spinfilters.dynamics.mass_distribution`); every other block adds.
+    A point ``x`` (mean_dim,) and an error ``d`` (error_dim,) hold the points and the errors of the blocks one after the other; each
+    block has its own chart. The attitude is the quaternion q_ig with 4 x MRP on the body side as its error.
+
+    Attributes
+    ----------
+    blocks: their names.
     """
 
     blocks: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        known = tuple(block for block in STATE_BLOCKS if block in self.blocks)
+        known = tuple(name for name in BLOCKS if name in self.blocks)
         if self.blocks != known:
             raise InputError(
-                f"state blocks {self.blocks} must be distinct, known and in the order {tuple(STATE_BLOCKS)}"
+                f"state blocks {self.blocks} must be distinct, known and in the order {tuple(BLOCKS)}"
             )
+
+    @cached_property
+    def members(self) -> tuple[StateBlock, ...]:
+        """The blocks themselves."""
+        return tuple(BLOCKS[name] for name in self.blocks)
+
+    def has(self, block: StateBlock) -> bool:
+        """Whether it holds a block."""
+        return block.name in self.blocks
+
+    def joined(self, *blocks: StateBlock) -> "StateLayout":
+        """With these blocks too."""
+        wanted = {*self.blocks, *(block.name for block in blocks)}
+        return StateLayout(tuple(name for name in BLOCKS if name in wanted))
+
+    @cached_property
+    def without_translation(self) -> "StateLayout":
+        """The blocks that mean something of a rotation alone."""
+        return StateLayout(tuple(block.name for block in self.members if not block.translational))
+
+    @cached_property
+    def translates(self) -> bool:
+        """Whether it holds a position, with the velocity and the centre of mass."""
+        return self.without_translation != self
+
+    @cached_property
+    def constant(self) -> tuple[StateBlock, ...]:
+        """Blocks that are the same at every time."""
+        return tuple(block for block in self.members if block.constant)
+
+    @cached_property
+    def moving(self) -> tuple[StateBlock, ...]:
+        """Blocks that the process model moves."""
+        return tuple(block for block in self.members if not block.constant)
+
+    @cached_property
+    def curved(self) -> tuple[StateBlock, ...]:
+        """Blocks whose errors a reset transforms; where there are none, `reset_jacobian` is the identity."""
+        return tuple(block for block in self.members if block.chart.reset_jacobian is not None)
+
+    @cached_property
+    def constant_indices(self) -> Int[np.ndarray, " c"]:
+        """Components of a point that belong to constant blocks."""
+        every = np.arange(self.mean_dim)
+        return np.concatenate([every[:0], *[every[self.mean_slice(block.name)] for block in self.constant]])
 
     @cached_property
     def error_dim(self) -> int:
         """Number of error components."""
-        return sum(STATE_BLOCKS[block] for block in self.blocks)
+        return sum(block.dimension for block in self.members)
 
     @cached_property
     def mean_dim(self) -> int:
         """Number of components of a point: one more than the error where there is an attitude."""
-        return sum(_mean_size(block) for block in self.blocks)
+        return sum(block.mean_size for block in self.members)
 
     def slice(self, block: str) -> builtins.slice:
         """Where a block stands in an error vector."""
@@ -70,33 +108,36 @@ class StateLayout:
         """Where a block stands in a point."""
         return self._mean_slices[block]
 
+    def block_of(self, component: int) -> StateBlock:
+        """The block to which a component of the error belongs."""
+        return next(block for block in self.members if component < self.slice(block.name).stop)
+
     def unpack(self, x: Expression) -> dict[str, Expression]:
-        """Blocks of a symbolic point by name; the attitude is named ``q``."""
-        return {"q" if block == "a" else block: x[self.mean_slice(block)] for block in self.blocks}
+        """Blocks of a symbolic point by `StateBlock.symbol`: their names, and ``q`` of the attitude."""
+        return {block.symbol: x[self.mean_slice(block.name)] for block in self.members}
 
     def pack(self, values: dict[str, Expression]) -> Expression:
         """The inverse of `unpack`."""
-        return ca.vertcat(*[values["q" if block == "a" else block] for block in self.blocks])
+        return ca.vertcat(*[values[block.symbol] for block in self.members])
 
     def retract_expression(self, x: Expression, d: Expression) -> Expression:
         """x [+] d, symbolically."""
         parts = []
-        for block in self.blocks:
-            point, error = x[self.mean_slice(block)], d[self.slice(block)]
-            parts.append(_RETRACT.get(block, _add)(point, error))
+        for block in self.members:
+            parts.append(block.chart.retract(x[self.mean_slice(block.name)], d[self.slice(block.name)]))
         return ca.vertcat(*parts)
 
     def local_expression(self, x: Expression, y: Expression) -> Expression:
         """y [-] x, the error that takes x to y, symbolically; the attitude error goes the short way round."""
-        return self._difference(x, y, _LOCAL)
+        return self._difference(x, y, [block.chart.local for block in self.members])
 
     def near_local_expression(self, x: Expression, y: Expression) -> Expression:
         """`local_expression` to first order at y = x: the same derivative there, and a shorter expression."""
-        return self._difference(x, y, _NEAR_LOCAL)
+        return self._difference(x, y, [block.chart.near_local for block in self.members])
 
-    def _difference(self, x: Expression, y: Expression, how: dict[str, Chart]) -> Expression:
-        pairs = ((block, x[self.mean_slice(block)], y[self.mean_slice(block)]) for block in self.blocks)
-        return ca.vertcat(*[how.get(block, _subtract)(here, there) for block, here, there in pairs])
+    def _difference(self, x: Expression, y: Expression, how: list[PointAndError]) -> Expression:
+        places = [self.mean_slice(block.name) for block in self.members]
+        return ca.vertcat(*[local(x[at], y[at]) for local, at in zip(how, places, strict=True)])
 
     def retract(
         self, x: Float[np.ndarray, "*batch m"], d: Float[np.ndarray, "*batch n"]
@@ -116,11 +157,11 @@ class StateLayout:
 
     @cached_property
     def _error_slices(self) -> dict[str, builtins.slice]:
-        return _slices(self.blocks, [STATE_BLOCKS[block] for block in self.blocks])
+        return _slices(self.blocks, [block.dimension for block in self.members])
 
     @cached_property
     def _mean_slices(self) -> dict[str, builtins.slice]:
-        return _slices(self.blocks, [_mean_size(block) for block in self.blocks])
+        return _slices(self.blocks, [block.mean_size for block in self.members])
 
     @cached_property
     @building()
@@ -139,10 +180,7 @@ class StateLayout:
 
     def origin(self) -> Float[np.ndarray, " m"]:
         """The point with identity attitude and zeros elsewhere."""
-        x = np.zeros(self.mean_dim)
-        if "a" in self.blocks:
-            x[self.mean_slice("a").stop - 1] = 1.0
-        return x
+        return np.array([number for block in self.members for number in block.origin])
 
 
 @cache
@@ -150,8 +188,9 @@ def _retract_function(layout: StateLayout) -> Compiled:
     """Made once in a process for equal layouts, as those below: expressions take longer to build than most recordings to smooth."""
     x, d = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("d", layout.error_dim)
     y = layout.unpack(layout.retract_expression(x, d))
-    if "q" in y:
-        y["q"] = y["q"] / ca.sqrt(ca.dot(y["q"], y["q"]))
+    for block in layout.members:
+        if block.chart.normalised is not None:
+            y[block.symbol] = block.chart.normalised(y[block.symbol])
     return Compiled(ca.Function("retract", [x, d], [layout.pack(y)], ["x", "d"], ["y"]))
 
 
@@ -163,41 +202,13 @@ def _local_function(layout: StateLayout) -> Compiled:
 
 @cache
 def _reset_function(layout: StateLayout) -> Compiled:
-    d, e = ca.SX.sym("d", layout.error_dim), ca.SX.sym("e", 3)
+    d = ca.SX.sym("d", layout.error_dim)
     jacobian = ca.SX.eye(layout.error_dim)
-    if "a" in layout.blocks:
-        a = layout.slice("a")
-        moved = product(conjugate(quaternion_from_mrp(d[a])), quaternion_from_mrp(e))
-        turn = ca.jacobian(short_mrp_from_quaternion(moved), e)
-        jacobian[a, a] = ca.substitute(turn, e, d[a])
-    if "s" in layout.blocks:
-        jacobian[layout.slice("s"), layout.slice("s")] = reset_mass_jacobian(d[layout.slice("s")])
+    for block in layout.curved:
+        at = layout.slice(block.name)
+        assert block.chart.reset_jacobian is not None
+        jacobian[at, at] = block.chart.reset_jacobian(d[at])
     return Compiled(ca.Function("reset_jacobian", [d], [jacobian], ["d"], ["J"]))
-
-
-def _add(point: Expression, error: Expression) -> Expression:
-    return point + error
-
-
-def _subtract(here: Expression, there: Expression) -> Expression:
-    return there - here
-
-
-def _retract_attitude(q: Expression, a: Expression) -> Expression:
-    return product(q, quaternion_from_mrp(a))
-
-
-def _local_attitude(q: Expression, p: Expression) -> Expression:
-    return short_mrp_from_quaternion(product(conjugate(q), p))
-
-
-_RETRACT: dict[str, Chart] = {"a": _retract_attitude, "s": retract_mass}
-_LOCAL: dict[str, Chart] = {"a": _local_attitude, "s": local_mass}
-_NEAR_LOCAL: dict[str, Chart] = {"a": _local_attitude, "s": near_local_mass}
-
-
-def _mean_size(block: str) -> int:
-    return 4 if block == "a" else STATE_BLOCKS[block]
 
 
 def _slices(blocks: tuple[str, ...], sizes: list[int]) -> dict[str, slice]:

@@ -31,6 +31,7 @@ from spinfilters.evaluation.errors import Alignment, common_stamps
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.evaluation.truth_frames import truth_in_first_frame, truth_in_inertial_frame
 from spinfilters.logs.truth import Truth
+from spinfilters.state.layout import POSE_BLOCKS
 from spinfilters.workflow.preparation import Prepared
 
 GATE: Final = 5.0
@@ -90,7 +91,7 @@ def cramer_rao_bound(prepared: Prepared, truth: Truth, evaluation: Evaluation) -
 def _states(prepared: Prepared, truth: Truth, evaluation: Evaluation) -> Float[np.ndarray, "k m"] | None:
     """The truth at every frame in the frames of the estimate; None where it does not tell all of them."""
     history = evaluation.history
-    if evaluation.alignment is Alignment.BODY_FRAME and "t" in history.layout.blocks:
+    if evaluation.alignment is Alignment.BODY_FRAME and history.layout.translates:
         return None
     if evaluation.alignment is Alignment.FIRST_FRAME:
         truth = truth_in_first_frame(history, truth)
@@ -118,7 +119,7 @@ def _problem(prepared: Prepared, states: Float[np.ndarray, "k m"], ids: Int[np.n
     """With the estimators' own prior, whose pose is the true one."""
     layout, prior = prepared.process.layout, prepared.start.prior
     mean = prior.mean.copy()
-    for block in set(layout.blocks) & {"t", "a"}:
+    for block in set(layout.blocks).intersection(POSE_BLOCKS):
         mean[layout.mean_slice(block)] = states[0, layout.mean_slice(block)]
     kernel, own = Gate(GATE, GATE), FirstStatePrior(mean, prior.std)
     return problem_of(prepared.process, prepared.timeline, ids, own, SIGHTINGS_NEEDED, kernel)

@@ -109,7 +109,7 @@ def _sensor_noise(stream: MeasurementStream, prepared: Prepared) -> Iterator[Sta
 
 def _disturbances(prepared: Prepared) -> Iterator[StatedNoise]:
     noise = prepared.process.noise
-    if "v" in prepared.process.layout.blocks:
+    if prepared.process.layout.translates:
         yield StatedNoise("force_psd", "force", noise.force_psd, FORCE_UNIT)
     yield StatedNoise("torque_psd", "torque", noise.torque_psd, TORQUE_UNIT)
 

@@ -19,6 +19,8 @@ from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.models.process import THESIS_NOISE, ProcessNoise, TorqueFreeProcess
 from spinfilters.perception.map_building import poses_without_map
 from spinfilters.perception.track_poses import poses_with_map
+from spinfilters.state.blocks.drag import DRAG
+from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 from spinfilters.workflow.gyro_noise import FIRST_SCALE, GyroNoise, disturbance_psd, identify_gyro_noise
@@ -97,8 +99,7 @@ def prepare(dataset: Dataset, settings: Settings) -> Prepared:
 
 def _prepared(dataset: Dataset, settings: Settings) -> Prepared:
     log, view = _log_with_noise(dataset.log, settings), _view(dataset)
-    blocks = ROTATION_BLOCKS if log.sensors == ("gyro",) else FULL_BLOCKS
-    layout = StateLayout((*blocks, "d") if settings.process.drag else blocks)
+    layout = _layout(log, settings)
     unknown_gyro = "gyro" in log.sensors and _gyro_is_unknown(log, dataset, settings)
     automatic = _disturbances(dataset, unknown_gyro)
     process = TorqueFreeProcess(layout, settings.process.noise(automatic), settings.process.tolerance)
@@ -119,6 +120,16 @@ def _prepared(dataset: Dataset, settings: Settings) -> Prepared:
     return Prepared(
         dataset, process, timeline, noise, start, belief, points, gyro_noise, failure, checked.departure
     )
+
+
+def _layout(log: MeasurementLog, settings: Settings) -> StateLayout:
+    """What the sensors can see of a state, with the constants that the settings ask for."""
+    layout = StateLayout(ROTATION_BLOCKS if log.sensors == ("gyro",) else FULL_BLOCKS)
+    if settings.process.drag:
+        layout = layout.joined(DRAG)
+    if "gyro" in log.sensors and settings.start.gyro_bias_std:
+        layout = layout.joined(GYRO_BIAS)
+    return layout
 
 
 def _start(
@@ -246,7 +257,7 @@ def _identify(
     log: MeasurementLog, process: TorqueFreeProcess, noise: SensorNoise, options: StartOptions
 ) -> GyroNoise:
     gyro = log.stream("gyro")
-    layout = StateLayout(tuple(b for b in process.layout.blocks if b in (*ROTATION_BLOCKS, "d")))
+    layout = process.layout.without_translation
     rotation = process if layout == process.layout else TorqueFreeProcess(layout, process.noise)
     whole = replace(options, frames=WHOLE_RECORDING, share=1.0)
     timeline = build_timeline(MeasurementLog((gyro,)), layout, replace(noise, gyro_scale_std=FIRST_SCALE))

@@ -9,6 +9,7 @@ import numpy as np
 from spinfilters.errors import InputError
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.evaluation.metrics import numbers, use_numbers
+from spinfilters.evaluation.reported_constants import constant_numbers
 from spinfilters.evaluation.span import shared_begin
 from spinfilters.evaluation.usage import on_identical_measurements
 from spinfilters.logs.input_file import reason
@@ -140,8 +141,7 @@ def _estimator(evaluation: Evaluation, shared: float) -> dict[str, Any]:
         "k1_std": body.k1_std,
         "k2": body.k2,
         "k2_std": body.k2_std,
-        "drag_per_rad": body.drag,
-        "drag_std_per_rad": body.drag_std,
+        **constant_numbers(evaluation.constants),
         "nis_per_dof": evaluation.nis_ratio,
         "errors": errors if evaluation.errors is not None else None,
     }

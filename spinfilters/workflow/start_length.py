@@ -22,6 +22,7 @@ from spinfilters.estimators.start import StartOptions, StartReport
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.evaluation.body import body_estimate
 from spinfilters.evaluation.consistency import normalised_square
+from spinfilters.state.blocks.rigid_body import RATE
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.status import Verdict
 
@@ -129,6 +130,6 @@ def _length(belief: Gaussian, mean: np.ndarray) -> float:
 
 def _is_bent(belief: Gaussian) -> bool:
     """Whether a belief is wide enough for a filter's linearisation to count."""
-    layout, rate = belief.layout, belief.mean[belief.layout.mean_slice("w")]
+    layout, rate = belief.layout, belief.mean[belief.layout.mean_slice(RATE.name)]
     masses, rates = (np.linalg.norm(belief.factor[layout.slice(b)], 2) for b in "sw")
     return bool(masses > LINEAR_STD or rates > LINEAR_RATE_STD * np.linalg.norm(rate))

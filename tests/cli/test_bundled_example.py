@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from spinfilters.cli.main import main
@@ -86,3 +87,25 @@ def test_simulate_says_in_how_many_epochs_the_body_is_in_view(
     assert "the body is in view in " in words(capsys)
     assert main(["simulate", "-o", str(tmp_path / "short"), *SHORT]) == 0
     assert "in view" not in words(capsys)
+
+
+def test_a_simulated_gyro_has_the_bias_that_is_asked_for_and_the_truth_tells_it(tmp_path: Path) -> None:
+    plain, biased = tmp_path / "plain", tmp_path / "biased"
+    assert main(["simulate", "-o", str(plain), "--kind", "gyro", *SHORT]) == 0
+    assert (
+        main(["simulate", "-o", str(biased), "--kind", "gyro", "--gyro-bias", "0.1", "-0.2", "0.3", *SHORT])
+        == 0
+    )
+    rates = [read_dataset(folder).log.stream("gyro").values for folder in (plain, biased)]
+    np.testing.assert_allclose(rates[1] - rates[0], np.tile([0.1, -0.2, 0.3], (12, 1)), atol=1e-12)
+    truth = read_dataset(biased).truth
+    assert truth is not None
+    assert truth.gyro_bias is not None
+    np.testing.assert_array_equal(truth.gyro_bias, [0.1, -0.2, 0.3])
+
+
+def test_only_a_gyro_has_a_bias_to_simulate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert (
+        main(["simulate", "-o", str(tmp_path / "pose"), "--kind", "pose", "--gyro-bias", "0", "0", "1"]) == 2
+    )
+    assert "--gyro-bias needs --kind gyro" in capsys.readouterr().err

@@ -19,13 +19,12 @@ from spinfilters.estimators.smoothing.robust_kernels import (
 )
 from spinfilters.estimators.smoothing.solver import COST_SLACK, Solved, SolverOptions, solve
 from spinfilters.estimators.smoothing.step_rules import (
-    LARGEST_MASS_STEP,
-    LARGEST_TURN,
     Dogleg,
     GaussNewton,
     LevenbergMarquardt,
     StepRule,
 )
+from spinfilters.state.blocks.rigid_body import ATTITUDE, MASS_DISTRIBUTION
 
 RULES = (GaussNewton(), LevenbergMarquardt(), LevenbergMarquardt(10.0), Dogleg(), Dogleg(1.0))
 
@@ -65,9 +64,9 @@ def test_steps_are_capped_where_a_linear_model_tells_nothing(rule: StepRule) -> 
     step = rule.propose(again, LAYOUT, rule.first)
     assert step is not None
     assert isinstance(normal.solution, Reduced)
-    assert np.abs(normal.solution.errors[:, LAYOUT.slice("s")]).max() > LARGEST_MASS_STEP
-    assert np.abs(step.errors[:, LAYOUT.slice("s")]).max() <= LARGEST_MASS_STEP * (1 + 1e-12)
-    assert np.abs(step.errors[:, LAYOUT.slice("a")]).max() <= LARGEST_TURN * (1 + 1e-12)
+    assert np.abs(normal.solution.errors[:, LAYOUT.slice("s")]).max() > MASS_DISTRIBUTION.largest_step
+    assert np.abs(step.errors[:, LAYOUT.slice("s")]).max() <= MASS_DISTRIBUTION.largest_step * (1 + 1e-12)
+    assert np.abs(step.errors[:, LAYOUT.slice("a")]).max() <= ATTITUDE.largest_step * (1 + 1e-12)
 
 
 @pytest.mark.parametrize("rule", RULES, ids=str)

@@ -7,7 +7,6 @@ import pytest
 from estimate_samples import FULL, consistent_history, history_of, sample_factor, sample_truth
 from filterpy.stats import NEES
 
-from spinfilters.conventions import STATE_BLOCKS
 from spinfilters.errors import InputError
 from spinfilters.evaluation.consistency import (
     chi_square_band,
@@ -18,6 +17,7 @@ from spinfilters.evaluation.consistency import (
     true_states,
 )
 from spinfilters.evaluation.trajectory import trajectory_of
+from spinfilters.state.blocks import BLOCKS
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 
 COUNT = 300
@@ -30,7 +30,7 @@ def test_nees_of_samples_from_the_belief_lies_in_the_band_as_a_whole_and_by_bloc
     low, high = chi_square_band(nees.dof, COUNT, 0.999)
     assert low < nees.total.mean() < high
     for block, values in nees.blocks.items():
-        low, high = chi_square_band(STATE_BLOCKS[block], COUNT, 0.999)
+        low, high = chi_square_band(BLOCKS[block].dimension, COUNT, 0.999)
         assert low < values.mean() < high, block
 
 

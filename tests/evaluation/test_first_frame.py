@@ -14,7 +14,6 @@ from spinfilters.attitude.conversions import (
     quaternion_from_rotation_vector,
     rotate,
 )
-from spinfilters.conventions import STATE_BLOCKS
 from spinfilters.dynamics.mass_distribution import from_inertia, inertia_matrix
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
@@ -24,6 +23,7 @@ from spinfilters.evaluation.evaluation import Evaluation, evaluate
 from spinfilters.evaluation.metrics import numbers
 from spinfilters.evaluation.rates import estimated_rates, true_rates
 from spinfilters.evaluation.truth_frames import tells_first_frame, truth_in_first_frame
+from spinfilters.state.blocks import BLOCKS
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 
 COUNT = 300
@@ -124,7 +124,7 @@ def test_nees_of_a_consistent_estimate_lies_in_the_band_as_a_whole_and_by_block(
     low, high = chi_square_band(nees.dof, COUNT - 1, 0.999)
     assert low < nees.total[1:].mean() < high
     for block, values in nees.blocks.items():
-        low, high = chi_square_band(STATE_BLOCKS[block], COUNT - 1, 0.999)
+        low, high = chi_square_band(BLOCKS[block].dimension, COUNT - 1, 0.999)
         assert low < values[1:].mean() < high, block
     assert nees.blocks["t"][0] < 1e-9
     assert nees.blocks["a"][0] < 1e-9

@@ -5,11 +5,12 @@ from jaxtyping import Float
 
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.models.process import TorqueFreeProcess
+from spinfilters.state.blocks import BLOCKS
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
 LAYOUTS = tuple(
     StateLayout(blocks)
-    for blocks in (ROTATION_BLOCKS, (*ROTATION_BLOCKS, "d"), FULL_BLOCKS, (*FULL_BLOCKS, "d"))
+    for blocks in (ROTATION_BLOCKS, (*ROTATION_BLOCKS, "d"), FULL_BLOCKS, (*FULL_BLOCKS, "d"), tuple(BLOCKS))
 )
 EMBEDDED_MOMENTS = np.array([1.0322, 1.0, 0.8596])
 

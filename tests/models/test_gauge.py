@@ -6,6 +6,7 @@ import pytest
 from spinfilters.models.gauge import gauge_directions, gauge_of_points
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.state.blocks import BLOCKS
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 LAYOUT = StateLayout(FULL_BLOCKS)
@@ -27,6 +28,26 @@ def test_the_motion_carries_gauge_directions_into_gauge_directions(seed):
     np.testing.assert_allclose(
         transition @ gauge_directions(LAYOUT, x), gauge_directions(LAYOUT, after), atol=1e-10
     )
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_every_block_moves_with_g_so_that_the_motion_stays_the_same(seed):
+    layout = StateLayout(tuple(BLOCKS))
+    process, generator = TorqueFreeProcess(layout, ProcessNoise(), 1e-12), np.random.default_rng(seed)
+    x = layout.retract(layout.origin(), 0.5 * generator.standard_normal(layout.error_dim))
+    after, transition, _ = process.linearise(x, 0.3)
+    np.testing.assert_allclose(
+        transition @ gauge_directions(layout, x), gauge_directions(layout, after), atol=1e-9
+    )
+
+
+def test_the_bias_of_a_gyro_turns_with_g_as_the_rate_does():
+    layout = StateLayout(tuple(BLOCKS))
+    x = layout.origin()
+    x[layout.mean_slice("w")] = x[layout.mean_slice("b")] = [0.1, -0.2, 0.3]
+    directions = gauge_directions(layout, x)
+    np.testing.assert_allclose(directions[layout.slice("b")], directions[layout.slice("w")], atol=1e-15)
+    assert np.abs(directions[layout.slice("b")]).max() > 0.1
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -12,11 +12,13 @@ from spinfilters.models.sensor_noise import CorrelatedNoise, IsotropicNoise, Noi
 from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
 from spinfilters.models.sensors.pose import Pose, pose_parameters
 from spinfilters.models.sensors.stereo_landmark import NEAREST_DEPTH, StereoLandmark, stereo_parameters
+from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
 FULL = StateLayout(FULL_BLOCKS)
 WITH_DRAG = StateLayout((*FULL_BLOCKS, "d"))
 ROTATION = StateLayout(ROTATION_BLOCKS)
+WITH_BIAS = ROTATION.joined(GYRO_BIAS)
 POSE_ONLY = StateLayout(("t", "a"))
 CALIBRATION = np.array([466.7, 470.0, 320.0, 240.0, 0.09])
 
@@ -52,7 +54,7 @@ def _level(noise: SensorNoiseModel, std: float, count: int = 5) -> NoiseLevel:
 @pytest.mark.parametrize(
     "model",
     [
-        *[Gyro(layout) for layout in (ROTATION, FULL, WITH_DRAG)],
+        *[Gyro(layout) for layout in (ROTATION, FULL, WITH_DRAG, WITH_BIAS)],
         *[Pose(layout) for layout in (POSE_ONLY, FULL, WITH_DRAG)],
         *[StereoLandmark(layout) for layout in (POSE_ONLY, FULL, WITH_DRAG)],
         Gyro(ROTATION, CorrelatedNoise(3)),

@@ -8,13 +8,15 @@ from hypothesis import strategies as st
 from spinfilters.attitude.conversions import angle_between, quaternion_from_mrp
 from spinfilters.dynamics.mass_distribution import from_inertia, inertia_matrix
 from spinfilters.errors import InputError, ShapeError
+from spinfilters.state.blocks import BLOCKS
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
 ROTATION, FULL = StateLayout(ROTATION_BLOCKS), StateLayout(FULL_BLOCKS)
 WITH_DRAG = StateLayout((*FULL_BLOCKS, "d"))
 MASS = StateLayout(("s",))
 VECTORS = StateLayout(("v", "w", "c"))
-LAYOUTS = (ROTATION, FULL, WITH_DRAG, MASS, VECTORS)
+EVERY_BLOCK = StateLayout(tuple(BLOCKS))
+LAYOUTS = (ROTATION, FULL, WITH_DRAG, MASS, VECTORS, EVERY_BLOCK)
 
 
 def _point(layout: StateLayout, generator: np.random.Generator) -> np.ndarray:

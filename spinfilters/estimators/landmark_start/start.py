@@ -28,6 +28,7 @@ from spinfilters.estimators.start import (
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.logs.track_files import KnownMap
 from spinfilters.models.gauge import GAUGE_STD
+from spinfilters.state.layout import POSE_BLOCKS
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ def _fixing_g(
 ) -> FirstStatePrior:
     """The prior with the first pose held where the trial has it."""
     layout, mean, std = process.layout, prior.mean.copy(), prior.std.copy()
-    for block in ("t", "a"):
+    for block in POSE_BLOCKS:
         mean[layout.mean_slice(block)] = first[layout.mean_slice(block)]
         std[layout.slice(block)] = GAUGE_STD
     return FirstStatePrior(mean, std)

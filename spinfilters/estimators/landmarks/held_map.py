@@ -113,6 +113,7 @@ class HeldMap:
     def _columns_of(self, layout: StateLayout, sensor: LandmarkSensor) -> Int[np.ndarray, " q"]:
         """Errors that a sensor observes: those of the pose, then the modes."""
         if sensor.name not in self._columns:
+            sensor.build()
             n = layout.error_dim
             modes = np.arange(n, n + self.landmarks.rank)
             self._columns[sensor.name] = np.concatenate([sensor.columns, modes])

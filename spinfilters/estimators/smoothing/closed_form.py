@@ -10,8 +10,9 @@ from spinfilters.estimators.landmark_start.smoother import DrawnIn, SmoothingOpt
 from spinfilters.estimators.motion_evidence import evidence_from_poses
 from spinfilters.estimators.smoothing.problem import Normal, Point, Problem, Stage
 from spinfilters.estimators.smoothing.solver import SolverOptions, solve
-from spinfilters.estimators.start import MASS_SHARES, closed_form
+from spinfilters.estimators.start import CLOSED_FORM_BLOCKS, MASS_SHARES, closed_form
 from spinfilters.logs.measurement_log import MeasurementStream
+from spinfilters.state.layout import POSE_BLOCKS
 
 FIRST, GROWTH, RETRY = 4, 1.5, 1.2
 """Number of frames at which it is first asked, and by how much more before it is asked again: where all fits, and where not."""
@@ -53,18 +54,18 @@ def at_closed_form(
 ) -> tuple[Point | None, int]:
     """A point that fits better than ``here``, reached from the closed form, or None; and linearisations."""
     layout = problem.layout
-    if "t" not in layout.blocks or problem.sightings is None:
+    if not layout.translates or problem.sightings is None:
         return None, 0
-    poses = np.concatenate([here.trajectory[:, layout.mean_slice(b)] for b in ("t", "a")], axis=1)
+    poses = np.concatenate([here.trajectory[:, layout.mean_slice(b)] for b in POSE_BLOCKS], axis=1)
     try:
         evidence = evidence_from_poses(MeasurementStream("pose", times, poses), len(times))
         first, _ = closed_form(layout, evidence)
     except InputError:  # no rotation yet, or too few poses: nothing better is known
         return None, 0
     trajectory = here.trajectory.copy()
-    for block in ("c", "s", "d", "v"):
-        if block in layout.blocks:
-            trajectory[:, layout.mean_slice(block)] = first[layout.mean_slice(block)]
+    for block in CLOSED_FORM_BLOCKS:
+        if layout.has(block):
+            trajectory[:, layout.mean_slice(block.name)] = first[layout.mean_slice(block.name)]
     trajectory[:, layout.mean_slice("w")] = evidence.rates
     best, least, count = None, here.robust_cost(stage) - 1, 0
     for share in MASS_SHARES:

@@ -17,7 +17,7 @@ from spinfilters.estimators.smoothing.elimination import POSE, eliminate
 from spinfilters.estimators.smoothing.motion import Motion, prior_rows
 from spinfilters.estimators.smoothing.problem import Normal, Point, Problem
 from spinfilters.estimators.smoothing.sightings import LinearSightings
-from spinfilters.estimators.smoothing.unknowns import CONSTANT, Unknowns
+from spinfilters.estimators.smoothing.unknowns import Unknowns
 from spinfilters.estimators.smoothing.window import Window
 
 NARROW, WIDE, WIDE_ENOUGH = 8, 32, 300
@@ -142,12 +142,10 @@ def _handed_over(
     """First estimates of the rest: the next frame has the constants' of the oldest, and its own velocities as they are now."""
     layout, after = unknowns.layout, rest.copy()
     chained = set(unknowns.chain.tolist())
-    for block in layout.blocks:
-        at = layout.mean_slice(block)
-        if block in CONSTANT:
-            after[0, at] = oldest[at]
-        elif layout.slice(block).start in chained:
-            after[0, at] = now[at]
+    after[0, layout.constant_indices] = oldest[layout.constant_indices]
+    for block in layout.moving:
+        if layout.slice(block.name).start in chained:
+            after[0, layout.mean_slice(block.name)] = now[layout.mean_slice(block.name)]
     return after
 
 

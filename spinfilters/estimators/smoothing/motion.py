@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float, Int
 from spinfilters.estimators.estimator import ProcessModel
 from spinfilters.estimators.smoothing.native import kernels
 from spinfilters.estimators.smoothing.robust_kernels import LeastSquares, RobustKernel
-from spinfilters.estimators.smoothing.unknowns import CONSTANT, Unknowns
+from spinfilters.estimators.smoothing.unknowns import Unknowns
 from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.symbolic.compiled import address
@@ -139,10 +139,8 @@ class Motion:
     def _at_first_constants(self, trajectory: Float[np.ndarray, "k m"]) -> Float[np.ndarray, "k m"]:
         """With the constants at which something is carried already: other slopes would claim to know what nothing has told."""
         assert self.first is not None
-        at, layout = trajectory.copy(), self.process.layout
-        for block in layout.blocks:
-            if block in CONSTANT:
-                at[:, layout.mean_slice(block)] = self.first[layout.mean_slice(block)]
+        at, constant = trajectory.copy(), self.process.layout.constant_indices
+        at[:, constant] = self.first[constant]
         return at
 
     def measurements(self, trajectory: Float[np.ndarray, "k m"]) -> Grams:

@@ -24,7 +24,7 @@ from spinfilters.estimators.smoothing.sightings import (
     collect_sightings,
     linearise_sightings,
 )
-from spinfilters.estimators.smoothing.unknowns import CONSTANT, Unknowns
+from spinfilters.estimators.smoothing.unknowns import Unknowns
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.state.layout import StateLayout
 
@@ -197,7 +197,5 @@ def with_common_constants(
 ) -> Float[np.ndarray, "k m"]:
     """The trajectory with the constants of its first frame in all."""
     common = trajectory.copy()
-    for block in layout.blocks:
-        if block in CONSTANT:
-            common[:, layout.mean_slice(block)] = trajectory[0, layout.mean_slice(block)]
+    common[:, layout.constant_indices] = trajectory[0, layout.constant_indices]
     return common

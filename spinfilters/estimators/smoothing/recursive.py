@@ -12,11 +12,11 @@ from spinfilters.estimators.smoothing.motion import StatePrior
 from spinfilters.estimators.smoothing.problem import Trial
 from spinfilters.estimators.smoothing.sliding import SlidingSmoother
 from spinfilters.estimators.smoothing.sliding_records import Memory, Retired, SlidingOptions, Taken
-from spinfilters.estimators.smoothing.unknowns import PLACE
 from spinfilters.estimators.smoothing.window_arrays import window_arrays, window_of
 from spinfilters.estimators.timeline import Frame, Timeline
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.state.gaussian import Gaussian
+from spinfilters.state.layout import POSE_BLOCKS
 from spinfilters.state.status import EstimatorStatus
 
 _RETIRED = ("time", "mean", "factor")
@@ -142,7 +142,7 @@ class RecursiveSmoother(Estimator):
     def _begun(self, prior: StatePrior) -> None:
         """Nothing taken in yet."""
         self._prior, self.retired = prior, list[Retired]()
-        tied = self.layout.blocks[:2] == PLACE
+        tied = self.layout.blocks[:2] == POSE_BLOCKS
         self.sliding = SlidingSmoother(self.process, prior, self._options, tied)
         self._time, self._belief = 0.0, Gaussian(self.layout, prior.mean, prior.factor)
 

@@ -18,6 +18,7 @@ from spinfilters.estimators.smoothing.memory import lent_zeros
 from spinfilters.estimators.smoothing.motion import NOTHING, STRETCH, Grams, Motion
 from spinfilters.estimators.smoothing.native import kernels
 from spinfilters.estimators.smoothing.unknowns import Unknowns
+from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION
 from spinfilters.symbolic.compiled import address
 
 Blocks = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -83,9 +84,9 @@ class Reduced:
     def mass_std(self) -> float:
         """Largest standard deviation of the mass distribution, 0 of a layout without it: the constants come last in the root."""
         layout, constant = self.unknowns.layout, self.unknowns.constant
-        if "s" not in layout.blocks:
+        if not layout.has(MASS_DISTRIBUTION):
             return 0.0
-        c, mass = len(constant), layout.slice("s")
+        c, mass = len(constant), layout.slice(MASS_DISTRIBUTION.name)
         corner = np.triu(dtrtri(self.root[-c:, -c:].T, lower=0)[0])
         variance = np.einsum("ij,ij->i", corner, corner)
         return float(variance[(constant >= mass.start) & (constant < mass.stop)].max() ** 0.5)

@@ -13,6 +13,7 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.smoothing.robust_kernels import RobustKernel
 from spinfilters.estimators.timeline import Frame, Timeline
 from spinfilters.models.landmark_sensor import LandmarkSensor
+from spinfilters.state.layout import POSE_BLOCKS
 
 ROWS = 3
 """Components of a sighting's innovation, at most; a sensor with fewer leaves rows of zeros."""
@@ -179,7 +180,7 @@ def _landmark_measurements(frame: Frame) -> list[tuple[LandmarkSensor, np.ndarra
     for m in frame.measurements:
         if m.ids is None:
             continue
-        if not isinstance(m.model, LandmarkSensor) or m.model.needs != ("t", "a") or m.model.dim > ROWS:
+        if not isinstance(m.model, LandmarkSensor) or m.model.needs != POSE_BLOCKS or m.model.dim > ROWS:
             raise InputError(
                 f"sensor {m.model.name} sees {m.model.needs}; a smoother takes a LandmarkSensor of (t, a) with at most "
                 f"{ROWS} components"

@@ -16,10 +16,6 @@ from spinfilters.estimators.smoothing.problem import Normal
 from spinfilters.estimators.smoothing.reduced import Reduced
 from spinfilters.state.layout import StateLayout
 
-LARGEST_TURN = 1.0
-"""Of an attitude in one iteration, rad."""
-LARGEST_MASS_STEP = 1.0
-"""Of the mass distribution in one iteration (log second moments): beyond it the linear model says nothing."""
 DAMPINGS = (0.0, 1e-9, 1e-6, 1e-3, 1e-1)
 """Added to a diagonal relative to itself, in this order, until a system can be factored (Levenberg 1944)."""
 Solve = Callable[[float], Normal]
@@ -178,12 +174,12 @@ def _solution(normal: Normal) -> Reduced:
 
 
 def _cap(layout: StateLayout, errors: Float[np.ndarray, "k n"]) -> float:
-    """The share of a step that keeps attitudes and mass distribution within what a linear model tells anything of."""
+    """The share of a step that keeps every block within what a linear model tells anything of."""
     share = 1.0
-    for block, largest in (("a", LARGEST_TURN), ("s", LARGEST_MASS_STEP)):
-        if block in layout.blocks:
-            longest = float(np.abs(errors[:, layout.slice(block)]).max(initial=0.0))
-            share = min(share, largest / max(longest, np.finfo(float).tiny))
+    for block in layout.members:
+        if np.isfinite(block.largest_step):
+            longest = float(np.abs(errors[:, layout.slice(block.name)]).max(initial=0.0))
+            share = min(share, block.largest_step / max(longest, np.finfo(float).tiny))
     return share
 
 

@@ -12,21 +12,14 @@ from spinfilters.estimators.smoothing.marginals import Marginals
 from spinfilters.estimators.smoothing.problem import Normal, Point, Problem
 from spinfilters.estimators.smoothing.unknowns import Unknowns
 from spinfilters.linear_algebra.signs import with_largest_positive
+from spinfilters.state.block import StateBlock
+from spinfilters.state.blocks.rigid_body import RATE
+from spinfilters.state.layout import POSE_BLOCKS
 
 LEFT = 0.7
 """Of the prior's standard deviation, above which nothing has been learnt."""
 ALONG = 0.95
 """Cosine of the angle within which a direction is called an axis."""
-BLOCK_NAMES = {
-    "t": "the position of frame g",
-    "a": "the attitude",
-    "v": "the velocity of the centre of mass",
-    "w": "the body rate",
-    "c": "the centre of mass",
-    "s": "the mass distribution",
-    "d": "the drag",
-}
-MOVED_BY_PRIOR = ("v", "w", "c", "s", "d")
 
 
 def undetermined_directions(
@@ -47,11 +40,11 @@ def undetermined_directions(
     layout, first, std = problem.layout, here.trajectory[0], np.linalg.norm(prior.factor, axis=1)
     rows = (marginals or Marginals(solution, None)).frame_rows(0)
     covariance = rows @ rows.T
-    axis = first[layout.mean_slice("w")] if "w" in layout.blocks else np.zeros(3)
+    axis = first[layout.mean_slice(RATE.name)] if layout.has(RATE) else np.zeros(3)
     sentences = []
-    for block in layout.blocks:
-        if block in MOVED_BY_PRIOR:
-            at = layout.slice(block)
+    for block in layout.members:
+        if block.name not in POSE_BLOCKS:
+            at = layout.slice(block.name)
             own = covariance[at, at] / np.outer(std[at], std[at])
             sentences += _sentences(block, own, axis)
     return sentences
@@ -67,19 +60,19 @@ def unknown_name(unknowns: Unknowns, number: int) -> str:
         component, where = unknowns.pose[(number - chained) % p], f" in frame {(number - chained) // p}"
     else:
         component, where = unknowns.constant[min(number - chained - tied, len(unknowns.constant) - 1)], ""
-    layout = unknowns.layout
-    block = next(b for b in layout.blocks if layout.slice(b).start <= component < layout.slice(b).stop)
-    return BLOCK_NAMES[block] + where
+    return unknowns.layout.block_of(int(component)).phrase + where
 
 
-def _sentences(block: str, covariance: Float[np.ndarray, "b b"], axis: Float[np.ndarray, " 3"]) -> list[str]:
+def _sentences(
+    block: StateBlock, covariance: Float[np.ndarray, "b b"], axis: Float[np.ndarray, " 3"]
+) -> list[str]:
     """Of one block whose covariance is in units of the prior's."""
     values, vectors = np.linalg.eigh(covariance)
     left = values > LEFT**2
     count, size = int(left.sum()), len(values)
     if not count:
         return []
-    name = BLOCK_NAMES[block]
+    name = block.phrase
     if count == size:
         return [f"nothing measured determines {name}"]
     if size == 3 and count == 1:

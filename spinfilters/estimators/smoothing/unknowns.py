@@ -4,6 +4,7 @@ Landmarks tie the poses of all frames that saw them, so poses make a dense syste
 are eliminated along the chain. Without sightings nothing is tied, and whole states are chained.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,12 +12,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.errors import InputError
-from spinfilters.state.layout import StateLayout
-
-CONSTANT = ("c", "s", "d")
-"""Blocks that are the same in every frame."""
-PLACE = ("t", "a")
-"""Blocks that a sighting of a landmark depends on."""
+from spinfilters.state.block import StateBlock
+from spinfilters.state.layout import POSE_BLOCKS, StateLayout
 
 
 @dataclass(frozen=True)
@@ -33,7 +30,7 @@ class Unknowns:
     tied: bool
 
     def __post_init__(self) -> None:
-        if self.tied and self.layout.blocks[:2] != PLACE:
+        if self.tied and self.layout.blocks[:2] != POSE_BLOCKS:
             raise InputError(
                 f"landmarks need a state that begins with blocks t, a; the layout has {self.layout.blocks}"
             )
@@ -41,18 +38,17 @@ class Unknowns:
     @cached_property
     def pose(self) -> Int[np.ndarray, " p"]:
         """Error components of a frame that sightings tie."""
-        return self._of([b for b in self.layout.blocks if b in PLACE and self.tied])
+        return self._of([block for block in self.layout.moving if self._is_tied(block)])
 
     @cached_property
     def chain(self) -> Int[np.ndarray, " v"]:
         """Error components of a frame that only its neighbours in time meet."""
-        skip = (*CONSTANT, *(PLACE if self.tied else ()))
-        return self._of([b for b in self.layout.blocks if b not in skip])
+        return self._of([block for block in self.layout.moving if not self._is_tied(block)])
 
     @cached_property
     def constant(self) -> Int[np.ndarray, " c"]:
         """Error components that are the same in every frame."""
-        return self._of([b for b in self.layout.blocks if b in CONSTANT])
+        return self._of(self.layout.constant)
 
     @cached_property
     def moving(self) -> Int[np.ndarray, " d"]:
@@ -61,7 +57,11 @@ class Unknowns:
 
     @cached_property
     def order(self) -> Int[np.ndarray, " n"]:
-        """All components of a frame: pose, chain, constant."""
+        """All components of a frame: pose, chain, constant.
+
+        Chains are eliminated first, where each meets only its neighbours; poses stay because landmarks tie them to one another, and
+        constants come last because every frame meets them: what is eliminated before them stays sparse.
+        """
         return np.concatenate([self.moving, self.constant])
 
     @property
@@ -80,6 +80,9 @@ class Unknowns:
         result[:, self.constant] = kept[self.frames * p :]
         return result
 
-    def _of(self, blocks: list[str]) -> Int[np.ndarray, " b"]:
+    def _is_tied(self, block: StateBlock) -> bool:
+        return self.tied and block.name in POSE_BLOCKS
+
+    def _of(self, blocks: Sequence[StateBlock]) -> Int[np.ndarray, " b"]:
         every = np.arange(self.layout.error_dim)
-        return np.concatenate([every[:0], *[every[self.layout.slice(block)] for block in blocks]])
+        return np.concatenate([every[:0], *[every[self.layout.slice(block.name)] for block in blocks]])

@@ -1,0 +1,39 @@
+"""What a gyro alone tells of its own bias, exactly: all of it, or all but one direction, or nothing new."""
+
+import pytest
+from analyser_samples import MOTIONS
+
+from observability.certificate import certify
+from observability.charts.filter_state import FilterChart
+from observability.motions import point_of
+from observability.rational import rationals
+from observability.sensors import GYRO_STD
+from observability.system import Sensor, System
+from spinfilters.models.sensors.gyro import Gyro
+from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
+from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
+
+ROTATION = StateLayout(ROTATION_BLOCKS)
+
+
+def rank(layout: StateLayout, motion: str) -> int:
+    """Exact rank of what a gyro tells in the filters' state."""
+    chart, gyro = FilterChart(layout), Sensor(Gyro(layout), (rationals((GYRO_STD, 0.0)),))
+    return certify(System(chart, [gyro]), point_of(chart, MOTIONS[motion])).rank
+
+
+@pytest.mark.parametrize(
+    ("motion", "told"),
+    [
+        ("tumble", 3),
+        ("rate in a principal plane", 3),
+        ("axisymmetric, nutating", 2),
+        ("spin about the major axis", 0),
+        ("equal moments", 0),
+        ("no rotation", 0),
+    ],
+)
+def test_so_many_directions_of_the_bias_are_told_beside_all_that_a_perfect_gyro_tells(
+    motion: str, told: int
+) -> None:
+    assert rank(ROTATION.joined(GYRO_BIAS), motion) == rank(ROTATION, motion) + told
