@@ -11,6 +11,7 @@ from spinfilters.errors import InputError
 from spinfilters.evaluation.rates import true_rates
 from spinfilters.logs.dataset_writing import write_dataset
 from spinfilters.logs.output_folder import output_folder, refuse_foreign
+from spinfilters.logs.sensor_format import dataset_kinds
 from spinfilters.plots.rates import rates_figure
 from spinfilters.plots.style import save_figure
 from spinfilters.simulation.scenario import Scenario, without_map
@@ -43,9 +44,10 @@ def simulate(options: argparse.Namespace) -> int:
 
 def _scenario(options: argparse.Namespace) -> Scenario:
     """The bundled example, with what the command line changes; only a camera can lose the body from view."""
-    tracks = options.kind == "stereo-tracks"
+    seeing = [kind for kind, form in dataset_kinds().items() if form.has_landmarks]
+    tracks = options.kind in seeing
     if options.known_map and not tracks:
-        raise InputError(f"--known-map needs --kind stereo-tracks; a {options.kind} has no map")
+        raise InputError(f"--known-map needs --kind {' or '.join(seeing)}; a {options.kind} has no map")
     thesis = Scenario.disam115(tuple(options.rate_rpm), options.seed)
     return replace(
         thesis,

@@ -168,7 +168,7 @@ def wide_prior(
     speed = float(np.linalg.norm(evidence.rates, axis=1).max())
     widths = {
         "t": 1.0,
-        "a": 1.0 if "t" in layout.blocks else GAUGE_STD,
+        "a": GAUGE_STD if evidence.defines_attitude and "t" not in layout.blocks else 1.0,
         "v": options.speed_std,
         "w": max(speed, 1e-3),
         "c": options.centre_std,

@@ -2,8 +2,9 @@
 
 from typing import Final
 
-from spinfilters.logs.dataset_options import DENSITIES, STANDARD_DEVIATIONS
+from spinfilters.logs.dataset_options import DENSITIES
 from spinfilters.logs.number_range import NumberRange
+from spinfilters.logs.sensor_format import noise_options
 
 _HORIZON = NumberRange(1, 1e9, "updates", zero=True)
 _STD = NumberRange(1e-9, 1e9)
@@ -12,11 +13,7 @@ SETTING_RANGES: Final[dict[str, NumberRange]] = {
     "process.force_psd": DENSITIES["force_psd"],
     "process.torque_psd": DENSITIES["torque_psd"],
     "process.tolerance": NumberRange(1e-12, 1e-2),
-    "sensors.gyro_noise_std": STANDARD_DEVIATIONS["gyro_noise_std"],
-    "sensors.gyro_scale_std": NumberRange(1e-9, 1e3, zero=True),
-    "sensors.pixel_std": STANDARD_DEVIATIONS["pixel_std"],
-    "sensors.pose_position_std": STANDARD_DEVIATIONS["pose_position_std"],
-    "sensors.pose_rotation_std": STANDARD_DEVIATIONS["pose_rotation_std"],
+    **{f"sensors.{option.name}": option.allowed for option in noise_options().values()},
     "start.frames": NumberRange(1, 100_000, whole=True),
     "start.share": NumberRange(1e-6, 1e6),
     "start.duration": NumberRange(1e-6, 1e11, "s"),

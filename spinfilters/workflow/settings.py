@@ -15,10 +15,10 @@ from spinfilters.estimators.start import StartOptions
 from spinfilters.logs.input_file import named, shown
 from spinfilters.logs.settings_files import read_toml
 from spinfilters.models.process import THESIS_NOISE, ProcessNoise
+from spinfilters.workflow.sensor_settings import AUTO, SensorSettings
 from spinfilters.workflow.setting_ranges import SETTING_RANGES
 from spinfilters.workflow.smoother_settings import SmootherSettings
 
-AUTO = "auto"
 DEFAULT_ESTIMATORS = ("mekf", "ukf", "smoother")
 ESTIMATORS = (*DEFAULT_ESTIMATORS, "filterpy-ekf", "filterpy-ukf")
 """Names of all; filterpy's hold no landmarks."""
@@ -52,24 +52,6 @@ class ProcessSettings:
         force_psd = automatic.force_psd if isinstance(self.force_psd, str) else self.force_psd
         torque_psd = automatic.torque_psd if isinstance(self.torque_psd, str) else self.torque_psd
         return ProcessNoise(force_psd, torque_psd)
-
-
-@dataclass(frozen=True)
-class SensorSettings:
-    """Standard deviations of the sensors; "auto" takes the data set's own, or the default where it is silent.
-
-    Attributes
-    ----------
-    gyro_noise_std: rad/s.   gyro_scale_std: relative to |w|; "auto" identifies it from the recording when the data set
-        states no gyro noise, with its correlation time.
-    pixel_std: px.   pose_position_std: m.   pose_rotation_std: rad.
-    """
-
-    gyro_noise_std: float | str = AUTO
-    gyro_scale_std: float | str = AUTO
-    pixel_std: float | str = AUTO
-    pose_position_std: float | str = AUTO
-    pose_rotation_std: float | str = AUTO
 
 
 @dataclass(frozen=True)
