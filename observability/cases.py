@@ -24,8 +24,8 @@ from observability.system import Input, Sensor, System
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.dynamics.mass_distribution import inertia_matrix
 from spinfilters.errors import InputError
-from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.sensors.sensor import model_over
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
 CHARTS: Final = ("principal", "tensor", "filter")
@@ -222,7 +222,7 @@ class Case:
         watches = []
         for sensor in self._sensors:
             items = np.stack([as_floats(item) for item in sensor.parameters])
-            model = _model(type(sensor.model), flight.process.layout)
+            model = model_over(type(sensor.model), flight.process.layout)
             seen = np.ones((len(flight.time), len(items)), dtype=bool)
             watches.append(Watch(model, items, sensor.unknown, seen))
         return cramer_rao_bound(flight, watches, self.prior_std, defined=self.defined)
@@ -262,10 +262,8 @@ class Case:
     def _sensors(self) -> list[Sensor]:
         seeing = [each for each in self.sensors if analysed(each).sees_points]
         others = [each for each in self.sensors if each not in seeing]
-        found = [
-            watching(each, landmarks(self.landmarks, seed), self.known_map)
-            for seed, each in enumerate(seeing)
-        ]
+        seen = [landmarks(self.landmarks, seed) for seed in range(len(seeing))]
+        found = [watching(*each, self.known_map) for each in zip(seeing, seen, strict=True)]
         return found + [watching(each) for each in others]
 
     def _start(self, frames: int, interval: float) -> Float[np.ndarray, " m"]:
@@ -299,9 +297,3 @@ class Case:
 def _process(layout: StateLayout, noise: ProcessNoise) -> TorqueFreeProcess:
     """One for all cases: its compiled functions are worth keeping."""
     return TorqueFreeProcess(layout, noise)
-
-
-@cache
-def _model(kind: type[MeasurementModel], layout: StateLayout) -> MeasurementModel:
-    """One for all cases, as `_process`."""
-    return kind(layout)

@@ -62,7 +62,9 @@ def motion_evidence(samples: MotionSamples, frames: int) -> MotionEvidence:
     if samples.attitude is None:
         assert samples.rates is not None
         rates, first = samples.rates[:frames], np.array([0.0, 0.0, 0.0, 1.0])
-        return MotionEvidence(time, integrate_gyro(time, rates, first), rates, positions, defines_attitude=True)
+        return MotionEvidence(
+            time, integrate_gyro(time, rates, first), rates, positions, defines_attitude=True
+        )
     attitude = samples.attitude[:frames]
     rates = _differenced(time, attitude) if samples.rates is None else samples.rates[:frames]
     return MotionEvidence(time, attitude, rates, positions)

@@ -5,7 +5,7 @@ best by the cost of Torr and Zisserman 2000 is refined by Gauss-Newton on the se
 """
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Bool, Complex, Float
 
 from spinfilters.attitude.conversions import quaternion_from_matrix
 from spinfilters.geometry.absolute_orientation import rigid_motions
@@ -125,7 +125,7 @@ def _refined(
         size = np.linalg.norm(innovation, axis=1)
         quarter = float(np.partition(size, len(size) // 4)[len(size) // 4])
         inliers = valid & (size < max(GATE, OPENING * quarter))
-        if np.count_nonzero(inliers) < max(FEWEST, SMALLEST_SHARE * len(pixels)):
+        if not _are_enough(inliers):
             return None
         A, b = jacobian[inliers].reshape(-1, 6), innovation[inliers].reshape(-1)
         information = A.T @ A
@@ -135,7 +135,13 @@ def _refined(
         pose = model.layout.retract(pose, step)
         if step @ information @ step < SETTLED**2:
             break
-    return pose
+    innovation, _, valid, _ = model.linearise(pose, parameters, pixels)
+    agreeing = valid & (np.linalg.norm(innovation, axis=1) < GATE)
+    return pose if _are_enough(agreeing) else None
+
+
+def _are_enough(inliers: Bool[np.ndarray, " k"]) -> bool:
+    return bool(np.count_nonzero(inliers) >= max(FEWEST, SMALLEST_SHARE * len(inliers)))
 
 
 def _pose(rotation: Float[np.ndarray, "3 3"], shift: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 7"]:
