@@ -16,6 +16,7 @@ from spinfilters.sensors.sensor import (
     CameraView,
     MotionSamples,
     Sensor,
+    diagonal_factor,
     model_over,
     row_covariance,
 )
@@ -36,7 +37,7 @@ class AttitudeSensor(Sensor):
         quaternion=0,
     )
     tells_frames = True
-    analysis = AnalysedSensor(Attitude, (0.01, 0.0, 0.01, 0.0, 0.0, 0.01), "attitude 0.01 rad", tells=("a",))
+    analysis = AnalysedSensor(Attitude, diagonal_factor(0.01, 0.01, 0.01), "attitude 0.01 rad", tells=("a",))
 
     def bind(
         self, stream: MeasurementStream, layout: StateLayout, noise: SensorNoise, view: CameraView | None

@@ -78,7 +78,7 @@ class GyroSensor(Sensor):
     def measured_rates(self, stream: MeasurementStream) -> Float[np.ndarray, "n 3"]:
         return stream.values
 
-    def doubts(self, stream: MeasurementStream) -> Sequence[str]:
+    def diagnostics(self, stream: MeasurementStream) -> Sequence[str]:
         count = int(np.count_nonzero(saturated(stream.values)))
         return [f"{count} gyro samples are saturated"] if count else []
 

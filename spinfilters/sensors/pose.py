@@ -19,6 +19,7 @@ from spinfilters.sensors.sensor import (
     CameraView,
     MotionSamples,
     Sensor,
+    diagonal_factor,
     model_over,
     row_covariance,
 )
@@ -52,7 +53,7 @@ class PoseSensor(Sensor):
     tells_frames = True
     analysis = AnalysedSensor(
         Pose,
-        tuple(pose_parameters(np.diag([0.005**2] * 3 + [0.01**2] * 3)[None])[0].round(12).tolist()),
+        diagonal_factor(*(0.005,) * 3, *(0.01,) * 3),
         "pose 0.005 m, 0.01 rad",
         tells=("t", "a"),
     )

@@ -132,7 +132,7 @@ class Sensor(StoredSensor, ABC):
         """Body rates that the rows are, rad/s, axes g; None of a sensor that measures something else."""
         return None
 
-    def doubts(self, stream: MeasurementStream) -> Sequence[str]:
+    def diagnostics(self, stream: MeasurementStream) -> Sequence[str]:
         """Reasons to doubt what a stream leads to."""
         return ()
 
@@ -167,6 +167,11 @@ def row_covariance(stream: MeasurementStream, std: Float[np.ndarray, " d"]) -> F
     if stream.covariance is not None:
         return stream.covariance
     return np.tile(np.diag(np.square(std)), (len(stream), 1, 1))
+
+
+def diagonal_factor(*std: float) -> tuple[float, ...]:
+    """Entries, row by row, of the lower Cholesky factor of a covariance with these standard deviations."""
+    return tuple(value if row == col else 0.0 for row, value in enumerate(std) for col in range(row + 1))
 
 
 @cache

@@ -44,7 +44,7 @@ def shared_doubts(prepared: Prepared) -> list[str]:
             f"the motion explains the gyro only to {100 * noise.relative_error:.1f} % of the rate: not a free flight"
         )
     for stream in prepared.dataset.log.streams:
-        reasons += sensor_of(stream.sensor).doubts(stream)
+        reasons += sensor_of(stream.sensor).diagnostics(stream)
     return reasons
 
 
