@@ -76,7 +76,9 @@ def test_simulate_writes_the_same_problem_without_the_map_or_with_it(tmp_path: P
 
 def test_only_tracks_have_a_map_to_write(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["simulate", "-o", str(tmp_path / "gyro"), "--kind", "gyro", "--known-map"]) == 2
-    assert "--known-map needs --kind mono-tracks or stereo-tracks; a gyro has no map" in capsys.readouterr().err
+    assert (
+        "--known-map needs --kind mono-tracks or stereo-tracks; a gyro has no map" in capsys.readouterr().err
+    )
 
 
 def test_simulate_says_in_how_many_epochs_the_body_is_in_view(

@@ -170,7 +170,7 @@ def test_a_second_run_replaces_the_first(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (["--sensor", "sonar"], "sensor 'sonar' is unknown; use one of stereo"),
+        (["--sensor", "sonar"], "sensor 'sonar' is unknown; use one of attitude"),
         (["--chart", "mercator"], "chart 'mercator' is unknown"),
         (["--landmarks", "0"], "--landmarks: '0' is not allowed; give a whole number from 1 to 200"),
         (["--landmarks", "100000"], "give a whole number from 1 to 200"),
