@@ -21,7 +21,7 @@ from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
-from spinfilters.simulation.stereo_tracks import RIG
+from spinfilters.sensors.feature_tracks import RIG
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 

@@ -26,7 +26,7 @@ from spinfilters.estimators.smoothing.reduced import Reduced
 from spinfilters.estimators.smoothing.robust_kernels import LeastSquares
 from spinfilters.estimators.smoothing.sightings import SIGHTINGS_NEEDED
 from spinfilters.estimators.smoothing.solver import SolverOptions, solve
-from spinfilters.estimators.timeline import SensorNoise, StereoView, Timeline, build_timeline
+from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.track_files import KnownMap
@@ -95,7 +95,7 @@ def recorded(dataset: Dataset, scenario: Scenario) -> Recording:
     assert dataset.truth is not None
     assert dataset.known_map is not None
     assert dataset.rig is not None
-    noise, view = SensorNoise(pixel_std=scenario.pixel_std), StereoView(None, dataset.rig.calibration)
+    noise, view = SensorNoise(pixel_std=scenario.pixel_std), CameraView(None, dataset.rig.calibration)
     return Recording(
         TorqueFreeProcess(LAYOUT, scenario.noise),
         build_timeline(dataset.log, LAYOUT, noise, view),

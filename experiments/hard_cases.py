@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.measurement_log import MeasurementLog
 from spinfilters.plots.style import BLUE, GREEN, GREY, RED
+from spinfilters.sensors.feature_tracks import EveryAppearance
 from spinfilters.simulation.faults import Dropout, Fault
 from spinfilters.simulation.scenario import Scenario
-from spinfilters.simulation.stereo_tracks import EveryAppearance
 
 BEGIN: Final = 40.2
 """s; the initialisation has ended by then."""

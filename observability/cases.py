@@ -8,7 +8,6 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from observability import sensors
 from observability.bounds.cramer_rao import PRIOR_STD, Bound, Deviations, cramer_rao_bound
 from observability.bounds.flight import Flight, Watch, driven_flight, free_flight
 from observability.bounds.known_inputs import DrivenMotion, KnownInput
@@ -20,19 +19,15 @@ from observability.charts.tensor import TensorChart
 from observability.codistribution import InputSeries
 from observability.motions import TEN, Motion, landmarks, point_of, principal_axes
 from observability.rational import Rationals, as_floats, rationals
+from observability.sensors import analysed, analysed_sensors, watching
 from observability.system import Input, Sensor, System
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.dynamics.mass_distribution import inertia_matrix
 from spinfilters.errors import InputError
-from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.sensors.sensor import model_over
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
-SENSORS: Final = ("stereo", "monocular", "lidar", "pose", "attitude", "gyro")
-POINT_SENSORS: Final = ("stereo", "monocular", "lidar")
-"""Sensors that see landmarks, each its own."""
-ROTATION_SENSORS: Final = ("attitude", "gyro")
-"""Sensors that see no place: it is no unknown for them."""
 CHARTS: Final = ("principal", "tensor", "filter")
 UNKNOWNS: Final = ("ratios", "moments")
 """What the principal chart holds of the inertia: two ratios, or three moments with their scale."""
@@ -63,7 +58,7 @@ class Case:
 
     Attributes
     ----------
-    sensors: of `SENSORS`.   landmarks: how many each camera or lidar sees.   known_map: whether they are known.
+    sensors: of `analysed_sensors`.   landmarks: how many each camera or lidar sees.   known_map: whether they are known.
     chart: of `CHARTS`.   unknowns: of `UNKNOWNS`, in the principal chart; a torque asks for moments.
     motion: of the body.   inputs: what acts and is known; with a torque the inertia has a scale.   sizes: of the inputs.
     """
@@ -78,7 +73,7 @@ class Case:
     sizes: InputSizes = InputSizes()
 
     def __post_init__(self) -> None:
-        named = [("sensor", each, SENSORS) for each in self.sensors]
+        named = [("sensor", each, tuple(analysed_sensors())) for each in self.sensors]
         for name, value, known in (
             *named,
             ("chart", self.chart, CHARTS),
@@ -107,12 +102,12 @@ class Case:
     @property
     def has_place(self) -> bool:
         """Whether place, velocity and centre of mass are unknowns."""
-        return not set(self.sensors) <= set(ROTATION_SENSORS)
+        return self._needs("t")
 
     @property
     def has_attitude(self) -> bool:
         """Whether the attitude is an unknown: a gyro alone does not see it."""
-        return set(self.sensors) != {"gyro"}
+        return self._needs("a")
 
     @property
     def holds_attitude(self) -> bool:
@@ -122,7 +117,12 @@ class Case:
     @property
     def maps(self) -> bool:
         """Whether landmarks are unknowns."""
-        return bool(set(self.sensors) & set(POINT_SENSORS)) and not self.known_map
+        return self.sees_points and not self.known_map
+
+    @property
+    def sees_points(self) -> bool:
+        """Whether a sensor sees landmarks."""
+        return any(analysed(each).sees_points for each in self.sensors)
 
     @property
     def holds_scale(self) -> bool:
@@ -132,7 +132,7 @@ class Case:
     @property
     def place_is_defined(self) -> bool:
         """Whether the first place of g is a definition: neither a known map nor a pose tells it."""
-        return self.has_place and not self._sees_known_points and "pose" not in self.sensors
+        return self.has_place and not self._sees_known_points and not self._tells("t")
 
     @property
     def free_rotations(self) -> tuple[int, ...]:
@@ -140,12 +140,12 @@ class Case:
 
         A torque, or a rate that a gyro measures, is known in g; a single direction of them leaves a rotation about itself.
         """
-        if self._sees_known_points or {"pose", "attitude"} & set(self.sensors):
+        if self._sees_known_points or self._tells("a"):
             return ()
         if not self.has_attitude:
             return (0, 1, 2)
         known = [[float(axis == each.axis) for axis in range(3)] for each in self.inputs if each.is_torque]
-        if "gyro" in self.sensors:
+        if self._tells("w"):
             known.append([float(part != 0) for part in self.motion.rate])
             if not self.motion.steady:
                 return ()
@@ -222,7 +222,7 @@ class Case:
         watches = []
         for sensor in self._sensors:
             items = np.stack([as_floats(item) for item in sensor.parameters])
-            model = _model(type(sensor.model), flight.process.layout)
+            model = model_over(type(sensor.model), flight.process.layout)
             seen = np.ones((len(flight.time), len(items)), dtype=bool)
             watches.append(Watch(model, items, sensor.unknown, seen))
         return cramer_rao_bound(flight, watches, self.prior_std, defined=self.defined)
@@ -237,7 +237,15 @@ class Case:
 
     @property
     def _sees_known_points(self) -> bool:
-        return self.known_map and bool(set(self.sensors) & set(POINT_SENSORS))
+        return self.known_map and self.sees_points
+
+    def _needs(self, block: str) -> bool:
+        """Whether a sensor depends on a block of the filters' state."""
+        return any(block in analysed(each).model.needs for each in self.sensors)
+
+    def _tells(self, block: str) -> bool:
+        """Whether a sensor measures a block in axes that are known."""
+        return any(block in analysed(each).tells for each in self.sensors)
 
     def _system(self, chart: Chart) -> System:
         return System(chart, self._sensors, tuple(self.inputs), principal_axes(chart))
@@ -252,13 +260,11 @@ class Case:
 
     @cached_property
     def _sensors(self) -> list[Sensor]:
-        points = {"stereo": sensors.stereo, "monocular": sensors.monocular, "lidar": sensors.lidar}
-        others = {"pose": sensors.pose, "attitude": sensors.attitude, "gyro": sensors.gyro}
-        seeing = [each for each in self.sensors if each in points]
-        found = [
-            points[each](landmarks(self.landmarks, seed), self.known_map) for seed, each in enumerate(seeing)
-        ]
-        return found + [others[each]() for each in self.sensors if each in others]
+        seeing = [each for each in self.sensors if analysed(each).sees_points]
+        others = [each for each in self.sensors if each not in seeing]
+        seen = [landmarks(self.landmarks, seed) for seed in range(len(seeing))]
+        found = [watching(*each, self.known_map) for each in zip(seeing, seen, strict=True)]
+        return found + [watching(each) for each in others]
 
     def _start(self, frames: int, interval: float) -> Float[np.ndarray, " m"]:
         start = as_floats(point_of(FilterChart(self.layout), self.motion))
@@ -278,7 +284,7 @@ class Case:
         R = matrix_from_quaternion(flight.states[:, self.layout.mean_slice("a")])
         depth = flight.states[:, self.layout.mean_slice("t")][:, 2]
         for sensor in self._sensors:
-            if sensor.model.name in ("stereo", "monocular"):
+            if analysed(sensor.model.name).has_image:
                 points = np.stack([as_floats(item)[:3] for item in sensor.parameters])
                 if np.min(depth[:, np.newaxis] + R[:, 2] @ points.T) < NEAREST_LANDMARK:
                     raise InputError(
@@ -291,9 +297,3 @@ class Case:
 def _process(layout: StateLayout, noise: ProcessNoise) -> TorqueFreeProcess:
     """One for all cases: its compiled functions are worth keeping."""
     return TorqueFreeProcess(layout, noise)
-
-
-@cache
-def _model(kind: type[MeasurementModel], layout: StateLayout) -> MeasurementModel:
-    """One for all cases, as `_process`."""
-    return kind(layout)

@@ -14,6 +14,7 @@ from observability.elimination import FIELD, Elimination, eliminate
 from observability.explanation import Explained, explained, tangent_symmetries, tangent_vectors
 from observability.prime_field import PrimeField
 from observability.rational import Rationals
+from observability.sensors import is_linear_in_body_axes
 from observability.system import System
 
 STEADY_ORDERS = 13
@@ -22,8 +23,6 @@ coefficients: blocks of degree 3 each for place, velocity, attitude and rate, an
 13th and all later derivatives of an output that is linear in those axes are combinations of the first 13."""
 FEW_ORDERS = 6
 """Enough for all motions in general position so far; where they are not, `STEADY_ORDERS` are taken."""
-LINEAR_IN_BODY_AXES = {"stereo", "lidar", "pose", "attitude", "gyro"}
-"""Sensors that tell, each moment, just such an output: a point, a pose, a turn or a rate. A bearing alone is none."""
 
 
 class Proof(StrEnum):
@@ -160,7 +159,7 @@ def _proof(system: System, point: Rationals, rank: int, explanations: Sequence[E
         return Proof.FULL
     if rank + sum(each.finite for each in explanations) == system.dimension:
         return Proof.SYMMETRIES
-    linear = all(sensor.model.name in LINEAR_IN_BODY_AXES for sensor in system.sensors)
+    linear = all(is_linear_in_body_axes(sensor.model) for sensor in system.sensors)
     if linear and not system.inputs and _steady(system, point):
         return Proof.STEADY
     return Proof.OPEN

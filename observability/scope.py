@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from observability.bounds.cramer_rao import LANDMARK_STD, PRIOR_STD
-from observability.cases import POINT_SENSORS, WIDE_POSE_STD, Case
+from observability.cases import WIDE_POSE_STD, Case
 from observability.motions import Motion, equal_moments
-from observability.sensors import ANGLE_STD, ATTITUDE_STD, GYRO_STD, PIXEL_STD, POSE_STD, RANGE_STD
+from observability.sensors import analysed
 from spinfilters.models.process import ProcessNoise
 
 NEARLY_EQUAL = 0.01
@@ -52,9 +52,9 @@ def scope(case: Case) -> Scope:
     known = {
         "the gyro's axes are the principal axes (the bound below takes them as unknown)": in_axes
         and not case.has_attitude,
-        "the map": case.known_map and bool(set(case.sensors) & set(POINT_SENSORS)),
-        "the gyro has no bias": "gyro" in case.sensors,
+        "the map": case.known_map and case.sees_points,
     }
+    known |= {words: True for each in case.sensors if (words := analysed(each).assumption)}
     return Scope(
         *[tuple(words for words, holds in each.items() if holds) for each in (answers, left_out, known)]
     )
@@ -85,17 +85,9 @@ def axes_in_words(case: Case) -> str:
 
 def assumptions(case: Case) -> list[str]:
     """Noise, priors and inputs that the bound is computed with."""
-    noise = {
-        "stereo": f"stereo {float(PIXEL_STD):g} px",
-        "monocular": f"monocular {float(PIXEL_STD):g} px",
-        "lidar": f"lidar {float(RANGE_STD):g} m in range, {float(ANGLE_STD):g} rad in azimuth and elevation",
-        "pose": f"pose {POSE_STD[0]:g} m, {POSE_STD[-1]:g} rad",
-        "attitude": f"attitude {ATTITUDE_STD[0]:g} rad",
-        "gyro": f"gyro {GYRO_STD:g} rad/s",
-    }
     process = ProcessNoise()
     lines = [
-        f"noise: {'; '.join(noise[each] for each in case.sensors)}",
+        f"noise: {'; '.join(analysed(each).noise for each in case.sensors)}",
         f"process noise: {process.torque_psd:g} (rad/s^2)^2/Hz"
         + (f", {process.force_psd:g} (m/s^2)^2/Hz" if case.has_place else ""),
         f"priors: {_priors(case)}",
@@ -148,8 +140,8 @@ def title(case: Case) -> str:
 
 
 def _sensor_in_words(case: Case, sensor: str) -> str:
-    seeing = {"stereo": "a stereo pair", "monocular": "one camera", "lidar": "a lidar"}
-    if sensor not in seeing:
+    told = analysed(sensor)
+    if not told.sees_points:
         return f"the sensor {sensor}"
     known = "known" if case.known_map else "unknown"
-    return f"{seeing[sensor]} and {case.landmarks} {known} landmark{'s' if case.landmarks > 1 else ''}"
+    return f"{told.words} and {case.landmarks} {known} landmark{'s' if case.landmarks > 1 else ''}"

@@ -1,65 +1,46 @@
-"""The filters' sensors with usual noise, ready for a `System`."""
+"""The registered sensors with usual noise, ready for a `System`."""
 
-from collections.abc import Sequence
-from fractions import Fraction
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from observability.rational import Rationals, rationals
 from observability.system import Sensor
-from spinfilters.models.sensors.attitude import Attitude
-from spinfilters.models.sensors.gyro import Gyro
-from spinfilters.models.sensors.lidar_landmark import LidarLandmark
-from spinfilters.models.sensors.monocular_landmark import MonocularLandmark
-from spinfilters.models.sensors.pose import Pose
-from spinfilters.models.sensors.stereo_landmark import StereoLandmark
+from spinfilters.errors import InputError
+from spinfilters.models.measurement import MeasurementModel
+from spinfilters.sensors.registry import all_sensors
+from spinfilters.sensors.sensor import AnalysedSensor
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 LAYOUT: Final = StateLayout(FULL_BLOCKS)
-RIG: Final[Rationals] = rationals((466.7, 470.0, 320.0, 240.0, 0.09))
-"""fx, fy, cx, cy in px and the baseline in m."""
-PIXEL_STD: Final = Fraction(1)
-RANGE_STD, ANGLE_STD = rationals((0.01, 0.002))
-"""Of a lidar, m and rad."""
-GYRO_STD: Final = 0.002
-"""rad/s."""
-ATTITUDE_STD: Final = (0.01,) * 3
-"""rad."""
-POSE_STD: Final = (0.005,) * 3 + (0.01,) * 3
-"""m and rad."""
 
 
-def gyro() -> Sensor:
-    """A rate gyro on the body."""
-    return Sensor(Gyro(LAYOUT), (rationals((GYRO_STD, 0.0)),))
+def analysed_sensors() -> Mapping[str, AnalysedSensor]:
+    """What the registry tells of every sensor that can be analysed, by its name."""
+    return {each.name: each.analysis for each in all_sensors() if each.analysis is not None}
 
 
-def attitude() -> Sensor:
-    """A lidar or star tracker of which the attitude alone is used."""
-    return Sensor(Attitude(LAYOUT), (_lower(ATTITUDE_STD),))
+def analysed(name: str) -> AnalysedSensor:
+    """What the registry tells of a sensor. InputError: one that is unknown or cannot be analysed."""
+    found = analysed_sensors()
+    if name not in found:
+        raise InputError(f"sensor {name!r} is unknown; use one of {', '.join(found)}")
+    return found[name]
 
 
-def lidar(points: Sequence[Rationals], known: bool = False) -> Sensor:
-    """A lidar that sees these points of the body (frame g, m); to be mapped, unless the map is known."""
-    return Sensor(LidarLandmark(LAYOUT), tuple((*p, RANGE_STD, ANGLE_STD) for p in points), 0 if known else 3)
+def watching(name: str, points: Sequence[Rationals] = (), known: bool = False) -> Sensor:
+    """A sensor of the registry.
+
+    Parameters
+    ----------
+    points: landmarks (frame g, m) of a sensor that sees some; to be mapped, unless the map is ``known``.
+    """
+    sensor = analysed(name)
+    model, rest = sensor.model(LAYOUT), rationals(sensor.parameters)
+    if not sensor.sees_points:
+        return Sensor(model, (rest,))
+    return Sensor(model, tuple((*point, *rest) for point in points), 0 if known else 3)
 
 
-def pose() -> Sensor:
-    """A lidar, or any tracker, that gives the pose of g."""
-    return Sensor(Pose(LAYOUT), (_lower(POSE_STD),))
-
-
-def stereo(points: Sequence[Rationals], known: bool = False) -> Sensor:
-    """A stereo pair that sees these landmarks (frame g, m); to be mapped, unless the map is known."""
-    return Sensor(StereoLandmark(LAYOUT), tuple((*p, *RIG, PIXEL_STD) for p in points), 0 if known else 3)
-
-
-def monocular(points: Sequence[Rationals], known: bool = False) -> Sensor:
-    """One camera that sees these landmarks (frame g, m); to be mapped, unless the map is known."""
-    return Sensor(
-        MonocularLandmark(LAYOUT), tuple((*p, *RIG[:4], PIXEL_STD) for p in points), 0 if known else 3
-    )
-
-
-def _lower(std: Sequence[float]) -> Rationals:
-    """Rows of the lower factor of a diagonal covariance."""
-    return rationals([each if row == col else 0.0 for row, each in enumerate(std) for col in range(row + 1)])
+def is_linear_in_body_axes(model: MeasurementModel) -> bool:
+    """Whether a model is that of a registered sensor whose output is linear in axes that turn with the body."""
+    return any(type(model) is each.model and each.is_linear for each in analysed_sensors().values())

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from observability.bounds.quantities import MOMENTS, Quantity, bounded_quantities
-from observability.cases import POINT_SENSORS, Case
+from observability.cases import Case
 from observability.motions import Motion, motion
 from observability.rational import as_floats
 from spinfilters.conventions import RPM
@@ -71,7 +71,7 @@ class Study:
 
 def study(case: Case, frames: int, interval: float, report: Callable[[int, int], None]) -> Study:
     """All bounds, beginning from a case with so many frames at such an interval, s; ``report`` gets steps done and of all."""
-    counts = COUNTS if set(case.sensors) & set(POINT_SENSORS) else ()
+    counts = COUNTS if case.sees_points else ()
     steps = _Steps(len(DURATIONS) + len(INTERVALS) + len(counts) + len(ANGLES) ** 2, report)
     duration = (frames - 1) * interval
     curves = [

@@ -19,9 +19,10 @@ from spinfilters.estimators.timeline import Frame
 from spinfilters.models.gauge import GAUGE_STD
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.sensors.feature_tracks import RIG, FrontEnd, ball
+from spinfilters.sensors.stereo import stereo_tracks
 from spinfilters.simulation.motion import Motion, simulate_motion
 from spinfilters.simulation.scenario import RICH_RPM, Scenario
-from spinfilters.simulation.stereo_tracks import RIG, FrontEnd, ball, stereo_tracks
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 LAYOUT: Final = StateLayout(FULL_BLOCKS)

@@ -41,11 +41,11 @@ def main(file: str) -> None:
 
 
 def _frames(data: dict[str, Any], layout: Any) -> Any:
-    from spinfilters.estimators.timeline import SensorNoise, StereoView, build_timeline
+    from spinfilters.estimators.timeline import CameraView, SensorNoise, build_timeline
     from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
 
     stream = MeasurementStream("stereo", data["time"], data["pixels"], data["ids"])
-    noise, view = SensorNoise(pixel_std=1.0), StereoView(None, data["calibration"])
+    noise, view = SensorNoise(pixel_std=1.0), CameraView(None, data["calibration"])
     return build_timeline(MeasurementLog((stream,)), layout, noise, view)
 
 

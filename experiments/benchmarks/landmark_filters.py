@@ -35,9 +35,9 @@ from spinfilters.logs.atomic_write import make_folder, write_json
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.plots.style import BLUE, GREY, ORANGE, RED, save_figure, tidy
+from spinfilters.sensors.feature_tracks import RIG, ball
 from spinfilters.simulation.motion import simulate_motion
 from spinfilters.simulation.scenario import RICH_RPM
-from spinfilters.simulation.stereo_tracks import RIG, ball
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 

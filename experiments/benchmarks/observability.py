@@ -42,10 +42,12 @@ from observability.tape import Tape, evaluate
 from spinfilters.logs.atomic_write import make_folder, write_json
 
 SYSTEMS: Final[dict[str, Callable[[], System]]] = {
-    "gyro, principal moments": lambda: System(PrincipalChart(MOMENTS, False, False), [sensors.gyro()]),
-    "gyro, inertia tensor": lambda: System(TensorChart(False, False), [sensors.gyro()]),
-    "attitude, inertia tensor": lambda: System(TensorChart(True, False), [sensors.attitude()]),
-    "pose, inertia tensor": lambda: System(TensorChart(), [sensors.pose()]),
+    "gyro, principal moments": lambda: System(
+        PrincipalChart(MOMENTS, False, False), [sensors.watching("gyro")]
+    ),
+    "gyro, inertia tensor": lambda: System(TensorChart(False, False), [sensors.watching("gyro")]),
+    "attitude, inertia tensor": lambda: System(TensorChart(True, False), [sensors.watching("attitude")]),
+    "pose, inertia tensor": lambda: System(TensorChart(), [sensors.watching("pose")]),
 }
 TOOLS: Final = ("ours", "symident", "pybounds", "StrikePy")
 RUNS: Final = 5

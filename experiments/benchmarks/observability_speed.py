@@ -70,7 +70,7 @@ def timed(run: Callable[[], Any]) -> tuple[float, Any]:
 
 
 def _stereo(chart: Chart, count: int) -> System:
-    return System(chart, [sensors.stereo(landmarks(count))])
+    return System(chart, [sensors.watching("stereo", landmarks(count))])
 
 
 def _rank(chart: Chart, motion: Motion, count: int) -> Any:

@@ -16,7 +16,7 @@ from spinfilters.estimators.motion_evidence import evidence_from_poses
 from spinfilters.estimators.smoothing.problem import Problem, Trial, problem_of
 from spinfilters.estimators.smoothing.sightings import SIGHTINGS_NEEDED, Sightings, collect_sightings
 from spinfilters.estimators.start import StartOptions, closed_form, trial_trajectory, wide_prior
-from spinfilters.estimators.timeline import SensorNoise, StereoView, Timeline, build_timeline
+from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
 from spinfilters.models.gauge import GAUGE_STD
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.perception.map_building import poses_without_map
@@ -105,7 +105,7 @@ def simulated_workload(scenario: Scenario) -> Workload:
     assert dataset.rig is not None
     calibration, layout = dataset.rig.calibration, StateLayout(FULL_BLOCKS)
     timeline = build_timeline(
-        dataset.log, layout, SensorNoise(pixel_std=PIXEL_STD), StereoView(None, calibration)
+        dataset.log, layout, SensorNoise(pixel_std=PIXEL_STD), CameraView(None, calibration)
     )
     poses, known = poses_without_map(dataset.log.stream("stereo"), calibration, PIXEL_STD)
     evidence = evidence_from_poses(poses, len(timeline))

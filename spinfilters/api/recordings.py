@@ -15,6 +15,7 @@ from spinfilters.api.argument_ranges import (
 from spinfilters.errors import InputError
 from spinfilters.logs.dataset import Dataset, read_dataset
 from spinfilters.logs.input_file import shown
+from spinfilters.logs.sensor_format import dataset_kinds
 from spinfilters.simulation.motion import Progress, silent
 from spinfilters.simulation.scenario import Scenario, without_map
 from spinfilters.simulation.scenario import simulate as simulate_scenario
@@ -57,7 +58,7 @@ def simulate(
 
     Parameters
     ----------
-    kind: "stereo-tracks", "pose" or "gyro".   seed: of everything random.
+    kind: "stereo-tracks", "mono-tracks", "pose", "attitude", "gyro" or that of an installed sensor.   seed: of everything random.
     frames: number of epochs, at least 2.   interval: between them, s.
     rate_rpm: (3,) initial rate about the principal axes x, y, z, rpm.   moments: (3,) principal moments about them, any scale.
     known_map: whether the data set tells the landmarks' positions; of tracks only.
@@ -77,9 +78,10 @@ def simulate(
             f"a rate of {' '.join(map(str, rate))} rpm at an interval of {interval} s is {turns:.3g} revolutions between epochs; "
             f"give less than {MOST_TURNS}"
         )
-    tracks = kind == "stereo-tracks"
+    seeing = [name for name, form in dataset_kinds().items() if form.has_landmarks]
+    tracks = kind in seeing
     if known_map and not tracks:
-        raise InputError(f"a known map is for the kind stereo-tracks; a {kind} has no map")
+        raise InputError(f"a known map is for the kinds {' and '.join(seeing)}; a {kind} has no map")
     bias = () if gyro_bias is None else tuple(gyro_bias)
     if bias and kind != "gyro":
         raise InputError(f"a gyro's bias is for the kind gyro; a {kind} has no gyro")

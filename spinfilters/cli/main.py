@@ -197,7 +197,9 @@ def _add_simulate(commands: "argparse._SubParsersAction[_Parser]") -> None:
         "simulate", help="write a simulated data set with truth, and a picture of it"
     )
     simulate.add_argument("-o", "--output", metavar="DATASET", required=True, help="folder of the data set")
-    simulate.add_argument("--kind", default="stereo-tracks", help="stereo-tracks, pose or gyro")
+    simulate.add_argument(
+        "--kind", default="stereo-tracks", help="stereo-tracks, mono-tracks, pose, attitude or gyro"
+    )
     simulate.add_argument("--seed", type=number(SEED), default=0)
     simulate.add_argument(
         "--known-map", action="store_true", help="write landmarks.csv, the map of the tracks"

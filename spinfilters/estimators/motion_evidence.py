@@ -1,6 +1,6 @@
-"""What the first frames say directly of a motion: attitudes, body rates and places, from poses or from a gyro."""
+"""What the first frames say directly of a motion: attitudes, body rates and places."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -14,6 +14,7 @@ from spinfilters.attitude.conversions import (
 )
 from spinfilters.errors import InputError
 from spinfilters.logs.measurement_log import MeasurementStream
+from spinfilters.sensors.sensor import MotionSamples
 
 DEGREE = 4
 """Of the polynomial that a window of rotation vectors is fitted with; a steady spin is a straight line."""
@@ -30,12 +31,14 @@ class MotionEvidence:
     ----------
     time: (k,) s.   attitude: (k, 4) q_ig.   rates: (k, 3) body rates, rad/s, g axes.
     positions: (k, 3) origins of g in i, m, or None when nothing measures them.
+    defines_attitude: whether the first attitude is a definition of frame i rather than measured.
     """
 
     time: Float[np.ndarray, " k"]
     attitude: Float[np.ndarray, "k 4"]
     rates: Float[np.ndarray, "k 3"]
     positions: Float[np.ndarray, "k 3"] | None = None
+    defines_attitude: bool = field(default=False, kw_only=True)
 
     @property
     def rotations(self) -> Float[np.ndarray, "k 3 3"]:
@@ -43,10 +46,33 @@ class MotionEvidence:
         return matrix_from_quaternion(self.attitude)
 
 
+def motion_evidence(samples: MotionSamples, frames: int) -> MotionEvidence:
+    """From the first ``frames`` samples: attitudes integrated from rates, or rates differenced from attitudes, as is missing.
+
+    Raises
+    ------
+    InputError: as `evidence_from_poses`, with attitudes and no rates; neither attitudes nor rates.
+    """
+    time, positions = samples.time[:frames], samples.positions
+    positions = None if positions is None else positions[:frames]
+    if samples.attitude is None and samples.rates is None:
+        raise InputError(
+            "a motion needs attitudes or body rates; give measurements of a sensor that tells them"
+        )
+    if samples.attitude is None:
+        assert samples.rates is not None
+        rates, first = samples.rates[:frames], np.array([0.0, 0.0, 0.0, 1.0])
+        return MotionEvidence(
+            time, integrate_gyro(time, rates, first), rates, positions, defines_attitude=True
+        )
+    attitude = samples.attitude[:frames]
+    rates = _differenced(time, attitude) if samples.rates is None else samples.rates[:frames]
+    return MotionEvidence(time, attitude, rates, positions)
+
+
 def evidence_from_gyro(gyro: MeasurementStream, frames: int) -> MotionEvidence:
     """From the first ``frames`` gyro samples: g at the first sample defines the axes of i."""
-    time, rates = gyro.time[:frames], gyro.values[:frames]
-    return MotionEvidence(time, integrate_gyro(time, rates, np.array([0.0, 0.0, 0.0, 1.0])), rates)
+    return motion_evidence(MotionSamples(gyro.time, rates=gyro.values), frames)
 
 
 def evidence_from_poses(poses: MeasurementStream, frames: int) -> MotionEvidence:
@@ -56,12 +82,17 @@ def evidence_from_poses(poses: MeasurementStream, frames: int) -> MotionEvidence
     ------
     InputError: with fewer than 4 poses, or a body that turns by more than half a revolution between two of them.
     """
-    time, q = poses.time[:frames], poses.values[:frames, 3:]
+    samples = MotionSamples(poses.time, poses.values[:, 3:], positions=poses.values[:, :3])
+    return motion_evidence(samples, frames)
+
+
+def _differenced(time: Float[np.ndarray, " k"], q: Float[np.ndarray, "k 4"]) -> Float[np.ndarray, "k 3"]:
+    """Body rates of attitudes."""
     if len(time) < 4:
         raise InputError(
             f"a start from poses needs at least 4 frames, got {len(time)}; give a longer recording"
         )
-    return MotionEvidence(time, q, _rates(time, q), poses.values[:frames, :3])
+    return _rates(time, q)
 
 
 def _rates(time: Float[np.ndarray, " k"], q: Float[np.ndarray, "k 4"]) -> Float[np.ndarray, "k 3"]:

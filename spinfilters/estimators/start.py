@@ -80,6 +80,10 @@ class StartOptions:
             if not (np.isfinite(value) and allowed):
                 raise InputError(f"start.{name} is {value}; it must be positive")
 
+    def states_prior(self, block: StateBlock) -> bool:
+        """Whether the option that a block names for its prior is set."""
+        return bool(block.prior_option and getattr(self, block.prior_option))
+
     def prior_std(self, block: StateBlock) -> float:
         """Of the prior of a block: the option that it names where that is set, or the block's own."""
         return (getattr(self, block.prior_option) if block.prior_option else 0.0) or block.prior_std
@@ -187,7 +191,7 @@ def wide_prior(
         if block.prior_at_origin:
             mean[layout.mean_slice(block.name)] = block.origin
     std[layout.slice(RATE.name)] = max(float(np.linalg.norm(evidence.rates, axis=1).max()), 1e-3)
-    if not layout.translates:
+    if evidence.defines_attitude and not layout.translates:
         std[layout.slice(ATTITUDE.name)] = GAUGE_STD
     return FirstStatePrior(mean, std)
 

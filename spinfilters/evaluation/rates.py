@@ -1,4 +1,4 @@
-"""Body rates of an estimate, of the truth or of a gyro, in axes fixed to the body."""
+"""Body rates of an estimate, of the truth or of a sensor, in axes fixed to the body."""
 
 from dataclasses import dataclass
 
@@ -8,8 +8,9 @@ from jaxtyping import Float
 from spinfilters.attitude.conversions import inverse, rotate
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.derived import by_stretches
-from spinfilters.logs.measurement_log import MeasurementStream
+from spinfilters.logs.measurement_log import MeasurementLog
 from spinfilters.logs.truth import Truth
+from spinfilters.sensors.registry import sensor_of
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,10 @@ def true_rates(truth: Truth, frame: Float[np.ndarray, "4"] | None = None) -> Bod
     return BodyRates("truth", truth.time, rate if frame is None else rotate(inverse(frame), rate))
 
 
-def measured_rates(gyro: MeasurementStream) -> BodyRates:
-    """Rates of a gyro stream, axes g."""
-    return BodyRates("gyro", gyro.time, gyro.values)
+def measured_rates(log: MeasurementLog) -> BodyRates | None:
+    """Rates of the first sensor of a log that measures rates, axes g; None where none does."""
+    for stream in log.streams:
+        rates = sensor_of(stream.sensor).measured_rates(stream)
+        if rates is not None:
+            return BodyRates(stream.sensor, stream.time, rates)
+    return None

@@ -1,4 +1,4 @@
-"""A rectified stereo camera, in the two `sensor.yaml` files of the EuRoC layout."""
+"""Rectified cameras, one or a stereo pair, in the `sensor.yaml` files of the EuRoC layout."""
 
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
@@ -68,6 +68,31 @@ class StereoRig:
         return np.array([self.fx, self.fy, self.cx, self.cy, self.baseline_m])
 
 
+@dataclass(frozen=True)
+class PinholeCamera:
+    """One rectified pinhole camera. Parameters and errors: `StereoRig`, without the baseline."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            CAMERA_RANGES[field.name].require(f"camera: {field.name}", getattr(self, field.name))
+
+    @property
+    def calibration(self) -> Float[np.ndarray, "4"]:
+        """(fx, fy, cx, cy), px."""
+        return np.array([self.fx, self.fy, self.cx, self.cy])
+
+
+Rig = StereoRig | PinholeCamera
+"""What a data set with a camera is calibrated with."""
+
+
 class _Camera(NamedTuple):
     intrinsics: Float[np.ndarray, "4"]
     resolution: Float[np.ndarray, "2"]
@@ -104,10 +129,32 @@ def read_stereo_rig(folder: Path) -> StereoRig:
         raise InputError(f"{named(path)}: {error}") from None
 
 
+def read_camera(folder: Path) -> PinholeCamera:
+    """Camera of `cam0/sensor.yaml`. InputError: as `read_stereo_rig`, of one camera."""
+    path = folder / RIG_FILES[0]
+    camera = _read_camera(path)
+    width, height = _resolution(path, camera.resolution)
+    fx, fy, cx, cy = camera.intrinsics.tolist()
+    try:
+        return PinholeCamera(fx, fy, cx, cy, width, height)
+    except InputError as error:
+        raise InputError(f"{named(path)}: {error}") from None
+
+
 def write_stereo_rig(rig: StereoRig, folder: Path) -> None:
     """Write both `sensor.yaml` files below the folder, the body frame being the left camera. Atomic each."""
-    fx, fy, cx, cy, width, height, baseline = astuple(rig)
-    for file, shift in zip(RIG_FILES, (0.0, baseline), strict=True):
+    _write_cameras(rig, folder, (0.0, rig.baseline_m))
+
+
+def write_camera(camera: PinholeCamera, folder: Path) -> None:
+    """Write `cam0/sensor.yaml` below the folder, the body frame being the camera. Atomic."""
+    _write_cameras(camera, folder, (0.0,))
+
+
+def _write_cameras(rig: Rig, folder: Path, shifts: tuple[float, ...]) -> None:
+    """Each camera moved by so much along x, m."""
+    fx, fy, cx, cy, width, height = astuple(rig)[:6]
+    for file, shift in zip(RIG_FILES, shifts, strict=False):
         pose = np.eye(4)
         pose[0, 3] = shift
         make_folder((folder / file).parent)

@@ -7,8 +7,9 @@ import numpy as np
 
 from spinfilters.errors import InputError
 from spinfilters.logs.input_file import named
-from spinfilters.logs.measurement_log import SENSOR_FORMATS, MeasurementStream, first_not_definite
+from spinfilters.logs.measurement_log import MeasurementStream, first_not_definite
 from spinfilters.logs.number_range import NumberRange
+from spinfilters.logs.sensor_format import sensor_format
 from spinfilters.logs.table_files import read_csv, write_csv
 
 ENTRY: Final = NumberRange(-1e18, 1e18)
@@ -18,7 +19,7 @@ SMALLEST_VARIANCE: Final[float] = 1e-24
 
 def covariance_columns(sensor: str) -> tuple[str, ...]:
     """Header of a sensor's covariance table: the time, then the lower triangle c00, c10, c11, c20 ..."""
-    rows, columns = np.tril_indices(SENSOR_FORMATS[sensor].dimension)
+    rows, columns = np.tril_indices(sensor_format(sensor).dimension)
     return ("time_s", *(f"c{i}{j}" for i, j in zip(rows.tolist(), columns.tolist(), strict=True)))
 
 
@@ -45,7 +46,7 @@ def with_covariance(stream: MeasurementStream, path: Path) -> MeasurementStream:
             f"{float(stream.time[row])!r} s",
         )
     table.require(slice(1, None), ENTRY)
-    dimension = SENSOR_FORMATS[stream.sensor].dimension
+    dimension = sensor_format(stream.sensor).dimension
     rows, columns = np.tril_indices(dimension)
     covariance = np.empty((len(stream), dimension, dimension))
     covariance[:, rows, columns] = covariance[:, columns, rows] = table.values[:, 1:]
@@ -69,5 +70,5 @@ def write_covariance(path: Path, stream: MeasurementStream) -> None:
         raise InputError(
             f"the {stream.sensor} stream has no covariance to write to {named(path)}; give it one"
         )
-    rows, columns = np.tril_indices(SENSOR_FORMATS[stream.sensor].dimension)
+    rows, columns = np.tril_indices(sensor_format(stream.sensor).dimension)
     write_csv(path, covariance_columns(stream.sensor), [stream.time, *stream.covariance[:, rows, columns].T])

@@ -5,52 +5,41 @@ phyphox app and a single gyro or TUM file are read as they are.
 """
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from spinfilters.errors import InputError
-from spinfilters.logs.camera import StereoRig, read_stereo_rig
+from spinfilters.logs.camera import Rig
 from spinfilters.logs.covariance_files import with_covariance
 from spinfilters.logs.dataset_options import DatasetOptions, options_from_toml
-from spinfilters.logs.gyro_columns import read_gyro_table
-from spinfilters.logs.gyro_files import PHYPHOX_TABLE, Segment, read_gyro_csv, write_gyro_csv
+from spinfilters.logs.gyro_files import PHYPHOX_TABLE, Segment
 from spinfilters.logs.input_file import named, printable, require_file, require_folder, shown
 from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.logs.phyphox_trials import OnRefused, phyphox_trial, phyphox_trials
-from spinfilters.logs.pose_files import read_tum, write_tum
+from spinfilters.logs.sensor_files import read_sensor_file
+from spinfilters.logs.sensor_format import (
+    CalibrationFiles,
+    SensorFormat,
+    dataset_kinds,
+    sensor_format,
+    sensor_formats,
+)
 from spinfilters.logs.settings_files import read_toml
-from spinfilters.logs.track_files import KnownMap, read_landmarks, read_tracks, write_tracks
-from spinfilters.logs.truth import Truth, read_truth
+from spinfilters.logs.table_files import read_header
+from spinfilters.logs.track_files import KnownMap, read_landmarks
+from spinfilters.logs.truth import TRUTH_TABLE, Truth, read_truth
 
 DATASET_FILE: Final[str] = "dataset.toml"
 LANDMARK_FILE: Final[str] = "landmarks.csv"
-KINDS: Final[dict[str, str]] = {"stereo-tracks": "stereo", "gyro": "gyro", "pose": "pose"}
-"""Kinds of data sets, with the sensor that each must have; the other sensors may be there too."""
 _FRONT_ENDS = {
     "stereo-images": "tracks.csv of rectified feature tracks with kind = 'stereo-tracks'",
     "lidar-scans": "poses.tum of the registered scans with kind = 'pose'",
 }
 _LARGEST_FILE = 2**63  # the reader that follows has its own limit
-
-
-class SensorFile(NamedTuple):
-    """Where a sensor's measurements are in a folder, and how they are read and written."""
-
-    name: str
-    covariance: str
-    read: Callable[[Path], MeasurementStream]
-    write: Callable[[Path, MeasurementStream], None]
-
-
-SENSOR_FILES: Final[dict[str, SensorFile]] = {
-    "gyro": SensorFile("gyro.csv", "gyro_covariance.csv", read_gyro_csv, write_gyro_csv),
-    "pose": SensorFile("poses.tum", "poses_covariance.csv", read_tum, write_tum),
-    "stereo": SensorFile("tracks.csv", "tracks_covariance.csv", read_tracks, write_tracks),
-}
-"""The tables that a data set folder may hold, by sensor."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -59,14 +48,14 @@ class Dataset:
 
     Parameters
     ----------
-    kind: a key of `KINDS`.   log: with the sensor of that kind.
+    kind: of `dataset_kinds`.   log: with the sensor of that kind; other sensors may be there too.
     path: where it was read, None when made in memory.
-    truth, rig, known_map: None where not known; stereo measurements need a rig.
+    truth, rig, known_map: None where not known; measurements of a camera need its rig.
     segment: the marked stretch of a phyphox recording that this is, None otherwise.
 
     Raises
     ------
-    InputError: unknown kind, a log without its sensor, stereo measurements without a rig.
+    InputError: unknown kind, a log without its sensor, measurements of a camera without its rig.
     """
 
     kind: str
@@ -74,17 +63,32 @@ class Dataset:
     path: Path | None = None
     description: str = ""
     truth: Truth | None = None
-    rig: StereoRig | None = None
+    rig: Rig | None = None
     known_map: KnownMap | None = None
     options: DatasetOptions = field(default_factory=DatasetOptions)
     segment: Segment | None = None
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise InputError(f"kind {shown(self.kind)} is unknown; use {', '.join(KINDS)}")
-        self.log.stream(KINDS[self.kind])
-        if "stereo" in self.log.sensors and self.rig is None:
-            raise InputError("stereo measurements need a rig; give the calibration of the cameras")
+        kinds = dataset_kinds()
+        if self.kind not in kinds:
+            raise InputError(f"kind {shown(self.kind)} is unknown; use {', '.join(kinds)}")
+        self.log.stream(self.sensor)
+        for sensor in self.log.sensors:
+            calibration = sensor_format(sensor).calibration
+            if calibration is not None and not isinstance(self.rig, calibration.kind):
+                raise InputError(
+                    f"{sensor} measurements need a rig ({calibration.kind.__name__}); give the camera's calibration"
+                )
+
+    @property
+    def sensor(self) -> str:
+        """The sensor that its kind says it must have."""
+        return dataset_kinds()[self.kind].name
+
+    @property
+    def calibrations(self) -> tuple[CalibrationFiles, ...]:
+        """Files of the rig."""
+        return _calibrations(self.log)
 
     @property
     def name(self) -> str:
@@ -147,65 +151,90 @@ def _gyro_dataset(folder: Path, stream: MeasurementStream, segment: Segment | No
     description = f"phyphox recording {printable(folder.name)}"
     if segment is not None:
         description += f", segment {segment.number}: {printable(segment.comment)}"
-    return Dataset(
-        kind="gyro", log=MeasurementLog((stream,)), path=folder, description=description, segment=segment
-    )
+    kind, log = sensor_format(stream.sensor).kind, MeasurementLog((stream,))
+    return Dataset(kind=kind, log=log, path=folder, description=description, segment=segment)
 
 
 def _read_folder(folder: Path) -> Dataset:
     require_folder(folder)
+    kinds = dataset_kinds()
     path = folder / DATASET_FILE
     if not os.path.lexists(path):
         if os.path.isfile(folder / "cam0" / "data.csv"):
             raise _no_front_end(folder, "stereo-images")
         raise InputError(
-            f"{named(path)}: no such file; write it with a line kind = '...' ({', '.join(KINDS)}), or check "
+            f"{named(path)}: no such file; write it with a line kind = '...' ({', '.join(kinds)}), or check "
             "the path"
         )
     document = read_toml(path)
     kind, description = _text(path, document, "kind"), _text(path, document, "description", "")
     if kind in _FRONT_ENDS:
         raise _no_front_end(path, kind)
-    if kind not in KINDS:
+    if kind not in kinds:
         raise InputError(
-            f"{named(path)}: kind is {shown(kind)}, expected one of {', '.join(KINDS)}; correct it"
+            f"{named(path)}: kind is {shown(kind)}, expected one of {', '.join(kinds)}; correct it"
         )
-    log = _read_log(folder, KINDS[kind])
-    landmarks = folder / LANDMARK_FILE
+    log = _read_log(folder, kinds[kind])
+    landmarks, cameras = folder / LANDMARK_FILE, _calibrations(log)
     return Dataset(
         kind=kind,
         log=log,
         path=folder,
         description=description,
         truth=read_truth(folder),
-        rig=read_stereo_rig(folder) if "stereo" in log.sensors else None,
+        rig=cameras[0].read(folder) if cameras else None,
         known_map=read_landmarks(landmarks) if os.path.lexists(landmarks) else None,
         options=options_from_toml(path, document),
     )
 
 
-def _read_log(folder: Path, required: str) -> MeasurementLog:
+def _calibrations(log: MeasurementLog) -> tuple[CalibrationFiles, ...]:
+    """Of the cameras in a log."""
+    formats = [sensor_format(sensor) for sensor in log.sensors]
+    return tuple(form.calibration for form in formats if form.calibration is not None)
+
+
+def _read_log(folder: Path, required: SensorFormat) -> MeasurementLog:
     streams = []
-    for sensor, file in SENSOR_FILES.items():
-        if sensor == required or os.path.lexists(folder / file.name):
-            stream = file.read(folder / file.name)
-            covariance = folder / file.covariance
-            streams.append(with_covariance(stream, covariance) if os.path.lexists(covariance) else stream)
+    for form in _stored(folder, required):
+        stream, covariance = read_sensor_file(form, folder / form.file), folder / form.covariance_file
+        streams.append(with_covariance(stream, covariance) if os.path.lexists(covariance) else stream)
     return MeasurementLog(tuple(streams))
+
+
+def _stored(folder: Path, required: SensorFormat) -> list[SensorFormat]:
+    """The formats whose files a folder holds. Of formats with the same file it is the required one's, or has the header of one."""
+    by_file: dict[str, list[SensorFormat]] = {}
+    for form in sensor_formats().values():
+        by_file.setdefault(form.file, []).append(form)
+    found = []
+    for file, formats in by_file.items():
+        if required in formats:
+            found.append(required)
+        elif os.path.lexists(folder / file):
+            fits = [
+                form for form in formats if len(formats) == 1 or read_header(folder / file) == form.header
+            ]
+            found.append([*formats, *fits][-1])
+    return found
 
 
 def _read_file(path: Path) -> Dataset:
     require_file(path, _LARGEST_FILE)
-    if path.name in (DATASET_FILE, LANDMARK_FILE, "tracks.csv", "truth.csv"):
+    formats = sensor_formats().values()
+    parts = [form.file for form in formats if not form.suffixes]
+    if path.name in (DATASET_FILE, LANDMARK_FILE, TRUTH_TABLE, *parts):
         raise InputError(f"{named(path)}: is one part of a data set; give the folder that holds it")
-    readers = {".csv": ("gyro", read_gyro_table), ".tum": ("pose", read_tum), ".txt": ("pose", read_tum)}
-    if path.suffix.lower() not in readers:
+    form = next((form for form in formats if path.suffix.lower() in form.suffixes), None)
+    if form is None:
+        single = " or ".join(form.suffix_words for form in formats if form.suffixes)
         raise InputError(
             f"{named(path)}: {shown(path.suffix)} is no known kind of file; "
-            "give a folder, a gyro .csv or a TUM .tum or .txt, and unpack archives first"
+            f"give a folder, {single}, and unpack archives first"
         )
-    kind, read = readers[path.suffix.lower()]
-    return Dataset(kind=kind, log=MeasurementLog((read(path),)), path=path, description=printable(path.name))
+    read = form.read_alone or partial(read_sensor_file, form)
+    log = MeasurementLog((read(path),))
+    return Dataset(kind=form.kind, log=log, path=path, description=printable(path.name))
 
 
 def _no_front_end(path: Path, kind: str) -> InputError:
@@ -218,7 +247,8 @@ def _no_front_end(path: Path, kind: str) -> InputError:
 def _text(path: Path, document: dict[str, Any], key: str, default: str | None = None) -> str:
     value = document.get(key, default)
     if value is None:
-        raise InputError(f"{named(path)}: has no {key}; add {key} = '...', one of {', '.join(KINDS)}")
+        kinds = ", ".join(dataset_kinds())
+        raise InputError(f"{named(path)}: has no {key}; add {key} = '...', one of {kinds}")
     if not isinstance(value, str):
         raise InputError(f"{named(path)}: {key} is {shown(value)}, expected text; put it in quotes")
     return value

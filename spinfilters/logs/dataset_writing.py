@@ -2,24 +2,26 @@
 
 import os
 from pathlib import Path
-from typing import Final
 
 from spinfilters.errors import InputError
 from spinfilters.logs.atomic_write import make_folder, write_toml
-from spinfilters.logs.camera import RIG_FILES, write_stereo_rig
 from spinfilters.logs.covariance_files import write_covariance
-from spinfilters.logs.dataset import DATASET_FILE, LANDMARK_FILE, SENSOR_FILES, Dataset
+from spinfilters.logs.dataset import DATASET_FILE, LANDMARK_FILE, Dataset
 from spinfilters.logs.gyro_files import PHYPHOX_TABLE
 from spinfilters.logs.input_file import named, reason
+from spinfilters.logs.sensor_files import write_sensor_file
+from spinfilters.logs.sensor_format import sensor_format, sensor_formats
 from spinfilters.logs.track_files import write_landmarks
 from spinfilters.logs.truth import TRUTH_BODY, TRUTH_TABLE, write_truth
 
-DATASET_FILES: Final[tuple[str, ...]] = (
-    *(name for file in SENSOR_FILES.values() for name in (file.name, file.covariance)),
-    *(str(file) for file in RIG_FILES),
-    *(TRUTH_TABLE, TRUTH_BODY, LANDMARK_FILE, DATASET_FILE),
-)
-"""Every file that `write_dataset` may write, relative to the folder."""
+
+def dataset_files() -> tuple[str, ...]:
+    """Every file that `write_dataset` may write, relative to the folder."""
+    formats = sorted(sensor_formats().values(), key=lambda each: each.file)
+    files = [name for each in formats for name in (each.file, each.covariance_file)]
+    cameras = [each.calibration for each in formats if each.calibration is not None]
+    files += [str(file) for calibration in cameras for file in calibration.files]
+    return (*dict.fromkeys(files), TRUTH_TABLE, TRUTH_BODY, LANDMARK_FILE, DATASET_FILE)
 
 
 def write_dataset(dataset: Dataset, folder: Path) -> None:
@@ -42,12 +44,12 @@ def write_dataset(dataset: Dataset, folder: Path) -> None:
             f"{named(path)}: cannot be replaced ({reason(error)}); choose another folder"
         ) from None
     for stream in dataset.log.streams:
-        file = SENSOR_FILES[stream.sensor]
-        file.write(folder / file.name, stream)
+        form = sensor_format(stream.sensor)
+        write_sensor_file(form, folder / form.file, stream)
         if stream.covariance is not None:
-            write_covariance(folder / file.covariance, stream)
-    if dataset.rig is not None:
-        write_stereo_rig(dataset.rig, folder)
+            write_covariance(folder / form.covariance_file, stream)
+    for calibration in dataset.calibrations:
+        calibration.write(dataset.rig, folder)
     if dataset.truth is not None:
         write_truth(dataset.truth, folder)
     if dataset.known_map is not None:
@@ -56,7 +58,7 @@ def write_dataset(dataset: Dataset, folder: Path) -> None:
 
 
 def _refuse_leftovers(dataset: Dataset, folder: Path) -> None:
-    for name in (*DATASET_FILES, PHYPHOX_TABLE):
+    for name in (*dataset_files(), PHYPHOX_TABLE):
         if name not in _written(dataset) and os.path.lexists(folder / name):
             raise InputError(
                 f"{named(folder / name)}: is not of the data set to be written; "
@@ -65,10 +67,11 @@ def _refuse_leftovers(dataset: Dataset, folder: Path) -> None:
 
 
 def _written(dataset: Dataset) -> set[str]:
-    names = {DATASET_FILE, *(SENSOR_FILES[sensor].name for sensor in dataset.log.sensors)}
-    names |= {SENSOR_FILES[s.sensor].covariance for s in dataset.log.streams if s.covariance is not None}
-    if dataset.rig is not None:
-        names |= {str(file) for file in RIG_FILES}
+    names = {DATASET_FILE, *(sensor_format(sensor).file for sensor in dataset.log.sensors)}
+    names |= {
+        sensor_format(s.sensor).covariance_file for s in dataset.log.streams if s.covariance is not None
+    }
+    names |= {str(file) for calibration in dataset.calibrations for file in calibration.files}
     if dataset.truth is not None:
         names |= {TRUTH_TABLE} | ({TRUTH_BODY} if dataset.truth.body else set())
     if dataset.known_map is not None:

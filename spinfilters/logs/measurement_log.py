@@ -4,13 +4,14 @@ Every producer (images, lidar, gyro files, simulation) writes a `MeasurementLog`
 """
 
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.errors import InputError, ShapeError
 from spinfilters.linear_algebra.definite import is_definite
+from spinfilters.logs.sensor_format import SensorFormat, sensor_format
 
 QUATERNION_NORM_TOLERANCE: Final[float] = 1e-3
 """Largest | |q| - 1 | that is taken as rounding: the four decimals that many tools print give up to 1e-4."""
@@ -24,36 +25,18 @@ _ASYMMETRY = (
 )
 
 
-class SensorFormat(NamedTuple):
-    """Columns of a sensor's values, dimension of its covariance, and whether a time stamp may repeat."""
-
-    columns: int
-    dimension: int
-    repeats: bool
-
-
-SENSOR_FORMATS: Final[dict[str, SensorFormat]] = {
-    "gyro": SensorFormat(columns=3, dimension=3, repeats=False),
-    "pose": SensorFormat(columns=7, dimension=6, repeats=False),
-    "stereo": SensorFormat(columns=3, dimension=3, repeats=True),
-}
-"""The sensors of a log. See `MeasurementStream` for units and frames."""
-
-
 @dataclass(frozen=True, eq=False)
 class MeasurementStream:
     """Measurements of one sensor in order of time. The arrays are read-only copies.
 
     Parameters
     ----------
-    sensor: "gyro", "pose" or "stereo".
-    time: s, any origin, possibly irregular; strictly increasing for gyro and pose, non-decreasing for stereo.
-    values: gyro: body rate in g axes, rad/s.
-        pose: [tx, ty, tz, qx, qy, qz, qw], origin of g in i (m) and unit q_ig, g to i.
-        stereo: [u_left, v_left, u_right], rectified pixels, one row per landmark and time.
-    ids: landmark of every row (stereo only, and there required); no landmark twice at one time.
-    covariance: of every row, positive definite, or None where one value holds for all (`DatasetOptions`).
-        gyro 3x3 (rad/s)^2; pose 6x6 over (t in i, a), a the body-side attitude error in rad; stereo 3x3 px^2.
+    sensor: name of a sensor of the registry (`spinfilters.sensors`).
+    time: s, any origin, possibly irregular; strictly increasing, but non-decreasing for sensors of landmarks.
+    values: (n, columns) as the sensor's `SensorFormat` says; unit quaternions are normalised.
+    ids: landmark of every row (sensors of landmarks only, and there required); no landmark twice at one time.
+    covariance: of every row, positive definite, squared units of the innovation; None where one value holds for all
+        (`DatasetOptions`).
 
     Raises
     ------
@@ -68,14 +51,14 @@ class MeasurementStream:
     covariance: Float[np.ndarray, "n k k"] | None = None
 
     def __post_init__(self) -> None:
-        if self.sensor not in SENSOR_FORMATS:
-            raise InputError(f"sensor {self.sensor!r} is unknown; use one of {', '.join(SENSOR_FORMATS)}")
+        form = sensor_format(self.sensor)
         freeze_arrays(self, ("time", "values", "covariance"))
         freeze_arrays(self, ("ids",), np.int64)
-        _check_shapes(self)
-        _check_values(self)
-        if self.sensor == "pose":
-            unit = np.hstack([self.values[:, :3], normalised(self.values[:, 3:])])
+        _check_shapes(self, form)
+        _check_values(self, form)
+        if form.quaternion is not None:
+            unit, where = self.values.copy(), np.s_[:, form.quaternion : form.quaternion + 4]
+            unit[where] = normalised(unit[where])
             unit.setflags(write=False)
             object.__setattr__(self, "values", unit)
 
@@ -209,8 +192,8 @@ def freeze_arrays(instance: object, names: tuple[str, ...], dtype: type[np.gener
             object.__setattr__(instance, name, array)
 
 
-def _check_shapes(stream: MeasurementStream) -> None:
-    columns, dimension, _ = SENSOR_FORMATS[stream.sensor]
+def _check_shapes(stream: MeasurementStream, form: SensorFormat) -> None:
+    columns, dimension = len(form.columns), form.dimension
     rows = len(stream.time) if stream.time.ndim == 1 else -1
     if rows < 1:
         raise ShapeError(
@@ -220,8 +203,10 @@ def _check_shapes(stream: MeasurementStream) -> None:
         raise ShapeError(
             f"{stream.sensor} values have shape {stream.values.shape}, expected {(rows, columns)}"
         )
-    if (stream.ids is None) == (stream.sensor == "stereo"):
-        raise InputError(f"{stream.sensor} ids: landmark ids belong to stereo streams, and to these always")
+    if (stream.ids is None) == form.has_landmarks:
+        raise InputError(
+            f"{stream.sensor} ids: landmark ids belong to streams of landmarks, and to these always"
+        )
     if stream.ids is not None and stream.ids.shape != (rows,):
         raise ShapeError(f"{stream.sensor} ids have shape {stream.ids.shape}, expected {(rows,)}")
     expected = (rows, dimension, dimension)
@@ -231,12 +216,12 @@ def _check_shapes(stream: MeasurementStream) -> None:
         )
 
 
-def _check_values(stream: MeasurementStream) -> None:
+def _check_values(stream: MeasurementStream, form: SensorFormat) -> None:
     finite = np.isfinite(stream.time) & np.isfinite(stream.values).all(axis=1)
     if not finite.all():
         row = int(np.argmin(finite))
         raise InputError(f"{stream.sensor} row {row} is {_row(stream, row)}, not finite; leave out that row")
-    row = first_disorder(stream.time, SENSOR_FORMATS[stream.sensor].repeats)
+    row = first_disorder(stream.time, form.has_landmarks)
     if row is not None:
         before, after = stream.time[row - 1], stream.time[row]
         raise InputError(
@@ -245,12 +230,13 @@ def _check_values(stream: MeasurementStream) -> None:
     row = first_repeated_landmark(stream.time, stream.ids) if stream.ids is not None else None
     if row is not None and stream.ids is not None:
         raise InputError(
-            f"stereo row {row}: landmark {stream.ids[row]} occurs twice at {stream.time[row]} s; keep one"
+            f"{stream.sensor} row {row}: landmark {stream.ids[row]} occurs twice at {stream.time[row]} s; keep one"
         )
-    row = first_not_unit(stream.values[:, 3:]) if stream.sensor == "pose" else None
+    first = form.quaternion
+    row = None if first is None else first_not_unit(stream.values[:, first : first + 4])
     if row is not None:
         raise InputError(
-            f"pose row {row} is {_row(stream, row)}: not a unit quaternion; normalise it or drop the row"
+            f"{stream.sensor} row {row} is {_row(stream, row)}: not a unit quaternion; normalise it or drop the row"
         )
     if stream.covariance is not None:
         _check_covariance(stream, stream.covariance)

@@ -64,7 +64,7 @@ def read_tracks(path: Path) -> MeasurementStream:
     table = read_csv(path, TRACK_COLUMNS)
     require_times(table, repeats=True)
     table.require(slice(2, 5), PIXEL)
-    time, ids, pixels = table.values[:, 0], _ids(table, 1), table.values[:, 2:]
+    time, ids, pixels = table.values[:, 0], landmark_ids(table, 1), table.values[:, 2:]
     row = first_repeated_landmark(time, ids)
     if row is not None:
         raise table.error(row, f"landmark {ids[row]} occurs twice at {float(time[row])!r} s; keep one line")
@@ -90,7 +90,7 @@ def read_landmarks(path: Path) -> KnownMap:
     """Known map of a file with the header `landmark_id,x,y,z` (m, g). InputError: `read_csv`, an id twice."""
     table = read_csv(path, LANDMARK_COLUMNS)
     table.require(slice(1, 4), LENGTH)
-    ids = _ids(table, 0)
+    ids = landmark_ids(table, 0)
     row = first_repeated_landmark(np.zeros(ids.size), ids)
     if row is not None:
         raise table.error(row, f"landmark {ids[row]} occurs twice; keep one line")
@@ -102,7 +102,8 @@ def write_landmarks(path: Path, known_map: KnownMap) -> None:
     write_csv(path, LANDMARK_COLUMNS, [known_map.ids, *known_map.points.T])
 
 
-def _ids(table: Table, column: int) -> Int[np.ndarray, " n"]:
+def landmark_ids(table: Table, column: int) -> Int[np.ndarray, " n"]:
+    """Landmark ids of a column. InputError: one that is no whole number."""
     ids = table.values[:, column]
     bad = np.flatnonzero((ids != np.round(ids)) | (np.abs(ids) > _LARGEST_ID))
     if bad.size:

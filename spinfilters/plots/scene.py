@@ -10,7 +10,7 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.evaluation.body import BodyEstimate
 from spinfilters.evaluation.trajectory import Trajectory
-from spinfilters.logs.camera import StereoRig
+from spinfilters.logs.camera import Rig
 from spinfilters.plots.space import equal_scales, frustum_edges, space_figure
 from spinfilters.plots.style import (
     AXIS_COLOURS,
@@ -35,7 +35,7 @@ _REVOLUTIONS = 4  # of the paths of axes: more is a ball of wool
 def scene_figure(
     trajectory: Trajectory,
     body: BodyEstimate,
-    rig: StereoRig | None = None,
+    rig: Rig | None = None,
     map_points: Float[np.ndarray, "k 3"] | None = None,
     initialisation: int = 0,
 ) -> Figure:
@@ -113,7 +113,7 @@ def _draw_landmarks(
     return points
 
 
-def _draw_camera(axes: Axes3D, rig: StereoRig, depth: float) -> Float[np.ndarray, "n 3"]:
+def _draw_camera(axes: Axes3D, rig: Rig, depth: float) -> Float[np.ndarray, "n 3"]:
     """Draw the left camera's field of view down to a depth (m); its corners, for the limits."""
     edges = frustum_edges(rig, depth) @ _TO_VIEW.T
     axes.add_collection3d(Line3DCollection(list(edges), colors=GREY, linewidths=1.0))

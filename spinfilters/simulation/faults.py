@@ -8,16 +8,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.errors import InputError
-from spinfilters.logs.camera import StereoRig
 from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.logs.track_files import SMALLEST_DISPARITY_PX
-
-GYRO_FULL_SCALE = 35.0
-"""Largest rate of a gyro's outlier, rad/s: 2000 deg/s, the full scale of a common sensor."""
-POSE_REACH_M = 1.0
-"""Largest coordinate of a pose's outlier, m."""
-_ROUNDING_PX = 1e-9  # keeps a difference of two coordinates on the right side of a bound
+from spinfilters.logs.sensor_format import sensor_format
+from spinfilters.sensors.registry import sensor_of
 
 
 class Fault(ABC):
@@ -37,7 +31,7 @@ def with_faults(dataset: Dataset, faults: Sequence[Fault], seed: int) -> Dataset
 
 @dataclass(frozen=True)
 class WrongAssociations(Fault):
-    """In every frame a ``fraction`` of the stereo rows (rounded; at least two, or none) exchange their landmarks in a ring."""
+    """In every frame a ``fraction`` of the landmarks' rows (rounded; at least two, or none) exchange their landmarks in a ring."""
 
     fraction: float
 
@@ -45,7 +39,7 @@ class WrongAssociations(Fault):
         _require_fraction(self.fraction)
 
     def apply(self, dataset: Dataset, generator: np.random.Generator) -> Dataset:
-        stream = dataset.log.stream("stereo")
+        stream = _tracks(dataset)
         ids = _ids(stream).copy()
         for rows in _frames(stream):
             count = round(self.fraction * len(rows))
@@ -59,21 +53,20 @@ class WrongAssociations(Fault):
 class Outliers(Fault):
     """In all, a ``fraction`` of the rows (rounded) of a sensor is replaced by values that have nothing to do with the body.
 
-    Stereo: uniform over both images, at a disparity of at least zero, where a matcher looks.
-    Gyro: uniform within +-`GYRO_FULL_SCALE`.   Pose: origin uniform within +-`POSE_REACH_M`, attitude uniform over all rotations.
+    Their distribution is the sensor's (`spinfilters.sensors.sensor.Sensor.outliers`).   sensor: None for that of the kind.
     """
 
     fraction: float
-    sensor: str = "stereo"
+    sensor: str | None = None
 
     def __post_init__(self) -> None:
         _require_fraction(self.fraction)
 
     def apply(self, dataset: Dataset, generator: np.random.Generator) -> Dataset:
-        stream = dataset.log.stream(self.sensor)
+        stream = dataset.log.stream(self.sensor or dataset.sensor)
         values = stream.values.copy()
         rows = generator.choice(len(values), round(self.fraction * len(values)), replace=False)
-        values[rows] = _anything(self.sensor, len(rows), dataset.rig, generator)
+        values[rows] = sensor_of(stream.sensor).outliers(len(rows), dataset.rig, generator)
         return _with_stream(dataset, replace(stream, values=values))
 
 
@@ -102,15 +95,15 @@ class FrozenFrames(Fault):
 
     frame: int
     count: int
-    sensor: str = "stereo"
+    sensor: str | None = None
 
     def apply(self, dataset: Dataset, generator: np.random.Generator) -> Dataset:
-        stream = dataset.log.stream(self.sensor)
+        stream = dataset.log.stream(self.sensor or dataset.sensor)
         frames, times = _frames(stream), stream.frame_times
         last = self.frame + self.count
         if not 0 <= self.frame <= last < len(frames):
             raise InputError(
-                f"frames {self.frame} to {last} are not all among the {len(frames)} of the {self.sensor} measurements"
+                f"frames {self.frame} to {last} are not all among the {len(frames)} of the {stream.sensor} measurements"
             )
         shown = [self.frame if self.frame <= k <= last else k for k in range(len(frames))]
         repeated = _rows(
@@ -121,10 +114,9 @@ class FrozenFrames(Fault):
 
 @dataclass(frozen=True)
 class PointsAtInfinity(Fault):
-    """Every frame shows ``count`` points that are no part of the body: fixed pixels, no disparity, white noise on all three.
+    """Every frame shows ``count`` points that are no part of the body: fixed pixels, no disparity, white noise on each.
 
-    They bear ids of their own, above all others; ``pixel_std`` in px. A disparity is bounded below by the smallest that track files
-    may hold (`SMALLEST_DISPARITY_PX`).
+    They bear ids of their own, above all others; ``pixel_std`` in px. Their values are such as track files may hold.
     """
 
     count: int
@@ -137,20 +129,27 @@ class PointsAtInfinity(Fault):
             )
 
     def apply(self, dataset: Dataset, generator: np.random.Generator) -> Dataset:
-        stream, rig = dataset.log.stream("stereo"), _rig(dataset.rig)
-        u, v = generator.uniform(0, rig.width, self.count), generator.uniform(0, rig.height, self.count)
-        times = stream.frame_times
-        exact = np.tile(np.stack([u, v, u], axis=1), (len(times), 1))
-        values = exact + self.pixel_std * generator.standard_normal(exact.shape)
-        values[:, 2] = np.minimum(values[:, 2], values[:, 0] - SMALLEST_DISPARITY_PX - _ROUNDING_PX)
+        stream = _tracks(dataset)
+        sensor, times = sensor_of(stream.sensor), stream.frame_times
+        exact = np.tile(sensor.points_at_infinity(self.count, dataset.rig, generator), (len(times), 1))
         far = MeasurementStream(
-            "stereo",
+            stream.sensor,
             times.repeat(self.count),
-            values,
+            sensor.storable(exact + self.pixel_std * generator.standard_normal(exact.shape)),
             np.tile(_ids(stream).max() + 1 + np.arange(self.count), len(times)),
-            np.tile(self.pixel_std**2 * np.eye(3), (len(exact), 1, 1)),
+            np.tile(self.pixel_std**2 * np.eye(exact.shape[1]), (len(exact), 1, 1)),
         )
         return _with_stream(dataset, _merged(stream, far))
+
+
+def _tracks(dataset: Dataset) -> MeasurementStream:
+    """The stream of landmarks. InputError where there is none."""
+    for stream in dataset.log.streams:
+        if sensor_format(stream.sensor).has_landmarks:
+            return stream
+    raise InputError(
+        f"no landmarks among {', '.join(dataset.log.sensors)} measurements; choose another fault"
+    )
 
 
 def _merged(stream: MeasurementStream, more: MeasurementStream) -> MeasurementStream:
@@ -162,23 +161,7 @@ def _merged(stream: MeasurementStream, more: MeasurementStream) -> MeasurementSt
         covariance = np.concatenate([stream.covariance, more.covariance])[order]
     values = np.concatenate([stream.values, more.values])[order]
     ids = np.concatenate([_ids(stream), _ids(more)])[order]
-    return MeasurementStream("stereo", time[order], values, ids, covariance)
-
-
-def _anything(
-    sensor: str, count: int, rig: StereoRig | None, generator: np.random.Generator
-) -> Float[np.ndarray, "n m"]:
-    """Values of a sensor that look at nothing."""
-    if sensor == "gyro":
-        return generator.uniform(-GYRO_FULL_SCALE, GYRO_FULL_SCALE, (count, 3))
-    if sensor == "pose":
-        q = generator.standard_normal((count, 4))
-        place = generator.uniform(-POSE_REACH_M, POSE_REACH_M, (count, 3))
-        return np.hstack([place, q / np.linalg.norm(q, axis=1, keepdims=True)])
-    width, height = _rig(rig).width, _rig(rig).height
-    pixels = generator.uniform(0.0, [width, height, width], (count, 3))
-    pixels[:, [2, 0]] = np.sort(pixels[:, [2, 0]], axis=1)
-    return pixels
+    return MeasurementStream(stream.sensor, time[order], values, ids, covariance)
 
 
 def _rows(
@@ -204,13 +187,8 @@ def _with_stream(dataset: Dataset, stream: MeasurementStream) -> Dataset:
 
 
 def _ids(stream: MeasurementStream) -> Int[np.ndarray, " n"]:
-    assert stream.ids is not None  # a stereo stream always has them
+    assert stream.ids is not None  # a stream of landmarks always has them
     return stream.ids
-
-
-def _rig(rig: StereoRig | None) -> StereoRig:
-    assert rig is not None  # a data set with stereo measurements always has one
-    return rig
 
 
 def _require_fraction(fraction: float) -> None:

@@ -1,5 +1,6 @@
-"""Simulated data sets: a tumbling body before a stereo camera, or with a gyro, or with a pose sensor on it."""
+"""Simulated data sets: a tumbling body before a sensor."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -12,24 +13,23 @@ from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.errors import InputError
 from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.dataset_options import DatasetOptions
-from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.logs.measurement_log import MeasurementLog
+from spinfilters.logs.sensor_format import dataset_kinds
 from spinfilters.logs.track_files import KnownMap
 from spinfilters.logs.truth import Truth
 from spinfilters.models.process import THESIS_NOISE, ProcessNoise, TorqueFreeProcess
-from spinfilters.simulation.motion import Motion, Progress, silent, simulate_motion
-from spinfilters.simulation.stereo_tracks import (
-    RIG,
+from spinfilters.sensors.feature_tracks import (
     EveryAppearance,
     FrontEnd,
     Recognition,
     SomeAppearances,
     ball,
     stays_in_view,
-    stereo_tracks,
 )
+from spinfilters.sensors.registry import sensor_of
+from spinfilters.sensors.scene import Scene
+from spinfilters.simulation.motion import Motion, Progress, silent, simulate_motion
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
-
-KINDS = ("stereo-tracks", "pose", "gyro")
 
 THESIS_RPM: Final = (0.5, 10.0, 0.5)
 """Initial rate about the principal axes of the thesis' experiment: nearly about the intermediate axis, one flip in a minute, so
@@ -47,7 +47,7 @@ class Scenario:
 
     Attributes
     ----------
-    kind: "stereo-tracks", "pose" or "gyro".
+    kind: of data set, such as "stereo-tracks" or "gyro" (`spinfilters.logs.sensor_format.dataset_kinds`).
     principal_moments: along the principal axes x, y, z, any scale (Tweddle 2013, section 6.5.2).
     rate_rpm: initial rate about the principal axes, such as `THESIS_RPM` or `RICH_RPM`.
     frames, interval: number of frames and seconds between them.
@@ -88,8 +88,9 @@ class Scenario:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise InputError(f"scenario kind {self.kind!r} is unknown; use one of {', '.join(KINDS)}")
+        kinds = dataset_kinds()
+        if self.kind not in kinds:
+            raise InputError(f"scenario kind {self.kind!r} is unknown; use one of {', '.join(kinds)}")
         if self.frames < 2 or not self.interval > 0:
             raise InputError(
                 f"a scenario of {self.frames} frames at {self.interval} s; give at least 2 frames and a positive interval"
@@ -139,7 +140,7 @@ class Scenario:
 
 
 def simulate(scenario: Scenario, progress: Progress = silent) -> Dataset:
-    """A data set with truth, from a seed; stereo tracks come with the map of their landmarks.
+    """A data set with truth, from a seed; tracks come with the map of their landmarks.
 
     Parameters
     ----------
@@ -154,20 +155,19 @@ def simulate(scenario: Scenario, progress: Progress = silent) -> Dataset:
     motions = [Motion(layout, time, states[:, k]) for k in range(scenario.candidates)]
     motion = next((m for m in motions if stays_in_view(m, scenario.radius_m)), motions[0])
     surface = ball(scenario.landmarks, scenario.radius_m, generator)
-    known_map = None
-    if scenario.kind == "stereo-tracks":
-        stream, kept = stereo_tracks(scenario.front_end, surface, motion, generator)
-        known_map = KnownMap(np.arange(len(kept)), surface.points[kept])
-    else:
-        stream = {"pose": _poses, "gyro": _gyro}[scenario.kind](scenario, motion, generator)
+    scene = Scene(motion, surface, scenario.front_end, scenario, generator)
+    simulated = sensor_of(dataset_kinds()[scenario.kind].name).simulate(scene)
+    rows, known_map = simulated.landmarks, None
+    if rows is not None:
+        known_map = KnownMap(np.arange(len(rows)), surface.points[rows])
     return Dataset(
         kind=scenario.kind,
-        log=MeasurementLog((stream,)),
+        log=MeasurementLog((simulated.stream,)),
         description=f"simulated {scenario.kind}, {scenario.frames} frames at {scenario.interval} s, seed {scenario.seed}",
         truth=_truth(scenario, motion),
-        rig=None if known_map is None else RIG,
+        rig=simulated.rig,
         known_map=known_map,
-        options=_options(scenario),
+        options=_options(scenario, simulated.noise),
     )
 
 
@@ -193,20 +193,6 @@ def _principal_axes(scenario: Scenario) -> Float[np.ndarray, "3 3"]:
     return matrix_from_quaternion(quaternion_from_euler321(np.array(scenario.axes_euler_g)))
 
 
-def _poses(scenario: Scenario, motion: Motion, generator: np.random.Generator) -> MeasurementStream:
-    small = StateLayout(("t", "a"))
-    exact = np.concatenate([motion.block("t"), motion.block("a")], axis=1)
-    std = np.repeat([scenario.position_std, scenario.rotation_std], 3)
-    noisy = small.retract(exact, std * generator.standard_normal((len(exact), 6)))
-    return MeasurementStream("pose", motion.time, noisy, None, np.tile(np.diag(std**2), (len(exact), 1, 1)))
-
-
-def _gyro(scenario: Scenario, motion: Motion, generator: np.random.Generator) -> MeasurementStream:
-    rates = motion.block("w")
-    noise = scenario.gyro_std * generator.standard_normal(rates.shape)
-    return MeasurementStream("gyro", motion.time, rates + scenario.gyro_bias + noise)
-
-
 def _truth(scenario: Scenario, motion: Motion) -> Truth:
     rotations = motion.rotations
     order = np.argsort(scenario.principal_moments)
@@ -225,17 +211,8 @@ def _truth(scenario: Scenario, motion: Motion) -> Truth:
     )
 
 
-def _options(scenario: Scenario) -> DatasetOptions:
-    """Noise of the sensor and of the motion; a density of zero is none to state."""
-    own: dict[str, float] = {
-        "force_psd": scenario.noise.force_psd,
-        "torque_psd": scenario.noise.torque_psd,
-    }
-    if scenario.kind == "stereo-tracks":
-        own |= {"pixel_std": scenario.pixel_std}
-    elif scenario.kind == "gyro":
-        own |= {"gyro_noise_std": scenario.gyro_std}
-    else:
-        own |= {"pose_position_std": scenario.position_std, "pose_rotation_std": scenario.rotation_std}
-    stated = {name: value for name, value in own.items() if value > 0}
+def _options(scenario: Scenario, sensor_noise: Mapping[str, float]) -> DatasetOptions:
+    """Noise of the sensor and of the motion; what is zero is none to state."""
+    motion = {"force_psd": scenario.noise.force_psd, "torque_psd": scenario.noise.torque_psd}
+    stated = {name: value for name, value in {**motion, **sensor_noise}.items() if value > 0}
     return replace(DatasetOptions(notes={"seed": scenario.seed}), **stated)

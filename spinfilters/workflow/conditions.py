@@ -8,6 +8,7 @@ import numpy as np
 
 from spinfilters.evaluation.truth_consistency import contradictions
 from spinfilters.logs.measurement_log import MeasurementStream
+from spinfilters.logs.sensor_format import sensor_format
 from spinfilters.workflow.preparation import Prepared
 
 FORCE_UNIT, TORQUE_UNIT = "(m/s^2)^2/Hz", "(rad/s^2)^2/Hz"
@@ -69,7 +70,8 @@ class Conditions:
 def conditions_of(prepared: Prepared) -> Conditions:
     """Of a prepared data set."""
     dataset, known = prepared.dataset, prepared.dataset.known_map
-    seen = None if "stereo" not in dataset.log.sensors else "unknown" if known is None else "known"
+    sees = any(sensor_format(sensor).has_landmarks for sensor in dataset.log.sensors)
+    seen = None if not sees else "unknown" if known is None else "known"
     sensors = tuple(noise for stream in dataset.log.streams for noise in _sensor_noise(stream, prepared))
     seed = dataset.options.notes.get("seed")
     return Conditions(
@@ -92,19 +94,14 @@ def told_sentences(document: dict[str, Any]) -> list[str]:
 
 
 def _sensor_noise(stream: MeasurementStream, prepared: Prepared) -> Iterator[StatedNoise]:
-    noise = prepared.noise
-    if stream.sensor == "stereo":
-        yield StatedNoise("pixel_std", "pixels", noise.pixel_std, "px")
-    elif stream.sensor == "gyro":
-        yield StatedNoise("gyro_noise_std", "gyro", noise.gyro_noise_std, "rad/s")
-        if noise.gyro_scale_std > 0:
-            yield StatedNoise("gyro_scale_std", "gyro, of the rate", noise.gyro_scale_std, "1")
-    else:
-        position, rotation = noise.pose_position_std, noise.pose_rotation_std
-        if stream.covariance is not None:
-            position, rotation = (_median_std(stream.covariance[:, k : k + 3, k : k + 3]) for k in (0, 3))
-        yield StatedNoise("pose_position_std", "positions", position, "m")
-        yield StatedNoise("pose_rotation_std", "attitudes", rotation, "rad")
+    """What every option of the sensor is, of rows with covariances their median; what is zero is left out."""
+    for option in sensor_format(stream.sensor).noise:
+        value = prepared.noise.values[option.name]
+        if stream.covariance is not None and option.components is not None:
+            rows = np.array(option.components)
+            value = _median_std(stream.covariance[:, rows[:, None], rows])
+        if value > 0:
+            yield StatedNoise(option.name, option.words, value, option.allowed.unit or "1")
 
 
 def _disturbances(prepared: Prepared) -> Iterator[StatedNoise]:

@@ -128,4 +128,4 @@ def _reference(dataset: Dataset, evaluation: Evaluation) -> BodyRates | None:
     """True rates, or else what a gyro measured."""
     if dataset.truth is not None and evaluation.errors is not None:
         return true_rates(dataset.truth, evaluation.errors.frame)
-    return measured_rates(dataset.log.stream("gyro")) if "gyro" in dataset.log.sensors else None
+    return measured_rates(dataset.log)

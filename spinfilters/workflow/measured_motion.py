@@ -1,9 +1,8 @@
 """Motion that the measurements of a whole recording say directly."""
 
-from spinfilters.estimators.motion_evidence import MotionEvidence, evidence_from_gyro, evidence_from_poses
-from spinfilters.estimators.timeline import noise_level
-from spinfilters.perception.track_poses import poses_with_map
-from spinfilters.workflow.preparation import Prepared
+from spinfilters.estimators.motion_evidence import MotionEvidence, motion_evidence
+from spinfilters.logs.sensor_format import sensor_format
+from spinfilters.workflow.preparation import Prepared, camera_view, initial_samples
 
 
 def measured_motion(prepared: Prepared) -> MotionEvidence:
@@ -13,12 +12,8 @@ def measured_motion(prepared: Prepared) -> MotionEvidence:
     ------
     InputError: when it does not say them: too few poses, or too large turns between them.
     """
-    log, dataset, frames = prepared.dataset.log, prepared.dataset, len(prepared.timeline)
-    if "stereo" in log.sensors and dataset.rig is not None and dataset.known_map is not None:
-        tracks, level = log.stream("stereo"), noise_level(log.stream("stereo"), prepared.noise.pixel_std)
-        return evidence_from_poses(
-            poses_with_map(tracks, dataset.known_map, dataset.rig.calibration, level), frames
-        )
-    if "pose" in log.sensors:
-        return evidence_from_poses(log.stream("pose"), frames)
-    return evidence_from_gyro(log.stream("gyro"), frames)
+    dataset = prepared.dataset
+    known = dataset.known_map is not None
+    streams = [s for s in dataset.log.streams if known or not sensor_format(s.sensor).has_landmarks]
+    samples = initial_samples(streams, prepared.noise, camera_view(dataset))
+    return motion_evidence(samples, len(prepared.timeline))

@@ -1,6 +1,6 @@
 """A data set and settings made ready for any estimator: process, timeline, start."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,31 +10,25 @@ from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.first_frames import FirstStatePrior, SmoothedFrames
 from spinfilters.estimators.landmark_start.start import LandmarkStartReport, start_with_landmarks
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
-from spinfilters.estimators.motion_evidence import MotionEvidence, evidence_from_gyro, evidence_from_poses
+from spinfilters.estimators.motion_evidence import MotionEvidence, motion_evidence
 from spinfilters.estimators.start import StartOptions, StartReport, start_from_data
-from spinfilters.estimators.timeline import SensorNoise, StereoView, Timeline, build_timeline, noise_level
+from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
 from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.input_file import reason
 from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.logs.sensor_format import noise_options, sensor_format
 from spinfilters.models.process import THESIS_NOISE, ProcessNoise, TorqueFreeProcess
-from spinfilters.perception.map_building import poses_without_map
-from spinfilters.perception.track_poses import poses_with_map
+from spinfilters.sensors.registry import sensor_of, sensors_in
+from spinfilters.sensors.sensor import MotionSamples, Sensor
 from spinfilters.state.blocks.drag import DRAG
-from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 from spinfilters.workflow.gyro_noise import FIRST_SCALE, GyroNoise, disturbance_psd, identify_gyro_noise
 from spinfilters.workflow.settings import AUTO, Settings
 from spinfilters.workflow.start_length import CheckedStart, long_enough_start
 
-STATED_NOISE = {
-    "gyro": {"gyro_noise_std"},
-    "pose": {"pose_position_std", "pose_rotation_std"},
-    "stereo": {"pixel_std"},
-}
-"""Settings that take the place of a sensor's covariances row by row."""
 WHOLE_RECORDING = 400
-"""Gyro samples, at most, from which the gyro's error is identified."""
+"""Samples, at most, from which the error of a rate sensor is identified."""
 
 
 @dataclass(frozen=True)
@@ -82,8 +76,8 @@ class Prepared:
 
 
 def knows_frames(dataset: Dataset) -> bool:
-    """Whether a data set tells frames i and g: by a known map or by poses."""
-    return dataset.known_map is not None or dataset.kind == "pose"
+    """Whether a data set tells frames i and g: by a known map or by its kind's sensor."""
+    return dataset.known_map is not None or sensor_of(dataset.sensor).tells_frames
 
 
 def prepare(dataset: Dataset, settings: Settings) -> Prepared:
@@ -98,17 +92,19 @@ def prepare(dataset: Dataset, settings: Settings) -> Prepared:
 
 
 def _prepared(dataset: Dataset, settings: Settings) -> Prepared:
-    log, view = _log_with_noise(dataset.log, settings), _view(dataset)
+    log, view = _log_with_noise(dataset.log, settings), camera_view(dataset)
     layout = _layout(log, settings)
-    unknown_gyro = "gyro" in log.sensors and _gyro_is_unknown(log, dataset, settings)
-    automatic = _disturbances(dataset, unknown_gyro)
+    unknown = _sensor_of_unknown_noise(log, dataset, settings)
+    automatic = _disturbances(dataset, unknown)
     process = TorqueFreeProcess(layout, settings.process.noise(automatic), settings.process.tolerance)
     noise, gyro_noise = _noise(dataset, settings), None
-    if "gyro" in log.sensors:
-        process.require_steps(log.stream("gyro").time, log.stream("gyro").values)
-    if unknown_gyro:
-        gyro_noise = _identify(log, process, noise, settings.start)
-        noise = replace(noise, gyro_scale_std=gyro_noise.scale_std)
+    for stream in log.streams:
+        rates = sensor_of(stream.sensor).measured_rates(stream)
+        if rates is not None:
+            process.require_steps(stream.time, rates)
+    if unknown is not None:
+        gyro_noise, option = _identify(unknown, process, noise, settings.start)
+        noise = replace(noise, **{option: gyro_noise.scale_std})
     timeline = build_timeline(log, layout, noise, view)
     if len(timeline) < 5:
         raise InputError(f"{len(timeline)} frame(s) are too few for a motion; give at least 5")
@@ -124,11 +120,13 @@ def _prepared(dataset: Dataset, settings: Settings) -> Prepared:
 
 def _layout(log: MeasurementLog, settings: Settings) -> StateLayout:
     """What the sensors can see of a state, with the constants that the settings ask for."""
-    layout = StateLayout(ROTATION_BLOCKS if log.sensors == ("gyro",) else FULL_BLOCKS)
+    sensors = sensors_in(log)
+    layout = StateLayout(FULL_BLOCKS if any(sensor.sees_place for sensor in sensors) else ROTATION_BLOCKS)
     if settings.process.drag:
         layout = layout.joined(DRAG)
-    if "gyro" in log.sensors and settings.start.gyro_bias_std:
-        layout = layout.joined(GYRO_BIAS)
+    for block in (block for sensor in sensors for block in sensor.error_blocks):
+        if settings.start.states_prior(block):
+            layout = layout.joined(block)
     return layout
 
 
@@ -153,45 +151,57 @@ def _start(
         return CheckedStart(StartReport(layout, frames, np.nan, np.nan, prior)), reason(error)
 
 
-def _view(dataset: Dataset) -> StereoView | None:
-    """What stereo rows are measured against, None without any."""
-    if "stereo" not in dataset.log.sensors:
-        return None
-    assert dataset.rig is not None
-    return StereoView(dataset.known_map, dataset.rig.calibration)
+def camera_view(dataset: Dataset) -> CameraView | None:
+    """What rows of landmarks are measured against, None without any."""
+    return None if dataset.rig is None else CameraView(dataset.known_map, dataset.rig.calibration)
+
+
+def initial_samples(
+    streams: Sequence[MeasurementStream], noise: SensorNoise, view: CameraView | None
+) -> MotionSamples:
+    """Initial motion samples of the stream that tells most of the motion.
+
+    Landmarks are asked before places, these before attitudes, these before rates.
+
+    Raises
+    ------
+    InputError: streams that do not tell a motion.
+    """
+
+    def told(stream: MeasurementStream) -> tuple[bool, ...]:
+        sensor = sensor_of(stream.sensor)
+        return sensor_format(stream.sensor).has_landmarks, sensor.sees_place, sensor.tells_frames
+
+    for stream in sorted(streams, key=told, reverse=True):
+        samples = sensor_of(stream.sensor).initial_motion(stream, noise, view)
+        if samples is not None:
+            return samples
+    raise InputError(
+        f"{' and '.join(s.sensor for s in streams)} measurements do not tell how the body moves at first; "
+        "give those of another sensor too"
+    )
 
 
 def _start_maker(
     dataset: Dataset, process: TorqueFreeProcess, timeline: Timeline, noise: SensorNoise
 ) -> Callable[[StartOptions], StartReport]:
-    """What makes a start of this data set: from a gyro, from poses, from sightings of a known map or of an unknown one."""
-    log = dataset.log
-    if "stereo" not in log.sensors:
-        return lambda options: start_from_data(
-            process, timeline, _checked(process, _sensor_evidence(log, timeline, options)), options
-        )
-    assert dataset.rig is not None
-    tracks, calibration = log.stream("stereo"), dataset.rig.calibration
-    if dataset.known_map is None:
-        return lambda options: _start_of_tracks(
-            process, timeline, tracks, (calibration, noise.pixel_std), options
-        )
-    known = dataset.known_map
+    """What makes an initialisation of this data set: nothing of landmarks after its last epoch is looked at."""
+    view = camera_view(dataset)
 
     def make(options: StartOptions) -> StartReport:
-        first = _first_tracks(tracks, timeline, options)
-        poses = poses_with_map(first, known, calibration, noise_level(first, noise.pixel_std))
-        evidence = _checked(process, evidence_from_poses(poses, options.count(timeline)))
-        return start_from_data(process, timeline, evidence, options)
+        frames = options.count(timeline)
+        end = timeline[frames - 1].time
+        streams = [
+            stream.slice(timeline[0].time, end) if sensor_format(stream.sensor).has_landmarks else stream
+            for stream in dataset.log.streams
+        ]
+        samples = initial_samples([stream for stream in streams if stream is not None], noise, view)
+        evidence = _checked(process, motion_evidence(samples, frames))
+        if samples.landmarks is None:
+            return start_from_data(process, timeline, evidence, options)
+        return start_with_landmarks(process, timeline, evidence, samples.landmarks, options)
 
     return make
-
-
-def _sensor_evidence(log: MeasurementLog, timeline: Timeline, options: StartOptions) -> MotionEvidence:
-    frames = options.count(timeline)
-    if "pose" in log.sensors:
-        return evidence_from_poses(log.stream("pose"), frames)
-    return evidence_from_gyro(log.stream("gyro"), frames)
 
 
 def _checked(process: TorqueFreeProcess, evidence: MotionEvidence) -> MotionEvidence:
@@ -200,79 +210,78 @@ def _checked(process: TorqueFreeProcess, evidence: MotionEvidence) -> MotionEvid
     return evidence
 
 
-def _start_of_tracks(
-    process: TorqueFreeProcess,
-    timeline: Timeline,
-    tracks: MeasurementStream,
-    camera: tuple[np.ndarray, float],
-    options: StartOptions,
-) -> StartReport:
-    """A start whose landmarks nobody knew: nothing after its last frame is looked at."""
-    (calibration, pixel_std), first = camera, _first_tracks(tracks, timeline, options)
-    poses, found = poses_without_map(first, calibration, noise_level(first, pixel_std))
-    evidence = _checked(process, evidence_from_poses(poses, options.count(timeline)))
-    return start_with_landmarks(process, timeline, evidence, found, options)
-
-
-def _first_tracks(tracks: MeasurementStream, timeline: Timeline, options: StartOptions) -> MeasurementStream:
-    """Tracks of the epochs that an initialisation looks at."""
-    first = tracks.slice(timeline[0].time, timeline[options.count(timeline) - 1].time)
-    assert first is not None
-    return first
-
-
 def _noise(dataset: Dataset, settings: Settings) -> SensorNoise:
     """Settings first, then the data set's own, then the defaults."""
     chosen: dict[str, float] = {}
-    for name in vars(settings.sensors):
-        stated = getattr(settings.sensors, name)
-        own = getattr(dataset.options, name, None)
-        value = own if stated == AUTO else stated
+    for name in noise_options():
+        stated = _setting(settings, name)
+        value = dataset.options.sensor_noise.get(name) if stated == AUTO else stated
         if value is not None:
             chosen[name] = float(value)
-    return SensorNoise(**chosen)
+    return SensorNoise(chosen)
 
 
-def _disturbances(dataset: Dataset, unknown_gyro: bool) -> ProcessNoise:
-    """The data set's own, then what is known of gyros of unknown error, then the thesis'."""
+def _setting(settings: Settings, option: str) -> float | str:
+    """The setting of a noise option; of a plug-in that came after the settings were built "auto"."""
+    return getattr(settings.sensors, option, AUTO)
+
+
+def _disturbances(dataset: Dataset, unknown: MeasurementStream | None) -> ProcessNoise:
+    """The data set's own, then what is known of rate sensors of unknown error, then the thesis'."""
     force_psd, torque_psd = dataset.options.force_psd, dataset.options.torque_psd
-    if torque_psd is None and unknown_gyro:
-        torque_psd = disturbance_psd(dataset.log.stream("gyro"))
+    if torque_psd is None and unknown is not None:
+        torque_psd = disturbance_psd(unknown)
     return ProcessNoise(force_psd or THESIS_NOISE.force_psd, torque_psd or THESIS_NOISE.torque_psd)
 
 
 def _log_with_noise(log: MeasurementLog, settings: Settings) -> MeasurementLog:
     """The log without those covariances of its rows in whose place the settings state a number."""
-    stated = {name for name in vars(settings.sensors) if getattr(settings.sensors, name) != AUTO}
-    streams = (replace(s, covariance=None) if stated & STATED_NOISE[s.sensor] else s for s in log.streams)
+
+    def is_stated(stream: MeasurementStream) -> bool:
+        options = [each for each in sensor_format(stream.sensor).noise if each.components is not None]
+        return any(_setting(settings, option.name) != AUTO for option in options)
+
+    streams = (replace(s, covariance=None) if is_stated(s) else s for s in log.streams)
     return MeasurementLog(tuple(streams))
 
 
-def _gyro_is_unknown(log: MeasurementLog, dataset: Dataset, settings: Settings) -> bool:
-    told = dataset.options.gyro_noise_std is not None or log.stream("gyro").covariance is not None
-    return settings.sensors.gyro_scale_std == AUTO and not told
+def _sensor_of_unknown_noise(
+    log: MeasurementLog, dataset: Dataset, settings: Settings
+) -> MeasurementStream | None:
+    """The stream whose sensor's error is to be identified, None where there is none or somebody states it."""
+    for stream in log.streams:
+        option = sensor_of(stream.sensor).identified_option
+        names = {each.name for each in sensor_format(stream.sensor).noise}
+        told = names & set(dataset.options.sensor_noise) or stream.covariance is not None
+        if option is not None and not told and _setting(settings, option) == AUTO:
+            return stream
+    return None
 
 
 def _identify(
-    log: MeasurementLog, process: TorqueFreeProcess, noise: SensorNoise, options: StartOptions
-) -> GyroNoise:
-    gyro = log.stream("gyro")
+    stream: MeasurementStream, process: TorqueFreeProcess, noise: SensorNoise, options: StartOptions
+) -> tuple[GyroNoise, str]:
+    """The error of a rate sensor from the whole recording, and the option that it is the value of."""
+    sensor = sensor_of(stream.sensor)
+    option, rates = sensor.identified_option, sensor.measured_rates(stream)
+    assert option is not None
+    assert rates is not None  # what is identified is an error of rates
     layout = process.layout.without_translation
     rotation = process if layout == process.layout else TorqueFreeProcess(layout, process.noise)
     whole = replace(options, frames=WHOLE_RECORDING, share=1.0)
-    timeline = build_timeline(MeasurementLog((gyro,)), layout, replace(noise, gyro_scale_std=FIRST_SCALE))
-    evidence: MotionEvidence = evidence_from_gyro(gyro, whole.count(timeline))
+    timeline = build_timeline(MeasurementLog((stream,)), layout, replace(noise, **{option: FIRST_SCALE}))
+    evidence = motion_evidence(MotionSamples(stream.time, rates=rates), whole.count(timeline))
     try:
-        found = identify_gyro_noise(gyro, start_from_data(rotation, timeline, evidence, whole))
+        found = identify_gyro_noise(stream, start_from_data(rotation, timeline, evidence, whole))
     except NUMERICAL_ERRORS as error:
-        raise _unidentified(reason(error)) from None
+        raise _unidentified(sensor, reason(error)) from None
     if not np.isfinite(found.scale_std):
-        raise _unidentified("what is left of its rates is not finite")
-    return found
+        raise _unidentified(sensor, "what is left of its rates is not finite")
+    return found, option
 
 
-def _unidentified(why: str) -> InputError:
+def _unidentified(sensor: Sensor, why: str) -> InputError:
+    options = " and ".join(f"sensors.{option.name}" for option in sensor_format(sensor.name).noise)
     return InputError(
-        f"the gyro's noise cannot be identified from the recording ({why}); state sensors.gyro_noise_std and "
-        "sensors.gyro_scale_std in a config file"
+        f"the {sensor.name}'s noise cannot be identified from the recording ({why}); state {options} in a config file"
     )

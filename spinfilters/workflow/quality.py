@@ -7,8 +7,8 @@ from scipy.special import chdtrc, pdtrc
 
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.evaluation import Evaluation
-from spinfilters.logs.gyro_files import saturated
-from spinfilters.logs.measurement_log import SENSOR_FORMATS
+from spinfilters.logs.sensor_format import sensor_format
+from spinfilters.sensors.registry import sensor_of
 from spinfilters.state.status import EstimatorStatus, Verdict
 from spinfilters.workflow.preparation import Prepared
 from spinfilters.workflow.settings import Settings
@@ -44,10 +44,8 @@ def shared_doubts(prepared: Prepared) -> list[str]:
         reasons.append(
             f"the motion explains the gyro only to {100 * noise.relative_error:.1f} % of the rate: not a free flight"
         )
-    if "gyro" in prepared.dataset.log.sensors:
-        count = int(np.count_nonzero(saturated(prepared.dataset.log.stream("gyro").values)))
-        if count:
-            reasons.append(f"{count} gyro samples are saturated")
+    for stream in prepared.dataset.log.streams:
+        reasons += sensor_of(stream.sensor).diagnostics(stream)
     return reasons
 
 
@@ -70,7 +68,7 @@ def filter_doubts(prepared: Prepared) -> list[str]:
 def false_alarm_probability(name: str, prepared: Prepared, settings: Settings) -> float:
     """That an estimator leaves a measurement out although its noise is what it is said to be."""
     if name == SMOOTHER:
-        dimension = max(SENSOR_FORMATS[sensor].dimension for sensor in prepared.dataset.log.sensors)
+        dimension = max(sensor_format(sensor).dimension for sensor in prepared.dataset.log.sensors)
         return (
             float(chdtrc(dimension, settings.smoother.width**2))
             if settings.smoother.kernel == "gate"

@@ -16,8 +16,7 @@ from spinfilters.evaluation.trajectory import write_map_ply, write_trajectory_cs
 from spinfilters.logs.atomic_write import make_folder, write_json, write_toml
 from spinfilters.logs.camera import RIG_FILES
 from spinfilters.logs.dataset import Dataset, read_dataset
-from spinfilters.logs.dataset_options import NOISE_KEYS
-from spinfilters.logs.dataset_writing import DATASET_FILES, write_dataset
+from spinfilters.logs.dataset_writing import dataset_files, write_dataset
 from spinfilters.logs.input_file import named, shown
 from spinfilters.logs.measurement_log import MeasurementStream
 from spinfilters.logs.pose_files import write_tum
@@ -165,8 +164,7 @@ def finished_run(folder: Path, dataset: Dataset, settings: Settings) -> dict[str
 
 
 def _decisive(dataset: Dataset) -> tuple[Any, ...]:
-    noise = tuple(getattr(dataset.options, key) for key in NOISE_KEYS)
-    return (*(getattr(dataset, part) for part in DECISIVE), noise)
+    return (*(getattr(dataset, part) for part in DECISIVE), dataset.options.noise)
 
 
 def _equal(one: Any, other: Any) -> bool:
@@ -211,7 +209,7 @@ def _clear(folder: Path, source: Path | None) -> None:
     for name in (SUMMARY_FILE, TRUTH_FILE, *pictures):
         (folder / name).unlink(missing_ok=True)
     if not _is_own_dataset(folder, source):
-        _remove(folder / DATASET_FOLDER, DATASET_FILES)
+        _remove(folder / DATASET_FOLDER, dataset_files())
     for name in ESTIMATORS:
         _remove(folder / name, ESTIMATOR_FILES)
 

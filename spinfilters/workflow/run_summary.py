@@ -32,7 +32,7 @@ def summary(comparison: Comparison) -> dict[str, Any]:
         "schema": SCHEMA,
         "dataset": _dataset(prepared),
         "process": {"blocks": list(prepared.process.layout.blocks), **vars(prepared.process.noise)},
-        "sensors": vars(prepared.noise),
+        "sensors": dict(prepared.noise.values),
         "conditions": conditions_of(prepared).document,
         "identical_measurements": on_identical_measurements(evaluations),
         "start": _start(prepared),

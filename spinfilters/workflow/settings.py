@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import MISSING, asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.adaptation import AdaptationOptions
@@ -12,15 +12,14 @@ from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.estimators.robustness import RobustOptions
 from spinfilters.estimators.sigma_points import SigmaPointOptions
 from spinfilters.estimators.start import StartOptions
-from spinfilters.logs.dataset_options import DENSITIES, STANDARD_DEVIATIONS
+from spinfilters.logs.dataset_options import DENSITIES
 from spinfilters.logs.input_file import named, shown
 from spinfilters.logs.number_range import NumberRange
 from spinfilters.logs.settings_files import read_toml
 from spinfilters.models.process import ProcessNoise
+from spinfilters.workflow.sensor_settings import AUTO, Auto, SensorSettings
 from spinfilters.workflow.smoother_settings import SmootherSettings
 
-AUTO: Final = "auto"
-Auto = Literal["auto"]
 DEFAULT_ESTIMATORS = ("mekf", "ukf", "smoother")
 ESTIMATORS = (*DEFAULT_ESTIMATORS, "filterpy-ekf", "filterpy-ukf")
 """Names of all; filterpy's hold no landmarks."""
@@ -61,24 +60,6 @@ class ProcessSettings:
         force_psd = automatic.force_psd if self.force_psd == AUTO else self.force_psd
         torque_psd = automatic.torque_psd if self.torque_psd == AUTO else self.torque_psd
         return ProcessNoise(force_psd, torque_psd)
-
-
-@dataclass(frozen=True)
-class SensorSettings:
-    """Standard deviations of the sensors; "auto" takes the data set's own, or the default where it is silent.
-
-    Attributes
-    ----------
-    gyro_noise_std: rad/s.   gyro_scale_std: relative to |w|; "auto" identifies it from the recording when the data set
-        states no gyro noise, with its correlation time.
-    pixel_std: px.   pose_position_std: m.   pose_rotation_std: rad.
-    """
-
-    gyro_noise_std: Auto | Annotated[float, STANDARD_DEVIATIONS["gyro_noise_std"]] = AUTO
-    gyro_scale_std: Auto | Annotated[float, NumberRange(1e-9, 1e3, zero=True)] = AUTO
-    pixel_std: Auto | Annotated[float, STANDARD_DEVIATIONS["pixel_std"]] = AUTO
-    pose_position_std: Auto | Annotated[float, STANDARD_DEVIATIONS["pose_position_std"]] = AUTO
-    pose_rotation_std: Auto | Annotated[float, STANDARD_DEVIATIONS["pose_rotation_std"]] = AUTO
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from observability.cases import CHARTS, SENSORS, UNKNOWNS
+from observability.cases import CHARTS, UNKNOWNS
+from observability.sensors import analysed_sensors
 from spinfilters.cli.main import main
 
 QUICK = ["--frames", "6", "--interval", "0.5"]
@@ -146,7 +147,14 @@ def test_help_names_every_sensor_and_the_axes(
     with pytest.raises(SystemExit):
         main(["observe", "--help"])
     said = capsys.readouterr().out
-    for word in (*SENSORS, *CHARTS, *UNKNOWNS, "principal axes", "camera's axes", "--input-period"):
+    for word in (
+        *analysed_sensors(),
+        *CHARTS,
+        *UNKNOWNS,
+        "principal axes",
+        "camera's axes",
+        "--input-period",
+    ):
         assert word in said
     options = said.split("\n  --")[1:]
     assert len(options) >= 14
@@ -162,7 +170,7 @@ def test_a_second_run_replaces_the_first(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (["--sensor", "sonar"], "sensor 'sonar' is unknown; use one of stereo"),
+        (["--sensor", "sonar"], "sensor 'sonar' is unknown; use one of attitude"),
         (["--chart", "mercator"], "chart 'mercator' is unknown"),
         (["--landmarks", "0"], "--landmarks: '0' is not allowed; give a whole number from 1 to 200"),
         (["--landmarks", "100000"], "give a whole number from 1 to 200"),

@@ -11,7 +11,7 @@ from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.motion_evidence import MotionEvidence
 from spinfilters.estimators.run import run
 from spinfilters.estimators.start import StartOptions, StartReport, start_from_data
-from spinfilters.estimators.timeline import SensorNoise, StereoView, Timeline, build_timeline
+from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.logs.dataset import Dataset
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
@@ -44,7 +44,7 @@ def stereo_timeline(dataset: Dataset, pixel_std: float) -> Timeline:
     """Frames of a stereo data set with its known map."""
     assert dataset.known_map is not None
     assert dataset.rig is not None
-    view = StereoView(dataset.known_map, dataset.rig.calibration)
+    view = CameraView(dataset.known_map, dataset.rig.calibration)
     return build_timeline(dataset.log, FULL, SensorNoise(pixel_std=pixel_std), view)
 
 

@@ -11,7 +11,7 @@ from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.multiplicative_filter import MultiplicativeFilter
 from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf
-from spinfilters.estimators.timeline import Frame, SensorNoise, StereoView, Timeline, build_timeline
+from spinfilters.estimators.timeline import CameraView, Frame, SensorNoise, Timeline, build_timeline
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.logs.dataset import Dataset
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
@@ -56,7 +56,7 @@ def recording(seed: int = 0, frames: int = 30, landmarks: int = 150, pixel_std: 
 def timeline_of(dataset: Dataset, pixel_std: float = 1.0) -> Timeline:
     """Frames of sightings whose landmarks are left to the filter."""
     assert dataset.rig is not None
-    view = StereoView(None, dataset.rig.calibration)
+    view = CameraView(None, dataset.rig.calibration)
     return build_timeline(dataset.log, LAYOUT, SensorNoise(pixel_std=pixel_std), view)
 
 

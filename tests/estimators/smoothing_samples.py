@@ -15,12 +15,13 @@ from spinfilters.estimators.smoothing.sliding import SlidingSmoother
 from spinfilters.estimators.smoothing.sliding_records import SlidingOptions
 from spinfilters.estimators.smoothing.solver import Plain, Solved, SolverOptions, solve
 from spinfilters.estimators.smoothing.step_rules import GaussNewton, StepRule
-from spinfilters.estimators.timeline import SensorNoise, StereoView, Timeline, build_timeline
+from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.logs.measurement_log import MeasurementLog
 from spinfilters.logs.track_files import KnownMap
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.simulation.scenario import RICH_RPM, RIG, Scenario, simulate
+from spinfilters.sensors.feature_tracks import RIG
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 LAYOUT = StateLayout(FULL_BLOCKS)
@@ -61,7 +62,7 @@ def sample(scenario: Scenario, wrong: float = 0.0, pixel_std: float = 1.0) -> Sa
     assert dataset.truth is not None
     assert dataset.known_map is not None
     tracks = swapped(dataset.log.stream("stereo"), wrong, np.random.default_rng(scenario.seed))
-    view = StereoView(None, RIG.calibration)
+    view = CameraView(None, RIG.calibration)
     frames = build_timeline(MeasurementLog((tracks,)), LAYOUT, SensorNoise(pixel_std=pixel_std), view)
     return Sample(frames, true_states(dataset.truth, LAYOUT), dataset.known_map)
 

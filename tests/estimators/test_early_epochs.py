@@ -14,7 +14,7 @@ from spinfilters.estimators.smoothing.latest_pose import latest_pose
 from spinfilters.estimators.smoothing.modes import Full
 from spinfilters.estimators.smoothing.sliding import SlidingSmoother
 from spinfilters.estimators.smoothing.sliding_records import SlidingOptions
-from spinfilters.estimators.timeline import SensorNoise, StereoView, Timeline, build_timeline
+from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
 from spinfilters.evaluation.consistency import normalised_square, true_states
 from spinfilters.logs.measurement_log import MeasurementLog
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
@@ -41,7 +41,7 @@ def _recording(seed: int, wrong: float) -> tuple[Timeline, Float[np.ndarray, "k 
     assert dataset.truth is not None
     assert dataset.rig is not None
     tracks = swapped(dataset.log.stream("stereo"), wrong, np.random.default_rng(seed))
-    view = StereoView(None, dataset.rig.calibration)
+    view = CameraView(None, dataset.rig.calibration)
     return build_timeline(MeasurementLog((tracks,)), LAYOUT, SensorNoise(), view), true_states(
         dataset.truth, LAYOUT
     )

@@ -14,7 +14,7 @@ from spinfilters.estimators.linear_prediction import linear_rows
 from spinfilters.estimators.multiplicative_ekf import IteratedUpdate, MultiplicativeEkf
 from spinfilters.estimators.robustness import RobustOptions
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
-from spinfilters.simulation.scenario import RIG
+from spinfilters.sensors.feature_tracks import RIG
 from spinfilters.state.gaussian import Gaussian
 
 STD = np.repeat([0.05, 0.5, 0.02, 0.2, 0.02, 0.3], [3, 3, 3, 3, 3, 5])

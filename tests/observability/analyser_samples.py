@@ -18,4 +18,4 @@ LOG_RATIOS = PrincipalChart(RATIOS, with_attitude=False, with_place=False)
 
 def stereo_system(chart: Chart, count: int) -> System:
     """Unknown landmarks before a stereo pair."""
-    return System(chart, [sensors.stereo(landmarks(count))])
+    return System(chart, [sensors.watching("stereo", landmarks(count))])

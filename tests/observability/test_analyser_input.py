@@ -79,7 +79,7 @@ def test_no_measurements_are_refused() -> None:
     with pytest.raises(InputError, match="nothing is measured"):
         System(EULER, [])
     with pytest.raises(InputError, match="stereo measures nothing"):
-        sensors.stereo([])
+        sensors.watching("stereo", [])
 
 
 @pytest.mark.parametrize(
@@ -100,7 +100,7 @@ def test_a_wrong_point_is_refused(blocks: dict, error: type[Exception], text: st
 
 
 def test_wrong_shapes_are_refused() -> None:
-    system = System(EULER, [sensors.gyro()])
+    system = System(EULER, [sensors.watching("gyro")])
     with pytest.raises(ShapeError, match="a point of the chart principal axes has 6 numbers, got 5"):
         codistribution(system, point_of(EULER, TUMBLE)[:5], 3, FIELD)
     with pytest.raises(InputError, match="0 orders leave no rows"):
@@ -115,9 +115,9 @@ def test_wrong_shapes_are_refused() -> None:
 
 def test_a_sensor_that_sees_more_than_the_chart_holds_is_refused() -> None:
     with pytest.raises(InputError, match="stereo needs q, t, which the chart principal axes does not hold"):
-        System(LOG_RATIOS, [sensors.stereo(landmarks(1))])
+        System(LOG_RATIOS, [sensors.watching("stereo", landmarks(1))])
     with pytest.raises(InputError, match="an inspector's manoeuvre needs a velocity"):
-        System(LOG_RATIOS, [sensors.gyro()], [Input.INSPECTOR_X])
+        System(LOG_RATIOS, [sensors.watching("gyro")], [Input.INSPECTOR_X])
 
 
 @pytest.mark.parametrize("moments", [(1.0, 1.0, 2.0), (1.0, 1.0, -1.0), (0.0, 1.0, 1.0)])

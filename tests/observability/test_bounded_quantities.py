@@ -67,7 +67,7 @@ def test_a_weak_direction_is_named_by_its_largest_components() -> None:
 
 def test_an_open_certificate_says_that_its_rank_is_a_lower_bound_and_what_has_no_name() -> None:
     chart = PrincipalChart()
-    system = System(chart, [sensors.monocular(landmarks(1))])
+    system = System(chart, [sensors.watching("monocular", landmarks(1))])
     found = certify(system, point_of(chart, MOTIONS["no rotation"]))
     lines = sentences(found)
     assert f"{found.rank} of 23 unknowns at least are determined" in lines[0]

@@ -9,7 +9,7 @@ from bound_samples import CALIBRATION, LAYOUT, MODEL, flight_of, stereo_watch
 
 from observability.bounds.cramer_rao import cramer_rao_bound, observability_gramian, prior_deviations
 from observability.bounds.flight import Flight, Watch, rows_at
-from observability.sensors import RIG
+from observability.sensors import analysed
 from spinfilters.errors import InputError, ShapeError
 from spinfilters.models.process import ProcessNoise
 from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
@@ -239,4 +239,4 @@ def test_wrong_input_is_refused(change, error: type[Exception], text: str) -> No
 
 
 def test_the_rig_of_samples_and_of_the_analyser_are_the_same() -> None:
-    np.testing.assert_array_equal(CALIBRATION, [float(value) for value in RIG])
+    np.testing.assert_array_equal(CALIBRATION, analysed("stereo").parameters[:5])

@@ -122,6 +122,6 @@ def test_the_expression_does_not_grow_with_the_number_of_landmarks() -> None:
 
 
 def test_symbolic_derivatives_along_inputs_are_refused() -> None:
-    system = System(CHARTS[0], [sensors.stereo(landmarks(1))], [Input.INSPECTOR_X])
+    system = System(CHARTS[0], [sensors.watching("stereo", landmarks(1))], [Input.INSPECTOR_X])
     with pytest.raises(InputError, match="use codistribution"):
         lie_derivatives(system, 0, 3)

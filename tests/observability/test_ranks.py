@@ -14,7 +14,7 @@ from observability.motions import landmarks, motion, point_of
 from observability.rational import rationals
 from observability.system import Input, Sensor, System
 
-GYRO, PRINCIPAL, TENSOR = sensors.gyro(), PrincipalChart(), TensorChart()
+GYRO, PRINCIPAL, TENSOR = sensors.watching("gyro"), PrincipalChart(), TensorChart()
 PUSH = [[rationals((0.1, 0.03, -0.02))]]
 """One experiment with one input: its Taylor coefficients."""
 NULL_DIMENSIONS = {
@@ -75,9 +75,9 @@ def test_log_ratios_are_determined_by_a_tumble_and_not_by_a_principal_spin() -> 
 @pytest.mark.parametrize(
     ("chart", "sensor", "rank"),
     [
-        (PrincipalChart(RATIOS, with_place=False), sensors.attitude(), 11),
-        (PRINCIPAL, sensors.pose(), 20),
-        (PRINCIPAL, sensors.monocular(landmarks(4), known=True), 20),
+        (PrincipalChart(RATIOS, with_place=False), sensors.watching("attitude"), 11),
+        (PRINCIPAL, sensors.watching("pose"), 20),
+        (PRINCIPAL, sensors.watching("monocular", landmarks(4), known=True), 20),
     ],
     ids=["lidar attitude", "lidar pose", "known map"],
 )
@@ -88,7 +88,7 @@ def test_sensors_that_determine_everything(chart: Chart, sensor: Sensor, rank: i
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 8])
 def test_one_camera_leaves_the_scale_of_all_lengths_too(count: int) -> None:
-    found = analysed(PRINCIPAL, sensors.monocular(landmarks(count)))
+    found = analysed(PRINCIPAL, sensors.watching("monocular", landmarks(count)))
     assert (found.null_dimension, found.unnamed, found.certified) == (7, 0, True)
     assert "scale of all lengths" in {each.symmetry.name for each in found.explanations}
 
@@ -106,7 +106,7 @@ def test_a_spin_about_z_with_a_torque_about_z_tells_that_moment_alone() -> None:
 
 
 def test_a_manoeuvre_of_the_inspector_gives_one_camera_its_scale() -> None:
-    system = System(PRINCIPAL, [sensors.monocular(landmarks(4))], [Input.INSPECTOR_X])
+    system = System(PRINCIPAL, [sensors.watching("monocular", landmarks(4))], [Input.INSPECTOR_X])
     assert certify(system, point_of(PRINCIPAL, TUMBLE), PUSH).null_dimension == 6
     idle = certify(system, point_of(PRINCIPAL, TUMBLE), [[rationals((0.0,))]])
     assert idle.null_dimension == 7
@@ -139,10 +139,10 @@ def test_a_float_rank_agrees_where_nothing_is_close(chart: Chart) -> None:
 
 
 def test_a_hundred_landmarks() -> None:
-    assert analysed(PRINCIPAL, sensors.stereo(landmarks(100))).rank == 314
+    assert analysed(PRINCIPAL, sensors.watching("stereo", landmarks(100))).rank == 314
 
 
 def test_ranks_by_order_rise_to_the_rank() -> None:
-    found = analysed(PRINCIPAL, sensors.stereo(landmarks(3)))
+    found = analysed(PRINCIPAL, sensors.watching("stereo", landmarks(3)))
     assert found.ranks[:4] == (9, 15, 21, 23)
     assert found.order == 3

@@ -4,16 +4,17 @@ import itertools
 
 import pytest
 
-from observability.cases import SENSORS, Case
+from observability.cases import Case
 from observability.motions import TEN, motion
 from observability.report import analyse
 from observability.scope import axes_in_words, close_moments, scope
+from observability.sensors import analysed_sensors
 from observability.system import Input
 
 MOTIONS = {each.name: each for each in TEN}
 
 
-@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("sensor", analysed_sensors())
 def test_what_a_sensor_was_not_asked_is_said(sensor: str) -> None:
     case = Case(sensors=(sensor,))
     found = scope(case)
@@ -82,7 +83,7 @@ def test_a_torque_is_about_the_same_axis_in_every_chart(axes: str, sensor: str, 
         assert tensor.null_dimension == undetermined
 
 
-@pytest.mark.parametrize("pair", list(itertools.combinations(SENSORS, 2)), ids="+".join)
+@pytest.mark.parametrize("pair", list(itertools.combinations(analysed_sensors(), 2)), ids="+".join)
 def test_two_sensors_together_determine_at_least_what_each_does(pair: tuple[str, str]) -> None:
     both = Case(sensors=pair).certificate()
     assert both.unnamed == 0

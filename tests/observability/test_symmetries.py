@@ -105,7 +105,7 @@ def test_the_simulation_follows_the_process_model_of_the_filters() -> None:
 
 
 def test_a_simulation_along_a_known_input_does_not_depend_on_how_it_is_cut() -> None:
-    system = System(EULER, [sensors.gyro()], [Input.TORQUE_X])
+    system = System(EULER, [sensors.watching("gyro")], [Input.TORQUE_X])
     x = as_floats(point_of(EULER, TUMBLE))[:, np.newaxis]
     start = Trajectories(x, (np.array([[0.002], [0.0]])[:, :, np.newaxis],))
     push = [rationals((0.1, 0.3, -0.2))]
@@ -121,7 +121,7 @@ def test_a_steady_motion_is_certified_without_a_symmetry_for_every_direction() -
 
 
 def test_what_cannot_be_proved_is_open() -> None:
-    system = System(PRINCIPAL, [sensors.monocular(landmarks(1))])
+    system = System(PRINCIPAL, [sensors.watching("monocular", landmarks(1))])
     found = certify(system, point_of(PRINCIPAL, MOTIONS["no rotation"]))
     assert found.proof is Proof.OPEN
     assert not found.certified
@@ -129,7 +129,7 @@ def test_what_cannot_be_proved_is_open() -> None:
 
 
 def test_a_gyro_does_not_notice_where_its_observer_is() -> None:
-    found = certify(System(PRINCIPAL, [sensors.gyro()]), point_of(PRINCIPAL, TUMBLE))
+    found = certify(System(PRINCIPAL, [sensors.watching("gyro")]), point_of(PRINCIPAL, TUMBLE))
     assert (found.rank, found.unnamed, found.proof) == (8, 0, Proof.SYMMETRIES)
 
 

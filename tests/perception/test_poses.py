@@ -23,7 +23,8 @@ from spinfilters.perception.map_building import poses_without_map
 from spinfilters.perception.matches import Matches
 from spinfilters.perception.pose_fit import fit_pose, fit_poses
 from spinfilters.perception.track_poses import poses_with_map
-from spinfilters.simulation.scenario import RIG, Scenario, simulate
+from spinfilters.sensors.feature_tracks import RIG
+from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.state.layout import StateLayout
 
 POSE = StateLayout(("t", "a"))

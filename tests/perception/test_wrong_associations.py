@@ -22,7 +22,8 @@ from spinfilters.perception.map_in_progress import MapInProgress
 from spinfilters.perception.matches import Matches, MatchTable
 from spinfilters.perception.pose_consensus import Consensus, consensus_poses
 from spinfilters.perception.pose_fit import fit_pose
-from spinfilters.simulation.scenario import RIG, Scenario, simulate
+from spinfilters.sensors.feature_tracks import RIG
+from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.state.layout import StateLayout
 
 CAMERA = StereoLandmark(StateLayout(("t", "a")))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from spinfilters.errors import InputError
+from spinfilters.logs.sensor_format import dataset_kinds
 from spinfilters.simulation.delivery import (
     Delivery,
     HeldUp,
@@ -15,7 +16,7 @@ from spinfilters.simulation.delivery import (
     schedule_of,
     with_delivery_faults,
 )
-from spinfilters.simulation.scenario import KINDS, Scenario, simulate
+from spinfilters.simulation.scenario import Scenario, simulate
 
 TRACKS = simulate(Scenario(frames=40))
 PUNCTUAL = schedule_of(TRACKS)
@@ -37,7 +38,7 @@ def bits(delivery: Delivery) -> tuple[bytes, ...]:
     return rows.time.tobytes(), rows.values.tobytes(), rows.ids.tobytes()
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", dataset_kinds())
 def test_without_faults_every_frame_arrives_at_its_stamp(kind: str) -> None:
     dataset = simulate(Scenario(kind=kind, frames=10))
     schedule, stream = schedule_of(dataset), dataset.log.streams[0]

@@ -10,9 +10,11 @@ from spinfilters.errors import InputError
 from spinfilters.logs.dataset import Dataset, read_dataset
 from spinfilters.logs.dataset_writing import write_dataset
 from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.logs.sensor_format import dataset_kinds
+from spinfilters.sensors.feature_tracks import RIG
+from spinfilters.sensors.gyro import GYRO_FULL_SCALE
+from spinfilters.sensors.pose import POSE_REACH_M
 from spinfilters.simulation.faults import (
-    GYRO_FULL_SCALE,
-    POSE_REACH_M,
     Dropout,
     Fault,
     FrozenFrames,
@@ -21,9 +23,9 @@ from spinfilters.simulation.faults import (
     WrongAssociations,
     with_faults,
 )
-from spinfilters.simulation.scenario import KINDS, RIG, Scenario, simulate
+from spinfilters.simulation.scenario import Scenario, simulate
 
-DATASETS = {kind: simulate(Scenario(kind=kind, frames=20)) for kind in KINDS}
+DATASETS = {kind: simulate(Scenario(kind=kind, frames=20)) for kind in dataset_kinds()}
 TRACKS = DATASETS["stereo-tracks"]
 STEREO_FAULTS = (
     WrongAssociations(0.3),
@@ -112,7 +114,7 @@ def test_gyros_and_poses_have_outliers_too(sensor: str, limit: float) -> None:
     assert np.abs(after[wrong, :3]).max() > 0.5 * limit
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", dataset_kinds())
 def test_a_dropout_takes_every_measurement_of_its_stretch_and_no_other(kind: str) -> None:
     hit = with_faults(DATASETS[kind], [Dropout(2.0, 4.0)], 0)
     before, after = DATASETS[kind].log.streams[0], hit.log.streams[0]

@@ -10,19 +10,12 @@ from spinfilters.dynamics.mass_distribution import inertia_matrix
 from spinfilters.errors import InputError
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.logs.dataset import Dataset
+from spinfilters.logs.sensor_format import dataset_kinds
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.sensors.feature_tracks import RIG, EveryAppearance, SomeAppearances, stays_in_view
 from spinfilters.simulation.motion import Motion, simulate_motion
-from spinfilters.simulation.scenario import (
-    KINDS,
-    RICH_RPM,
-    RIG,
-    THESIS_RPM,
-    Scenario,
-    simulate,
-    without_map,
-)
-from spinfilters.simulation.stereo_tracks import EveryAppearance, SomeAppearances, stays_in_view
+from spinfilters.simulation.scenario import RICH_RPM, THESIS_RPM, Scenario, simulate, without_map
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 FULL = StateLayout(FULL_BLOCKS)
@@ -34,7 +27,7 @@ def _states(dataset: Dataset) -> np.ndarray:
     return true_states(dataset.truth, FULL)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", dataset_kinds())
 def test_a_seed_gives_the_same_data_again_and_another_seed_other_data(kind: str) -> None:
     scenario = replace(SHORT, kind=kind)
     first, again, other = simulate(scenario), simulate(scenario), simulate(replace(scenario, seed=1))

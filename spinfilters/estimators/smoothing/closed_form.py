@@ -7,11 +7,11 @@ from jaxtyping import Float
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.landmark_start.smoother import DrawnIn, SmoothingOptions
-from spinfilters.estimators.motion_evidence import evidence_from_poses
+from spinfilters.estimators.motion_evidence import motion_evidence
 from spinfilters.estimators.smoothing.problem import Normal, Point, Problem, Stage
 from spinfilters.estimators.smoothing.solver import SolverOptions, solve
 from spinfilters.estimators.start import CLOSED_FORM_BLOCKS, MASS_SHARES, closed_form
-from spinfilters.logs.measurement_log import MeasurementStream
+from spinfilters.sensors.sensor import MotionSamples
 from spinfilters.state.layout import POSE_BLOCKS
 
 FIRST, GROWTH, RETRY = 4, 1.5, 1.2
@@ -58,7 +58,7 @@ def at_closed_form(
         return None, 0
     poses = np.concatenate([here.trajectory[:, layout.mean_slice(b)] for b in POSE_BLOCKS], axis=1)
     try:
-        evidence = evidence_from_poses(MeasurementStream("pose", times, poses), len(times))
+        evidence = motion_evidence(MotionSamples(times, poses[:, 3:], positions=poses[:, :3]), len(times))
         first, _ = closed_form(layout, evidence)
     except InputError:  # no rotation yet, or too few poses: nothing better is known
         return None, 0

@@ -1,4 +1,4 @@
-"""What a stereo front end would report of a body: which landmarks it sees, finds and knows again, and where."""
+"""Simulated feature tracks: which landmarks a camera sees, finds and knows again, and where."""
 
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
@@ -7,10 +7,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinfilters.errors import InputError
-from spinfilters.logs.camera import StereoRig
-from spinfilters.logs.measurement_log import MeasurementStream
-from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
-from spinfilters.simulation.motion import Motion
+from spinfilters.logs.camera import Rig, StereoRig
+from spinfilters.models.measurement import MeasurementModel
+from spinfilters.state.layout import StateLayout
 
 RIG = StereoRig(fx=466.7, fy=466.7, cx=320.0, cy=240.0, width=640, height=480, baseline_m=0.09)
 """The Goggles' cameras (Tweddle 2013, Tables 5.1 and 5.4)."""
@@ -20,6 +19,24 @@ NEAREST_M = 0.05
 
 DEPTHS = (0.65, 1.5)
 """Smallest and largest depth, over the first one, of a body that stays in view."""
+
+
+class TrueMotion(Protocol):
+    """A simulated motion (`spinfilters.simulation.motion.Motion`): states (n, mean_dim) of one layout at ``time`` (n,) s."""
+
+    @property
+    def layout(self) -> StateLayout: ...
+
+    @property
+    def time(self) -> Float[np.ndarray, " n"]: ...
+
+    @property
+    def states(self) -> Float[np.ndarray, "n m"]: ...
+
+    @property
+    def rotations(self) -> Float[np.ndarray, "n 3 3"]: ...
+
+    def block(self, name: str) -> Float[np.ndarray, "n b"]: ...
 
 
 class Recognition(Protocol):
@@ -115,7 +132,7 @@ def ball(count: int, radius_m: float, generator: np.random.Generator) -> Surface
     return Surface(radius_m * generator.uniform(0.8, 1.0, (count, 1)) * normals, normals)
 
 
-def stays_in_view(motion: Motion, radius_m: float) -> bool:
+def stays_in_view(motion: TrueMotion, radius_m: float) -> bool:
     """Whether a ball about the origin of g is whole in both images all the time, at about its first depth (`DEPTHS`)."""
     x, y, z = motion.block("t").T
     nearest = z - radius_m
@@ -126,36 +143,68 @@ def stays_in_view(motion: Motion, radius_m: float) -> bool:
     return bool(inside.all())
 
 
-def stereo_tracks(
-    front_end: FrontEnd, surface: Surface, motion: Motion, generator: np.random.Generator
-) -> tuple[MeasurementStream, Int[np.ndarray, " m"]]:
-    """Tracks over a motion, and the rows of the surface that its landmarks 0, 1, 2 .. are.
+@dataclass(frozen=True)
+class TrackCamera:
+    """A camera as its model projects landmarks.
+
+    Attributes
+    ----------
+    model: over the layout of the motion.   parameters: (k, p) of all landmarks.   rig: with the size of the images.
+    horizontal: columns of a value along the width of an image; column 1 is along its height.
+    """
+
+    model: MeasurementModel
+    parameters: Float[np.ndarray, "k p"]
+    rig: Rig
+    horizontal: tuple[int, ...] = (0,)
+
+    def sees(self, pixels: Float[np.ndarray, "n k v"]) -> Bool[np.ndarray, "n k"]:
+        """Whether every image holds its pixel."""
+        u, v = pixels[..., list(self.horizontal)], pixels[..., 1]
+        inside = (u.min(axis=-1) >= 0) & (u.max(axis=-1) < self.rig.width)
+        return inside & (v >= 0) & (v < self.rig.height)
+
+
+class FeatureTracks(NamedTuple):
+    """Observations (n rows) in order of time, and the rows of the surface that landmarks 0, 1, 2 ... are."""
+
+    time: Float[np.ndarray, " n"]
+    ids: Int[np.ndarray, " n"]
+    values: Float[np.ndarray, "n v"]
+    landmarks: Int[np.ndarray, " m"]
+
+
+def feature_tracks(
+    camera: TrackCamera,
+    front_end: FrontEnd,
+    surface: Surface,
+    motion: TrueMotion,
+    generator: np.random.Generator,
+) -> FeatureTracks:
+    """Tracks over a motion.
 
     Raises
     ------
     InputError: when no landmark is ever found.
     """
-    camera = StereoLandmark(motion.layout)
-    parameters = stereo_parameters(surface.points, RIG.calibration, front_end.pixel_std)
-    pixels = np.stack([camera.predict(x, parameters) for x in motion.states])
-    visible = _visible(front_end.facing_cosine, surface, motion, pixels)
+    pixels = np.stack([camera.model.predict(x, camera.parameters) for x in motion.states])
+    visible = camera.sees(pixels) & _facing(front_end.facing_cosine, surface, motion)
     known = front_end.recognition.known(visible, generator)
     frames, ids, values = [], [], []
     for index, (exact, candidates) in enumerate(zip(pixels, known, strict=True)):
         found = np.flatnonzero(candidates & (generator.random(len(candidates)) < front_end.detection))
         frames.append(np.full(found.size, index))
         ids.append(found)
-        values.append(exact[found] + front_end.pixel_std * generator.standard_normal((found.size, 3)))
+        noise = generator.standard_normal((found.size, pixels.shape[2]))
+        values.append(exact[found] + front_end.pixel_std * noise)
     found, kept = _often_enough(np.concatenate(ids), len(surface.points), front_end.fewest_sightings)
     if not found.any():
         raise InputError(
             "no landmark is ever visible; move the body into the camera's view (range_m, velocity)"
         )
-    time, number = (
-        motion.time[np.concatenate(frames)][found],
-        np.searchsorted(kept, np.concatenate(ids)[found]),
-    )
-    return MeasurementStream("stereo", time, np.concatenate(values)[found], number), kept
+    time = motion.time[np.concatenate(frames)][found]
+    numbers = np.searchsorted(kept, np.concatenate(ids)[found])
+    return FeatureTracks(time, numbers, np.concatenate(values)[found], kept)
 
 
 def _often_enough(
@@ -166,14 +215,10 @@ def _often_enough(
     return enough[ids], np.flatnonzero(enough)
 
 
-def _visible(
-    facing_cosine: float, surface: Surface, motion: Motion, pixels: Float[np.ndarray, "n k 3"]
-) -> Bool[np.ndarray, "n k"]:
-    """Which landmarks face the camera inside both images."""
+def _facing(facing_cosine: float, surface: Surface, motion: TrueMotion) -> Bool[np.ndarray, "n k"]:
+    """Which landmarks face the camera from beyond `NEAREST_M`."""
     turned = np.swapaxes(motion.rotations, 1, 2)
     points = surface.points @ turned + motion.block("t")[:, np.newaxis]
     towards = -np.einsum("nki,nki->nk", surface.normals @ turned, points)
     facing = towards > facing_cosine * np.linalg.norm(points, axis=2)
-    u_left, v_left, u_right = np.moveaxis(pixels, 2, 0)
-    inside = (u_right >= 0) & (u_left < RIG.width) & (v_left >= 0) & (v_left < RIG.height)
-    return facing & inside & (points[..., 2] > NEAREST_M)
+    return facing & (points[..., 2] > NEAREST_M)

@@ -1,0 +1,57 @@
+"""Registries that are filled by the modules of a package and by entry points of installed distributions."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import import_module, metadata
+from pkgutil import iter_modules
+from typing import Generic, TypeVar
+
+from spinfilters.errors import InputError
+
+Entry = TypeVar("Entry")
+
+
+@dataclass(frozen=True)
+class PluginGroup(Generic[Entry]):
+    """Entries of one kind, found when they are first asked for.
+
+    Every module of ``package`` that has ``attribute`` contributes it, in the order of module names; behind them so does every entry
+    point of the group that is called like the package. A layer that only knows the kind ``kind`` thus meets the entries of layers
+    above it, and those of distributions that did not exist when it was written.
+    """
+
+    package: str
+    attribute: str
+    kind: type[Entry]
+
+    @cached_property
+    def entries(self) -> tuple[Entry, ...]:
+        """All entries.
+
+        Raises
+        ------
+        InputError: an entry point that cannot be imported, or is not of the kind; the text names it.
+        """
+        return (*self._own(), *map(self._foreign, metadata.entry_points(group=self.package)))
+
+    def reload(self) -> None:
+        """Look for entries again: distributions may have come or gone."""
+        self.__dict__.pop("entries", None)
+
+    def _own(self) -> list[Entry]:
+        names = sorted(module.name for module in iter_modules(import_module(self.package).__path__))
+        modules = [import_module(f"{self.package}.{name}") for name in names]
+        return [vars(module)[self.attribute] for module in modules if self.attribute in vars(module)]
+
+    def _foreign(self, point: metadata.EntryPoint) -> Entry:
+        where = f"plug-in {point.name!r} ({point.value}) of the group {self.package}"
+        try:
+            entry = point.load()
+        except Exception as error:  # a stranger's module may raise anything
+            why = " ".join(f"{type(error).__name__}: {error}".split())
+            raise InputError(f"{where} cannot be loaded: {why[:120]}; mend or uninstall it") from error
+        if not isinstance(entry, self.kind):
+            raise InputError(
+                f"{where} is {type(entry).__name__}, not a {self.kind.__name__}; mend or uninstall it"
+            )
+        return entry

@@ -1,0 +1,1 @@
+"""Sensors: one file each, and the registry that finds them."""

@@ -1,0 +1,30 @@
+"""A lidar that sees points of the body: for the observability analyser; no data set holds it yet."""
+
+from spinfilters.errors import InputError
+from spinfilters.logs.measurement_log import MeasurementStream
+from spinfilters.logs.noise_levels import SensorNoise
+from spinfilters.models.sensors.lidar_landmark import LidarLandmark
+from spinfilters.sensors.sensor import AnalysedSensor, BoundStream, CameraView, Sensor
+from spinfilters.state.layout import StateLayout
+
+
+class LidarSensor(Sensor):
+    """See `spinfilters.models.sensors.lidar_landmark.LidarLandmark` for the model."""
+
+    name = "lidar"
+    sees_place = True
+    analysis = AnalysedSensor(
+        LidarLandmark,
+        (0.01, 0.002),
+        "lidar 0.01 m in range, 0.002 rad in azimuth and elevation",
+        sees_points=True,
+        words="a lidar",
+    )
+
+    def bind(
+        self, stream: MeasurementStream, layout: StateLayout, noise: SensorNoise, view: CameraView | None
+    ) -> BoundStream:
+        raise InputError("points of a lidar are not read by this version; give the poses of registered scans")
+
+
+SENSOR = LidarSensor()

@@ -1,0 +1,124 @@
+"""Landmarks of a known map seen by one camera: feature tracks in pixels of one image."""
+
+from dataclasses import astuple
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.errors import InputError
+from spinfilters.logs.camera import RIG_FILES, PinholeCamera, Rig, read_camera, write_camera
+from spinfilters.logs.measurement_log import MeasurementStream
+from spinfilters.logs.noise_levels import SensorNoise
+from spinfilters.logs.number_range import PIXEL
+from spinfilters.logs.sensor_format import CalibrationFiles, SensorFormat
+from spinfilters.models.sensor_noise import noise_model, noise_of_rows
+from spinfilters.models.sensors.monocular_landmark import MonocularLandmark, monocular_parameters
+from spinfilters.perception.perspective_poses import perspective_pose
+from spinfilters.perception.track_poses import track_frames
+from spinfilters.sensors.feature_tracks import RIG, TrackCamera, feature_tracks
+from spinfilters.sensors.scene import Scene, SimulatedStream
+from spinfilters.sensors.sensor import (
+    AnalysedSensor,
+    BoundStream,
+    CameraView,
+    MotionSamples,
+    Sensor,
+    model_over,
+    noise_level,
+)
+from spinfilters.sensors.track_rows import CALIBRATION, PIXEL_STD, mapped_rows, required_view
+from spinfilters.state.layout import StateLayout
+
+CAMERA: Final = PinholeCamera(*astuple(RIG)[:6])
+"""The left camera of the simulated stereo rig."""
+POSE_LAYOUT: Final = StateLayout(("t", "a"))
+
+
+class MonocularSensor(Sensor):
+    """Values (u, v), rectified pixels, one row per landmark and epoch; covariance px^2.
+
+    One camera does not tell the scale of what it sees: the map must be known.
+    """
+
+    name = "monocular"
+    format = SensorFormat(
+        name="monocular",
+        kind="mono-tracks",
+        file="tracks.csv",
+        columns=("u_px", "v_px"),
+        dimension=2,
+        noise=(PIXEL_STD,),
+        allowed=PIXEL,
+        has_landmarks=True,
+        calibration=CalibrationFiles(PinholeCamera, RIG_FILES[:1], read_camera, write_camera),
+    )
+    sees_place = True
+    analysis = AnalysedSensor(
+        MonocularLandmark,
+        (*CALIBRATION, 1.0),
+        "monocular 1 px",
+        sees_points=True,
+        has_image=True,
+        words="one camera",
+        is_linear=False,
+    )
+
+    def bind(
+        self, stream: MeasurementStream, layout: StateLayout, noise: SensorNoise, view: CameraView | None
+    ) -> BoundStream:
+        """Rows whose landmark is not in the map are left out. InputError: no known map."""
+        view, level = required_view(self.name, view), noise_level(stream, noise.pixel_std)
+        if view.known_map is None:
+            raise InputError(
+                "mono-tracks need a known map: one camera cannot tell the scale; give landmarks.csv "
+                "(simulate: --known-map), or stereo-tracks"
+            )
+        known, points = mapped_rows(stream, view.known_map)
+        parameters = monocular_parameters(points, view.calibration, noise_of_rows(level, known))
+        model = model_over(MonocularLandmark, layout, noise_model(level, 2))
+        return BoundStream(model, stream.time[known], stream.values[known], parameters)
+
+    def initial_motion(
+        self, stream: MeasurementStream, noise: SensorNoise, view: CameraView | None
+    ) -> MotionSamples:
+        """From a perspective pose (PnP) per epoch."""
+        bound = self.bind(stream, POSE_LAYOUT, noise, view)
+        rows = MeasurementStream(self.name, bound.time, bound.values, np.arange(len(bound.time)))
+        found = {
+            time: perspective_pose(bound.model, bound.parameters[where], bound.values[where])
+            for time, where in track_frames(rows)
+        }
+        good = {time: pose for time, pose in found.items() if pose is not None}
+        if not good:
+            raise InputError(
+                "no frame of the tracks sees four landmarks of the map; check landmark ids and the calibration"
+            )
+        poses = np.array(list(good.values()))
+        return MotionSamples(np.array(list(good)), poses[:, 3:], positions=poses[:, :3])
+
+    def simulate(self, scene: Scene) -> SimulatedStream:
+        surface, motion, std = scene.surface, scene.motion, scene.front_end.pixel_std
+        parameters = monocular_parameters(surface.points, CAMERA.calibration, std)
+        camera = TrackCamera(MonocularLandmark(motion.layout), parameters, CAMERA)
+        time, ids, values, landmarks = feature_tracks(
+            camera, scene.front_end, surface, motion, scene.generator
+        )
+        stream = MeasurementStream(self.name, time, values, ids)
+        return SimulatedStream(stream, {PIXEL_STD.name: std}, landmarks, CAMERA)
+
+    def outliers(
+        self, count: int, rig: Rig | None, generator: np.random.Generator
+    ) -> Float[np.ndarray, "count 2"]:
+        """Uniform over the image."""
+        assert rig is not None  # a data set with a camera always has one
+        return generator.uniform(0.0, [rig.width, rig.height], (count, 2))
+
+    def points_at_infinity(
+        self, count: int, rig: Rig | None, generator: np.random.Generator
+    ) -> Float[np.ndarray, "count 2"]:
+        """Anywhere in the image."""
+        return self.outliers(count, rig, generator)
+
+
+SENSOR = MonocularSensor()

@@ -1,0 +1,34 @@
+"""The registry of sensors: every module of this package with a ``SENSOR``, and entry points `spinfilters.sensors`."""
+
+from spinfilters.errors import InputError
+from spinfilters.logs.measurement_log import MeasurementLog
+from spinfilters.logs.sensor_format import SENSORS
+from spinfilters.sensors.sensor import Sensor
+
+
+def all_sensors() -> tuple[Sensor, ...]:
+    """Every sensor, those without data sets too.
+
+    Raises
+    ------
+    InputError: a plug-in that cannot be loaded, or is no sensor.
+    """
+    found = []
+    for entry in SENSORS.entries:
+        if not isinstance(entry, Sensor):
+            raise InputError(f"the registered {type(entry).__name__} is no Sensor; mend or uninstall it")
+        found.append(entry)
+    return tuple(found)
+
+
+def sensor_of(name: str) -> Sensor:
+    """The sensor of that name. InputError: an unknown one."""
+    sensors = {sensor.name: sensor for sensor in all_sensors()}
+    if name not in sensors:
+        raise InputError(f"sensor {name!r} is unknown; use one of {', '.join(sensors)}")
+    return sensors[name]
+
+
+def sensors_in(log: MeasurementLog) -> tuple[Sensor, ...]:
+    """The sensors of a log, in the order of its streams."""
+    return tuple(sensor_of(name) for name in log.sensors)

@@ -1,0 +1,185 @@
+"""What a sensor is to everything else: format, model, what it tells of a motion, simulator, faults."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.errors import InputError
+from spinfilters.logs.camera import Rig
+from spinfilters.logs.measurement_log import MeasurementStream
+from spinfilters.logs.noise_levels import SensorNoise
+from spinfilters.logs.sensor_format import StoredSensor
+from spinfilters.logs.track_files import KnownMap
+from spinfilters.models.measurement import MeasurementModel
+from spinfilters.models.sensor_noise import NoiseLevel, SensorNoiseModel
+from spinfilters.sensors.scene import Scene, SimulatedStream
+from spinfilters.state.block import StateBlock
+from spinfilters.state.layout import StateLayout
+
+
+@dataclass(frozen=True)
+class CameraView:
+    """What rows of landmarks are measured against: landmarks in frame g and the calibration of the rig.
+
+    Without a known map the landmarks are left to the estimators: measurements then carry their ids.
+    """
+
+    known_map: KnownMap | None
+    calibration: Float[np.ndarray, " c"]
+
+
+@dataclass(frozen=True, eq=False)
+class BoundStream:
+    """Rows of a stream with the model that predicts them over a state layout.
+
+    Attributes
+    ----------
+    time: (n,) s.   values: (n, value_dim).   parameters: (n, parameter_dim).
+    ids: (n,) landmarks that an estimator holds in its state; None for a known map and sensors without landmarks.
+    """
+
+    model: MeasurementModel
+    time: Float[np.ndarray, " n"]
+    values: Float[np.ndarray, "n v"]
+    parameters: Float[np.ndarray, "n p"]
+    ids: Int[np.ndarray, " n"] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class MotionSamples:
+    """Initial motion samples: what a stream says directly of the motion at k times.
+
+    Attributes
+    ----------
+    time: (k,) s.
+    attitude: (k, 4) q_ig; None where the first sample defines frame i and rates are integrated from it.
+    rates: (k, 3) body rates, rad/s, axes g; None where attitudes are differenced.
+    positions: (k, 3) origins of g in i, m, or None.
+    landmarks: a map that was found with the poses, None where it was known or there is none.
+    """
+
+    time: Float[np.ndarray, " k"]
+    attitude: Float[np.ndarray, "k 4"] | None = None
+    rates: Float[np.ndarray, "k 3"] | None = None
+    positions: Float[np.ndarray, "k 3"] | None = None
+    landmarks: KnownMap | None = None
+
+
+@dataclass(frozen=True)
+class AnalysedSensor:
+    """What the observability analyser is told of a sensor.
+
+    Attributes
+    ----------
+    model: over any layout: only its expressions are used.
+    parameters: of a measurement, behind the landmark's point where it sees points.   noise: in words.
+    sees_points: whether it sees landmarks.   has_image: whether these must lie in front of it.   words: what it is called.
+    tells: state blocks that it measures in axes that are known: a pose ("t", "a"), a rate ("w",).
+    is_linear: whether its output is linear in axes that turn with the body, as a point, a pose or a rate is and a bearing is not.
+    assumption: what is taken as known, in words.
+    """
+
+    model: type[MeasurementModel]
+    parameters: tuple[float, ...]
+    noise: str
+    sees_points: bool = False
+    has_image: bool = False
+    words: str = ""
+    tells: tuple[str, ...] = ()
+    is_linear: bool = True
+    assumption: str = ""
+
+
+class Sensor(StoredSensor, ABC):
+    """A sensor. A subclass states its attributes and writes `bind`; what else it can do it overrides.
+
+    Attributes
+    ----------
+    name: as in a `MeasurementStream`.
+    sees_place: whether it measures where g is; a log without such a sensor leaves out place, velocity and centre of mass.
+    tells_frames: whether it measures in frames i and g that are given, rather than defined by an estimator.
+    identified_option: of its noise, what a recording identifies where nobody states the sensor's noise.
+    error_blocks: its constant errors that a state can hold; it does where the settings give their prior.
+    analysis: for the observability analyser, None where it cannot look at this sensor.
+    """
+
+    name: str
+    sees_place: bool = False
+    tells_frames: bool = False
+    identified_option: str | None = None
+    error_blocks: tuple[StateBlock, ...] = ()
+    analysis: AnalysedSensor | None = None
+
+    @abstractmethod
+    def bind(
+        self, stream: MeasurementStream, layout: StateLayout, noise: SensorNoise, view: CameraView | None
+    ) -> BoundStream:
+        """All rows with the model over a layout. InputError: rows of a camera without a view."""
+
+    def initial_motion(
+        self, stream: MeasurementStream, noise: SensorNoise, view: CameraView | None
+    ) -> MotionSamples | None:
+        """What the rows say directly of the motion; None where they do not tell attitudes or rates.
+
+        Raises
+        ------
+        InputError: rows that no motion can be found from.
+        """
+        return None
+
+    def measured_rates(self, stream: MeasurementStream) -> Float[np.ndarray, "n 3"] | None:
+        """Body rates that the rows are, rad/s, axes g; None of a sensor that measures something else."""
+        return None
+
+    def diagnostics(self, stream: MeasurementStream) -> Sequence[str]:
+        """Reasons to doubt what a stream leads to."""
+        return ()
+
+    def simulate(self, scene: Scene) -> SimulatedStream:
+        """Measurements of a simulated motion. InputError: a sensor without a simulator."""
+        raise InputError(f"the sensor {self.name} has no simulator; choose another kind")
+
+    def outliers(
+        self, count: int, rig: Rig | None, generator: np.random.Generator
+    ) -> Float[np.ndarray, "count v"]:
+        """Values that have nothing to do with the body. InputError: a sensor without such a fault."""
+        raise InputError(f"the sensor {self.name} has no outliers; choose another fault")
+
+    def points_at_infinity(
+        self, count: int, rig: Rig | None, generator: np.random.Generator
+    ) -> Float[np.ndarray, "count v"]:
+        """Values of points that are no part of the body, far away. InputError: a sensor without landmarks."""
+        raise InputError(f"the sensor {self.name} sees no landmarks; choose another fault")
+
+    def storable(self, values: Float[np.ndarray, "n v"]) -> Float[np.ndarray, "n v"]:
+        """Values as its files may hold them."""
+        return values
+
+
+def noise_level(stream: MeasurementStream, std: float) -> NoiseLevel:
+    """The rows' own covariances, or without any this standard deviation."""
+    return std if stream.covariance is None else stream.covariance
+
+
+def row_covariance(stream: MeasurementStream, std: Float[np.ndarray, " d"]) -> Float[np.ndarray, "n d d"]:
+    """The rows' own covariances, or without any those of these standard deviations."""
+    if stream.covariance is not None:
+        return stream.covariance
+    return np.tile(np.diag(np.square(std)), (len(stream), 1, 1))
+
+
+def diagonal_factor(*std: float) -> tuple[float, ...]:
+    """Entries, row by row, of the lower Cholesky factor of a covariance with these standard deviations."""
+    return tuple(value if row == col else 0.0 for row, value in enumerate(std) for col in range(row + 1))
+
+
+@cache
+def model_over(
+    kind: type[MeasurementModel], layout: StateLayout, *noise: SensorNoiseModel
+) -> MeasurementModel:
+    """A sensor's model over a layout, made once in a process: its expressions take longer to build than many smoothers."""
+    return kind(layout, *noise)

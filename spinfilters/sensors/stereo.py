@@ -1,0 +1,136 @@
+"""Landmarks seen by a rectified stereo pair: feature tracks in pixels of both images."""
+
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.logs.camera import RIG_FILES, Rig, StereoRig, read_stereo_rig, write_stereo_rig
+from spinfilters.logs.measurement_log import MeasurementStream
+from spinfilters.logs.noise_levels import SensorNoise
+from spinfilters.logs.number_range import PIXEL
+from spinfilters.logs.sensor_format import CalibrationFiles, SensorFormat
+from spinfilters.logs.track_files import SMALLEST_DISPARITY_PX, TRACK_COLUMNS, read_tracks, write_tracks
+from spinfilters.models.sensor_noise import noise_model, noise_of_rows
+from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.perception.map_building import poses_without_map
+from spinfilters.perception.track_poses import poses_with_map
+from spinfilters.sensors.feature_tracks import (
+    RIG,
+    FrontEnd,
+    Surface,
+    TrackCamera,
+    TrueMotion,
+    feature_tracks,
+)
+from spinfilters.sensors.scene import Scene, SimulatedStream
+from spinfilters.sensors.sensor import (
+    AnalysedSensor,
+    BoundStream,
+    CameraView,
+    MotionSamples,
+    Sensor,
+    model_over,
+    noise_level,
+)
+from spinfilters.sensors.track_rows import CALIBRATION, PIXEL_STD, mapped_rows, required_view
+from spinfilters.state.layout import StateLayout
+
+_ROUNDING_PX: Final = 1e-9  # keeps a difference of two coordinates on the right side of a bound
+
+
+class StereoSensor(Sensor):
+    """Values (u_left, v_left, u_right), rectified pixels, one row per landmark and epoch; covariance px^2."""
+
+    name = "stereo"
+    format = SensorFormat(
+        name="stereo",
+        kind="stereo-tracks",
+        file="tracks.csv",
+        columns=TRACK_COLUMNS[2:],
+        dimension=3,
+        noise=(PIXEL_STD,),
+        allowed=PIXEL,
+        has_landmarks=True,
+        calibration=CalibrationFiles(StereoRig, RIG_FILES, read_stereo_rig, write_stereo_rig),
+        read=read_tracks,
+        write=write_tracks,
+    )
+    sees_place = True
+    analysis = AnalysedSensor(
+        StereoLandmark,
+        (*CALIBRATION, 0.09, 1.0),
+        "stereo 1 px",
+        sees_points=True,
+        has_image=True,
+        words="a stereo pair",
+    )
+
+    def bind(
+        self, stream: MeasurementStream, layout: StateLayout, noise: SensorNoise, view: CameraView | None
+    ) -> BoundStream:
+        """Rows whose landmark is not in a known map are left out."""
+        view, level = required_view(self.name, view), noise_level(stream, noise.pixel_std)
+        model = model_over(StereoLandmark, layout, noise_model(level, 3))
+        if view.known_map is None:
+            parameters = stereo_parameters(np.zeros((len(stream), 3)), view.calibration, level)
+            return BoundStream(model, stream.time, stream.values, parameters, stream.ids)
+        known, points = mapped_rows(stream, view.known_map)
+        parameters = stereo_parameters(points, view.calibration, noise_of_rows(level, known))
+        return BoundStream(model, stream.time[known], stream.values[known], parameters)
+
+    def initial_motion(
+        self, stream: MeasurementStream, noise: SensorNoise, view: CameraView | None
+    ) -> MotionSamples:
+        """From a pose per epoch, and the map where none is known."""
+        view, level, found = required_view(self.name, view), noise_level(stream, noise.pixel_std), None
+        if view.known_map is None:
+            poses, found = poses_without_map(stream, view.calibration, level)
+        else:
+            poses = poses_with_map(stream, view.known_map, view.calibration, level)
+        return MotionSamples(poses.time, poses.values[:, 3:], positions=poses.values[:, :3], landmarks=found)
+
+    def simulate(self, scene: Scene) -> SimulatedStream:
+        stream, landmarks = stereo_tracks(scene.front_end, scene.surface, scene.motion, scene.generator)
+        return SimulatedStream(stream, {PIXEL_STD.name: scene.front_end.pixel_std}, landmarks, RIG)
+
+    def outliers(
+        self, count: int, rig: Rig | None, generator: np.random.Generator
+    ) -> Float[np.ndarray, "count 3"]:
+        """Uniform over both images, at a disparity of at least zero, where a matcher looks."""
+        assert rig is not None  # a data set with stereo measurements always has one
+        pixels = generator.uniform(0.0, [rig.width, rig.height, rig.width], (count, 3))
+        pixels[:, [2, 0]] = np.sort(pixels[:, [2, 0]], axis=1)
+        return pixels
+
+    def points_at_infinity(
+        self, count: int, rig: Rig | None, generator: np.random.Generator
+    ) -> Float[np.ndarray, "count 3"]:
+        """Anywhere in the left image, without disparity."""
+        assert rig is not None
+        u, v = generator.uniform(0, rig.width, count), generator.uniform(0, rig.height, count)
+        return np.stack([u, v, u], axis=1)
+
+    def storable(self, values: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        """No disparity below the smallest that track files may hold."""
+        bounded = values.copy()
+        bounded[:, 2] = np.minimum(values[:, 2], values[:, 0] - SMALLEST_DISPARITY_PX - _ROUNDING_PX)
+        return bounded
+
+
+def stereo_tracks(
+    front_end: FrontEnd, surface: Surface, motion: TrueMotion, generator: np.random.Generator
+) -> tuple[MeasurementStream, Int[np.ndarray, " m"]]:
+    """Tracks over a motion before `RIG`, and the rows of the surface that its landmarks 0, 1, 2 ... are.
+
+    Raises
+    ------
+    InputError: when no landmark is ever found.
+    """
+    parameters = stereo_parameters(surface.points, RIG.calibration, front_end.pixel_std)
+    camera = TrackCamera(StereoLandmark(motion.layout), parameters, RIG, horizontal=(0, 2))
+    time, ids, values, landmarks = feature_tracks(camera, front_end, surface, motion, generator)
+    return MeasurementStream("stereo", time, values, ids), landmarks
+
+
+SENSOR = StereoSensor()
