@@ -1,10 +1,12 @@
 # make compare   run the estimators on the bundled example; results in runs/embedded
 # make test      run the tests        make check   linter, formatter, types, layers
+# make test-quick  those of models, state, files and interfaces, for the edit loop
+# make docs      the site of docs/ in build/site, strict
 # make bench     time the estimators  make clean   remove everything but results
 # make kernels   run the tests that depend on arithmetic under other kernels of OpenBLAS, and without compiled code
 # Every target installs what it needs into .venv, once. Choose another Python with PYTHON=python3.12.
 
-.PHONY: compare test kernels check bench clean
+.PHONY: compare test test-quick kernels check docs bench clean
 .NOTPARALLEL:
 
 bin := .venv/bin
@@ -22,6 +24,18 @@ compare:
 test:
 	$(environment) test
 	@$(bin)/python -m pytest -n 2
+
+quick := $(addprefix tests/,api attitude dynamics geometry linear_algebra logs models plots simulation state symbolic \
+  test_repository.py)
+
+test-quick:
+	$(environment) test
+	@$(bin)/python -m pytest -q -n 2 $(quick)
+
+docs:
+	$(environment) docs
+	@NO_MKDOCS_2_WARNING=1 $(bin)/mkdocs build --quiet --config-file .mkdocs.yml
+	@echo build/site/index.html
 
 # the tests whose outcome depends on arithmetic
 numeric := $(addprefix tests/,attitude dynamics estimators evaluation linear_algebra models observability perception simulation \
