@@ -16,13 +16,15 @@ class PluginGroup(Generic[Entry]):
     """Entries of one kind, found when they are first asked for.
 
     Every module of ``package`` that has ``attribute`` contributes it, in the order of module names; behind them so does every entry
-    point of the group that is called like the package. A layer that only knows the kind ``kind`` thus meets the entries of layers
+    point of ``group``, which is called like the package where nobody says otherwise.
+    A layer that only knows the kind ``kind`` thus meets the entries of layers
     above it, and those of distributions that did not exist when it was written.
     """
 
     package: str
     attribute: str
     kind: type[Entry]
+    group: str = ""
 
     @cached_property
     def entries(self) -> tuple[Entry, ...]:
@@ -32,7 +34,11 @@ class PluginGroup(Generic[Entry]):
         ------
         InputError: an entry point that cannot be imported, or is not of the kind; the text names it.
         """
-        return (*self._own(), *map(self._foreign, metadata.entry_points(group=self.package)))
+        return (*self._own(), *map(self._foreign, metadata.entry_points(group=self._group)))
+
+    @property
+    def _group(self) -> str:
+        return self.group or self.package
 
     def reload(self) -> None:
         """Look for entries again: distributions may have come or gone."""
@@ -44,7 +50,7 @@ class PluginGroup(Generic[Entry]):
         return [vars(module)[self.attribute] for module in modules if self.attribute in vars(module)]
 
     def _foreign(self, point: metadata.EntryPoint) -> Entry:
-        where = f"plug-in {point.name!r} ({point.value}) of the group {self.package}"
+        where = f"plug-in {point.name!r} ({point.value}) of the group {self._group}"
         try:
             entry = point.load()
         except Exception as error:  # a stranger's module may raise anything

@@ -18,8 +18,9 @@ from spinfilters.logs.input_file import shown
 from spinfilters.simulation.scenario import Scenario, simulate, without_map
 from spinfilters.workflow.conditions import conditions_of
 from spinfilters.workflow.estimation import Comparison
+from spinfilters.workflow.estimator_entry import estimator_entries
 from spinfilters.workflow.pipeline import RunOutput, compare_into
-from spinfilters.workflow.settings import ESTIMATORS, Settings, read_settings
+from spinfilters.workflow.settings import Settings, read_settings
 
 if TYPE_CHECKING:
     from spinfilters.workflow.additions import Additions
@@ -91,7 +92,7 @@ def _settings(options: argparse.Namespace) -> Settings:
     if options.estimators is not None:
         settings = replace(settings, estimators=estimator_names(options.estimators))
     elif options.known_map and not options.config:
-        settings = replace(settings, estimators=ESTIMATORS)
+        settings = replace(settings, estimators=tuple(estimator_entries()))
     if options.drag:
         settings = replace(settings, process=replace(settings.process, drag=True))
     return settings

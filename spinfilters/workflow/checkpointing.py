@@ -20,9 +20,10 @@ from spinfilters.logs.atomic_write import make_folder
 from spinfilters.logs.input_file import named
 from spinfilters.state.status import Verdict
 from spinfilters.workflow.checkpoint import Checkpoint, load_checkpoint, save_checkpoint, save_ended
+from spinfilters.workflow.estimator_entry import estimator_names
 from spinfilters.workflow.preparation import Prepared
 from spinfilters.workflow.run_identity import ANEW, RunIdentity, identify_run
-from spinfilters.workflow.settings import ESTIMATORS, Settings
+from spinfilters.workflow.settings import Settings
 
 CHECKPOINT_FILE = "checkpoint.npz"
 
@@ -145,7 +146,7 @@ def keep_in(folder: Path, prepared: Prepared, settings: Settings, pace: Pace | N
 
 def remove_checkpoints(folder: Path) -> None:
     """Remove the checkpoints of a run folder, and the folders of estimators that then are empty."""
-    for name in ESTIMATORS:
+    for name in estimator_names():
         (folder / name / CHECKPOINT_FILE).unlink(missing_ok=True)
         with suppress(OSError):  # absent, or results are in it
             (folder / name).rmdir()

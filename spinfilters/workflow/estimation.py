@@ -10,11 +10,7 @@ from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.history import FRAME_ARRAYS, EstimateHistory, GrowingHistory
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
-from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.multiplicative_filter import MultiplicativeFilter
-from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf
 from spinfilters.estimators.run import NO_FRAME_LEFT, rehearse, run
-from spinfilters.estimators.smoothing.recursive import RecursiveSmoother
 from spinfilters.estimators.timeline import times_of
 from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
@@ -22,14 +18,10 @@ from spinfilters.logs.input_file import reason
 from spinfilters.state.status import EstimatorStatus, Verdict
 from spinfilters.workflow.bound import with_bounds
 from spinfilters.workflow.checkpointing import Keeper, KeeperOf, forget
+from spinfilters.workflow.estimator_entry import EstimatorEntry, estimator_entries
 from spinfilters.workflow.preparation import Prepared
-from spinfilters.workflow.quality import false_alarm_probability, filter_doubts, judged, shared_doubts
+from spinfilters.workflow.quality import filter_doubts, judged, shared_doubts
 from spinfilters.workflow.settings import Settings
-from spinfilters.workflow.smoothing import NAME as SMOOTHER
-from spinfilters.workflow.smoothing import begin_at_start, sliding_smoother, smooth_at_once, smoothed_history
-
-OURS = ("mekf", "ukf", SMOOTHER)
-"""Estimators whose disagreement casts doubt; a baseline that goes astray says nothing of them."""
 
 Progress = Callable[[str, int, int], None]
 """Called with the estimator's name, frames done and frames in all."""
@@ -51,18 +43,16 @@ class Comparison:
 
 
 def build_estimator(name: str, prepared: Prepared, settings: Settings) -> Estimator:
-    """The estimator of a name in `spinfilters.workflow.settings.ESTIMATORS`; filterpy's need a known map or none at all."""
-    process, robust, adaptation = prepared.process, settings.robust, settings.adaptation
-    if name == "mekf":
-        return MultiplicativeEkf(process, robust, adaptation, settings.iteration, settings.landmarks)
-    if name == "ukf":
-        return MultiplicativeUkf(process, settings.ukf, robust, adaptation, settings.landmarks)
-    from spinfilters.estimators.filterpy_baselines import (
-        FilterpyEkf,
-        FilterpyUkf,
-    )  # slow to import, rarely asked for
+    """The estimator of a name that takes this data set epoch by epoch.
 
-    return FilterpyEkf(prepared.process) if name == "filterpy-ekf" else FilterpyUkf(prepared.process)
+    Raises
+    ------
+    InputError: one that takes it at once.
+    """
+    estimator = estimator_entries()[name].build(prepared, settings)
+    if estimator is None:
+        raise InputError(f"{name} takes this data set at once; choose another estimator")
+    return estimator
 
 
 def compare_estimators(
@@ -83,10 +73,11 @@ def compare_estimators(
     maps: dict[str, np.ndarray] = {}
     interrupted = False
     _check(settings, prepared)
+    entries = estimator_entries()
     try:
         for name in settings.estimators:
             with np.errstate(all="ignore"):  # what is not finite becomes a status
-                history, points = _estimated(name, prepared, settings, (progress, keeper_of))
+                history, points = _estimated(entries[name], prepared, settings, (progress, keeper_of))
             evaluations.append(_evaluated(history, prepared))
             maps |= _maps(name, points)
             interrupted = _is_cut_short(history, len(prepared.timeline))
@@ -102,39 +93,38 @@ def compare_estimators(
 
 
 def _estimated(
-    name: str, prepared: Prepared, settings: Settings, follow: tuple[Progress, KeeperOf]
+    entry: EstimatorEntry, prepared: Prepared, settings: Settings, follow: tuple[Progress, KeeperOf]
 ) -> tuple[EstimateHistory, Float[np.ndarray, "k 3"] | None]:
-    """One estimator's history of all frames, and its landmarks if it has any; numbers that lead nowhere are its failure."""
+    """One estimator's history of all epochs, and its landmarks if it has any; numbers that lead nowhere are its failure."""
     progress, keeper_of = follow
     try:
-        if name == SMOOTHER:
-            return _smoothed(prepared, settings, follow)
-        twin, estimator = (build_estimator(name, prepared, settings) for _ in range(2))
-        history = _with_start(*_run(name, estimator, twin, prepared, progress, keeper_of(name)), prepared)
-        return history, _map_of(estimator, history, prepared)
+        estimator, twin = (entry.build(prepared, settings) for _ in range(2))
+        if estimator is None or twin is None:
+            on_epoch = lambda done, every: progress(entry.name, done, every)  # noqa: E731
+            return entry.at_once(prepared, settings, on_epoch), prepared.map_points
+        passed, rows = _run(entry, estimator, twin, prepared, progress, keeper_of(entry.name))
+        history = _final(entry, estimator, passed, rows, prepared)
+        return history, entry.points(estimator, history, prepared)
     except NUMERICAL_ERRORS as error:
         nothing = GrowingHistory(prepared.process.layout, prepared.start_end)
         failed = EstimatorStatus().failed(f"the estimator could not be run ({reason(error)})")
-        return _with_start(nothing.ended(name, failed), nothing, prepared), prepared.map_points
+        return _with_start(nothing.ended(entry.name, failed), nothing, prepared), prepared.map_points
 
 
-def _smoothed(
-    prepared: Prepared, settings: Settings, follow: tuple[Progress, KeeperOf]
-) -> tuple[EstimateHistory, Float[np.ndarray, "k 3"] | None]:
-    """The smoother's; where its last solution cannot be computed, what it said of each frame as it came, as ``failed``."""
-    progress, keeper_of = follow
-    smoother = sliding_smoother(prepared, settings)
-    if smoother is None:
-        on_frame = lambda done, every: progress(SMOOTHER, done, every)  # noqa: E731
-        return smooth_at_once(prepared, settings, on_frame), prepared.map_points
-    twin = sliding_smoother(prepared, settings)
-    assert twin is not None
-    passed, rows = _run(SMOOTHER, smoother, twin, prepared, progress, keeper_of(SMOOTHER))
+def _final(
+    entry: EstimatorEntry,
+    estimator: Estimator,
+    passed: EstimateHistory,
+    rows: GrowingHistory,
+    prepared: Prepared,
+) -> EstimateHistory:
+    """What the estimator says in the end; where that cannot be computed, what it said of each epoch as it came, as ``failed``."""
     try:
-        return smoothed_history(smoother, passed, prepared), smoother.sliding.window.points
+        history = entry.final(estimator, passed, prepared)
     except NUMERICAL_ERRORS as error:
         status = passed.status.failed(f"the smoothed frames could not be computed ({reason(error)})")
-        return _with_start(replace(passed, status=status), rows, prepared), smoother.sliding.window.points
+        return _with_start(replace(passed, status=status), rows, prepared)
+    return _with_start(passed, rows, prepared) if history is None else history
 
 
 def _maps(name: str, points: Float[np.ndarray, "k 3"] | None) -> dict[str, Float[np.ndarray, "k 3"]]:
@@ -145,16 +135,23 @@ def _maps(name: str, points: Float[np.ndarray, "k 3"] | None) -> dict[str, Float
 
 
 def _check(settings: Settings, prepared: Prepared) -> None:
-    without = [name for name in settings.estimators if name not in OURS]
+    entries = estimator_entries()
+    without = [name for name in settings.estimators if not entries[name].holds_landmarks]
     if without and isinstance(prepared.belief, LandmarkBelief):
+        holding = [name for name, entry in entries.items() if entry.holds_landmarks]
         raise InputError(
             f"{', '.join(without)}: holds no landmarks; give the tracks' map (landmarks.csv, for the bundled example "
-            f"--known-map), or choose among {', '.join(OURS)}"
+            f"--known-map), or choose among {', '.join(holding)}"
         )
 
 
 def _run(
-    name: str, estimator: Estimator, twin: Estimator, prepared: Prepared, progress: Progress, keeper: Keeper
+    entry: EstimatorEntry,
+    estimator: Estimator,
+    twin: Estimator,
+    prepared: Prepared,
+    progress: Progress,
+    keeper: Keeper,
 ) -> tuple[EstimateHistory, GrowingHistory]:
     """From where the keeper left off, or from the start; a run that had ended is not made again.
 
@@ -167,15 +164,16 @@ def _run(
     rest = prepared.timeline[len(prepared.start.frames.mean) :]
     if not len(rest):
         raise InputError(f"{prepared.dataset.name}: {NO_FRAME_LEFT}")
-    _start(estimator, prepared)
+    entry.begin(estimator, prepared)
     kept = keeper.resume(estimator)
     rows = GrowingHistory(estimator.layout, prepared.start_end) if kept is None else kept.rows
     rows.reserve(len(rest), len(prepared.start.frames.mean))
+    name = entry.name
     progress(name, len(rows), len(rest))
     if kept is not None and kept.status is not None:
         return rows.ended(name, kept.status), rows
     if len(rows) < len(rest):
-        _rehearse(twin, prepared)
+        _rehearse(entry, twin, prepared)
     with keeper.running(estimator, rows) as keep:
 
         def on_frame(_: int) -> None:
@@ -188,31 +186,10 @@ def _run(
     return history, rows
 
 
-def _rehearse(estimator: Estimator, prepared: Prepared) -> None:
+def _rehearse(entry: EstimatorEntry, estimator: Estimator, prepared: Prepared) -> None:
     """Build what an estimator like this one needs, before any clock runs."""
-    _start(estimator, prepared)
+    entry.begin(estimator, prepared)
     rehearse(estimator, prepared.start_end, prepared.timeline[len(prepared.start.frames.mean) :])
-
-
-def _map_of(
-    estimator: Estimator, history: EstimateHistory, prepared: Prepared
-) -> Float[np.ndarray, "k 3"] | None:
-    """The landmarks that an estimator ended with; those of the start where it failed or holds none."""
-    if not isinstance(estimator, MultiplicativeFilter) or not isinstance(prepared.belief, LandmarkBelief):
-        return prepared.map_points
-    if history.status.verdict is not Verdict.FAILED:
-        return estimator.landmark_belief.points_in_g
-    return prepared.map_points
-
-
-def _start(estimator: Estimator, prepared: Prepared) -> None:
-    """With its landmarks for a filter that holds them."""
-    if isinstance(estimator, RecursiveSmoother):
-        begin_at_start(estimator, prepared)
-    elif isinstance(estimator, MultiplicativeFilter):
-        estimator.start(prepared.belief)
-    else:
-        estimator.start(prepared.start.belief)
 
 
 def _is_cut_short(history: EstimateHistory, frames: int) -> bool:
@@ -240,12 +217,13 @@ def _evaluated(history: EstimateHistory, prepared: Prepared) -> Evaluation:
 
 def _judge(evaluations: list[Evaluation], prepared: Prepared, settings: Settings) -> list[Evaluation]:
     doubts, of_filters = shared_doubts(prepared), filter_doubts(prepared)
-    peers = [evaluation for evaluation in evaluations if evaluation.name in OURS]
+    entries = estimator_entries()
+    peers = [evaluation for evaluation in evaluations if not entries[evaluation.name].is_baseline]
     judged_ones = []
     for evaluation in evaluations:
+        entry = entries[evaluation.name]
         others = [peer for peer in peers if peer.history.status.verdict is not Verdict.FAILED]
-        own = doubts if evaluation.name == SMOOTHER else [*doubts, *of_filters]
-        false_alarm = false_alarm_probability(evaluation.name, prepared, settings)
-        status = judged(evaluation, own, others, false_alarm)
+        own = [*doubts, *of_filters] if entry.continues else doubts
+        status = judged(evaluation, own, others, entry.false_alarm_probability(prepared, settings))
         judged_ones.append(replace(evaluation, history=replace(evaluation.history, status=status)))
     return judged_ones

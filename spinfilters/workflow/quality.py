@@ -3,16 +3,13 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import chdtrc, pdtrc
+from scipy.special import pdtrc
 
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.evaluation import Evaluation
-from spinfilters.logs.sensor_format import sensor_format
 from spinfilters.sensors.registry import sensor_of
 from spinfilters.state.status import EstimatorStatus, Verdict
 from spinfilters.workflow.preparation import Prepared
-from spinfilters.workflow.settings import Settings
-from spinfilters.workflow.smoothing import NAME as SMOOTHER
 from spinfilters.workflow.start_length import DETERMINED_STD, LARGEST_DEPARTURE, moments_std_of
 
 LARGEST_MOMENT_STD = 0.1
@@ -65,22 +62,10 @@ def filter_doubts(prepared: Prepared) -> list[str]:
     return []
 
 
-def false_alarm_probability(name: str, prepared: Prepared, settings: Settings) -> float:
-    """That an estimator leaves a measurement out although its noise is what it is said to be."""
-    if name == SMOOTHER:
-        dimension = max(sensor_format(sensor).dimension for sensor in prepared.dataset.log.sensors)
-        return (
-            float(chdtrc(dimension, settings.smoother.width**2))
-            if settings.smoother.kernel == "gate"
-            else 0.0
-        )
-    return 0.0 if name.startswith("filterpy") else 1.0 - settings.robust.gate_probability
-
-
 def judged(
     evaluation: Evaluation, doubts: Sequence[str], others: Sequence[Evaluation], false_alarm: float
 ) -> EstimatorStatus:
-    """The run's own status with every further reason for doubt; see `false_alarm_probability`."""
+    """The run's own status with every further reason for doubt; see `EstimatorEntry.false_alarm_probability`."""
     status = evaluation.history.status
     if not np.isfinite(evaluation.body.principal_moments_std).all() and status.verdict is not Verdict.FAILED:
         status = status.failed("the moments of inertia at the end are not finite")

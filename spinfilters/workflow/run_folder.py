@@ -24,12 +24,13 @@ from spinfilters.logs.settings_files import read_toml
 from spinfilters.state.status import Verdict
 from spinfilters.workflow.checkpointing import remove_checkpoints
 from spinfilters.workflow.estimation import Comparison
+from spinfilters.workflow.estimator_entry import estimator_names
 from spinfilters.workflow.history_file import read_history, write_history
 from spinfilters.workflow.preparation import Prepared
 from spinfilters.workflow.provenance import provenance
 from spinfilters.workflow.run_lock import LOCK_FILE
 from spinfilters.workflow.run_summary import SUMMARY_FILE, read_summary, summary
-from spinfilters.workflow.settings import ESTIMATORS, Settings
+from spinfilters.workflow.settings import Settings
 
 CONFIG_FILE, DATASET_FOLDER, TRUTH_FILE = "config.toml", "dataset", "truth.tum"
 HISTORY_FILE, MAP_FILE = "history.npz", "map.ply"
@@ -81,7 +82,7 @@ def refuse_foreign_run(folder: Path) -> None:
         raise InputError(f"{named(folder)}: is not empty and not a run folder; choose another folder with -o")
     cameras = [f"{DATASET_FOLDER}/{file.parent}" for file in RIG_FILES]
     segments = folder / SEGMENTS_FOLDER
-    inner = [folder / name for name in (*ESTIMATORS, DATASET_FOLDER, *cameras, SEGMENTS_FOLDER)]
+    inner = [folder / name for name in (*estimator_names(), DATASET_FOLDER, *cameras, SEGMENTS_FOLDER)]
     for path in (*inner, *(segments.iterdir() if segments.is_dir() else ())):
         if path.is_symlink():
             raise InputError(
@@ -205,12 +206,12 @@ def _is_run(folder: Path) -> bool:
 
 def _clear(folder: Path, source: Path | None) -> None:
     """Remove the files of an earlier run, but not its data set when that is what the new run was made from, and no checkpoint."""
-    pictures = (*picture_files(ESTIMATORS), PREDICTION_PICTURE, CONVERGENCE_PICTURE)
+    pictures = (*picture_files(estimator_names()), PREDICTION_PICTURE, CONVERGENCE_PICTURE)
     for name in (SUMMARY_FILE, TRUTH_FILE, *pictures):
         (folder / name).unlink(missing_ok=True)
     if not _is_own_dataset(folder, source):
         _remove(folder / DATASET_FOLDER, dataset_files())
-    for name in ESTIMATORS:
+    for name in estimator_names():
         _remove(folder / name, ESTIMATOR_FILES)
 
 
@@ -229,7 +230,7 @@ def refuse_source_within(folder: Path, source: Path | None) -> None:
     """Refuse to make a run from a file that it would replace: inside its folder only its data set may be what it is made from."""
     if source is None or _is_own_dataset(folder, source):
         return
-    inner = [(folder / name).resolve() for name in (DATASET_FOLDER, *ESTIMATORS)]
+    inner = [(folder / name).resolve() for name in (DATASET_FOLDER, *estimator_names())]
     if any(source.resolve().is_relative_to(place) for place in inner):
         raise InputError(
             f"{named(source)}: is inside {named(folder)}, whose files the run replaces; choose another folder with -o"

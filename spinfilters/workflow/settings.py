@@ -17,12 +17,11 @@ from spinfilters.logs.input_file import named, shown
 from spinfilters.logs.number_range import NumberRange
 from spinfilters.logs.settings_files import read_toml
 from spinfilters.models.process import ProcessNoise
+from spinfilters.workflow.estimator_entry import estimator_names
 from spinfilters.workflow.sensor_settings import AUTO, Auto, SensorSettings
 from spinfilters.workflow.smoother_settings import SmootherSettings
 
 DEFAULT_ESTIMATORS = ("mekf", "ukf", "smoother")
-ESTIMATORS = (*DEFAULT_ESTIMATORS, "filterpy-ekf", "filterpy-ukf")
-"""Names of all; filterpy's hold no landmarks."""
 
 
 class TruthValue:
@@ -87,10 +86,11 @@ class Settings:
     def __post_init__(self) -> None:
         for name, value in self._validated().items():
             object.__setattr__(self, name, value)
-        unknown = [name for name in self.estimators if name not in ESTIMATORS]
+        known = estimator_names() if self.estimators != DEFAULT_ESTIMATORS else DEFAULT_ESTIMATORS
+        unknown = [name for name in self.estimators if name not in known]
         if unknown or not self.estimators:
             raise InputError(
-                f"unknown estimator {shown(unknown[0]) if unknown else '(none given)'}; choose from {', '.join(ESTIMATORS)}"
+                f"unknown estimator {shown(unknown[0]) if unknown else '(none given)'}; choose from {', '.join(estimator_names())}"
             )
         if len(set(self.estimators)) < len(self.estimators):
             raise InputError(f"estimators {shown(list(self.estimators))} name one twice; name each once")

@@ -5,7 +5,8 @@ import re
 import pytest
 
 from spinfilters.cli.main import main
-from spinfilters.workflow.settings import DEFAULT_ESTIMATORS, ESTIMATORS
+from spinfilters.workflow.estimator_entry import estimator_names
+from spinfilters.workflow.settings import DEFAULT_ESTIMATORS
 
 
 @pytest.mark.parametrize("command", ["compare", "estimate"])
@@ -17,5 +18,5 @@ def test_help_names_every_estimator(
         main([command, "--help"])
     said = capsys.readouterr().out
     (named,) = re.findall(r"^ *--estimators? \S+ +(.*) \(default", said, re.MULTILINE)
-    assert set(re.split(", | or ", named)) == set(ESTIMATORS)
+    assert set(re.split(", | or ", named)) == set(estimator_names())
     assert command == "estimate" or f"default: {','.join(DEFAULT_ESTIMATORS)}; all with --known-map)" in said
