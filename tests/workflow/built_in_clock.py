@@ -16,8 +16,9 @@ from spinfilters.symbolic.c_library import load_loop
 from spinfilters.symbolic.compiled import Loader
 from spinfilters.workflow import smoothing
 from spinfilters.workflow.estimation import compare_estimators
+from spinfilters.workflow.estimator_entry import estimator_names
 from spinfilters.workflow.preparation import prepare
-from spinfilters.workflow.settings import ESTIMATORS, Settings
+from spinfilters.workflow.settings import Settings
 
 running: set[str] = set()
 """Modules whose clock has been looked at once, and not yet again."""
@@ -70,7 +71,7 @@ def dataset(kind: str) -> Dataset:
 
 def main(kind: str) -> None:
     """Run, then print."""
-    names = ESTIMATORS if kind != "tracks" else ("mekf", "ukf", "smoother")
+    names = estimator_names() if kind != "tracks" else ("mekf", "ukf", "smoother")
     settings = Settings(estimators=tuple(names))
     prepared = prepare(dataset(kind), settings)
     watch_clock(run)
