@@ -1,6 +1,6 @@
 # make compare   run the estimators on the bundled example; results in runs/embedded
 # make test      run the tests        make check   linter, formatter, types, layers
-# make test-quick  those of models, state, files and interfaces, for the edit loop
+# make test-quick   the tests of models, state, files and interfaces, for the edit loop
 # make docs      the site of docs/ in build/site, strict
 # make bench     time the estimators  make clean   remove everything but results
 # make kernels   run the tests that depend on arithmetic under other kernels of OpenBLAS, and without compiled code

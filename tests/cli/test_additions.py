@@ -12,8 +12,8 @@ from spinfilters.estimators.estimator import Measurement, UpdateReport
 from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.evaluation.trajectory import TRAJECTORY_COLUMNS
 from spinfilters.logs.table_files import read_csv
-from spinfilters.workflow import estimation
 from spinfilters.workflow.array_file import read_arrays
+from spinfilters.workflow.estimators import mekf
 
 FRAMES, INTERVAL = 30, 0.5
 pytestmark = pytest.mark.usefixtures("few_figures")
@@ -71,7 +71,7 @@ def test_where_every_estimator_failed_one_line_says_that_nothing_is_predicted(
         def update(self, measurement: Measurement) -> UpdateReport:
             raise np.linalg.LinAlgError("not positive definite")
 
-    monkeypatch.setattr(estimation, "MultiplicativeEkf", Failing)
+    monkeypatch.setattr(mekf, "MultiplicativeEkf", Failing)
     run = tmp_path / "run"
     asked = ["--estimators", "mekf", "--predict", "2", "-o", str(run)]
     for more in ([], ["--resume"]):

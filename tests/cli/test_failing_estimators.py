@@ -17,7 +17,8 @@ from spinfilters.evaluation import evaluation
 from spinfilters.logs.dataset_writing import write_dataset
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 from spinfilters.state.gaussian import Gaussian
-from spinfilters.workflow import additions, bound, convergence, estimation, prediction, preparation
+from spinfilters.workflow import additions, bound, convergence, prediction, preparation
+from spinfilters.workflow.estimators import smoother
 
 pytestmark = pytest.mark.usefixtures("few_figures")
 
@@ -121,7 +122,7 @@ def test_a_filter_that_raises_leaves_the_others_complete(
 
 def nan_history(part: str, frames: slice) -> Callable[..., Any]:
     """A smoother that ends with a part of its history not a number."""
-    real = estimation.smooth_at_once
+    real = smoother.smooth_at_once
 
     def smooth(*arguments: Any) -> Any:
         history = real(*arguments)
@@ -139,7 +140,7 @@ def nan_history(part: str, frames: slice) -> Callable[..., Any]:
 def test_a_smoother_that_ends_without_numbers_is_null_in_the_summary(
     part: str, frames: slice, poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(estimation, "smooth_at_once", nan_history(part, frames))
+    monkeypatch.setattr(smoother, "smooth_at_once", nan_history(part, frames))
     estimates = compared(poses, tmp_path / "run", "--predict", "5", names=("smoother", "mekf"))
     assert estimates["smoother"]["status"] == "failed"
     assert estimates["smoother"]["frames"] == 20
@@ -154,7 +155,7 @@ def test_a_smoother_that_ends_without_numbers_is_null_in_the_summary(
 def test_a_smoother_that_raises_leaves_the_others_complete(
     error: Callable[..., Any], poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(estimation, "smooth_at_once", error)
+    monkeypatch.setattr(smoother, "smooth_at_once", error)
     estimates = compared(poses, tmp_path / "run", names=("smoother", "ukf"))
     assert estimates["smoother"]["status"] == "failed"
     assert estimates["ukf"]["status"] != "failed"
@@ -163,7 +164,7 @@ def test_a_smoother_that_raises_leaves_the_others_complete(
 def test_a_sliding_smoother_whose_last_solution_fails_keeps_what_it_said_on_the_way(
     tracks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(estimation, "smoothed_history", singular)
+    monkeypatch.setattr(smoother, "smoothed_history", singular)
     estimates = compared(tracks, tmp_path / "run", names=("smoother", "mekf"))
     assert estimates["smoother"]["status"] == "failed"
     assert estimates["smoother"]["frames"] == 20

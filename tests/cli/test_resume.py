@@ -14,9 +14,10 @@ from spinfilters.cli.main import main
 from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.logs.dataset_writing import write_dataset
 from spinfilters.simulation.scenario import Scenario, simulate
-from spinfilters.workflow import estimation, figures, pipeline
+from spinfilters.workflow import figures, pipeline
 from spinfilters.workflow.checkpointing import CHECKPOINT_FILE, Pace, keep_in
 from spinfilters.workflow.estimation import Comparison, compare_estimators
+from spinfilters.workflow.estimators import mekf
 from spinfilters.workflow.preparation import Prepared
 from spinfilters.workflow.settings import Settings
 
@@ -85,7 +86,7 @@ def test_a_killed_command_goes_on_to_the_same_trajectories(
     class Refusing(MultiplicativeEkf):
         update = None  # pyright: ignore[reportAssignmentType]
 
-    monkeypatch.setattr(estimation, "MultiplicativeEkf", Refusing)
+    monkeypatch.setattr(mekf, "MultiplicativeEkf", Refusing)
     assert main(["compare", str(dataset), "-o", str(halted), "--resume"]) == 0
     assert trajectories(halted) == wanted
     assert not list(halted.rglob(CHECKPOINT_FILE))

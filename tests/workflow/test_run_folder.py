@@ -209,7 +209,7 @@ def test_an_interrupt_between_estimators_keeps_the_finished_ones(monkeypatch: py
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("spinfilters.workflow.estimation.MultiplicativeUkf", interrupted)
+    monkeypatch.setattr("spinfilters.workflow.estimators.ukf.MultiplicativeUkf", interrupted)
     comparison = compare_estimators(prepared, settings, silent)
     assert comparison.interrupted
     assert [evaluation.name for evaluation in comparison.evaluations] == ["mekf"]

@@ -38,7 +38,10 @@ class SharedErrors:
         weight = 1 / np.einsum("kij,kij->k", self.own, self.own)
         N = gauge_of_points(self.points).reshape(k, 3, GAUGE_DIM)
         turned = (weight[:, None, None] * N).reshape(3 * k, GAUGE_DIM).T
-        normal, right = turned @ N.reshape(3 * k, -1), turned @ self.follow.reshape(3 * k, -1)
+        normal, right = (
+            turned @ N.reshape(3 * k, GAUGE_DIM),
+            turned @ self.follow.reshape(3 * k, self.follow.shape[2]),
+        )
         rigid = np.linalg.lstsq(normal, right, rcond=None)[0]  # of landmarks on a line not all is told
         rows = self.state_rows.copy()
         rows[:, : rigid.shape[1]] -= gauge_directions(self.layout, self.mean) @ rigid
@@ -92,6 +95,6 @@ def _held(errors: SharedErrors, rigid: Float[np.ndarray, "6 R"], options: Landma
     rows = np.zeros((len(errors.state_rows) + r + GAUGE_DIM, errors.state_rows.shape[1]))
     rows[: len(errors.state_rows)] = errors.state_rows
     rows[len(errors.state_rows) :, :R] = np.concatenate([held.T, rigid])
-    rest = own @ ((scaled @ left).reshape(k, 3, -1))
+    rest = own @ (scaled @ left).reshape(k, 3, left.shape[1])
     roots = np.linalg.cholesky(own @ np.swapaxes(own, 1, 2) + rest @ np.swapaxes(rest, 1, 2))
     return HeldErrors(errors.follow @ held, roots, triangular_factor(rows.T))
