@@ -1,5 +1,6 @@
 """``spinfilters doctor``: what is installed here and whether it works; the page to send with a bug report."""
 
+import argparse
 import os
 import platform
 import subprocess
@@ -22,6 +23,11 @@ COMPILING_FAILED: Final[str] = (
     "compiling failed, or the cache folder is not yours alone; works without, but slower"
 )
 COMPILER_CURE: Final[str] = "works without, but slower; for speed: sudo apt-get install -y gcc libc6-dev"
+
+
+def run_doctor(_: argparse.Namespace) -> int:
+    """The command: examine this installation, print what was found."""
+    return doctor()
 
 
 def doctor(console: Console | None = None, checks: "Iterable[Check] | None" = None) -> int:

@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Final, NoReturn
 
 from spinfilters import __version__
-from spinfilters.api.argument_ranges import GYRO_BIAS, SECONDS_AHEAD, SEED
-from spinfilters.cli.analyser_arguments import add_condition, add_motion, add_observe, number
+from spinfilters.cli.command import commands
 from spinfilters.errors import SpinfiltersError
 from spinfilters.logs.input_file import printable
 
@@ -111,144 +110,10 @@ class _Parser(argparse.ArgumentParser):
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="spinfilters", description="How does that unknown object spin?")
     parser.add_argument("--version", action="version", version=f"spinfilters {__version__}")
-    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    _add_compare(commands)
-    _add_estimate(commands)
-    _add_simulate(commands)
-    add_observe(commands).set_defaults(command=_observe)
-    add_condition(commands).set_defaults(command=_condition)
-    plot = commands.add_parser("plot", help="draw the figures of a run folder again")
-    plot.add_argument("run", metavar="RUN", help="folder made by compare or estimate")
-    plot.set_defaults(command=_plot)
-    doctor = commands.add_parser("doctor", help="print versions and check that everything works")
-    doctor.set_defaults(command=_doctor)
+    subparsers = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    for command in commands():
+        command.add(subparsers)
     return parser
-
-
-def _add_compare(commands: "argparse._SubParsersAction[_Parser]") -> None:
-    compare = commands.add_parser(
-        "compare",
-        help="estimators side by side on one recording",
-        description="Without DATASET the bundled example is simulated, the thesis' own problem: tracks of unknown landmarks on a "
-        "SPHERES-like body at 10 rpm about its intermediate axis, 115 epochs at 0.5 s before a stereo camera of 1 px noise, with "
-        "disturbances of 0.001 (m/s^2)/sqrt(Hz) and 0.001 (rad/s^2)/sqrt(Hz).",
-    )
-    compare.add_argument(
-        "dataset", metavar="DATASET", nargs="?", help="data set folder, phyphox export, gyro .csv or TUM .tum"
-    )
-    compare.add_argument(
-        "--estimators",
-        metavar="A,B",
-        help="mekf, ukf, smoother, filterpy-ekf, filterpy-ukf (default: mekf,ukf,smoother; all with --known-map)",
-    )
-    compare.add_argument("--seed", type=number(SEED), default=0, help="of the bundled example")
-    compare.add_argument(
-        "--known-map", action="store_true", help="of the bundled example: its landmarks are known"
-    )
-    _add_run_options(compare)
-    compare.set_defaults(command=_compare)
-
-
-def _add_estimate(commands: "argparse._SubParsersAction[_Parser]") -> None:
-    estimate = commands.add_parser("estimate", help="one estimator on a recording")
-    estimate.add_argument(
-        "dataset", metavar="DATASET", help="data set folder, phyphox export, gyro .csv or TUM .tum"
-    )
-    estimate.add_argument(
-        "--estimator",
-        dest="estimators",
-        default="ukf",
-        metavar="NAME",
-        help="mekf, ukf, smoother, filterpy-ekf or filterpy-ukf (default ukf)",
-    )
-    _add_run_options(estimate)
-    estimate.set_defaults(command=_compare, seed=0, known_map=False)
-
-
-def _add_run_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "-o", "--output", metavar="RUN", default="runs/latest", help="run folder (default runs/latest)"
-    )
-    parser.add_argument(
-        "--resume",
-        action="store_true",
-        help="go on from what an interrupted run has left in RUN, to the same numbers; a finished one gets what it lacks",
-    )
-    parser.add_argument("--segment", metavar="N", help="segment of a phyphox recording, or 'all'")
-    parser.add_argument("--drag", action="store_true", help="estimate an aerodynamic drag coefficient too")
-    parser.add_argument(
-        "--config", metavar="FILE", help="TOML file with settings, such as config.toml of another run"
-    )
-    parser.add_argument(
-        "--predict",
-        type=number(SECONDS_AHEAD),
-        metavar="SECONDS",
-        help="go on for so long after the last frame: <estimator>/prediction.csv and .npz, prediction.png",
-    )
-    parser.add_argument(
-        "--convergence",
-        action="store_true",
-        help="show how the smoother's estimates settle on tracks without a map: convergence.png, smoother/convergence.npz",
-    )
-
-
-def _add_simulate(commands: "argparse._SubParsersAction[_Parser]") -> None:
-    simulate = commands.add_parser(
-        "simulate", help="write a simulated data set with truth, and a picture of it"
-    )
-    simulate.add_argument("-o", "--output", metavar="DATASET", required=True, help="folder of the data set")
-    simulate.add_argument(
-        "--kind", default="stereo-tracks", help="stereo-tracks, mono-tracks, pose, attitude or gyro"
-    )
-    simulate.add_argument("--seed", type=number(SEED), default=0)
-    simulate.add_argument(
-        "--known-map", action="store_true", help="write landmarks.csv, the map of the tracks"
-    )
-    simulate.add_argument(
-        "--gyro-bias",
-        type=number(GYRO_BIAS),
-        nargs=3,
-        metavar=("BX", "BY", "BZ"),
-        help="constant error of the gyro's rates, axes g, rad/s (with --kind gyro)",
-    )
-    add_motion(simulate)
-    simulate.set_defaults(command=_simulate)
-
-
-def _compare(options: argparse.Namespace) -> int:
-    from spinfilters.cli.compare import compare
-
-    return compare(options)
-
-
-def _simulate(options: argparse.Namespace) -> int:
-    from spinfilters.cli.simulate import simulate
-
-    return simulate(options)
-
-
-def _observe(options: argparse.Namespace) -> int:
-    from spinfilters.cli.observe import observe
-
-    return observe(options)
-
-
-def _condition(options: argparse.Namespace) -> int:
-    from spinfilters.cli.condition import condition
-
-    return condition(options)
-
-
-def _plot(options: argparse.Namespace) -> int:
-    from spinfilters.cli.plot import plot
-
-    return plot(options)
-
-
-def _doctor(_: argparse.Namespace) -> int:
-    from spinfilters.cli.doctor import doctor
-
-    return doctor()
 
 
 if __name__ == "__main__":

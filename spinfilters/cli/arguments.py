@@ -1,0 +1,50 @@
+"""Arguments that several commands have; nothing heavy is imported here, so that help is quick."""
+
+import argparse
+from collections.abc import Callable
+
+from spinfilters.api.argument_ranges import (
+    DEFAULT_MOMENTS,
+    DEFAULT_RATE_RPM,
+    FRAMES,
+    INTERVAL,
+    MOMENT,
+    RATE_RPM,
+)
+from spinfilters.logs.number_range import NumberRange
+
+
+def add_motion(parser: argparse.ArgumentParser) -> None:
+    """Options of a simulated motion."""
+    parser.add_argument("--frames", type=number(FRAMES), default=115, help="number of frames (default 115)")
+    parser.add_argument(
+        "--interval", type=number(INTERVAL), default=0.5, help="seconds between frames (default 0.5)"
+    )
+    parser.add_argument(
+        "--rate-rpm",
+        type=number(RATE_RPM),
+        nargs=3,
+        default=DEFAULT_RATE_RPM,
+        metavar=("X", "Y", "Z"),
+        help="about the principal axes x, y, z in the order of --moments (default 0.5 10 0.5)",
+    )
+    parser.add_argument(
+        "--moments",
+        type=number(MOMENT),
+        nargs=3,
+        default=DEFAULT_MOMENTS,
+        metavar=("JX", "JY", "JZ"),
+        help="principal moments about x, y, z, of any scale (default 1.0322 1 0.8596)",
+    )
+
+
+def number(allowed: NumberRange) -> Callable[[str], float | int]:
+    """What reads a number of a range from an argument."""
+
+    def parsed(text: str) -> float | int:
+        try:
+            return allowed.parsed(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return parsed

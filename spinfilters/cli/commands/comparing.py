@@ -1,0 +1,83 @@
+"""The commands ``compare`` and ``estimate``."""
+
+import argparse
+
+from spinfilters.api.argument_ranges import SECONDS_AHEAD, SEED
+from spinfilters.cli.arguments import number
+from spinfilters.cli.command import Command, Subparsers
+
+
+def add_compare(commands: Subparsers) -> argparse.ArgumentParser:
+    """Parser of ``spinfilters compare``."""
+    compare = commands.add_parser(
+        "compare",
+        help="estimators side by side on one recording",
+        description="Without DATASET the bundled example is simulated, the thesis' own problem: tracks of unknown landmarks on a "
+        "SPHERES-like body at 10 rpm about its intermediate axis, 115 epochs at 0.5 s before a stereo camera of 1 px noise, with "
+        "disturbances of 0.001 (m/s^2)/sqrt(Hz) and 0.001 (rad/s^2)/sqrt(Hz).",
+    )
+    compare.add_argument(
+        "dataset", metavar="DATASET", nargs="?", help="data set folder, phyphox export, gyro .csv or TUM .tum"
+    )
+    compare.add_argument(
+        "--estimators",
+        metavar="A,B",
+        help="mekf, ukf, smoother, filterpy-ekf, filterpy-ukf (default: mekf,ukf,smoother; all with --known-map)",
+    )
+    compare.add_argument("--seed", type=number(SEED), default=0, help="of the bundled example")
+    compare.add_argument(
+        "--known-map", action="store_true", help="of the bundled example: its landmarks are known"
+    )
+    _add_run_options(compare)
+    return compare
+
+
+def add_estimate(commands: Subparsers) -> argparse.ArgumentParser:
+    """Parser of ``spinfilters estimate``."""
+    estimate = commands.add_parser("estimate", help="one estimator on a recording")
+    estimate.add_argument(
+        "dataset", metavar="DATASET", help="data set folder, phyphox export, gyro .csv or TUM .tum"
+    )
+    estimate.add_argument(
+        "--estimator",
+        dest="estimators",
+        default="ukf",
+        metavar="NAME",
+        help="mekf, ukf, smoother, filterpy-ekf or filterpy-ukf (default ukf)",
+    )
+    _add_run_options(estimate)
+    estimate.set_defaults(seed=0, known_map=False)
+    return estimate
+
+
+def _add_run_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "-o", "--output", metavar="RUN", default="runs/latest", help="run folder (default runs/latest)"
+    )
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on from what an interrupted run has left in RUN, to the same numbers; a finished one gets what it lacks",
+    )
+    parser.add_argument("--segment", metavar="N", help="segment of a phyphox recording, or 'all'")
+    parser.add_argument("--drag", action="store_true", help="estimate an aerodynamic drag coefficient too")
+    parser.add_argument(
+        "--config", metavar="FILE", help="TOML file with settings, such as config.toml of another run"
+    )
+    parser.add_argument(
+        "--predict",
+        type=number(SECONDS_AHEAD),
+        metavar="SECONDS",
+        help="go on for so long after the last frame: <estimator>/prediction.csv and .npz, prediction.png",
+    )
+    parser.add_argument(
+        "--convergence",
+        action="store_true",
+        help="show how the smoother's estimates settle on tracks without a map: convergence.png, smoother/convergence.npz",
+    )
+
+
+COMMANDS = (
+    Command(10, add_compare, "spinfilters.cli.compare:compare"),
+    Command(20, add_estimate, "spinfilters.cli.compare:compare"),
+)
