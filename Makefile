@@ -23,14 +23,14 @@ compare:
 
 test:
 	$(environment) test
-	@$(bin)/python -m pytest -n 2
+	@$(bin)/python -m pytest -n 2 --dist worksteal
 
 quick := $(addprefix tests/,api attitude dynamics geometry linear_algebra logs models plots simulation state symbolic \
   test_repository.py)
 
 test-quick:
 	$(environment) test
-	@$(bin)/python -m pytest -q -n 2 $(quick)
+	@$(bin)/python -m pytest -q -n 2 --dist worksteal $(quick)
 
 docs:
 	$(environment) docs
@@ -46,10 +46,10 @@ kernels:
 	@status=0; kernels=$$($(bin)/python tests/blas_kernels.py) || exit 1; \
 	for kernel in $$kernels; do \
 	  echo "numeric tests, OpenBLAS' kernel $$kernel:"; \
-	  OPENBLAS_CORETYPE=$$kernel $(bin)/python -m pytest -q -n 2 $(numeric) || status=1; \
+	  OPENBLAS_CORETYPE=$$kernel $(bin)/python -m pytest -q -n 2 --dist worksteal $(numeric) || status=1; \
 	done; \
 	echo "numeric tests, nothing compiled:"; \
-	SPINFILTERS_COMPILE=off $(bin)/python -m pytest -q -n 2 $(numeric) || status=1; \
+	SPINFILTERS_COMPILE=off $(bin)/python -m pytest -q -n 2 --dist worksteal $(numeric) || status=1; \
 	exit $$status
 
 check:

@@ -31,7 +31,7 @@ from spinfilters.workflow.preparation import prepare
 from spinfilters.workflow.run_summary import summary
 from spinfilters.workflow.settings import Settings
 
-SEEDS, BIAS_STD, WIDE_STD, GYRO_STD = 24, 0.003, 0.02, 0.002
+SEEDS, BIAS_STD, WIDE_STD, GYRO_STD = 12, 0.003, 0.02, 0.002
 WITH_BIAS = Settings(start=StartOptions(gyro_bias_std=BIAS_STD))
 WITHOUT = Settings()
 GYRO, BESIDE_POSES = "gyro", "gyro and poses"
