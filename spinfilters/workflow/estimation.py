@@ -161,13 +161,13 @@ def _run(
     ----------
     twin: built alike; what it needs is built before the clock of the other runs.
     """
-    rest = prepared.timeline[len(prepared.start.frames.mean) :]
+    rest = prepared.timeline[len(prepared.start.mean) :]
     if not len(rest):
         raise InputError(f"{prepared.dataset.name}: {NO_FRAME_LEFT}")
     entry.begin(estimator, prepared)
     kept = keeper.resume(estimator)
     rows = GrowingHistory(estimator.layout, prepared.start_end) if kept is None else kept.rows
-    rows.reserve(len(rest), len(prepared.start.frames.mean))
+    rows.reserve(len(rest), len(prepared.start.mean))
     name = entry.name
     progress(name, len(rows), len(rest))
     if kept is not None and kept.status is not None:
@@ -189,7 +189,7 @@ def _run(
 def _rehearse(entry: EstimatorEntry, estimator: Estimator, prepared: Prepared) -> None:
     """Build what an estimator like this one needs, before any clock runs."""
     entry.begin(estimator, prepared)
-    rehearse(estimator, prepared.start_end, prepared.timeline[len(prepared.start.frames.mean) :])
+    rehearse(estimator, prepared.start_end, prepared.timeline[len(prepared.start.mean) :])
 
 
 def _is_cut_short(history: EstimateHistory, frames: int) -> bool:
@@ -199,12 +199,12 @@ def _is_cut_short(history: EstimateHistory, frames: int) -> bool:
 
 def _with_start(history: EstimateHistory, rows: GrowingHistory, prepared: Prepared) -> EstimateHistory:
     """A filter's history with its initialisation in front: smoothed epochs, of which nothing is counted."""
-    frames = prepared.start.frames
-    count = len(frames.mean)
+    start = prepared.start
+    count = len(start.mean)
     before = dict.fromkeys(FRAME_ARRAYS, np.zeros(count)) | {
         "time": times_of(prepared.timeline[:count]),
-        "mean": frames.mean,
-        "factor": frames.factor,
+        "mean": start.mean,
+        "factor": start.factor,
     }
     return rows.ended(history.name, history.status, before)
 
