@@ -25,7 +25,7 @@ from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.perception.map_building import poses_without_map
-from spinfilters.sensors.sensor import MotionSamples
+from spinfilters.sensors.sensor import pose_samples
 from spinfilters.simulation.scenario import RICH_RPM, THESIS_RPM, Scenario, simulate
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
@@ -113,9 +113,8 @@ def simulated_workload(scenario: Scenario) -> Workload:
     timeline = build_timeline(
         dataset.log, layout, SensorNoise(pixel_std=PIXEL_STD), CameraView(None, calibration)
     )
-    poses, known = poses_without_map(dataset.log.stream("stereo"), calibration, PIXEL_STD)
-    samples = MotionSamples(poses.time, poses.values[:, 3:], positions=poses.values[:, :3])
-    evidence = motion_evidence(samples, len(timeline))
+    poses, known, _ = poses_without_map(dataset.log.stream("stereo"), calibration, PIXEL_STD)
+    evidence = motion_evidence(pose_samples(poses), len(timeline))
     first, _ = closed_form(layout, evidence)
     trajectory = trial_trajectory(layout, timeline, first, evidence)
     prior = defining_g(layout, wide_prior(layout, first, OPTIONS, evidence), trajectory[0])

@@ -162,6 +162,11 @@ class Sensor(StoredSensor, ABC):
         return values
 
 
+def pose_samples(poses: MeasurementStream) -> MotionSamples:
+    """Initial motion samples of poses (t, q_ig)."""
+    return MotionSamples(poses.time, poses.values[:, 3:], positions=poses.values[:, :3])
+
+
 def noise_level(stream: MeasurementStream, std: float) -> NoiseLevel:
     """The rows' own covariances, or without any this standard deviation."""
     return std if stream.covariance is None else stream.covariance

@@ -14,7 +14,7 @@ from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.measurement_log import MeasurementLog
 from spinfilters.sensors.sensor import MotionSamples
 from spinfilters.simulation.faults import WrongAssociations, with_faults
-from spinfilters.simulation.scenario import Scenario, simulate
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 from spinfilters.workflow.preparation import prepare
 from spinfilters.workflow.settings import Settings
 
@@ -99,3 +99,14 @@ def test_an_attitude_of_the_other_sign_is_no_gross_error() -> None:
     attitude = np.stack([np.sin(turns), 0 * turns, 0 * turns, np.cos(turns)], axis=1)
     attitude[::3] *= -1
     assert len(consistent_samples(MotionSamples(turns, attitude)).time) == 30
+
+
+@pytest.mark.parametrize("pixel_std", [0.1, 5.0])
+def test_tracks_without_a_map_are_initialised_at_any_pixel_noise(pixel_std: float) -> None:
+    scenario = replace(Scenario.disam115(RICH_RPM, 0), pixel_std=pixel_std, frames=60)
+    found = prepare(without_map(simulate(scenario)), Settings()).start
+    assert found.converged
+    assert found.fit == pytest.approx(1.0, abs=0.02)
+    assert found.noise_ratio == pytest.approx(1.0, abs=0.03)
+    rates = found.mean[:, found.layout.mean_slice("w")]
+    assert np.linalg.norm(rates, axis=1) == pytest.approx(np.linalg.norm(RICH_RPM) * np.pi / 30, abs=0.1)

@@ -24,7 +24,7 @@ from spinfilters.estimators.timeline import SensorNoise, build_timeline
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.logs.dataset import Dataset
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.sensors.sensor import MotionSamples
+from spinfilters.sensors.sensor import MotionSamples, pose_samples
 from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 
@@ -88,8 +88,7 @@ def test_the_closed_form_finds_centre_of_mass_and_velocity_of_an_exact_motion() 
 
 
 def _poses(dataset: Dataset) -> MotionSamples:
-    poses = dataset.log.stream("pose")
-    return MotionSamples(poses.time, poses.values[:, 3:], positions=poses.values[:, :3])
+    return pose_samples(dataset.log.stream("pose"))
 
 
 def _check(report: InitialEstimate, truth: np.ndarray) -> None:
