@@ -130,7 +130,6 @@ def figures(study: Study, seed: int) -> dict[str, np.ndarray]:
 def smoothed(prepared: Prepared, settings: Settings) -> tuple[EstimateHistory, int]:
     """What the smoother said of every frame when it came."""
     smoother, rows = sliding_smoother(prepared, settings), _start_rows(prepared)
-    assert smoother is not None
     begin_at_start(smoother, prepared)
     first = len(rows)
     return run(smoother, rows.time, prepared.timeline[first:], rows=rows), first

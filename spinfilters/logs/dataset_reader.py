@@ -5,8 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from spinfilters.errors import InputError
-from spinfilters.plugins import PluginGroup
+from spinfilters.plugins import PluginGroup, by_name
 
 if TYPE_CHECKING:
     from spinfilters.logs.dataset import Dataset
@@ -54,12 +53,7 @@ TABLE: Final = PluginGroup("spinfilters.logs.readers", "READER", DatasetReader, 
 
 def dataset_readers() -> list[DatasetReader]:
     """All of them, in the order they are asked. InputError: a plug-in that cannot be loaded, a name that stands twice."""
-    entries = sorted(TABLE.entries, key=lambda entry: entry.order)
-    names = [entry.name for entry in entries]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise InputError(f"reader {twice!r} is registered twice; uninstall one of the plug-ins")
-    return entries
+    return list(by_name(TABLE, "reader").values())
 
 
 def reader_of(path: Path) -> DatasetReader:

@@ -4,8 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
-from spinfilters.errors import InputError
-from spinfilters.plugins import PluginGroup
+from spinfilters.plugins import PluginGroup, by_name
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -46,12 +45,7 @@ TABLE: Final = PluginGroup(
 
 def figure_entries() -> list[FigureEntry]:
     """All of them, in their order. InputError: a plug-in that cannot be loaded, a name that stands twice."""
-    entries = sorted(TABLE.entries, key=lambda entry: entry.order)
-    names = [entry.name for entry in entries]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise InputError(f"figure {twice!r} is registered twice; uninstall one of the plug-ins")
-    return entries
+    return list(by_name(TABLE, "figure").values())
 
 
 def picture_files(estimators: Sequence[str]) -> list[str]:

@@ -34,11 +34,9 @@ OnFrame = Callable[[int, int], None]
 """Called with frames done and frames in all."""
 
 
-def sliding_smoother(prepared: Prepared, settings: Settings) -> RecursiveSmoother | None:
-    """The smoother of tracks without a map; None for sensors that tie nothing together, see `smooth_at_once`."""
+def sliding_smoother(prepared: Prepared, settings: Settings) -> RecursiveSmoother:
+    """The smoother of tracks without a map; for sensors that tie nothing together see `smooth_at_once`."""
     timeline = prepared.timeline
-    if not prepared.start.has_landmarks:
-        return None
     every = (measurement.model for frame in timeline for measurement in frame.measurements)
     options = settings.smoother.options(len(timeline))
     return RecursiveSmoother(prepared.process, options, tuple(dict.fromkeys(every)))
