@@ -19,13 +19,13 @@ from rich.progress import track
 from rich.table import Table
 
 from experiments.benchmarks.smoother_workload import MOTIONS
-from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.smoothing.marginals import Marginals
 from spinfilters.estimators.smoothing.problem import Problem, Stage, problem_of
 from spinfilters.estimators.smoothing.reduced import Reduced
 from spinfilters.estimators.smoothing.robust_kernels import LeastSquares
 from spinfilters.estimators.smoothing.sightings import SIGHTINGS_NEEDED
 from spinfilters.estimators.smoothing.solver import SolverOptions, solve
+from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.logs.dataset import Dataset

@@ -119,7 +119,7 @@ def figures(study: Study, seed: int) -> dict[str, np.ndarray]:
     clean, faulty = study.recordings(seed)
     believed = study.settings(believed=True)
     prepared = prepare(faulty, believed)
-    first, arrays = len(prepared.start.frames.mean), {}
+    first, arrays = len(prepared.start.mean), {}
     for evaluation in compare_estimators(prepared, believed, lambda *_: None).evaluations:
         arrays |= _figures(evaluation.name, evaluation, first)
     reference = prepare(clean, study.settings(believed=False))
@@ -130,16 +130,15 @@ def figures(study: Study, seed: int) -> dict[str, np.ndarray]:
 def smoothed(prepared: Prepared, settings: Settings) -> tuple[EstimateHistory, int]:
     """What the smoother said of every frame when it came."""
     smoother, rows = sliding_smoother(prepared, settings), _start_rows(prepared)
-    assert smoother is not None
     begin_at_start(smoother, prepared)
     first = len(rows)
     return run(smoother, rows.time, prepared.timeline[first:], rows=rows), first
 
 
 def _start_rows(prepared: Prepared) -> GrowingHistory:
-    frames, layout = prepared.start.frames, prepared.process.layout
+    start, layout = prepared.start, prepared.process.layout
     rows = GrowingHistory(layout, prepared.timeline[0].time)
-    for frame, mean, factor in zip(prepared.timeline, frames.mean, frames.factor, strict=False):
+    for frame, mean, factor in zip(prepared.timeline, start.mean, start.factor, strict=False):
         rows.append(frame.time, Gaussian(layout, mean, factor), [], 0.0)
     return rows
 

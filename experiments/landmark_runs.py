@@ -6,16 +6,15 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.estimators.estimator import MapChange
-from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
-from spinfilters.estimators.landmark_start.smoother import SmoothingOptions, smooth_with_landmarks
-from spinfilters.estimators.landmark_start.start import LandmarkStartReport
+from spinfilters.estimators.initialisation.initialiser import SmoothingOptions, smooth_first_epochs
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.bound import CramerRaoBound, TrueLandmarks
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.estimators.multiplicative_filter import MultiplicativeFilter
 from spinfilters.estimators.run import advance
 from spinfilters.estimators.smoothing.problem import Trial
+from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.evaluation.body import body_history
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.evaluation.errors import Alignment
@@ -88,7 +87,7 @@ def bound_history(prepared: Prepared, whole: Dataset, changes: list[MapChange]) 
     """The bound of a filter's frames after the start: a history whose means are the truth."""
     assert whole.truth is not None
     assert whole.known_map is not None
-    layout, begin = prepared.process.layout, len(prepared.start.frames.mean)
+    layout, begin = prepared.process.layout, len(prepared.start.mean)
     truth = true_states(whole.truth, layout)
     landmarks = TrueLandmarks(whole.known_map.ids, whole.known_map.points)
     bound = CramerRaoBound(prepared.process, landmarks, OPTIONS)
@@ -105,15 +104,17 @@ def _true_start(
     prepared: Prepared, truth: Float[np.ndarray, "k m"], landmarks: TrueLandmarks
 ) -> LandmarkBelief:
     """The belief at the end of the start, had everything been linearised at the truth."""
-    assert isinstance(prepared.start, LandmarkStartReport)
+    assert prepared.start.has_landmarks
     layout, options = prepared.process.layout, SmoothingOptions(iterations=0)
     std = np.repeat([GAUGE_STD, GAUGE_STD, 1.0, 1.0, 1.0, 1.5], [3, 3, 3, 3, 3, 5])
     mean = truth[0].copy()
     mean[layout.mean_slice("s")] = 0.0
     frames = prepared.timeline[: len(truth)]
     trial = Trial(truth, landmarks.ids, landmarks.points)
-    found = smooth_with_landmarks(prepared.process, frames, trial, FirstStatePrior(mean, std), options)
-    return found.belief(OPTIONS)
+    found = smooth_first_epochs(prepared.process, frames, trial, FirstStatePrior(mean, std), options)
+    belief = found.joint_belief(OPTIONS)
+    assert isinstance(belief, LandmarkBelief)
+    return belief
 
 
 def _figures(evaluation: Evaluation, bound: EstimateHistory) -> dict[str, np.ndarray]:
@@ -143,8 +144,8 @@ def _figures(evaluation: Evaluation, bound: EstimateHistory) -> dict[str, np.nda
 
 
 def _smoothed_rows(prepared: Prepared) -> GrowingHistory:
-    frames, layout = prepared.start.frames, prepared.process.layout
+    start, layout = prepared.start, prepared.process.layout
     rows = GrowingHistory(layout, prepared.timeline[0].time)
-    for frame, mean, factor in zip(prepared.timeline, frames.mean, frames.factor, strict=False):
+    for frame, mean, factor in zip(prepared.timeline, start.mean, start.factor, strict=False):
         rows.append(frame.time, Gaussian(layout, mean, factor), [], 0.0)
     return rows

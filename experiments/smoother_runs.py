@@ -9,9 +9,8 @@ from jaxtyping import Float
 
 from experiments.benchmarks.smoother_workload import MOTIONS, Workload, simulated_workload
 from experiments.smoother_marginals import actual_errors, marginal_std
-from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
-from spinfilters.estimators.landmark_start.smoother import DrawnIn, SmoothingOptions
+from spinfilters.estimators.smoothing.annealing import GATE, Annealed
 from spinfilters.estimators.smoothing.marginals import Marginals
 from spinfilters.estimators.smoothing.modes import FixedLag, FrozenVision, Full, Mode
 from spinfilters.estimators.smoothing.problem import (
@@ -28,6 +27,7 @@ from spinfilters.estimators.smoothing.sightings import SIGHTINGS_NEEDED
 from spinfilters.estimators.smoothing.sliding import SlidingSmoother
 from spinfilters.estimators.smoothing.sliding_records import SlidingOptions
 from spinfilters.estimators.smoothing.solver import Schedule, SolverOptions, solve
+from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.evaluation.body import body_history
 from spinfilters.evaluation.consistency import normalised_square, true_states
@@ -85,7 +85,10 @@ def run_batch(case: SmootherCase) -> Arrays:
     here = problem.at(
         with_common_constants(workload.layout, workload.trial.trajectory), workload.trial.points
     )
-    schedules: dict[str, Schedule | None] = {"plain": None, "drawn": DrawnIn(problem, SmoothingOptions())}
+    schedules: dict[str, Schedule | None] = {
+        "plain": None,
+        "drawn": Annealed(problem, SolverOptions().iterations, GATE),
+    }
     arrays, histories = {}, {}
     for name, schedule in schedules.items():
         solved = solve(problem, here, SolverOptions(), schedule)

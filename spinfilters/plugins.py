@@ -4,11 +4,20 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module, metadata
 from pkgutil import iter_modules
-from typing import Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 from spinfilters.errors import InputError
 
+
+class OrderedEntry(Protocol):
+    """What an entry of a table with an order has."""
+
+    name: str
+    order: int
+
+
 Entry = TypeVar("Entry")
+Ordered = TypeVar("Ordered", bound=OrderedEntry)
 
 
 @dataclass(frozen=True)
@@ -61,3 +70,18 @@ class PluginGroup(Generic[Entry]):
                 f"{where} is {type(entry).__name__}, not a {self.kind.__name__}; mend or uninstall it"
             )
         return entry
+
+
+def by_name(group: PluginGroup[Ordered], what: str) -> dict[str, Ordered]:
+    """Entries by name, in their order. InputError: as `PluginGroup.entries`; a name that stands twice.
+
+    Parameters
+    ----------
+    what: an entry is, in words.
+    """
+    found: dict[str, Ordered] = {}
+    for entry in sorted(group.entries, key=lambda entry: entry.order):
+        if entry.name in found:
+            raise InputError(f"{what} {entry.name!r} is registered twice; uninstall one of the plug-ins")
+        found[entry.name] = entry
+    return found

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 from spinfilters.conventions import RPM
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.first_frames import FirstStatePrior
+from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import Frame
 from spinfilters.models.gauge import GAUGE_STD
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess

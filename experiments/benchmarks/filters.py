@@ -86,7 +86,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def time_frames(prepared: Prepared, frames: int, blocks: int) -> Float[np.ndarray, "b n 4"]:
     """Seconds per frame of every filter in `NAMES`, each from the same start over the same frames, in every block."""
     filters = [build_estimator(name, prepared, Settings()) for name in NAMES]
-    first = len(prepared.start.frames.mean)
+    first = len(prepared.start.mean)
     steps = list(pairwise(prepared.timeline[first - 1 : first + WARM_FRAMES + frames]))
     rows = [[_passes(estimator, prepared, steps) for estimator in filters] for _ in range(blocks)]
     return np.moveaxis(np.array(rows), 1, 2)

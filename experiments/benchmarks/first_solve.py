@@ -16,8 +16,8 @@ def main(file: str) -> None:
     begin = perf_counter()
     import numpy as np
 
-    from spinfilters.estimators.first_frames import FirstStatePrior
     from spinfilters.estimators.smoothing import problem, sightings, sliding, solver
+    from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
     from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
     from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 

@@ -9,8 +9,8 @@ from jaxtyping import Float
 from scipy.linalg.lapack import dpotrf, dtrtrs
 
 from spinfilters.estimators.estimator import ProcessModel
-from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.smoothing.motion import NOISE_FLOOR
+from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.state.layout import StateLayout
 
 MOVING = 12

@@ -11,15 +11,21 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.estimators.first_frames import FirstStatePrior
-from spinfilters.estimators.motion_evidence import evidence_from_poses
+from spinfilters.estimators.initialisation.initial_guess import (
+    closed_form,
+    defining_g,
+    trial_trajectory,
+    wide_prior,
+)
+from spinfilters.estimators.initialisation.options import StartOptions
+from spinfilters.estimators.motion_evidence import motion_evidence
 from spinfilters.estimators.smoothing.problem import Problem, Trial, problem_of
 from spinfilters.estimators.smoothing.sightings import SIGHTINGS_NEEDED, Sightings, collect_sightings
-from spinfilters.estimators.start import StartOptions, closed_form, trial_trajectory, wide_prior
+from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
-from spinfilters.models.gauge import GAUGE_STD
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.perception.map_building import poses_without_map
+from spinfilters.sensors.sensor import pose_samples
 from spinfilters.simulation.scenario import RICH_RPM, THESIS_RPM, Scenario, simulate
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
@@ -107,11 +113,11 @@ def simulated_workload(scenario: Scenario) -> Workload:
     timeline = build_timeline(
         dataset.log, layout, SensorNoise(pixel_std=PIXEL_STD), CameraView(None, calibration)
     )
-    poses, known = poses_without_map(dataset.log.stream("stereo"), calibration, PIXEL_STD)
-    evidence = evidence_from_poses(poses, len(timeline))
+    poses, known, _ = poses_without_map(dataset.log.stream("stereo"), calibration, PIXEL_STD)
+    evidence = motion_evidence(pose_samples(poses), len(timeline))
     first, _ = closed_form(layout, evidence)
     trajectory = trial_trajectory(layout, timeline, first, evidence)
-    prior = _fixing_g(layout, trajectory[0], wide_prior(layout, first, OPTIONS, evidence))
+    prior = defining_g(layout, wide_prior(layout, first, OPTIONS, evidence), trajectory[0])
     trial = Trial(trajectory, known.ids, known.points)
     return _joined(TorqueFreeProcess(layout, NOISE), timeline, calibration, prior, trial)
 
@@ -150,12 +156,3 @@ def _joined(
     trial = Trial(trial.trajectory, trial.ids[kept], trial.points[kept])
     sightings = collect_sightings(timeline, trial.ids, SIGHTINGS_NEEDED)
     return Workload(process, timeline, calibration, prior, trial, sightings)
-
-
-def _fixing_g(layout: StateLayout, first: Float[np.ndarray, " m"], prior: FirstStatePrior) -> FirstStatePrior:
-    """The prior with the first pose held where the trial has it: it defines g."""
-    mean, std = prior.mean.copy(), prior.std.copy()
-    for block in ("t", "a"):
-        mean[layout.mean_slice(block)] = first[layout.mean_slice(block)]
-        std[layout.slice(block)] = GAUGE_STD
-    return FirstStatePrior(mean, std)

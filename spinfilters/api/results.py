@@ -156,11 +156,12 @@ class Run(Mapping[str, EstimatorResult]):
 
         Parameters
         ----------
-        name: "summary", "rates", "inertia", "polhode", "scene", "consistency", or "errors-" and an estimator's name.
+        name: of the table of figures: "summary", "rates", "inertia", "polhode", "scene", "consistency", "errors-mekf" (or
+            another estimator's), or that of an installed figure.
 
         Raises
         ------
-        InputError: no such figure.
+        InputError: no such figure, or one that needs what the run does not have.
         """
         from spinfilters.workflow.figures import Pictured, drawn_figure
 

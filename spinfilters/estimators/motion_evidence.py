@@ -1,6 +1,6 @@
 """What the first frames say directly of a motion: attitudes, body rates and places."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -13,7 +13,7 @@ from spinfilters.attitude.conversions import (
     rotation_vector_from_quaternion,
 )
 from spinfilters.errors import InputError
-from spinfilters.logs.measurement_log import MeasurementStream
+from spinfilters.estimators.initialisation.consistent_samples import consistent_samples
 from spinfilters.sensors.sensor import MotionSamples
 
 DEGREE = 4
@@ -49,41 +49,27 @@ class MotionEvidence:
 def motion_evidence(samples: MotionSamples, frames: int) -> MotionEvidence:
     """From the first ``frames`` samples: attitudes integrated from rates, or rates differenced from attitudes, as is missing.
 
+    The rate at an attitude is the slope of a polynomial through the rotation vectors around it.
+
     Raises
     ------
-    InputError: as `evidence_from_poses`, with attitudes and no rates; neither attitudes nor rates.
+    InputError: neither attitudes nor rates; without rates fewer than 4 attitudes, or a body that turns by more than half a
+        revolution between two of them.
     """
-    time, positions = samples.time[:frames], samples.positions
-    positions = None if positions is None else positions[:frames]
+    first = {name: getattr(samples, name) for name in ("attitude", "rates", "positions")}
+    given = {name: None if values is None else values[:frames] for name, values in first.items()}
+    samples = consistent_samples(replace(samples, time=samples.time[:frames], **given))
+    time, positions = samples.time, samples.positions
     if samples.attitude is None and samples.rates is None:
         raise InputError(
             "a motion needs attitudes or body rates; give measurements of a sensor that tells them"
         )
     if samples.attitude is None:
         assert samples.rates is not None
-        rates, first = samples.rates[:frames], np.array([0.0, 0.0, 0.0, 1.0])
-        return MotionEvidence(
-            time, integrate_gyro(time, rates, first), rates, positions, defines_attitude=True
-        )
-    attitude = samples.attitude[:frames]
-    rates = _differenced(time, attitude) if samples.rates is None else samples.rates[:frames]
-    return MotionEvidence(time, attitude, rates, positions)
-
-
-def evidence_from_gyro(gyro: MeasurementStream, frames: int) -> MotionEvidence:
-    """From the first ``frames`` gyro samples: g at the first sample defines the axes of i."""
-    return motion_evidence(MotionSamples(gyro.time, rates=gyro.values), frames)
-
-
-def evidence_from_poses(poses: MeasurementStream, frames: int) -> MotionEvidence:
-    """From the first ``frames`` poses; the rate at each is the slope of a polynomial through the rotation vectors around it.
-
-    Raises
-    ------
-    InputError: with fewer than 4 poses, or a body that turns by more than half a revolution between two of them.
-    """
-    samples = MotionSamples(poses.time, poses.values[:, 3:], positions=poses.values[:, :3])
-    return motion_evidence(samples, frames)
+        attitude = integrate_gyro(time, samples.rates, np.array([0.0, 0.0, 0.0, 1.0]))
+        return MotionEvidence(time, attitude, samples.rates, positions, defines_attitude=True)
+    rates = _differenced(time, samples.attitude) if samples.rates is None else samples.rates
+    return MotionEvidence(time, samples.attitude, rates, positions)
 
 
 def _differenced(time: Float[np.ndarray, " k"], q: Float[np.ndarray, "k 4"]) -> Float[np.ndarray, "k 3"]:

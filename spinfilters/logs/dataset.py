@@ -8,38 +8,26 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from spinfilters.errors import InputError
 from spinfilters.logs.camera import Rig
-from spinfilters.logs.covariance_files import with_covariance
-from spinfilters.logs.dataset_options import DatasetOptions, options_from_toml
-from spinfilters.logs.gyro_files import PHYPHOX_TABLE, Segment
-from spinfilters.logs.input_file import named, printable, require_file, require_folder, shown
-from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.logs.phyphox_trials import OnRefused, phyphox_trial, phyphox_trials
-from spinfilters.logs.sensor_files import read_sensor_file
+from spinfilters.logs.dataset_options import DatasetOptions
+from spinfilters.logs.dataset_reader import OnRefused, reader_of
+from spinfilters.logs.gyro_files import Segment
+from spinfilters.logs.input_file import named, printable, shown
+from spinfilters.logs.measurement_log import MeasurementLog
 from spinfilters.logs.sensor_format import (
     CalibrationFiles,
-    SensorFormat,
     dataset_kinds,
     sensor_format,
-    sensor_formats,
 )
-from spinfilters.logs.settings_files import read_toml
-from spinfilters.logs.table_files import read_header
-from spinfilters.logs.track_files import KnownMap, read_landmarks
-from spinfilters.logs.truth import TRUTH_TABLE, Truth, read_truth
+from spinfilters.logs.track_files import KnownMap
+from spinfilters.logs.truth import Truth
 
 DATASET_FILE: Final[str] = "dataset.toml"
 LANDMARK_FILE: Final[str] = "landmarks.csv"
-_FRONT_ENDS = {
-    "stereo-images": "tracks.csv of rectified feature tracks with kind = 'stereo-tracks'",
-    "lidar-scans": "poses.tum of the registered scans with kind = 'pose'",
-}
-_LARGEST_FILE = 2**63  # the reader that follows has its own limit
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -88,7 +76,7 @@ class Dataset:
     @property
     def calibrations(self) -> tuple[CalibrationFiles, ...]:
         """Files of the rig."""
-        return _calibrations(self.log)
+        return calibrations_of(self.log)
 
     @property
     def name(self) -> str:
@@ -106,7 +94,7 @@ class Dataset:
 
 
 def read_dataset(path: str | os.PathLike[str], segment: int | None = None) -> Dataset:
-    """The data set of a folder with dataset.toml, of a phyphox folder, of a gyro .csv or a TUM .tum or .txt.
+    """The data set of a path, by the reader that recognises it (`spinfilters.logs.dataset_reader`).
 
     Parameters
     ----------
@@ -118,12 +106,11 @@ def read_dataset(path: str | os.PathLike[str], segment: int | None = None) -> Da
     trial, a kind whose front end is not part of this version. The text names file, line or value, and the
     cure.
     """
-    folder = _phyphox_folder(Path(path))
-    if folder is not None:
-        return _gyro_dataset(folder, *phyphox_trial(folder, segment))
-    if segment is not None:
-        raise InputError(f"{named(Path(path))}: has no segments; leave out --segment {segment}")
-    return _read_folder(Path(path)) if os.path.isdir(path) else _read_file(Path(path))
+    place = Path(path)
+    reader = reader_of(place)
+    if segment is not None and not reader.has_segments:
+        raise InputError(f"{named(place)}: has no segments; leave out --segment {segment}")
+    return reader.read(place, segment)
 
 
 def read_segments(path: str | os.PathLike[str], on_refused: OnRefused | None = None) -> list[Dataset]:
@@ -133,122 +120,10 @@ def read_segments(path: str | os.PathLike[str], on_refused: OnRefused | None = N
     ----------
     on_refused: called with the number of a segment that is no trial, and why, instead of raising InputError for it.
     """
-    folder = _phyphox_folder(Path(path))
-    if folder is None:
-        return [read_dataset(path)]
-    trials = phyphox_trials(folder, on_refused)
-    return [_gyro_dataset(folder, stream, segment) for stream, segment in trials]
+    return reader_of(Path(path)).segments(Path(path), on_refused)
 
 
-def _phyphox_folder(path: Path) -> Path | None:
-    if path.name == PHYPHOX_TABLE and os.path.isfile(path):
-        return path.parent
-    is_phyphox = os.path.isfile(path / PHYPHOX_TABLE) and not os.path.isfile(path / DATASET_FILE)
-    return path if is_phyphox else None
-
-
-def _gyro_dataset(folder: Path, stream: MeasurementStream, segment: Segment | None) -> Dataset:
-    description = f"phyphox recording {printable(folder.name)}"
-    if segment is not None:
-        description += f", segment {segment.number}: {printable(segment.comment)}"
-    kind, log = sensor_format(stream.sensor).kind, MeasurementLog((stream,))
-    return Dataset(kind=kind, log=log, path=folder, description=description, segment=segment)
-
-
-def _read_folder(folder: Path) -> Dataset:
-    require_folder(folder)
-    kinds = dataset_kinds()
-    path = folder / DATASET_FILE
-    if not os.path.lexists(path):
-        if os.path.isfile(folder / "cam0" / "data.csv"):
-            raise _no_front_end(folder, "stereo-images")
-        raise InputError(
-            f"{named(path)}: no such file; write it with a line kind = '...' ({', '.join(kinds)}), or check "
-            "the path"
-        )
-    document = read_toml(path)
-    kind, description = _text(path, document, "kind"), _text(path, document, "description", "")
-    if kind in _FRONT_ENDS:
-        raise _no_front_end(path, kind)
-    if kind not in kinds:
-        raise InputError(
-            f"{named(path)}: kind is {shown(kind)}, expected one of {', '.join(kinds)}; correct it"
-        )
-    log = _read_log(folder, kinds[kind])
-    landmarks, cameras = folder / LANDMARK_FILE, _calibrations(log)
-    return Dataset(
-        kind=kind,
-        log=log,
-        path=folder,
-        description=description,
-        truth=read_truth(folder),
-        rig=cameras[0].read(folder) if cameras else None,
-        known_map=read_landmarks(landmarks) if os.path.lexists(landmarks) else None,
-        options=options_from_toml(path, document),
-    )
-
-
-def _calibrations(log: MeasurementLog) -> tuple[CalibrationFiles, ...]:
+def calibrations_of(log: MeasurementLog) -> tuple[CalibrationFiles, ...]:
     """Of the cameras in a log."""
     formats = [sensor_format(sensor) for sensor in log.sensors]
     return tuple(form.calibration for form in formats if form.calibration is not None)
-
-
-def _read_log(folder: Path, required: SensorFormat) -> MeasurementLog:
-    streams = []
-    for form in _stored(folder, required):
-        stream, covariance = read_sensor_file(form, folder / form.file), folder / form.covariance_file
-        streams.append(with_covariance(stream, covariance) if os.path.lexists(covariance) else stream)
-    return MeasurementLog(tuple(streams))
-
-
-def _stored(folder: Path, required: SensorFormat) -> list[SensorFormat]:
-    """The formats whose files a folder holds. Of formats with the same file it is the required one's, or has the header of one."""
-    by_file: dict[str, list[SensorFormat]] = {}
-    for form in sensor_formats().values():
-        by_file.setdefault(form.file, []).append(form)
-    found = []
-    for file, formats in by_file.items():
-        if required in formats:
-            found.append(required)
-        elif os.path.lexists(folder / file):
-            fits = [
-                form for form in formats if len(formats) == 1 or read_header(folder / file) == form.header
-            ]
-            found.append([*formats, *fits][-1])
-    return found
-
-
-def _read_file(path: Path) -> Dataset:
-    require_file(path, _LARGEST_FILE)
-    formats = sensor_formats().values()
-    parts = [form.file for form in formats if not form.suffixes]
-    if path.name in (DATASET_FILE, LANDMARK_FILE, TRUTH_TABLE, *parts):
-        raise InputError(f"{named(path)}: is one part of a data set; give the folder that holds it")
-    form = next((form for form in formats if path.suffix.lower() in form.suffixes), None)
-    if form is None:
-        single = " or ".join(form.suffix_words for form in formats if form.suffixes)
-        raise InputError(
-            f"{named(path)}: {shown(path.suffix)} is no known kind of file; "
-            f"give a folder, {single}, and unpack archives first"
-        )
-    read = form.read_alone or partial(read_sensor_file, form)
-    log = MeasurementLog((read(path),))
-    return Dataset(kind=form.kind, log=log, path=path, description=printable(path.name))
-
-
-def _no_front_end(path: Path, kind: str) -> InputError:
-    return InputError(
-        f"{named(path)}: kind '{kind}' needs a front end that is not part of this version; supply "
-        f"{_FRONT_ENDS[kind]}"
-    )
-
-
-def _text(path: Path, document: dict[str, Any], key: str, default: str | None = None) -> str:
-    value = document.get(key, default)
-    if value is None:
-        kinds = ", ".join(dataset_kinds())
-        raise InputError(f"{named(path)}: has no {key}; add {key} = '...', one of {kinds}")
-    if not isinstance(value, str):
-        raise InputError(f"{named(path)}: {key} is {shown(value)}, expected text; put it in quotes")
-    return value

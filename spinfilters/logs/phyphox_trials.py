@@ -1,9 +1,9 @@
 """The trials in a phyphox recording: its kept segments as gyro streams."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 from spinfilters.errors import InputError
+from spinfilters.logs.dataset_reader import OnRefused
 from spinfilters.logs.gyro_files import PhyphoxRecording, Segment, read_phyphox
 from spinfilters.logs.input_file import named, shown
 from spinfilters.logs.measurement_log import MeasurementStream
@@ -11,8 +11,6 @@ from spinfilters.logs.time_stamps import require_two_frames
 
 Trial = tuple[MeasurementStream, Segment | None]
 """Gyro measurements, and the segment they are: None for a recording in which none is marked."""
-OnRefused = Callable[[int, str], None]
-"""Called with the number of a segment that cannot be used, and why."""
 _MOST_DESCRIBED = 8  # segments that an error describes; of more it gives the numbers only
 
 

@@ -1,7 +1,10 @@
-"""Poses and a map from stereo tracks alone, by turns: a frame's pose from the map so far, its sightings into the map."""
+"""Poses and a map from stereo tracks alone, by turns: an epoch's pose from the map so far, its observations into the map."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.errors import InputError
@@ -11,13 +14,23 @@ from spinfilters.logs.track_files import KnownMap
 from spinfilters.models.sensor_noise import NoiseLevel, noise_of_rows
 from spinfilters.perception.map_in_progress import MapInProgress
 from spinfilters.perception.matches import Matches
+from spinfilters.perception.pixel_noise import View, noise_ratio
+from spinfilters.perception.pose_consensus import projection_jacobian
 from spinfilters.perception.pose_fit import FittedPose, fit_pose, fit_poses
 from spinfilters.perception.track_poses import find_landmarks, pose_stream, track_frames
 
-PASSES = 4
-"""Rounds over all frames after the first sweep, each with a better map."""
+PASSES = 2
+"""Rounds over all epochs after the first sweep, each with a better map: one closes a revolution, the other settles."""
 SMALLEST_DISPARITY_PX = 0.1
 """Below it a point is at infinity: its information has no third direction that numbers could hold."""
+
+
+class FoundMap(NamedTuple):
+    """Poses, the map they were found with, and the pixels' standard deviation over the stated (None where nothing tells it)."""
+
+    poses: MeasurementStream
+    landmarks: KnownMap
+    noise_ratio: float | None
 
 
 def poses_without_map(
@@ -25,7 +38,7 @@ def poses_without_map(
     calibration: Float[np.ndarray, " 5"],
     noise: NoiseLevel,
     frames: int | None = None,
-) -> tuple[MeasurementStream, KnownMap]:
+) -> FoundMap:
     """Poses and a map from tracks alone; frame g stands at the median of the first frame's points, axes along i.
 
     A pose is weighted by pixel noise and by how well each point is known. Errors common to many frames (slow drift of the map)
@@ -45,33 +58,46 @@ def poses_without_map(
     assert tracks.ids is not None
     chosen = track_frames(tracks)[:frames]
     ids = np.unique(tracks.ids[: chosen[-1][1].stop])
-    building, fits = MapInProgress.empty(ids), {}
-    for time, rows in chosen:
-        fits[time] = (
-            fit_pose(_matches(tracks, rows, building, noise), calibration)
-            if fits
-            else _first(tracks, rows, calibration)
-        )
-        _add_sightings(tracks, rows, fits[time], building, calibration, noise)
+    views = [_view(tracks, rows, calibration, noise) for _, rows in chosen]
+    building = MapInProgress.empty(ids)
+    poses: list[Float[np.ndarray, " 7"] | None] = [_first(views[0])]
+    for view, (_, rows) in zip(views, chosen[1:], strict=False):
+        _add(building, view, poses[-1])
+        fitted = fit_pose(_matches(tracks, rows, building, noise), calibration)
+        poses.append(None if fitted is None else fitted.pose)
+    fits: list[FittedPose | None] = []
     for _ in range(PASSES):
-        complete, building = building, MapInProgress.empty(ids)
-        found = fit_poses([_matches(tracks, rows, complete, noise) for _, rows in chosen], calibration)
-        for (time, rows), fitted in zip(chosen, found, strict=True):
-            fits[time] = fitted
-            _add_sightings(tracks, rows, fitted, building, calibration, noise)
+        building = _built(views, poses, ids)
+        fits = fit_poses([_matches(tracks, rows, building, noise) for _, rows in chosen], calibration)
+        poses = [None if fitted is None else fitted.pose for fitted in fits]
+    agreed = [
+        view.only(_agreed_ids(tracks, rows, building, fitted))
+        for view, (_, rows), fitted in zip(views, chosen, fits, strict=True)
+    ]
+    building = _built(views, poses, ids)
     seen = np.flatnonzero(building.seen)
-    return pose_stream(fits), KnownMap(ids[seen], building.points(seen)[0])
+    known = KnownMap(ids[seen], building.points(seen)[0])
+    by_time = {time: fitted for (time, _), fitted in zip(chosen, fits, strict=True)}
+    return FoundMap(pose_stream(by_time), known, noise_ratio(agreed, calibration))
 
 
-def _first(tracks: MeasurementStream, rows: slice, calibration: np.ndarray) -> FittedPose:
-    """The pose that defines g: it is exact."""
-    camera, good = _triangulated(tracks, rows, calibration)
-    if np.count_nonzero(good) < 4:
+def _agreed_ids(
+    tracks: MeasurementStream, rows: slice, building: MapInProgress, fitted: FittedPose | None
+) -> Int[np.ndarray, " a"]:
+    """Landmarks whose observations at an epoch agree with its pose and the map."""
+    assert tracks.ids is not None
+    index, _ = find_landmarks(building.ids, tracks.ids[rows])
+    ids = tracks.ids[rows][building.seen[index]]
+    return ids[:0] if fitted is None else ids[fitted.inliers]
+
+
+def _first(view: View) -> Float[np.ndarray, " 7"]:
+    """The pose that defines g."""
+    if len(view.ids) < 4:
         raise InputError(
-            f"the first frame of the tracks shows {np.count_nonzero(good)} usable landmarks; at least 4 are needed"
+            f"the first frame of the tracks shows {len(view.ids)} usable landmarks; at least 4 are needed"
         )
-    pose = np.concatenate([np.median(camera[good], axis=0), [0.0, 0.0, 0.0, 1.0]])
-    return FittedPose(pose, np.eye(6) * 1e-12, good)
+    return np.concatenate([np.median(view.camera, axis=0), [0.0, 0.0, 0.0, 1.0]])
 
 
 def _matches(tracks: MeasurementStream, rows: slice, known: MapInProgress, noise: NoiseLevel) -> Matches:
@@ -84,23 +110,33 @@ def _matches(tracks: MeasurementStream, rows: slice, known: MapInProgress, noise
     return Matches(points, tracks.values[rows][found], own, covariance)
 
 
-def _add_sightings(
-    tracks: MeasurementStream,
-    rows: slice,
-    fitted: FittedPose | None,
-    building: MapInProgress,
-    calibration: np.ndarray,
-    noise: NoiseLevel,
-) -> None:
-    if fitted is None:
-        return
+def _view(
+    tracks: MeasurementStream, rows: slice, calibration: Float[np.ndarray, " 5"], noise: NoiseLevel
+) -> View:
+    """What one epoch shows, as far as it can be triangulated."""
     assert tracks.ids is not None
     camera, good = _triangulated(tracks, rows, calibration)
-    R = matrix_from_quaternion(fitted.pose[3:])
     own = noise_of_rows(noise_of_rows(noise, rows), good)
-    information = R.T @ _point_information(camera[good], calibration, own) @ R
-    where, _ = find_landmarks(building.ids, tracks.ids[rows][good])
-    building.add(where, information, (camera[good] - fitted.pose[:3]) @ R)
+    information = _point_information(camera[good], calibration, own)
+    return View(tracks.ids[rows][good], camera[good], information, tracks.values[rows][good], own)
+
+
+def _built(
+    views: Sequence[View], poses: Sequence[Float[np.ndarray, " 7"] | None], ids: Int[np.ndarray, " n"]
+) -> MapInProgress:
+    """The map of all views that have a pose."""
+    building = MapInProgress.empty(ids)
+    for view, pose in zip(views, poses, strict=True):
+        _add(building, view, pose)
+    return building
+
+
+def _add(building: MapInProgress, view: View, pose: Float[np.ndarray, " 7"] | None) -> None:
+    if pose is None:
+        return
+    R = matrix_from_quaternion(pose[3:])
+    where, _ = find_landmarks(building.ids, view.ids)
+    building.add(where, R.T @ view.information @ R, (view.camera - pose[:3]) @ R)
 
 
 def _triangulated(
@@ -116,12 +152,7 @@ def _point_information(
     camera: Float[np.ndarray, "k 3"], calibration: np.ndarray, noise: NoiseLevel
 ) -> Float[np.ndarray, "k 3 3"]:
     """Information of a triangulated point, camera frame: J' N^-1 J of (u_left, v_left, u_right) with noise N."""
-    fx, fy, _, _, baseline = calibration
-    x, y, z = camera.T
-    J = np.zeros((len(camera), 3, 3))
-    J[:, 0, 0] = J[:, 2, 0] = fx / z
-    J[:, 1, 1] = fy / z
-    J[:, 0, 2], J[:, 1, 2], J[:, 2, 2] = -fx * x / z**2, -fy * y / z**2, -fx * (x - baseline) / z**2
+    J = projection_jacobian(camera, calibration)
     roots = noise if isinstance(noise, float | int) else np.linalg.cholesky(noise)
     whitened = J / roots if isinstance(roots, float | int) else np.linalg.solve(roots, J)
     return np.swapaxes(whitened, 1, 2) @ whitened

@@ -1,7 +1,7 @@
 """Points of a map and the pixels where they are taken to be seen, of one frame and of many side by side."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -36,6 +36,7 @@ class MatchTable:
     ----------
     given: (f, k) where there is a match that is no copy.
     parameters: (f, k, p) of the sensor: point, calibration, noise.   covariance: of the points, or None.
+    pixel_std: (f, k) of a pixel coordinate, px.
     """
 
     given: Bool[np.ndarray, "f k"]
@@ -43,6 +44,7 @@ class MatchTable:
     pixels: Float[np.ndarray, "f k 3"]
     parameters: Float[np.ndarray, "f k p"]
     covariance: Float[np.ndarray, "f k 3 3"] | None
+    pixel_std: Float[np.ndarray, "f k"]
 
     @classmethod
     def of(cls, frames: Sequence[Matches], calibration: Float[np.ndarray, " 5"]) -> "MatchTable":
@@ -58,6 +60,7 @@ class MatchTable:
             np.concatenate([frame.pixels for frame in frames])[row],
             np.concatenate(parameters)[row],
             np.concatenate(covariances)[row] if covariances else None,
+            np.concatenate([_pixel_std(frame) for frame in frames])[row],
         )
 
     @property
@@ -71,5 +74,20 @@ class MatchTable:
             return self
         covariance = None if self.covariance is None else self.covariance[frames]
         return MatchTable(
-            self.given[frames], self.points[frames], self.pixels[frames], self.parameters[frames], covariance
+            self.given[frames],
+            self.points[frames],
+            self.pixels[frames],
+            self.parameters[frames],
+            covariance,
+            self.pixel_std[frames],
         )
+
+    def about(self, points: Float[np.ndarray, "f k 3"]) -> "MatchTable":
+        """The table with the sensor's parameters for other points."""
+        return replace(self, parameters=np.concatenate([points, self.parameters[..., 3:]], axis=2))
+
+
+def _pixel_std(frame: Matches) -> Float[np.ndarray, " k"]:
+    if isinstance(frame.noise, float | int):
+        return np.full(len(frame.points), float(frame.noise))
+    return np.sqrt(np.trace(frame.noise, axis1=1, axis2=2) / 3)

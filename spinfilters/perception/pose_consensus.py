@@ -6,7 +6,7 @@ A triple of right matches lies so close together, and its depths are so poor, th
 the cheapest of every batch are fitted to all that agree with them before they are compared (Chum, Matas and Kittler 2003).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -19,6 +19,10 @@ from spinfilters.perception.matches import MatchTable
 
 AGREEMENT_PX = 20.0
 """Within which a match agrees with a rough pose: three triangulated points turn a body by some 0.1 rad, 10 px on its rim."""
+AGREEMENT = 6.0
+"""The same in standard deviations of a pixel, for images with more noise than that."""
+MAP_AGREEMENT = 4.0
+"""Standard deviations of a map's point that come to it: along the line of sight it was seen on, it may be off by its own size."""
 SMALLEST_SHARE = 0.2
 """Of the matches that must agree with a pose: one in twenty does by chance."""
 CLEAR_SHARE = 0.6
@@ -50,6 +54,8 @@ class _Seen:
     points: Float[np.ndarray, "f k 3"]
     pixels: Float[np.ndarray, "f k 3"]
     camera: Float[np.ndarray, "f k 3"]
+    tolerance: Float[np.ndarray, "f k"]
+    spread: Float[np.ndarray, "f k 3 3"] | None
     calibration: Float[np.ndarray, " 5"]
 
     @classmethod
@@ -57,7 +63,8 @@ class _Seen:
         camera = triangulate(table.pixels, calibration)
         usable = table.given & np.isfinite(camera).all(axis=2) & (camera[..., 2] > 0)
         pixels, camera = (np.where(usable[..., None], array, 1.0) for array in (table.pixels, camera))
-        return cls(usable, table.points, pixels, camera, calibration)
+        tolerance = np.maximum(AGREEMENT_PX, AGREEMENT * table.pixel_std)
+        return cls(usable, table.points, pixels, camera, tolerance, table.covariance, calibration)
 
     @cached_property
     def weights(self) -> Float[np.ndarray, "f k"]:
@@ -67,8 +74,10 @@ class _Seen:
     def frame(self, number: int) -> "_Seen":
         """The usable matches of one frame."""
         usable = self.usable[number]
-        points, pixels, camera = (a[number][usable][None] for a in (self.points, self.pixels, self.camera))
-        return _Seen(np.ones((1, points.shape[1]), dtype=bool), points, pixels, camera, self.calibration)
+        names = ("points", "pixels", "camera", "tolerance", "spread")
+        given = {name: getattr(self, name) for name in names}
+        own = {name: None if a is None else a[number][usable][None] for name, a in given.items()}
+        return replace(self, usable=np.ones((1, np.count_nonzero(usable)), dtype=bool), **own)
 
     def share(self, chosen: Bool[np.ndarray, "f k"]) -> Float[np.ndarray, " f"]:
         """Of the usable matches."""
@@ -76,11 +85,11 @@ class _Seen:
 
     def agreeing(self, poses: Float[np.ndarray, "h 7"]) -> Bool[np.ndarray, "h k"]:
         """Matches near the pixels that a pose tells; poses are of all frames, or h of one."""
-        return self.usable & (self.squared_pixels(poses) < AGREEMENT_PX**2)
+        return self.usable & (self.squared_distances(poses) < 1.0)
 
     def cost(self, poses: Float[np.ndarray, "h 7"]) -> Float[np.ndarray, " h"]:
-        """Sum of squared pixels up to a bound, under each of the poses."""
-        return np.minimum(self.squared_pixels(poses), AGREEMENT_PX**2).sum(axis=1)
+        """Sum of squared distances up to a bound, under each of the poses."""
+        return np.minimum(self.squared_distances(poses), 1.0).sum(axis=1)
 
     def fitted(
         self, chosen: Bool[np.ndarray, "h k"]
@@ -93,8 +102,8 @@ class _Seen:
         q, t, determined = absolute_orientations(camera, points, weights)
         return np.concatenate([t, q], axis=1), enough & determined
 
-    def squared_pixels(self, poses: Float[np.ndarray, "h 7"]) -> Float[np.ndarray, "h k"]:
-        """Squared distance (u_left, v_left, u_right) of each match under each pose, infinite behind the camera."""
+    def squared_distances(self, poses: Float[np.ndarray, "h 7"]) -> Float[np.ndarray, "h k"]:
+        """Squared distance (u_left, v_left, u_right) of each match under each pose in tolerances, infinite behind the camera."""
         (fx, fy, cx, cy, baseline), pixels = self.calibration, self.pixels
         rotations = matrix_from_quaternion(poses[:, 3:])
         at = self.points @ np.swapaxes(rotations, 1, 2) + poses[:, None, :3]
@@ -102,7 +111,33 @@ class _Seen:
         with np.errstate(divide="ignore", invalid="ignore"):
             u, v = fx * x / z + cx - pixels[..., 0], fy * y / z + cy - pixels[..., 1]
             right = u + pixels[..., 0] - fx * baseline / z - pixels[..., 2]
-            return np.where(z > 0, u**2 + v**2 + right**2, np.inf)
+            squares = (u**2 + v**2 + right**2) / self.tolerance**2
+            if self.spread is not None:
+                away = np.stack([u, v, right], axis=-1)
+                by_point = projection_jacobian(at, self.calibration) @ rotations[:, None]
+                squares = self._squares_in_spread(away, by_point)
+            return np.where(z > 0, squares, np.inf)
+
+    def _squares_in_spread(
+        self, away: Float[np.ndarray, "h k 3"], by_point: Float[np.ndarray, "h k 3 3"]
+    ) -> Float[np.ndarray, "h k"]:
+        """With what the map's points are off by: far along the line of sight they were seen on, little across it."""
+        assert self.spread is not None
+        spread = MAP_AGREEMENT**2 * by_point @ self.spread @ np.swapaxes(by_point, 2, 3)
+        spread += self.tolerance[..., None, None] ** 2 * np.eye(3)
+        return (away * np.linalg.solve(spread, away[..., None])[..., 0]).sum(axis=2)
+
+
+def projection_jacobian(
+    at: Float[np.ndarray, "*batch 3"], calibration: Float[np.ndarray, " 5"]
+) -> Float[np.ndarray, "*batch 3 3"]:
+    """Of (u_left, v_left, u_right) by a point in the camera frame; zero where it is at no depth."""
+    fx, fy, _, _, baseline = calibration
+    x, y, z = at[..., 0], at[..., 1], np.where(at[..., 2] > 0, at[..., 2], np.inf)
+    o = np.zeros_like(x)
+    left, height = (fx / z, o, -fx * x / z**2), (o, fy / z, -fy * y / z**2)
+    right = (fx / z, o, -fx * (x - baseline) / z**2)
+    return np.stack([np.stack(row, axis=-1) for row in (left, height, right)], axis=-2)
 
 
 @dataclass(frozen=True)

@@ -29,11 +29,12 @@ FRAMES_AT_ONCE = 64
 
 @dataclass(frozen=True)
 class FittedPose:
-    """Pose (t, q_ig), its covariance (6 x 6, order t, a) and which matches agree with it."""
+    """Pose (t, q_ig), its covariance (6 x 6, order t, a), which matches agree, and their squared whitened innovations."""
 
     pose: Float[np.ndarray, " 7"]
     covariance: Float[np.ndarray, "6 6"]
     inliers: Bool[np.ndarray, " k"]
+    squares: Float[np.ndarray, " k"]
 
 
 @cache
@@ -67,20 +68,33 @@ def _fitted(frames: Sequence[Matches], calibration: Float[np.ndarray, " 5"]) -> 
         return fits
     model = _stereo(noise_model(frames[0].noise, 3))
     rough = consensus_poses(table, calibration)
-    poses, moving = rough.poses, rough.found.copy()
+    poses, points, moving = rough.poses, table.points.copy(), rough.found.copy()
     for iteration in range(ITERATIONS):
         rows = np.flatnonzero(moving)
         if not len(rows):
             break
-        step = _gauss_newton(model, table.part(moving), poses[moving], rough.agreeing[moving])
-        poses[rows] = step.poses
+        about = _About(poses[moving], points[moving])
+        step = _gauss_newton(model, table.part(moving), about, rough.agreeing[moving])
+        poses[rows], points[rows] = step.poses, step.points
         settled = step.determined & (step.length < SETTLED)
         done = step.determined if iteration == ITERATIONS - 1 else settled
         for k in np.flatnonzero(done):
-            inliers = step.inliers[k, : len(frames[rows[k]].points)]
-            fits[rows[k]] = FittedPose(step.poses[k], np.linalg.inv(step.information[k]), inliers)
+            given = slice(len(frames[rows[k]].points))
+            fits[rows[k]] = FittedPose(
+                step.poses[k],
+                np.linalg.inv(step.information[k]),
+                step.inliers[k, given],
+                step.squares[k, given],
+            )
         moving[rows] = step.determined & ~settled
     return fits
+
+
+class _About(NamedTuple):
+    """Poses (f, 7) and points (f, k, 3), frame g, that a step is linearised about."""
+
+    poses: Float[np.ndarray, "f 7"]
+    points: Float[np.ndarray, "f k 3"]
 
 
 class _Step(NamedTuple):
@@ -88,13 +102,16 @@ class _Step(NamedTuple):
 
     Attributes
     ----------
-    poses: (f, 7) after it.   information: (f, 6, 6) before it.   inliers: (f, k) matches that took part.
+    poses: (f, 7), points: (f, k, 3) after it.   information: (f, 6, 6) before it.   inliers: (f, k) matches that took part.
+    squares: (f, k) squared lengths of the whitened innovations before it.
     length: (f,) in standard deviations of the pose.   determined: (f,) whether the matches tell a pose; else it stays.
     """
 
     poses: Float[np.ndarray, "f 7"]
+    points: Float[np.ndarray, "f k 3"]
     information: Float[np.ndarray, "f 6 6"]
     inliers: Bool[np.ndarray, "f k"]
+    squares: Float[np.ndarray, "f k"]
     length: Float[np.ndarray, " f"]
     determined: Bool[np.ndarray, " f"]
 
@@ -102,12 +119,16 @@ class _Step(NamedTuple):
 def _gauss_newton(
     model: StereoLandmark,
     table: MatchTable,
-    poses: Float[np.ndarray, "f 7"],
+    about: _About,
     agreeing: Bool[np.ndarray, "f k"],
 ) -> _Step:
-    innovation, jacobian, valid = _linearised(model, table, poses)
+    poses = about.poses
+    innovation, jacobian, valid = _linearised(model, table.about(about.points), poses)
+    by_map = None
     if table.covariance is not None:
-        innovation, jacobian = _with_map_noise(poses, innovation, jacobian, table.covariance)
+        by_map = _MapNoise.of(about, table.points, jacobian, table.covariance)
+        innovation, jacobian = by_map.whitened(innovation, jacobian)
+    squares = np.square(innovation).sum(axis=2)
     inliers = valid & _within_gate(np.abs(innovation).max(axis=2), agreeing)
     determined = np.count_nonzero(inliers, axis=1) >= np.maximum(4, SMALLEST_SHARE * table.counts)
     jacobian[~inliers], innovation[~inliers] = 0.0, 0.0
@@ -117,7 +138,11 @@ def _gauss_newton(
     step = np.zeros((len(poses), 6))
     step[determined] = np.linalg.solve(information[determined], gradient[determined])[..., 0]
     length = np.sqrt(np.einsum("fi,fij,fj->f", step, information, step))
-    return _Step(model.layout.retract(poses, step), information, inliers, length, determined)
+    points = about.points
+    if by_map is not None:
+        left = innovation - (jacobian @ step[:, None, :, None])[..., 0]
+        points = table.points + np.where(inliers[..., None], by_map.corrections(left), 0.0)
+    return _Step(model.layout.retract(poses, step), points, information, inliers, squares, length, determined)
 
 
 def _linearised(
@@ -143,14 +168,47 @@ def _within_gate(
     return size < np.fmax(GATE_PX, OPENING * np.take_along_axis(ordered, quarter, axis=1))
 
 
-def _with_map_noise(
-    poses: Float[np.ndarray, "f 7"],
-    innovation: Float[np.ndarray, "f k 3"],
-    jacobian: Float[np.ndarray, "f k 3 6"],
-    covariance: Float[np.ndarray, "f k 3 3"],
-) -> tuple[Float[np.ndarray, "f k 3"], Float[np.ndarray, "f k 3 6"]]:
-    """Whitened once more, by the pixels' and the points' noise together."""
-    by_point = jacobian[..., :3] @ matrix_from_quaternion(poses[:, 3:])[:, None]
-    root = np.linalg.cholesky(np.eye(3) + by_point @ covariance @ np.swapaxes(by_point, 2, 3))
-    both = np.linalg.solve(root, np.concatenate([innovation[..., None], jacobian], axis=3))
-    return both[..., 0], both[..., 1:]
+@dataclass(frozen=True)
+class _MapNoise:
+    """Noise of map points, which are unknowns of their own and are eliminated at every step.
+
+    A fit that whitens by the covariance of the points as a pose turns it, and takes that as constant, has a cost of which the
+    derivative by the rotation is missing: it finds too small rotations where points are poor. About the points' own estimates there
+    is nothing to miss.
+
+    Attributes
+    ----------
+    away: (f, k, 3) m from the points about which all is linear to those of the map.
+    by_point: (f, k, 3, 3) derivative of whitened pixels by the points.   covariance: (f, k, 3, 3) of the map.
+    root: (f, k, 3, 3) lower, of the covariance of the whitened pixels given the pose.
+    """
+
+    away: Float[np.ndarray, "f k 3"]
+    by_point: Float[np.ndarray, "f k 3 3"]
+    covariance: Float[np.ndarray, "f k 3 3"]
+    root: Float[np.ndarray, "f k 3 3"]
+
+    @classmethod
+    def of(
+        cls,
+        about: _About,
+        points: Float[np.ndarray, "f k 3"],
+        jacobian: Float[np.ndarray, "f k 3 6"],
+        covariance: Float[np.ndarray, "f k 3 3"],
+    ) -> "_MapNoise":
+        by_point = jacobian[..., :3] @ matrix_from_quaternion(about.poses[:, 3:])[:, None]
+        root = np.linalg.cholesky(np.eye(3) + by_point @ covariance @ np.swapaxes(by_point, 2, 3))
+        return cls(points - about.points, by_point, covariance, root)
+
+    def whitened(
+        self, innovation: Float[np.ndarray, "f k 3"], jacobian: Float[np.ndarray, "f k 3 6"]
+    ) -> tuple[Float[np.ndarray, "f k 3"], Float[np.ndarray, "f k 3 6"]]:
+        """By the pixels' and the points' noise together, about the points of the map."""
+        at_map = innovation[..., None] - self.by_point @ self.away[..., None]
+        both = np.linalg.solve(self.root, np.concatenate([at_map, jacobian], axis=3))
+        return both[..., 0], both[..., 1:]
+
+    def corrections(self, left: Float[np.ndarray, "f k 3"]) -> Float[np.ndarray, "f k 3"]:
+        """Of the map's points, m, by what a step leaves of the whitened innovations."""
+        back = np.linalg.solve(np.swapaxes(self.root, 2, 3), left[..., None])
+        return (self.covariance @ np.swapaxes(self.by_point, 2, 3) @ back)[..., 0]

@@ -21,6 +21,7 @@ from spinfilters.sensors.sensor import (
     Sensor,
     diagonal_factor,
     model_over,
+    pose_samples,
     row_covariance,
 )
 from spinfilters.state.layout import StateLayout
@@ -68,7 +69,7 @@ class PoseSensor(Sensor):
     def initial_motion(
         self, stream: MeasurementStream, noise: SensorNoise, view: CameraView | None
     ) -> MotionSamples:
-        return MotionSamples(stream.time, stream.values[:, 3:], positions=stream.values[:, :3])
+        return pose_samples(stream)
 
     def simulate(self, scene: Scene) -> SimulatedStream:
         small, motion = StateLayout(("t", "a")), scene.motion

@@ -60,6 +60,7 @@ class MotionSamples:
     rates: (k, 3) body rates, rad/s, axes g; None where attitudes are differenced.
     positions: (k, 3) origins of g in i, m, or None.
     landmarks: a map that was found with the poses, None where it was known or there is none.
+    noise_ratio: standard deviation of the rows over the stated, None where the samples do not tell it.
     """
 
     time: Float[np.ndarray, " k"]
@@ -67,6 +68,7 @@ class MotionSamples:
     rates: Float[np.ndarray, "k 3"] | None = None
     positions: Float[np.ndarray, "k 3"] | None = None
     landmarks: KnownMap | None = None
+    noise_ratio: float | None = None
 
 
 @dataclass(frozen=True)
@@ -158,6 +160,11 @@ class Sensor(StoredSensor, ABC):
     def storable(self, values: Float[np.ndarray, "n v"]) -> Float[np.ndarray, "n v"]:
         """Values as its files may hold them."""
         return values
+
+
+def pose_samples(poses: MeasurementStream) -> MotionSamples:
+    """Initial motion samples of poses (t, q_ig)."""
+    return MotionSamples(poses.time, poses.values[:, 3:], positions=poses.values[:, :3])
 
 
 def noise_level(stream: MeasurementStream, std: float) -> NoiseLevel:

@@ -1,5 +1,6 @@
 """Landmarks seen by a rectified stereo pair: feature tracks in pixels of both images."""
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -32,6 +33,7 @@ from spinfilters.sensors.sensor import (
     Sensor,
     model_over,
     noise_level,
+    pose_samples,
 )
 from spinfilters.sensors.track_rows import CALIBRATION, PIXEL_STD, mapped_rows, required_view
 from spinfilters.state.layout import StateLayout
@@ -83,12 +85,11 @@ class StereoSensor(Sensor):
         self, stream: MeasurementStream, noise: SensorNoise, view: CameraView | None
     ) -> MotionSamples:
         """From a pose per epoch, and the map where none is known."""
-        view, level, found = required_view(self.name, view), noise_level(stream, noise.pixel_std), None
+        view, level = required_view(self.name, view), noise_level(stream, noise.pixel_std)
         if view.known_map is None:
-            poses, found = poses_without_map(stream, view.calibration, level)
-        else:
-            poses = poses_with_map(stream, view.known_map, view.calibration, level)
-        return MotionSamples(poses.time, poses.values[:, 3:], positions=poses.values[:, :3], landmarks=found)
+            poses, found, ratio = poses_without_map(stream, view.calibration, level)
+            return replace(pose_samples(poses), landmarks=found, noise_ratio=ratio)
+        return pose_samples(poses_with_map(stream, view.known_map, view.calibration, level))
 
     def simulate(self, scene: Scene) -> SimulatedStream:
         stream, landmarks = stereo_tracks(scene.front_end, scene.surface, scene.motion, scene.generator)

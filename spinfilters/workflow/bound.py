@@ -12,9 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinfilters.errors import NUMERICAL_ERRORS, InputError
-from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.estimators.landmark_start.start import LandmarkStartReport
 from spinfilters.estimators.smoothing.batch import NO_LANDMARKS
 from spinfilters.estimators.smoothing.marginals import Marginals
 from spinfilters.estimators.smoothing.problem import Point, Problem, Stage, problem_of
@@ -25,6 +23,7 @@ from spinfilters.estimators.smoothing.sightings import (
     collect_sightings,
     seen_ids,
 )
+from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.evaluation.bound import error_bound
 from spinfilters.evaluation.consistency import finite_frames, true_states
 from spinfilters.evaluation.errors import Alignment, common_stamps
@@ -129,9 +128,9 @@ def _landmarks(
     prepared: Prepared, states: Float[np.ndarray, "k m"]
 ) -> tuple[Int[np.ndarray, " L"], Float[np.ndarray, "L 3"]]:
     """Ids and first guesses in g: of the start, or where most of a landmark's sightings agree from the true poses."""
-    if not isinstance(prepared.start, LandmarkStartReport):
+    if not prepared.start.has_landmarks:
         return NO_LANDMARKS, np.zeros((0, 3))
-    started = prepared.start.landmarks
+    started = prepared.start
     ids = np.unique(seen_ids(prepared.timeline))
     points = np.full((len(ids), 3), np.nan)
     points[np.searchsorted(ids, started.ids)] = started.points
@@ -154,4 +153,4 @@ def _believed(problem: Problem, here: Point, used: Bool[np.ndarray, " N"] | None
 
 
 def _is_tied(prepared: Prepared) -> bool:
-    return isinstance(prepared.start, LandmarkStartReport)
+    return prepared.start.has_landmarks

@@ -135,7 +135,7 @@ def forget(_: str) -> Keeper:
 def keep_in(folder: Path, prepared: Prepared, settings: Settings, pace: Pace | None = None) -> KeeperOf:
     """Keep every estimator's run in ``folder/<its name>/checkpoint.npz``, and go on from what is there."""
     identity = identify_run("", prepared.timeline, prepared.belief, settings.document)
-    time = times_of(prepared.timeline[len(prepared.start.frames.mean) :])
+    time = times_of(prepared.timeline[len(prepared.start.mean) :])
 
     def keeper(name: str) -> Keeper:
         path = folder / name / CHECKPOINT_FILE

@@ -11,7 +11,6 @@ from jaxtyping import Float
 from spinfilters.attitude.conversions import inverse, multiply, rotation_vector_from_quaternion
 from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.estimators.landmark_start.start import LandmarkStartReport
 from spinfilters.estimators.smoothing.sliding import SlidingSmoother
 from spinfilters.estimators.smoothing.sliding_records import Retired
 from spinfilters.estimators.smoothing.surfaces import MOST_FRAMES, Surfaces, record_surfaces
@@ -49,7 +48,7 @@ def require_convergence(prepared: Prepared, settings: Settings) -> None:
     """
     if NAME not in settings.estimators:
         raise InputError(f"--convergence shows the estimator {NAME}; name it in --estimators")
-    if not isinstance(prepared.start, LandmarkStartReport):
+    if not prepared.start.has_landmarks:
         raise InputError(
             "--convergence needs stereo tracks without a known map (landmarks.csv): other measurements are smoothed all at once"
         )

@@ -9,7 +9,6 @@ from jaxtyping import Float
 from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.history import FRAME_ARRAYS, EstimateHistory, GrowingHistory
-from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.run import NO_FRAME_LEFT, rehearse, run
 from spinfilters.estimators.timeline import times_of
 from spinfilters.evaluation.errors import Alignment
@@ -18,7 +17,7 @@ from spinfilters.logs.input_file import reason
 from spinfilters.state.status import EstimatorStatus, Verdict
 from spinfilters.workflow.bound import with_bounds
 from spinfilters.workflow.checkpointing import Keeper, KeeperOf, forget
-from spinfilters.workflow.estimator_entry import EstimatorEntry, estimator_entries
+from spinfilters.workflow.estimator_entry import AnyEntry, estimator_entries
 from spinfilters.workflow.preparation import Prepared
 from spinfilters.workflow.quality import filter_doubts, judged, shared_doubts
 from spinfilters.workflow.settings import Settings
@@ -49,10 +48,10 @@ def build_estimator(name: str, prepared: Prepared, settings: Settings) -> Estima
     ------
     InputError: one that takes it at once.
     """
-    estimator = estimator_entries()[name].build(prepared, settings)
-    if estimator is None:
+    entry = estimator_entries()[name]
+    if entry.batch(prepared, settings) is not None:
         raise InputError(f"{name} takes this data set at once; choose another estimator")
-    return estimator
+    return entry.build(prepared, settings)
 
 
 def compare_estimators(
@@ -93,15 +92,16 @@ def compare_estimators(
 
 
 def _estimated(
-    entry: EstimatorEntry, prepared: Prepared, settings: Settings, follow: tuple[Progress, KeeperOf]
+    entry: AnyEntry, prepared: Prepared, settings: Settings, follow: tuple[Progress, KeeperOf]
 ) -> tuple[EstimateHistory, Float[np.ndarray, "k 3"] | None]:
     """One estimator's history of all epochs, and its landmarks if it has any; numbers that lead nowhere are its failure."""
     progress, keeper_of = follow
     try:
-        estimator, twin = (entry.build(prepared, settings) for _ in range(2))
-        if estimator is None or twin is None:
+        batch = entry.batch(prepared, settings)
+        if batch is not None:
             on_epoch = lambda done, every: progress(entry.name, done, every)  # noqa: E731
-            return entry.at_once(prepared, settings, on_epoch), prepared.map_points
+            return batch.smooth(prepared.timeline, prepared.start, on_epoch), prepared.map_points
+        estimator, twin = (entry.build(prepared, settings) for _ in range(2))
         passed, rows = _run(entry, estimator, twin, prepared, progress, keeper_of(entry.name))
         history = _final(entry, estimator, passed, rows, prepared)
         return history, entry.points(estimator, history, prepared)
@@ -112,7 +112,7 @@ def _estimated(
 
 
 def _final(
-    entry: EstimatorEntry,
+    entry: AnyEntry,
     estimator: Estimator,
     passed: EstimateHistory,
     rows: GrowingHistory,
@@ -137,7 +137,7 @@ def _maps(name: str, points: Float[np.ndarray, "k 3"] | None) -> dict[str, Float
 def _check(settings: Settings, prepared: Prepared) -> None:
     entries = estimator_entries()
     without = [name for name in settings.estimators if not entries[name].holds_landmarks]
-    if without and isinstance(prepared.belief, LandmarkBelief):
+    if without and prepared.start.has_landmarks:
         holding = [name for name, entry in entries.items() if entry.holds_landmarks]
         raise InputError(
             f"{', '.join(without)}: holds no landmarks; give the tracks' map (landmarks.csv, for the bundled example "
@@ -146,7 +146,7 @@ def _check(settings: Settings, prepared: Prepared) -> None:
 
 
 def _run(
-    entry: EstimatorEntry,
+    entry: AnyEntry,
     estimator: Estimator,
     twin: Estimator,
     prepared: Prepared,
@@ -161,13 +161,13 @@ def _run(
     ----------
     twin: built alike; what it needs is built before the clock of the other runs.
     """
-    rest = prepared.timeline[len(prepared.start.frames.mean) :]
+    rest = prepared.timeline[len(prepared.start.mean) :]
     if not len(rest):
         raise InputError(f"{prepared.dataset.name}: {NO_FRAME_LEFT}")
     entry.begin(estimator, prepared)
     kept = keeper.resume(estimator)
     rows = GrowingHistory(estimator.layout, prepared.start_end) if kept is None else kept.rows
-    rows.reserve(len(rest), len(prepared.start.frames.mean))
+    rows.reserve(len(rest), len(prepared.start.mean))
     name = entry.name
     progress(name, len(rows), len(rest))
     if kept is not None and kept.status is not None:
@@ -186,10 +186,10 @@ def _run(
     return history, rows
 
 
-def _rehearse(entry: EstimatorEntry, estimator: Estimator, prepared: Prepared) -> None:
+def _rehearse(entry: AnyEntry, estimator: Estimator, prepared: Prepared) -> None:
     """Build what an estimator like this one needs, before any clock runs."""
     entry.begin(estimator, prepared)
-    rehearse(estimator, prepared.start_end, prepared.timeline[len(prepared.start.frames.mean) :])
+    rehearse(estimator, prepared.start_end, prepared.timeline[len(prepared.start.mean) :])
 
 
 def _is_cut_short(history: EstimateHistory, frames: int) -> bool:
@@ -199,12 +199,12 @@ def _is_cut_short(history: EstimateHistory, frames: int) -> bool:
 
 def _with_start(history: EstimateHistory, rows: GrowingHistory, prepared: Prepared) -> EstimateHistory:
     """A filter's history with its initialisation in front: smoothed epochs, of which nothing is counted."""
-    frames = prepared.start.frames
-    count = len(frames.mean)
+    start = prepared.start
+    count = len(start.mean)
     before = dict.fromkeys(FRAME_ARRAYS, np.zeros(count)) | {
         "time": times_of(prepared.timeline[:count]),
-        "mean": frames.mean,
-        "factor": frames.factor,
+        "mean": start.mean,
+        "factor": start.factor,
     }
     return rows.ended(history.name, history.status, before)
 

@@ -1,27 +1,27 @@
 """What an estimator is to a comparison, and the table of all of them."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.errors import InputError
-from spinfilters.plugins import PluginGroup
+from spinfilters.plugins import PluginGroup, by_name
 
 if TYPE_CHECKING:
+    from spinfilters.estimators.contracts import BatchEstimator
     from spinfilters.estimators.estimator import Estimator
     from spinfilters.estimators.history import EstimateHistory
     from spinfilters.workflow.preparation import Prepared
     from spinfilters.workflow.settings import Settings
 
-OnEpoch = Callable[[int, int], None]
-"""Called with epochs done and epochs in all."""
+Built = TypeVar("Built", bound="Estimator")
 
 
-class EstimatorEntry(ABC):
+class EstimatorEntry(ABC, Generic[Built]):
     """An estimator of the table. A subclass states its attributes and writes `build`; what else it does differently it overrides.
+
+    It is recursive (a `LatestBelief`, or an `Estimator` with a state of its own), or for some data sets batch.
 
     Attributes
     ----------
@@ -40,26 +40,26 @@ class EstimatorEntry(ABC):
     continues: bool = True
 
     @abstractmethod
-    def build(self, prepared: "Prepared", settings: "Settings") -> "Estimator | None":
-        """The estimator, not begun; None where it takes all epochs at once (`at_once`)."""
+    def build(self, prepared: "Prepared", settings: "Settings") -> Built:
+        """The recursive estimator, not begun."""
 
-    def begin(self, estimator: "Estimator", prepared: "Prepared") -> None:
+    def batch(self, prepared: "Prepared", settings: "Settings") -> "BatchEstimator | None":
+        """The batch estimator of a data set; None where it is taken epoch by epoch."""
+        return None
+
+    def begin(self, estimator: Built, prepared: "Prepared") -> None:
         """Let it begin at the end of the initialisation."""
         estimator.start(prepared.start.belief)
 
-    def at_once(self, prepared: "Prepared", settings: "Settings", on_epoch: OnEpoch) -> "EstimateHistory":
-        """All epochs of a data set for which `build` gives none."""
-        raise InputError(f"{self.name} cannot take all epochs at once; choose another estimator")
-
     def final(
-        self, estimator: "Estimator", passed: "EstimateHistory", prepared: "Prepared"
+        self, estimator: Built, passed: "EstimateHistory", prepared: "Prepared"
     ) -> "EstimateHistory | None":
         """What it says in the end of all epochs, those of the initialisation among them; None where that is what it said of each
         as it came. ``passed`` holds the epochs behind the initialisation."""
         return None
 
     def points(
-        self, estimator: "Estimator", history: "EstimateHistory", prepared: "Prepared"
+        self, estimator: Built, history: "EstimateHistory", prepared: "Prepared"
     ) -> Float[np.ndarray, "k 3"] | None:
         """Landmarks that it ended with, m, frame g; None without any."""
         return prepared.map_points
@@ -69,20 +69,17 @@ class EstimatorEntry(ABC):
         return 0.0
 
 
-TABLE: Final = PluginGroup(
+AnyEntry = EstimatorEntry[Any]
+
+TABLE: Final[PluginGroup[AnyEntry]] = PluginGroup(
     "spinfilters.workflow.estimators", "ESTIMATOR", EstimatorEntry, group="spinfilters.estimators"
 )
 """All estimators: one per module of that package, and those of the entry points ``spinfilters.estimators``."""
 
 
-def estimator_entries() -> dict[str, EstimatorEntry]:
+def estimator_entries() -> dict[str, AnyEntry]:
     """Entries by name, in their order. InputError: a plug-in that cannot be loaded, a name that stands twice."""
-    entries = sorted(TABLE.entries, key=lambda entry: entry.order)
-    names = [entry.name for entry in entries]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise InputError(f"estimator {twice!r} is registered twice; uninstall one of the plug-ins")
-    return dict(zip(names, entries, strict=True))
+    return by_name(TABLE, "estimator")
 
 
 def estimator_names() -> tuple[str, ...]:

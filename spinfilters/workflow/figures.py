@@ -3,6 +3,7 @@
 import gc
 from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,21 +13,14 @@ from matplotlib.figure import Figure
 from spinfilters.errors import InputError
 from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
-from spinfilters.evaluation.rates import BodyRates, estimated_rates, measured_rates, true_rates
-from spinfilters.evaluation.span import initialisation_end
+from spinfilters.evaluation.rates import BodyRates, measured_rates, true_rates
 from spinfilters.evaluation.trajectory import read_map_ply
 from spinfilters.logs.dataset import Dataset, read_dataset
 from spinfilters.logs.input_file import shown
-from spinfilters.plots.consistency import consistency_figure
-from spinfilters.plots.error_bands import error_bands_figure
-from spinfilters.plots.inertia import inertia_figure
-from spinfilters.plots.polhode import estimated_polhode_figure
-from spinfilters.plots.rates import rates_figure
-from spinfilters.plots.scene import scene_figure
 from spinfilters.plots.style import draw_figure, drawn
-from spinfilters.plots.summary import summary_figure
 from spinfilters.workflow.conditions import conditions_of, told_sentences
 from spinfilters.workflow.estimation import Comparison
+from spinfilters.workflow.figure_entry import figure_entries
 from spinfilters.workflow.preparation import knows_frames
 from spinfilters.workflow.run_folder import DATASET_FOLDER, MAP_FILE, read_histories
 from spinfilters.workflow.run_summary import not_whole, read_summary
@@ -40,6 +34,19 @@ class Pictured:
     evaluations: Sequence[Evaluation]
     map_points: Float[np.ndarray, "k 3"] | None
     conditions: Sequence[str] = ()
+
+    @property
+    def true_moments(self) -> Float[np.ndarray, " 3"] | None:
+        """Principal moments of the truth, None without one."""
+        return None if self.dataset.truth is None else self.dataset.truth.principal_moments
+
+    @property
+    def reference(self) -> BodyRates | None:
+        """True rates, or else what a gyro measured."""
+        truth, errors = self.dataset.truth, self.evaluations[0].errors
+        if truth is not None and errors is not None:
+            return true_rates(truth, errors.frame)
+        return measured_rates(self.dataset.log)
 
     @classmethod
     def from_comparison(cls, comparison: Comparison) -> "Pictured":
@@ -92,40 +99,20 @@ def drawn_figure(pictured: Pictured, name: str) -> Figure:
 
     Raises
     ------
-    InputError: no such figure.
+    InputError: no such figure, or one that needs what the run does not have.
     """
     figures = dict(_figures(pictured))
     if name not in figures:
-        raise InputError(f"figure {shown(name)} is unknown; choose from {', '.join(figures)}")
+        missing = {entry.name: entry.lacks(pictured) for entry in figure_entries()}.get(name)
+        why = "is unknown" if missing is None else f"needs {missing}"
+        raise InputError(f"figure {shown(name)} {why}; choose from {', '.join(figures)}")
     return drawn(figures[name], name)
 
 
 def _figures(pictured: Pictured) -> Iterator[tuple[str, Callable[[], Figure]]]:
-    evaluations, end = pictured.evaluations, initialisation_end(pictured.evaluations)
-    first, truth = evaluations[0], pictured.dataset.truth
-    moments = None if truth is None else truth.principal_moments
-    reference = _reference(pictured.dataset, first)
-    smoothed = first.history.initialisation
-    yield "summary", lambda: summary_figure(evaluations, reference, moments, pictured.conditions)
-    yield (
-        "rates",
-        lambda: rates_figure([estimated_rates(e.history) for e in evaluations], reference, start_end=end),
-    )
-    yield "inertia", lambda: inertia_figure(evaluations, moments)
-    yield "polhode", lambda: estimated_polhode_figure(estimated_rates(first.history), first.body, smoothed)
-    yield (
-        "scene",
-        lambda: scene_figure(
-            first.trajectory, first.body, pictured.dataset.rig, pictured.map_points, smoothed
-        ),
-    )
-    yield "consistency", lambda: consistency_figure(evaluations)
-    for evaluation in evaluations:
-        yield f"errors-{evaluation.name}", lambda evaluation=evaluation: error_bands_figure(evaluation)
-
-
-def _reference(dataset: Dataset, evaluation: Evaluation) -> BodyRates | None:
-    """True rates, or else what a gyro measured."""
-    if dataset.truth is not None and evaluation.errors is not None:
-        return true_rates(dataset.truth, evaluation.errors.frame)
-    return measured_rates(dataset.log)
+    """Every figure of the table that the run has what it needs for."""
+    estimators = [evaluation.name for evaluation in pictured.evaluations]
+    for entry in figure_entries():
+        if entry.lacks(pictured) is None:
+            for name in entry.names(estimators):
+                yield name, partial(entry.draw, pictured, name)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.estimators.start import StartReport
+from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
 from spinfilters.logs.measurement_log import MeasurementStream
 
 FIRST_SCALE = 0.01
@@ -46,9 +46,9 @@ def disturbance_psd(gyro: MeasurementStream) -> float:
     return float(DISTURBANCE * np.mean(np.linalg.norm(gyro.values, axis=1))) ** 2
 
 
-def identify_gyro_noise(gyro: MeasurementStream, fitted: StartReport) -> GyroNoise:
+def identify_gyro_noise(gyro: MeasurementStream, fitted: InitialEstimate) -> GyroNoise:
     """From the smoothed trajectory of a recording and the gyro samples it was fitted to."""
-    rates = fitted.frames.mean[:, fitted.layout.mean_slice("w")]
+    rates = fitted.mean[:, fitted.layout.mean_slice("w")]
     measured = gyro.values[: len(rates)]
     residual = (measured - rates) / np.linalg.norm(rates, axis=1, keepdims=True)
     return GyroNoise(float(np.sqrt(np.mean(residual**2))), _correlation_time(residual))

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 from spinfilters.logs.dataset import Dataset
 from spinfilters.workflow.checkpointing import KeeperOf, forget, keep_in, remove_checkpoints
 from spinfilters.workflow.estimation import Comparison, Progress, compare_estimators
+from spinfilters.workflow.figure_entry import picture_files
 from spinfilters.workflow.preparation import Prepared, prepare
 from spinfilters.workflow.run_folder import (
     finished_run,
     mark_run_folder,
     open_run_folder,
-    picture_files,
     refuse_source_within,
     write_run,
 )

@@ -1,17 +1,16 @@
 """A data set and settings made ready for any estimator: process, timeline, start."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.errors import NUMERICAL_ERRORS, InputError
-from spinfilters.estimators.first_frames import FirstStatePrior, SmoothedFrames
-from spinfilters.estimators.landmark_start.start import LandmarkStartReport, start_with_landmarks
+from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
+from spinfilters.estimators.initialisation.initialiser import initialise
+from spinfilters.estimators.initialisation.options import StartOptions
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
-from spinfilters.estimators.motion_evidence import MotionEvidence, motion_evidence
-from spinfilters.estimators.start import StartOptions, StartReport, start_from_data
 from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
 from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.input_file import reason
@@ -25,7 +24,7 @@ from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 from spinfilters.workflow.gyro_noise import FIRST_SCALE, GyroNoise, disturbance_psd, identify_gyro_noise
 from spinfilters.workflow.settings import AUTO, Settings
-from spinfilters.workflow.start_length import CheckedStart, long_enough_start
+from spinfilters.workflow.start_length import Make, long_enough_start
 
 WHOLE_RECORDING = 400
 """Samples, at most, from which the error of a rate sensor is identified."""
@@ -41,25 +40,21 @@ class Prepared:
     belief: what every filter begins from at the end of the start, with landmarks where the map is not known.
     map_points: (k, 3) m in g: the known map or that of the start, or None.
     gyro_noise: identified, or None when it was stated.
-    start_failure: why the first frames could not be smoothed, so that nothing of the start is finite; None where they could.
-    departure: of a filter that goes on from the start, in standard deviations (`start_length.departure_of`).
     """
 
     dataset: Dataset
     process: TorqueFreeProcess
     timeline: Timeline
     noise: SensorNoise
-    start: StartReport
+    start: InitialEstimate
     belief: Gaussian | LandmarkBelief
     map_points: Float[np.ndarray, "k 3"] | None
     gyro_noise: GyroNoise | None
-    start_failure: str | None = None
-    departure: float = 0.0
 
     @property
     def start_end(self) -> float:
         """Time of the last frame that the start looked at, s."""
-        return self.timeline[len(self.start.frames.mean) - 1].time
+        return self.timeline[len(self.start.mean) - 1].time
 
     @property
     def observations(self) -> Int[np.ndarray, " n"]:
@@ -108,14 +103,13 @@ def _prepared(dataset: Dataset, settings: Settings) -> Prepared:
     timeline = build_timeline(log, layout, noise, view)
     if len(timeline) < 5:
         raise InputError(f"{len(timeline)} frame(s) are too few for a motion; give at least 5")
-    checked, failure = _start(replace(dataset, log=log), process, timeline, noise, settings.start)
-    start = checked.report
-    belief, points = start.belief, None if dataset.known_map is None else dataset.known_map.points
-    if isinstance(start, LandmarkStartReport):
-        belief, points = start.landmarks.belief(settings.landmarks), start.landmarks.points
-    return Prepared(
-        dataset, process, timeline, noise, start, belief, points, gyro_noise, failure, checked.departure
-    )
+    make = _start_maker(replace(dataset, log=log), process, timeline, noise)
+    start = _start(process, timeline, make, settings.start)
+    points = None if dataset.known_map is None else dataset.known_map.points
+    if start.has_landmarks:
+        points = start.points
+    belief = start.joint_belief(settings.landmarks)
+    return Prepared(dataset, process, timeline, noise, start, belief, points, gyro_noise)
 
 
 def _layout(log: MeasurementLog, settings: Settings) -> StateLayout:
@@ -131,24 +125,14 @@ def _layout(log: MeasurementLog, settings: Settings) -> StateLayout:
 
 
 def _start(
-    dataset: Dataset,
-    process: TorqueFreeProcess,
-    timeline: Timeline,
-    noise: SensorNoise,
-    options: StartOptions,
-) -> tuple[CheckedStart, str | None]:
-    """The smoothed first frames; where their numbers lead nowhere none of them is finite, and why."""
+    process: TorqueFreeProcess, timeline: Timeline, make: Make, options: StartOptions
+) -> InitialEstimate:
+    """The smoothed first frames; where their numbers lead nowhere none of them is finite, and its status says why."""
     try:
         with np.errstate(all="ignore"):  # what is not finite becomes a status
-            make = _start_maker(dataset, process, timeline, noise)
-            return long_enough_start(process, timeline, make, options), None
+            return long_enough_start(process, timeline, make, options)
     except NUMERICAL_ERRORS as error:
-        layout, count = process.layout, options.count(timeline)
-        mean = np.full((count, layout.mean_dim), np.nan)
-        factor = np.full((count, layout.error_dim, layout.error_dim), np.nan)
-        frames = SmoothedFrames(mean, factor, np.nan, 0, 0, converged=False)
-        prior = FirstStatePrior(mean[0], np.full(layout.error_dim, np.nan))
-        return CheckedStart(StartReport(layout, frames, np.nan, np.nan, prior)), reason(error)
+        return InitialEstimate.failed(process.layout, options.count(timeline), reason(error))
 
 
 def camera_view(dataset: Dataset) -> CameraView | None:
@@ -184,30 +168,20 @@ def initial_samples(
 
 def _start_maker(
     dataset: Dataset, process: TorqueFreeProcess, timeline: Timeline, noise: SensorNoise
-) -> Callable[[StartOptions], StartReport]:
+) -> Make:
     """What makes an initialisation of this data set: nothing of landmarks after its last epoch is looked at."""
     view = camera_view(dataset)
 
-    def make(options: StartOptions) -> StartReport:
-        frames = options.count(timeline)
-        end = timeline[frames - 1].time
+    def make(options: StartOptions) -> InitialEstimate:
+        end = timeline[options.count(timeline) - 1].time
         streams = [
             stream.slice(timeline[0].time, end) if sensor_format(stream.sensor).has_landmarks else stream
             for stream in dataset.log.streams
         ]
         samples = initial_samples([stream for stream in streams if stream is not None], noise, view)
-        evidence = _checked(process, motion_evidence(samples, frames))
-        if samples.landmarks is None:
-            return start_from_data(process, timeline, evidence, options)
-        return start_with_landmarks(process, timeline, evidence, samples.landmarks, options)
+        return initialise(process, timeline, samples, options)
 
     return make
-
-
-def _checked(process: TorqueFreeProcess, evidence: MotionEvidence) -> MotionEvidence:
-    """The evidence of a motion that can be integrated."""
-    process.require_steps(evidence.time, evidence.rates)
-    return evidence
 
 
 def _noise(dataset: Dataset, settings: Settings) -> SensorNoise:
@@ -270,9 +244,9 @@ def _identify(
     rotation = process if layout == process.layout else TorqueFreeProcess(layout, process.noise)
     whole = replace(options, frames=WHOLE_RECORDING, share=1.0)
     timeline = build_timeline(MeasurementLog((stream,)), layout, replace(noise, **{option: FIRST_SCALE}))
-    evidence = motion_evidence(MotionSamples(stream.time, rates=rates), whole.count(timeline))
+    samples = MotionSamples(stream.time, rates=rates)
     try:
-        found = identify_gyro_noise(stream, start_from_data(rotation, timeline, evidence, whole))
+        found = identify_gyro_noise(stream, initialise(rotation, timeline, samples, whole))
     except NUMERICAL_ERRORS as error:
         raise _unidentified(sensor, reason(error)) from None
     if not np.isfinite(found.scale_std):

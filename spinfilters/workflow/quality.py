@@ -30,12 +30,7 @@ DISAGREEMENT_STD, DISAGREEMENT = 4.0, 0.01
 
 def shared_doubts(prepared: Prepared) -> list[str]:
     """Reasons that concern every estimator of a run."""
-    reasons = []
-    frames = prepared.start.frames
-    if prepared.start_failure is not None:
-        reasons.append(f"the first frames could not be smoothed ({prepared.start_failure})")
-    elif not frames.converged:
-        reasons.append(f"the start did not settle in {frames.iterations} iterations")
+    reasons = list(prepared.start.status.reasons)
     noise = prepared.gyro_noise
     if noise is not None and noise.relative_error > LARGEST_GYRO_ERROR:
         reasons.append(
@@ -48,15 +43,15 @@ def shared_doubts(prepared: Prepared) -> list[str]:
 
 def filter_doubts(prepared: Prepared) -> list[str]:
     """Reasons that concern filters alone: a smoother takes back what it believed of the first frames."""
-    if prepared.start_failure is not None:
+    if prepared.start.has_failed:
         return []
-    std, count = moments_std_of(prepared.start), len(prepared.start.frames.mean)
+    std, count = moments_std_of(prepared.start), len(prepared.start.mean)
     cure = "what follows is over-confident; give a longer recording, a richer motion or a larger start.share"
     if not std <= DETERMINED_STD:
         return [f"the first {count} frames leave the moments uncertain by {std:.2f}: {cure}"]
-    if not prepared.departure <= LARGEST_DEPARTURE:
+    if not prepared.start.departure <= LARGEST_DEPARTURE:
         return [
-            f"a filter from the first {count} frames on comes to lie {prepared.departure:.1f} standard deviations from the "
+            f"a filter from the first {count} frames on comes to lie {prepared.start.departure:.1f} standard deviations from the "
             f"smoother of the same measurements: {cure}"
         ]
     return []

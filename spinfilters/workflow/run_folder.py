@@ -25,6 +25,7 @@ from spinfilters.state.status import Verdict
 from spinfilters.workflow.checkpointing import remove_checkpoints
 from spinfilters.workflow.estimation import Comparison
 from spinfilters.workflow.estimator_entry import estimator_names
+from spinfilters.workflow.figure_entry import picture_files
 from spinfilters.workflow.history_file import read_history, write_history
 from spinfilters.workflow.preparation import Prepared
 from spinfilters.workflow.provenance import provenance
@@ -34,8 +35,6 @@ from spinfilters.workflow.settings import Settings
 
 CONFIG_FILE, DATASET_FOLDER, TRUTH_FILE = "config.toml", "dataset", "truth.tum"
 HISTORY_FILE, MAP_FILE = "history.npz", "map.ply"
-FIGURES = ("summary", "rates", "inertia", "polhode", "scene", "consistency")
-"""Names of the figures of a run, besides errors-<estimator>."""
 PREDICTION_PICTURE, CONVERGENCE_PICTURE = "prediction.png", "convergence.png"
 PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS = (
     *("prediction.csv", "prediction.npz"),
@@ -53,11 +52,6 @@ _UNFINISHED = re.compile(r"\.[0-9a-f]{16}\.part")
 
 DECISIVE = ("kind", "log", "truth", "rig", "known_map")
 """Parts of a data set that decide the numbers of a run, with the noise among its options."""
-
-
-def picture_files(estimators: Sequence[str]) -> list[str]:
-    """Files of the figures that every run of these estimators has."""
-    return [f"{name}.png" for name in (*FIGURES, *(f"errors-{each}" for each in estimators))]
 
 
 def open_run_folder(folder: Path) -> None:

@@ -100,14 +100,16 @@ def _dataset(prepared: Prepared) -> dict[str, Any]:
 
 
 def _start(prepared: Prepared) -> dict[str, Any]:
-    frames, noise = prepared.start.frames, prepared.gyro_noise
+    start, noise = prepared.start, prepared.gyro_noise
     return {
-        "frames": len(frames.mean),
+        "frames": len(start.mean),
         "end_s": prepared.start_end,
-        "iterations": frames.iterations,
-        "converged": frames.converged,
-        "fit": prepared.start.fit,
-        "momentum_residual": prepared.start.momentum_residual,
+        "iterations": start.iterations,
+        "converged": start.converged,
+        "fit": start.fit,
+        "momentum_residual": start.momentum_residual,
+        "rejected": start.rejected,
+        "noise_ratio": start.noise_ratio,
         "gyro_relative_error": None if noise is None else noise.relative_error,
         "gyro_correlation_samples": None if noise is None else noise.correlation_time,
     }

@@ -7,11 +7,11 @@ from typing import Annotated, Any
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.adaptation import AdaptationOptions
+from spinfilters.estimators.initialisation.options import StartOptions
 from spinfilters.estimators.iterated import IterationOptions
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.estimators.robustness import RobustOptions
 from spinfilters.estimators.sigma_points import SigmaPointOptions
-from spinfilters.estimators.start import StartOptions
 from spinfilters.logs.dataset_options import DENSITIES
 from spinfilters.logs.input_file import named, shown
 from spinfilters.logs.number_range import NumberRange

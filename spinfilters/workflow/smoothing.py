@@ -8,14 +8,13 @@ from jaxtyping import Float, Int
 
 from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.estimators.landmark_start.start import LandmarkStartReport
+from spinfilters.estimators.initialisation.initial_guess import trial_trajectory
 from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.run import rehearse, run
 from spinfilters.estimators.smoothing.batch import BatchSmoothing, smooth_recording
 from spinfilters.estimators.smoothing.problem import Trial
 from spinfilters.estimators.smoothing.recursive import RecursiveSmoother
 from spinfilters.estimators.smoothing.sliding_records import Taken
-from spinfilters.estimators.start import trial_trajectory
 from spinfilters.estimators.timeline import times_of
 from spinfilters.state.layout import StateLayout
 from spinfilters.state.status import EstimatorStatus, Verdict
@@ -35,11 +34,9 @@ OnFrame = Callable[[int, int], None]
 """Called with frames done and frames in all."""
 
 
-def sliding_smoother(prepared: Prepared, settings: Settings) -> RecursiveSmoother | None:
-    """The smoother of tracks without a map; None for sensors that tie nothing together, see `smooth_at_once`."""
+def sliding_smoother(prepared: Prepared, settings: Settings) -> RecursiveSmoother:
+    """The smoother of tracks without a map; for sensors that tie nothing together see `smooth_at_once`."""
     timeline = prepared.timeline
-    if not isinstance(prepared.start, LandmarkStartReport):
-        return None
     every = (measurement.model for frame in timeline for measurement in frame.measurements)
     options = settings.smoother.options(len(timeline))
     return RecursiveSmoother(prepared.process, options, tuple(dict.fromkeys(every)))
@@ -47,9 +44,8 @@ def sliding_smoother(prepared: Prepared, settings: Settings) -> RecursiveSmoothe
 
 def begin_at_start(smoother: RecursiveSmoother, prepared: Prepared) -> list[Taken]:
     """Take in the frames of the start with what it found."""
-    assert isinstance(prepared.start, LandmarkStartReport)
-    start, found = prepared.start, prepared.start.landmarks
-    first = Trial(start.frames.mean, found.ids, found.points)
+    start = prepared.start
+    first = Trial(start.mean, start.ids, start.points)
     return smoother.begin(start.prior, prepared.timeline[: len(first.trajectory)], first)
 
 
@@ -57,7 +53,7 @@ def smoothed_history(
     smoother: RecursiveSmoother, passed: EstimateHistory, prepared: Prepared
 ) -> EstimateHistory:
     """Every epoch given all measurements; ``passed`` are those behind the initialisation, as they came."""
-    first = len(prepared.start.frames.mean)
+    first = len(prepared.start.mean)
     rows, status = smoother.smoothed()[: first + len(passed.time)], passed.status
     for doubt in smoother.sliding.undetermined():
         status = status.degraded(doubt)
@@ -96,12 +92,12 @@ def _counts(
 def smooth_at_once(prepared: Prepared, settings: Settings, on_frame: OnFrame) -> EstimateHistory:
     """All at once, from where the filter of first order passes."""
     start, timeline = prepared.start, prepared.timeline
-    first = len(start.frames.mean)
+    first = len(start.mean)
     _rehearse_at_once(prepared, settings)
     begin = working_seconds()
     ekf = _started_ekf(prepared, settings)
     passed = run(ekf, prepared.start_end, timeline[first:], lambda k: on_frame(k + 1, len(timeline) - first))
-    trajectory, status = np.concatenate([start.frames.mean, passed.mean]), passed.status
+    trajectory, status = np.concatenate([start.mean, passed.mean]), passed.status
     del passed  # its covariances are as large as those to come
     annealed = 0
     if status.verdict is Verdict.FAILED:
@@ -121,13 +117,13 @@ def smooth_at_once(prepared: Prepared, settings: Settings, on_frame: OnFrame) ->
 def _measured_trajectory(prepared: Prepared) -> Float[np.ndarray, "k m"]:
     """States that the measurements say directly, for a recording that no filter comes through."""
     layout, frames = prepared.process.layout, prepared.timeline
-    return trial_trajectory(layout, frames, prepared.start.frames.mean[-1], measured_motion(prepared))
+    return trial_trajectory(layout, frames, prepared.start.mean[-1], measured_motion(prepared))
 
 
 def _rehearse_at_once(prepared: Prepared, settings: Settings) -> None:
     """What the frames of the start need to be smoothed, built before the clock runs."""
     start, timeline = prepared.start, prepared.timeline
-    trajectory = start.frames.mean
+    trajectory = start.mean
     rehearse(_started_ekf(prepared, settings), prepared.start_end, timeline[len(trajectory) :])
     with suppress(np.linalg.LinAlgError):
         kernel = settings.smoother.robust_kernel

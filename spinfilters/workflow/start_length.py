@@ -8,17 +8,17 @@ linearisation alone.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from spinfilters.errors import NUMERICAL_ERRORS
 from spinfilters.estimators.estimator import ProcessModel
-from spinfilters.estimators.landmark_start.start import LandmarkStartReport
+from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
+from spinfilters.estimators.initialisation.options import StartOptions
 from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.robustness import RobustOptions
 from spinfilters.estimators.run import run
-from spinfilters.estimators.start import StartOptions, StartReport
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.evaluation.body import body_estimate
 from spinfilters.evaluation.consistency import normalised_square
@@ -38,25 +38,18 @@ their degrees of freedom to the end, and most of those beyond it did not."""
 MOST_FRAMES = 480
 """Up to which more seconds are looked at than `StartOptions.duration`, where the motion is not known by then."""
 
-Make = Callable[[StartOptions], StartReport]
+Make = Callable[[StartOptions], InitialEstimate]
+"""Makes an initialisation of a recording; nothing of landmarks after its last epoch is looked at."""
 
 
-@dataclass(frozen=True)
-class CheckedStart:
-    """A start, and how far a filter that goes on from it comes from the smoother (`departure_of`); zero where none was tried."""
-
-    report: StartReport
-    departure: float = 0.0
-
-
-def moments_std_of(start: StartReport) -> float:
+def moments_std_of(start: InitialEstimate) -> float:
     """Largest standard deviation of a principal moment at the end of a start, relative to the largest moment."""
     return float(np.max(body_estimate(start.belief).principal_moments_std))
 
 
 def long_enough_start(
     process: ProcessModel, timeline: Timeline, make: Make, options: StartOptions
-) -> CheckedStart:
+) -> InitialEstimate:
     """A start of twice the frames until filters can go on from it, or it has its share of the recording.
 
     Raises
@@ -76,14 +69,16 @@ def long_enough_start(
     return found
 
 
-def departure_of(process: ProcessModel, timeline: Timeline, start: StartReport, later: StartReport) -> float:
+def departure_of(
+    process: ProcessModel, timeline: Timeline, start: InitialEstimate, later: InitialEstimate
+) -> float:
     """Length of what lies between a filter and the smoother of the same measurements, in the smoother's standard deviations.
 
     Parameters
     ----------
     later: of more frames; the filter goes on from ``start`` to its last. Infinite where the filter fails.
     """
-    first, last = len(start.frames.mean), len(later.frames.mean)
+    first, last = len(start.mean), len(later.mean)
     ungated = MultiplicativeEkf(process, RobustOptions(gate_probability=1.0))
     ungated.start(start.belief)
     history = run(ungated, timeline[first - 1].time, timeline[first:last])
@@ -92,8 +87,8 @@ def departure_of(process: ProcessModel, timeline: Timeline, start: StartReport, 
     return _length(later.belief, history.mean[-1])
 
 
-def _is_enough(found: CheckedStart) -> bool:
-    return moments_std_of(found.report) <= DETERMINED_STD and found.departure <= LARGEST_DEPARTURE
+def _is_enough(found: InitialEstimate) -> bool:
+    return moments_std_of(found) <= DETERMINED_STD and found.departure <= LARGEST_DEPARTURE
 
 
 def _longer(options: StartOptions, timeline: Timeline) -> StartOptions:
@@ -104,23 +99,23 @@ def _longer(options: StartOptions, timeline: Timeline) -> StartOptions:
     return replace(longer, duration=2 * options.duration)
 
 
-def _checked(process: ProcessModel, timeline: Timeline, make: Make, options: StartOptions) -> CheckedStart:
+def _checked(process: ProcessModel, timeline: Timeline, make: Make, options: StartOptions) -> InitialEstimate:
     """A start; where its moments would be enough and are not beyond doubt, with what a filter makes of it.
 
     With landmarks nothing is compared: which sightings are believed differs between filter and smoother.
     """
     start = make(options)
     determined = _is_bent(start.belief) and moments_std_of(start) <= DETERMINED_STD
-    count = len(start.frames.mean)
-    if not determined or isinstance(start, LandmarkStartReport) or count == len(timeline):
-        return CheckedStart(start)
+    count = len(start.mean)
+    if not determined or start.has_landmarks or count == len(timeline):
+        return start
     span = timeline[min(2 * count, len(timeline)) - 1].time - timeline[0].time
     ahead = replace(options, frames=2 * count, share=1.0, duration=max(span, options.duration))
     try:
         later = make(ahead)
     except NUMERICAL_ERRORS:
-        return CheckedStart(start)
-    return CheckedStart(start, departure_of(process, timeline, start, later))
+        return start
+    return replace(start, departure=departure_of(process, timeline, start, later))
 
 
 def _length(belief: Gaussian, mean: np.ndarray) -> float:

@@ -8,13 +8,15 @@ from jaxtyping import Float
 
 from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.estimators.motion_evidence import MotionEvidence
+from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
+from spinfilters.estimators.initialisation.initialiser import initialise
+from spinfilters.estimators.initialisation.options import StartOptions
 from spinfilters.estimators.run import run
-from spinfilters.estimators.start import StartOptions, StartReport, start_from_data
 from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.logs.dataset import Dataset
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.sensors.sensor import MotionSamples
 from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
@@ -49,13 +51,13 @@ def stereo_timeline(dataset: Dataset, pixel_std: float) -> Timeline:
 
 
 @cache
-def started(seed: int) -> StartReport:
+def started(seed: int) -> InitialEstimate:
     """The start that filters go on from; the smoother sets out from the true attitudes and rates, which saves fitting poses."""
     sample = embedded(seed)
     truth = sample.truth[: START.frames]
     time = np.array([frame.time for frame in sample.timeline[: START.frames]])
-    blocks = (truth[:, FULL.mean_slice(block)] for block in ("a", "w", "t"))
-    return start_from_data(PROCESS, sample.timeline, MotionEvidence(time, *blocks), START)
+    attitude, rates, positions = (truth[:, FULL.mean_slice(block)] for block in ("a", "w", "t"))
+    return initialise(PROCESS, sample.timeline, MotionSamples(time, attitude, rates, positions), START)
 
 
 def run_on(estimator: Estimator, seed: int, timeline: Timeline | None = None) -> EstimateHistory:

@@ -7,13 +7,13 @@ import numpy as np
 from jaxtyping import Float
 from swapped_ids import swapped
 
-from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.smoothing.modes import Mode
 from spinfilters.estimators.smoothing.problem import Problem, Stage, Trial, problem_of
 from spinfilters.estimators.smoothing.robust_kernels import LeastSquares, RobustKernel
 from spinfilters.estimators.smoothing.sliding import SlidingSmoother
 from spinfilters.estimators.smoothing.sliding_records import SlidingOptions
 from spinfilters.estimators.smoothing.solver import Plain, Solved, SolverOptions, solve
+from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.smoothing.step_rules import GaussNewton, StepRule
 from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
 from spinfilters.evaluation.consistency import true_states

@@ -23,9 +23,9 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.delayed import DelayedUpdates, Outcome
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.filterpy_baselines import FilterpyEkf
+from spinfilters.estimators.initialisation.options import StartOptions
 from spinfilters.estimators.multiplicative_filter import MultiplicativeFilter
 from spinfilters.estimators.run import run
-from spinfilters.estimators.start import StartOptions
 from spinfilters.estimators.timeline import Frame
 from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.state.status import Verdict
@@ -128,7 +128,7 @@ def test_landmarks_of_the_state_come_and_go_in_the_order_of_time(name: str) -> N
     dataset = replace(simulate(Scenario(frames=24, landmarks=40)), known_map=None)
     settings = Settings(start=StartOptions(frames=8))
     prepared = prepare(dataset, settings)
-    rest = one_by_one(prepared.timeline[len(prepared.start.frames.mean) :])
+    rest = one_by_one(prepared.timeline[len(prepared.start.mean) :])
     order = np.argsort(np.arange(len(rest)) + np.random.default_rng(8).uniform(0.0, 3.5, len(rest)))
     states, updates = [], []
     for arrival in (rest, [rest[k] for k in order]):

@@ -9,11 +9,11 @@ from jaxtyping import Float
 from swapped_ids import swapped
 
 from spinfilters.attitude.conversions import multiply, quaternion_from_mrp
-from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.smoothing.latest_pose import latest_pose
 from spinfilters.estimators.smoothing.modes import Full
 from spinfilters.estimators.smoothing.sliding import SlidingSmoother
 from spinfilters.estimators.smoothing.sliding_records import SlidingOptions
+from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
 from spinfilters.evaluation.consistency import normalised_square, true_states
 from spinfilters.logs.measurement_log import MeasurementLog

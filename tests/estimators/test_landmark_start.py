@@ -13,18 +13,21 @@ from smoothing_samples import sample as recorded
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.first_frames import FirstStatePrior
-from spinfilters.estimators.landmark_start.result import LandmarkSmoothing
-from spinfilters.estimators.landmark_start.smoother import SmoothingOptions, smooth_with_landmarks
-from spinfilters.estimators.landmark_start.start import LandmarkStartReport, start_with_landmarks
+from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
+from spinfilters.estimators.initialisation.initialiser import (
+    SmoothingOptions,
+    initialise,
+    smooth_first_epochs,
+)
+from spinfilters.estimators.initialisation.options import StartOptions
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
-from spinfilters.estimators.motion_evidence import MotionEvidence
 from spinfilters.estimators.smoothing.problem import Trial
-from spinfilters.estimators.start import StartOptions
+from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import Frame
 from spinfilters.logs.track_files import KnownMap
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensors.pose import Pose, pose_parameters
+from spinfilters.sensors.sensor import MotionSamples
 from spinfilters.simulation.scenario import Scenario
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 
@@ -41,8 +44,8 @@ def _true(sample: Sample) -> Trial:
     return Trial(sample.truth, sample.known.ids, sample.known.points)
 
 
-def _smoothed(sample: Sample, trial: Trial, iterations: int = 30) -> LandmarkSmoothing:
-    return smooth_with_landmarks(PROCESS, sample.frames, trial, _prior(sample), SmoothingOptions(iterations))
+def _smoothed(sample: Sample, trial: Trial, iterations: int = 30) -> InitialEstimate:
+    return smooth_first_epochs(PROCESS, sample.frames, trial, _prior(sample), SmoothingOptions(iterations))
 
 
 EXACT = Scenario(rate_rpm=TUMBLING, frames=12, landmarks=150, pixel_std=1e-9, noise=ProcessNoise(0.0, 0.0))
@@ -131,7 +134,7 @@ def _sensor_residual(
 
 
 @cache
-def _linearised() -> LandmarkSmoothing:
+def _linearised() -> InitialEstimate:
     return _smoothed(_small(), _true(_small()), iterations=0)
 
 
@@ -158,7 +161,7 @@ def test_the_joint_belief_is_that_of_the_dense_problem() -> None:
     """Of the state exactly; of landmarks but for what modes that are left out share with the frame g."""
     dense, ids = _dense_covariance()
     count = len(_small().frames)
-    belief = _linearised().belief(LandmarkOptions())
+    belief = _linearised().joint_belief(LandmarkOptions())
     first = MOVING * count + 8
     factor = belief.joint_factor()
     state = np.arange(MOVING * (count - 1), first)
@@ -175,7 +178,7 @@ def test_the_joint_belief_is_that_of_the_dense_problem() -> None:
 def test_with_enough_modes_landmarks_and_state_are_as_correlated_as_in_the_dense_problem() -> None:
     dense, _ = _dense_covariance()
     count = len(_small().frames)
-    factor = _linearised().belief(LandmarkOptions(modes=60, explained=0.0)).joint_factor()
+    factor = _linearised().joint_belief(LandmarkOptions(modes=60, explained=0.0)).joint_factor()
     rows = np.arange(MOVING * (count - 1), len(dense))
     expected = dense[np.ix_(rows, rows)]
     np.testing.assert_allclose(_scaled(factor @ factor.T, expected), _scaled(expected, expected), atol=2e-5)
@@ -191,7 +194,7 @@ def test_hits_count_the_sightings_in_use() -> None:
     assert found.dof == 3 * used.sum() - 3 * len(found.ids) + 6
 
 
-def _started(sample: Sample, seed: int) -> LandmarkStartReport:
+def _started(sample: Sample, seed: int) -> InitialEstimate:
     """A start from poses and a map that are wrong by as much as perception's, in the true frame g."""
     generator = np.random.default_rng(seed)
     poses = StateLayout(("t", "a"))
@@ -200,13 +203,14 @@ def _started(sample: Sample, seed: int) -> LandmarkStartReport:
     seen = poses.retract(sample.truth[:, :7], off)
     rates = sample.truth[:, LAYOUT.mean_slice("w")] + 0.03 * generator.standard_normal((len(seen), 3))
     time = np.array([frame.time for frame in sample.frames])
-    evidence = MotionEvidence(time, seen[:, 3:], rates, seen[:, :3])
     points = sample.known.points + 0.005 * generator.standard_normal(sample.known.points.shape)
     options = StartOptions(frames=len(seen), share=1.0)
-    return start_with_landmarks(PROCESS, sample.frames, evidence, KnownMap(sample.known.ids, points), options)
+    known = KnownMap(sample.known.ids, points)
+    samples = MotionSamples(time, seen[:, 3:], rates, seen[:, :3], known)
+    return initialise(PROCESS, sample.frames, samples, options)
 
 
-def _nees(report: LandmarkStartReport, sample: Sample) -> float:
+def _nees(report: InitialEstimate, sample: Sample) -> float:
     error = LAYOUT.local(report.belief.mean, sample.truth[-1])
     return float(np.square(np.linalg.solve(report.belief.factor, error)).sum())
 
@@ -214,9 +218,7 @@ def _nees(report: LandmarkStartReport, sample: Sample) -> float:
 SEEDS = range(6)
 
 
-def _runs(
-    seeds: range, pixel_std: float = 1.0, wrong: float = 0.0
-) -> tuple[list[LandmarkStartReport], float]:
+def _runs(seeds: range, pixel_std: float = 1.0, wrong: float = 0.0) -> tuple[list[InitialEstimate], float]:
     scenarios = [Scenario(rate_rpm=TUMBLING, frames=36, landmarks=300, seed=seed) for seed in seeds]
     samples = [recorded(scenario, wrong, pixel_std) for scenario in scenarios]
     reports = [_started(sample, seed) for seed, sample in zip(seeds, samples, strict=True)]
@@ -230,9 +232,9 @@ def test_the_covariance_is_honest_over_seeds() -> None:
     reports, total = _runs(SEEDS)
     assert BAND[0] < total < BAND[1]
     for report in reports:
-        assert report.frames.converged
-        assert report.fit == pytest.approx(1.0, abs=5 / np.sqrt(2 * report.frames.dof))
-        assert report.landmarks.rejected <= 2
+        assert report.converged
+        assert report.fit == pytest.approx(1.0, abs=5 / np.sqrt(2 * report.dof))
+        assert report.rejected <= 2
 
 
 def test_a_pixel_noise_that_is_half_the_true_one_shows() -> None:
@@ -244,8 +246,8 @@ def test_a_start_with_a_third_of_the_ids_swapped_is_as_honest() -> None:
     reports, total = _runs(SEEDS, wrong=0.3)
     assert BAND[0] < total < BAND[1]
     for report in reports:
-        assert report.frames.converged
-        assert report.landmarks.rejected > 0.1 * sum(len(used) for used in report.landmarks.used)
+        assert report.converged
+        assert report.rejected > 0.1 * sum(len(used) for used in report.used)
         assert report.fit == pytest.approx(1.0, abs=0.06)
 
 
@@ -263,7 +265,7 @@ def _no_place() -> None:
     process = TorqueFreeProcess(rotation, ProcessNoise())
     prior = FirstStatePrior(rotation.origin(), np.ones(rotation.error_dim))
     trial = Trial(np.tile(rotation.origin(), (5, 1)), _small().known.ids, _small().known.points)
-    smooth_with_landmarks(process, _small().frames, trial, prior, SmoothingOptions())
+    smooth_first_epochs(process, _small().frames, trial, prior, SmoothingOptions())
 
 
 @pytest.mark.parametrize(

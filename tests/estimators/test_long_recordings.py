@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from spinfilters.estimators.estimator import UpdateReport
-from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.history import GrowingHistory
 from spinfilters.estimators.smoothing import marginals, motion, problem, reduced
 from spinfilters.estimators.smoothing.batch import BatchSmoothing, smooth_recording
 from spinfilters.estimators.smoothing.robust_kernels import Gate
+from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import SensorNoise, Timeline, build_timeline, times_of
 from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess

@@ -17,7 +17,6 @@ from smoothing_samples import (
     smoother,
 )
 
-from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.smoothing import modes
 from spinfilters.estimators.smoothing.carried import gauge_columns
 from spinfilters.estimators.smoothing.marginalisation import without_landmarks, without_oldest
@@ -25,6 +24,7 @@ from spinfilters.estimators.smoothing.modes import FixedLag, FrozenVision, Full,
 from spinfilters.estimators.smoothing.newest import newest_factor
 from spinfilters.estimators.smoothing.problem import Normal, Point, Problem
 from spinfilters.estimators.smoothing.reduced import Reduced
+from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.smoothing.window import Window
 from spinfilters.models.gauge import gauge_directions
 from spinfilters.models.process import ProcessNoise

@@ -10,13 +10,13 @@ from smoothing_samples import LAYOUT, LONG, PROCESS, SOON, STD, optimum, run, sa
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.smoothing.modes import FixedLag, FrozenVision, Full, Mode
 from spinfilters.estimators.smoothing.problem import Stage
 from spinfilters.estimators.smoothing.robust_kernels import Gate, LeastSquares
 from spinfilters.estimators.smoothing.sliding import SlidingSmoother
 from spinfilters.estimators.smoothing.sliding_records import SlidingOptions, Taken
 from spinfilters.estimators.smoothing.solver import Plain, SolverOptions, solve
+from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import Frame, SensorNoise, build_timeline
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensors.pose import Pose, pose_parameters

@@ -20,7 +20,6 @@ from smoothing_samples import (
     solved,
 )
 
-from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.smoothing.modes import DETERMINED, FixedLag, FrozenVision, Full, Mode
 from spinfilters.estimators.smoothing.newest import newest_factor
 from spinfilters.estimators.smoothing.problem import Stage, problem_of
@@ -28,6 +27,7 @@ from spinfilters.estimators.smoothing.robust_kernels import Gate
 from spinfilters.estimators.smoothing.sliding import SlidingSmoother
 from spinfilters.estimators.smoothing.sliding_records import SlidingOptions
 from spinfilters.estimators.smoothing.solver import SolverOptions, solve
+from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.smoothing.step_rules import Dogleg, GaussNewton, LevenbergMarquardt, StepRule
 from spinfilters.estimators.timeline import Frame, Timeline
 from spinfilters.simulation.scenario import Scenario

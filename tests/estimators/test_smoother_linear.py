@@ -11,7 +11,6 @@ from linear_samples import LAYOUT, LinearProcess, LinearSensor, N, linear_sensor
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.smoothing.marginals import Marginals
 from spinfilters.estimators.smoothing.modes import FixedLag, FrozenVision, Full
 from spinfilters.estimators.smoothing.newest import newest_factor
@@ -21,6 +20,7 @@ from spinfilters.estimators.smoothing.robust_kernels import PseudoHuber
 from spinfilters.estimators.smoothing.sliding import SlidingSmoother
 from spinfilters.estimators.smoothing.sliding_records import SlidingOptions
 from spinfilters.estimators.smoothing.solver import SolverOptions, solve
+from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.smoothing.step_rules import Dogleg, GaussNewton, LevenbergMarquardt, StepRule
 from spinfilters.estimators.timeline import Frame, Timeline
 

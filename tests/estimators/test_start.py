@@ -10,22 +10,21 @@ from scipy.special import chdtri
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.dynamics.mass_distribution import inertia_matrix
 from spinfilters.errors import InputError
+from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
+from spinfilters.estimators.initialisation.initial_guess import closed_form, trial_trajectory
+from spinfilters.estimators.initialisation.initialiser import initialise
+from spinfilters.estimators.initialisation.options import StartOptions
 from spinfilters.estimators.momentum_start import fit_momentum
-from spinfilters.estimators.motion_evidence import MotionEvidence, evidence_from_gyro, evidence_from_poses
+from spinfilters.estimators.motion_evidence import MotionEvidence, motion_evidence
 from spinfilters.estimators.smoothing.annealing import Annealed
 from spinfilters.estimators.smoothing.problem import Stage, problem_of, with_common_constants
 from spinfilters.estimators.smoothing.robust_kernels import LeastSquares
 from spinfilters.estimators.smoothing.solver import Plain, SolverOptions, solve
-from spinfilters.estimators.start import (
-    StartOptions,
-    StartReport,
-    closed_form,
-    start_from_data,
-    trial_trajectory,
-)
 from spinfilters.estimators.timeline import SensorNoise, build_timeline
 from spinfilters.evaluation.consistency import true_states
+from spinfilters.logs.dataset import Dataset
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.sensors.sensor import MotionSamples, pose_samples
 from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 
@@ -88,11 +87,14 @@ def test_the_closed_form_finds_centre_of_mass_and_velocity_of_an_exact_motion() 
     assert residual < 1e-8
 
 
-def _check(report: StartReport, truth: np.ndarray) -> None:
+def _poses(dataset: Dataset) -> MotionSamples:
+    return pose_samples(dataset.log.stream("pose"))
+
+
+def _check(report: InitialEstimate, truth: np.ndarray) -> None:
     """Converged, residuals of the size of the noise, and an error that its covariance explains (999 of 1000 runs)."""
-    frames = report.frames
-    assert frames.converged
-    assert report.fit == pytest.approx(1.0, abs=5 / np.sqrt(frames.dof))
+    assert report.converged
+    assert report.fit == pytest.approx(1.0, abs=5 / np.sqrt(report.dof))
     error = report.layout.local(report.belief.mean, truth)
     whitened = np.linalg.solve(report.belief.factor, error)
     assert float(whitened @ whitened) < chdtri(len(error), 1e-3)
@@ -108,8 +110,7 @@ def test_a_start_from_poses_converges_to_the_truth(seed: int) -> None:
     dataset = simulate(Scenario(kind="pose", rate_rpm=TUMBLING, seed=seed))
     assert dataset.truth is not None
     timeline = build_timeline(dataset.log, FULL, SensorNoise())
-    evidence = evidence_from_poses(dataset.log.stream("pose"), START.frames)
-    report = start_from_data(PROCESS, timeline, evidence, START)
+    report = initialise(PROCESS, timeline, _poses(dataset), START)
     _check(report, true_states(dataset.truth, FULL)[START.frames - 1])
 
 
@@ -120,8 +121,8 @@ def test_a_start_from_a_gyro_converges_to_the_truth(seed: int) -> None:
     assert dataset.truth is not None
     process = TorqueFreeProcess(ROTATION, ProcessNoise())
     timeline = build_timeline(dataset.log, ROTATION, SensorNoise(gyro_noise_std=scenario.gyro_std))
-    evidence = evidence_from_gyro(dataset.log.stream("gyro"), START.frames)
-    report = start_from_data(process, timeline, evidence, START)
+    gyro = dataset.log.stream("gyro")
+    report = initialise(process, timeline, MotionSamples(gyro.time, rates=gyro.values), START)
     _check(report, true_states(dataset.truth, ROTATION)[START.frames - 1])
 
 
@@ -130,18 +131,18 @@ def test_a_start_that_hardly_tells_the_body_ends_in_the_likeliest_of_its_optima(
     dataset = simulate(Scenario(kind="pose", seed=seed))
     timeline = build_timeline(dataset.log, FULL, SensorNoise())
     options = StartOptions(frames=60)
-    evidence = evidence_from_poses(dataset.log.stream("pose"), 60)
-    report = start_from_data(PROCESS, timeline, evidence, options)
-    assert report.frames.converged
+    evidence = motion_evidence(_poses(dataset), 60)
+    report = initialise(PROCESS, timeline, _poses(dataset), options)
+    assert report.converged
     first = closed_form(FULL, evidence)[0]
     trajectory = trial_trajectory(FULL, timeline[:60], first, evidence)
     problem = problem_of(PROCESS, timeline[:60], np.zeros(0, dtype=int), report.prior, 2)
     others = []
-    for schedule in (Plain(), Annealed(problem.motion, 40)):
+    for schedule in (Plain(), Annealed(problem, 40)):
         here = problem.at(with_common_constants(FULL, trajectory), np.zeros((0, 3)))
         others.append(solve(problem, here, SolverOptions(), schedule).point.cost(None, Stage(LeastSquares())))
     assert max(others) - min(others) > 1  # this case has two
-    assert report.frames.cost <= min(others) + 0.02  # within what a settled iteration leaves open
+    assert report.cost <= min(others) + 0.02  # within what a settled iteration leaves open
 
 
 def _still(count: int) -> MotionEvidence:
@@ -160,11 +161,11 @@ def _not_turning() -> None:
 
 
 def _too_few_poses() -> None:
-    evidence_from_poses(simulate(Scenario(kind="pose", frames=3)).log.stream("pose"), 60)
+    motion_evidence(_poses(simulate(Scenario(kind="pose", frames=3))), 60)
 
 
 def _too_slow_a_camera() -> None:
-    evidence_from_poses(simulate(Scenario(kind="pose", interval=2.8, frames=20)).log.stream("pose"), 60)
+    motion_evidence(_poses(simulate(Scenario(kind="pose", interval=2.8, frames=20))), 60)
 
 
 @pytest.mark.parametrize(

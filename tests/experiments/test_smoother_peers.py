@@ -15,7 +15,7 @@ from experiments.benchmarks.motion_rows import MOVING, POSE, prior_rows, step_ro
 from experiments.benchmarks.scipy_peer import WhitenedProblem, scipy_least_squares
 from experiments.benchmarks.smoother_workload import Workload, simulated_workload, whitened_cost
 from experiments.benchmarks.stacked_errors import StackedErrors
-from spinfilters.estimators.landmark_start.smoother import SmoothingOptions, smooth_with_landmarks
+from spinfilters.estimators.initialisation.initialiser import SmoothingOptions, smooth_first_epochs
 from spinfilters.simulation.scenario import RICH_RPM, Scenario
 
 NO_GATE = 1e3
@@ -34,7 +34,7 @@ def own_optimum() -> tuple[np.ndarray, np.ndarray]:
     """Trajectory and points of the project's batch smoother."""
     problem = workload()
     options = SmoothingOptions(gate=NO_GATE)
-    found = smooth_with_landmarks(problem.process, problem.timeline, problem.trial, problem.prior, options)
+    found = smooth_first_epochs(problem.process, problem.timeline, problem.trial, problem.prior, options)
     assert found.converged
     assert np.array_equal(found.ids, problem.trial.ids)
     return found.mean, found.points

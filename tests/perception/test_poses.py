@@ -188,7 +188,7 @@ def test_poses_without_a_map_are_the_simulated_motion_in_another_frame_on_the_bo
 ) -> None:
     """Frame g is then defined by the first frame's points: the first pose tells how it lies in the true one, to some 0.03 rad,
     because one frame's depths are poor (about 12 mm each)."""
-    poses, found = poses_without_map(recording.log.stream("stereo"), RIG.calibration, 1.0)
+    poses, found, _ = poses_without_map(recording.log.stream("stereo"), RIG.calibration, 1.0)
     assert recording.known_map is not None
     true = _true_poses(recording)
     q_gn = multiply(inverse(true[0, 3:]), poses.values[0, 3:])

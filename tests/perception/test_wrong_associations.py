@@ -117,7 +117,7 @@ def _pose_errors(recording: Dataset, poses: MeasurementStream) -> tuple[np.ndarr
 
 def test_a_third_of_the_ids_swapped_leaves_poses_and_map_nearly_as_good(recording: Dataset) -> None:
     tracks = swapped(recording.log.stream("stereo"), 0.3, np.random.default_rng(0))
-    poses, found = poses_without_map(tracks, RIG.calibration, 1.0)
+    poses, found, _ = poses_without_map(tracks, RIG.calibration, 1.0)
     assert len(poses) == 20
     angles, distances = _pose_errors(recording, poses)
     assert angles.max() < 0.1
@@ -135,10 +135,10 @@ def test_a_third_of_the_ids_swapped_leaves_poses_and_map_nearly_as_good(recordin
 
 def test_the_first_frames_alone_are_all_that_is_looked_at(recording: Dataset) -> None:
     tracks = recording.log.stream("stereo")
-    poses, found = poses_without_map(tracks, RIG.calibration, 1.0, frames=6)
+    poses, found, _ = poses_without_map(tracks, RIG.calibration, 1.0, frames=6)
     only = tracks.slice(tracks.time[0], tracks.frame_times[5])
     assert only is not None
-    expected, expected_map = poses_without_map(only, RIG.calibration, 1.0)
+    expected, expected_map, _ = poses_without_map(only, RIG.calibration, 1.0)
     np.testing.assert_array_equal(poses.values, expected.values)
     np.testing.assert_array_equal(found.ids, expected_map.ids)
     np.testing.assert_array_equal(found.points, expected_map.points)
@@ -160,7 +160,7 @@ def _never_returning(tracks: MeasurementStream) -> MeasurementStream:
 def test_tracks_that_never_return_give_poses_to_the_end() -> None:
     recording = simulate(Scenario(frames=45, landmarks=500, seed=2))
     tracks = _never_returning(recording.log.stream("stereo"))
-    poses, found = poses_without_map(tracks, RIG.calibration, 1.0)
+    poses, found, _ = poses_without_map(tracks, RIG.calibration, 1.0)
     assert len(poses) == 45
     assert len(found.ids) > 900
     assert _pose_errors(recording, poses)[0].max() < 0.5
@@ -174,7 +174,7 @@ def test_a_point_at_infinity_leaves_the_map_as_it_was(recording: Dataset) -> Non
     values[first, 2] = values[first, 0] - 1e-13
     assert np.isfinite(triangulate(values[first], RIG.calibration)).all()
     ids[first] = 10_000
-    poses, found = poses_without_map(
+    poses, found, _ = poses_without_map(
         MeasurementStream("stereo", tracks.time, values, ids), RIG.calibration, 1.0
     )
     assert len(poses) == 20

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from spinfilters.estimators.estimator import Estimator
-from spinfilters.estimators.start import StartOptions
+from spinfilters.estimators.initialisation.options import StartOptions
 from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.workflow.checkpointing import Pace, keep_in
 from spinfilters.workflow.estimation import Comparison, Progress, build_estimator, compare_estimators
@@ -42,7 +42,7 @@ def unmapped() -> Prepared:
 @cache
 def frames_to_do() -> int:
     """How many frames every filter does."""
-    return len(sample().timeline) - len(sample().start.frames.mean)
+    return len(sample().timeline) - len(sample().start.mean)
 
 
 def make_run(folder: Path, progress: Progress = silent, pace: Pace = EVERY_FRAME) -> Comparison:

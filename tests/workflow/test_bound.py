@@ -15,7 +15,6 @@ from experiments.bound_monte_carlo import bound_at_truth, recorded
 from observability.bounds.cramer_rao import cramer_rao_bound as recursive_bound
 from observability.bounds.flight import Flight, Watch
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.estimators.landmark_start.start import LandmarkStartReport
 from spinfilters.evaluation.comparison import BOUND_CAPTION, comparison_table
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.logs.dataset import Dataset
@@ -89,11 +88,9 @@ def test_of_unknown_landmarks_it_is_that_of_their_true_points() -> None:
 def test_a_map_that_is_a_little_off_is_settled_at_the_true_poses() -> None:
     whole, right = without_map(), limits_of(without_map()).std[1:]
     start = whole.prepared.start
-    assert isinstance(start, LandmarkStartReport)
-    off = start.landmarks.points + 3e-3 * np.random.default_rng(0).standard_normal(
-        start.landmarks.points.shape
-    )
-    moved = replace(whole.prepared, start=replace(start, landmarks=replace(start.landmarks, points=off)))
+    assert start.has_landmarks
+    off = start.points + 3e-3 * np.random.default_rng(0).standard_normal(start.points.shape)
+    moved = replace(whole.prepared, start=replace(start, points=off))
     found = cramer_rao_bound(moved, truth_of(whole), whole.evaluations[0])
     assert found is not None
     assert found.std[1:] == pytest.approx(right, rel=0.02)

@@ -90,7 +90,7 @@ EVERY_ESTIMATOR += [(unmapped, name) for name in NAMES]
 @pytest.mark.parametrize(("data", "name"), EVERY_ESTIMATOR)
 def test_every_estimator_s_state_is_one_file(data: Callable[[], Prepared], name: str, tmp_path: Path) -> None:
     prepared, path = data(), tmp_path / "state.npz"
-    begin, rest = prepared.start_end, prepared.timeline[len(prepared.start.frames.mean) :]
+    begin, rest = prepared.start_end, prepared.timeline[len(prepared.start.mean) :]
     mine = identify_run(name, prepared.timeline, prepared.belief, SETTINGS.document)
     whole = run(fresh(name, prepared), begin, rest)
     first, half = fresh(name, prepared), GrowingHistory(prepared.process.layout, begin)
@@ -131,7 +131,7 @@ def test_a_run_that_failed_is_not_made_again(tmp_path: Path) -> None:
     comparison = compare_estimators(sample(), settings, silent, keep_in(tmp_path, sample(), settings))
     (evaluation,) = comparison.evaluations
     assert evaluation.history.status.verdict is Verdict.FAILED
-    assert len(evaluation.history.time) == len(sample().start.frames.mean)
+    assert len(evaluation.history.time) == len(sample().start.mean)
     assert not comparison.interrupted
 
 

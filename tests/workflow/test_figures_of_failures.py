@@ -10,11 +10,10 @@ import pytest
 
 from spinfilters.plots import style
 from spinfilters.simulation.scenario import Scenario, simulate
-from spinfilters.workflow import figures
 from spinfilters.workflow.estimation import Comparison, compare_estimators
+from spinfilters.workflow.figure_entry import picture_files
 from spinfilters.workflow.figures import Pictured, draw_run
 from spinfilters.workflow.preparation import prepare
-from spinfilters.workflow.run_folder import picture_files
 from spinfilters.workflow.settings import Settings
 
 NAMES = ("mekf", "smoother")
@@ -98,8 +97,8 @@ def test_a_picture_that_raises_is_replaced_by_a_note_and_the_others_are_drawn(
     def singular(*_: object) -> Any:
         raise np.linalg.LinAlgError("Singular matrix")
 
-    for name in ("summary_figure", "consistency_figure"):
-        monkeypatch.setattr(figures, name, singular)
+    for name in ("summary", "consistency"):
+        monkeypatch.setattr(f"spinfilters.plots.{name}.{name}_figure", singular)
     replaced = notes(monkeypatch)
     drawn(comparisons["gyro"], tmp_path / "run", lambda history: history)
     assert replaced == [f"{name} cannot be drawn: Singular matrix" for name in ("summary", "consistency")]

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from spinfilters.attitude.conversions import inverse, rotate
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.estimators.start import StartOptions
+from spinfilters.estimators.initialisation.options import StartOptions
 from spinfilters.evaluation.comparison import comparison_table
 from spinfilters.evaluation.consistency import (
     chi_square_band,

@@ -62,7 +62,7 @@ def prediction_errors(run: Comparison, evaluation: Evaluation) -> Float[np.ndarr
     gyro, history = run.prepared.dataset.log.stream("gyro"), evaluation.history
     rate = history.layout.mean_slice("w")
     errors = []
-    for k in range(len(run.prepared.start.frames.mean), len(history.time)):
+    for k in range(len(run.prepared.start.mean), len(history.time)):
         ahead = int(np.searchsorted(gyro.time, history.time[k] + HORIZON))
         if ahead < len(gyro):
             predicted = run.prepared.process.step(history.mean[k], float(gyro.time[ahead] - history.time[k]))

@@ -18,10 +18,11 @@ from spinfilters.logs.truth import TRUTH_COLUMNS
 from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.state.status import Verdict
 from spinfilters.workflow.estimation import Comparison, compare_estimators
+from spinfilters.workflow.figure_entry import picture_files
 from spinfilters.workflow.figures import Pictured, draw_run
 from spinfilters.workflow.history_file import read_history, write_history
 from spinfilters.workflow.preparation import prepare
-from spinfilters.workflow.run_folder import FIGURES, write_run
+from spinfilters.workflow.run_folder import write_run
 from spinfilters.workflow.segments import run_segments
 from spinfilters.workflow.settings import Settings, read_settings
 
@@ -140,7 +141,7 @@ def test_history_survives_its_file_bit_for_bit(run: Run, tmp_path: Path) -> None
 
 
 def test_every_figure_is_a_png(run: Run) -> None:
-    expected = {f"{name}.png" for name in (*FIGURES, "errors-mekf", "errors-ukf")}
+    expected = set(picture_files(("mekf", "ukf")))
     paths = list(run.folder.glob("*.png"))
     assert {path.name for path in paths} == expected
     assert all(path.read_bytes().startswith(b"\x89PNG\r\n\x1a\n") for path in paths)

@@ -7,7 +7,7 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 import pytest
 
 from spinfilters.errors import InputError
-from spinfilters.estimators.start import StartOptions
+from spinfilters.estimators.initialisation.options import StartOptions
 from spinfilters.logs.atomic_write import write_toml
 from spinfilters.logs.number_range import NumberRange
 from spinfilters.workflow.settings import (

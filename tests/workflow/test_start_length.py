@@ -28,8 +28,8 @@ def test_filters_that_never_come_to_the_smoother_are_degraded() -> None:
 
 def test_the_distance_from_the_smoother_is_told_of_filters() -> None:
     prepared = prepare(simulate(Scenario(kind="gyro", rate_rpm=RICH_RPM)), FILTERS)
-    assert filter_doubts(replace(prepared, departure=LARGEST_DEPARTURE)) == []
-    (doubt,) = filter_doubts(replace(prepared, departure=3.14))
+    assert filter_doubts(replace(prepared, start=replace(prepared.start, departure=LARGEST_DEPARTURE))) == []
+    (doubt,) = filter_doubts(replace(prepared, start=replace(prepared.start, departure=3.14)))
     assert "3.1 standard deviations" in doubt
     assert len(doubt) < 300
 
@@ -40,8 +40,8 @@ def test_a_rich_motion_keeps_its_sixty_frames_and_tries_no_filter(
 ) -> None:
     monkeypatch.setattr(start_length, "departure_of", lambda *_: np.inf)
     prepared = prepare(simulate(Scenario(kind=kind, rate_rpm=RICH_RPM)), FILTERS)
-    assert len(prepared.start.frames.mean) == 60
-    assert prepared.departure == 0
+    assert len(prepared.start.mean) == 60
+    assert prepared.start.departure == 0
     assert not filter_doubts(prepared)
 
 

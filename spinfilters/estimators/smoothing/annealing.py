@@ -1,17 +1,31 @@
-"""Annealed schedule: process noise inflated at first, down to what it is."""
+"""Annealed schedule: process noise inflated and gates wide at first, both down to what they are."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import chdtrc, chdtri
 
 from spinfilters.estimators.smoothing.motion import Motion
-from spinfilters.estimators.smoothing.problem import Normal, Point, Stage
-from spinfilters.estimators.smoothing.robust_kernels import LeastSquares
+from spinfilters.estimators.smoothing.problem import Normal, Point, Problem, Stage
+from spinfilters.estimators.smoothing.revival import revived
+from spinfilters.estimators.smoothing.robust_kernels import Gate, LeastSquares
+from spinfilters.estimators.smoothing.sightings import ROWS, linearise_sightings
 
+GATE = 5.0
+"""Whitened length of an innovation of three components beyond which an observation counts as wrong."""
 TIGHTENING = 4.0
 """By which the inflation falls at least from one iteration to the next."""
 SMALLEST_INFLATION = 3.0
 """Of the standard deviation of the process noise; less is as good as none."""
+WIDER_GATES = (4.0, 2.0)
+"""Of the gate in the first iterations."""
+FREE_ITERATIONS = 15
+"""Iterations in which landmark observations may still come and go."""
+FAR = 1e6
+"""Standard deviations: no residual is as long."""
+NOMINAL_MEDIAN = 1.1
+"""Root of the median of the squared innovations per component from which the noise counts as larger than stated: 0.9 where all
+observations are right, 1.1 where 30 % are wrong."""
 
 
 def process_noise_inflation(motion: Motion, here: Point, before: Normal | None) -> float:
@@ -27,22 +41,68 @@ def process_noise_inflation(motion: Motion, here: Point, before: Normal | None) 
     return inflation if inflation > SMALLEST_INFLATION else 1.0
 
 
+def residual_scale(here: Point) -> float:
+    """Robust scale of the innovations in standard deviations, at least 1: more where the noise is larger than stated."""
+    squares = [here.sensors.mean_squares]
+    if here.linear is not None:
+        squares.append(here.linear.square / ROWS)
+    every = np.concatenate(squares)
+    scale = np.sqrt(np.median(every)) / NOMINAL_MEDIAN if len(every) else 1.0
+    return float(np.clip(np.nan_to_num(scale, nan=1.0), 1.0, FAR))
+
+
 @dataclass(frozen=True)
 class Annealed:
-    """Least squares with inflated process noise until the trajectory obeys its dynamics, or iterations run out."""
+    """Inflated process noise and wide gates until the trajectory obeys its dynamics, or iterations run out.
 
-    motion: Motion
+    Attributes
+    ----------
+    iterations: in which the process noise may be inflated, and gates wide.
+    gate: length of a whitened innovation of three components beyond which an observation counts as wrong (of others the length of
+        the same probability); None for the losses that the problem has.
+    """
+
+    problem: Problem
     iterations: int
+    gate: float | None = None
 
     def stage(self, iteration: int, here: Point, before: Normal | None) -> Stage:
-        """Every measurement counts; by how much larger the process noise is taken than it is."""
-        within = iteration < self.iterations
-        return Stage(LeastSquares(), process_noise_inflation(self.motion, here, before) if within else 1.0)
+        """Which observations count, and by how much larger the process noise is taken than it is."""
+        inflated = iteration < self.iterations and not self.problem.is_long
+        slack = process_noise_inflation(self.problem.motion, here, before) if inflated else 1.0
+        if self.gate is None:
+            return Stage(LeastSquares(), slack)
+        opened, width = self.gate * residual_scale(here), self._width(iteration)
+        inner = opened * self._pose_only_gate / self.gate
+        loss = Gate(inner, inner * width)
+        if before is not None and before.used is not None and iteration >= FREE_ITERATIONS and slack == 1.0:
+            return Stage(Gate(FAR, FAR, before.used), slack, loss)
+        return Stage(Gate(self.gate, max(self.gate * width, opened)), slack, loss)
 
     def last(self, iteration: int, stage: Stage) -> bool:
-        """Whether the process noise is what it is."""
-        return stage.slack == 1.0
+        """Whether the stage was as strict as any."""
+        return stage.slack == 1.0 and self._width(iteration) == 1.0
 
     def repaired(self, here: Point, stage: Stage) -> Point:
-        """As it is."""
-        return here
+        """With landmarks placed anew that no two believed sightings tell."""
+        sightings = self.problem.sightings
+        if sightings is None or here.linear is None or self.gate is None:
+            return here
+        believed = stage.kernel.weight(here.linear.square) > 0
+        points = revived(sightings, here.trajectory, here.points, believed, self.gate)
+        if points is None:
+            return here
+        return replace(here, points=points, linear=linearise_sightings(sightings, here.trajectory, points))
+
+    @property
+    def _pose_only_gate(self) -> float:
+        """Of the observation with the most components: the length that the gate's probability belongs to."""
+        assert self.gate is not None
+        components = max((sensor.model.dim for sensor in self.problem.motion.sensors), default=ROWS)
+        same = np.sqrt(chdtri(components, max(chdtrc(ROWS, self.gate**2), np.finfo(float).tiny)))
+        return max(self.gate, float(same))
+
+    def _width(self, iteration: int) -> float:
+        """Of the gate: strict from the first where there are too few iterations to tighten it in."""
+        wide = self.gate is not None and iteration < len(WIDER_GATES) < self.iterations
+        return WIDER_GATES[iteration] if wide else 1.0

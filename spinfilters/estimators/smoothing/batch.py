@@ -10,12 +10,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.estimators.estimator import ProcessModel
-from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.smoothing.annealing import Annealed
 from spinfilters.estimators.smoothing.marginals import Marginals
 from spinfilters.estimators.smoothing.problem import problem_of, with_common_constants
 from spinfilters.estimators.smoothing.robust_kernels import RobustKernel
 from spinfilters.estimators.smoothing.solver import Solved, SolverOptions, solve
+from spinfilters.estimators.smoothing.state_prior import StatePrior
 from spinfilters.estimators.smoothing.undetermined import undetermined_directions
 from spinfilters.estimators.timeline import Timeline
 
@@ -45,7 +45,7 @@ def smooth_recording(
     process: ProcessModel,
     frames: Timeline,
     trajectory: Float[np.ndarray, "k m"],
-    prior: FirstStatePrior,
+    prior: StatePrior,
     kernel: RobustKernel,
     annealed_iterations: int = 0,
 ) -> BatchSmoothing:
@@ -58,7 +58,7 @@ def smooth_recording(
     """
     problem = problem_of(process, frames, NO_LANDMARKS, prior, 2, kernel)
     start = np.ascontiguousarray(with_common_constants(process.layout, trajectory[::-1])[::-1])
-    schedule = Annealed(problem.motion, annealed_iterations) if annealed_iterations else None
+    schedule = Annealed(problem, annealed_iterations) if annealed_iterations else None
     solved = solve(problem, problem.at(start, NO_POINTS), SolverOptions(), schedule)
     solution, here, n = solved.normal.solution, solved.point.trajectory, process.layout.error_dim
     marginals = None if isinstance(solution, int) else Marginals(solution, None)

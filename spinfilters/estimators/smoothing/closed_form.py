@@ -6,11 +6,11 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.errors import InputError
-from spinfilters.estimators.landmark_start.smoother import DrawnIn, SmoothingOptions
+from spinfilters.estimators.initialisation.initial_guess import CLOSED_FORM_BLOCKS, MASS_SHARES, closed_form
 from spinfilters.estimators.motion_evidence import motion_evidence
+from spinfilters.estimators.smoothing.annealing import GATE, Annealed
 from spinfilters.estimators.smoothing.problem import Normal, Point, Problem, Stage
 from spinfilters.estimators.smoothing.solver import SolverOptions, solve
-from spinfilters.estimators.start import CLOSED_FORM_BLOCKS, MASS_SHARES, closed_form
 from spinfilters.sensors.sensor import MotionSamples
 from spinfilters.state.layout import POSE_BLOCKS
 
@@ -75,7 +75,7 @@ def at_closed_form(
             problem,
             problem.at(start, here.points),
             SolverOptions(ITERATIONS),
-            DrawnIn(problem, SmoothingOptions(ITERATIONS)),
+            Annealed(problem, ITERATIONS, GATE),
         )
         count += found.linearisations
         cost = found.point.robust_cost(stage)

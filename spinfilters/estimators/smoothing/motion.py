@@ -11,7 +11,6 @@ with the right-hand side as last column, one per frame and one per step.
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -19,6 +18,7 @@ from jaxtyping import Bool, Float, Int
 from spinfilters.estimators.estimator import ProcessModel
 from spinfilters.estimators.smoothing.native import kernels
 from spinfilters.estimators.smoothing.robust_kernels import LeastSquares, RobustKernel
+from spinfilters.estimators.smoothing.state_prior import StatePrior
 from spinfilters.estimators.smoothing.unknowns import Unknowns
 from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.models.measurement import MeasurementModel
@@ -40,22 +40,15 @@ class Grams:
     frames: (k, n + 1, n + 1) of each frame alone, components in `Unknowns.order`, then the right-hand side.
     steps: (k - 1, 2 d + c + 1, ...) of each step: moving here, moving there, constants, right-hand side.
     cost: sum of (robust) squares.   rows: (k - 1, d, 2 d + c + 1) of the steps, whitened.
+    mean_squares: (r,) squared length of each observation's whitened innovation over its dimension; infinite where the model does
+        not apply.
     """
 
     frames: Float[np.ndarray, "k n1 n1"]
     steps: Float[np.ndarray, "j s1 s1"]
     cost: float
     rows: Float[np.ndarray, "j d s1"]
-
-
-class StatePrior(Protocol):
-    """A Gaussian of one state: a `FirstStatePrior`, or a `Gaussian`."""
-
-    @property
-    def mean(self) -> Float[np.ndarray, " m"]: ...
-
-    @property
-    def factor(self) -> Float[np.ndarray, "n n"]: ...
+    mean_squares: Float[np.ndarray, " r"] = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -143,8 +136,14 @@ class Motion:
         at[:, constant] = self.first[constant]
         return at
 
-    def measurements(self, trajectory: Float[np.ndarray, "k m"]) -> Grams:
-        """The prior, and every sensor that sees no landmark."""
+    def measurements(self, trajectory: Float[np.ndarray, "k m"], loss: RobustKernel | None = None) -> Grams:
+        """The prior, and every sensor that sees no landmark.
+
+        Parameters
+        ----------
+        loss: of each measurement in place of `kernel`.
+        """
+        squares = [np.zeros(0)]
         n = self.process.layout.error_dim
         grams, cost = np.zeros((len(trajectory), n + 1, n + 1)), 0.0
         if self.prior is not None:
@@ -152,21 +151,23 @@ class Motion:
             grams[0] += rows.T @ rows
             cost += float(rows[:, -1] @ rows[:, -1])
         for sensor in self.sensors:
-            rows, costs = self.sensor_rows(sensor, trajectory)
+            rows, costs, square = self.sensor_rows(sensor, trajectory, loss)
+            squares.append(square / sensor.model.dim)
             frames, own = _grams_by_frame(rows, sensor.frame)
             columns = self.sensor_columns(sensor)
             grams[frames[:, None, None], columns[:, None], columns] += own
             cost += float(costs.sum())
-        return Grams(grams, NOTHING, cost, NOTHING)
+        return Grams(grams, NOTHING, cost, NOTHING, np.concatenate(squares))
 
     def sensor_columns(self, sensor: SensorRows) -> Int[np.ndarray, " c1"]:
         """Places of `sensor_rows`' columns among the components in `Unknowns.order` and the right-hand side."""
         return np.append(_inverse(self.unknowns.order)[sensor.model.columns], self.process.layout.error_dim)
 
     def sensor_rows(
-        self, sensor: SensorRows, trajectory: Float[np.ndarray, "k m"]
-    ) -> tuple[Float[np.ndarray, "r i c1"], Float[np.ndarray, " r"]]:
-        """Weighted whitened rows of every measurement by its model's columns, with the right-hand side, and what each costs."""
+        self, sensor: SensorRows, trajectory: Float[np.ndarray, "k m"], loss: RobustKernel | None = None
+    ) -> tuple[Float[np.ndarray, "r i c1"], Float[np.ndarray, " r"], Float[np.ndarray, " r"]]:
+        """Weighted whitened rows by the model's columns and the right-hand side, costs, and squared lengths of the innovations."""
+        kernel = self.kernel if loss is None else loss
         innovation, jacobian, valid, _ = sensor.model.linearise(
             trajectory[sensor.frame], sensor.parameters, sensor.values
         )
@@ -174,19 +175,23 @@ class Motion:
             square = np.einsum("nr,nr->n", innovation, innovation)
         good = valid & np.isfinite(square)
         square = np.where(good, square, np.inf)
-        weight = np.where(good, np.sqrt(self.kernel.weight(square)), 0.0)
+        weight = np.where(good, np.sqrt(kernel.weight(square)), 0.0)
         rows = np.concatenate([jacobian, innovation[..., None]], axis=2)
         if not np.all(weight == 1.0):
             rows *= weight[:, None, None]
             rows[~good] = 0.0
-        return rows, np.where(good, self.kernel.cost(square), 0.0)
+        return rows, np.where(good, kernel.cost(square), 0.0), square
 
-    def believed(self, sensor: SensorRows, trajectory: Float[np.ndarray, "k m"]) -> Bool[np.ndarray, " r"]:
+    def believed(
+        self, sensor: SensorRows, trajectory: Float[np.ndarray, "k m"], loss: RobustKernel | None = None
+    ) -> Bool[np.ndarray, " r"]:
         """Which of a sensor's measurements have a weight."""
         result = np.empty(len(sensor.frame), dtype=bool)
         for first in range(0, len(result), STRETCH):
             rows = slice(first, first + STRETCH)
-            result[rows] = np.abs(self.sensor_rows(sensor.part(rows), trajectory)[0]).max(axis=(1, 2)) > 0
+            result[rows] = (
+                np.abs(self.sensor_rows(sensor.part(rows), trajectory, loss)[0]).max(axis=(1, 2)) > 0
+            )
         return result
 
     def stretch(self, begin: int, end: int) -> "Motion":

@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinfilters.estimators.estimator import ProcessModel
-from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.smoothing.carried import Carried, CarriedAt
 from spinfilters.estimators.smoothing.elimination import Eliminated, eliminate
 from spinfilters.estimators.smoothing.motion import STRETCH, Grams, Motion, motion_of
@@ -24,6 +23,7 @@ from spinfilters.estimators.smoothing.sightings import (
     collect_sightings,
     linearise_sightings,
 )
+from spinfilters.estimators.smoothing.state_prior import StatePrior
 from spinfilters.estimators.smoothing.unknowns import Unknowns
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.state.layout import StateLayout
@@ -45,10 +45,16 @@ class Trial:
 
 @dataclass(frozen=True)
 class Stage:
-    """How strict an iteration is: what a sighting's residual costs, and by how much larger disturbances are taken than they are."""
+    """How strict an iteration is: what a sighting's residual costs, and by how much larger disturbances are taken than they are.
+
+    Attributes
+    ----------
+    loss: of pose-only observations; None for that of the problem.
+    """
 
     kernel: RobustKernel
     slack: float = 1.0
+    loss: RobustKernel | None = None
 
 
 @dataclass(frozen=True)
@@ -58,6 +64,7 @@ class Point:
     Attributes
     ----------
     sensors, dynamics: their grams; of a long chain the costs alone, and the linear system in ``chained``.
+    loss: of pose-only observations, as in the `Stage` that it belongs to.
     """
 
     trajectory: Float[np.ndarray, "k m"]
@@ -67,6 +74,7 @@ class Point:
     linear: LinearSightings | None
     carried: CarriedAt | None
     chained: LinearSystem | None = None
+    loss: RobustKernel | None = None
 
     def cost(self, used: Bool[np.ndarray, " N"] | None, stage: Stage) -> float:
         """Of the motion and of the sightings that a step was made from: the others' landmarks did not move with it."""
@@ -131,20 +139,35 @@ class Problem:
         """Whether it is a mere chain, of so many frames that their rows are not to be in memory together."""
         return not self.unknowns.tied and self.carried is None and self.unknowns.frames > STRETCH
 
-    def at(self, trajectory: Float[np.ndarray, "k m"], points: Float[np.ndarray, "L 3"]) -> Point:
+    def at(
+        self,
+        trajectory: Float[np.ndarray, "k m"],
+        points: Float[np.ndarray, "L 3"],
+        loss: RobustKernel | None = None,
+    ) -> Point:
         """Everything linearised about a trajectory, whose constants are the same in every frame, and landmarks."""
         if self.is_long:
-            sensors, dynamics, system = assembled_by_stretches(self.motion, trajectory)
-            return Point(trajectory, points, sensors, dynamics, None, None, system)
+            motion = self.motion if loss is None else replace(self.motion, kernel=loss)
+            sensors, dynamics, system = assembled_by_stretches(motion, trajectory)
+            return Point(trajectory, points, sensors, dynamics, None, None, system, loss)
         linear = None if self.sightings is None else linearise_sightings(self.sightings, trajectory, points)
         return Point(
             trajectory,
             points,
-            self.motion.measurements(trajectory),
+            self.motion.measurements(trajectory, loss),
             self.motion.dynamics(trajectory),
             linear,
             None if self.carried is None else self.carried.at(trajectory),
+            loss=loss,
         )
+
+    def staged(self, here: Point, stage: Stage) -> Point:
+        """The point with the loss of a stage."""
+        if here.loss == stage.loss:
+            return here
+        if self.is_long:
+            return self.at(here.trajectory, here.points, stage.loss)
+        return replace(here, sensors=self.motion.measurements(here.trajectory, stage.loss), loss=stage.loss)
 
     def normal(self, here: Point, stage: Stage, damping: float = 0.0) -> Normal:
         """The linear problem about a point, solved."""
@@ -171,7 +194,7 @@ def problem_of(
     process: ProcessModel,
     frames: Timeline,
     ids: Int[np.ndarray, " L"],
-    prior: FirstStatePrior | None,
+    prior: StatePrior | None,
     needed: int,
     kernel: RobustKernel | None = None,
 ) -> Problem:

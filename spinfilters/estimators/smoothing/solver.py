@@ -104,7 +104,9 @@ def solve(
     """Iterate from a point until the cost stays; nothing is raised for a system that does not determine everything."""
     plan = Plain() if schedule is None else schedule
     number, used, evaluated, converged = options.rule.first, 0, 1, False
-    normal = problem.normal(here, plan.stage(0, here, None))
+    stage = plan.stage(0, here, None)
+    here = problem.staged(here, stage)
+    normal = problem.normal(here, stage)
     costs = [here.cost(normal.used, normal.stage)]
     while used < options.iterations and not converged:
         if on_iteration is not None:
@@ -115,7 +117,7 @@ def solve(
             break
         converged = normal.decrement <= options.settled and plan.last(used - 1, normal.stage)
         stage = plan.stage(used, there, normal)
-        here = plan.repaired(there, stage)
+        here = problem.staged(plan.repaired(there, stage), stage)
         normal = problem.normal(here, stage)
         costs.append(here.cost(normal.used, stage))
     if on_iteration is not None:
@@ -138,7 +140,7 @@ def advanced(
         if step is None:
             number = rule.adapted(number, -1.0, Step(np.zeros((0, 0)), None, normal, 0.0, number))
             continue
-        there = problem.at(*moved(problem, here, step))
+        there = problem.at(*moved(problem, here, step), normal.stage.loss)
         fallen = allowed - there.cost(normal.used, normal.stage)
         if fallen >= -COST_SLACK:
             gain = (fallen + COST_SLACK) / (step.predicted + COST_SLACK)

@@ -6,7 +6,7 @@ from spinfilters.workflow.preparation import Prepared
 from spinfilters.workflow.settings import Settings
 
 
-class FilterpyEkfEntry(EstimatorEntry):
+class FilterpyEkfEntry(EstimatorEntry[Estimator]):
     """See `spinfilters.estimators.filterpy_baselines.FilterpyEkf`."""
 
     name, order = "filterpy-ekf", 3

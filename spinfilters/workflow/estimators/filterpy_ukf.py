@@ -6,7 +6,7 @@ from spinfilters.workflow.preparation import Prepared
 from spinfilters.workflow.settings import Settings
 
 
-class FilterpyUkfEntry(EstimatorEntry):
+class FilterpyUkfEntry(EstimatorEntry[Estimator]):
     """See `spinfilters.estimators.filterpy_baselines.FilterpyUkf`."""
 
     name, order = "filterpy-ukf", 4

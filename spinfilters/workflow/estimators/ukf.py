@@ -1,6 +1,5 @@
 """The multiplicative UKF."""
 
-from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf
 from spinfilters.workflow.estimators.mekf import MultiplicativeEntry
 from spinfilters.workflow.preparation import Prepared
@@ -12,7 +11,7 @@ class UkfEntry(MultiplicativeEntry):
 
     name, order = "ukf", 1
 
-    def build(self, prepared: Prepared, settings: Settings) -> Estimator:
+    def build(self, prepared: Prepared, settings: Settings) -> MultiplicativeUkf:
         return MultiplicativeUkf(
             prepared.process, settings.ukf, settings.robust, settings.adaptation, settings.landmarks
         )

@@ -1,0 +1,84 @@
+"""The two contracts of estimators: recursive, epoch by epoch, and batch, all epochs at once."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from spinfilters.errors import InputError
+from spinfilters.estimators.estimator import Estimator, Measurement, ProcessModel, Snapshot, UpdateReport
+from spinfilters.estimators.history import EstimateHistory
+from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
+from spinfilters.estimators.timeline import Timeline
+from spinfilters.state.gaussian import Gaussian
+
+OnEpoch = Callable[[int, int], None]
+"""Called with epochs done and epochs in all."""
+
+
+@dataclass(frozen=True)
+class Updated:
+    """A belief after an update, and what the update did."""
+
+    belief: Gaussian
+    report: UpdateReport
+
+
+class RecursiveEstimator(Protocol):
+    """Functions of beliefs that are never changed: the same arguments give the same belief, bit for bit."""
+
+    @property
+    def name(self) -> str: ...
+
+    def predict(self, belief: Gaussian, dt: float) -> Gaussian:
+        """The belief dt > 0 seconds later."""
+        ...
+
+    def update(self, belief: Gaussian, measurement: Measurement) -> Updated:
+        """The belief given one sensor's values at its time."""
+        ...
+
+
+class BatchEstimator(Protocol):
+    """All epochs given all measurements."""
+
+    def smooth(self, timeline: Timeline, initial: InitialEstimate, on_epoch: OnEpoch) -> EstimateHistory:
+        """States and covariances of every epoch, those of the initialisation among them."""
+        ...
+
+
+class LatestBelief(Estimator):
+    """A recursive estimator with its latest belief: what runs, checkpoints and late measurements take."""
+
+    def __init__(self, process: ProcessModel, recursive: RecursiveEstimator) -> None:
+        super().__init__(process)
+        self.name, self._recursive = recursive.name, recursive
+        self._belief = Gaussian(
+            self.layout, self.layout.origin(), np.full((self.layout.error_dim,) * 2, np.nan)
+        )
+
+    def start(self, belief: Gaussian) -> None:
+        if belief.layout != self.layout:
+            raise InputError(
+                f"belief has the blocks {belief.layout.blocks}, the process has {self.layout.blocks}"
+            )
+        self._belief = belief
+
+    @property
+    def belief(self) -> Gaussian:
+        return self._belief
+
+    def predict(self, dt: float) -> None:
+        self._belief = self._recursive.predict(self._belief, dt)
+
+    def update(self, measurement: Measurement) -> UpdateReport:
+        updated = self._recursive.update(self._belief, measurement)
+        self._belief = updated.belief
+        return updated.report
+
+    def snapshot(self) -> Snapshot:
+        return {"mean": self._belief.mean.copy(), "factor": self._belief.factor.copy()}
+
+    def restore(self, snapshot: Snapshot) -> None:
+        self._belief = Gaussian(self.layout, snapshot["mean"].copy(), snapshot["factor"].copy())

@@ -1,0 +1,1 @@
+"""Initialisation from the first epochs: an initial guess from motion samples, refined by the batch smoother."""

@@ -1,0 +1,118 @@
+"""Result of an initialisation: the smoothed first epochs, with a map where landmarks were unknown."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from spinfilters.estimators.landmarks.belief import LandmarkBelief
+from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.landmarks.shared_modes import HeldErrors, SharedErrors, shared_modes
+from spinfilters.estimators.smoothing.marginals import Marginals
+from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
+from spinfilters.models.gauge import GAUGE_DIM
+from spinfilters.state.gaussian import Gaussian
+from spinfilters.state.layout import StateLayout
+from spinfilters.state.status import EstimatorStatus, Verdict
+
+
+@dataclass(frozen=True)
+class InitialEstimate:
+    """The most probable motion of the first k epochs and the L landmarks that are unknowns.
+
+    Attributes
+    ----------
+    prior: of the first epoch's state.
+    mean: (k, m).   factor: (k, n, n) of each epoch's covariance given all of them; not finite where there is none.
+    cost: sum of squared whitened residuals about the mean, prior and dynamics included.
+    dof: scalar observations that count, less three per landmark: what the least cost is expected to be.
+    accepted, rejected: observations that count, and that do not.   used: per epoch, which of its landmark observations count.
+    ids: (L,) landmarks that at least two inliers observe; empty where a map is known or there is none.
+    points: (L, 3) m, frame g.   counts: (L,) inliers of each.
+    marginals: covariances of everything, or None where some direction is not determined.
+    momentum_residual: how far the initial guess's angular momentum was from constant (relative rms).
+    noise_ratio: standard deviation of the observations over the stated, from the initial guess; None where it does not tell.
+    departure: of a filter from the smoother of the same measurements, in standard deviations; zero where none was tried.
+    status: whether it can be trusted, with reasons.
+    """
+
+    layout: StateLayout
+    prior: FirstStatePrior
+    mean: Float[np.ndarray, "k m"]
+    factor: Float[np.ndarray, "k n n"]
+    cost: float
+    dof: int
+    accepted: int
+    rejected: int
+    iterations: int
+    converged: bool
+    used: tuple[Bool[np.ndarray, " _"], ...] = ()
+    ids: Int[np.ndarray, " L"] = field(default_factory=lambda: np.zeros(0, dtype=int))
+    points: Float[np.ndarray, "L 3"] = field(default_factory=lambda: np.zeros((0, 3)))
+    counts: Int[np.ndarray, " L"] = field(default_factory=lambda: np.zeros(0, dtype=int))
+    marginals: Marginals | None = None
+    momentum_residual: float = np.nan
+    noise_ratio: float | None = None
+    departure: float = 0.0
+    status: EstimatorStatus = field(default_factory=EstimatorStatus)
+
+    @classmethod
+    def failed(cls, layout: StateLayout, epochs: int, reason: str) -> "InitialEstimate":
+        """Of epochs whose numbers lead nowhere: nothing is finite."""
+        mean = np.full((epochs, layout.mean_dim), np.nan)
+        prior = FirstStatePrior(mean[0], np.full(layout.error_dim, np.nan))
+        factor = np.full((epochs, layout.error_dim, layout.error_dim), np.nan)
+        status = EstimatorStatus().failed(f"the first frames could not be smoothed ({reason})")
+        return cls(layout, prior, mean, factor, np.nan, 0, 0, 0, 0, converged=False, status=status)
+
+    @property
+    def has_landmarks(self) -> bool:
+        """Whether landmarks are unknowns."""
+        return len(self.used) > 0
+
+    @property
+    def has_failed(self) -> bool:
+        """Whether nothing of it is finite."""
+        return self.status.verdict is Verdict.FAILED
+
+    @property
+    def fit(self) -> float:
+        """Root mean square of the whitened residuals: 1 when noise and model are right."""
+        return float(np.sqrt(self.cost / max(self.dof, 1)))
+
+    @property
+    def belief(self) -> Gaussian:
+        """Of the state at the last epoch."""
+        return Gaussian(self.layout, self.mean[-1], self.factor[-1])
+
+    def hits(self, ids: Int[np.ndarray, " q"]) -> Int[np.ndarray, " q"]:
+        """How many inliers observe each landmark; 0 for one that is no unknown."""
+        where = np.clip(np.searchsorted(self.ids, ids), 0, max(len(self.ids) - 1, 0))
+        return np.where(self.ids[where] == ids, self.counts[where], 0)
+
+    def joint_belief(self, options: LandmarkOptions) -> Gaussian | LandmarkBelief:
+        """Of the state at the last epoch and all landmarks; not finite where there is none."""
+        if not self.has_landmarks:
+            return self.belief
+        held = self._held(options)
+        return LandmarkBelief(
+            self.layout,
+            self.mean[-1],
+            self.ids,
+            self.points,
+            held.modes,
+            held.roots,
+            held.factor,
+            np.zeros(GAUGE_DIM),
+        )
+
+    def _held(self, options: LandmarkOptions) -> HeldErrors:
+        n = self.layout.error_dim
+        if self.marginals is None:
+            nothing = np.full((len(self.ids), 3, 3), np.nan)
+            return HeldErrors(nothing[:, :, :1], nothing, np.full((n + 1, n + 1), np.nan))
+        assert self.marginals.eliminated is not None
+        rows = self.marginals.frame_rows(len(self.mean) - 1)
+        told = np.flatnonzero(self.marginals.eliminated.told)
+        landmarks = self.marginals.landmark_rows(told)
+        return shared_modes(SharedErrors(self.layout, self.mean[-1], self.points, rows, *landmarks), options)

@@ -1,0 +1,87 @@
+"""Initial guess of a trajectory: attitudes and rates as sampled, inertia from conserved angular momentum, a straight path."""
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.dynamics.mass_distribution import from_inertia
+from spinfilters.estimators.initialisation.options import StartOptions
+from spinfilters.estimators.momentum_start import fit_momentum
+from spinfilters.estimators.motion_evidence import MotionEvidence
+from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
+from spinfilters.estimators.timeline import Timeline
+from spinfilters.models.gauge import GAUGE_STD
+from spinfilters.state.blocks.drag import DRAG
+from spinfilters.state.blocks.rigid_body import ATTITUDE, CENTRE_OF_MASS, MASS_DISTRIBUTION, RATE, VELOCITY
+from spinfilters.state.layout import POSE_BLOCKS, StateLayout
+
+CLOSED_FORM_BLOCKS = (CENTRE_OF_MASS, MASS_DISTRIBUTION, DRAG, VELOCITY)
+"""What conserved momentum and a straight path tell beyond what was seen."""
+MASS_SHARES = (1.0, 0.3, 0.0)
+"""Shares of the closed form's departure from a sphere from which a fit is tried, in this order."""
+DEFINED_ATTITUDE_STD = 1e-9
+"""Of an attitude that defines a frame rather than being measured, rad."""
+
+
+def closed_form(layout: StateLayout, evidence: MotionEvidence) -> tuple[Float[np.ndarray, " m"], float]:
+    """First state from conserved momentum (and a straight path of the centre of mass), and how constant momentum was."""
+    fit = fit_momentum(evidence.rotations, evidence.rates, evidence.time, layout.has(DRAG))
+    x = layout.origin()
+    x[layout.mean_slice("a")] = evidence.attitude[0]
+    x[layout.mean_slice("w")] = evidence.rates[0]
+    x[layout.mean_slice("s")] = from_inertia(fit.inertia)
+    if layout.has(DRAG):
+        x[layout.mean_slice("d")] = fit.drag
+    if evidence.positions is not None and layout.translates:
+        c, v = _straight_centre(evidence)
+        x[layout.mean_slice("t")] = evidence.positions[0]
+        x[layout.mean_slice("c")], x[layout.mean_slice("v")] = c, v
+    return x, fit.residual
+
+
+def _straight_centre(evidence: MotionEvidence) -> tuple[np.ndarray, np.ndarray]:
+    """(c, v) by linear least squares of t_k + R_k c = r_0 + v (t_k - t_0)."""
+    assert evidence.positions is not None
+    elapsed, rotations = evidence.time - evidence.time[0], evidence.rotations
+    eye = np.broadcast_to(np.eye(3), rotations.shape)
+    A = np.concatenate([rotations, -eye, -eye * elapsed[:, None, None]], axis=2).reshape(-1, 9)
+    solution = np.linalg.lstsq(A, -evidence.positions.reshape(-1), rcond=1e-9)[0]
+    return solution[:3], solution[6:]
+
+
+def trial_trajectory(
+    layout: StateLayout, frames: Timeline, first: np.ndarray, evidence: MotionEvidence
+) -> Float[np.ndarray, "k m"]:
+    """One point per frame: what was seen nearest to its time, with the constants of the first state."""
+    trajectory = np.tile(first, (len(frames), 1))
+    nearest = [int(np.argmin(np.abs(evidence.time - frame.time))) for frame in frames]
+    trajectory[:, layout.mean_slice("a")] = evidence.attitude[nearest]
+    trajectory[:, layout.mean_slice("w")] = evidence.rates[nearest]
+    if evidence.positions is not None and layout.translates:
+        trajectory[:, layout.mean_slice("t")] = evidence.positions[nearest]
+    return trajectory
+
+
+def wide_prior(
+    layout: StateLayout, first: np.ndarray, options: StartOptions, evidence: MotionEvidence
+) -> FirstStatePrior:
+    """Wide prior: spheres, at the pose and rate that were seen; tight only where the first frame defines a frame."""
+    mean, std = first.copy(), np.zeros(layout.error_dim)
+    for block in layout.members:
+        std[layout.slice(block.name)] = options.prior_std(block)
+        if block.prior_at_origin:
+            mean[layout.mean_slice(block.name)] = block.origin
+    std[layout.slice(RATE.name)] = max(float(np.linalg.norm(evidence.rates, axis=1).max()), 1e-3)
+    if evidence.defines_attitude and not layout.translates:
+        std[layout.slice(ATTITUDE.name)] = DEFINED_ATTITUDE_STD
+    return FirstStatePrior(mean, std)
+
+
+def defining_g(
+    layout: StateLayout, prior: FirstStatePrior, first: Float[np.ndarray, " m"]
+) -> FirstStatePrior:
+    """The prior with the first pose held where a point has it, so that it defines frame g."""
+    mean, std = prior.mean.copy(), prior.std.copy()
+    for block in POSE_BLOCKS:
+        mean[layout.mean_slice(block)] = first[layout.mean_slice(block)]
+        std[layout.slice(block)] = GAUGE_STD
+    return FirstStatePrior(mean, std)

@@ -1,0 +1,211 @@
+"""Initialisation on the smoothing problem: whatever sensors there are, first epochs in, one estimate out.
+
+What sensors contribute (`MotionSamples`) says where to begin and is then forgotten; what is kept comes from the observations
+themselves, each once, so the covariance holds what epochs share (a map that is a little wrong is wrong in every epoch). Where
+landmarks are unknowns, frame g is defined by the pose at the first epoch.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.errors import InputError
+from spinfilters.estimators.estimator import ProcessModel
+from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
+from spinfilters.estimators.initialisation.initial_guess import (
+    MASS_SHARES,
+    closed_form,
+    defining_g,
+    trial_trajectory,
+    wide_prior,
+)
+from spinfilters.estimators.initialisation.options import StartOptions
+from spinfilters.estimators.motion_evidence import motion_evidence
+from spinfilters.estimators.smoothing.annealing import GATE, Annealed
+from spinfilters.estimators.smoothing.batch import NO_LANDMARKS, NO_POINTS
+from spinfilters.estimators.smoothing.marginals import Marginals
+from spinfilters.estimators.smoothing.problem import (
+    Problem,
+    Trial,
+    problem_of,
+    with_common_constants,
+)
+from spinfilters.estimators.smoothing.robust_kernels import LeastSquares
+from spinfilters.estimators.smoothing.sightings import NOTHING_TWICE, SIGHTINGS_NEEDED
+from spinfilters.estimators.smoothing.solver import Solved, SolverOptions, solve
+from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
+from spinfilters.estimators.timeline import Timeline
+from spinfilters.sensors.sensor import MotionSamples
+from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION
+
+SETTLED_FIT = 1.5
+"""Rms of the whitened residuals below which a converged fit is believed without trying others."""
+CLEAR_MASS_STD = 0.3
+"""Of the mass distribution (log second moments) below which a fit is believed without trying others: on simulated poses all fits
+with a second optimum were beyond 0.7, and all optima that were alone below 0.5."""
+
+
+class InitialisableProcess(ProcessModel, Protocol):
+    """A process that says which motions it cannot follow."""
+
+    def require_steps(self, time: Float[np.ndarray, " k"], rates: Float[np.ndarray, "k 3"]) -> None: ...
+
+
+@dataclass(frozen=True)
+class SmoothingOptions:
+    """How the first epochs are smoothed.
+
+    Attributes
+    ----------
+    iterations: at most; 0 linearises at the guess and takes no step.
+    gate: whitened length of an innovation of three components beyond which an observation counts as wrong.
+    annealed: iterations in which the process noise may be inflated and the gate wide, at most.
+    """
+
+    iterations: int = 40
+    gate: float = GATE
+    annealed: int = 40
+
+    def __post_init__(self) -> None:
+        if self.iterations < 0 or not self.gate > 0:
+            raise InputError(
+                f"iterations is {self.iterations}, gate {self.gate}; give at least 0 and more than 0"
+            )
+
+
+def initialise(
+    process: InitialisableProcess, timeline: Timeline, samples: MotionSamples, options: StartOptions
+) -> InitialEstimate:
+    """Smooth the first epochs of a timeline, for any estimator over ``process.layout`` to continue from.
+
+    Parameters
+    ----------
+    samples: motion at (at least some of) those epochs, and the first guess of a map where landmarks are unknowns.
+
+    Raises
+    ------
+    InputError: fewer than 4 samples, a body that does not rotate, landmarks of which none is observed twice.
+    """
+    epochs = timeline[: options.count(timeline)]
+    evidence = motion_evidence(samples, len(epochs))
+    process.require_steps(evidence.time, evidence.rates)
+    first, momentum_residual = closed_form(process.layout, evidence)
+    trajectory = trial_trajectory(process.layout, epochs, first, evidence)
+    prior = wide_prior(process.layout, first, options, evidence)
+    guess = Trial(trajectory, NO_LANDMARKS, NO_POINTS)
+    if samples.landmarks is not None:
+        prior = defining_g(process.layout, prior, trajectory[0])
+        guess = Trial(trajectory, samples.landmarks.ids, samples.landmarks.points)
+    found = _likeliest(process, epochs, guess, prior, SmoothingOptions(options.iterations))
+    status = found.status
+    if not found.converged:
+        status = status.degraded(f"the start did not settle in {found.iterations} iterations")
+    return replace(found, momentum_residual=momentum_residual, noise_ratio=samples.noise_ratio, status=status)
+
+
+def smooth_first_epochs(
+    process: ProcessModel, epochs: Timeline, guess: Trial, prior: FirstStatePrior, options: SmoothingOptions
+) -> InitialEstimate:
+    """Iterate from a guess to the most probable motion and map, robust to wrong observations.
+
+    Parameters
+    ----------
+    epochs: observations of landmarks that the guess does not hold are left out.
+    prior: of the first state; with unknown landmarks its pose must be tight, for it defines g.
+
+    Raises
+    ------
+    InputError: when the guess has landmarks and none is observed twice, or the layout has no place for them.
+    """
+    order = np.argsort(guess.ids)
+    ids, points = guess.ids[order], guess.points[order]
+    problem = problem_of(process, epochs, ids, prior, SIGHTINGS_NEEDED)
+    if len(ids) and problem.sightings is None:
+        raise InputError(NOTHING_TWICE)
+    here = problem.at(with_common_constants(process.layout, guess.trajectory), points)
+    schedule = Annealed(problem, min(options.annealed, options.iterations), options.gate)
+    solved = solve(problem, here, SolverOptions(options.iterations), schedule)
+    found = _with_map(_estimate(problem, solved, prior), problem, solved, options.gate)
+    return replace(found, ids=ids[found.ids])
+
+
+def _likeliest(
+    process: ProcessModel, epochs: Timeline, guess: Trial, prior: FirstStatePrior, options: SmoothingOptions
+) -> InitialEstimate:
+    """The likeliest of the fits from the guess and from bodies nearer to a sphere.
+
+    A first fit that settles and determines the body is believed; where the body is hardly determined there may be several optima.
+    """
+    mass = process.layout.mean_slice(MASS_DISTRIBUTION.name)
+    tries: list[InitialEstimate] = []
+    strict = () if len(guess.ids) else (replace(options, annealed=0),)  # it would lose landmarks
+    for share, own in product(MASS_SHARES, (*strict, options)):
+        trajectory = guess.trajectory.copy()
+        trajectory[:, mass] *= share
+        tries.append(smooth_first_epochs(process, epochs, replace(guess, trajectory=trajectory), prior, own))
+        if _is_clear(tries[-1]):
+            break
+    return min(tries, key=lambda found: _with_rejected(found, options.gate))
+
+
+def _is_clear(found: InitialEstimate) -> bool:
+    """Whether a fit has settled, explains its observations and tells the mass distribution."""
+    mass_std = np.linalg.norm(found.factor[-1, found.layout.slice(MASS_DISTRIBUTION.name)], axis=1)
+    settled = found.converged and found.fit < SETTLED_FIT and found.rejected <= found.accepted
+    return bool(settled and mass_std.max() <= CLEAR_MASS_STD)
+
+
+def _with_rejected(found: InitialEstimate, gate: float) -> float:
+    """Cost in which a rejected observation counts as one at the gate, so that a fit gains nothing by rejecting."""
+    cost = found.cost + found.rejected * gate**2
+    return cost if np.isfinite(cost) else np.inf
+
+
+def _estimate(problem: Problem, solved: Solved, prior: FirstStatePrior) -> InitialEstimate:
+    """The motion that was found, and how its pose-only observations fit."""
+    here, solution, n = solved.point, solved.normal.solution, problem.layout.error_dim
+    marginals = None if isinstance(solution, int) else Marginals(solution, solved.normal.eliminated)
+    nothing = np.full((len(here.trajectory), n, n), np.nan)
+    cost, dof, accepted, rejected = here.sensors.cost + here.dynamics.cost, 0, 0, 0
+    for sensor in problem.motion.sensors:
+        _, costs, square = problem.motion.sensor_rows(sensor, here.trajectory, here.loss)
+        inliers = (here.loss or LeastSquares()).weight(square) > 0
+        cost += float(square[inliers].sum() - costs.sum())
+        accepted += int(np.count_nonzero(inliers))
+        dof += int(np.count_nonzero(inliers)) * sensor.model.dim
+        rejected += int(np.count_nonzero(~inliers))
+    return InitialEstimate(
+        layout=problem.layout,
+        prior=prior,
+        mean=here.trajectory,
+        factor=nothing if marginals is None else marginals.factors,
+        cost=cost,
+        dof=dof,
+        accepted=accepted,
+        rejected=rejected,
+        iterations=solved.iterations,
+        converged=solved.converged,
+        marginals=marginals,
+    )
+
+
+def _with_map(found: InitialEstimate, problem: Problem, solved: Solved, gate: float) -> InitialEstimate:
+    """With the landmarks that were found, and how their observations fit."""
+    here, fit, sightings = solved.point, solved.normal.eliminated, problem.sightings
+    if fit is None or sightings is None or here.linear is None:
+        return found
+    inliers = int(np.count_nonzero(fit.used))
+    return replace(
+        found,
+        cost=found.cost + float(here.linear.square[fit.used].sum()),
+        dof=found.dof + here.linear.rows.shape[1] * inliers - 3 * int(np.count_nonzero(fit.told)),
+        accepted=found.accepted + inliers,
+        rejected=found.rejected + int(np.count_nonzero(here.linear.size >= gate)),
+        used=sightings.by_frame(fit.used),
+        ids=np.flatnonzero(fit.told),
+        points=here.points[fit.told],
+        counts=np.bincount(sightings.landmark[fit.used], minlength=sightings.landmarks)[fit.told],
+    )

@@ -1,0 +1,63 @@
+"""Settings of the initialisation."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from spinfilters.errors import InputError
+from spinfilters.estimators.timeline import Timeline
+from spinfilters.logs.number_range import NumberRange
+from spinfilters.state.block import StateBlock
+from spinfilters.state.blocks.drag import DRAG
+from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
+from spinfilters.state.blocks.rigid_body import CENTRE_OF_MASS, MASS_DISTRIBUTION, VELOCITY
+
+PRIOR_STD = NumberRange(1e-9, 1e9)
+"""Of a prior in the settings, in its unit."""
+
+
+@dataclass(frozen=True)
+class StartOptions:
+    """How a start is made.
+
+    Attributes
+    ----------
+    frames: how many frames it looks at, at most.   share: of the recording, at most.
+    duration: how many seconds it looks at, at most.
+    iterations: of the smoother, at most.
+    mass_std: of the prior of the mass distribution about the sphere, in the logarithm of second moments (a phone lies at 2).
+    centre_std: of the prior of the centre of mass about the origin of g, m.   speed_std: of its velocity, m/s.
+    drag_std: of the prior of the drag coefficient, 1/rad.
+    gyro_bias_std: of the prior of a gyro's bias, rad/s; 0 for a gyro without one.
+    """
+
+    frames: Annotated[int, NumberRange(1, 100_000, whole=True)] = 60
+    share: Annotated[float, NumberRange(1e-6, 1e6)] = 0.6
+    duration: Annotated[float, NumberRange(1e-6, 1e11, "s")] = 60.0
+    iterations: Annotated[int, NumberRange(1, 10_000, whole=True)] = 40
+    mass_std: Annotated[float, PRIOR_STD] = MASS_DISTRIBUTION.prior_std
+    centre_std: Annotated[float, PRIOR_STD] = CENTRE_OF_MASS.prior_std
+    speed_std: Annotated[float, PRIOR_STD] = VELOCITY.prior_std
+    drag_std: Annotated[float, PRIOR_STD] = DRAG.prior_std
+    gyro_bias_std: Annotated[float, NumberRange(1e-9, 1e3, "rad/s", zero=True)] = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            allowed = value >= 0 if name == GYRO_BIAS.prior_option else value > 0
+            if not (np.isfinite(value) and allowed):
+                raise InputError(f"start.{name} is {value}; it must be positive")
+
+    def states_prior(self, block: StateBlock) -> bool:
+        """Whether the option that a block names for its prior is set."""
+        return bool(block.prior_option and getattr(self, block.prior_option))
+
+    def prior_std(self, block: StateBlock) -> float:
+        """Of the prior of a block: the option that it names where that is set, or the block's own."""
+        return (getattr(self, block.prior_option) if block.prior_option else 0.0) or block.prior_std
+
+    def count(self, timeline: Timeline) -> int:
+        """How many frames of a timeline belong to the start."""
+        end = timeline[0].time + self.duration
+        inside = sum(frame.time <= end for frame in timeline)
+        return max(4, min(self.frames, inside, round(self.share * len(timeline))))

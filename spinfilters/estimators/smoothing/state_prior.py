@@ -1,0 +1,30 @@
+"""Gaussian prior of one state, the first of a smoothing problem."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+
+class StatePrior(Protocol):
+    """A Gaussian of one state: a `FirstStatePrior`, or a `Gaussian`."""
+
+    @property
+    def mean(self) -> Float[np.ndarray, " m"]: ...
+
+    @property
+    def factor(self) -> Float[np.ndarray, "n n"]: ...
+
+
+@dataclass(frozen=True)
+class FirstStatePrior:
+    """Mean (point of the layout) and standard deviations of the independent prior of the first state."""
+
+    mean: Float[np.ndarray, " m"]
+    std: Float[np.ndarray, " n"]
+
+    @property
+    def factor(self) -> Float[np.ndarray, "n n"]:
+        """Square root of the covariance."""
+        return np.diag(self.std)

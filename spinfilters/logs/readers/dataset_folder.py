@@ -1,0 +1,115 @@
+"""Folder with dataset.toml and a table per sensor."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+from spinfilters.errors import InputError
+from spinfilters.logs.covariance_files import with_covariance
+from spinfilters.logs.dataset import DATASET_FILE, LANDMARK_FILE, Dataset, calibrations_of
+from spinfilters.logs.dataset_options import options_from_toml
+from spinfilters.logs.dataset_reader import DatasetReader
+from spinfilters.logs.input_file import named, require_folder, shown
+from spinfilters.logs.measurement_log import MeasurementLog
+from spinfilters.logs.sensor_files import read_sensor_file
+from spinfilters.logs.sensor_format import SensorFormat, dataset_kinds, sensor_formats
+from spinfilters.logs.settings_files import read_toml
+from spinfilters.logs.table_files import read_header
+from spinfilters.logs.track_files import read_landmarks
+from spinfilters.logs.truth import read_truth
+
+_FRONT_ENDS = {
+    "stereo-images": "tracks.csv of rectified feature tracks with kind = 'stereo-tracks'",
+    "lidar-scans": "poses.tum of the registered scans with kind = 'pose'",
+}
+
+
+class DatasetFolderReader(DatasetReader):
+    """Any folder that no other reader recognises."""
+
+    name, order = "folder", 90
+    words = "a folder"
+
+    def recognises(self, path: Path) -> bool:
+        return os.path.isdir(path)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        return _read_folder(path)
+
+
+def _read_folder(folder: Path) -> Dataset:
+    require_folder(folder)
+    kinds = dataset_kinds()
+    path = folder / DATASET_FILE
+    if not os.path.lexists(path):
+        if os.path.isfile(folder / "cam0" / "data.csv"):
+            raise _no_front_end(folder, "stereo-images")
+        raise InputError(
+            f"{named(path)}: no such file; write it with a line kind = '...' ({', '.join(kinds)}), or check "
+            "the path"
+        )
+    document = read_toml(path)
+    kind, description = _text(path, document, "kind"), _text(path, document, "description", "")
+    if kind in _FRONT_ENDS:
+        raise _no_front_end(path, kind)
+    if kind not in kinds:
+        raise InputError(
+            f"{named(path)}: kind is {shown(kind)}, expected one of {', '.join(kinds)}; correct it"
+        )
+    log = _read_log(folder, kinds[kind])
+    landmarks, cameras = folder / LANDMARK_FILE, calibrations_of(log)
+    return Dataset(
+        kind=kind,
+        log=log,
+        path=folder,
+        description=description,
+        truth=read_truth(folder),
+        rig=cameras[0].read(folder) if cameras else None,
+        known_map=read_landmarks(landmarks) if os.path.lexists(landmarks) else None,
+        options=options_from_toml(path, document),
+    )
+
+
+def _read_log(folder: Path, required: SensorFormat) -> MeasurementLog:
+    streams = []
+    for form in _stored(folder, required):
+        stream, covariance = read_sensor_file(form, folder / form.file), folder / form.covariance_file
+        streams.append(with_covariance(stream, covariance) if os.path.lexists(covariance) else stream)
+    return MeasurementLog(tuple(streams))
+
+
+def _stored(folder: Path, required: SensorFormat) -> list[SensorFormat]:
+    """The formats whose files a folder holds. Of formats with the same file it is the required one's, or has the header of one."""
+    by_file: dict[str, list[SensorFormat]] = {}
+    for form in sensor_formats().values():
+        by_file.setdefault(form.file, []).append(form)
+    found = []
+    for file, formats in by_file.items():
+        if required in formats:
+            found.append(required)
+        elif os.path.lexists(folder / file):
+            fits = [
+                form for form in formats if len(formats) == 1 or read_header(folder / file) == form.header
+            ]
+            found.append([*formats, *fits][-1])
+    return found
+
+
+def _no_front_end(path: Path, kind: str) -> InputError:
+    return InputError(
+        f"{named(path)}: kind '{kind}' needs a front end that is not part of this version; supply "
+        f"{_FRONT_ENDS[kind]}"
+    )
+
+
+def _text(path: Path, document: dict[str, Any], key: str, default: str | None = None) -> str:
+    value = document.get(key, default)
+    if value is None:
+        kinds = ", ".join(dataset_kinds())
+        raise InputError(f"{named(path)}: has no {key}; add {key} = '...', one of {kinds}")
+    if not isinstance(value, str):
+        raise InputError(f"{named(path)}: {key} is {shown(value)}, expected text; put it in quotes")
+    return value
+
+
+READER = DatasetFolderReader()

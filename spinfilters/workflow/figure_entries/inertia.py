@@ -1,0 +1,25 @@
+"""Principal moments of inertia of every estimator over time."""
+
+from typing import TYPE_CHECKING
+
+from spinfilters.workflow.figure_entry import FigureEntry
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from spinfilters.workflow.figures import Pictured
+
+
+class InertiaFigure(FigureEntry):
+    """See `spinfilters.plots.inertia`."""
+
+    name, order = "inertia", 2
+    caption = "Principal moments of inertia of every estimator over time."
+
+    def draw(self, shown: "Pictured", name: str) -> "Figure":
+        from spinfilters.plots.inertia import inertia_figure  # matplotlib is slow to import
+
+        return inertia_figure(shown.evaluations, shown.true_moments)
+
+
+FIGURE = InertiaFigure()

@@ -1,0 +1,29 @@
+"""Path of the body rate of the first estimator on its inertia ellipsoid."""
+
+from typing import TYPE_CHECKING
+
+from spinfilters.evaluation.rates import estimated_rates
+from spinfilters.workflow.figure_entry import FigureEntry
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from spinfilters.workflow.figures import Pictured
+
+
+class PolhodeFigure(FigureEntry):
+    """See `spinfilters.plots.polhode`."""
+
+    name, order = "polhode", 3
+    caption = "Path of the body rate of the first estimator on its inertia ellipsoid."
+
+    def draw(self, shown: "Pictured", name: str) -> "Figure":
+        from spinfilters.plots.polhode import estimated_polhode_figure  # matplotlib is slow to import
+
+        first = shown.evaluations[0]
+        return estimated_polhode_figure(
+            estimated_rates(first.history), first.body, first.history.initialisation
+        )
+
+
+FIGURE = PolhodeFigure()

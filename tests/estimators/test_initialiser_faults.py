@@ -1,0 +1,112 @@
+"""Gross errors in the first epochs: the initialisation leaves them out, whatever the sensor."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import chdtri
+
+from spinfilters.attitude.conversions import multiply
+from spinfilters.estimators.initialisation.consistent_samples import consistent_samples
+from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
+from spinfilters.evaluation.consistency import true_states
+from spinfilters.logs.dataset import Dataset
+from spinfilters.logs.measurement_log import MeasurementLog
+from spinfilters.sensors.sensor import MotionSamples
+from spinfilters.simulation.faults import WrongAssociations, with_faults
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
+from spinfilters.workflow.preparation import prepare
+from spinfilters.workflow.settings import Settings
+
+TUMBLING = (3.0, 10.0, 4.0)
+TURN = np.array([np.sin(0.8), 0.0, 0.0, np.cos(0.8)])
+"""By 92 deg."""
+CASES = {
+    "pose": Scenario(kind="pose", rate_rpm=TUMBLING),
+    "attitude": Scenario(kind="attitude", rate_rpm=TUMBLING),
+    "gyro": Scenario(kind="gyro", rate_rpm=TUMBLING, interval=0.1, frames=120),
+}
+
+
+def _spoilt(dataset: Dataset, epoch: int) -> Dataset:
+    """With one measurement that has nothing to do with the body."""
+    (stream,) = dataset.log.streams
+    values = stream.values.copy()
+    if dataset.kind == "gyro":
+        values[epoch] += [1.0, -2.0, 0.5]
+    else:
+        values[epoch, -4:] = multiply(values[epoch, -4:], TURN)
+    return replace(dataset, log=MeasurementLog((replace(stream, values=values),)))
+
+
+def _nees(found: InitialEstimate, dataset: Dataset) -> tuple[float, int]:
+    """Of everything that the data tell in the truth's frames, and its degrees of freedom."""
+    assert dataset.truth is not None
+    layout, epochs = found.layout, len(found.mean)
+    error = layout.local(found.mean[-1], true_states(dataset.truth, layout)[epochs - 1])
+    told = np.setdiff1d(np.arange(layout.error_dim), np.arange(*layout.slice("a").indices(100)))
+    factor = found.factor[-1][told]
+    covariance = factor @ factor.T
+    return float(error[told] @ np.linalg.solve(covariance, error[told])), len(told)
+
+
+@pytest.mark.parametrize("epoch", [0, 3, 20])
+@pytest.mark.parametrize("kind", list(CASES))
+def test_one_gross_error_in_the_first_epochs_is_left_out(kind: str, epoch: int) -> None:
+    dataset = _spoilt(simulate(CASES[kind]), epoch)
+    found = prepare(dataset, Settings()).start
+    assert found.converged
+    assert 1 <= found.rejected <= 3
+    assert found.fit == pytest.approx(1.0, abs=0.15)
+    nees, dof = _nees(found, dataset)
+    assert nees < chdtri(dof, 1e-3)
+
+
+@pytest.mark.parametrize("kind", ["stereo-tracks", "mono-tracks"])
+@pytest.mark.parametrize("share", [0.05, 0.3])
+def test_wrong_ids_under_a_known_map_are_left_out(kind: str, share: float) -> None:
+    clean = simulate(Scenario(kind=kind, rate_rpm=TUMBLING, frames=75))
+    found = prepare(with_faults(clean, (WrongAssociations(share),), 0), Settings()).start
+    assert found.converged
+    assert found.fit == pytest.approx(1.0, abs=0.05)
+    assert found.rejected > 0.5 * share * found.dof / 3
+    nees, dof = _nees(found, clean)
+    assert nees < chdtri(dof, 1e-3)
+
+
+def test_noise_that_is_three_times_the_stated_opens_the_gate_and_shows() -> None:
+    scenario = Scenario(kind="pose", rate_rpm=TUMBLING, position_std=0.03, rotation_std=0.03)
+    dataset = simulate(scenario)
+    (stream,) = dataset.log.streams
+    stated = replace(stream, covariance=np.tile(1e-4 * np.eye(6), (len(stream), 1, 1)))
+    found = prepare(replace(dataset, log=MeasurementLog((stated,))), Settings()).start
+    assert found.converged
+    assert found.fit == pytest.approx(3.0, abs=0.3)
+    assert found.rejected <= 0.05 * len(found.mean)
+
+
+def test_a_short_burst_of_motion_is_no_gross_error() -> None:
+    time = 0.1 * np.arange(60)
+    rates = np.stack([np.exp(-(((time - 3.0) / 0.15) ** 2)), np.ones(60), 0.1 * np.sin(time)], axis=1)
+    assert len(consistent_samples(MotionSamples(time, rates=rates)).time) == 60
+    rates[40] += 1.0
+    kept = consistent_samples(MotionSamples(time, rates=rates)).time
+    np.testing.assert_allclose(np.setdiff1d(time, kept), time[[40]])
+
+
+def test_an_attitude_of_the_other_sign_is_no_gross_error() -> None:
+    turns = 0.1 * np.arange(30)
+    attitude = np.stack([np.sin(turns), 0 * turns, 0 * turns, np.cos(turns)], axis=1)
+    attitude[::3] *= -1
+    assert len(consistent_samples(MotionSamples(turns, attitude)).time) == 30
+
+
+@pytest.mark.parametrize("pixel_std", [0.1, 5.0])
+def test_tracks_without_a_map_are_initialised_at_any_pixel_noise(pixel_std: float) -> None:
+    scenario = replace(Scenario.disam115(RICH_RPM, 0), pixel_std=pixel_std, frames=60)
+    found = prepare(without_map(simulate(scenario)), Settings()).start
+    assert found.converged
+    assert found.fit == pytest.approx(1.0, abs=0.02)
+    assert found.noise_ratio == pytest.approx(1.0, abs=0.03)
+    rates = found.mean[:, found.layout.mean_slice("w")]
+    assert np.linalg.norm(rates, axis=1) == pytest.approx(np.linalg.norm(RICH_RPM) * np.pi / 30, abs=0.1)
