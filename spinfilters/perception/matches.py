@@ -45,7 +45,7 @@ class MatchTable:
     covariance: Float[np.ndarray, "f k 3 3"] | None
 
     @classmethod
-    def of(cls, frames: Sequence[Matches], calibration: Float[np.ndarray, " 5"]) -> "MatchTable":
+    def of(cls, frames: Sequence[Matches], calibration: Float[np.ndarray, " c"]) -> "MatchTable":
         """One or more frames, whose noise is told in one way, side by side."""
         counts = np.array([len(frame.points) for frame in frames])
         column = np.arange(counts.max())

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 
 from spinfilters.attitude.conversions import matrix_from_quaternion, quaternion_from_matrix
 from spinfilters.geometry.absolute_orientation import absolute_orientations, rigid_motions
-from spinfilters.geometry.triangulation import triangulate
+from spinfilters.geometry.cameras import stereo_pair
 from spinfilters.perception.matches import MatchTable
 
 AGREEMENT_PX = 20.0
@@ -50,11 +50,11 @@ class _Seen:
     points: Float[np.ndarray, "f k 3"]
     pixels: Float[np.ndarray, "f k 3"]
     camera: Float[np.ndarray, "f k 3"]
-    calibration: Float[np.ndarray, " 5"]
+    calibration: Float[np.ndarray, " c"]
 
     @classmethod
-    def of(cls, table: MatchTable, calibration: Float[np.ndarray, " 5"]) -> "_Seen":
-        camera = triangulate(table.pixels, calibration)
+    def of(cls, table: MatchTable, calibration: Float[np.ndarray, " c"]) -> "_Seen":
+        camera = stereo_pair(calibration).points_of(table.pixels, calibration)
         usable = table.given & np.isfinite(camera).all(axis=2) & (camera[..., 2] > 0)
         pixels, camera = (np.where(usable[..., None], array, 1.0) for array in (table.pixels, camera))
         return cls(usable, table.points, pixels, camera, calibration)
@@ -95,14 +95,10 @@ class _Seen:
 
     def squared_pixels(self, poses: Float[np.ndarray, "h 7"]) -> Float[np.ndarray, "h k"]:
         """Squared distance (u_left, v_left, u_right) of each match under each pose, infinite behind the camera."""
-        (fx, fy, cx, cy, baseline), pixels = self.calibration, self.pixels
         rotations = matrix_from_quaternion(poses[:, 3:])
         at = self.points @ np.swapaxes(rotations, 1, 2) + poses[:, None, :3]
-        x, y, z = at[..., 0], at[..., 1], at[..., 2]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            u, v = fx * x / z + cx - pixels[..., 0], fy * y / z + cy - pixels[..., 1]
-            right = u + pixels[..., 0] - fx * baseline / z - pixels[..., 2]
-            return np.where(z > 0, u**2 + v**2 + right**2, np.inf)
+        away = stereo_pair(self.calibration).pixels_of(at, self.calibration) - self.pixels
+        return np.where(at[..., 2] > 0, np.einsum("hki,hki->hk", away, away), np.inf)
 
 
 @dataclass(frozen=True)
@@ -119,7 +115,7 @@ class Consensus:
     agreeing: Bool[np.ndarray, "f k"]
 
 
-def consensus_poses(table: MatchTable, calibration: Float[np.ndarray, " 5"]) -> Consensus:
+def consensus_poses(table: MatchTable, calibration: Float[np.ndarray, " c"]) -> Consensus:
     """Rough poses of f frames, those that most of their matches agree on."""
     seen = _Seen.of(table, calibration)
     poses, found = _trimmed(seen)
