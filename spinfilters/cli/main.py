@@ -211,6 +211,12 @@ def _add_simulate(commands: "argparse._SubParsersAction[_Parser]") -> None:
         metavar=("BX", "BY", "BZ"),
         help="constant error of the gyro's rates, axes g, rad/s (with --kind gyro)",
     )
+    simulate.add_argument(
+        "--inspector",
+        default="static",
+        metavar="static|circle",
+        help="circle: the camera flies about the body, and inspector.tum says how",
+    )
     add_motion(simulate)
     simulate.set_defaults(command=_simulate)
 

@@ -69,6 +69,15 @@ class CameraTrajectory:
             )
 
 
+def in_camera(
+    poses: Float[np.ndarray, "k 7"], camera_poses: Float[np.ndarray, "k 7"]
+) -> Float[np.ndarray, "k 7"]:
+    """Poses (t, q) of g in the camera's frame of those in i: T_cg = T_ic^-1 T_ig."""
+    q_ci = inverse(camera_poses[:, 3:])
+    place = rotate(q_ci, poses[:, :3] - camera_poses[:, :3])
+    return np.concatenate([place, multiply(q_ci, poses[:, 3:])], axis=1)
+
+
 def in_inertial(
     poses: Float[np.ndarray, "k 7"], camera_poses: Float[np.ndarray, "k 7"]
 ) -> Float[np.ndarray, "k 7"]:

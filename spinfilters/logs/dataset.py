@@ -18,6 +18,7 @@ from spinfilters.logs.covariance_files import with_covariance
 from spinfilters.logs.dataset_options import DatasetOptions, options_from_toml
 from spinfilters.logs.gyro_files import PHYPHOX_TABLE, Segment
 from spinfilters.logs.input_file import named, printable, require_file, require_folder, shown
+from spinfilters.logs.inspector_files import INSPECTOR_FILE, read_inspector, require_cover
 from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.logs.phyphox_trials import OnRefused, phyphox_trial, phyphox_trials
 from spinfilters.logs.sensor_files import read_sensor_file
@@ -51,11 +52,13 @@ class Dataset:
     kind: of `dataset_kinds`.   log: with the sensor of that kind; other sensors may be there too.
     path: where it was read, None when made in memory.
     truth, rig, known_map: None where not known; measurements of a camera need its rig.
+    inspector: poses of cam0 in i over the time of all measurements of cameras; None where frame i is that of cam0.
     segment: the marked stretch of a phyphox recording that this is, None otherwise.
 
     Raises
     ------
-    InputError: unknown kind, a log without its sensor, measurements of a camera without its rig.
+    InputError: unknown kind, a log without its sensor, measurements of a camera without its rig, an inspector without a camera
+    or of a shorter time.
     """
 
     kind: str
@@ -65,6 +68,7 @@ class Dataset:
     truth: Truth | None = None
     rig: Rig | None = None
     known_map: KnownMap | None = None
+    inspector: MeasurementStream | None = None
     options: DatasetOptions = field(default_factory=DatasetOptions)
     segment: Segment | None = None
 
@@ -79,6 +83,9 @@ class Dataset:
                 raise InputError(
                     f"{sensor} measurements need a rig ({calibration.kind.__name__}); give the camera's calibration"
                 )
+
+        if self.inspector is not None:
+            require_cover(self.inspector, self.log)
 
     @property
     def sensor(self) -> str:
@@ -184,6 +191,7 @@ def _read_folder(folder: Path) -> Dataset:
         truth=read_truth(folder),
         rig=cameras[0].read(folder) if cameras else None,
         known_map=read_landmarks(landmarks) if os.path.lexists(landmarks) else None,
+        inspector=read_inspector(folder, log),
         options=options_from_toml(path, document),
     )
 
@@ -223,7 +231,7 @@ def _read_file(path: Path) -> Dataset:
     require_file(path, _LARGEST_FILE)
     formats = sensor_formats().values()
     parts = [form.file for form in formats if not form.suffixes]
-    if path.name in (DATASET_FILE, LANDMARK_FILE, TRUTH_TABLE, *parts):
+    if path.name in (DATASET_FILE, LANDMARK_FILE, INSPECTOR_FILE, TRUTH_TABLE, *parts):
         raise InputError(f"{named(path)}: is one part of a data set; give the folder that holds it")
     form = next((form for form in formats if path.suffix.lower() in form.suffixes), None)
     if form is None:

@@ -1,6 +1,6 @@
 """Landmarks of a known map seen by one camera: feature tracks in pixels of one image."""
 
-from dataclasses import astuple, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -32,13 +32,13 @@ from spinfilters.sensors.sensor import (
 from spinfilters.sensors.track_rows import CALIBRATION, PIXEL_STD, mapped_rows, posed_samples, required_view
 from spinfilters.state.layout import StateLayout
 
-CAMERA: Final = PinholeCamera(*astuple(RIG)[:6])
+CAMERA: Final = RIG.left
 """The left camera of the simulated stereo rig."""
 POSE_LAYOUT: Final = StateLayout(("t", "a"))
 
 
 class MonocularSensor(Sensor):
-    """Values (u, v), rectified pixels, one row per landmark and epoch; covariance px^2.
+    """Values (u, v), pixels of the calibrated camera, one row per landmark and epoch; covariance px^2.
 
     One camera does not tell the scale of what it sees: the map must be known.
     """
@@ -105,7 +105,7 @@ class MonocularSensor(Sensor):
         return posed_samples(np.array(list(good)), np.array(list(good.values())), view)
 
     def simulate(self, scene: Scene) -> SimulatedStream:
-        surface, motion, std = scene.surface, scene.motion, scene.front_end.pixel_std
+        surface, motion, std = scene.surface, scene.seen, scene.front_end.pixel_std
         parameters = monocular_parameters(surface.points, CAMERA.calibration, std)
         camera = TrackCamera(MonocularLandmark(motion.layout), parameters, CAMERA)
         time, ids, values, landmarks = feature_tracks(

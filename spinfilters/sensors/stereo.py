@@ -42,7 +42,7 @@ _ROUNDING_PX: Final = 1e-9  # keeps a difference of two coordinates on the right
 
 
 class StereoSensor(Sensor):
-    """Values (u_left, v_left, u_right), rectified pixels, one row per landmark and epoch; covariance px^2."""
+    """Values (u_left, v_left, u_right), pixels of the calibrated pair, one row per landmark and epoch; covariance px^2."""
 
     name = "stereo"
     format = SensorFormat(
@@ -94,7 +94,7 @@ class StereoSensor(Sensor):
         return posed_samples(poses.time, poses.values, view, found)
 
     def simulate(self, scene: Scene) -> SimulatedStream:
-        stream, landmarks = stereo_tracks(scene.front_end, scene.surface, scene.motion, scene.generator)
+        stream, landmarks = stereo_tracks(scene.front_end, scene.surface, scene.seen, scene.generator)
         return SimulatedStream(stream, {PIXEL_STD.name: scene.front_end.pixel_std}, landmarks, RIG)
 
     def outliers(

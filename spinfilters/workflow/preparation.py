@@ -13,6 +13,7 @@ from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.motion_evidence import MotionEvidence, motion_evidence
 from spinfilters.estimators.start import StartOptions, StartReport, start_from_data
 from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
+from spinfilters.geometry.camera_trajectory import CameraTrajectory
 from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.input_file import reason
 from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
@@ -153,7 +154,11 @@ def _start(
 
 def camera_view(dataset: Dataset) -> CameraView | None:
     """What rows of landmarks are measured against, None without any."""
-    return None if dataset.rig is None else CameraView(dataset.known_map, dataset.rig.calibration)
+    if dataset.rig is None:
+        return None
+    moves = dataset.inspector
+    inspector = None if moves is None else CameraTrajectory(moves.time, moves.values)
+    return CameraView(dataset.known_map, dataset.rig.calibration, inspector)
 
 
 def initial_samples(
