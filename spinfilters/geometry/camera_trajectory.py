@@ -13,6 +13,7 @@ from spinfilters.attitude.conversions import (
     rotation_vector_from_quaternion,
 )
 from spinfilters.errors import InputError, ShapeError
+from spinfilters.logs.measurement_log import MeasurementStream
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +39,11 @@ class CameraTrajectory:
             raise InputError(
                 "a camera's trajectory has finite poses at ascending times; leave out those that repeat"
             )
+
+    @classmethod
+    def of(cls, inspector: MeasurementStream | None) -> "CameraTrajectory | None":
+        """Of the poses of cam0 that a data set holds; None of none."""
+        return None if inspector is None else cls(inspector.time, inspector.values)
 
     def at(self, time: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k 7"]:
         """Poses at other times: positions linear, attitudes along the shorter rotation (slerp), of a listed time the listed pose.

@@ -15,6 +15,7 @@ from spinfilters.evaluation.evaluation import Evaluation, evaluate
 from spinfilters.evaluation.rates import BodyRates, estimated_rates, measured_rates, true_rates
 from spinfilters.evaluation.span import initialisation_end
 from spinfilters.evaluation.trajectory import read_map_ply
+from spinfilters.geometry.camera_trajectory import CameraTrajectory
 from spinfilters.logs.dataset import Dataset, read_dataset
 from spinfilters.logs.input_file import shown
 from spinfilters.plots.consistency import consistency_figure
@@ -22,7 +23,7 @@ from spinfilters.plots.error_bands import error_bands_figure
 from spinfilters.plots.inertia import inertia_figure
 from spinfilters.plots.polhode import estimated_polhode_figure
 from spinfilters.plots.rates import rates_figure
-from spinfilters.plots.scene import scene_figure
+from spinfilters.plots.scene import DrawnCamera, scene_figure
 from spinfilters.plots.style import draw_figure, drawn
 from spinfilters.plots.summary import summary_figure
 from spinfilters.workflow.conditions import conditions_of, told_sentences
@@ -40,6 +41,12 @@ class Pictured:
     evaluations: Sequence[Evaluation]
     map_points: Float[np.ndarray, "k 3"] | None
     conditions: Sequence[str] = ()
+
+    @property
+    def camera(self) -> DrawnCamera | None:
+        """That of the data set, if it has one."""
+        rig = self.dataset.rig
+        return None if rig is None else DrawnCamera(rig, CameraTrajectory.of(self.dataset.inspector))
 
     @classmethod
     def from_comparison(cls, comparison: Comparison) -> "Pictured":
@@ -115,9 +122,7 @@ def _figures(pictured: Pictured) -> Iterator[tuple[str, Callable[[], Figure]]]:
     yield "polhode", lambda: estimated_polhode_figure(estimated_rates(first.history), first.body, smoothed)
     yield (
         "scene",
-        lambda: scene_figure(
-            first.trajectory, first.body, pictured.dataset.rig, pictured.map_points, smoothed
-        ),
+        lambda: scene_figure(first.trajectory, first.body, pictured.camera, pictured.map_points, smoothed),
     )
     yield "consistency", lambda: consistency_figure(evaluations)
     for evaluation in evaluations:

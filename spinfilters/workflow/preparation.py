@@ -156,9 +156,7 @@ def camera_view(dataset: Dataset) -> CameraView | None:
     """What rows of landmarks are measured against, None without any."""
     if dataset.rig is None:
         return None
-    moves = dataset.inspector
-    inspector = None if moves is None else CameraTrajectory(moves.time, moves.values)
-    return CameraView(dataset.known_map, dataset.rig.calibration, inspector)
+    return CameraView(dataset.known_map, dataset.rig.calibration, CameraTrajectory.of(dataset.inspector))
 
 
 def initial_samples(
