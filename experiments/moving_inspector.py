@@ -34,9 +34,9 @@ def squared_errors(evaluation: Evaluation) -> Float[np.ndarray, " 5"]:
     return np.append(found**2, evaluation.nees.mean)
 
 
-def run_seed(scenario: Scenario) -> Float[np.ndarray, "e 5"]:
+def run_seed(scenario: Scenario, estimators: tuple[str, ...]) -> Float[np.ndarray, "e 5"]:
     """Of every estimator on the scenario's tracks without a map."""
-    compared = compare_dataset(without_map(simulate(scenario)), Settings(estimators=ESTIMATORS))
+    compared = compare_dataset(without_map(simulate(scenario)), Settings(estimators=estimators))
     return np.stack([squared_errors(evaluation) for evaluation in compared.evaluations])
 
 
@@ -62,18 +62,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seeds", type=int, default=12)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--motion", choices=MOTIONS, default="thesis")
+    parser.add_argument("--estimators", default=",".join(ESTIMATORS))
     options = parser.parse_args(arguments)
+    estimators = tuple(options.estimators.split(","))
     usual = Scenario.disam115(MOTIONS[options.motion])
     squares = {name: [] for name in INSPECTORS}
     for seed in range(options.first, options.first + options.seeds):
         for name in INSPECTORS:
-            squares[name].append(run_seed(replace(usual, seed=seed, inspector=name)))
+            squares[name].append(run_seed(replace(usual, seed=seed, inspector=name), estimators))
             print(f"seed {seed} {name}: {np.sqrt(squares[name][-1][:, 1])} deg", flush=True)
     static = np.stack(squares[STATIC])
     for name in INSPECTORS:
         moving = np.stack(squares[name])
         ratio, spread = ratio_with_spread(moving, static)
-        for estimator, errors, part, std in zip(ESTIMATORS, pooled(moving), ratio, spread, strict=True):
+        for estimator, errors, part, std in zip(estimators, pooled(moving), ratio, spread, strict=True):
             shown = ", ".join(
                 f"{quantity} {error:.3f} (ratio {r:.3f} +- {s:.3f})"
                 for quantity, error, r, s in zip(QUANTITIES, errors, part, std, strict=False)
