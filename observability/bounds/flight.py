@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 
 from observability.bounds.known_inputs import DrivenMotion
 from spinfilters.errors import InputError, ShapeError
+from spinfilters.models.camera_pose import MOVING, with_camera_poses
 from spinfilters.models.measurement import MeasurementModel, row_by_row
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.symbolic import Compiled
@@ -81,24 +82,43 @@ class Watch:
     model: over the layout of the flight.   parameters: (items, p).
     unknown: leading parameters of every item that are unknown constants (3 for landmarks to be mapped).
     seen: (frames, items) which item is measured when.
+    camera_poses: (frames, 7) t_ic m and q_ic of a camera that moves on a known trajectory, for a model with
+        `spinfilters.models.camera_pose.MOVING`; None for other models.
     """
 
     model: MeasurementModel
     parameters: Float[np.ndarray, "items p"]
     unknown: int
     seen: Bool[np.ndarray, "frames items"]
+    camera_poses: Float[np.ndarray, "frames 7"] | None = None
 
     def __post_init__(self) -> None:
         items = len(self.parameters)
-        if self.parameters.shape != (items, self.model.parameter_dim) or self.seen.shape[1:] != (items,):
+        if self.camera_poses is not None and self.camera_poses.shape != (
+            len(self.seen),
+            MOVING.parameter_dim,
+        ):
             raise ShapeError(
-                f"{self.model.name} takes parameters (items, {self.model.parameter_dim}) and seen (frames, items), got "
+                f"a camera over {len(self.seen)} frames has poses (frames, 7), got {self.camera_poses.shape}"
+            )
+        moving = 0 if self.camera_poses is None else MOVING.parameter_dim
+        width = self.model.parameter_dim - moving
+        if self.parameters.shape != (items, width) or self.seen.shape[1:] != (items,):
+            raise ShapeError(
+                f"{self.model.name} takes parameters (items, {width}) and seen (frames, items), got "
                 f"{self.parameters.shape} and {self.seen.shape}"
             )
         if not self.seen.any():
             raise InputError(
                 f"{self.model.name} measures nothing over the whole flight; give frames in which it sees something"
             )
+
+    def at(self, frame: int) -> Float[np.ndarray, "items p"]:
+        """Parameters of all items in a frame."""
+        if self.camera_poses is None:
+            return self.parameters
+        poses = np.tile(self.camera_poses[frame], (len(self.parameters), 1))
+        return with_camera_poses(self.parameters, poses)
 
     @property
     def own(self) -> int:
@@ -114,7 +134,7 @@ def rows_at(
     columns, dim, unknown = watch.model.columns, watch.model.dim, watch.unknown
     rows = np.zeros((len(items), dim, total))
     if len(items):
-        by_state, by_own = derivatives(watch.model, unknown)(x, watch.parameters[items])
+        by_state, by_own = derivatives(watch.model, unknown)(x, watch.at(frame)[items])
         rows[:, :, columns] = by_state.reshape(len(items), dim, len(columns))
         for k, item in enumerate(items if unknown else ()):
             at = start + item * unknown

@@ -16,6 +16,7 @@ from spinfilters.errors import InputError
 from spinfilters.logs.dataset import Dataset, read_dataset
 from spinfilters.logs.input_file import shown
 from spinfilters.logs.sensor_format import dataset_kinds
+from spinfilters.simulation.inspector import STATIC
 from spinfilters.simulation.motion import Progress, silent
 from spinfilters.simulation.scenario import Scenario, without_map
 from spinfilters.simulation.scenario import simulate as simulate_scenario
@@ -52,6 +53,7 @@ def simulate(
     moments: Sequence[float] = DEFAULT_MOMENTS,
     known_map: bool = False,
     gyro_bias: Sequence[float] | None = None,
+    inspector: str = STATIC,
     progress: Progress = silent,
 ) -> Dataset:
     """Simulated data set with truth, as ``spinfilters simulate`` writes it: of the thesis' body, camera, noise and disturbances.
@@ -63,6 +65,7 @@ def simulate(
     rate_rpm: (3,) initial rate about the principal axes x, y, z, rpm.   moments: (3,) principal moments about them, any scale.
     known_map: whether the data set tells the landmarks' positions; of tracks only.
     gyro_bias: (3,) constant error of a gyro's rates, g axes, rad/s; of that kind only.
+    inspector: "static", or "circle" of a camera that flies about the body on a known trajectory; of tracks only.
     progress: called after every epoch of the motion with how many are done, and of how many.
 
     Raises
@@ -97,6 +100,7 @@ def simulate(
         interval=interval,
         principal_moments=inertia,
         candidates=thesis.candidates if tracks else 1,
+        inspector=inspector,
         gyro_bias=(bias[0], bias[1], bias[2]) if bias else thesis.gyro_bias,
     )
     dataset = simulate_scenario(scenario, progress)

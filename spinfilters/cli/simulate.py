@@ -30,6 +30,7 @@ def simulate(options: argparse.Namespace) -> int:
             moments=options.moments,
             known_map=options.known_map,
             gyro_bias=options.gyro_bias,
+            inspector=options.inspector,
             progress=lambda done, total: report("motion", done, total),
         )
     assert dataset.truth is not None

@@ -1,6 +1,7 @@
-"""Rectified cameras, one or a stereo pair, in the `sensor.yaml` files of the EuRoC layout."""
+"""Calibrations of one camera or a stereo pair, in the `sensor.yaml` files of the EuRoC layout."""
 
-from dataclasses import astuple, dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -24,6 +25,10 @@ _FOCAL_LENGTH, _CENTRE, _SIZE = (
     NumberRange(-1e7, 1e7, "px"),
     NumberRange(1, 1e6, "px"),
 )
+COEFFICIENTS: Final[int] = 4
+"""Of the distortion of a lens: k1, k2, p1, p2 (`spinfilters.geometry.lenses.RadialTangentialLens`)."""
+DISTORTION_MODELS: Final[tuple[str, ...]] = ("radial-tangential", "radtan", "plumb_bob")
+"""Names of that distortion: of the EuRoC layout, Kalibr and ROS."""
 CAMERA_RANGES: Final[dict[str, NumberRange]] = {
     "fx": _FOCAL_LENGTH,
     "fy": _FOCAL_LENGTH,
@@ -32,21 +37,23 @@ CAMERA_RANGES: Final[dict[str, NumberRange]] = {
     "width": _SIZE,
     "height": _SIZE,
     "baseline_m": NumberRange(1e-6, 1e6, "m"),
+    "distortion": NumberRange(-10, 10),
 }
 
 
 @dataclass(frozen=True)
 class StereoRig:
-    """A rectified pinhole pair: the right camera is the left one moved by the baseline along x.
+    """A parallel pinhole pair: the right camera is the left one moved by the baseline along x.
 
     Parameters
     ----------
     fx, fy, cx, cy: focal lengths and principal point of both cameras, px.
     width, height: of the images, px.   baseline_m: m, positive.
+    distortion: four coefficients of the left lens, then of the right; none of rectified pixels.
 
     Raises
     ------
-    InputError: a value out of its range in `CAMERA_RANGES`.
+    InputError: a value out of its range in `CAMERA_RANGES`, coefficients of another number of lenses.
     """
 
     fx: float
@@ -56,21 +63,26 @@ class StereoRig:
     width: int
     height: int
     baseline_m: float
+    distortion: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            CAMERA_RANGES[field.name].require(f"stereo rig: {field.name}", value)
+        _check(self, "stereo rig", lenses=2)
 
     @property
-    def calibration(self) -> Float[np.ndarray, "5"]:
-        """(fx, fy, cx, cy, baseline): px, and m for the last."""
-        return np.array([self.fx, self.fy, self.cx, self.cy, self.baseline_m])
+    def calibration(self) -> Float[np.ndarray, " c"]:
+        """(fx, fy, cx, cy px, baseline m), then the coefficients of distorted lenses."""
+        return np.array([self.fx, self.fy, self.cx, self.cy, self.baseline_m, *self.distortion])
+
+    @property
+    def left(self) -> "PinholeCamera":
+        """The left camera alone."""
+        own = self.distortion[:COEFFICIENTS]
+        return PinholeCamera(self.fx, self.fy, self.cx, self.cy, self.width, self.height, own)
 
 
 @dataclass(frozen=True)
 class PinholeCamera:
-    """One rectified pinhole camera. Parameters and errors: `StereoRig`, without the baseline."""
+    """One pinhole camera. Parameters and errors: `StereoRig`, without the baseline, of one lens."""
 
     fx: float
     fy: float
@@ -78,15 +90,20 @@ class PinholeCamera:
     cy: float
     width: int
     height: int
+    distortion: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            CAMERA_RANGES[field.name].require(f"camera: {field.name}", getattr(self, field.name))
+        _check(self, "camera", lenses=1)
 
     @property
-    def calibration(self) -> Float[np.ndarray, "4"]:
-        """(fx, fy, cx, cy), px."""
-        return np.array([self.fx, self.fy, self.cx, self.cy])
+    def calibration(self) -> Float[np.ndarray, " c"]:
+        """(fx, fy, cx, cy px), then the coefficients of a distorted lens."""
+        return np.array([self.fx, self.fy, self.cx, self.cy, *self.distortion])
+
+    @property
+    def left(self) -> "PinholeCamera":
+        """Itself."""
+        return self
 
 
 Rig = StereoRig | PinholeCamera
@@ -97,6 +114,19 @@ class _Camera(NamedTuple):
     intrinsics: Float[np.ndarray, "4"]
     resolution: Float[np.ndarray, "2"]
     pose: Float[np.ndarray, "4 4"]
+    distortion: tuple[float, ...]
+
+
+def _check(rig: Rig, name: str, lenses: int) -> None:
+    """InputError: see `StereoRig`."""
+    for field in fields(rig):
+        value = getattr(rig, field.name)
+        for number in value if isinstance(value, tuple) else (value,):
+            CAMERA_RANGES[field.name].require(f"{name}: {field.name}", number)
+    if len(rig.distortion) not in (0, lenses * COEFFICIENTS):
+        raise InputError(
+            f"{name}: distortion has {len(rig.distortion)} coefficients; give {COEFFICIENTS} of each lens, or none"
+        )
 
 
 def read_stereo_rig(folder: Path) -> StereoRig:
@@ -104,7 +134,7 @@ def read_stereo_rig(folder: Path) -> StereoRig:
 
     Raises
     ------
-    InputError: unreadable YAML; not a pinhole; lens distortion (tracks are rectified pixels); intrinsics or
+    InputError: unreadable YAML; not a pinhole; a distortion that is not radial-tangential; intrinsics or
     image sizes that differ; cameras not parallel or not side by side along x; degenerate numbers.
     """
     left, right = (_read_camera(folder / file) for file in RIG_FILES)
@@ -124,7 +154,7 @@ def read_stereo_rig(folder: Path) -> StereoRig:
     width, height = _resolution(path, right.resolution)
     fx, fy, cx, cy = right.intrinsics.tolist()
     try:
-        return StereoRig(fx, fy, cx, cy, width, height, baseline)
+        return StereoRig(fx, fy, cx, cy, width, height, baseline, _both(left, right))
     except InputError as error:
         raise InputError(f"{named(path)}: {error}") from None
 
@@ -136,7 +166,7 @@ def read_camera(folder: Path) -> PinholeCamera:
     width, height = _resolution(path, camera.resolution)
     fx, fy, cx, cy = camera.intrinsics.tolist()
     try:
-        return PinholeCamera(fx, fy, cx, cy, width, height)
+        return PinholeCamera(fx, fy, cx, cy, width, height, camera.distortion)
     except InputError as error:
         raise InputError(f"{named(path)}: {error}") from None
 
@@ -153,19 +183,20 @@ def write_camera(camera: PinholeCamera, folder: Path) -> None:
 
 def _write_cameras(rig: Rig, folder: Path, shifts: tuple[float, ...]) -> None:
     """Each camera moved by so much along x, m."""
-    fx, fy, cx, cy, width, height = astuple(rig)[:6]
-    for file, shift in zip(RIG_FILES, shifts, strict=False):
+    intrinsics = [float(value) for value in (rig.fx, rig.fy, rig.cx, rig.cy)]
+    for number, (file, shift) in enumerate(zip(RIG_FILES, shifts, strict=False)):
+        own = rig.distortion[COEFFICIENTS * number : COEFFICIENTS * (number + 1)] or (0.0,) * COEFFICIENTS
         pose = np.eye(4)
         pose[0, 3] = shift
         make_folder((folder / file).parent)
         text = (
             "sensor_type: camera\n"
             f"T_BS:\n  cols: 4\n  rows: 4\n  data: {pose.ravel().tolist()}\n"
-            f"resolution: {[int(width), int(height)]}\n"
+            f"resolution: {[int(rig.width), int(rig.height)]}\n"
             "camera_model: pinhole\n"
-            f"intrinsics: {[float(value) for value in (fx, fy, cx, cy)]}\n"
+            f"intrinsics: {intrinsics}\n"
             "distortion_model: radial-tangential\n"
-            "distortion_coefficients: [0.0, 0.0, 0.0, 0.0]\n"
+            f"distortion_coefficients: {[float(value) for value in own]}\n"
         )
         write_text(folder / file, text)
 
@@ -180,21 +211,36 @@ def _read_camera(path: Path) -> _Camera:
             f"{named(path)}: camera_model is {shown(settings['camera_model'])}; rectify the images, "
             "give 'pinhole'"
         )
-    _refuse_distortion(path, settings.get("distortion_coefficients", []))
     intrinsics = numbers(path, "intrinsics", settings["intrinsics"], (4,))
-    return _Camera(
-        intrinsics, numbers(path, "resolution", settings["resolution"], (2,)), _pose(path, settings["T_BS"])
-    )
+    resolution = numbers(path, "resolution", settings["resolution"], (2,))
+    return _Camera(intrinsics, resolution, _pose(path, settings["T_BS"]), _distortion(path, settings))
 
 
-def _refuse_distortion(path: Path, value: object) -> None:
-    key = "distortion_coefficients"
+def _both(left: _Camera, right: _Camera) -> tuple[float, ...]:
+    """Coefficients of both lenses; none where neither distorts."""
+    if not left.distortion and not right.distortion:
+        return ()
+    perfect = (0.0,) * COEFFICIENTS
+    return (*(left.distortion or perfect), *(right.distortion or perfect))
+
+
+def _distortion(path: Path, settings: Mapping[str, Any]) -> tuple[float, ...]:
+    """Coefficients k1, k2, p1, p2; none where all are zero. InputError: of another model."""
+    key, model = "distortion_coefficients", settings.get("distortion_model", DISTORTION_MODELS[0])
+    value = settings.get(key, [])
     if not isinstance(value, list):
         raise InputError(f"{named(path)}: {key} is {shown(value)}, expected [0.0, 0.0, 0.0, 0.0]; correct it")
-    if np.any(numbers(path, key, value, (len(value),)) != 0.0):
+    found = numbers(path, key, value, (len(value),))
+    if not np.any(found != 0.0):
+        return ()
+    for number in found.tolist():
+        CAMERA_RANGES["distortion"].require(f"{named(path)}: {key} holds a number that", number)
+    if model not in DISTORTION_MODELS or np.any(found[COEFFICIENTS:] != 0.0) or len(found) < COEFFICIENTS:
         raise InputError(
-            f"{named(path)}: {key} is {shown(value)}: tracks are rectified pixels; rectify them, give zeros"
+            f"{named(path)}: {key} is {shown(value)} of the model {shown(model)}, expected k1, k2, p1, p2 of "
+            f"{DISTORTION_MODELS[0]!r}; undistort the tracks and give zeros"
         )
+    return tuple(found[:COEFFICIENTS].tolist())
 
 
 def _pose(path: Path, value: Any) -> Float[np.ndarray, "4 4"]:

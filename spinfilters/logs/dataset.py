@@ -17,7 +17,8 @@ from spinfilters.logs.dataset_options import DatasetOptions
 from spinfilters.logs.dataset_reader import OnRefused, reader_of
 from spinfilters.logs.gyro_files import Segment
 from spinfilters.logs.input_file import named, printable, shown
-from spinfilters.logs.measurement_log import MeasurementLog
+from spinfilters.logs.inspector_files import require_cover
+from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.logs.sensor_format import (
     CalibrationFiles,
     dataset_kinds,
@@ -39,11 +40,13 @@ class Dataset:
     kind: of `dataset_kinds`.   log: with the sensor of that kind; other sensors may be there too.
     path: where it was read, None when made in memory.
     truth, rig, known_map: None where not known; measurements of a camera need its rig.
+    inspector: poses of cam0 in i over the time of all measurements of cameras; None where frame i is that of cam0.
     segment: the marked stretch of a phyphox recording that this is, None otherwise.
 
     Raises
     ------
-    InputError: unknown kind, a log without its sensor, measurements of a camera without its rig.
+    InputError: unknown kind, a log without its sensor, measurements of a camera without its rig, an inspector without a camera
+    or of a shorter time.
     """
 
     kind: str
@@ -53,6 +56,7 @@ class Dataset:
     truth: Truth | None = None
     rig: Rig | None = None
     known_map: KnownMap | None = None
+    inspector: MeasurementStream | None = None
     options: DatasetOptions = field(default_factory=DatasetOptions)
     segment: Segment | None = None
 
@@ -67,6 +71,9 @@ class Dataset:
                 raise InputError(
                     f"{sensor} measurements need a rig ({calibration.kind.__name__}); give the camera's calibration"
                 )
+
+        if self.inspector is not None:
+            require_cover(self.inspector, self.log)
 
     @property
     def sensor(self) -> str:

@@ -9,6 +9,7 @@ from spinfilters.logs.covariance_files import write_covariance
 from spinfilters.logs.dataset import DATASET_FILE, LANDMARK_FILE, Dataset
 from spinfilters.logs.gyro_files import PHYPHOX_TABLE
 from spinfilters.logs.input_file import named, reason
+from spinfilters.logs.inspector_files import INSPECTOR_FILE, write_inspector
 from spinfilters.logs.sensor_files import write_sensor_file
 from spinfilters.logs.sensor_format import sensor_format, sensor_formats
 from spinfilters.logs.track_files import write_landmarks
@@ -21,7 +22,7 @@ def dataset_files() -> tuple[str, ...]:
     files = [name for each in formats for name in (each.file, each.covariance_file)]
     cameras = [each.calibration for each in formats if each.calibration is not None]
     files += [str(file) for calibration in cameras for file in calibration.files]
-    return (*dict.fromkeys(files), TRUTH_TABLE, TRUTH_BODY, LANDMARK_FILE, DATASET_FILE)
+    return (*dict.fromkeys(files), TRUTH_TABLE, TRUTH_BODY, LANDMARK_FILE, INSPECTOR_FILE, DATASET_FILE)
 
 
 def write_dataset(dataset: Dataset, folder: Path) -> None:
@@ -54,6 +55,8 @@ def write_dataset(dataset: Dataset, folder: Path) -> None:
         write_truth(dataset.truth, folder)
     if dataset.known_map is not None:
         write_landmarks(folder / LANDMARK_FILE, dataset.known_map)
+    if dataset.inspector is not None:
+        write_inspector(folder, dataset.inspector)
     write_toml(path, {"kind": dataset.kind, "description": dataset.description} | dataset.options.document)
 
 
@@ -76,4 +79,6 @@ def _written(dataset: Dataset) -> set[str]:
         names |= {TRUTH_TABLE} | ({TRUTH_BODY} if dataset.truth.body else set())
     if dataset.known_map is not None:
         names.add(LANDMARK_FILE)
+    if dataset.inspector is not None:
+        names.add(INSPECTOR_FILE)
     return names

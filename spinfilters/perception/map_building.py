@@ -8,14 +8,13 @@ from jaxtyping import Bool, Float, Int
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.errors import InputError
-from spinfilters.geometry.triangulation import triangulate
+from spinfilters.geometry.cameras import stereo_pair
 from spinfilters.logs.measurement_log import MeasurementStream
 from spinfilters.logs.track_files import KnownMap
 from spinfilters.models.sensor_noise import NoiseLevel, noise_of_rows
 from spinfilters.perception.map_in_progress import MapInProgress
 from spinfilters.perception.matches import Matches
 from spinfilters.perception.pixel_noise import View, noise_ratio
-from spinfilters.perception.pose_consensus import projection_jacobian
 from spinfilters.perception.pose_fit import FittedPose, fit_pose, fit_poses
 from spinfilters.perception.track_poses import find_landmarks, pose_stream, track_frames
 
@@ -35,11 +34,11 @@ class FoundMap(NamedTuple):
 
 def poses_without_map(
     tracks: MeasurementStream,
-    calibration: Float[np.ndarray, " 5"],
+    calibration: Float[np.ndarray, " c"],
     noise: NoiseLevel,
     frames: int | None = None,
 ) -> FoundMap:
-    """Poses and a map from tracks alone; frame g stands at the median of the first frame's points, axes along i.
+    """Poses and a map from tracks alone; frame g stands at the median of the first frame's points, axes along the camera.
 
     A pose is weighted by pixel noise and by how well each point is known. Errors common to many frames (slow drift of the map)
     are not in the poses' covariances; filters that hold the landmarks in their state do not have that weakness.
@@ -143,8 +142,9 @@ def _triangulated(
     tracks: MeasurementStream, rows: slice, calibration: np.ndarray
 ) -> tuple[Float[np.ndarray, "k 3"], Bool[np.ndarray, " k"]]:
     pixels = tracks.values[rows]
-    near = pixels[:, 0] - pixels[:, 2] > SMALLEST_DISPARITY_PX
-    camera = triangulate(pixels, calibration)
+    camera = stereo_pair(calibration).points_of(pixels, calibration)
+    focal_length, baseline, depth = calibration[0], calibration[4], camera[:, 2]
+    near = (depth > 0) & (focal_length * baseline > SMALLEST_DISPARITY_PX * depth)
     return camera, near & np.isfinite(camera).all(axis=1)
 
 
@@ -152,7 +152,7 @@ def _point_information(
     camera: Float[np.ndarray, "k 3"], calibration: np.ndarray, noise: NoiseLevel
 ) -> Float[np.ndarray, "k 3 3"]:
     """Information of a triangulated point, camera frame: J' N^-1 J of (u_left, v_left, u_right) with noise N."""
-    J = projection_jacobian(camera, calibration)
+    J = stereo_pair(calibration).pixels_by_point(camera, calibration)
     roots = noise if isinstance(noise, float | int) else np.linalg.cholesky(noise)
     whitened = J / roots if isinstance(roots, float | int) else np.linalg.solve(roots, J)
     return np.swapaxes(whitened, 1, 2) @ whitened

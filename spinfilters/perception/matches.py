@@ -47,7 +47,7 @@ class MatchTable:
     pixel_std: Float[np.ndarray, "f k"]
 
     @classmethod
-    def of(cls, frames: Sequence[Matches], calibration: Float[np.ndarray, " 5"]) -> "MatchTable":
+    def of(cls, frames: Sequence[Matches], calibration: Float[np.ndarray, " c"]) -> "MatchTable":
         """One or more frames, whose noise is told in one way, side by side."""
         counts = np.array([len(frame.points) for frame in frames])
         column = np.arange(counts.max())

@@ -11,6 +11,7 @@ from spinfilters.attitude.conversions import quaternion_from_matrix
 from spinfilters.geometry.absolute_orientation import rigid_motions
 from spinfilters.linear_algebra.definite import is_definite
 from spinfilters.models.measurement import MeasurementModel
+from spinfilters.models.sensors.monocular_landmark import MonocularLandmark
 
 TRIPLES = 80
 """Where half of the matches are right, one triple in eight is: none of 80 is with a probability of 2e-5."""
@@ -33,26 +34,25 @@ _REAL = 1e-3  # imaginary part of a root, relative: noise makes touching roots s
 
 
 def perspective_pose(
-    model: MeasurementModel, parameters: Float[np.ndarray, "k p"], pixels: Float[np.ndarray, "k 2"]
+    model: MonocularLandmark, parameters: Float[np.ndarray, "k p"], pixels: Float[np.ndarray, "k 2"]
 ) -> Float[np.ndarray, " 7"] | None:
     """Pose (t, q_ig) that most matches agree on; None where too few do.
 
     Parameters
     ----------
-    model: of the camera over (t, a); its parameters begin with the point (3, m, frame g) and fx, fy, cx, cy (px).
+    model: of the camera over (t, a), frame i being its own.
     """
     if len(pixels) < FEWEST:
         return None
-    points, (fx, fy, cx, cy) = parameters[:, :3], parameters[0, 3:7]
-    rays = np.column_stack([(pixels[:, 0] - cx) / fx, (pixels[:, 1] - cy) / fy, np.ones(len(pixels))])
+    points, calibration = parameters[:, :3], parameters[0, 3 : 3 + model.camera.parameter_dim]
+    rays = model.camera.rays_of(pixels, calibration)
     chosen = np.random.default_rng(SEED).random((TRIPLES, len(points))).argpartition(2, axis=1)[:, :3]
     rotations, shifts = three_point_poses(points[chosen], rays[chosen])
     if not len(rotations):
         return None
     at = points @ np.swapaxes(rotations, 1, 2) + shifts[:, None]
-    with np.errstate(all="ignore"):
-        away = (at[..., :2] / at[..., 2:] - rays[:, :2]) * [fx, fy]
-        squared = np.where(at[..., 2] > 0, np.sum(away**2, axis=2), np.inf)
+    away = model.camera.pixels_of(at, calibration) - pixels
+    squared = np.where(at[..., 2] > 0, np.sum(away**2, axis=2), np.inf)
     std = float(np.median(1.0 / np.abs(model.whitening(_pose(rotations[0], shifts[0]), parameters)[:, 0, 0])))
     best = int(np.argmin(np.minimum(squared, (AGREEMENT * std) ** 2).sum(axis=1)))
     return _refined(model, parameters, pixels, _pose(rotations[best], shifts[best]))

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 
 from spinfilters.attitude.conversions import matrix_from_quaternion, quaternion_from_matrix
 from spinfilters.geometry.absolute_orientation import absolute_orientations, rigid_motions
-from spinfilters.geometry.triangulation import triangulate
+from spinfilters.geometry.cameras import stereo_pair
 from spinfilters.perception.matches import MatchTable
 
 AGREEMENT_PX = 20.0
@@ -56,11 +56,11 @@ class _Seen:
     camera: Float[np.ndarray, "f k 3"]
     tolerance: Float[np.ndarray, "f k"]
     spread: Float[np.ndarray, "f k 3 3"] | None
-    calibration: Float[np.ndarray, " 5"]
+    calibration: Float[np.ndarray, " c"]
 
     @classmethod
-    def of(cls, table: MatchTable, calibration: Float[np.ndarray, " 5"]) -> "_Seen":
-        camera = triangulate(table.pixels, calibration)
+    def of(cls, table: MatchTable, calibration: Float[np.ndarray, " c"]) -> "_Seen":
+        camera = stereo_pair(calibration).points_of(table.pixels, calibration)
         usable = table.given & np.isfinite(camera).all(axis=2) & (camera[..., 2] > 0)
         pixels, camera = (np.where(usable[..., None], array, 1.0) for array in (table.pixels, camera))
         tolerance = np.maximum(AGREEMENT_PX, AGREEMENT * table.pixel_std)
@@ -104,19 +104,15 @@ class _Seen:
 
     def squared_distances(self, poses: Float[np.ndarray, "h 7"]) -> Float[np.ndarray, "h k"]:
         """Squared distance (u_left, v_left, u_right) of each match under each pose in tolerances, infinite behind the camera."""
-        (fx, fy, cx, cy, baseline), pixels = self.calibration, self.pixels
-        rotations = matrix_from_quaternion(poses[:, 3:])
+        camera, rotations = stereo_pair(self.calibration), matrix_from_quaternion(poses[:, 3:])
         at = self.points @ np.swapaxes(rotations, 1, 2) + poses[:, None, :3]
-        x, y, z = at[..., 0], at[..., 1], at[..., 2]
+        away = camera.pixels_of(at, self.calibration) - self.pixels
         with np.errstate(divide="ignore", invalid="ignore"):
-            u, v = fx * x / z + cx - pixels[..., 0], fy * y / z + cy - pixels[..., 1]
-            right = u + pixels[..., 0] - fx * baseline / z - pixels[..., 2]
-            squares = (u**2 + v**2 + right**2) / self.tolerance**2
+            squares = np.einsum("hki,hki->hk", away, away) / self.tolerance**2
             if self.spread is not None:
-                away = np.stack([u, v, right], axis=-1)
-                by_point = projection_jacobian(at, self.calibration) @ rotations[:, None]
+                by_point = camera.pixels_by_point(at, self.calibration) @ rotations[:, None]
                 squares = self._squares_in_spread(away, by_point)
-            return np.where(z > 0, squares, np.inf)
+            return np.where(at[..., 2] > 0, squares, np.inf)
 
     def _squares_in_spread(
         self, away: Float[np.ndarray, "h k 3"], by_point: Float[np.ndarray, "h k 3 3"]
@@ -126,18 +122,6 @@ class _Seen:
         spread = MAP_AGREEMENT**2 * by_point @ self.spread @ np.swapaxes(by_point, 2, 3)
         spread += self.tolerance[..., None, None] ** 2 * np.eye(3)
         return (away * np.linalg.solve(spread, away[..., None])[..., 0]).sum(axis=2)
-
-
-def projection_jacobian(
-    at: Float[np.ndarray, "*batch 3"], calibration: Float[np.ndarray, " 5"]
-) -> Float[np.ndarray, "*batch 3 3"]:
-    """Of (u_left, v_left, u_right) by a point in the camera frame; zero where it is at no depth."""
-    fx, fy, _, _, baseline = calibration
-    x, y, z = at[..., 0], at[..., 1], np.where(at[..., 2] > 0, at[..., 2], np.inf)
-    o = np.zeros_like(x)
-    left, height = (fx / z, o, -fx * x / z**2), (o, fy / z, -fy * y / z**2)
-    right = (fx / z, o, -fx * (x - baseline) / z**2)
-    return np.stack([np.stack(row, axis=-1) for row in (left, height, right)], axis=-2)
 
 
 @dataclass(frozen=True)
@@ -154,7 +138,7 @@ class Consensus:
     agreeing: Bool[np.ndarray, "f k"]
 
 
-def consensus_poses(table: MatchTable, calibration: Float[np.ndarray, " 5"]) -> Consensus:
+def consensus_poses(table: MatchTable, calibration: Float[np.ndarray, " c"]) -> Consensus:
     """Rough poses of f frames, those that most of their matches agree on."""
     seen = _Seen.of(table, calibration)
     poses, found = _trimmed(seen)

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
+from spinfilters.geometry.cameras import StereoPair, stereo_pair
 from spinfilters.linear_algebra.definite import which_definite
 from spinfilters.models.sensor_noise import SensorNoiseModel, noise_model
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark
@@ -38,22 +39,22 @@ class FittedPose:
 
 
 @cache
-def _stereo(noise: SensorNoiseModel) -> StereoLandmark:
-    return StereoLandmark(StateLayout(POSE_BLOCKS), noise)
+def _stereo(noise: SensorNoiseModel, camera: StereoPair) -> StereoLandmark:
+    return StereoLandmark(StateLayout(POSE_BLOCKS), noise, camera)
 
 
-def fit_pose(matches: Matches, calibration: Float[np.ndarray, " 5"]) -> FittedPose | None:
+def fit_pose(matches: Matches, calibration: Float[np.ndarray, " c"]) -> FittedPose | None:
     """`fit_poses` of one frame."""
     return fit_poses([matches], calibration)[0]
 
 
-def fit_poses(frames: Sequence[Matches], calibration: Float[np.ndarray, " 5"]) -> list[FittedPose | None]:
-    """Poses of g in i that reproject map points onto rectified pixels; None for a frame where fewer than four matches agree.
+def fit_poses(frames: Sequence[Matches], calibration: Float[np.ndarray, " c"]) -> list[FittedPose | None]:
+    """Poses of g in the camera's frame that reproject map points onto pixels; None for a frame where fewer than four matches agree.
 
     Parameters
     ----------
     frames: whose noise is told in one way: all by a standard deviation, or all by covariances; so are their points.
-    calibration: (fx, fy, cx, cy, baseline) of the rig.
+    calibration: of the pair (`spinfilters.geometry.cameras.StereoPair`).
     """
     found: list[FittedPose | None] = []
     for first in range(0, len(frames), FRAMES_AT_ONCE):
@@ -61,12 +62,12 @@ def fit_poses(frames: Sequence[Matches], calibration: Float[np.ndarray, " 5"]) -
     return found
 
 
-def _fitted(frames: Sequence[Matches], calibration: Float[np.ndarray, " 5"]) -> list[FittedPose | None]:
+def _fitted(frames: Sequence[Matches], calibration: Float[np.ndarray, " c"]) -> list[FittedPose | None]:
     table = MatchTable.of(frames, calibration)
     fits: list[FittedPose | None] = [None] * len(frames)
     if not table.given.any():
         return fits
-    model = _stereo(noise_model(frames[0].noise, 3))
+    model = _stereo(noise_model(frames[0].noise, 3), stereo_pair(calibration))
     rough = consensus_poses(table, calibration)
     poses, points, moving = rough.poses, table.points.copy(), rough.found.copy()
     for iteration in range(ITERATIONS):

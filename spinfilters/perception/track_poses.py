@@ -14,7 +14,7 @@ from spinfilters.perception.pose_fit import FittedPose, fit_poses
 
 
 def poses_with_map(
-    tracks: MeasurementStream, known: KnownMap, calibration: Float[np.ndarray, " 5"], noise: NoiseLevel
+    tracks: MeasurementStream, known: KnownMap, calibration: Float[np.ndarray, " c"], noise: NoiseLevel
 ) -> MeasurementStream:
     """One pose per frame that sees at least four landmarks of the map.
 

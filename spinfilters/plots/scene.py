@@ -1,5 +1,7 @@
 """The scene: the camera, the body with its landmarks and principal axes at some times, and its path."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
@@ -10,6 +12,7 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.evaluation.body import BodyEstimate
 from spinfilters.evaluation.trajectory import Trajectory
+from spinfilters.geometry.camera_trajectory import CameraTrajectory
 from spinfilters.logs.camera import Rig
 from spinfilters.plots.space import equal_scales, frustum_edges, space_figure
 from spinfilters.plots.style import (
@@ -18,6 +21,7 @@ from spinfilters.plots.style import (
     GREY,
     INITIALISATION,
     MOST_DRAWN,
+    ORANGE,
     PRINCIPAL_NAMES,
     SKY,
     legend_below,
@@ -28,14 +32,29 @@ _TO_VIEW = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 """Inertial axes (x right, y down, z forward) to axes of a figure whose third axis points up."""
 _MOST_POINTS = 400
 _EPOCHS = 4  # at which the principal axes are drawn
+_INSPECTOR = ORANGE
 _DOTS = (0, (1.0, 1.0))
 _REVOLUTIONS = 4  # of the paths of axes: more is a ball of wool
+
+
+@dataclass(frozen=True)
+class DrawnCamera:
+    """Calibration of the camera, and its known trajectory in i; None where it is at rest in the origin."""
+
+    rig: Rig
+    inspector: CameraTrajectory | None = None
+
+    def poses(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 7"]:
+        """(t_ic m, q_ic) at these times, s; beyond the known trajectory its end."""
+        if self.inspector is None:
+            return np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (len(time), 1))
+        return self.inspector.at(np.clip(time, self.inspector.time[0], self.inspector.time[-1]))
 
 
 def scene_figure(
     trajectory: Trajectory,
     body: BodyEstimate,
-    rig: Rig | None = None,
+    camera: DrawnCamera | None = None,
     map_points: Float[np.ndarray, "k 3"] | None = None,
     initialisation: int = 0,
 ) -> Figure:
@@ -46,7 +65,7 @@ def scene_figure(
 
     Parameters
     ----------
-    rig: camera at the origin of i, drawn when given.   map_points: landmarks, m, frame g.
+    camera: drawn at the last epoch when given, with its path where it moves.   map_points: landmarks, m, frame g.
     initialisation: how many of the first epochs a smoother made for a filter; dotted.
     """
     held = np.flatnonzero(trajectory.is_finite)
@@ -69,20 +88,22 @@ def scene_figure(
     path = trajectory.position @ _TO_VIEW.T
     axes.plot(*path[:initialisation].T, color=BLACK, linewidth=1.8, linestyle=_DOTS, zorder=6)
     axes.plot(*path[max(initialisation - 1, 0) :].T, color=BLACK, linewidth=1.8, zorder=6)
-    if rig is not None:
-        shown.append(_draw_camera(axes, rig, 0.35 * float(np.linalg.norm(trajectory.position, axis=1).max())))
+    if camera is not None:
+        shown.append(_draw_camera(axes, camera, trajectory))
     equal_scales(axes, np.concatenate([path, *shown]), zoom=1.15)
-    _label_axes(axes)
+    _label_axes(axes, camera)
     times = ", ".join(f"{trajectory.time[row]:.1f}" for row in rows)
     landmarks = "" if map_points is None else ", landmarks at the last"
     axes.set_title(f"Principal axes at t = {times} s (stronger: later){landmarks}", y=0.98)
-    handles = _handles(rig is not None, map_points is not None)
+    handles = _handles(camera, map_points is not None)
     legend_below(figure, [*handles, *_initialisation_handles(initialisation)])
     return figure
 
 
-def _label_axes(axes: Axes3D) -> None:
-    axes.set(xlabel="x [m]", ylabel="z, away from the camera [m]", zlabel="-y, up [m]")
+def _label_axes(axes: Axes3D, camera: DrawnCamera | None) -> None:
+    moves = camera is not None and camera.inspector is not None
+    depth, up = ("z of i", "-y of i") if moves else ("z, away from the camera", "-y, up")
+    axes.set(xlabel="x of i [m]" if moves else "x [m]", ylabel=f"{depth} [m]", zlabel=f"{up} [m]")
     axes.view_init(elev=20, azim=-62)
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         axis.labelpad = 12.0
@@ -113,11 +134,16 @@ def _draw_landmarks(
     return points
 
 
-def _draw_camera(axes: Axes3D, rig: Rig, depth: float) -> Float[np.ndarray, "n 3"]:
-    """Draw the left camera's field of view down to a depth (m); its corners, for the limits."""
-    edges = frustum_edges(rig, depth) @ _TO_VIEW.T
+def _draw_camera(axes: Axes3D, camera: DrawnCamera, trajectory: Trajectory) -> Float[np.ndarray, "n 3"]:
+    """Draw the left camera's field of view at the last epoch and the way that it took; what is drawn, for the limits."""
+    poses = camera.poses(trajectory.time)
+    depth = 0.35 * float(np.linalg.norm(trajectory.position - poses[:, :3], axis=1).max())
+    R_ic, path = matrix_from_quaternion(poses[-1, 3:]), poses[:, :3] @ _TO_VIEW.T
+    edges = (frustum_edges(camera.rig, depth) @ R_ic.T + poses[-1, :3]) @ _TO_VIEW.T
     axes.add_collection3d(Line3DCollection(list(edges), colors=GREY, linewidths=1.0))
-    return edges.reshape(-1, 3)
+    if camera.inspector is not None:
+        axes.plot(*path.T, color=_INSPECTOR, linewidth=1.8, zorder=4)
+    return np.concatenate([edges.reshape(-1, 3), path])
 
 
 def _body_size(trajectory: Trajectory, body: BodyEstimate, map_points: np.ndarray | None) -> float:
@@ -177,12 +203,14 @@ def _axis_handles() -> list[Line2D]:
     ]
 
 
-def _handles(has_camera: bool, has_map: bool) -> list[Line2D]:
+def _handles(camera: DrawnCamera | None, has_map: bool) -> list[Line2D]:
     handles = [*_axis_handles(), Line2D([], [], color=BLACK, linewidth=1.8, label="centre of mass")]
     if has_map:
         handles.append(
             Line2D([], [], linestyle="none", marker="o", markersize=3, color=SKY, label="landmarks")
         )
-    if has_camera:
+    if camera is not None:
         handles.append(Line2D([], [], color=GREY, label="view of the left camera"))
+    if camera is not None and camera.inspector is not None:
+        handles.append(Line2D([], [], color=_INSPECTOR, linewidth=1.8, label="path of the inspector"))
     return handles

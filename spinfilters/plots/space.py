@@ -6,6 +6,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 
+from spinfilters.geometry.cameras import monocular_camera
 from spinfilters.logs.camera import Rig
 
 
@@ -44,8 +45,8 @@ def draw_wires(axes: Axes3D, semi_axes: Float[np.ndarray, "3"], colour: str) -> 
 def frustum_edges(rig: Rig, depth: float) -> Float[np.ndarray, "8 2 3"]:
     """Edges of the left camera's field of view down to a depth (m), in camera axes."""
     corners = np.array([[0, 0], [rig.width, 0], [rig.width, rig.height], [0, rig.height]], dtype=float)
-    rays = np.column_stack([(corners[:, 0] - rig.cx) / rig.fx, (corners[:, 1] - rig.cy) / rig.fy, np.ones(4)])
-    far = depth * rays
+    calibration = rig.left.calibration
+    far = depth * monocular_camera(calibration).rays_of(corners, calibration)
     sides = np.stack([np.zeros_like(far), far], axis=1)
     return np.concatenate([sides, np.stack([far, np.roll(far, -1, axis=0)], axis=1)])
 

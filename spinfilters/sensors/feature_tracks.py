@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinfilters.errors import InputError
+from spinfilters.geometry.cameras import Monocular
 from spinfilters.logs.camera import Rig, StereoRig
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.state.layout import StateLayout
@@ -137,7 +138,8 @@ def stays_in_view(motion: TrueMotion, radius_m: float) -> bool:
     x, y, z = motion.block("t").T
     nearest = z - radius_m
     inside = (z > DEPTHS[0] * z[0]) & (z < DEPTHS[1] * z[0])
-    half_width, half_height = RIG.width / 2 / RIG.fx, RIG.height / 2 / RIG.fy
+    corner = np.array([RIG.width, RIG.height], dtype=float)
+    half_width, half_height, _ = Monocular().rays_of(corner, RIG.left.calibration)
     inside &= np.maximum(x, RIG.baseline_m - x) + radius_m < half_width * nearest
     inside &= np.abs(y) + radius_m < half_height * nearest
     return bool(inside.all())

@@ -1,17 +1,19 @@
 """Landmarks of a known map seen by one camera: feature tracks in pixels of one image."""
 
-from dataclasses import astuple
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float
 
 from spinfilters.errors import InputError
+from spinfilters.geometry.cameras import monocular_camera
 from spinfilters.logs.camera import RIG_FILES, PinholeCamera, Rig, read_camera, write_camera
 from spinfilters.logs.measurement_log import MeasurementStream
 from spinfilters.logs.noise_levels import SensorNoise
 from spinfilters.logs.number_range import PIXEL
 from spinfilters.logs.sensor_format import CalibrationFiles, SensorFormat
+from spinfilters.models.camera_pose import camera_pose_model, with_camera_poses
 from spinfilters.models.sensor_noise import noise_model, noise_of_rows
 from spinfilters.models.sensors.monocular_landmark import MonocularLandmark, monocular_parameters
 from spinfilters.perception.perspective_poses import perspective_pose
@@ -27,16 +29,16 @@ from spinfilters.sensors.sensor import (
     model_over,
     noise_level,
 )
-from spinfilters.sensors.track_rows import CALIBRATION, PIXEL_STD, mapped_rows, required_view
+from spinfilters.sensors.track_rows import CALIBRATION, PIXEL_STD, mapped_rows, posed_samples, required_view
 from spinfilters.state.layout import StateLayout
 
-CAMERA: Final = PinholeCamera(*astuple(RIG)[:6])
+CAMERA: Final = RIG.left
 """The left camera of the simulated stereo rig."""
 POSE_LAYOUT: Final = StateLayout(("t", "a"))
 
 
 class MonocularSensor(Sensor):
-    """Values (u, v), rectified pixels, one row per landmark and epoch; covariance px^2.
+    """Values (u, v), pixels of the calibrated camera, one row per landmark and epoch; covariance px^2.
 
     One camera does not tell the scale of what it sees: the map must be known.
     """
@@ -75,15 +77,21 @@ class MonocularSensor(Sensor):
                 "(simulate: --known-map), or stereo-tracks"
             )
         known, points = mapped_rows(stream, view.known_map)
+        time, poses = stream.time[known], view.camera_poses(stream.time[known])
+        camera, moves = monocular_camera(view.calibration), camera_pose_model(poses)
+        model = model_over(MonocularLandmark, layout, noise_model(level, 2), camera, moves)
         parameters = monocular_parameters(points, view.calibration, noise_of_rows(level, known))
-        model = model_over(MonocularLandmark, layout, noise_model(level, 2))
-        return BoundStream(model, stream.time[known], stream.values[known], parameters)
+        return BoundStream(model, time, stream.values[known], with_camera_poses(parameters, poses))
 
     def initial_motion(
         self, stream: MeasurementStream, noise: SensorNoise, view: CameraView | None
     ) -> MotionSamples:
         """From a perspective pose (PnP) per epoch."""
-        bound = self.bind(stream, POSE_LAYOUT, noise, view)
+        view = required_view(self.name, view)
+        bound = self.bind(
+            stream, POSE_LAYOUT, noise, replace(view, inspector=None)
+        )  # poses in the camera's frame
+        assert isinstance(bound.model, MonocularLandmark)
         rows = MeasurementStream(self.name, bound.time, bound.values, np.arange(len(bound.time)))
         found = {
             time: perspective_pose(bound.model, bound.parameters[where], bound.values[where])
@@ -94,11 +102,10 @@ class MonocularSensor(Sensor):
             raise InputError(
                 "no frame of the tracks sees four landmarks of the map; check landmark ids and the calibration"
             )
-        poses = np.array(list(good.values()))
-        return MotionSamples(np.array(list(good)), poses[:, 3:], positions=poses[:, :3])
+        return posed_samples(np.array(list(good)), np.array(list(good.values())), view)
 
     def simulate(self, scene: Scene) -> SimulatedStream:
-        surface, motion, std = scene.surface, scene.motion, scene.front_end.pixel_std
+        surface, motion, std = scene.surface, scene.seen, scene.front_end.pixel_std
         parameters = monocular_parameters(surface.points, CAMERA.calibration, std)
         camera = TrackCamera(MonocularLandmark(motion.layout), parameters, CAMERA)
         time, ids, values, landmarks = feature_tracks(

@@ -42,11 +42,13 @@ class Scene:
 
     Attributes
     ----------
-    motion: of the body.   surface: its landmarks.   front_end: how a camera finds them.
+    motion: of the body in i.   seen: the same in the frame of the camera, of which the blocks t and a count.
+    surface: its landmarks.   front_end: how a camera finds them.
     noise: of sensors without landmarks.   generator: of everything random.
     """
 
     motion: TrueMotion
+    seen: TrueMotion
     surface: Surface
     front_end: FrontEnd
     noise: SceneNoise

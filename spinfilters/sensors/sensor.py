@@ -9,11 +9,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.errors import InputError
+from spinfilters.geometry.camera_trajectory import CameraTrajectory
+from spinfilters.geometry.cameras import Camera
 from spinfilters.logs.camera import Rig
 from spinfilters.logs.measurement_log import MeasurementStream
 from spinfilters.logs.noise_levels import SensorNoise
 from spinfilters.logs.sensor_format import StoredSensor
 from spinfilters.logs.track_files import KnownMap
+from spinfilters.models.camera_pose import CameraPoseModel
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.sensor_noise import NoiseLevel, SensorNoiseModel
 from spinfilters.sensors.scene import Scene, SimulatedStream
@@ -23,13 +26,22 @@ from spinfilters.state.layout import StateLayout
 
 @dataclass(frozen=True)
 class CameraView:
-    """What rows of landmarks are measured against: landmarks in frame g and the calibration of the rig.
+    """What rows of landmarks are measured against: landmarks in frame g, the calibration of the rig, and where the camera is.
 
     Without a known map the landmarks are left to the estimators: measurements then carry their ids.
+
+    Attributes
+    ----------
+    inspector: known trajectory of the camera in i; None where frame i is the camera's.
     """
 
     known_map: KnownMap | None
     calibration: Float[np.ndarray, " c"]
+    inspector: CameraTrajectory | None = None
+
+    def camera_poses(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 7"] | None:
+        """(t_ic m, q_ic) at these times (s); None where frame i is the camera's. InputError: times that are not covered."""
+        return None if self.inspector is None else self.inspector.at(time)
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +198,14 @@ def diagonal_factor(*std: float) -> tuple[float, ...]:
 
 @cache
 def model_over(
-    kind: type[MeasurementModel], layout: StateLayout, *noise: SensorNoiseModel
+    kind: type[MeasurementModel],
+    layout: StateLayout,
+    *options: SensorNoiseModel | Camera | CameraPoseModel,
 ) -> MeasurementModel:
-    """A sensor's model over a layout, made once in a process: its expressions take longer to build than many smoothers."""
-    return kind(layout, *noise)
+    """A sensor's model over a layout, made once in a process: its expressions take longer to build than many smoothers.
+
+    Parameters
+    ----------
+    options: of its model, in order: noise; of a camera how it projects and whether it moves.
+    """
+    return kind(layout, *options)

@@ -6,12 +6,14 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinfilters.geometry.cameras import stereo_pair
 from spinfilters.logs.camera import RIG_FILES, Rig, StereoRig, read_stereo_rig, write_stereo_rig
 from spinfilters.logs.measurement_log import MeasurementStream
 from spinfilters.logs.noise_levels import SensorNoise
 from spinfilters.logs.number_range import PIXEL
 from spinfilters.logs.sensor_format import CalibrationFiles, SensorFormat
 from spinfilters.logs.track_files import SMALLEST_DISPARITY_PX, TRACK_COLUMNS, read_tracks, write_tracks
+from spinfilters.models.camera_pose import camera_pose_model, with_camera_poses
 from spinfilters.models.sensor_noise import noise_model, noise_of_rows
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.perception.map_building import poses_without_map
@@ -33,16 +35,15 @@ from spinfilters.sensors.sensor import (
     Sensor,
     model_over,
     noise_level,
-    pose_samples,
 )
-from spinfilters.sensors.track_rows import CALIBRATION, PIXEL_STD, mapped_rows, required_view
+from spinfilters.sensors.track_rows import CALIBRATION, PIXEL_STD, mapped_rows, posed_samples, required_view
 from spinfilters.state.layout import StateLayout
 
 _ROUNDING_PX: Final = 1e-9  # keeps a difference of two coordinates on the right side of a bound
 
 
 class StereoSensor(Sensor):
-    """Values (u_left, v_left, u_right), rectified pixels, one row per landmark and epoch; covariance px^2."""
+    """Values (u_left, v_left, u_right), pixels of the calibrated pair, one row per landmark and epoch; covariance px^2."""
 
     name = "stereo"
     format = SensorFormat(
@@ -73,13 +74,14 @@ class StereoSensor(Sensor):
     ) -> BoundStream:
         """Rows whose landmark is not in a known map are left out."""
         view, level = required_view(self.name, view), noise_level(stream, noise.pixel_std)
-        model = model_over(StereoLandmark, layout, noise_model(level, 3))
-        if view.known_map is None:
-            parameters = stereo_parameters(np.zeros((len(stream), 3)), view.calibration, level)
-            return BoundStream(model, stream.time, stream.values, parameters, stream.ids)
-        known, points = mapped_rows(stream, view.known_map)
+        known, points, ids = np.ones(len(stream), dtype=bool), np.zeros((len(stream), 3)), stream.ids
+        if view.known_map is not None:
+            (known, points), ids = mapped_rows(stream, view.known_map), None
+        time, poses = stream.time[known], view.camera_poses(stream.time[known])
+        camera, moves = stereo_pair(view.calibration), camera_pose_model(poses)
+        model = model_over(StereoLandmark, layout, noise_model(level, 3), camera, moves)
         parameters = stereo_parameters(points, view.calibration, noise_of_rows(level, known))
-        return BoundStream(model, stream.time[known], stream.values[known], parameters)
+        return BoundStream(model, time, stream.values[known], with_camera_poses(parameters, poses), ids)
 
     def initial_motion(
         self, stream: MeasurementStream, noise: SensorNoise, view: CameraView | None
@@ -88,11 +90,12 @@ class StereoSensor(Sensor):
         view, level = required_view(self.name, view), noise_level(stream, noise.pixel_std)
         if view.known_map is None:
             poses, found, ratio = poses_without_map(stream, view.calibration, level)
-            return replace(pose_samples(poses), landmarks=found, noise_ratio=ratio)
-        return pose_samples(poses_with_map(stream, view.known_map, view.calibration, level))
+            return replace(posed_samples(poses.time, poses.values, view, found), noise_ratio=ratio)
+        poses = poses_with_map(stream, view.known_map, view.calibration, level)
+        return posed_samples(poses.time, poses.values, view)
 
     def simulate(self, scene: Scene) -> SimulatedStream:
-        stream, landmarks = stereo_tracks(scene.front_end, scene.surface, scene.motion, scene.generator)
+        stream, landmarks = stereo_tracks(scene.front_end, scene.surface, scene.seen, scene.generator)
         return SimulatedStream(stream, {PIXEL_STD.name: scene.front_end.pixel_std}, landmarks, RIG)
 
     def outliers(

@@ -6,11 +6,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from spinfilters.errors import InputError
+from spinfilters.geometry.camera_trajectory import in_inertial
 from spinfilters.logs.measurement_log import MeasurementStream
 from spinfilters.logs.number_range import NumberRange
 from spinfilters.logs.sensor_format import NoiseOption
 from spinfilters.logs.track_files import KnownMap
-from spinfilters.sensors.sensor import CameraView
+from spinfilters.sensors.sensor import CameraView, MotionSamples
 
 PIXEL_STD: Final = NoiseOption("pixel_std", "pixels", NumberRange(1e-12, 1e6, "px"), 1.0, (0, 1))
 """Of each pixel coordinate: an option that cameras share."""
@@ -33,3 +34,16 @@ def mapped_rows(
     row = np.clip(np.searchsorted(known_map.ids, stream.ids), 0, len(known_map.ids) - 1)
     known = known_map.ids[row] == stream.ids
     return known, known_map.points[row[known]]
+
+
+def posed_samples(
+    time: Float[np.ndarray, " k"],
+    poses: Float[np.ndarray, "k 7"],
+    view: CameraView,
+    landmarks: KnownMap | None = None,
+) -> MotionSamples:
+    """Initial motion samples of poses (t m, q) of g in the camera's frame, with the map that was found with them, if one was."""
+    camera_poses = view.camera_poses(time)
+    if camera_poses is not None:
+        poses = in_inertial(poses, camera_poses)
+    return MotionSamples(time, poses[:, 3:], positions=poses[:, :3], landmarks=landmarks)

@@ -7,8 +7,9 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
+from spinfilters.geometry.camera_trajectory import CameraTrajectory, in_camera
 from spinfilters.models.process import TorqueFreeProcess
-from spinfilters.state.layout import StateLayout
+from spinfilters.state.layout import POSE_BLOCKS, StateLayout
 
 SUBSTEPS = 40
 """Noise kicks per frame interval: the splitting error falls with its square."""
@@ -36,6 +37,13 @@ class Motion:
     def rotations(self) -> Float[np.ndarray, "n 3 3"]:
         """R_ig at every time."""
         return matrix_from_quaternion(self.block("a"))
+
+    def seen_from(self, inspector: CameraTrajectory | None) -> "Motion":
+        """Poses of g in the frame of a moving camera; of none the motion itself."""
+        if inspector is None:
+            return self
+        poses = np.concatenate([self.block("t"), self.block("a")], axis=1)
+        return Motion(StateLayout(POSE_BLOCKS), self.time, in_camera(poses, inspector.at(self.time)))
 
 
 def simulate_motion(

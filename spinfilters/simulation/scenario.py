@@ -11,9 +11,10 @@ from spinfilters.attitude.conversions import matrix_from_quaternion, quaternion_
 from spinfilters.conventions import RPM
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.errors import InputError
+from spinfilters.geometry.camera_trajectory import CameraTrajectory
 from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.dataset_options import DatasetOptions
-from spinfilters.logs.measurement_log import MeasurementLog
+from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.logs.sensor_format import dataset_kinds
 from spinfilters.logs.track_files import KnownMap
 from spinfilters.logs.truth import Truth
@@ -28,6 +29,7 @@ from spinfilters.sensors.feature_tracks import (
 )
 from spinfilters.sensors.registry import sensor_of
 from spinfilters.sensors.scene import Scene
+from spinfilters.simulation.inspector import INSPECTORS, STATIC
 from spinfilters.simulation.motion import Motion, Progress, silent, simulate_motion
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
@@ -60,6 +62,7 @@ class Scenario:
     gyro_bias: constant error of the gyro's rates, g axes, rad/s.
     noise: disturbances of the motion; the thesis' are `spinfilters.models.process.THESIS_NOISE`.
     candidates: motions that are drawn; the first that keeps the whole body in view is taken, or the first of all if none does.
+    inspector: how the camera moves, and is known to (`spinfilters.simulation.inspector.INSPECTORS`).
     seed: of everything random.
     """
 
@@ -85,6 +88,7 @@ class Scenario:
     gyro_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
     noise: ProcessNoise = field(default_factory=ProcessNoise)
     candidates: int = 1
+    inspector: str = STATIC
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -100,6 +104,10 @@ class Scenario:
                 f"landmarks {self.landmarks} must be at least 4 and candidates {self.candidates} at least 1"
             )
         _ = self.front_end
+        if self.inspector not in INSPECTORS:
+            raise InputError(f"inspector {self.inspector!r} is unknown; use one of {', '.join(INSPECTORS)}")
+        if self.inspector != STATIC and not kinds[self.kind].has_landmarks:
+            raise InputError(f"an inspector carries a camera, and a {self.kind} has none; leave it {STATIC}")
         if not self.range_m > self.radius_m > 0:
             raise InputError(
                 f"the body of radius {self.radius_m} m must lie in front of the camera, range_m is {self.range_m} m"
@@ -153,9 +161,12 @@ def simulate(scenario: Scenario, progress: Progress = silent) -> Dataset:
     starts = np.tile(_first_state(scenario, layout), (scenario.candidates, 1))
     states = simulate_motion(process, starts, time, generator, progress)
     motions = [Motion(layout, time, states[:, k]) for k in range(scenario.candidates)]
-    motion = next((m for m in motions if stays_in_view(m, scenario.radius_m)), motions[0])
+    inspector = _inspector(scenario, time)
+    motion = next(
+        (m for m in motions if stays_in_view(m.seen_from(inspector), scenario.radius_m)), motions[0]
+    )
     surface = ball(scenario.landmarks, scenario.radius_m, generator)
-    scene = Scene(motion, surface, scenario.front_end, scenario, generator)
+    scene = Scene(motion, motion.seen_from(inspector), surface, scenario.front_end, scenario, generator)
     simulated = sensor_of(dataset_kinds()[scenario.kind].name).simulate(scene)
     rows, known_map = simulated.landmarks, None
     if rows is not None:
@@ -163,12 +174,20 @@ def simulate(scenario: Scenario, progress: Progress = silent) -> Dataset:
     return Dataset(
         kind=scenario.kind,
         log=MeasurementLog((simulated.stream,)),
-        description=f"simulated {scenario.kind}, {scenario.frames} frames at {scenario.interval} s, seed {scenario.seed}",
+        description=f"simulated {scenario.kind}, {scenario.frames} frames at {scenario.interval} s, seed {scenario.seed}"
+        + ("" if inspector is None else f", inspector: {scenario.inspector}"),
         truth=_truth(scenario, motion),
         rig=simulated.rig,
         known_map=known_map,
+        inspector=None if inspector is None else MeasurementStream("pose", inspector.time, inspector.poses),
         options=_options(scenario, simulated.noise),
     )
+
+
+def _inspector(scenario: Scenario, time: Float[np.ndarray, " n"]) -> CameraTrajectory | None:
+    """About the body's first place; None of one that does not move."""
+    make = INSPECTORS[scenario.inspector]
+    return None if make is None else make(time, np.array([0.0, 0.0, scenario.range_m]))
 
 
 def without_map(dataset: Dataset) -> Dataset:

@@ -15,8 +15,10 @@ from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
 from spinfilters.evaluation.rates import BodyRates, measured_rates, true_rates
 from spinfilters.evaluation.trajectory import read_map_ply
+from spinfilters.geometry.camera_trajectory import CameraTrajectory
 from spinfilters.logs.dataset import Dataset, read_dataset
 from spinfilters.logs.input_file import shown
+from spinfilters.plots.scene import DrawnCamera
 from spinfilters.plots.style import draw_figure, drawn
 from spinfilters.workflow.conditions import conditions_of, told_sentences
 from spinfilters.workflow.estimation import Comparison
@@ -47,6 +49,12 @@ class Pictured:
         if truth is not None and errors is not None:
             return true_rates(truth, errors.frame)
         return measured_rates(self.dataset.log)
+
+    @property
+    def camera(self) -> DrawnCamera | None:
+        """That of the data set, if it has one."""
+        rig = self.dataset.rig
+        return None if rig is None else DrawnCamera(rig, CameraTrajectory.of(self.dataset.inspector))
 
     @classmethod
     def from_comparison(cls, comparison: Comparison) -> "Pictured":

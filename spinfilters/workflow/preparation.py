@@ -12,6 +12,7 @@ from spinfilters.estimators.initialisation.initialiser import initialise
 from spinfilters.estimators.initialisation.options import StartOptions
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
+from spinfilters.geometry.camera_trajectory import CameraTrajectory
 from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.input_file import reason
 from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
@@ -137,7 +138,9 @@ def _start(
 
 def camera_view(dataset: Dataset) -> CameraView | None:
     """What rows of landmarks are measured against, None without any."""
-    return None if dataset.rig is None else CameraView(dataset.known_map, dataset.rig.calibration)
+    if dataset.rig is None:
+        return None
+    return CameraView(dataset.known_map, dataset.rig.calibration, CameraTrajectory.of(dataset.inspector))
 
 
 def initial_samples(

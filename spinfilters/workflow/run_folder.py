@@ -50,7 +50,7 @@ SEGMENTS_FOLDER = "segments"
 _UNFINISHED = re.compile(r"\.[0-9a-f]{16}\.part")
 """Names of what was being written when a run was killed (`spinfilters.logs.atomic_write`)."""
 
-DECISIVE = ("kind", "log", "truth", "rig", "known_map")
+DECISIVE = ("kind", "log", "truth", "rig", "known_map", "inspector")
 """Parts of a data set that decide the numbers of a run, with the noise among its options."""
 
 

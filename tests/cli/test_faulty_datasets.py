@@ -64,7 +64,13 @@ DATASET_FAULTS = {
         "fx is 0.0",
     ),
     "lens distortion": Fault(
-        "stereo-tracks", replaced("cam0/sensor.yaml", "[0.0, 0.0, 0.0, 0.0]", "[-0.3, 0.1, 0.0, 0.0]"), "-0.3"
+        "stereo-tracks", replaced("cam0/sensor.yaml", "[0.0, 0.0, 0.0, 0.0]", "[-0.3, 0.1, 0.0]"), "-0.3"
+    ),
+    "inspector of half the time": Fault(
+        "stereo-tracks", text("inspector.tum", "0.0 0 0 0 0 0 0 1\n1.0 0 0 0 0 0 0 1\n"), "do not cover"
+    ),
+    "inspector of a gyro": Fault(
+        "gyro", text("inspector.tum", "0.0 0 0 0 0 0 0 1\n9.0 0 0 0 0 0 0 1\n"), "leave it out"
     ),
     "bad YAML": Fault("stereo-tracks", text("cam0/sensor.yaml", "T_BS: [1, 2"), "cam0/sensor.yaml"),
     "python in YAML": Fault(

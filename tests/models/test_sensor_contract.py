@@ -7,11 +7,12 @@ from jaxtyping import Float
 from sensor_contract import check_sensor_contract
 
 from spinfilters.attitude.expressions import Expression
+from spinfilters.geometry.cameras import NEAREST_DEPTH
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.sensor_noise import CorrelatedNoise, IsotropicNoise, NoiseLevel, SensorNoiseModel
 from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
 from spinfilters.models.sensors.pose import Pose, pose_parameters
-from spinfilters.models.sensors.stereo_landmark import NEAREST_DEPTH, StereoLandmark, stereo_parameters
+from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 

@@ -15,7 +15,7 @@ from spinfilters.attitude.conversions import (
 )
 from spinfilters.errors import InputError
 from spinfilters.geometry.absolute_orientation import absolute_orientation, rigid_motions
-from spinfilters.geometry.triangulation import triangulate
+from spinfilters.geometry.cameras import StereoPair
 from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.track_files import KnownMap
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
@@ -78,7 +78,9 @@ def test_points_that_leave_a_rotation_undetermined_are_refused() -> None:
 def test_triangulation_undoes_the_projection() -> None:
     points, pose = _points(20), _pose(1.0)
     expected = rotate(pose[3:], points) + pose[:3]
-    np.testing.assert_allclose(triangulate(_pixels(pose, points), RIG.calibration), expected, atol=1e-13)
+    np.testing.assert_allclose(
+        StereoPair().points_of(_pixels(pose, points), RIG.calibration), expected, atol=1e-13
+    )
 
 
 @pytest.mark.parametrize("turn", TURNS)

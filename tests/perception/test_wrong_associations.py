@@ -13,7 +13,7 @@ from spinfilters.attitude.conversions import (
     quaternion_from_rotation_vector,
     rotate,
 )
-from spinfilters.geometry.triangulation import triangulate
+from spinfilters.geometry.cameras import StereoPair
 from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.measurement_log import MeasurementStream
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
@@ -172,7 +172,7 @@ def test_a_point_at_infinity_leaves_the_map_as_it_was(recording: Dataset) -> Non
     values, ids = tracks.values.copy(), tracks.ids.copy()
     first = tracks.frame_offsets[:-1]
     values[first, 2] = values[first, 0] - 1e-13
-    assert np.isfinite(triangulate(values[first], RIG.calibration)).all()
+    assert np.isfinite(StereoPair().points_of(values[first], RIG.calibration)).all()
     ids[first] = 10_000
     poses, found, _ = poses_without_map(
         MeasurementStream("stereo", tracks.time, values, ids), RIG.calibration, 1.0

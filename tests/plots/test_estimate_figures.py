@@ -10,7 +10,11 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from mpl_toolkits.mplot3d import Axes3D
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from run_samples import (
+    FRAMES,
+    INTERVAL,
     MOMENTS,
     START_END,
     START_FRAMES,
@@ -30,13 +34,15 @@ from spinfilters.plots.error_bands import error_bands_figure
 from spinfilters.plots.inertia import inertia_figure
 from spinfilters.plots.polhode import estimated_polhode_figure
 from spinfilters.plots.rates import rates_figure
-from spinfilters.plots.scene import scene_figure
+from spinfilters.plots.scene import DrawnCamera, scene_figure
 from spinfilters.plots.style import estimator_lines, save_figure
 from spinfilters.plots.summary import headline, summary_figure
+from spinfilters.simulation.inspector import circling
 
 FULL, ROTATIONS = full_runs(), rotation_runs()
 RIG = StereoRig(fx=466.7, fy=466.7, cx=320.0, cy=240.0, width=640, height=480, baseline_m=0.09)
 POINTS = np.random.default_rng(0).standard_normal((300, 3)) * 0.05
+CIRCLE = circling(INTERVAL * np.arange(FRAMES), np.array([0.0, 0.0, 0.6]))
 CONDITIONS = ("Map unknown, seed 3.", "Noise: pixels 1 px; disturbances: torque 1e-06 (rad/s^2)^2/Hz.")
 Maker = Callable[[SampleRuns], Figure]
 
@@ -57,7 +63,10 @@ MAKERS: dict[str, Maker] = {
         estimates(runs)[0], runs.with_truth[0].body, START_FRAMES
     ),
     "scene": lambda runs: scene_figure(
-        runs.with_truth[0].trajectory, runs.with_truth[0].body, RIG, POINTS, START_FRAMES
+        runs.with_truth[0].trajectory, runs.with_truth[0].body, DrawnCamera(RIG), POINTS, START_FRAMES
+    ),
+    "scene of a moving inspector": lambda runs: scene_figure(
+        runs.with_truth[0].trajectory, runs.with_truth[0].body, DrawnCamera(RIG, CIRCLE), POINTS
     ),
 }
 
@@ -223,3 +232,18 @@ def test_a_figure_is_saved_as_a_complete_png_or_not_at_all(tmp_path: Path) -> No
     assert b"IEND" in data[-12:]
     with pytest.raises(InputError, match="cannot be written"):
         save_figure(figure, tmp_path / "nowhere" / "figure.png")
+
+
+def test_the_scene_shows_the_path_of_a_moving_inspector_and_its_view_from_the_end() -> None:
+    evaluation = FULL.with_truth[0]
+    figure = scene_figure(evaluation.trajectory, evaluation.body, DrawnCamera(RIG, CIRCLE), POINTS)
+    (axes,) = (each for each in figure.axes if isinstance(each, Axes3D))
+    to_view = [0, 2, 1] * np.ones(3, dtype=int)
+    expected = CIRCLE.poses[:, to_view] * [1, 1, -1]
+    paths = [
+        np.stack(line.get_data_3d(), axis=1) for line in axes.lines if len(line.get_data_3d()[0]) == FRAMES
+    ]
+    assert any(np.allclose(path, expected) for path in paths)
+    (frustum,) = (each for each in axes.collections if isinstance(each, Line3DCollection))
+    corner = np.array(frustum._segments3d)[0, 0]
+    np.testing.assert_allclose(corner, expected[-1], atol=1e-12)

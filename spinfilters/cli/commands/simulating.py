@@ -27,6 +27,12 @@ def add_simulate(commands: Subparsers) -> argparse.ArgumentParser:
         metavar=("BX", "BY", "BZ"),
         help="constant error of the gyro's rates, axes g, rad/s (with --kind gyro)",
     )
+    simulate.add_argument(
+        "--inspector",
+        default="static",
+        metavar="static|circle",
+        help="circle: the camera flies about the body, and inspector.tum says how",
+    )
     add_motion(simulate)
     return simulate
 

@@ -10,6 +10,7 @@ from spinfilters.logs.dataset import DATASET_FILE, LANDMARK_FILE, Dataset, calib
 from spinfilters.logs.dataset_options import options_from_toml
 from spinfilters.logs.dataset_reader import DatasetReader
 from spinfilters.logs.input_file import named, require_folder, shown
+from spinfilters.logs.inspector_files import read_inspector
 from spinfilters.logs.measurement_log import MeasurementLog
 from spinfilters.logs.sensor_files import read_sensor_file
 from spinfilters.logs.sensor_format import SensorFormat, dataset_kinds, sensor_formats
@@ -66,6 +67,7 @@ def _read_folder(folder: Path) -> Dataset:
         truth=read_truth(folder),
         rig=cameras[0].read(folder) if cameras else None,
         known_map=read_landmarks(landmarks) if os.path.lexists(landmarks) else None,
+        inspector=read_inspector(folder, log),
         options=options_from_toml(path, document),
     )
 

@@ -7,6 +7,7 @@ from spinfilters.errors import InputError
 from spinfilters.logs.dataset import DATASET_FILE, LANDMARK_FILE, Dataset
 from spinfilters.logs.dataset_reader import DatasetReader, dataset_readers
 from spinfilters.logs.input_file import named, printable, require_file, shown
+from spinfilters.logs.inspector_files import INSPECTOR_FILE
 from spinfilters.logs.measurement_log import MeasurementLog
 from spinfilters.logs.sensor_files import read_sensor_file
 from spinfilters.logs.sensor_format import sensor_formats
@@ -32,7 +33,7 @@ def _read_file(path: Path) -> Dataset:
     require_file(path, _LARGEST_FILE)
     formats = sensor_formats().values()
     parts = [form.file for form in formats if not form.suffixes]
-    if path.name in (DATASET_FILE, LANDMARK_FILE, TRUTH_TABLE, *parts):
+    if path.name in (DATASET_FILE, LANDMARK_FILE, INSPECTOR_FILE, TRUTH_TABLE, *parts):
         raise InputError(f"{named(path)}: is one part of a data set; give the folder that holds it")
     form = next((form for form in formats if path.suffix.lower() in form.suffixes), None)
     if form is None:

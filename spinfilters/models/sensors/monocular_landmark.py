@@ -1,51 +1,61 @@
 """A landmark seen by one camera: a direction without a distance."""
 
-import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
 from spinfilters.attitude.expressions import Expression, rotate
+from spinfilters.geometry.cameras import Monocular
+from spinfilters.models.camera_pose import RESTING, CameraPoseModel
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.sensor_noise import IsotropicNoise, NoiseLevel, SensorNoiseModel, noise_parameters
-from spinfilters.models.sensors.stereo_landmark import NEAREST_DEPTH
 from spinfilters.state.layout import StateLayout
 
 
 class MonocularLandmark(MeasurementModel):
-    """z = (u, v) in pixels of the point p_g, camera frame = frame i: p_c = t + R_ig p_g, u = fx x/z + cx, v = fy y/z + cy
-    (Tweddle 2013, Eqs 2.87-2.88 with the sign of c_x corrected).
+    """z = (u, v) in pixels of the point p_g: of p_c = R_ic' (t + R_ig p_g - t_ic), as the camera projects it.
 
-    Parameters of a measurement: (p_g 3 m, fx, fy, cx, cy px, those of the noise, such as pixel_std px). One view does not tell the
-    distance, so this is no `LandmarkSensor`: a landmark cannot be made from a single measurement.
+    Parameters of a measurement: (p_g 3 m, calibration of the camera, those of the noise, such as pixel_std px, those of the
+    camera's pose, none where frame i is the camera's). One view does not tell the distance, so this is no `LandmarkSensor`: a
+    landmark cannot be made from a single measurement.
     """
 
     name = "monocular"
     dim = 2
     value_dim = 2
     needs = ("t", "a")
+    known_by = 3
 
-    def __init__(self, layout: StateLayout, noise: SensorNoiseModel | None = None) -> None:
+    def __init__(
+        self,
+        layout: StateLayout,
+        noise: SensorNoiseModel | None = None,
+        camera: Monocular | None = None,
+        pose: CameraPoseModel = RESTING,
+    ) -> None:
         super().__init__(layout)
-        self.noise = noise or IsotropicNoise(2)
-        self.parameter_dim = 7 + self.noise.parameter_dim
+        self.noise, self.camera, self.pose = noise or IsotropicNoise(2), camera or Monocular(), pose
+        self._noise = 3 + self.camera.parameter_dim
+        self._pose = self._noise + self.noise.parameter_dim
+        self.parameter_dim = self._pose + pose.parameter_dim
 
     def symbolic(self, state: dict[str, Expression], parameters: Expression) -> Expression:
-        p = state["t"] + rotate(state["q"], parameters[:3])
-        fx, fy, cx, cy = (parameters[k] for k in range(3, 7))
-        depth = ca.fmax(p[2], NEAREST_DEPTH)
-        return ca.vertcat(fx * p[0] / depth + cx, fy * p[1] / depth + cy)
+        return self.camera.project(self._in_camera(state, parameters), parameters[3 : self._noise])
 
     def noise_factor(self, state: dict[str, Expression], parameters: Expression) -> Expression:
-        return self.noise.factor(parameters[7:])
+        return self.noise.factor(parameters[self._noise : self._pose])
 
     def valid(self, state: dict[str, Expression], parameters: Expression) -> Expression:
-        return (state["t"] + rotate(state["q"], parameters[:3]))[2] - NEAREST_DEPTH
+        return self.camera.in_view(self._in_camera(state, parameters), parameters[3 : self._noise])
+
+    def _in_camera(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        point = state["t"] + rotate(state["q"], parameters[:3])
+        return self.pose.in_camera(point, parameters[self._pose :])
 
 
 def monocular_parameters(
-    points: Float[np.ndarray, "count 3"], calibration: Float[np.ndarray, " 4"], noise: NoiseLevel
+    points: Float[np.ndarray, "count 3"], calibration: Float[np.ndarray, " c"], noise: NoiseLevel
 ) -> Float[np.ndarray, "count p"]:
-    """Parameters of landmarks at ``points`` (frame g, m) for a camera (fx, fy, cx, cy).
+    """Parameters of landmarks at ``points`` (frame g, m) for a camera with this calibration (`Monocular`), frame i being its own.
 
     Parameters
     ----------

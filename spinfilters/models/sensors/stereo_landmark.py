@@ -1,16 +1,15 @@
-"""A landmark of the map seen by a rectified stereo pair."""
+"""A landmark of the map seen by a stereo pair."""
 
-import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
 from spinfilters.attitude.expressions import Expression, conjugate, rotate
+from spinfilters.geometry.cameras import StereoPair
+from spinfilters.models.camera_pose import RESTING, CameraPoseModel
 from spinfilters.models.landmark_sensor import LandmarkSensor
 from spinfilters.models.sensor_noise import IsotropicNoise, NoiseLevel, SensorNoiseModel, noise_parameters
 from spinfilters.state.layout import StateLayout
 
-NEAREST_DEPTH = 1e-3
-"""Depth in m below which a point counts as at or behind the camera."""
 SMALLEST_DENOMINATOR = 1e-6
 """Disparity in px that a division is guarded with; such a point is not `determined`."""
 SMALLEST_DISPARITY = 5.0
@@ -18,11 +17,10 @@ SMALLEST_DISPARITY = 5.0
 
 
 class StereoLandmark(LandmarkSensor):
-    """z = (u_left, v_left, u_right) in rectified pixels of the point p_g, camera frame = frame i.
+    """z = (u_left, v_left, u_right) in pixels of the point p_g: of p_c = R_ic' (t + R_ig p_g - t_ic), as the camera projects it.
 
-    p_c = t + R_ig p_g; u_left = fx x/z + cx, v_left = fy y/z + cy, u_right = u_left - fx baseline / z
-    (Tweddle 2013, Eqs 2.87-2.88 and 4.83-4.84 with the sign of c_x corrected).
-    Parameters of a measurement: (p_g 3 m, fx, fy, cx, cy px, baseline m, those of the noise, such as pixel_std px).
+    Parameters of a measurement: (p_g 3 m, calibration of the pair, those of the noise, such as pixel_std px, those of the camera's
+    pose, none where frame i is the camera's).
     """
 
     name = "stereo"
@@ -30,42 +28,48 @@ class StereoLandmark(LandmarkSensor):
     value_dim = 3
     needs = ("t", "a")
 
-    def __init__(self, layout: StateLayout, noise: SensorNoiseModel | None = None) -> None:
+    def __init__(
+        self,
+        layout: StateLayout,
+        noise: SensorNoiseModel | None = None,
+        camera: StereoPair | None = None,
+        pose: CameraPoseModel = RESTING,
+    ) -> None:
         super().__init__(layout)
-        self.noise = noise or IsotropicNoise(3)
-        self.parameter_dim = 8 + self.noise.parameter_dim
+        self.noise, self.camera, self.pose = noise or IsotropicNoise(3), camera or StereoPair(), pose
+        self._noise = 3 + self.camera.parameter_dim
+        self._pose = self._noise + self.noise.parameter_dim
+        self.parameter_dim = self._pose + pose.parameter_dim
 
     def symbolic(self, state: dict[str, Expression], parameters: Expression) -> Expression:
-        p = state["t"] + rotate(state["q"], parameters[:3])
-        fx, fy, cx, cy, baseline = (parameters[k] for k in range(3, 8))
-        depth = ca.fmax(p[2], NEAREST_DEPTH)
-        u = fx * p[0] / depth + cx
-        return ca.vertcat(u, fy * p[1] / depth + cy, u - fx * baseline / depth)
+        return self.camera.project(self._in_camera(state, parameters), parameters[3 : self._noise])
 
     def noise_factor(self, state: dict[str, Expression], parameters: Expression) -> Expression:
-        return self.noise.factor(parameters[8:])
+        return self.noise.factor(parameters[self._noise : self._pose])
 
     def valid(self, state: dict[str, Expression], parameters: Expression) -> Expression:
-        return (state["t"] + rotate(state["q"], parameters[:3]))[2] - NEAREST_DEPTH
+        return self.camera.in_view(self._in_camera(state, parameters), parameters[3 : self._noise])
 
     def landmark(
         self, state: dict[str, Expression], measured: Expression, parameters: Expression
     ) -> Expression:
-        fx, fy, cx, cy, baseline = (parameters[k] for k in range(3, 8))
-        depth = fx * baseline / ca.fmax(measured[0] - measured[2], SMALLEST_DENOMINATOR)
-        seen = ca.vertcat((measured[0] - cx) / fx, (measured[1] - cy) / fy, 1) * depth
-        return rotate(conjugate(state["q"]), seen - state["t"])
+        seen = self.camera.backproject(measured, parameters[3 : self._noise], SMALLEST_DENOMINATOR)
+        point = self.pose.in_inertial(seen, parameters[self._pose :])
+        return rotate(conjugate(state["q"]), point - state["t"])
 
     def determined(self, measured: Expression, parameters: Expression) -> Expression:
-        return (
-            measured[0] - measured[2] - SMALLEST_DISPARITY * self.noise.difference_std(parameters[8:], 0, 2)
-        )
+        std = self.noise.difference_std(parameters[self._noise : self._pose], 0, 2)
+        return self.camera.disparity(measured, parameters[3 : self._noise]) - SMALLEST_DISPARITY * std
+
+    def _in_camera(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        point = state["t"] + rotate(state["q"], parameters[:3])
+        return self.pose.in_camera(point, parameters[self._pose :])
 
 
 def stereo_parameters(
-    points: Float[np.ndarray, "count 3"], calibration: Float[np.ndarray, " 5"], noise: NoiseLevel
+    points: Float[np.ndarray, "count 3"], calibration: Float[np.ndarray, " c"], noise: NoiseLevel
 ) -> Float[np.ndarray, "count p"]:
-    """Parameters of landmarks at ``points`` (frame g, m) for a rig (fx, fy, cx, cy, baseline).
+    """Parameters of landmarks at ``points`` (frame g, m) for a pair with this calibration (`StereoPair`), frame i being its own.
 
     Parameters
     ----------

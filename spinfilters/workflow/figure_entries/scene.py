@@ -21,7 +21,7 @@ class SceneFigure(FigureEntry):
 
         first = shown.evaluations[0]
         smoothed = first.history.initialisation
-        return scene_figure(first.trajectory, first.body, shown.dataset.rig, shown.map_points, smoothed)
+        return scene_figure(first.trajectory, first.body, shown.camera, shown.map_points, smoothed)
 
 
 FIGURE = SceneFigure()

@@ -1,0 +1,93 @@
+"""Known trajectory of a camera: its pose in i at any time within."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.attitude.conversions import (
+    inverse,
+    multiply,
+    quaternion_from_rotation_vector,
+    rotate,
+    rotation_vector_from_quaternion,
+)
+from spinfilters.errors import InputError, ShapeError
+from spinfilters.logs.measurement_log import MeasurementStream
+
+
+@dataclass(frozen=True, eq=False)
+class CameraTrajectory:
+    """Poses (n, 7), t_ic m and unit q_ic, at strictly ascending ``time`` (n,) s.
+
+    Raises
+    ------
+    ShapeError: shapes.   InputError: times that do not ascend, or what is not finite.
+    """
+
+    time: Float[np.ndarray, " n"]
+    poses: Float[np.ndarray, "n 7"]
+
+    def __post_init__(self) -> None:
+        if self.poses.shape != (len(self.time), 7) or not len(self.time):
+            raise ShapeError(
+                f"{len(self.time)} times of camera poses of shape {self.poses.shape}; give (n, 7)"
+            )
+        if not (
+            np.isfinite(self.poses).all() and np.isfinite(self.time).all() and (np.diff(self.time) > 0).all()
+        ):
+            raise InputError(
+                "a camera's trajectory has finite poses at ascending times; leave out those that repeat"
+            )
+
+    @classmethod
+    def of(cls, inspector: MeasurementStream | None) -> "CameraTrajectory | None":
+        """Of the poses of cam0 that a data set holds; None of none."""
+        return None if inspector is None else cls(inspector.time, inspector.values)
+
+    def at(self, time: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k 7"]:
+        """Poses at other times: positions linear, attitudes along the shorter rotation (slerp), of a listed time the listed pose.
+
+        Raises
+        ------
+        InputError: a time before the first pose or after the last.
+        """
+        self.require_cover(time)
+        if len(self.time) == 1:
+            return np.tile(self.poses[0], (len(time), 1))
+        stamps, which = np.unique(time, return_inverse=True)
+        before = np.clip(np.searchsorted(self.time, stamps, side="right") - 1, 0, len(self.time) - 2)
+        start, end = self.poses[before], self.poses[before + 1]
+        share = ((stamps - self.time[before]) / (self.time[before + 1] - self.time[before]))[:, None]
+        rotation = rotation_vector_from_quaternion(multiply(inverse(start[:, 3:]), end[:, 3:]))
+        q = multiply(start[:, 3:], quaternion_from_rotation_vector(share * rotation))
+        found = np.concatenate([start[:, :3] + share * (end[:, :3] - start[:, :3]), q], axis=1)
+        found = np.where(share == 0, start, np.where(share == 1, end, found))
+        return found[which.reshape(-1)]
+
+    def require_cover(self, time: Float[np.ndarray, " k"]) -> None:
+        """InputError: a time before the first pose or after the last."""
+        first, last = float(np.min(time)), float(np.max(time))
+        if first < self.time[0] or last > self.time[-1]:
+            raise InputError(
+                f"camera poses are known from {self.time[0]:.6f} s to {self.time[-1]:.6f} s and asked for from {first:.6f} s to "
+                f"{last:.6f} s; give poses that cover the observations"
+            )
+
+
+def in_camera(
+    poses: Float[np.ndarray, "k 7"], camera_poses: Float[np.ndarray, "k 7"]
+) -> Float[np.ndarray, "k 7"]:
+    """Poses (t, q) of g in the camera's frame of those in i: T_cg = T_ic^-1 T_ig."""
+    q_ci = inverse(camera_poses[:, 3:])
+    place = rotate(q_ci, poses[:, :3] - camera_poses[:, :3])
+    return np.concatenate([place, multiply(q_ci, poses[:, 3:])], axis=1)
+
+
+def in_inertial(
+    poses: Float[np.ndarray, "k 7"], camera_poses: Float[np.ndarray, "k 7"]
+) -> Float[np.ndarray, "k 7"]:
+    """Poses (t, q) of g in i of those in the camera's frame: T_ig = T_ic T_cg."""
+    q_ic = camera_poses[:, 3:]
+    place = camera_poses[:, :3] + rotate(q_ic, poses[:, :3])
+    return np.concatenate([place, multiply(q_ic, poses[:, 3:])], axis=1)

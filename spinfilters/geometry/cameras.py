@@ -1,0 +1,211 @@
+"""Cameras: how a point in the camera's frame (x right, y down, z forward) becomes pixels, and pixels a ray or a point.
+
+Written once, with the calibration as parameters: sensors, triangulation, consensus poses, figures and the simulator use it.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, NoReturn
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.attitude.expressions import Expression
+from spinfilters.errors import ShapeError
+from spinfilters.geometry.lenses import PERFECT, RADIAL_TANGENTIAL, Lens
+from spinfilters.symbolic import Compiled, building
+
+NEAREST_DEPTH = 1e-3
+"""Depth in m below which a point counts as at or behind the camera; closer ones are projected as if they were there."""
+Formula = Callable[[Any, Expression, Expression], Expression]
+"""Of a camera, what is given (a point or pixels) and the calibration."""
+
+
+@dataclass(frozen=True)
+class Camera(ABC):
+    """A pinhole with a lens, or a pair; a subclass writes expressions, the numbers come from them.
+
+    Attributes
+    ----------
+    lens: before the (left) pinhole.
+    pixel_dim: numbers of an observation.   parameter_dim: numbers of the calibration.
+    """
+
+    lens: Lens = PERFECT
+
+    @property
+    @abstractmethod
+    def pixel_dim(self) -> int: ...
+
+    @property
+    @abstractmethod
+    def parameter_dim(self) -> int: ...
+
+    @abstractmethod
+    def project(self, point: Expression, calibration: Expression) -> Expression:
+        """Pixels of a point (3,), m, camera frame."""
+
+    @abstractmethod
+    def ray(self, pixels: Expression, calibration: Expression) -> Expression:
+        """Direction (x/z, y/z, 1) that the (left) pixel is seen in."""
+
+    @abstractmethod
+    def _lens_coefficients(self, calibration: Expression) -> Expression:
+        """Of the (left) lens."""
+
+    def fits(self, calibration: Float[np.ndarray, " c"]) -> bool:
+        """Whether such a calibration is of such a camera."""
+        return calibration.shape == (self.parameter_dim,)
+
+    def in_view(self, point: Expression, calibration: Expression) -> Expression:
+        """Positive where `project` means something: before the camera, where the lens is one to one."""
+        before = point[2] - NEAREST_DEPTH
+        if self.lens == PERFECT:
+            return before
+        xy = point[:2] / ca.fmax(point[2], NEAREST_DEPTH)
+        return ca.fmin(before, self.lens.valid(xy, self._lens_coefficients(calibration)))
+
+    def pixels_of(
+        self, points: Float[np.ndarray, "*batch 3"], calibration: Float[np.ndarray, " c"]
+    ) -> Float[np.ndarray, "*batch v"]:
+        """`project` of many points."""
+        return _numeric(self, type(self).project, 3)(points, calibration)[0]
+
+    def rays_of(
+        self, pixels: Float[np.ndarray, "*batch v"], calibration: Float[np.ndarray, " c"]
+    ) -> Float[np.ndarray, "*batch 3"]:
+        """`ray` of many pixels."""
+        return _numeric(self, type(self).ray, self.pixel_dim)(pixels, calibration)[0]
+
+    def pixels_by_point(
+        self, points: Float[np.ndarray, "k 3"], calibration: Float[np.ndarray, " c"]
+    ) -> Float[np.ndarray, "k v 3"]:
+        """Derivatives of `project` by the points, px/m."""
+        return _numeric(self, type(self).derivative, 3)(points, calibration)[0]
+
+    def derivative(self, point: Expression, calibration: Expression) -> Expression:
+        """Of `project` by the point."""
+        return ca.jacobian(self.project(point, calibration), point)
+
+
+@dataclass(frozen=True)
+class Monocular(Camera):
+    """Pixels (u, v): u = fx x' + cx, v = fy y' + cy of the distorted (x', y') (Tweddle 2013, Eqs 2.87-2.88 corrected).
+
+    Calibration: (fx, fy, cx, cy px, coefficients of the lens).
+    """
+
+    @property
+    def pixel_dim(self) -> int:
+        return 2
+
+    @property
+    def parameter_dim(self) -> int:
+        return 4 + self.lens.parameter_dim
+
+    def project(self, point: Expression, calibration: Expression) -> Expression:
+        xy = point[:2] / ca.fmax(point[2], NEAREST_DEPTH)
+        return _to_pixels(self.lens.distort(xy, self._lens_coefficients(calibration)), calibration)
+
+    def ray(self, pixels: Expression, calibration: Expression) -> Expression:
+        xy = _from_pixels(pixels, calibration)
+        return ca.vertcat(self.lens.undistort(xy, self._lens_coefficients(calibration)), 1)
+
+    def _lens_coefficients(self, calibration: Expression) -> Expression:
+        return calibration[4:]
+
+
+@dataclass(frozen=True)
+class StereoPair(Camera):
+    """Pixels (u_left, v_left, u_right) of two parallel cameras of common intrinsics, the right one moved by the baseline along x.
+
+    Without distortion u_right = u_left - fx baseline / z (Tweddle 2013, Eqs 4.83-4.84).
+    Calibration: (fx, fy, cx, cy px, baseline m, coefficients of the left lens, of the right lens).
+    """
+
+    @property
+    def pixel_dim(self) -> int:
+        return 3
+
+    @property
+    def parameter_dim(self) -> int:
+        return 5 + 2 * self.lens.parameter_dim
+
+    def project(self, point: Expression, calibration: Expression) -> Expression:
+        depth = ca.fmax(point[2], NEAREST_DEPTH)
+        xy, shift = point[:2] / depth, calibration[4] / depth
+        left = _to_pixels(self.lens.distort(xy, self._lens_coefficients(calibration)), calibration)
+        if self.lens == PERFECT:
+            return ca.vertcat(left, left[0] - calibration[0] * shift)
+        right = self.lens.distort(ca.vertcat(xy[0] - shift, xy[1]), self._right_coefficients(calibration))
+        return ca.vertcat(left, _to_pixels(right, calibration)[0])
+
+    def ray(self, pixels: Expression, calibration: Expression) -> Expression:
+        xy = _from_pixels(pixels[:2], calibration)
+        return ca.vertcat(self.lens.undistort(xy, self._lens_coefficients(calibration)), 1)
+
+    def disparity(self, pixels: Expression, calibration: Expression) -> Expression:
+        """fx baseline / z, px, once the lenses are undone."""
+        if self.lens == PERFECT:
+            return pixels[0] - pixels[2]
+        left = self.ray(pixels, calibration)
+        seen = (pixels[2] - calibration[2]) / calibration[0]
+        right = self.lens.undistort_x(seen, left[1], self._right_coefficients(calibration))
+        return calibration[0] * (left[0] - right)
+
+    def backproject(
+        self, pixels: Expression, calibration: Expression, smallest_disparity: float | None = None
+    ) -> Expression:
+        """Point (3,) m; a disparity of zero or less gives none in front of the pair, unless a smallest one (px) takes its place."""
+        disparity = self.disparity(pixels, calibration)
+        if smallest_disparity is not None:
+            disparity = ca.fmax(disparity, smallest_disparity)
+        return self.ray(pixels, calibration) * (calibration[0] * calibration[4] / disparity)
+
+    def points_of(
+        self, pixels: Float[np.ndarray, "*batch 3"], calibration: Float[np.ndarray, " c"]
+    ) -> Float[np.ndarray, "*batch 3"]:
+        """`backproject` of many pixels."""
+        return _numeric(self, type(self).backproject, 3)(pixels, calibration)[0]
+
+    def _lens_coefficients(self, calibration: Expression) -> Expression:
+        return calibration[5 : 5 + self.lens.parameter_dim]
+
+    def _right_coefficients(self, calibration: Expression) -> Expression:
+        return calibration[5 + self.lens.parameter_dim :]
+
+
+def monocular_camera(calibration: Float[np.ndarray, " c"]) -> Monocular:
+    """The camera that a calibration is of: of 4 numbers one without distortion. ShapeError: of no camera."""
+    found = [each for each in (Monocular(), Monocular(RADIAL_TANGENTIAL)) if each.fits(calibration)]
+    return found[0] if found else _refuse(calibration)
+
+
+def stereo_pair(calibration: Float[np.ndarray, " c"]) -> StereoPair:
+    """The pair that a calibration is of: of 5 numbers one without distortion. ShapeError: of no pair."""
+    found = [each for each in (StereoPair(), StereoPair(RADIAL_TANGENTIAL)) if each.fits(calibration)]
+    return found[0] if found else _refuse(calibration)
+
+
+def _refuse(calibration: Float[np.ndarray, " c"]) -> NoReturn:
+    raise ShapeError(f"a calibration of shape {calibration.shape} is of no such camera; give that of its rig")
+
+
+def _to_pixels(xy: Expression, calibration: Expression) -> Expression:
+    return calibration[:2] * xy + calibration[2:4]
+
+
+def _from_pixels(pixels: Expression, calibration: Expression) -> Expression:
+    return (pixels - calibration[2:4]) / calibration[:2]
+
+
+@cache
+@building()
+def _numeric(camera: Camera, expression: Formula, size: int) -> Compiled:
+    """One of a camera's expressions on arrays; its first argument has so many numbers."""
+    given, calibration = ca.SX.sym("given", size), ca.SX.sym("calibration", camera.parameter_dim)
+    name = f"{type(camera).__name__}_{camera.lens.parameter_dim}_{expression.__name__}".lower()
+    return Compiled(ca.Function(name, [given, calibration], [expression(camera, given, calibration)]))
