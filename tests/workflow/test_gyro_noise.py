@@ -13,13 +13,6 @@ COUNT = 4000
 
 
 @dataclass(frozen=True)
-class Frames:
-    """The means of a smoothed trajectory."""
-
-    mean: Float[np.ndarray, "n 3"]
-
-
-@dataclass(frozen=True)
 class Layout:
     """A state of nothing but rates."""
 
@@ -30,9 +23,9 @@ class Layout:
 
 @dataclass(frozen=True)
 class Fitted:
-    """What the identification reads of a start's report."""
+    """What the identification reads of an initial estimate."""
 
-    frames: Frames
+    mean: Float[np.ndarray, "n 3"]
     layout: Layout
 
 
@@ -41,7 +34,7 @@ def identified(relative_error: Float[np.ndarray, "n 3"]) -> GyroNoise:
     size = np.linspace(5.0, 25.0, len(relative_error))[:, np.newaxis]
     rate = size * np.array([0.6, 0.0, 0.8])
     gyro = MeasurementStream("gyro", 0.01 * np.arange(len(rate)), rate + size * relative_error)
-    return identify_gyro_noise(gyro, Fitted(Frames(rate), Layout()))  # pyright: ignore[reportArgumentType]
+    return identify_gyro_noise(gyro, Fitted(rate, Layout()))  # pyright: ignore[reportArgumentType]
 
 
 def autoregressive(rho: float, generator: np.random.Generator) -> Float[np.ndarray, "n 3"]:
