@@ -75,7 +75,7 @@ class MultiplicativeEkf(MultiplicativeFilter):
         first = solve(observations, linear, self._factor, guard)
         if self._is_small(first.correction):
             return first
-        problem = IteratedObservations(observations, self._mean, self._factor, first)
+        problem = IteratedObservations(observations, self._mean, self._factor, linear, first)
         return problem.solution(self._iteration)
 
     def _is_small(self, correction: Correction) -> bool:

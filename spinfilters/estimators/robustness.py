@@ -163,6 +163,15 @@ class SensorGuard:
         self.frames = RepeatedFrames()
         self._refusals = 0
 
+    def passes(self, greatest: float, count: int, dim: int) -> bool:
+        """Whether the greatest squared innovation of an update alone says that `weights` are all 1; counts it if so."""
+        if not count or self._refusals >= PATIENCE or self.options.kernel != "none":
+            return False
+        if not greatest <= gate(self.options.gate_probability, dim):
+            return False
+        self._refusals = 0
+        return True
+
     def weights(
         self, innovation: Float[np.ndarray, "k d"], deviations: Deviations
     ) -> Float[np.ndarray, " k"] | None:

@@ -5,12 +5,10 @@ What the landmarks' own errors make of the observations is noise, whitened as at
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.estimators.gain import lower_roots
 from spinfilters.estimators.iterated import IterationOptions, agrees, iterate
 from spinfilters.estimators.landmarks.observations import LinearRows, Observations, Solved, corrected
 
@@ -21,12 +19,13 @@ class IteratedObservations:
 
     Attributes
     ----------
-    first: the solution about the mean.
+    linear, first: observations about the mean, and their solution.
     """
 
     observations: Observations
     mean: Float[np.ndarray, " m"]
     factor: Float[np.ndarray, "N N"]
+    linear: LinearRows
     first: Solved
 
     def solution(self, options: IterationOptions) -> Solved:
@@ -42,7 +41,7 @@ class IteratedObservations:
         """Whether the innovations at the first solution are what the linear model foretold."""
         rows, error = self.first.whitened.rows, self.first.correction.error
         found = self._linear(error)
-        residual = (self._weighing @ found.rows[self.first.used, :, -1:])[..., 0]
+        residual = self._whitened(found)
         expected = rows[..., -1] - rows[..., :-1] @ error[self.observations.columns]
         valid = bool(found.valid[self.first.used].all())
         return valid and agrees(residual.reshape(-1), expected.reshape(-1), options)
@@ -51,7 +50,7 @@ class IteratedObservations:
         found = self._linear(self.factor @ y)
         if not found.valid[self.first.used].all():
             return np.inf
-        residual = self._weighing @ found.rows[self.first.used, :, -1:]
+        residual = self._whitened(found)
         return float(y @ y) + float(np.sum(residual * residual))
 
     def _solved_at(self, y: Float[np.ndarray, " N"]) -> "_Found":
@@ -72,13 +71,12 @@ class IteratedObservations:
         points = o.points + o.modes @ error[n : n + o.modes.shape[2]]
         return o.rows_at(o.layout.retract(self.mean, error[:n]), points)
 
-    @cached_property
-    def _weighing(self) -> Float[np.ndarray, "u d d"]:
-        """What whitens the used residuals, that were whitened by the sensor's noise alone."""
-        gram = self.first.whitened.gram
-        unit = np.broadcast_to(np.eye(gram.shape[1]), (len(gram), gram.shape[1], gram.shape[1]))
-        root = lower_roots(np.concatenate([unit, gram], axis=2))
-        return np.linalg.solve(root, np.sqrt(self.first.weights)[:, None, None] * unit)
+    def _whitened(self, found: LinearRows) -> Float[np.ndarray, "u d"]:
+        """The used innovations, that were whitened by the sensor's noise alone."""
+        o, used = self.observations, self.first.used
+        rows = self.linear.rows[used]
+        rows[..., -1] = found.rows[used, :, -1]
+        return o.landmarks.steps.whitened(o.landmarks, o.at[used], rows, self.first.weights).rows[..., -1]
 
 
 @dataclass(frozen=True)
