@@ -163,14 +163,14 @@ class SensorGuard:
         self.frames = RepeatedFrames()
         self._refusals = 0
 
-    def passes(self, greatest: float, count: int, dim: int) -> bool:
-        """Whether the greatest squared innovation of an update alone says that `weights` are all 1; counts it if so."""
-        if not count or self._refusals >= PATIENCE or self.options.kernel != "none":
-            return False
-        if not greatest <= gate(self.options.gate_probability, dim):
-            return False
+    def limit(self, dim: int) -> float:
+        """Squared innovation up to which `weights` are 1 whatever the state's covariance; negative where there is none."""
+        plain = self._refusals < PATIENCE and self.options.kernel == "none"
+        return gate(self.options.gate_probability, dim) if plain else -1.0
+
+    def accept(self) -> None:
+        """Count an update all of whose values lie within the `limit`."""
         self._refusals = 0
-        return True
 
     def weights(
         self, innovation: Float[np.ndarray, "k d"], deviations: Deviations

@@ -63,6 +63,11 @@ class Lanes:
             return _interpreted(self._plain, arguments, rows)
         return _run(self._library, arguments, rows, [(count, made) for made in self._made])
 
+    @cached_property
+    def loop(self) -> int | None:
+        """Address of the compiled loop, for other compiled code to call; None where there is none."""
+        return self._library and ctypes.cast(self._library.spinfilters_lanes, ctypes.c_void_p).value
+
     def _count(self, arguments: tuple[np.ndarray, ...], rows: tuple[np.ndarray | None, ...]) -> int:
         if len(arguments) != len(self.widths) or len(rows) != len(arguments):
             raise ShapeError(f"{self.name} takes {len(self.widths)} arguments with rows for each")

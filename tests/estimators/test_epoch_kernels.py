@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from landmark_samples import LAYOUT, recording
 
-from spinfilters.estimators.landmarks.landmark_map import SLOTS, LandmarkMap
+from spinfilters.estimators.landmarks.held_map import HeldMap
+from spinfilters.estimators.landmarks.landmark_map import SLOTS, LandmarkMap, LandmarkOptions
 from spinfilters.estimators.landmarks.native import LARGEST_STATE, NativeSteps, steps_of
 from spinfilters.estimators.landmarks.reference import NumpySteps
 from spinfilters.estimators.landmarks.steps import Closing
@@ -63,7 +65,7 @@ def epochs(steps: EITHER, precision: str, count: int) -> dict[str, np.ndarray]:
         correction = steps.corrected(white, factor, COLUMNS, 0.5)
         y = correction.coordinates
         found |= {
-            f"likelihood {epoch}": np.array([white.greatest, correction.nis, correction.log_likelihood]),
+            f"likelihood {epoch}": np.array([white.log_noise, correction.nis, correction.log_likelihood]),
             f"rows {epoch}": squares(np.delete(white.rows, COLUMNS[POSE:] - 20 + POSE, 2).swapaxes(1, 2)),
             f"length {epoch}": np.array([np.linalg.norm(y), correction.length(y)]),
             f"errors {epoch}": np.r_[correction.error[:20], correction.error[20 + RANK :]],
@@ -107,6 +109,40 @@ def test_a_sensor_of_another_shape_goes_through_numpy():
         white = steps.whitened(landmarks, at, linear, np.ones(7))
         found.append(steps.corrected(white, factor, COLUMNS, 0.0))
     np.testing.assert_array_equal(found[0].error, found[1].error)
+
+
+@pytest.mark.parametrize("limit", [1e9, 1e-9])
+def test_a_correction_at_once_is_that_of_its_steps_or_none(limit):
+    reference, native = both("float64")
+    recorded, held = recording(), HeldMap.empty(LandmarkOptions(modes=RANK))
+    measured, x = recorded.timeline[0].measurements[0], recorded.states[0]
+    generator, count = np.random.default_rng(5), len(measured.values)
+    held.landmarks.append(
+        np.arange(count),
+        measured.parameters[:, :3],
+        0.001 * generator.standard_normal((count, 3, RANK)),
+        0.001 * np.tril(generator.standard_normal((count, 3, 3))),
+    )
+    observations = held.observations(LAYOUT, measured, np.arange(count), 1.3)
+    factor = 0.01 * np.tril(generator.standard_normal((SIZE, SIZE)))
+    linear = observations.rows_at(x)
+    white = reference.whitened(held.landmarks, observations.at, linear.rows, np.full(count, 1 / 1.3))
+    expected = reference.corrected(white, factor, observations.columns, linear.log_noise.sum())
+    found = native.solved(observations, x, factor, limit)
+    assert reference.solved(observations, x, factor, limit) is None
+    if limit < 1:
+        assert found is None
+        return
+    assert found is not None
+    correction, rows = found
+    assert_alike(rows.rows[..., -1] ** 2, white.rows[..., -1] ** 2, 1e-6)
+    assert_alike(correction.error, expected.error, 1e-8)
+    assert_alike(squares(correction.factor), squares(expected.factor), 1e-8)
+    assert_alike(
+        np.array([correction.nis, correction.log_likelihood]),
+        np.array([expected.nis, expected.log_likelihood]),
+        1e-9,
+    )
 
 
 def test_there_is_room_for_every_state():

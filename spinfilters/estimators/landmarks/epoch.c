@@ -160,9 +160,9 @@ static void compose(integer slots, const double* turned, const double* by, const
   }
 }
 
-/* `whitened`: the groups; said: the log determinant of what whitens all, and the greatest squared length of an innovation. */
-void whiten(integer count, const double* linear, const double* weights, const integer* at, const Map* map, Group* g, double* said) {
-  said[0] = said[1] = 0;
+/* `whitened`: the groups; returns the log determinant of what whitens all. */
+double whiten(integer count, const double* linear, const double* weights, const integer* at, const Map* map, Group* g) {
+  double log_noise = 0;
   for (integer first = 0; first < count; first += LANES, ++g) {
     lane H[D * LINEAR], A[3 * M], L[9], root = {0}, X[3 * (3 + D)], T[9], out[D], volume = 1 + root;
     const int some = (int)(count - first < LANES ? count - first : LANES);
@@ -201,13 +201,9 @@ void whiten(integer count, const double* linear, const double* weights, const in
         else g->spread[3 * d + k - W] = v[d];
       }
     }
-    for (int i = 0; i < some; ++i) {
-      double square = 0;
-      for (int d = 0; d < D; ++d) square += ((double*)(g->rows + d * W + Q))[i] * ((double*)(g->rows + d * W + Q))[i];
-      said[0] += log(fabs(((double*)&volume)[i]));
-      if (!(square <= said[1])) said[1] = square == square ? square : INFINITY;
-    }
+    for (int i = 0; i < some; ++i) log_noise += log(fabs(((double*)&volume)[i]));
   }
+  return log_noise;
 }
 
 /* Householder reflections take columns `first` to `last` of `count` rows into the upper triangle R; what lies left of `from` is zero.
@@ -310,6 +306,39 @@ double correct(integer count, integer n, const Group* g, const integer* columns,
   }
   divide(size, U, shift, factor, error);
   return nis;
+}
+
+/* `lanes.Lanes` of `sighting_rows`. */
+typedef void Sighted(integer count, const double* const* from, const integer* pitch, const integer* const* rows, double* const* to);
+
+/* `solved`: 1 where every observation is valid and no innovation is longer than the limit, and else 0, with nothing done. The
+ * parameters are those behind the point; they and the values have rows of so many numbers. room: [count][D * LINEAR + 3]; said: log
+ * determinant of what whitens all, and the normalised innovation squared. */
+int solve(integer count, Sighted* sighted, const double* x, const double* parameters, integer width, const double* values,
+          integer components, const integer* at, double weight, double limit, const Map* map, double* room, double* said, Group* g,
+          integer n, const integer* columns, double* factor, double* root, double* shift, double* error) {
+  double *linear = room, *valid = linear + count * D * LINEAR, *square = valid + count, *noise = square + count;
+  const double* from[] = {x, map->points, parameters, values};
+  const integer pitch[] = {0, 3, width, components}, *rows[] = {0, at, 0, 0};
+  double* const to[] = {linear, valid, square, noise};
+  sighted(count, from, pitch, rows, to);
+  double log_noise = 0;
+  for (integer i = 0; i < count; ++i) {
+    if (!(valid[i] > 0 && square[i] < INFINITY)) return 0;
+    log_noise += noise[i];
+    valid[i] = weight;
+  }
+  said[0] = log_noise + whiten(count, linear, valid, at, map, g);
+  for (integer i = 0; i < count; ++i) {
+    double length = 0;
+    for (int d = 0; d < D; ++d) {
+      const double v = ((const double*)(g[i / LANES].rows + d * W + Q))[i % LANES];
+      length += v * v;
+    }
+    if (!(length <= limit)) return 0;
+  }
+  said[1] = correct(count, n, g, columns, factor, root, shift, error);
+  return 1;
 }
 
 /* Rows a and b of V, turned. */

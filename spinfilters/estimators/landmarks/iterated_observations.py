@@ -5,6 +5,7 @@ What the landmarks' own errors make of the observations is noise, whitened as at
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -19,13 +20,12 @@ class IteratedObservations:
 
     Attributes
     ----------
-    linear, first: observations about the mean, and their solution.
+    first: the solution about the mean.
     """
 
     observations: Observations
     mean: Float[np.ndarray, " m"]
     factor: Float[np.ndarray, "N N"]
-    linear: LinearRows
     first: Solved
 
     def solution(self, options: IterationOptions) -> Solved:
@@ -66,6 +66,10 @@ class IteratedObservations:
         white = o.landmarks.steps.whitened(o.landmarks, o.at[used], rows[used], weights)
         return _Found(corrected(o, found, white, (used, weights), self.factor))
 
+    @cached_property
+    def _about_mean(self) -> LinearRows:
+        return self.observations.rows_at(self.mean)
+
     def _linear(self, error: Float[np.ndarray, " N"]) -> LinearRows:
         o, n = self.observations, self.observations.layout.error_dim
         points = o.points + o.modes @ error[n : n + o.modes.shape[2]]
@@ -74,7 +78,7 @@ class IteratedObservations:
     def _whitened(self, found: LinearRows) -> Float[np.ndarray, "u d"]:
         """The used innovations, that were whitened by the sensor's noise alone."""
         o, used = self.observations, self.first.used
-        rows = self.linear.rows[used]
+        rows = self._about_mean.rows[used]
         rows[..., -1] = found.rows[used, :, -1]
         return o.landmarks.steps.whitened(o.landmarks, o.at[used], rows, self.first.weights).rows[..., -1]
 

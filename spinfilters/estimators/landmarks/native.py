@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 
 from spinfilters.estimators.gain import LOG_2_PI, Correction
 from spinfilters.estimators.landmarks.reference import NEW_LANDMARK_SHARE, NumpySteps
-from spinfilters.estimators.landmarks.steps import Closing, NewModes, Stored, WhitenedRows
+from spinfilters.estimators.landmarks.steps import Closing, NewModes, Sighted, Stored, WhitenedRows
 from spinfilters.estimators.smoothing.native import KERNEL_FLAGS
 from spinfilters.symbolic.c_library import load_text
 from spinfilters.symbolic.compiled import address
@@ -32,10 +32,11 @@ LANES = 8
 """Landmarks side by side (`epoch.c`)."""
 _TYPES = {"i": ctypes.c_longlong, "d": ctypes.c_double, "p": ctypes.c_void_p}
 _SIGNATURES = {
-    "refresh": "ipiip",
-    "whiten": "ippppp" + "p",
-    "correct": "iipp" + "pppp",
-    "close_epoch": "ippp" + "ippd" + "ip" + "ppppp" + "iiiiip",
+    "refresh": ("ipiip", None),
+    "whiten": ("ippppp", ctypes.c_double),
+    "correct": ("iipp" + "pppp", ctypes.c_double),
+    "solve": ("ippp" + "ipip" + "ddpppp" + "ip" + "pppp", ctypes.c_int),
+    "close_epoch": ("ippp" + "ippd" + "ip" + "ppppp" + "iiiiip", None),
 }
 _STORED = ("epoch", "hits", "wrong", "last", "transform", "spread", "shift", "points", "modes", "roots")
 
@@ -55,10 +56,9 @@ def _library(modes: int, precision: str) -> ctypes.PyDLL | None:
     body = files("spinfilters.estimators.landmarks").joinpath("epoch.c").read_text()
     library = load_text(f"landmark_epoch_{modes}", f"typedef {kind} stored;\n{sizes}{body}", FLAGS)
     if library is not None:
-        for name, arguments in _SIGNATURES.items():
+        for name, (arguments, result) in _SIGNATURES.items():
             function = getattr(library, name)
-            function.argtypes = [_TYPES[letter] for letter in arguments]
-            function.restype = ctypes.c_double if name == "correct" else None
+            function.argtypes, function.restype = [_TYPES[letter] for letter in arguments], result
     return library
 
 
@@ -86,10 +86,10 @@ class NativeSteps:
         if (d, width - 4) != SHAPE:
             return self._reference.whitened(stored, at, linear, weights)
         width, groups = width - 3 + self._modes, -(-k // LANES)
-        kept, said = _aligned(groups, d * (width + 6)), np.empty(2)
+        kept = _aligned(groups, d * (width + 6))
         given = [np.ascontiguousarray(array) for array in (linear, weights, at)]
-        self._c.whiten(k, *map(address, given), self._map(stored), address(kept), address(said))
-        return WhitenedRows(kept, (k, d, width), *said.tolist())
+        log_noise = self._c.whiten(k, *map(address, given), self._map(stored), address(kept))
+        return WhitenedRows(kept, (k, d, width), log_noise)
 
     def corrected(
         self,
@@ -101,10 +101,61 @@ class NativeSteps:
         n, (k, d, _) = len(factor), white.shape
         if (d, len(columns) - self._modes) != SHAPE:
             return self._reference.corrected(white, factor, columns, log_noise)
-        after, root, shift, error = np.array(factor), np.empty((n, n)), np.empty(n + 1), np.empty(n)
+        after, root, shift, error = (
+            np.array(factor, order="C"),
+            np.empty((n, n)),
+            np.empty(n + 1),
+            np.empty(n),
+        )
         nis = self._c.correct(k, n, *map(address, (white.kept, columns, after, root, shift, error)))
         likelihood = -0.5 * (nis + k * d * LOG_2_PI) - float(shift[n]) - white.log_noise - log_noise
         return Correction(error, after, nis, likelihood, k * d, root, shift[:n])
+
+    def solved(
+        self,
+        observations: Sighted,
+        x: Float[np.ndarray, " m"],
+        factor: Float[np.ndarray, "N N"],
+        limit: float,
+    ) -> tuple[Correction, WhitenedRows] | None:
+        o, n, d, c = observations, len(factor), *SHAPE
+        k, loop, width = len(o.at), o.sensor.sighting_rows.loop, c + self._modes + 1
+        if not (k and loop) or (o.sensor.dim, len(o.columns) - self._modes) != SHAPE:
+            return None
+        kept, room, said = (
+            _aligned(-(-k // LANES), d * (width + 6)),
+            np.empty(k * (d * (c + 4) + 3)),
+            np.empty(2),
+        )
+        after, root, shift, error = (
+            np.array(factor, order="C"),
+            np.empty((n, n)),
+            np.empty(n + 1),
+            np.empty(n),
+        )
+        given = (x, o.parameters, o.values, o.at)
+        x, parameters, values, at = (np.ascontiguousarray(array) for array in given)
+        if not self._c.solve(
+            k,
+            loop,
+            address(x),
+            address(parameters) + 24,
+            parameters.shape[1],
+            address(values),
+            values.shape[1],
+            address(at),
+            1 / o.scale,
+            limit,
+            self._map(o.landmarks),
+            *map(address, (room, said, kept)),
+            n,
+            *map(address, (o.columns, after, root, shift, error)),
+        ):
+            return None
+        log_noise, nis = said.tolist()
+        likelihood = -0.5 * (nis + k * d * LOG_2_PI) - float(shift[n]) - log_noise
+        correction = Correction(error, after, nis, likelihood, k * d, root, shift[:n])
+        return correction, WhitenedRows(kept, (k, d, width), log_noise)
 
     def close(
         self, stored: Stored, closing: Closing
@@ -115,14 +166,16 @@ class NativeSteps:
         new = NewModes(np.empty((c + r, c + r)), np.empty((r, n)), closing.remembered.copy())
         modes, roots = np.empty((k, 3, r), self._kept), np.empty((k, 3, 3), self._kept)
         at, by_pose, own = map(np.ascontiguousarray, (closing.at, closing.by_pose, closing.roots))
+        places = [address(array) if k else None for array in (by_pose, own, modes, roots)]
         self._c.close_epoch(
             len(at),
             *map(address, (closing.white.kept, at, closing.error)),
             k,
-            *map(address, (by_pose, own)),
+            *places[:2],
             NEW_LANDMARK_SHARE,
             n,
-            *map(address, (closing.factor, new.explained, new.turned, new.rows, modes, roots)),
+            *map(address, (closing.factor, new.explained, new.turned, new.rows)),
+            *places[2:],
             stored.count,
             *closing.behind,
             len(stored.shift),

@@ -96,6 +96,21 @@ class Solved:
     whitened: WhitenedRows
 
 
+def solve_at_once(
+    observations: Observations,
+    x: Float[np.ndarray, " m"],
+    factor: Float[np.ndarray, "N N"],
+    guard: SensorGuard,
+) -> Solved | None:
+    """What `solve` says at a state, where all observations are valid and pass whatever the covariance; None elsewhere."""
+    o = observations
+    found = o.landmarks.steps.solved(o, x, factor, guard.limit(o.sensor.dim))
+    if found is None:
+        return None
+    guard.accept()
+    return Solved(found[0], np.arange(len(o.at)), np.full(len(o.at), 1 / o.scale), found[1])
+
+
 def solve(
     observations: Observations, linear: LinearRows, factor: Float[np.ndarray, "N N"], guard: SensorGuard
 ) -> Solved:
@@ -104,8 +119,6 @@ def solve(
     rows, at = (linear.rows, o.at) if len(valid) == len(o.at) else (linear.rows[valid], o.at[valid])
     weights = np.full(len(valid), 1 / o.scale)
     white = steps.whitened(o.landmarks, at, rows, weights)
-    if guard.passes(white.greatest, *white.shape[:2]):
-        return corrected(o, linear, white, (valid, weights), factor)
     given = guard.weights(white.rows[..., -1], lambda which: white.rows[which, :, :-1] @ factor[o.columns])
     if given is None:
         return corrected(o, linear, white, (valid, weights), factor)

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.estimators.gain import Correction, MeasurementPrediction, apply_gain, compressed, lower_roots
-from spinfilters.estimators.landmarks.steps import Closing, NewModes, Stored, WhitenedRows
+from spinfilters.estimators.landmarks.steps import Closing, NewModes, Sighted, Stored, WhitenedRows
 
 NEW_LANDMARK_SHARE = 0.5
 """Of the information of a new landmark's own covariance that its next observation has of it, about."""
@@ -51,9 +51,8 @@ class NumpySteps:
         log_noise = float((log_noise - 0.5 * linear.shape[1] * np.log(weights)).sum())
         rows, X = every[..., :-3], every[..., -3:]
         parts = [array.reshape(len(at), array.shape[1] * array.shape[2], 1) for array in (rows, X, gram)]
-        squares = np.sum(rows[..., -1] ** 2, axis=1)
         kept = np.concatenate(parts, axis=1)
-        return WhitenedRows(kept, rows.shape, log_noise, float(squares.max(initial=0.0)))
+        return WhitenedRows(kept, rows.shape, log_noise)
 
     def corrected(
         self,
@@ -72,6 +71,19 @@ class NumpySteps:
         innovation, H, residual = compressed(tall[:, -1], tall[:, :-1])
         Y, log_noise = H @ factor[columns], log_noise + white.log_noise
         return apply_gain(MeasurementPrediction(innovation, Y, factor, residual, len(tall), log_noise))
+
+    def solved(
+        self,
+        observations: Sighted,
+        x: Float[np.ndarray, " m"],
+        factor: Float[np.ndarray, "N N"],
+        limit: float,
+    ) -> tuple[Correction, WhitenedRows] | None:
+        """What all observations say at a state, in one go where no squared innovation is beyond the limit; None elsewhere.
+
+        It is what `whitened` and `corrected` give; only compiled steps ever do it.
+        """
+        return None
 
     def close(
         self, stored: Stored, closing: Closing

@@ -25,6 +25,8 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinfilters.models.landmark_sensor import LandmarkSensor
+
 
 @dataclass(frozen=True)
 class WhitenedRows:
@@ -35,13 +37,11 @@ class WhitenedRows:
     kept: (g, s, l) of g groups of l landmarks, the last one filled up: numbers of `rows`, of X and of H_p L (d x 3).
     shape: (k, d, c + r + 1).
     log_noise: log determinant of all T, less that of the square roots of the weights.
-    greatest: of the squared lengths of the innovations.
     """
 
     kept: Float[np.ndarray, "g s l"]
     shape: tuple[int, int, int]
     log_noise: float
-    greatest: float
 
     @cached_property
     def rows(self) -> Float[np.ndarray, "k d w"]:
@@ -116,3 +116,22 @@ class Stored(Protocol):
     transform: Float[np.ndarray, "s r r"]
     spread: Float[np.ndarray, "s r r"]
     shift: Float[np.ndarray, "s r"]
+
+
+class Sighted(Protocol):
+    """Observations of landmarks (`observations.Observations`)."""
+
+    @property
+    def sensor(self) -> LandmarkSensor: ...
+    @property
+    def values(self) -> Float[np.ndarray, "k v"]: ...
+    @property
+    def parameters(self) -> Float[np.ndarray, "k p"]: ...
+    @property
+    def at(self) -> Int[np.ndarray, " k"]: ...
+    @property
+    def landmarks(self) -> Stored: ...
+    @property
+    def columns(self) -> Int[np.ndarray, " q"]: ...
+    @property
+    def scale(self) -> float: ...
