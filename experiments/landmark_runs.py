@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from experiments.landmark_bound import CramerRaoBound, TrueLandmarks
 from spinfilters.estimators.estimator import MapChange
 from spinfilters.estimators.first_frames import FirstStatePrior
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
 from spinfilters.estimators.landmark_start.smoother import SmoothingOptions, smooth_with_landmarks
 from spinfilters.estimators.landmark_start.start import LandmarkStartReport
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
-from spinfilters.estimators.landmarks.bound import CramerRaoBound, TrueLandmarks
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.estimators.multiplicative_filter import MultiplicativeFilter
 from spinfilters.estimators.run import advance

@@ -12,6 +12,7 @@ typedef long long integer;
 static const double TINY = 1e-280; /* a sum of squares that counts as zero: the inverse of a smaller one may be none */
 enum { ALIGNMENT = 8 * LANES, Q = C + M, W = Q + 1, LINEAR = C + 4, BAND = 4, STEP = 3 };
 typedef double lane __attribute__((vector_size(ALIGNMENT), may_alias));
+typedef lane loose __attribute__((aligned(8)));
 typedef integer mask __attribute__((vector_size(ALIGNMENT), may_alias));
 
 /* `LandmarkMap`: where its arrays lie. */
@@ -23,7 +24,7 @@ typedef struct {
 
 /* LANES observations of `WhitenedRows`: rows (D x W), in their place at last what they make of their landmarks (3 x W), X and H_p L. */
 typedef struct {
-  lane rows[D * W], spread[D * 3], gram[D * 3];
+  loose rows[D * W], spread[D * 3], gram[D * 3];
 } Group;
 
 static inline lane square_roots(lane x) {
@@ -66,7 +67,7 @@ static inline __attribute__((always_inline)) void lower_root(lane* X, const int 
 #define PUT(FROM, COUNT, I, TO, KIND) \
   for (int p_ = 0; p_ < (COUNT); ++p_) (TO)[p_] = (KIND)((const double*)(FROM))[p_ * LANES + (I)]
 
-/* One landmark to the present modes; `own` (3 x 6): its root, and beside it room for that of P = A spread A', which is given here. */
+/* Point and modes of one landmark to the present; lower triangle of P = A spread A', by which its own covariance grows. */
 static inline void follow(const Map* map, integer k, integer slots, double* P) {
   const integer slot = map->epoch[k] % slots;
   const double *T = map->transform + slot * M * M, *S = map->spread + slot * M * M, *b = map->shift + slot * M;
@@ -93,35 +94,34 @@ static inline void follow(const Map* map, integer k, integer slots, double* P) {
   for (int a = 0; a < 3 * M; ++a) A[a] = (stored)moved[a];
 }
 
-/* Roots of so many landmarks take in their P. */
-static void widen(const Map* map, const integer* at, int count, const lane* P) {
+/* Roots of so many landmarks take in their P, which is overwritten. */
+static void widen(const Map* map, const integer* at, int count, lane* P) {
+  const lane least[] = {1e-14 * P[0], 1e-14 * P[4], 1e-14 * P[8]};
   lane X[18], L[9];
   for (int i = 0; i < LANES; ++i) {
     const stored* root = map->roots + 9 * at[i < count ? i : count - 1];
     for (int a = 0; a < 3; ++a) TAKE(root + 3 * a, 3, i, X + 6 * a);
   }
-  lane left[9];
-  memcpy(left, P, sizeof left);
-  for (int j = 0; j < 3; ++j) { /* by elimination; pivots that rounding has made negative count as zero */
-    const mask good = left[4 * j] > 0;
-    const lane pivot = square_roots((lane)((mask)left[4 * j] & good)), out = (lane)((mask)(1 / pivot) & good);
-    for (int a = 0; a < j; ++a) X[6 * a + 3 + j] = (lane){0};
-    for (int a = j; a < 3; ++a) X[6 * a + 3 + j] = left[3 * a + j] * out;
+  for (int j = 0; j < 3; ++j) { /* by elimination; pivots that are nothing but rounding count as zero */
+    const mask good = P[4 * j] > least[j];
+    const lane out = (lane)((mask)(1 / square_roots(P[4 * j])) & good);
+    for (int a = 0; a < 3; ++a) X[6 * a + 3 + j] = (a < j ? 0 : 1) * P[3 * a + j] * out;
     for (int a = j + 1; a < 3; ++a)
-      for (int c = j + 1; c <= a; ++c) left[3 * a + c] -= X[6 * a + 3 + j] * X[6 * c + 3 + j];
+      for (int c = j + 1; c <= a; ++c) P[3 * a + c] -= X[6 * a + 3 + j] * X[6 * c + 3 + j];
   }
   lower_root(X, 6, L);
   for (int i = 0; i < count; ++i) PUT(L, 9, i, map->roots + 9 * at[i], stored);
 }
 
-/* `LandmarkMap.refresh`: landmarks in these rows, to the present modes. */
-void refresh(integer count, const integer* at, integer now, integer slots, const Map* map) {
+/* `LandmarkMap.refresh`: landmarks in these rows, to the present modes; of all, where none are given, those whose turn it is, from
+ * `begin` to `end`, and those that fall behind. */
+void refresh(integer count, const integer* at, integer begin, integer end, integer now, integer slots, const Map* map) {
   integer late[LANES];
   lane P[9] = {0};
   int some = 0;
   for (integer i = 0; i < count; ++i) {
-    const integer k = at[i];
-    if (map->epoch[k] != now) {
+    const integer k = at ? at[i] : i, behind = now - map->epoch[k];
+    if (behind > 0 && (at || (i >= begin && i < end) || behind > slots - 2)) {
       double own[9] = {0};
       follow(map, k, slots, own);
       TAKE(own, 9, some, P);
@@ -438,14 +438,6 @@ static void lower_by_reflections(const double* from, int n, double* R, double* r
   }
 }
 
-static inline void add_square(const double* s, int rows, int width, double scale, double* G) {
-  for (int a = 0; a < width; ++a)
-    for (int d = 0; d < rows; ++d) {
-      const double *row = s + d * width, v = scale * row[a];
-      for (int b = 0; b < width; ++b) G[a * Q + b] += v * row[b];
-    }
-}
-
 /* What observations make of their landmarks, in place of the rows; and how much of it pose and modes explain, added to G. */
 static void pull(Group* g, integer groups, double* G) {
   lane square[Q * Q] = {{0}};
@@ -618,18 +610,12 @@ void close_epoch(integer count, Group* groups, const integer* at, const double* 
       scaled[C + k] = b;
       scaled[2 * C + k] = (x[2 * C] - L[6] * a - L[7] * b) / L[8];
     }
-    add_square(scaled, 3, C, share, G);
+    for (int a = 0; a < C; ++a)
+      for (int b = 0; b < C; ++b)
+        for (int d = 0; d < 3; ++d) G[a * Q + b] += share * scaled[d * C + a] * scaled[d * C + b];
   }
   compress(G, n, both, explained, turned, mode_rows);
-  integer late[256];
-  integer some = 0;
-  for (integer i = 0; i < total; ++i) {
-    if ((i >= begin && i < end) || map->epoch[i] < now - (slots - 2)) late[some++] = i;
-    if (some == 256 || i + 1 == total) {
-      refresh(some, late, now, slots, map);
-      some = 0;
-    }
-  }
+  refresh(total, 0, begin, end, now, slots, map);
   compose(slots, turned, error + C, map);
   const integer slot = ++now % slots;
   memset(map->transform + slot * M * M, 0, M * M * sizeof(double));

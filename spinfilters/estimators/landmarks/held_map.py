@@ -1,6 +1,7 @@
 """The map of a filter: what observations do to it, and how its errors hang on those of the state."""
 
-from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -19,8 +20,7 @@ MEMORY = 0.9
 """Of what modes explain, from one epoch to the next: landmarks that were observed lately will be again."""
 
 
-@dataclass(frozen=True)
-class _Newcomers:
+class _Newcomers(NamedTuple):
     """New landmarks: ids (q,), points (q, 3), by_pose (q, 3, c) about the point before the update, roots (q, 3, 3)."""
 
     ids: Int[np.ndarray, " q"]
@@ -101,17 +101,8 @@ class HeldMap:
         if np.count_nonzero(known) < len(known):
             rows, values, parameters = rows[known], values[known], parameters[known]
         held.refresh(rows)
-        return Observations(
-            layout,
-            sensor,
-            values,
-            parameters,
-            rows,
-            known,
-            held,
-            self._columns_of(layout, sensor),
-            scale,
-        )
+        columns = self._columns_of(layout, sensor)
+        return Observations(layout, sensor, values, parameters, rows, known, held, columns, scale)
 
     def _columns_of(self, layout: StateLayout, sensor: LandmarkSensor) -> Int[np.ndarray, " q"]:
         """Errors that a sensor observes: those of the pose, then the modes."""
@@ -130,19 +121,14 @@ class HeldMap:
         mean: Float[np.ndarray, " m"],
     ) -> tuple[Float[np.ndarray, "N N"], MapChange]:
         """Factor and change of the map after an update that led to this mean."""
-        o, held, correction, n = (
-            observations,
-            self.landmarks,
-            solved.correction,
-            observations.layout.error_dim,
-        )
-        at = o.at[solved.used]
-        used, weights, wrong, new = held.ids[at], o.scale * solved.weights, NO_IDS, ~o.known
+        o, held, correction = observations, self.landmarks, solved.correction
+        at, n = o.at[solved.used], o.layout.error_dim
+        used, weights, wrong, fresh = held.ids[at], o.scale * solved.weights, NO_IDS, ~o.known
         if len(at) < len(o.at):
             wrong = held.refuse(np.delete(o.at, solved.used))
-            new[np.flatnonzero(o.known)[np.isin(o.at, wrong)]] = True
+            fresh[np.flatnonzero(o.known)[np.isin(o.at, wrong)]] = True
         reset = o.layout.reset_jacobian(correction.error[:n])
-        new = self._newcomers(o, measurement, new, (mean, reset))
+        new = self._newcomers(o, measurement, fresh, (mean, reset))
         closing = Closing(
             at,
             solved.whitened,
@@ -177,7 +163,7 @@ class HeldMap:
         assert measurement.ids is not None
         rows, pose = np.flatnonzero(which), o.sensor.columns
         if not len(rows):
-            return _Newcomers(NO_IDS, np.zeros((0, 3)), np.zeros((0, 3, len(pose))), np.zeros((0, 3, 3)))
+            return _nobody(len(pose))
         fresh = o.sensor.new_landmarks(mean, measurement.parameters[rows], measurement.values[rows])
         good = fresh.determined & np.isfinite(fresh.points).all(axis=1)
         if np.count_nonzero(good) < len(good):
@@ -198,3 +184,8 @@ class HeldMap:
         result = cls(LandmarkMap.restored(snapshot), options)
         result.move, result._explained = snapshot["map.move"].copy(), snapshot["map.explained"].copy()
         return result
+
+
+@cache
+def _nobody(columns: int) -> _Newcomers:
+    return _Newcomers(NO_IDS, np.zeros((0, 3)), np.zeros((0, 3, columns)), np.zeros((0, 3, 3)))

@@ -32,10 +32,8 @@ class IteratedObservations:
         """The most probable point, from the first solution."""
         if options.iterations == 1 or self._is_good(options):
             return self.first
-        found = _Found(self.first)
-        y, last = iterate(found, self._solved_at, self._objective, options)
-        correction = replace(last.solved.correction, error=self.factor @ y)
-        return replace(last.solved, correction=correction)
+        y, last = iterate(self.first, self._solved_at, self._objective, options)
+        return last._replace(correction=replace(last.correction, error=self.factor @ y))
 
     def _is_good(self, options: IterationOptions) -> bool:
         """Whether the innovations at the first solution are what the linear model foretold."""
@@ -53,7 +51,7 @@ class IteratedObservations:
         residual = self._whitened(found)
         return float(y @ y) + float(np.sum(residual * residual))
 
-    def _solved_at(self, y: Float[np.ndarray, " N"]) -> "_Found":
+    def _solved_at(self, y: Float[np.ndarray, " N"]) -> Solved:
         """The solution of the model linearised at y, told about y = 0."""
         error, o = self.factor @ y, self.observations
         found, pose, c = self._linear(error), o.sensor.columns, len(o.sensor.columns)
@@ -64,7 +62,7 @@ class IteratedObservations:
         rows[..., -1] += rows[..., :c] @ error[pose] + np.einsum("kdi,ki->kd", rows[..., c:-1], own)
         used, weights = self.first.used, self.first.weights
         white = o.landmarks.steps.whitened(o.landmarks, o.at[used], rows[used], weights)
-        return _Found(corrected(o, found, white, (used, weights), self.factor))
+        return corrected(o, found, white, (used, weights), self.factor)
 
     @cached_property
     def _about_mean(self) -> LinearRows:
@@ -81,17 +79,3 @@ class IteratedObservations:
         rows = self._about_mean.rows[used]
         rows[..., -1] = found.rows[used, :, -1]
         return o.landmarks.steps.whitened(o.landmarks, o.at[used], rows, self.first.weights).rows[..., -1]
-
-
-@dataclass(frozen=True)
-class _Found:
-    """A solution as `iterate` wants it."""
-
-    solved: Solved
-
-    @property
-    def coordinates(self) -> Float[np.ndarray, " N"]:
-        return self.solved.correction.coordinates
-
-    def length(self, step: Float[np.ndarray, " N"]) -> float:
-        return self.solved.correction.length(step)

@@ -4,25 +4,24 @@ import ctypes
 from functools import cache
 from importlib.resources import files
 from operator import is_
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.estimators.gain import LOG_2_PI, Correction
 from spinfilters.estimators.landmarks.reference import NEW_LANDMARK_SHARE, NumpySteps
-from spinfilters.estimators.landmarks.steps import Closing, NewModes, Sighted, Stored, WhitenedRows
+from spinfilters.estimators.landmarks.steps import Closing, NewModes, WhitenedRows
 from spinfilters.estimators.smoothing.native import KERNEL_FLAGS
 from spinfilters.symbolic.c_library import load_text
 from spinfilters.symbolic.compiled import address
 
-FLAGS = (
-    *KERNEL_FLAGS,
-    "-fassociative-math",
-    "-fno-signed-zeros",
-    "-fno-trapping-math",
-    "-fno-strict-aliasing",
-    "-Wno-psabi",
-)
+if TYPE_CHECKING:
+    from spinfilters.estimators.landmarks.landmark_map import LandmarkMap
+    from spinfilters.estimators.landmarks.observations import Observations
+
+LOOSE_SUMS = ("-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math")
+FLAGS = (*KERNEL_FLAGS, *LOOSE_SUMS, "-fno-strict-aliasing", "-Wno-psabi")
 """Sums may be taken in any order, so that they are vectorised; what is not finite stays so."""
 SHAPE = (3, 6)
 """Components of an observation, and columns of the state that it depends on: of a stereo pair; others go through NumPy."""
@@ -32,7 +31,7 @@ LANES = 8
 """Landmarks side by side (`epoch.c`)."""
 _TYPES = {"i": ctypes.c_longlong, "d": ctypes.c_double, "p": ctypes.c_void_p}
 _SIGNATURES = {
-    "refresh": ("ipiip", None),
+    "refresh": ("ipiiiip", None),
     "whiten": ("ippppp", ctypes.c_double),
     "correct": ("iipp" + "pppp", ctypes.c_double),
     "solve": ("ippp" + "ipip" + "ddpppp" + "ip" + "pppp", ctypes.c_int),
@@ -71,13 +70,13 @@ class NativeSteps:
         self._known: tuple[np.ndarray, ...] = ()
         self._places = (ctypes.c_void_p * len(_STORED))()
 
-    def refresh(self, stored: Stored, rows: Int[np.ndarray, " q"]) -> None:
+    def refresh(self, stored: "LandmarkMap", rows: Int[np.ndarray, " q"]) -> None:
         rows = np.ascontiguousarray(rows)
-        self._c.refresh(len(rows), address(rows), stored.now, len(stored.shift), self._map(stored))
+        self._c.refresh(len(rows), address(rows), 0, 0, stored.now, len(stored.shift), self._map(stored))
 
     def whitened(
         self,
-        stored: Stored,
+        stored: "LandmarkMap",
         at: Int[np.ndarray, " k"],
         linear: Float[np.ndarray, "k d w"],
         weights: Float[np.ndarray, " k"],
@@ -86,7 +85,7 @@ class NativeSteps:
         if (d, width - 4) != SHAPE:
             return self._reference.whitened(stored, at, linear, weights)
         width, groups = width - 3 + self._modes, -(-k // LANES)
-        kept = _aligned(groups, d * (width + 6))
+        kept = np.empty((groups, d * (width + 6), LANES))
         given = [np.ascontiguousarray(array) for array in (linear, weights, at)]
         log_noise = self._c.whiten(k, *map(address, given), self._map(stored), address(kept))
         return WhitenedRows(kept, (k, d, width), log_noise)
@@ -113,7 +112,7 @@ class NativeSteps:
 
     def solved(
         self,
-        observations: Sighted,
+        observations: "Observations",
         x: Float[np.ndarray, " m"],
         factor: Float[np.ndarray, "N N"],
         limit: float,
@@ -123,7 +122,7 @@ class NativeSteps:
         if not (k and loop) or (o.sensor.dim, len(o.columns) - self._modes) != SHAPE:
             return None
         kept, room, said = (
-            _aligned(-(-k // LANES), d * (width + 6)),
+            np.empty((-(-k // LANES), d * (width + 6), LANES)),
             np.empty(k * (d * (c + 4) + 3)),
             np.empty(2),
         )
@@ -158,7 +157,7 @@ class NativeSteps:
         return correction, WhitenedRows(kept, (k, d, width), log_noise)
 
     def close(
-        self, stored: Stored, closing: Closing
+        self, stored: "LandmarkMap", closing: Closing
     ) -> tuple[NewModes, Float[np.ndarray, "q 3 r"], Float[np.ndarray, "q 3 3"]]:
         r, n, (k, _, c) = len(closing.remembered), closing.factor.shape[1], closing.by_pose.shape
         if (closing.white.shape[1], c) != SHAPE:
@@ -185,18 +184,10 @@ class NativeSteps:
         stored.now += 1
         return new, modes, roots
 
-    def _map(self, stored: Stored) -> int:
+    def _map(self, stored: "LandmarkMap") -> int:
         """Address of those of the map's arrays, looked up when they are other arrays."""
         arrays = tuple([getattr(stored, name) for name in _STORED])
         if not (self._known and all(map(is_, arrays, self._known))):
             self._known = arrays
             self._places[:] = list(map(address, arrays))
         return ctypes.addressof(self._places)
-
-
-def _aligned(groups: int, size: int) -> Float[np.ndarray, "g s l"]:
-    """Room for so many numbers of every group, that begins where a whole vector does."""
-    count = groups * size * LANES
-    room = np.empty(count + LANES)
-    begin = -address(room) // 8 % LANES
-    return room[begin : begin + count].reshape(groups, size, LANES)

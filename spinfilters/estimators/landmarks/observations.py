@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -80,8 +81,7 @@ class Observations:
         return LinearRows(rows, good, log_noise[:, 0])
 
 
-@dataclass(frozen=True)
-class Solved:
+class Solved(NamedTuple):
     """What observations say.
 
     Attributes
@@ -94,6 +94,15 @@ class Solved:
     used: Int[np.ndarray, " u"]
     weights: Float[np.ndarray, " u"]
     whitened: WhitenedRows
+
+    @property
+    def coordinates(self) -> Float[np.ndarray, " N"]:
+        """Of the correction, as `length`."""
+        return self.correction.coordinates
+
+    def length(self, step: Float[np.ndarray, " N"]) -> float:
+        """See `spinfilters.estimators.iterated.Solution`."""
+        return self.correction.length(step)
 
 
 def solve_at_once(

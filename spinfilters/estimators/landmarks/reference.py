@@ -1,10 +1,16 @@
 """The steps of an epoch in NumPy: what defines them, and serves where there is no compiler."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.estimators.gain import Correction, MeasurementPrediction, apply_gain, compressed, lower_roots
-from spinfilters.estimators.landmarks.steps import Closing, NewModes, Sighted, Stored, WhitenedRows
+from spinfilters.estimators.landmarks.steps import Closing, NewModes, WhitenedRows
+
+if TYPE_CHECKING:
+    from spinfilters.estimators.landmarks.landmark_map import LandmarkMap
+    from spinfilters.estimators.landmarks.observations import Observations
 
 NEW_LANDMARK_SHARE = 0.5
 """Of the information of a new landmark's own covariance that its next observation has of it, about."""
@@ -13,7 +19,7 @@ NEW_LANDMARK_SHARE = 0.5
 class NumpySteps:
     """The steps that a filter takes; `native.NativeSteps` takes the same."""
 
-    def refresh(self, stored: Stored, rows: Int[np.ndarray, " q"]) -> None:
+    def refresh(self, stored: "LandmarkMap", rows: Int[np.ndarray, " q"]) -> None:
         """Bring landmarks in these rows up to the present epoch's modes."""
         rows = rows[stored.epoch[rows] != stored.now]
         slot = stored.epoch[rows] % len(stored.shift)
@@ -27,7 +33,7 @@ class NumpySteps:
 
     def whitened(
         self,
-        stored: Stored,
+        stored: "LandmarkMap",
         at: Int[np.ndarray, " k"],
         linear: Float[np.ndarray, "k d w"],
         weights: Float[np.ndarray, " k"],
@@ -74,7 +80,7 @@ class NumpySteps:
 
     def solved(
         self,
-        observations: Sighted,
+        observations: "Observations",
         x: Float[np.ndarray, " m"],
         factor: Float[np.ndarray, "N N"],
         limit: float,
@@ -86,7 +92,7 @@ class NumpySteps:
         return None
 
     def close(
-        self, stored: Stored, closing: Closing
+        self, stored: "LandmarkMap", closing: Closing
     ) -> tuple[NewModes, Float[np.ndarray, "q 3 r"], Float[np.ndarray, "q 3 3"]]:
         """Everything after the correction, which takes the map to the next epoch; new landmarks' modes and roots."""
         c = closing.by_pose.shape[2]
@@ -100,7 +106,7 @@ class NumpySteps:
 
 
 def next_epoch(
-    stored: Stored,
+    stored: "LandmarkMap",
     transform: Float[np.ndarray, "r r"],
     dropped: Float[np.ndarray, "r c"],
     shift: Float[np.ndarray, " r"],
@@ -132,7 +138,7 @@ def _new_modes(closing: Closing) -> NewModes:
     return NewModes(R.T @ vector, vector[:, :r].T @ turn.T, value[::-1][:r].copy())
 
 
-def _observe(stored: Stored, closing: Closing, new: NewModes) -> None:
+def _observe(stored: "LandmarkMap", closing: Closing, new: NewModes) -> None:
     """Move observed landmarks, and tell them by the new modes."""
     at, (X, gram) = closing.at, _own_parts(closing.white)
     modes, roots = stored.modes[at].astype(float), stored.roots[at].astype(float)

@@ -20,12 +20,10 @@ taken for every landmark's own (`observe`). Landmarks that were not observed fol
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
-
-from spinfilters.models.landmark_sensor import LandmarkSensor
 
 
 @dataclass(frozen=True)
@@ -50,8 +48,7 @@ class WhitenedRows:
         return np.swapaxes(self.kept[:, : d * width], 1, 2).reshape(-1, d, width)[:count]
 
 
-@dataclass(frozen=True)
-class NewModes:
+class NewModes(NamedTuple):
     """The next modes by the old: (x, m) = kept m' + dropped f, m' and f of unit covariance.
 
     Attributes
@@ -75,8 +72,7 @@ class NewModes:
         return self.turned[:, len(self.rows) :]
 
 
-@dataclass(frozen=True)
-class Closing:
+class Closing(NamedTuple):
     """What an epoch's observations have led to: how landmarks and modes go on from it.
 
     Attributes
@@ -96,42 +92,3 @@ class Closing:
     roots: Float[np.ndarray, "q 3 3"]
     remembered: Float[np.ndarray, " r"]
     behind: tuple[int, int]
-
-
-class Stored(Protocol):
-    """Where landmarks are kept (`landmark_map.LandmarkMap`)."""
-
-    points: Float[np.ndarray, "k 3"]
-    modes: np.ndarray
-    roots: np.ndarray
-    epoch: Int[np.ndarray, " k"]
-    hits: Int[np.ndarray, " k"]
-    wrong: Int[np.ndarray, " k"]
-    last: Int[np.ndarray, " k"]
-    now: int
-
-    @property
-    def count(self) -> int: ...
-
-    transform: Float[np.ndarray, "s r r"]
-    spread: Float[np.ndarray, "s r r"]
-    shift: Float[np.ndarray, "s r"]
-
-
-class Sighted(Protocol):
-    """Observations of landmarks (`observations.Observations`)."""
-
-    @property
-    def sensor(self) -> LandmarkSensor: ...
-    @property
-    def values(self) -> Float[np.ndarray, "k v"]: ...
-    @property
-    def parameters(self) -> Float[np.ndarray, "k p"]: ...
-    @property
-    def at(self) -> Int[np.ndarray, " k"]: ...
-    @property
-    def landmarks(self) -> Stored: ...
-    @property
-    def columns(self) -> Int[np.ndarray, " q"]: ...
-    @property
-    def scale(self) -> float: ...
