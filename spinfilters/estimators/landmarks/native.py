@@ -100,15 +100,9 @@ class NativeSteps:
         n, (k, d, _) = len(factor), white.shape
         if (d, len(columns) - self._modes) != SHAPE:
             return self._reference.corrected(white, factor, columns, log_noise)
-        after, root, shift, error = (
-            np.array(factor, order="C"),
-            np.empty((n, n)),
-            np.empty(n + 1),
-            np.empty(n),
-        )
-        nis = self._c.correct(k, n, *map(address, (white.kept, columns, after, root, shift, error)))
-        likelihood = -0.5 * (nis + k * d * LOG_2_PI) - float(shift[n]) - white.log_noise - log_noise
-        return Correction(error, after, nis, likelihood, k * d, root, shift[:n])
+        made = _made(factor)
+        nis = self._c.correct(k, n, *map(address, (white.kept, columns, *made)))
+        return _correction(made, nis, k * d, white.log_noise + log_noise)
 
     def solved(
         self,
@@ -121,40 +115,20 @@ class NativeSteps:
         k, loop, width = len(o.at), o.sensor.sighting_rows.loop, c + self._modes + 1
         if not (k and loop) or (o.sensor.dim, len(o.columns) - self._modes) != SHAPE:
             return None
-        kept, room, said = (
-            np.empty((-(-k // LANES), d * (width + 6), LANES)),
-            np.empty(k * (d * (c + 4) + 3)),
-            np.empty(2),
-        )
-        after, root, shift, error = (
-            np.array(factor, order="C"),
-            np.empty((n, n)),
-            np.empty(n + 1),
-            np.empty(n),
-        )
-        given = (x, o.parameters, o.values, o.at)
+        kept, room = np.empty((-(-k // LANES), d * (width + 6), LANES)), np.empty(k * (d * (c + 4) + 3))
+        made, said, given = _made(factor), np.empty(2), (x, o.parameters, o.values, o.at)
         x, parameters, values, at = (np.ascontiguousarray(array) for array in given)
+        behind_points = address(parameters) + 3 * parameters.itemsize
         if not self._c.solve(
-            k,
-            loop,
-            address(x),
-            address(parameters) + 24,
-            parameters.shape[1],
-            address(values),
-            values.shape[1],
-            address(at),
-            1 / o.scale,
-            limit,
-            self._map(o.landmarks),
+            *(k, loop, address(x), behind_points, parameters.shape[1], address(values), values.shape[1]),
+            *(address(at), 1 / o.scale, limit, self._map(o.landmarks)),
             *map(address, (room, said, kept)),
             n,
-            *map(address, (o.columns, after, root, shift, error)),
+            *map(address, (o.columns, *made)),
         ):
             return None
         log_noise, nis = said.tolist()
-        likelihood = -0.5 * (nis + k * d * LOG_2_PI) - float(shift[n]) - log_noise
-        correction = Correction(error, after, nis, likelihood, k * d, root, shift[:n])
-        return correction, WhitenedRows(kept, (k, d, width), log_noise)
+        return _correction(made, nis, k * d, log_noise), WhitenedRows(kept, (k, d, width), log_noise)
 
     def close(
         self, stored: "LandmarkMap", closing: Closing
@@ -191,3 +165,15 @@ class NativeSteps:
             self._known = arrays
             self._places[:] = list(map(address, arrays))
         return ctypes.addressof(self._places)
+
+
+def _made(factor: Float[np.ndarray, "N N"]) -> tuple[np.ndarray, ...]:
+    """Room for a correction: the factor, which is corrected in place, root, shift and error."""
+    n = len(factor)
+    return np.array(factor, order="C"), np.empty((n, n)), np.empty(n + 1), np.empty(n)
+
+
+def _correction(made: tuple[np.ndarray, ...], nis: float, dof: int, log_noise: float) -> Correction:
+    after, root, shift, error = made
+    likelihood = -0.5 * (nis + dof * LOG_2_PI) - float(shift[-1]) - log_noise
+    return Correction(error, after, nis, likelihood, dof, root, shift[:-1])

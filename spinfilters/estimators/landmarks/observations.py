@@ -105,17 +105,17 @@ class Solved(NamedTuple):
         return self.correction.length(step)
 
 
-def solve_at_once(
+def solve_at(
     observations: Observations,
     x: Float[np.ndarray, " m"],
     factor: Float[np.ndarray, "N N"],
     guard: SensorGuard,
-) -> Solved | None:
-    """What `solve` says at a state, where all observations are valid and pass whatever the covariance; None elsewhere."""
+) -> Solved:
+    """What `solve` says with first derivatives at a state; at once, where all are valid and pass whatever the covariance."""
     o = observations
     found = o.landmarks.steps.solved(o, x, factor, guard.limit(o.sensor.dim))
     if found is None:
-        return None
+        return solve(o, o.rows_at(x), factor, guard)
     guard.accept()
     return Solved(found[0], np.arange(len(o.at)), np.full(len(o.at), 1 / o.scale), found[1])
 

@@ -85,10 +85,7 @@ class NumpySteps:
         factor: Float[np.ndarray, "N N"],
         limit: float,
     ) -> tuple[Correction, WhitenedRows] | None:
-        """What all observations say at a state, in one go where no squared innovation is beyond the limit; None elsewhere.
-
-        It is what `whitened` and `corrected` give; only compiled steps ever do it.
-        """
+        """What `whitened` and `corrected` give at a state, if no squared innovation is beyond the limit; here always None."""
         return None
 
     def close(
