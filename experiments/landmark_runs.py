@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from experiments.landmark_bound import CramerRaoBound, TrueLandmarks
 from spinfilters.estimators.estimator import MapChange
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
 from spinfilters.estimators.initialisation.initialiser import SmoothingOptions, smooth_first_epochs
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
-from spinfilters.estimators.landmarks.bound import CramerRaoBound, TrueLandmarks
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.estimators.multiplicative_filter import MultiplicativeFilter
 from spinfilters.estimators.run import advance

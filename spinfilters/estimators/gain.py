@@ -106,6 +106,11 @@ def last_nonzero(columns: Float[np.ndarray, "k r"]) -> int:
     return int(filled[-1]) + 1 if filled.size else 1
 
 
+def is_lower(rows: Float[np.ndarray, "k n"]) -> bool:
+    """Whether the first rows of a factor are those of a lower triangle."""
+    return not np.count_nonzero(rows * (1 - _lower_ones(rows.shape[1])[: len(rows)]))
+
+
 def triangular_factor(rows: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "n n"]:
     """Lower triangular L with L L' = rows' rows, by QR; k may be less than n."""
     k, n = rows.shape

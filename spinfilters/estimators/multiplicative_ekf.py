@@ -13,7 +13,7 @@ from spinfilters.estimators.gain import Correction, apply_gain
 from spinfilters.estimators.iterated import IterationOptions, agrees, iterate
 from spinfilters.estimators.landmarks.iterated_observations import IteratedObservations
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
-from spinfilters.estimators.landmarks.observations import Observations, Solved, solve
+from spinfilters.estimators.landmarks.observations import Observations, Solved, solve_at
 from spinfilters.estimators.linear_prediction import LinearRows, linear_rows
 from spinfilters.estimators.multiplicative_filter import Corrected, MultiplicativeFilter, propagated
 from spinfilters.estimators.robustness import RobustOptions, SensorGuard
@@ -71,8 +71,7 @@ class MultiplicativeEkf(MultiplicativeFilter):
         )
 
     def _solved(self, observations: Observations, guard: SensorGuard) -> Solved:
-        linear = observations.rows_at(self._mean)
-        first = solve(observations, linear, self._factor, guard)
+        first = solve_at(observations, self._mean, self._factor, guard)
         if self._is_small(first.correction):
             return first
         problem = IteratedObservations(observations, self._mean, self._factor, first)

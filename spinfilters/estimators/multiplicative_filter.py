@@ -155,11 +155,10 @@ class MultiplicativeFilter(Estimator):
             self._factor = factor
         return self._held
 
-    def _anchored(self, dim: int, ids: Int[np.ndarray, " k"]) -> HeldMap:
+    def _anchored(self, dim: int, rows: Int[np.ndarray, " k"]) -> HeldMap:
         """The map; in the frame of the present pose where new landmarks alone are seen, but for so few that they tell no pose."""
-        held = self._with_map()
-        known = int(np.count_nonzero(held.landmarks.locate(ids) >= 0))
-        if len(held.landmarks) == 0 or dim * known >= GAUGE_DIM or dim * (len(ids) - known) < GAUGE_DIM:
+        held, known = self._with_map(), int(np.count_nonzero(rows >= 0))
+        if len(held.landmarks) == 0 or dim * known >= GAUGE_DIM or dim * (len(rows) - known) < GAUGE_DIM:
             return held
         belief = anchored_at_pose(self.landmark_belief, self._options)
         self._factor, self._held = belief.factor, HeldMap.of(belief, self._options)
@@ -169,19 +168,18 @@ class MultiplicativeFilter(Estimator):
         self, measurement: Measurement, ids: Int[np.ndarray, " k"], guard: SensorGuard, scale: float
     ) -> UpdateReport:
         """Landmarks of the map seen, and new ones."""
-        held = self._anchored(measurement.model.dim, ids)
-        observations = held.observations(self.layout, measurement, ids, scale)
+        rows = self._with_map().landmarks.locate(ids)
+        held = self._anchored(measurement.model.dim, rows)
+        observations = held.observations(self.layout, measurement, rows, scale)
         solved = self._solved(observations, guard)
-        mean = self.layout.retract(self._mean, solved.correction.error[: self._n])
-        if not (np.isfinite(mean).all() and np.isfinite(solved.correction.factor).all()):
+        correction = solved.correction
+        mean = self.layout.retract(self._mean, correction.error[: self._n])
+        if not (np.isfinite(mean).all() and np.isfinite(correction.factor).all()):
             return UpdateReport(0.0, 0, 0, len(ids), map_change=NOTHING_CHANGED)
         self._mean = mean
         self._factor, change = held.after(observations, measurement, solved, mean)
-        self._adaptation.observe_measurement(measurement.model.name, solved.correction)
-        used, correction = (
-            len(solved.used) + len(change.added),
-            solved.correction,
-        )  # a landmark's first makes it
+        self._adaptation.observe_measurement(measurement.model.name, correction)
+        used = len(solved.used) + len(change.added)  # a landmark's first observation makes it
         return UpdateReport(
             correction.nis, correction.dof, used, len(ids) - used, correction.log_likelihood, change
         )

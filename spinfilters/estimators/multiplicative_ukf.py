@@ -12,6 +12,7 @@ from spinfilters.estimators.gain import (
     MeasurementPrediction,
     apply_gain,
     compressed,
+    is_lower,
     last_nonzero,
     triangular_factor,
 )
@@ -76,7 +77,9 @@ class MultiplicativeUkf(MultiplicativeFilter):
 
     def _triangular(self) -> Float[np.ndarray, "N N"]:
         """The factor with the state's rows on its first coordinates alone, as sigma points need it."""
-        return self._factor if self._held is None else triangular_factor(self._factor.T)
+        if self._held is None or is_lower(self._factor[: self._n]):
+            return self._factor
+        return triangular_factor(self._factor.T)
 
     def _sigma_points(self) -> Float[np.ndarray, "p m"]:
         return self.layout.retract(self._mean, self._offsets @ self._factor[: self._n, : self._n].T)

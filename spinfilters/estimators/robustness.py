@@ -163,6 +163,15 @@ class SensorGuard:
         self.frames = RepeatedFrames()
         self._refusals = 0
 
+    def limit(self, dim: int) -> float:
+        """Squared innovation up to which `weights` are 1 whatever the state's covariance; negative where there is none."""
+        plain = self._refusals < PATIENCE and self.options.kernel == "none"
+        return gate(self.options.gate_probability, dim) if plain else -1.0
+
+    def accept(self) -> None:
+        """Count an update all of whose values lie within the `limit`."""
+        self._refusals = 0
+
     def weights(
         self, innovation: Float[np.ndarray, "k d"], deviations: Deviations
     ) -> Float[np.ndarray, " k"] | None:

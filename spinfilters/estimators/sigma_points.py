@@ -58,10 +58,13 @@ class SigmaPoints:
         self, deviations: Float[np.ndarray, "*batch r p"]
     ) -> tuple[Float[np.ndarray, "*batch r n"], Float[np.ndarray, "*batch r p"]]:
         """(A, B) with covariance A A' + B B' of the weighted deviations, A their regression on y, B what is left."""
-        weighted = deviations * self.root_weights
+        weighted = (deviations * self.root_weights).reshape(
+            -1, len(self.root_weights)
+        )  # one product is faster than many
         scaled = self.offsets * self.root_weights[:, None]
         slope = weighted @ scaled
-        return slope, weighted - slope @ scaled.T
+        left, batch = weighted - slope @ scaled.T, deviations.shape[:-1]
+        return slope.reshape(*batch, slope.shape[1]), left.reshape(*batch, left.shape[1])
 
 
 @cache

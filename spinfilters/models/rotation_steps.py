@@ -120,7 +120,7 @@ class RotationIntegrator:
 
     def good(self, error: np.ndarray, count: int) -> bool:
         """Whether the tolerance is met; a result that is not finite is handed on, for the caller to see."""
-        worst = float(np.max(error)) if error.size else 0.0
+        worst = float(error.max()) if error.size else 0.0
         if worst <= self._tolerance or not np.isfinite(worst):
             return True
         if count >= MAX_SUBSTEPS:

@@ -51,7 +51,8 @@ class Lanes:
 
         Parameters
         ----------
-        arguments: (k, width) each.   rows: per argument, (n,) which of its rows an item takes, or None where item i takes row i.
+        arguments: (k, width) each.   rows: per argument, (n,) which of its rows an item takes, or None where item i takes row i,
+            or all items the only one.
 
         Raises
         ------
@@ -62,6 +63,11 @@ class Lanes:
             return _interpreted(self._plain, arguments, rows)
         return _run(self._library, arguments, rows, [(count, made) for made in self._made])
 
+    @cached_property
+    def loop(self) -> int | None:
+        """Address of the compiled loop, for other compiled code to call; None where there is none."""
+        return self._library and ctypes.cast(self._library.spinfilters_lanes, ctypes.c_void_p).value
+
     def _count(self, arguments: tuple[np.ndarray, ...], rows: tuple[np.ndarray | None, ...]) -> int:
         if len(arguments) != len(self.widths) or len(rows) != len(arguments):
             raise ShapeError(f"{self.name} takes {len(self.widths)} arguments with rows for each")
@@ -71,10 +77,11 @@ class Lanes:
                 raise ShapeError(f"{self.name}: an argument of shape (k, {width}) is {argument.shape}")
             if row is not None and len(row) and not _largest(row) < len(argument):
                 raise ShapeError(f"{self.name}: rows {row.min()} to {row.max()} of {len(argument)}")
-            counts.add(len(argument) if row is None else len(row))
-        if len(counts) != 1:
+            if row is not None or len(argument) != 1:
+                counts.add(len(argument) if row is None else len(row))
+        if len(counts) > 1:
             raise ShapeError(f"{self.name}: arguments have {sorted(counts)} items; give the same number")
-        return counts.pop()
+        return counts.pop() if counts else 1
 
     @cached_property
     def _library(self) -> ctypes.PyDLL | None:

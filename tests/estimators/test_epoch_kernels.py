@@ -2,23 +2,29 @@
 
 import numpy as np
 import pytest
+from landmark_samples import LAYOUT, recording
 
-from spinfilters.estimators.landmarks.landmark_map import LandmarkMap
+from spinfilters.estimators.landmarks.held_map import HeldMap
+from spinfilters.estimators.landmarks.landmark_map import SLOTS, LandmarkMap, LandmarkOptions
 from spinfilters.estimators.landmarks.native import LARGEST_STATE, NativeSteps, steps_of
 from spinfilters.estimators.landmarks.reference import NumpySteps
-from spinfilters.estimators.landmarks.steps import NewModes
+from spinfilters.estimators.landmarks.steps import Closing
+from spinfilters.models.gauge import GAUGE_DIM
+from spinfilters.state.blocks import BLOCKS
 
-RANK, COUNT, POSE = 5, 23, 6
+RANK, COUNT, POSE, LANDMARKS = 5, 23, 6, 60
 SIZE = 20 + RANK + 6
+COLUMNS = np.r_[0:POSE, 20 : 20 + RANK]
 PRECISIONS = pytest.mark.parametrize("precision", ["float64", "float32"])
+EITHER = NumpySteps | NativeSteps
 
 
 def sample(precision: str) -> tuple[np.random.Generator, LandmarkMap]:
     generator = np.random.default_rng(4)
     landmarks = LandmarkMap(RANK, precision)
-    roots = np.tril(generator.standard_normal((60, 3, 3)))
-    modes = generator.standard_normal((60, 3, RANK))
-    landmarks.append(np.arange(60), generator.standard_normal((60, 3)), modes, roots)
+    roots = np.tril(generator.standard_normal((LANDMARKS, 3, 3)))
+    modes = generator.standard_normal((LANDMARKS, 3, RANK))
+    landmarks.append(np.arange(LANDMARKS), generator.standard_normal((LANDMARKS, 3)), modes, roots)
     return generator, landmarks
 
 
@@ -29,102 +35,115 @@ def both(precision: str) -> tuple[NumpySteps, NativeSteps]:
     return NumpySteps(), steps
 
 
-def assert_alike(found: np.ndarray, expected: np.ndarray, rtol: float = 1e-9) -> None:
+def assert_alike(found: np.ndarray, expected: np.ndarray, rtol: float) -> None:
     np.testing.assert_allclose(found, expected, rtol=rtol, atol=rtol * np.abs(expected).max(initial=1e-300))
 
 
-@PRECISIONS
-def test_following_landmarks(precision):
-    tolerance = 1e-9 if precision == "float64" else 1e-5
-    made = []
-    for steps in both(precision):
-        generator, landmarks = sample(precision)
-        landmarks.steps = steps
-        for _ in range(30):
-            landmarks.advance(
-                np.eye(RANK) + 0.1 * generator.standard_normal((RANK, RANK)),
-                0.1 * generator.standard_normal((RANK, POSE)),
-                generator.standard_normal(RANK),
-            )
-        landmarks.refresh(np.arange(60))
-        made.append(landmarks.snapshot())
-    for key, array in made[0].items():
-        found = made[1][key]
-        if key == "map.roots":
-            array, found = (x.astype(float) @ np.swapaxes(x.astype(float), 1, 2) for x in (array, found))
-        assert_alike(found, array, tolerance)
+def squares(roots: np.ndarray) -> np.ndarray:
+    return roots.astype(float) @ np.swapaxes(roots.astype(float), -1, -2)
 
 
 @PRECISIONS
-def test_an_epoch_of_observations(precision):
-    tolerance = 1e-9 if precision == "float64" else 1e-5
-    made = [epoch(steps, precision) for steps in both(precision)]
-    for expected, found in zip(*made, strict=True):
-        assert_alike(found, expected, tolerance)
+@pytest.mark.parametrize("count", [COUNT, 0])
+def test_epochs_of_observations(precision, count):
+    tolerance = 1e-8 if precision == "float64" else 1e-4
+    made = [epochs(steps, precision, count) for steps in both(precision)]
+    for name, expected in made[0].items():
+        assert_alike(made[1][name], expected, tolerance)
 
 
-def epoch(steps: NumpySteps | NativeSteps, precision: str) -> list[np.ndarray]:
-    """Everything that does not depend on the signs of modes and of the factor's columns."""
+def epochs(steps: EITHER, precision: str, count: int) -> dict[str, np.ndarray]:
+    """Everything after epochs of so many observations that does not depend on the signs of modes and of the factor's columns."""
     generator, landmarks = sample(precision)
-    at = generator.permutation(60)[:COUNT]
-    linear, weights = generator.standard_normal((COUNT, 3, POSE + 4)), generator.uniform(0.1, 2.0, COUNT)
-    factor = np.tril(generator.standard_normal((SIZE, SIZE)))
-    columns = np.r_[0:POSE, 20 : 20 + RANK]
-    white = steps.whitened(landmarks, at, linear, weights)
-    squares = (
-        np.einsum("kdi,kdj->kij", white.rows, white.rows),
-        np.einsum("kdi,kdj->kij", white.spread, white.rows),
-    )
-    correction = steps.corrected(white.rows, factor, columns)
-    new_rows, own = generator.standard_normal((4, 3, POSE)), np.tril(generator.standard_normal((4, 3, 3)))
-    modes = steps.compress(white, new_rows, correction.factor[columns], np.ones(RANK))
-    steps.observe(landmarks, at, white, correction.error[columns], modes)
-    dependence, roots = steps.settled(new_rows, own, modes)
-    shared = modes.rows @ correction.factor.T
-    A, L = landmarks.modes[:60].astype(float), landmarks.roots[:60].astype(float)
-    return [
-        *squares,
-        white.log_noise,
-        correction.error,
-        correction.factor @ correction.factor.T,
-        np.array([correction.nis, correction.log_likelihood, correction.length(correction.coordinates)]),
-        correction.coordinates,
-        modes.explained,
-        modes.rows @ modes.rows.T,
-        shared.T @ shared,
-        modes.kept @ shared,
-        modes.dropped @ modes.dropped.T,
-        landmarks.points[:60],
-        A[at] @ shared,
-        (L @ np.swapaxes(L, 1, 2)),
-        dependence.astype(float) @ shared,
-        roots.astype(float) @ np.swapaxes(roots.astype(float), 1, 2),
-    ]
-
-
-def test_an_epoch_without_any_observation():
-    for steps in both("float64"):
-        _, landmarks = sample("float64")
-        none = np.zeros(0, dtype=np.int64)
-        white = steps.whitened(landmarks, none, np.zeros((0, 3, POSE + 4)), np.zeros(0))
-        correction = steps.corrected(white.rows, np.eye(SIZE), np.r_[0:POSE, 20 : 20 + RANK])
-        np.testing.assert_array_equal(correction.error, 0.0)
-        assert_alike(correction.factor @ correction.factor.T, np.eye(SIZE))
-        rows = correction.factor[np.r_[0:POSE, 20 : 20 + RANK]]
-        modes = steps.compress(white, np.zeros((0, 3, POSE)), rows, np.ones(RANK))
-        assert isinstance(modes, NewModes)
-        assert_alike(modes.rows @ modes.rows.T, np.eye(RANK))
+    landmarks.steps = steps
+    factor, found, shared = np.tril(generator.standard_normal((SIZE, SIZE))), {}, np.zeros((RANK, 20))
+    for epoch in range(2 * SLOTS):
+        seen = generator.permutation(LANDMARKS)[:count]
+        steps.refresh(landmarks, seen)
+        linear, weights = generator.standard_normal((count, 3, POSE + 4)), generator.uniform(0.1, 2.0, count)
+        white = steps.whitened(landmarks, seen, linear, weights)
+        correction = steps.corrected(white, factor, COLUMNS, 0.5)
+        y = correction.coordinates
+        found |= {
+            f"likelihood {epoch}": np.array([white.log_noise, correction.nis, correction.log_likelihood]),
+            f"rows {epoch}": squares(np.delete(white.rows, COLUMNS[POSE:] - 20 + POSE, 2).swapaxes(1, 2)),
+            f"length {epoch}": np.array([np.linalg.norm(y), correction.length(y)]),
+            f"errors {epoch}": np.r_[correction.error[:20], correction.error[20 + RANK :]],
+        }
+        by_pose, own = generator.standard_normal((4, 3, POSE)), np.tril(generator.standard_normal((4, 3, 3)))
+        closing = Closing(
+            seen,
+            white,
+            correction.error[COLUMNS],
+            correction.factor[COLUMNS],
+            by_pose,
+            own + 3 * np.eye(3),
+            np.ones(RANK),
+            landmarks.take_turn(),
+        )
+        modes, dependence, roots = steps.close(landmarks, closing)
+        shared = modes.rows @ correction.factor[:20].T
+        factor = 1.2 * correction.factor
+        factor[20 : 20 + RANK] = modes.rows
+        found |= {
+            f"explained {epoch}": modes.explained,
+            f"modes {epoch}": shared.T @ shared,
+            f"kept {epoch}": modes.kept[:POSE] @ shared,
+            f"dropped {epoch}": squares(modes.dropped[:POSE]),
+            f"new {epoch}": dependence.astype(float) @ shared,
+            f"new roots {epoch}": squares(roots),
+        }
+    landmarks.refresh(np.arange(LANDMARKS))
+    known = landmarks.snapshot()
+    counted = {name: known[f"map.{name}"] for name in ("epoch", "hits", "wrong", "last")}
+    own = {"points": known["map.points"], "roots": squares(known["map.roots"])}
+    return found | counted | own | {"dependence": known["map.modes"].astype(float) @ shared}
 
 
 def test_a_sensor_of_another_shape_goes_through_numpy():
-    reference, native = both("float64")
     generator, landmarks = sample("float64")
     at, linear = np.arange(7), generator.standard_normal((7, 2, POSE + 4))
     factor = np.tril(generator.standard_normal((SIZE, SIZE)))
-    columns = np.r_[0:POSE, 20 : 20 + RANK]
     found = []
-    for steps in (reference, native):
+    for steps in both("float64"):
         white = steps.whitened(landmarks, at, linear, np.ones(7))
-        found.append(steps.corrected(white.rows, factor, columns))
+        found.append(steps.corrected(white, factor, COLUMNS, 0.0))
     np.testing.assert_array_equal(found[0].error, found[1].error)
-    assert SIZE <= RANK + LARGEST_STATE
+
+
+@pytest.mark.parametrize("limit", [1e9, 1e-9])
+def test_a_correction_at_once_is_that_of_its_steps_or_none(limit):
+    reference, native = both("float64")
+    recorded, held = recording(), HeldMap.empty(LandmarkOptions(modes=RANK))
+    measured, x = recorded.timeline[0].measurements[0], recorded.states[0]
+    generator, count = np.random.default_rng(5), len(measured.values)
+    held.landmarks.append(
+        np.arange(count),
+        measured.parameters[:, :3],
+        0.001 * generator.standard_normal((count, 3, RANK)),
+        0.001 * np.tril(generator.standard_normal((count, 3, 3))),
+    )
+    observations = held.observations(LAYOUT, measured, np.arange(count), 1.3)
+    factor = 0.01 * np.tril(generator.standard_normal((SIZE, SIZE)))
+    linear = observations.rows_at(x)
+    white = reference.whitened(held.landmarks, observations.at, linear.rows, np.full(count, 1 / 1.3))
+    expected = reference.corrected(white, factor, observations.columns, linear.log_noise.sum())
+    found = native.solved(observations, x, factor, limit)
+    assert reference.solved(observations, x, factor, limit) is None
+    if limit < 1:
+        assert found is None
+        return
+    assert found is not None
+    correction, rows = found
+    assert_alike(rows.rows[..., -1] ** 2, white.rows[..., -1] ** 2, 1e-6)
+    assert_alike(correction.error, expected.error, 1e-8)
+    assert_alike(squares(correction.factor), squares(expected.factor), 1e-8)
+    assert_alike(
+        np.array([correction.nis, correction.log_likelihood]),
+        np.array([expected.nis, expected.log_likelihood]),
+        1e-9,
+    )
+
+
+def test_there_is_room_for_every_state():
+    assert sum(block.dimension for block in BLOCKS.values()) + GAUGE_DIM <= LARGEST_STATE

@@ -85,16 +85,16 @@ def test_a_landmark_is_wrong_when_it_is_refused_thrice_in_a_row_or_at_its_second
     landmarks = map_of(generator, 3)
     added(landmarks, generator, np.array([7]), confirmed=1)
     rows = np.arange(4)
-    assert landmarks.record(rows, np.array([True, False, True, False])).tolist() == [3]
+    assert landmarks.refuse(rows[[1, 3]]).tolist() == [3]
     for _ in range(WRONG_IN_A_ROW - 2):
-        assert landmarks.record(rows[:3], np.array([True, False, True])).tolist() == []
-    assert landmarks.record(rows[:3], np.array([False, False, True])).tolist() == [1]
+        assert landmarks.refuse(rows[1:2]).tolist() == []
+    assert landmarks.refuse(rows[:2]).tolist() == [1]
 
 
 def test_the_stalest_landmarks_go_first(generator):
     landmarks = map_of(generator, 40)
     landmarks.advance(*step(generator))
-    landmarks.record(np.arange(8, 40), np.ones(32, dtype=bool))
+    landmarks.refuse(np.arange(8, 40))
     assert landmarks.stalest(40).size == 0
     assert landmarks.stalest(36).tolist() == [0, 1, 2, 3, 4, 5]
 

@@ -1,201 +1,289 @@
 /* The steps of an epoch's observations of landmarks; `steps.py` says what they compute, `reference.py` computes it in NumPy where there
- * is no compiler. D components of an observation, C columns of the state that it depends on, M modes, N rows of the factor and `stored`,
- * float or double, are defined in front of this text. Matrices are row by row. */
+ * is no compiler. D components of an observation, C columns of the state that it depends on, M modes, N rows of the factor, LANES, and `stored`,
+ * float or double, are defined in front of this text. Matrices are row by row.
+ *
+ * The small matrices of LANES landmarks are handled side by side: a `lane` holds one entry of each. A group that is not full is
+ * filled up with its last landmark, whose observation then has no weight. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 typedef long long integer;
-enum { Q = C + M, W = Q + 1, LINEAR = C + 4, BAND = 96 };
+static const double TINY = 1e-280; /* a sum of squares that counts as zero: the inverse of a smaller one may be none */
+enum { ALIGNMENT = 8 * LANES, Q = C + M, W = Q + 1, LINEAR = C + 4, BAND = 4, STEP = 3 };
+typedef double lane __attribute__((vector_size(ALIGNMENT), may_alias));
+typedef lane loose __attribute__((aligned(8)));
+typedef integer mask __attribute__((vector_size(ALIGNMENT), may_alias));
 
-/* Householder reflections take `count` rows into the upper triangle R of order n, all with `width` >= n columns in rows of `pitch`. */
-static inline void absorb(double* R, double* rows, int count, int n, int width, int pitch) {
-  for (int j = 0; j < n; ++j) {
-    double square = 0, *top = R + j * pitch, sum[128];
-    for (int i = 0; i < count; ++i) square += rows[i * pitch + j] * rows[i * pitch + j];
-    if (square == 0) continue;
-    double length = sqrt(top[j] * top[j] + square), head = top[j] > 0 ? top[j] + length : top[j] - length;
-    double scale = 1 / (head * head + square);
-    for (int k = j; k < width; ++k) sum[k] = head * top[k];
-    for (int i = 0; i < count; ++i) {
-      const double *row = rows + i * pitch, v = row[j];
-      for (int k = j; k < width; ++k) sum[k] += v * row[k];
-    }
-    for (int k = j; k < width; ++k) sum[k] *= 2 * scale;
-    for (int k = j; k < width; ++k) top[k] -= head * sum[k];
-    for (int i = 0; i < count; ++i) {
-      double *row = rows + i * pitch, v = row[j];
-      for (int k = j; k < width; ++k) row[k] -= v * sum[k];
+/* `LandmarkMap`: where its arrays lie. */
+typedef struct {
+  integer *epoch, *hits, *wrong, *last;
+  double *transform, *spread, *shift, *points;
+  stored *modes, *roots;
+} Map;
+
+/* LANES observations of `WhitenedRows`: rows (D x W), in their place at last what they make of their landmarks (3 x W), X and H_p L. */
+typedef struct {
+  loose rows[D * W], spread[D * 3], gram[D * 3];
+} Group;
+
+static inline lane square_roots(lane x) {
+  double each[LANES] __attribute__((aligned(ALIGNMENT)));
+  *(lane*)each = x;
+  for (int i = 0; i < LANES; ++i) each[i] = sqrt(each[i]);
+  return *(lane*)each;
+}
+
+/* x with the sign of y. */
+static inline lane with_sign(lane x, lane y) {
+  const mask sign = (mask)(-(lane){0});
+  return (lane)(((mask)x & ~sign) | ((mask)y & sign));
+}
+
+/* Lower triangular L (3 x 3) with L L' = X X', X (3 x count) overwritten, by reflections: squares of what is wide apart would be lost
+ * to rounding. */
+static inline __attribute__((always_inline)) void lower_root(lane* X, const int count, lane* L) {
+  for (int j = 0; j < 3; ++j) {
+    lane *v = X + j * count, square = {0};
+    for (int k = j; k < count; ++k) square += v[k] * v[k];
+    const lane length = with_sign(square_roots(square), v[j]);
+    const lane scale = 1 / (square + v[j] * length + TINY);
+    v[j] += length;
+    for (int i = 0; i < j; ++i) L[3 * i + j] = (lane){0};
+    L[4 * j] = -length;
+    for (int i = j + 1; i < 3; ++i) {
+      lane *row = X + i * count, sum = {0};
+      for (int k = j; k < count; ++k) sum += v[k] * row[k];
+      sum *= scale;
+      for (int k = j; k < count; ++k) row[k] -= sum * v[k];
+      L[3 * i + j] = row[j];
     }
   }
 }
 
-/* Lower triangular L (3 x 3) with L L' = the sum of products of the columns of `count` rows of three numbers. */
-static inline void own_root(double* rows, int count, stored* L) {
-  double R[9] = {0};
-  absorb(R, rows, count, 3, 3, 3);
+/* Numbers of landmark i of a group, in and out of its lanes. */
+#define TAKE(FROM, COUNT, I, TO) \
+  for (int p_ = 0; p_ < (COUNT); ++p_) ((double*)(TO))[p_ * LANES + (I)] = (FROM)[p_]
+#define PUT(FROM, COUNT, I, TO, KIND) \
+  for (int p_ = 0; p_ < (COUNT); ++p_) (TO)[p_] = (KIND)((const double*)(FROM))[p_ * LANES + (I)]
+
+/* Point and modes of one landmark to the present; lower triangle of P = A spread A', by which its own covariance grows. */
+static inline void follow(const Map* map, integer k, integer slots, double* P) {
+  const integer slot = map->epoch[k] % slots;
+  const double *T = map->transform + slot * M * M, *S = map->spread + slot * M * M, *b = map->shift + slot * M;
+  double AS[3 * M] = {0}, moved[3 * M] = {0};
+  stored* A = map->modes + k * 3 * M;
+  for (int a = 0; a < 3; ++a) {
+    double sum = 0;
+    for (int m = 0; m < M; ++m) {
+      const double s = A[a * M + m];
+      sum += s * b[m];
+      for (int l = 0; l < M; ++l) {
+        moved[a * M + l] += s * T[m * M + l];
+        AS[a * M + l] += s * S[m * M + l];
+      }
+    }
+    map->points[3 * k + a] += sum;
+  }
   for (int a = 0; a < 3; ++a)
-    for (int b = 0; b < 3; ++b) L[3 * a + b] = (stored)(b > a ? 0 : R[3 * b + a]);
-}
-
-/* `LandmarkMap.refresh`: landmarks in these rows, to the present modes. */
-void refresh(integer count, const integer* at, integer now, integer slots, integer* epoch, const double* transform,
-             const double* spread, const double* shift, double* points, stored* modes, stored* roots) {
-  for (integer i = 0; i < count; ++i) {
-    integer k = at[i];
-    if (epoch[k] == now) continue;
-    integer slot = epoch[k] % slots;
-    const double *T = transform + slot * M * M, *S = spread + slot * M * M, *b = shift + slot * M;
-    double A[3 * M], moved[3 * M] = {0}, AS[3 * M] = {0}, P[9];
-    for (int a = 0; a < 3 * M; ++a) A[a] = modes[k * 3 * M + a];
-    for (int a = 0; a < 3; ++a) {
+    for (int c = 0; c <= a; ++c) {
       double sum = 0;
-      for (int m = 0; m < M; ++m) {
-        double s = A[a * M + m];
-        sum += s * b[m];
-        for (int l = 0; l < M; ++l) {
-          moved[a * M + l] += s * T[m * M + l];
-          AS[a * M + l] += s * S[m * M + l];
-        }
-      }
-      points[3 * k + a] += sum;
+      for (int m = 0; m < M; ++m) sum += AS[a * M + m] * A[c * M + m];
+      P[3 * a + c] = sum;
     }
-    for (int a = 0; a < 3; ++a)
-      for (int c = 0; c < 3; ++c) {
-        double sum = 0;
-        for (int m = 0; m < M; ++m) sum += AS[a * M + m] * A[c * M + m];
-        P[3 * a + c] = sum;
-      }
-    /* rows of a root of P: by elimination, pivots that rounding has made negative count as zero */
-    double rows[18] = {0};
-    for (int j = 0; j < 3; ++j) {
-      double pivot = P[4 * j] > 0 ? sqrt(P[4 * j]) : 0;
-      if (pivot > 0) {
-        for (int a = j; a < 3; ++a) rows[3 * j + a] = P[3 * a + j] / pivot;
-        for (int a = j + 1; a < 3; ++a)
-          for (int c = j + 1; c < 3; ++c) P[3 * a + c] -= rows[3 * j + a] * rows[3 * j + c];
-      }
-    }
-    for (int a = 0; a < 3; ++a)
-      for (int c = 0; c < 3; ++c) rows[9 + 3 * a + c] = roots[9 * k + 3 * c + a];
-    own_root(rows, 6, roots + 9 * k);
-    for (int a = 0; a < 3 * M; ++a) modes[k * 3 * M + a] = (stored)moved[a];
-    epoch[k] = now;
-  }
+  for (int a = 0; a < 3 * M; ++a) A[a] = (stored)moved[a];
 }
 
-/* `LandmarkMap.advance`: transformations of all slots, one step on. */
-void compose(integer slots, const double* step, const double* dropped, const double* by, double* transform, double* spread,
-             double* shift) {
-  for (integer s = 0; s < slots; ++s) {
-    double *T = transform + s * M * M, *S = spread + s * M * M, moved[M * M], f[M * C];
-    for (int a = 0; a < M; ++a) {
-      double sum = 0, row[M] = {0}, other[C] = {0};
-      for (int m = 0; m < M; ++m) {
-        double t = T[a * M + m];
-        sum += t * by[m];
-        for (int l = 0; l < M; ++l) row[l] += t * step[m * M + l];
-        for (int l = 0; l < C; ++l) other[l] += t * dropped[m * C + l];
-      }
-      shift[s * M + a] += sum;
-      memcpy(moved + a * M, row, sizeof row);
-      for (int l = 0; l < C; ++l) f[l * M + a] = other[l];
-    }
-    for (int a = 0; a < M; ++a)
-      for (int l = 0; l < C; ++l) {
-        double v = f[l * M + a];
-        for (int c = 0; c < M; ++c) S[a * M + c] += v * f[l * M + c];
-      }
-    memcpy(T, moved, sizeof moved);
+/* Roots of so many landmarks take in their P, which is overwritten. */
+static void widen(const Map* map, const integer* at, int count, lane* P) {
+  const lane least[] = {1e-14 * P[0], 1e-14 * P[4], 1e-14 * P[8]};
+  lane X[18], L[9];
+  for (int i = 0; i < LANES; ++i) {
+    const stored* root = map->roots + 9 * at[i < count ? i : count - 1];
+    for (int a = 0; a < 3; ++a) TAKE(root + 3 * a, 3, i, X + 6 * a);
   }
+  for (int j = 0; j < 3; ++j) { /* by elimination; pivots that are nothing but rounding count as zero */
+    const mask good = P[4 * j] > least[j];
+    const lane out = (lane)((mask)(1 / square_roots(P[4 * j])) & good);
+    for (int a = 0; a < 3; ++a) X[6 * a + 3 + j] = (a < j ? 0 : 1) * P[3 * a + j] * out;
+    for (int a = j + 1; a < 3; ++a)
+      for (int c = j + 1; c <= a; ++c) P[3 * a + c] -= X[6 * a + 3 + j] * X[6 * c + 3 + j];
+  }
+  lower_root(X, 6, L);
+  for (int i = 0; i < count; ++i) PUT(L, 9, i, map->roots + 9 * at[i], stored);
 }
 
-/* `whitened`: rows [count][D][W], spread and gram [count][D][3], log_noise [count]. */
-void whiten(integer count, const double* linear, const double* weights, const integer* at, const stored* modes,
-            const stored* roots, double* rows, double* spread, double* gram, double* log_noise) {
+/* `LandmarkMap.refresh`: landmarks in these rows, to the present modes; of all, where none are given, those whose turn it is, from
+ * `begin` to `end`, and those that fall behind. */
+void refresh(integer count, const integer* at, integer begin, integer end, integer now, integer slots, const Map* map) {
+  integer late[LANES];
+  lane P[9] = {0};
+  int some = 0;
   for (integer i = 0; i < count; ++i) {
-    double root = sqrt(weights[i]), every[D * (W + 3)], R[D * D] = {0}, turned[3 * D];
-    const stored *A = modes + at[i] * 3 * M, *L = roots + at[i] * 9;
-    for (int d = 0; d < D; ++d) {
-      const double *from = linear + (i * D + d) * LINEAR, h0 = root * from[C], h1 = root * from[C + 1], h2 = root * from[C + 2];
-      double* to = every + d * (W + 3);
-      for (int k = 0; k < C; ++k) to[k] = root * from[k];
-      for (int k = 0; k < M; ++k) to[C + k] = h0 * A[k] + h1 * A[M + k] + h2 * A[2 * M + k];
-      to[Q] = root * from[C + 3];
-      for (int k = 0; k < 3; ++k) {
-        double x = h0 * L[k] + h1 * L[3 + k] + h2 * L[6 + k];
-        to[W + k] = gram[(i * D + d) * 3 + k] = turned[k * D + d] = x;
-      }
-      R[d * D + d] = 1;
+    const integer k = at ? at[i] : i, behind = now - map->epoch[k];
+    if (behind > 0 && (at || (i >= begin && i < end) || behind > slots - 2)) {
+      double own[9] = {0};
+      follow(map, k, slots, own);
+      TAKE(own, 9, some, P);
+      map->epoch[k] = now;
+      late[some++] = k;
     }
-    absorb(R, turned, 3, D, D, D);
-    double volume = 1;
-    for (int d = 0; d < D; ++d) {
-      double* to = every + d * (W + 3);
-      for (int e = 0; e < d; ++e) {
-        const double s = R[e * D + d], *from = every + e * (W + 3);
-        for (int k = 0; k < W + 3; ++k) to[k] -= s * from[k];
-      }
-      double out = 1 / R[d * D + d];
-      for (int k = 0; k < W + 3; ++k) to[k] *= out;
-      volume *= fabs(R[d * D + d]);
-      memcpy(rows + (i * D + d) * W, to, W * sizeof(double));
-      memcpy(spread + (i * D + d) * 3, to + W, 3 * sizeof(double));
+    if (some == LANES || (some > 0 && i + 1 == count)) {
+      widen(map, late, some, P);
+      some = 0;
     }
-    log_noise[i] = log(volume);
   }
 }
 
-/* The same for columns `first` to `last` of rows of a fixed length, a multiple of eight; what lies left of `from` is zero. All lengths
- * are known to the compiler, so that it works with whole vectors throughout. */
-static inline void absorb_columns(double* restrict R, double* restrict rows, int count, int first, int last, const int from,
-                                  const int pitch) {
+/* Transformations of all slots, one step on: of the modes, and what is dropped of them, by the last M rows of `turned`. */
+static void compose(integer slots, const double* turned, const double* by, const Map* map) {
+  for (integer s = 0; s < slots; ++s) {
+    double *T = map->transform + s * M * M, *S = map->spread + s * M * M, f[M * C];
+    for (int a = 0; a < M; ++a) {
+      double sum = 0, row[Q] = {0};
+      for (int m = 0; m < M; ++m) {
+        const double t = T[a * M + m], *from = turned + (C + m) * Q;
+        sum += t * by[m];
+        for (int l = 0; l < Q; ++l) row[l] += t * from[l];
+      }
+      map->shift[s * M + a] += sum;
+      memcpy(T + a * M, row, M * sizeof(double));
+      for (int l = 0; l < C; ++l) f[l * M + a] = row[M + l];
+    }
+    for (int a = 0; a < M; ++a) {
+      double row[M];
+      memcpy(row, S + a * M, sizeof row);
+      for (int l = 0; l < C; ++l)
+        for (int c = 0; c < M; ++c) row[c] += f[l * M + a] * f[l * M + c];
+      memcpy(S + a * M, row, sizeof row);
+    }
+  }
+}
+
+/* `whitened`: the groups; returns the log determinant of what whitens all. */
+double whiten(integer count, const double* linear, const double* weights, const integer* at, const Map* map, Group* g) {
+  double log_noise = 0;
+  for (integer first = 0; first < count; first += LANES, ++g) {
+    lane H[D * LINEAR], A[3 * M], L[9], root = {0}, X[3 * (3 + D)], T[9], out[D], volume = 1 + root;
+    const int some = (int)(count - first < LANES ? count - first : LANES);
+    for (int i = 0; i < LANES; ++i) {
+      const integer k = first + (i < some ? i : some - 1);
+      TAKE(linear + k * D * LINEAR, D * LINEAR, i, H);
+      TAKE(map->modes + at[k] * 3 * M, 3 * M, i, A);
+      TAKE(map->roots + at[k] * 9, 9, i, L);
+      ((double*)&root)[i] = i < some ? weights[k] : 0;
+    }
+    root = square_roots(root);
+    for (int d = 0; d < D; ++d) {
+      const lane* h = H + d * LINEAR + C;
+      for (int a = 0; a < 3; ++a) {
+        const lane x = root * (h[0] * L[a] + h[1] * L[3 + a] + h[2] * L[6 + a]);
+        g->gram[3 * d + a] = X[d * (D + 3) + D + a] = x;
+      }
+      for (int e = 0; e < D; ++e) X[d * (D + 3) + e] = (lane){0} + (d == e);
+    }
+    lower_root(X, D + 3, T);
+    for (int d = 0; d < D; ++d) {
+      out[d] = 1 / T[4 * d];
+      volume *= T[4 * d] / root;
+    }
+    for (int k = 0; k < W + 3; ++k) {
+      lane v[D];
+      for (int d = 0; d < D; ++d) {
+        const lane* h = H + d * LINEAR;
+        if (k < C) v[d] = root * h[k];
+        else if (k < Q) v[d] = root * (h[C] * A[k - C] + h[C + 1] * A[M + k - C] + h[C + 2] * A[2 * M + k - C]);
+        else if (k == Q) v[d] = root * h[C + 3];
+        else v[d] = g->gram[3 * d + k - W];
+        for (int e = 0; e < d; ++e) v[d] -= T[3 * d + e] * v[e];
+        v[d] *= out[d];
+        if (k < W) g->rows[d * W + k] = v[d];
+        else g->spread[3 * d + k - W] = v[d];
+      }
+    }
+    for (int i = 0; i < some; ++i) log_noise += log(fabs(((double*)&volume)[i]));
+  }
+  return log_noise;
+}
+
+/* Householder reflections take columns `first` to `last` of `count` rows into the upper triangle R; what lies left of `from` is zero.
+ * Each reflection finds the products of the next column on its way. All lengths are known to the compiler. */
+static inline __attribute__((always_inline)) void absorb_columns(double* restrict R, double* restrict rows, int count, int first,
+                                                                 int last, const int from, const int pitch) {
+  enum { MOST = 128 / LANES };
+  const int lanes = (pitch - from) / LANES;
+  lane sum[MOST] = {{0}};
+  for (int i = 0; i < count && first < last; ++i) {
+    const lane* row = (const lane*)(rows + i * pitch + from);
+    const double v = rows[i * pitch + first];
+    for (int k = 0; k < lanes; ++k) sum[k] += v * row[k];
+  }
   for (int j = first; j < last; ++j) {
-    double square = 0, sum[64], *top = R + j * pitch;
-    for (int i = 0; i < count; ++i) square += rows[i * pitch + j] * rows[i * pitch + j];
-    if (square == 0) continue;
-    const double length = sqrt(top[j] * top[j] + square), head = top[j] > 0 ? top[j] + length : top[j] - length;
-    const double scale = 2 / (head * head + square);
-    for (int k = from; k < pitch; ++k) sum[k] = head * top[k];
+    lane *top = (lane*)(R + j * pitch + from), step[MOST], next[MOST] = {{0}};
+    const double square = ((const double*)sum)[j - from], old = R[j * pitch + j];
+    const double length = sqrt(old * old + square), head = old > 0 ? old + length : old - length;
+    const double scale = square < TINY ? 0 : 2 / (head * head + square);
+    for (int k = 0; k < lanes; ++k) {
+      step[k] = scale * (head * top[k] + sum[k]);
+      top[k] -= head * step[k];
+    }
+    const int beside = j + 1 < last ? j + 1 : j;
     for (int i = 0; i < count; ++i) {
-      const double *row = rows + i * pitch, v = row[j];
-      for (int k = from; k < pitch; ++k) sum[k] += v * row[k];
+      lane* row = (lane*)(rows + i * pitch + from);
+      const double v = rows[i * pitch + j];
+      for (int k = 0; k < lanes; ++k) row[k] -= v * step[k];
+      const double w = rows[i * pitch + beside];
+      for (int k = 0; k < lanes; ++k) next[k] += w * row[k];
     }
-    for (int k = from; k < pitch; ++k) {
-      sum[k] *= scale;
-      top[k] -= head * sum[k];
-    }
-    for (int i = 0; i < count; ++i) {
-      double *row = rows + i * pitch, v = row[j];
-      for (int k = from; k < pitch; ++k) row[k] -= v * sum[k];
-      row[j] = 0;
-    }
+    for (int k = 0; k < lanes; ++k) sum[k] = next[k];
   }
 }
 
-#define ABSORB(NAME, PITCH)                                                                    \
-  static void NAME(double* restrict R, double* restrict rows, int count, int n) {              \
-    absorb_columns(R, rows, count, 0, n < 8 ? n : 8, 0, PITCH);                                \
-    if (PITCH > 8) absorb_columns(R, rows, count, 8, n < 16 ? n : 16, 8, PITCH);               \
-    if (PITCH > 16) absorb_columns(R, rows, count, 16, n < 24 ? n : 24, 16, PITCH);            \
-    if (PITCH > 24) absorb_columns(R, rows, count, 24, n, 24, PITCH);                          \
+#define FROM(START, PITCH) \
+  if (PITCH > START) absorb_columns(R, rows, count, START, n < START + 8 || PITCH <= START + 8 ? n : START + 8, START, PITCH)
+#define ABSORB(NAME, PITCH)                                                       \
+  static void NAME(double* restrict R, double* restrict rows, int count, int n) { \
+    FROM(0, PITCH);                                                               \
+    FROM(8, PITCH);                                                               \
+    FROM(16, PITCH);                                                              \
+    if (PITCH > 24) absorb_columns(R, rows, count, 24, n, 24, PITCH);             \
   }
 enum { WP = (W + 7) / 8 * 8, NP = (N + 8) / 8 * 8 };
 ABSORB(absorb_rows, WP)
 ABSORB(absorb_factor, NP)
 
+/* Rows of the factor times the inverse of the root U, and with them the error that the shift makes. */
+static void divide(int size, const double* U, const double* shift, double* factor, double* error) {
+  for (int first = 0; first < size; first += LANES) {
+    const int some = size - first < LANES ? size - first : LANES;
+    lane X[N], sum = {0};
+    for (int i = 0; i < LANES; ++i) TAKE(factor + (first + (i < some ? i : 0)) * size, size, i, X);
+    for (int j = 0; j < size; ++j) {
+      const double* u = U + j * NP;
+      X[j] *= 1 / u[j];
+      sum += X[j] * shift[j];
+      for (int k = j + 1; k < size; ++k) X[k] -= X[j] * u[k];
+    }
+    for (int i = 0; i < some; ++i) {
+      PUT(X, size, i, factor + (first + i) * size, double);
+      error[first + i] = ((double*)&sum)[i];
+    }
+  }
+}
+
 /* `corrected`: factor [n][n] is replaced by that after the update; returns the normalised innovation squared. root [n][n] upper
  * triangular, shift [n] and behind it the log determinant of the root, error [n]. */
-double correct(integer count, integer n, const double* rows, const integer* columns, double* factor, double* root, double* shift,
+double correct(integer count, integer n, const Group* g, const integer* columns, double* factor, double* root, double* shift,
                double* error) {
-  double R[W * WP] = {0}, block[BAND * WP], U[N * NP] = {0}, Y[Q * NP] = {0};
-  for (integer first = 0; first < count * D; first += BAND) {
-    int some = (int)(count * D - first < BAND ? count * D - first : BAND);
-    for (int i = 0; i < some; ++i) {
-      memcpy(block + i * WP, rows + (first + i) * W, W * sizeof(double));
-      memset(block + i * WP + W, 0, (WP - W) * sizeof(double));
-    }
-    absorb_rows(R, block, some, W);
+  double R[W * WP] __attribute__((aligned(ALIGNMENT))) = {0}, block[BAND * D * LANES * WP] __attribute__((aligned(ALIGNMENT)));
+  double U[N * NP] __attribute__((aligned(ALIGNMENT))) = {0}, Y[Q * NP] __attribute__((aligned(ALIGNMENT))) = {0};
+  for (integer left = (count + LANES - 1) / LANES; left > 0; left -= BAND) {
+    const int some = (int)(left < BAND ? left : BAND);
+    for (int i = 0; i < some; ++i, ++g)
+      for (int d = 0; d < D; ++d)
+        for (int k = 0; k < W; ++k)
+          for (int l = 0; l < LANES; ++l) block[((i * D + d) * LANES + l) * WP + k] = ((double*)(g->rows + d * W + k))[l];
+    absorb_rows(R, block, some * D * LANES, W);
   }
   double nis = R[Q * WP + Q] * R[Q * WP + Q];
   int size = (int)n;
@@ -211,21 +299,46 @@ double correct(integer count, integer n, const double* rows, const integer* colu
   for (int a = 0; a < Q; ++a) nis += Y[a * NP + size] * Y[a * NP + size];
   shift[size] = 0;
   for (int j = 0; j < size; ++j) {
-    const double *u = U + j * NP, out = 1 / u[j];
+    const double* u = U + j * NP;
     shift[size] += log(fabs(u[j]));
     memcpy(root + j * n, u, size * sizeof(double));
     shift[j] = u[size];
-    for (int i = 0; i < size; ++i) {
-      double *row = factor + i * n, s = row[j] *= out;
-      for (int k = j + 1; k < size; ++k) row[k] -= s * u[k];
-    }
   }
-  for (int i = 0; i < size; ++i) {
-    double sum = 0;
-    for (int j = 0; j < size; ++j) sum += factor[i * n + j] * shift[j];
-    error[i] = sum;
-  }
+  divide(size, U, shift, factor, error);
   return nis;
+}
+
+/* `lanes.Lanes` of `sighting_rows`. */
+typedef void Sighted(integer count, const double* const* from, const integer* pitch, const integer* const* rows, double* const* to);
+
+/* `solved`: 1 where every observation is valid and no innovation is longer than the limit, and else 0, with nothing done. The
+ * parameters are those behind the point; they and the values have rows of so many numbers. room: [count][D * LINEAR + 3]; said: log
+ * determinant of what whitens all, and the normalised innovation squared. */
+int solve(integer count, Sighted* sighted, const double* x, const double* parameters, integer width, const double* values,
+          integer components, const integer* at, double weight, double limit, const Map* map, double* room, double* said, Group* g,
+          integer n, const integer* columns, double* factor, double* root, double* shift, double* error) {
+  double *linear = room, *valid = linear + count * D * LINEAR, *square = valid + count, *noise = square + count;
+  const double* from[] = {x, map->points, parameters, values};
+  const integer pitch[] = {0, 3, width, components}, *rows[] = {0, at, 0, 0};
+  double* const to[] = {linear, valid, square, noise};
+  sighted(count, from, pitch, rows, to);
+  double log_noise = 0;
+  for (integer i = 0; i < count; ++i) {
+    if (!(valid[i] > 0 && square[i] < INFINITY)) return 0;
+    log_noise += noise[i];
+    valid[i] = weight;
+  }
+  said[0] = log_noise + whiten(count, linear, valid, at, map, g);
+  for (integer i = 0; i < count; ++i) {
+    double length = 0;
+    for (int d = 0; d < D; ++d) {
+      const double v = ((const double*)(g[i / LANES].rows + d * W + Q))[i % LANES];
+      length += v * v;
+    }
+    if (!(length <= limit)) return 0;
+  }
+  said[1] = correct(count, n, g, columns, factor, root, shift, error);
+  return 1;
 }
 
 /* Rows a and b of V, turned. */
@@ -247,7 +360,7 @@ static void eigenvectors(double* A, double* d, double* V) {
     double v[Q] = {0}, w[Q] = {0}, z[Q] = {0}, square = 0, along = 0;
     for (int k = j + 1; k < Q; ++k) v[k] = A[j * Q + k];
     for (int k = j + 2; k < Q; ++k) square += v[k] * v[k];
-    if (square == 0) continue;
+    if (square < TINY) continue;
     const double length = sqrt(square + v[j + 1] * v[j + 1]);
     v[j + 1] += v[j + 1] > 0 ? length : -length;
     const double scale = 2 / (square + v[j + 1] * v[j + 1]);
@@ -311,7 +424,7 @@ static void lower_by_reflections(const double* from, int n, double* R, double* r
     R[j * Q + j] = length;
     u[j] -= length;
     square = 2 * (square - length * (length + u[j]));
-    if (!(square > 0)) {
+    if (square < TINY) {
       memset(u, 0, n * sizeof(double));
       continue;
     }
@@ -325,39 +438,42 @@ static void lower_by_reflections(const double* from, int n, double* R, double* r
   }
 }
 
-/* What an observation's rows (D x W) make of its landmark: X' rows (3 x W). */
-static inline void pulled(const double* rows, const double* X, double* out) {
-  for (int a = 0; a < 3; ++a)
+/* What observations make of their landmarks, in place of the rows; and how much of it pose and modes explain, added to G. */
+static void pull(Group* g, integer groups, double* G) {
+  lane square[Q * Q] = {{0}};
+  for (integer i = 0; i < groups; ++i, ++g) {
+    lane seen[D * Q];
     for (int k = 0; k < W; ++k) {
-      double sum = 0;
-      for (int d = 0; d < D; ++d) sum += X[3 * d + a] * rows[d * W + k];
-      out[a * W + k] = sum;
+      lane row[D], sum[3];
+      for (int d = 0; d < D; ++d) row[d] = g->rows[d * W + k];
+      for (int a = 0; a < 3; ++a) {
+        sum[a] = g->spread[a] * row[0];
+        for (int d = 1; d < D; ++d) sum[a] += g->spread[3 * d + a] * row[d];
+      }
+      for (int a = 0; a < 3; ++a) g->rows[a * W + k] = sum[a];
+      for (int d = 0; d < D && k < Q; ++d) {
+        if (k < C) row[d] = (lane){0};
+        for (int a = 0; a < 3; ++a) row[d] -= g->spread[3 * d + a] * sum[a];
+        seen[d * Q + k] = row[d];
+      }
     }
-}
-
-static inline void add_square(const double* s, int rows, int width, double scale, double* G) {
-  for (int a = 0; a < width; ++a)
-    for (int d = 0; d < rows; ++d) {
-      const double *row = s + d * width, v = scale * row[a];
-      for (int b = 0; b < width; ++b) G[a * Q + b] += v * row[b];
-    }
-}
-
-/* `compress`: turned [Q][Q] of kept and dropped side by side, mode_rows [M][n], explained [M] (in: what is remembered). */
-void compress(integer count, const double* rows, const double* spread, integer fresh, const double* scaled, double share, integer n,
-              const double* both, double* explained, double* turned, double* mode_rows) {
-  double G[Q * Q] = {0}, R[Q * Q], A[Q * Q] = {0}, d[Q], V[Q * Q], T[Q * Q] = {0}, reflect[Q * N];
-  for (integer i = 0; i < count; ++i) {
-    const double *row = rows + i * D * W, *X = spread + i * D * 3;
-    double pull[3 * W], seen[D * Q];
-    pulled(row, X, pull);
-    for (int d = 0; d < D; ++d)
-      for (int k = 0; k < Q; ++k)
-        seen[d * Q + k] = (k < C ? 0 : row[d * W + k]) -
-                          (X[3 * d] * pull[k] + X[3 * d + 1] * pull[W + k] + X[3 * d + 2] * pull[2 * W + k]);
-    add_square(seen, D, Q, 1, G);
+    for (int a = 0; a < Q; ++a)
+      for (int b = a; b < Q; ++b)
+        for (int d = 0; d < D; ++d) square[a * Q + b] += seen[d * Q + a] * seen[d * Q + b];
   }
-  for (integer i = 0; i < fresh; ++i) add_square(scaled + i * 3 * C, 3, C, share, G);
+  for (int a = 0; a < Q; ++a)
+    for (int b = a; b < Q; ++b) {
+      double sum = 0;
+      for (int i = 0; i < LANES; ++i) sum += ((double*)(square + a * Q + b))[i];
+      G[a * Q + b] += sum;
+      if (b > a) G[b * Q + a] += sum;
+    }
+}
+
+/* `compress`: turned [Q][Q] of kept and dropped side by side, mode_rows [M][n], explained [M] (in: what is remembered). G: what pose and
+ * modes of all observed landmarks explain. */
+static void compress(double* G, integer n, const double* both, double* explained, double* turned, double* mode_rows) {
+  double R[Q * Q], A[Q * Q] = {0}, d[Q], V[Q * Q], T[Q * Q] = {0}, reflect[Q * N];
   for (int m = 0; m < M; ++m) G[(C + m) * (Q + 1)] += explained[m];
   lower_by_reflections(both, (int)n, R, reflect);
   for (int a = 0; a < Q; ++a)
@@ -396,90 +512,117 @@ void compress(integer count, const double* rows, const double* spread, integer f
     for (int l = 0; l < n; ++l) mode_rows[m * n + l] = side[l * M + m];
 }
 
-/* Dependence on the new modes and own root of a landmark that depended on (pose, modes) by `both` (3 x width) and on itself by `own`. */
-static inline void settle(const double* both, int width, const double* own, const double* turned, stored* modes, stored* root) {
-  double by[3 * Q] = {0}, rows[(C + 3) * 3];
-  for (int k = 0; k < width; ++k) {
-    const double *row = turned + k * Q, x = both[k], y = both[width + k], z = both[2 * width + k];
-    for (int m = 0; m < Q; ++m) {
-      by[m] += x * row[m];
-      by[Q + m] += y * row[m];
-      by[2 * Q + m] += z * row[m];
-    }
+/* Dependence on the new modes and own roots of landmarks that depended on (pose, modes) by `both` (3 x width) and on themselves by
+ * `own`; `turned` has rows of PITCH numbers. */
+enum { PITCH = (Q + STEP - 1) / STEP * STEP };
+static inline __attribute__((always_inline)) void settle(const lane* both, const int width, const lane* own, const double* turned,
+                                                         lane* modes, lane* root) {
+  lane by[3 * PITCH], X[3 * (C + 3)];
+  for (int m = 0; m < PITCH; m += STEP) {
+    lane sum[3 * STEP] = {{0}};
+    for (int k = 0; k < width; ++k)
+      for (int a = 0; a < 3; ++a)
+        for (int s = 0; s < STEP; ++s) sum[a * STEP + s] += both[a * width + k] * turned[k * PITCH + m + s];
+    for (int a = 0; a < 3; ++a)
+      for (int s = 0; s < STEP; ++s) by[a * PITCH + m + s] = sum[a * STEP + s];
   }
   for (int a = 0; a < 3; ++a) {
-    for (int m = 0; m < M; ++m) modes[a * M + m] = (stored)by[a * Q + m];
-    for (int c = 0; c < C; ++c) rows[3 * c + a] = by[a * Q + M + c];
-    for (int b = 0; b < 3; ++b) rows[3 * (C + b) + a] = own[3 * a + b];
+    for (int m = 0; m < M; ++m) modes[a * M + m] = by[a * PITCH + m];
+    for (int c = 0; c < C; ++c) X[a * (C + 3) + c] = by[a * PITCH + M + c];
+    for (int b = 0; b < 3; ++b) X[a * (C + 3) + C + b] = own[3 * a + b];
   }
-  own_root(rows, C + 3, root);
+  lower_root(X, C + 3, root);
 }
 
-/* `observed`: landmarks in rows `at`, in place. error [Q] of pose and modes. */
-void observe(integer count, const double* rows, const double* spread, const double* gram, const integer* at, const double* error,
-             const double* turned, integer now, integer* epoch, double* points, stored* modes, stored* roots) {
-  for (integer i = 0; i < count; ++i) {
-    integer l = at[i];
-    stored *A = modes + l * 3 * M, *L = roots + l * 9;
-    double pull[3 * W], both[3 * Q], own[9], U[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, block[D * 3];
-    pulled(rows + i * D * W, spread + i * D * 3, pull);
-    memcpy(block, gram + i * D * 3, sizeof block);
-    absorb(U, block, D, 3, 3, 3);
-    for (int a = 0; a < 3; ++a) {
-      double root[3] = {L[3 * a], L[3 * a + 1], L[3 * a + 2]}, step = 0;
-      for (int k = 0; k < Q; ++k) {
-        double sum = root[0] * pull[k] + root[1] * pull[W + k] + root[2] * pull[2 * W + k];
-        both[a * Q + k] = (k < C ? 0 : A[a * M + k - C]) - sum;
-        step += both[a * Q + k] * error[k];
-      }
-      step += root[0] * pull[Q] + root[1] * pull[W + Q] + root[2] * pull[2 * W + Q];
-      points[3 * l + a] += step;
-      own[3 * a] = root[0] / U[0];
-      own[3 * a + 1] = (root[1] - own[3 * a] * U[1]) / U[4];
-      own[3 * a + 2] = (root[2] - own[3 * a] * U[2] - own[3 * a + 1] * U[5]) / U[8];
+/* Observed landmarks, in place; `pull` has gone over the groups. error [Q] of pose and modes. */
+static void observe(integer count, const Group* g, const integer* at, const double* error, const double* turned, integer now,
+                    const Map* map) {
+  for (integer first = 0; first < count; first += LANES, ++g) {
+    const int some = (int)(count - first < LANES ? count - first : LANES);
+    lane A[3 * M], L[9], X[3 * (D + 3)], U[9], both[3 * Q], own[9], step[3], modes[3 * M], root[9];
+    for (int i = 0; i < LANES; ++i) {
+      const integer l = at[first + (i < some ? i : some - 1)];
+      TAKE(map->modes + l * 3 * M, 3 * M, i, A);
+      TAKE(map->roots + l * 9, 9, i, L);
     }
-    settle(both, Q, own, turned, A, L);
-    epoch[l] = now;
+    for (int a = 0; a < 3; ++a) {
+      for (int d = 0; d < D; ++d) X[a * (D + 3) + 3 + d] = g->gram[3 * d + a];
+      for (int b = 0; b < 3; ++b) X[a * (D + 3) + b] = (lane){0} + (a == b);
+    }
+    lower_root(X, D + 3, U);
+    for (int a = 0; a < 3; ++a) {
+      const lane* l = L + 3 * a;
+      step[a] = l[0] * g->rows[Q] + l[1] * g->rows[W + Q] + l[2] * g->rows[2 * W + Q];
+      for (int k = 0; k < Q; ++k) {
+        const lane sum = l[0] * g->rows[k] + l[1] * g->rows[W + k] + l[2] * g->rows[2 * W + k];
+        both[a * Q + k] = (k < C ? (lane){0} : A[a * M + k - C]) - sum;
+        step[a] += both[a * Q + k] * error[k];
+      }
+      own[3 * a] = l[0] / U[0];
+      own[3 * a + 1] = (l[1] - own[3 * a] * U[3]) / U[4];
+      own[3 * a + 2] = (l[2] - own[3 * a] * U[6] - own[3 * a + 1] * U[7]) / U[8];
+    }
+    settle(both, Q, own, turned, modes, root);
+    for (int i = 0; i < some; ++i) {
+      const integer l = at[first + i];
+      for (int a = 0; a < 3; ++a) map->points[3 * l + a] += ((double*)(step + a))[i];
+      PUT(modes, 3 * M, i, map->modes + l * 3 * M, stored);
+      PUT(root, 9, i, map->roots + l * 9, stored);
+      map->epoch[l] = now;
+      map->last[l] = now - 1;
+      map->hits[l] += 1;
+      map->wrong[l] = 0;
+    }
   }
 }
 
-/* The same for new landmarks, which depend on the pose by [count][3][C] and have their own roots. */
-void settle_new(integer count, const double* by_pose, const double* own, const double* turned, stored* modes, stored* roots) {
-  for (integer i = 0; i < count; ++i) settle(by_pose + i * 3 * C, C, own + i * 9, turned, modes + i * 3 * M, roots + i * 9);
+/* New landmarks, which depend on the pose by [count][3][C] and have their own roots. */
+static void settle_new(integer count, const double* by_pose, const double* own, const double* turned, stored* modes, stored* roots) {
+  for (integer first = 0; first < count; first += LANES) {
+    const int some = (int)(count - first < LANES ? count - first : LANES);
+    lane both[3 * C], L[9], A[3 * M], root[9];
+    for (int i = 0; i < LANES; ++i) {
+      const integer k = first + (i < some ? i : some - 1);
+      TAKE(by_pose + k * 3 * C, 3 * C, i, both);
+      TAKE(own + k * 9, 9, i, L);
+    }
+    settle(both, C, L, turned, A, root);
+    for (int i = 0; i < some; ++i) {
+      PUT(A, 3 * M, i, modes + (first + i) * 3 * M, stored);
+      PUT(root, 9, i, roots + (first + i) * 9, stored);
+    }
+  }
 }
 
 /* `Steps.close`: everything after the correction of an epoch, in the order of its NumPy reference. fresh: new landmarks, by_pose
- * [fresh][3][C] and own [fresh][3][3]; places: begin and end of the rows whose turn it is. */
-void close_epoch(integer count, const double* rows, const double* spread, const double* gram, const integer* at, const double* error,
-                 integer fresh, const double* by_pose, const double* own, double share, integer n, const double* both,
-                 double* explained, double* turned, double* mode_rows, stored* new_modes, stored* new_roots, integer total,
-                 integer begin, integer end, integer slots, integer now, integer* epoch, double* transform, double* dropped,
-                 double* shift, double* points, stored* modes, stored* roots) {
-  double step[M * M], left[M * C], *scaled = (double*)malloc((fresh * 3 * C + 1) * sizeof(double));
-  if (scaled == 0) abort();
-  for (integer i = 0; i < fresh; ++i)
+ * [fresh][3][C] and own [fresh][3][3]; begin and end of the rows whose turn it is. */
+void close_epoch(integer count, Group* groups, const integer* at, const double* error, integer fresh, const double* by_pose,
+                 const double* own, double share, integer n, const double* both, double* explained, double* turned, double* mode_rows,
+                 stored* new_modes, stored* new_roots, integer total, integer begin, integer end, integer slots, integer now,
+                 const Map* map) {
+  double G[Q * Q] = {0}, wide[Q * PITCH] = {0};
+  pull(groups, (count + LANES - 1) / LANES, G);
+  for (integer i = 0; i < fresh; ++i) {
+    double scaled[3 * C];
     for (int k = 0; k < C; ++k) {
-      const double *L = own + 9 * i, *x = by_pose + i * 3 * C + k;
-      double *y = scaled + i * 3 * C + k, a = x[0] / L[0], b = (x[C] - L[3] * a) / L[4];
-      y[0] = a;
-      y[C] = b;
-      y[2 * C] = (x[2 * C] - L[6] * a - L[7] * b) / L[8];
+      const double *L = own + 9 * i, *x = by_pose + i * 3 * C + k, a = x[0] / L[0], b = (x[C] - L[3] * a) / L[4];
+      scaled[k] = a;
+      scaled[C + k] = b;
+      scaled[2 * C + k] = (x[2 * C] - L[6] * a - L[7] * b) / L[8];
     }
-  compress(count, rows, spread, fresh, scaled, share, n, both, explained, turned, mode_rows);
-  free(scaled);
-  for (integer i = 0; i < total; ++i)
-    if ((i >= begin && i < end) || epoch[i] < now - (slots - 2))
-      refresh(1, &i, now, slots, epoch, transform, dropped, shift, points, modes, roots);
-  for (int a = 0; a < M; ++a) {
-    memcpy(step + a * M, turned + (C + a) * Q, M * sizeof(double));
-    memcpy(left + a * C, turned + (C + a) * Q + M, C * sizeof(double));
+    for (int a = 0; a < C; ++a)
+      for (int b = 0; b < C; ++b)
+        for (int d = 0; d < 3; ++d) G[a * Q + b] += share * scaled[d * C + a] * scaled[d * C + b];
   }
-  compose(slots, step, left, error + C, transform, dropped, shift);
+  compress(G, n, both, explained, turned, mode_rows);
+  refresh(total, 0, begin, end, now, slots, map);
+  compose(slots, turned, error + C, map);
   const integer slot = ++now % slots;
-  memset(transform + slot * M * M, 0, M * M * sizeof(double));
-  memset(dropped + slot * M * M, 0, M * M * sizeof(double));
-  memset(shift + slot * M, 0, M * sizeof(double));
-  for (int a = 0; a < M; ++a) transform[slot * M * M + a * M + a] = 1;
-  observe(count, rows, spread, gram, at, error, turned, now, epoch, points, modes, roots);
-  settle_new(fresh, by_pose, own, turned, new_modes, new_roots);
+  memset(map->transform + slot * M * M, 0, M * M * sizeof(double));
+  memset(map->spread + slot * M * M, 0, M * M * sizeof(double));
+  memset(map->shift + slot * M, 0, M * sizeof(double));
+  for (int a = 0; a < M; ++a) map->transform[slot * M * M + a * M + a] = 1;
+  for (int k = 0; k < Q; ++k) memcpy(wide + k * PITCH, turned + k * Q, Q * sizeof(double));
+  observe(count, groups, at, error, wide, now, map);
+  settle_new(fresh, by_pose, own, wide, new_modes, new_roots);
 }

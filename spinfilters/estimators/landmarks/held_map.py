@@ -1,6 +1,7 @@
 """The map of a filter: what observations do to it, and how its errors hang on those of the state."""
 
-from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -19,8 +20,7 @@ MEMORY = 0.9
 """Of what modes explain, from one epoch to the next: landmarks that were observed lately will be again."""
 
 
-@dataclass(frozen=True)
-class _Newcomers:
+class _Newcomers(NamedTuple):
     """New landmarks: ids (q,), points (q, 3), by_pose (q, 3, c) about the point before the update, roots (q, 3, 3)."""
 
     ids: Int[np.ndarray, " q"]
@@ -79,9 +79,13 @@ class HeldMap:
             self.move = self.move + error[rank:]
 
     def observations(
-        self, layout: StateLayout, measurement: Measurement, ids: Int[np.ndarray, " m"], scale: float
+        self, layout: StateLayout, measurement: Measurement, rows: Int[np.ndarray, " m"], scale: float
     ) -> Observations:
         """A measurement as one of landmarks in the map.
+
+        Parameters
+        ----------
+        rows: of the map, of the measurement's landmarks; -1 where it does not hold one.
 
         Raises
         ------
@@ -92,23 +96,13 @@ class HeldMap:
             raise InputError(
                 f"sensor {sensor.name!r} names landmarks, but cannot see them; leave out their ids"
             )
-        rows = held.locate(ids)
         known = rows >= 0
         values, parameters = measurement.values, measurement.parameters
-        if not known.all():
+        if np.count_nonzero(known) < len(known):
             rows, values, parameters = rows[known], values[known], parameters[known]
         held.refresh(rows)
-        return Observations(
-            layout,
-            sensor,
-            values,
-            parameters,
-            rows,
-            known,
-            held,
-            self._columns_of(layout, sensor),
-            scale,
-        )
+        columns = self._columns_of(layout, sensor)
+        return Observations(layout, sensor, values, parameters, rows, known, held, columns, scale)
 
     def _columns_of(self, layout: StateLayout, sensor: LandmarkSensor) -> Int[np.ndarray, " q"]:
         """Errors that a sensor observes: those of the pose, then the modes."""
@@ -127,41 +121,36 @@ class HeldMap:
         mean: Float[np.ndarray, " m"],
     ) -> tuple[Float[np.ndarray, "N N"], MapChange]:
         """Factor and change of the map after an update that led to this mean."""
-        o, held, assert_ids = observations, self.landmarks, measurement.ids
-        assert assert_ids is not None
-        ids, used, n, rank = assert_ids, solved.used, o.layout.error_dim, held.rank
-        correction = solved.correction
-        accepted = np.zeros(len(o.at), dtype=bool)
-        accepted[used] = True
-        wrong = held.record(o.at, accepted)
-        newcomers = ~o.known
-        if len(wrong):
-            newcomers[np.flatnonzero(o.known)[np.isin(o.at, wrong)]] = True
+        o, held, correction = observations, self.landmarks, solved.correction
+        at, n = o.at[solved.used], o.layout.error_dim
+        used, weights, wrong, fresh = held.ids[at], o.scale * solved.weights, NO_IDS, ~o.known
+        if len(at) < len(o.at):
+            wrong = held.refuse(np.delete(o.at, solved.used))
+            fresh[np.flatnonzero(o.known)[np.isin(o.at, wrong)]] = True
         reset = o.layout.reset_jacobian(correction.error[:n])
-        new = self._newcomers(o, measurement, newcomers, (mean, reset))
-        factor = correction.factor
+        new = self._newcomers(o, measurement, fresh, (mean, reset))
         closing = Closing(
-            o.at[used],
+            at,
             solved.whitened,
             correction.error[o.columns],
-            factor[o.columns],
+            correction.factor[o.columns],
             new.by_pose,
             new.roots,
             MEMORY * self._explained,
             held.take_turn(),
         )
-        modes, dependence, roots = held.close(closing)
+        modes, dependence, roots = held.steps.close(held, closing)
         self._explained = modes.explained
-        self.move = self.move + correction.error[n + rank :] if len(factor) > n + rank else self.move
         removed = held.remove(wrong)
         if len(new.ids):
             held.append(new.ids, new.points, dependence, roots)
             removed = np.concatenate([removed, held.remove(held.stalest(self._options.largest_map))])
-        result = factor.copy()
-        result[:n] = reset @ factor[:n]
-        result[n : n + rank] = modes.rows
-        change = MapChange(ids[o.known][used], o.scale * solved.weights, new.ids, removed)
-        return result, change
+        result = correction.factor.copy()
+        result[:n] = reset @ correction.factor[:n]
+        result[n : n + held.rank] = modes.rows
+        if self.has_move(result, o.layout):
+            self.move = self.move + correction.error[n + held.rank :]
+        return result, MapChange(used, weights, new.ids, removed)
 
     def _newcomers(
         self,
@@ -174,7 +163,7 @@ class HeldMap:
         assert measurement.ids is not None
         rows, pose = np.flatnonzero(which), o.sensor.columns
         if not len(rows):
-            return _Newcomers(NO_IDS, np.zeros((0, 3)), np.zeros((0, 3, len(pose))), np.zeros((0, 3, 3)))
+            return _nobody(len(pose))
         fresh = o.sensor.new_landmarks(mean, measurement.parameters[rows], measurement.values[rows])
         good = fresh.determined & np.isfinite(fresh.points).all(axis=1)
         if np.count_nonzero(good) < len(good):
@@ -195,3 +184,8 @@ class HeldMap:
         result = cls(LandmarkMap.restored(snapshot), options)
         result.move, result._explained = snapshot["map.move"].copy(), snapshot["map.explained"].copy()
         return result
+
+
+@cache
+def _nobody(columns: int) -> _Newcomers:
+    return _Newcomers(NO_IDS, np.zeros((0, 3)), np.zeros((0, 3, columns)), np.zeros((0, 3, 3)))

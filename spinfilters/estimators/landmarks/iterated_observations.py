@@ -10,7 +10,6 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.estimators.gain import lower_roots
 from spinfilters.estimators.iterated import IterationOptions, agrees, iterate
 from spinfilters.estimators.landmarks.observations import LinearRows, Observations, Solved, corrected
 
@@ -33,16 +32,14 @@ class IteratedObservations:
         """The most probable point, from the first solution."""
         if options.iterations == 1 or self._is_good(options):
             return self.first
-        found = _Found(self.first)
-        y, last = iterate(found, self._solved_at, self._objective, options)
-        correction = replace(last.solved.correction, error=self.factor @ y)
-        return replace(last.solved, correction=correction)
+        y, last = iterate(self.first, self._solved_at, self._objective, options)
+        return last._replace(correction=replace(last.correction, error=self.factor @ y))
 
     def _is_good(self, options: IterationOptions) -> bool:
         """Whether the innovations at the first solution are what the linear model foretold."""
         rows, error = self.first.whitened.rows, self.first.correction.error
         found = self._linear(error)
-        residual = (self._weighing @ found.rows[self.first.used, :, -1:])[..., 0]
+        residual = self._whitened(found)
         expected = rows[..., -1] - rows[..., :-1] @ error[self.observations.columns]
         valid = bool(found.valid[self.first.used].all())
         return valid and agrees(residual.reshape(-1), expected.reshape(-1), options)
@@ -51,10 +48,10 @@ class IteratedObservations:
         found = self._linear(self.factor @ y)
         if not found.valid[self.first.used].all():
             return np.inf
-        residual = self._weighing @ found.rows[self.first.used, :, -1:]
+        residual = self._whitened(found)
         return float(y @ y) + float(np.sum(residual * residual))
 
-    def _solved_at(self, y: Float[np.ndarray, " N"]) -> "_Found":
+    def _solved_at(self, y: Float[np.ndarray, " N"]) -> Solved:
         """The solution of the model linearised at y, told about y = 0."""
         error, o = self.factor @ y, self.observations
         found, pose, c = self._linear(error), o.sensor.columns, len(o.sensor.columns)
@@ -65,31 +62,20 @@ class IteratedObservations:
         rows[..., -1] += rows[..., :c] @ error[pose] + np.einsum("kdi,ki->kd", rows[..., c:-1], own)
         used, weights = self.first.used, self.first.weights
         white = o.landmarks.steps.whitened(o.landmarks, o.at[used], rows[used], weights)
-        return _Found(corrected(o, found, white, (used, weights), self.factor))
+        return corrected(o, found, white, (used, weights), self.factor)
+
+    @cached_property
+    def _about_mean(self) -> LinearRows:
+        return self.observations.rows_at(self.mean)
 
     def _linear(self, error: Float[np.ndarray, " N"]) -> LinearRows:
         o, n = self.observations, self.observations.layout.error_dim
         points = o.points + o.modes @ error[n : n + o.modes.shape[2]]
         return o.rows_at(o.layout.retract(self.mean, error[:n]), points)
 
-    @cached_property
-    def _weighing(self) -> Float[np.ndarray, "u d d"]:
-        """What whitens the used residuals, that were whitened by the sensor's noise alone."""
-        gram = self.first.whitened.gram
-        unit = np.broadcast_to(np.eye(gram.shape[1]), (len(gram), gram.shape[1], gram.shape[1]))
-        root = lower_roots(np.concatenate([unit, gram], axis=2))
-        return np.linalg.solve(root, np.sqrt(self.first.weights)[:, None, None] * unit)
-
-
-@dataclass(frozen=True)
-class _Found:
-    """A solution as `iterate` wants it."""
-
-    solved: Solved
-
-    @property
-    def coordinates(self) -> Float[np.ndarray, " N"]:
-        return self.solved.correction.coordinates
-
-    def length(self, step: Float[np.ndarray, " N"]) -> float:
-        return self.solved.correction.length(step)
+    def _whitened(self, found: LinearRows) -> Float[np.ndarray, "u d"]:
+        """The used innovations, that were whitened by the sensor's noise alone."""
+        o, used = self.observations, self.first.used
+        rows = self._about_mean.rows[used]
+        rows[..., -1] = found.rows[used, :, -1]
+        return o.landmarks.steps.whitened(o.landmarks, o.at[used], rows, self.first.weights).rows[..., -1]

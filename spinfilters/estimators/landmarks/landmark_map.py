@@ -14,12 +14,11 @@ from itertools import repeat
 from typing import Annotated
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.landmarks.native import steps_of
 from spinfilters.estimators.landmarks.reference import next_epoch
-from spinfilters.estimators.landmarks.steps import Closing, NewModes
 from spinfilters.logs.number_range import NumberRange
 
 SLOTS = 24
@@ -125,18 +124,14 @@ class LandmarkMap:
         self._rows.update(zip(ids.tolist(), range(begin, end), strict=True))
         self.count = end
 
-    def record(self, rows: Int[np.ndarray, " q"], accepted: Bool[np.ndarray, " q"]) -> Int[np.ndarray, " m"]:
-        """Count observations of landmarks; rows of those that must be wrong themselves.
+    def refuse(self, rows: Int[np.ndarray, " q"]) -> Int[np.ndarray, " m"]:
+        """Count refused observations of landmarks; rows of those that must be wrong themselves.
 
         A landmark is, that disagrees with everything lately observed of it, or with the second observation there ever was.
         """
-        good, bad = rows[accepted], rows[~accepted]
-        self.hits[good] += 1
-        self.wrong[good] = 0
-        self.wrong[bad] += 1
+        self.wrong[rows] += 1
         self.last[rows] = self.now
-        mistaken = (self.wrong[bad] >= WRONG_IN_A_ROW) | (self.hits[bad] < CONFIRMED)
-        return bad[mistaken]
+        return rows[(self.wrong[rows] >= WRONG_IN_A_ROW) | (self.hits[rows] < CONFIRMED)]
 
     def remove(self, rows: Int[np.ndarray, " q"]) -> Int[np.ndarray, " q"]:
         """Ids of the landmarks in these rows, which are no more there; the last rows take their places."""
@@ -179,12 +174,7 @@ class LandmarkMap:
         begin, end = self.take_turn()
         late = np.flatnonzero(self.epoch[: self.count] < self.now - (SLOTS - 2))  # where the map has grown
         self.refresh(np.union1d(np.arange(begin, end), late))
-        self.steps.compose(self, transform, dropped, shift)
-        next_epoch(self)
-
-    def close(self, closing: Closing) -> tuple[NewModes, np.ndarray, np.ndarray]:
-        """Go on to the next epoch with what was observed in this one; see `Steps.close`."""
-        return self.steps.close(self, closing)
+        next_epoch(self, transform, dropped, shift)
 
     def take_turn(self) -> tuple[int, int]:
         """First and last row of the share of the map whose turn it is: all of it in fewer epochs than there are slots."""

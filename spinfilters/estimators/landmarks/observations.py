@@ -1,7 +1,8 @@
 """Observations of landmarks of the map, from their rows to a correction of state and modes."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -71,18 +72,16 @@ class Observations:
     ) -> LinearRows:
         """First derivatives at a state and at points, those of the map where none are given."""
         k, d = len(self.values), self.sensor.dim
-        same, rest = np.zeros(k, dtype=np.int64), self.parameters[:, 3:]
         places = (self.landmarks.points, self.at) if points is None else (points, None)
         made, valid, square, log_noise = self.sensor.sighting_rows(
-            x[None], places[0], rest, self.values, rows=(same, places[1], None, None)
+            x[None], places[0], self.parameters[:, 3:], self.values, rows=(None, places[1], None, None)
         )
         rows = made.reshape(k, d, len(self.sensor.columns) + 4)
         good = (valid[:, 0] > 0) & np.isfinite(square[:, 0])
         return LinearRows(rows, good, log_noise[:, 0])
 
 
-@dataclass(frozen=True)
-class Solved:
+class Solved(NamedTuple):
     """What observations say.
 
     Attributes
@@ -96,22 +95,46 @@ class Solved:
     weights: Float[np.ndarray, " u"]
     whitened: WhitenedRows
 
+    @property
+    def coordinates(self) -> Float[np.ndarray, " N"]:
+        """Of the correction, as `length`."""
+        return self.correction.coordinates
+
+    def length(self, step: Float[np.ndarray, " N"]) -> float:
+        """See `spinfilters.estimators.iterated.Solution`."""
+        return self.correction.length(step)
+
+
+def solve_at(
+    observations: Observations,
+    x: Float[np.ndarray, " m"],
+    factor: Float[np.ndarray, "N N"],
+    guard: SensorGuard,
+) -> Solved:
+    """What `solve` says with first derivatives at a state; at once, where all are valid and pass whatever the covariance."""
+    o = observations
+    found = o.landmarks.steps.solved(o, x, factor, guard.limit(o.sensor.dim))
+    if found is None:
+        return solve(o, o.rows_at(x), factor, guard)
+    guard.accept()
+    return Solved(found[0], np.arange(len(o.at)), np.full(len(o.at), 1 / o.scale), found[1])
+
 
 def solve(
     observations: Observations, linear: LinearRows, factor: Float[np.ndarray, "N N"], guard: SensorGuard
 ) -> Solved:
     """The correction by all valid observations that the guard lets pass."""
-    valid, columns, steps = np.flatnonzero(linear.valid), observations.columns, observations.landmarks.steps
-    rows, at = linear.rows[valid] if len(valid) < len(linear.rows) else linear.rows, observations.at[valid]
-    weights = np.full(len(valid), 1 / observations.scale)
-    white = steps.whitened(observations.landmarks, at, rows, weights)
-    given = guard.weights(white.rows[..., -1], lambda which: white.rows[which, :, :-1] @ factor[columns])
+    o, steps, valid = observations, observations.landmarks.steps, np.flatnonzero(linear.valid)
+    rows, at = (linear.rows, o.at) if len(valid) == len(o.at) else (linear.rows[valid], o.at[valid])
+    weights = np.full(len(valid), 1 / o.scale)
+    white = steps.whitened(o.landmarks, at, rows, weights)
+    given = guard.weights(white.rows[..., -1], lambda which: white.rows[which, :, :-1] @ factor[o.columns])
     if given is None:
-        return corrected(observations, linear, white, (valid, weights), factor)
+        return corrected(o, linear, white, (valid, weights), factor)
     keep = np.flatnonzero(given > 0)
     weights = (weights * given)[keep]
-    white = steps.whitened(observations.landmarks, at[keep], rows[keep], weights)
-    return corrected(observations, linear, white, (valid[keep], weights), factor)
+    white = steps.whitened(o.landmarks, at[keep], rows[keep], weights)
+    return corrected(o, linear, white, (valid[keep], weights), factor)
 
 
 def corrected(
@@ -122,8 +145,6 @@ def corrected(
     factor: Float[np.ndarray, "N N"],
 ) -> Solved:
     """The correction by chosen observations (which, and their weights)."""
-    used, weights = chosen
-    log_noise = linear.log_noise[used] + white.log_noise - 0.5 * white.rows.shape[1] * np.log(weights)
-    correction = observations.landmarks.steps.corrected(white.rows, factor, observations.columns)
-    likelihood = correction.log_likelihood - float(log_noise.sum())
-    return Solved(replace(correction, log_likelihood=likelihood), used, weights, white)
+    log_noise = float(linear.log_noise[chosen[0]].sum())
+    steps, columns = observations.landmarks.steps, observations.columns
+    return Solved(steps.corrected(white, factor, columns, log_noise), *chosen, white)

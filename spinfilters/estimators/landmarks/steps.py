@@ -18,14 +18,12 @@ taken for every landmark's own (`observe`). Landmarks that were not observed fol
 (`landmark_map`).
 """
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Protocol
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
-
-from spinfilters.estimators.gain import Correction
 
 
 @dataclass(frozen=True)
@@ -34,19 +32,23 @@ class WhitenedRows:
 
     Attributes
     ----------
-    rows: (k, d, c + r + 1) by the c columns of the state, by the r modes, and the innovation.
-    spread: (k, d, 3) X = T^-1 H_p L.   gram: (k, d, 3) H_p L times the square root of the weight.
-    log_noise: (k,) log determinant of T.
+    kept: (g, s, l) of g groups of l landmarks, the last one filled up: numbers of `rows`, of X and of H_p L (d x 3).
+    shape: (k, d, c + r + 1).
+    log_noise: log determinant of all T, less that of the square roots of the weights.
     """
 
-    rows: Float[np.ndarray, "k d w"]
-    spread: Float[np.ndarray, "k d 3"]
-    gram: Float[np.ndarray, "k d 3"]
-    log_noise: Float[np.ndarray, " k"]
+    kept: Float[np.ndarray, "g s l"]
+    shape: tuple[int, int, int]
+    log_noise: float
+
+    @cached_property
+    def rows(self) -> Float[np.ndarray, "k d w"]:
+        """By the c columns of the state, by the r modes, and the innovation; of an epoch that is not closed."""
+        count, d, width = self.shape
+        return np.swapaxes(self.kept[:, : d * width], 1, 2).reshape(-1, d, width)[:count]
 
 
-@dataclass(frozen=True)
-class NewModes:
+class NewModes(NamedTuple):
     """The next modes by the old: (x, m) = kept m' + dropped f, m' and f of unit covariance.
 
     Attributes
@@ -70,8 +72,7 @@ class NewModes:
         return self.turned[:, len(self.rows) :]
 
 
-@dataclass(frozen=True)
-class Closing:
+class Closing(NamedTuple):
     """What an epoch's observations have led to: how landmarks and modes go on from it.
 
     Attributes
@@ -91,103 +92,3 @@ class Closing:
     roots: Float[np.ndarray, "q 3 3"]
     remembered: Float[np.ndarray, " r"]
     behind: tuple[int, int]
-
-
-class Stored(Protocol):
-    """Where landmarks are kept (`landmark_map.LandmarkMap`)."""
-
-    points: Float[np.ndarray, "k 3"]
-    modes: np.ndarray
-    roots: np.ndarray
-    epoch: Int[np.ndarray, " k"]
-    now: int
-
-    @property
-    def count(self) -> int: ...
-
-    transform: Float[np.ndarray, "s r r"]
-    spread: Float[np.ndarray, "s r r"]
-    shift: Float[np.ndarray, "s r"]
-
-
-class Steps(ABC):
-    """What is computed of landmarks in an epoch."""
-
-    @abstractmethod
-    def refresh(self, stored: Stored, rows: Int[np.ndarray, " q"]) -> None:
-        """Bring landmarks in these rows up to the present epoch's modes."""
-
-    @abstractmethod
-    def compose(
-        self,
-        stored: Stored,
-        transform: Float[np.ndarray, "r r"],
-        dropped: Float[np.ndarray, "r c"],
-        shift: Float[np.ndarray, " r"],
-    ) -> None:
-        """Take every slot's transformation one step on: m_before = shift + transform m + dropped f."""
-
-    @abstractmethod
-    def whitened(
-        self,
-        stored: Stored,
-        at: Int[np.ndarray, " k"],
-        linear: Float[np.ndarray, "k d w"],
-        weights: Float[np.ndarray, " k"],
-    ) -> WhitenedRows:
-        """Rows of observations of the landmarks in rows ``at``, whose own errors are noise to them.
-
-        Parameters
-        ----------
-        linear: whitened by the sensor's noise: by c columns of the state, by the landmark (3), the innovation.
-        weights: positive; noise has 1 / weight times the covariance.
-        """
-
-    @abstractmethod
-    def corrected(
-        self,
-        rows: Float[np.ndarray, "k d w"],
-        factor: Float[np.ndarray, "N N"],
-        columns: Int[np.ndarray, " q"],
-    ) -> Correction:
-        """What whitened observations say of the errors with this factor; ``columns`` (c + r,) of them are observed."""
-
-    @abstractmethod
-    def compress(
-        self,
-        white: WhitenedRows,
-        new: Float[np.ndarray, "q 3 c"],
-        factor: Float[np.ndarray, "p N"],
-        remembered: Float[np.ndarray, " r"],
-    ) -> NewModes:
-        """The modes after an epoch.
-
-        Parameters
-        ----------
-        new: how new landmarks depend on the pose, over their own root.
-        factor: (c + r, N) rows of pose and modes after the update.
-        remembered: what modes explained before, as far as it still counts.
-        """
-
-    @abstractmethod
-    def observe(
-        self,
-        stored: Stored,
-        at: Int[np.ndarray, " k"],
-        white: WhitenedRows,
-        error: Float[np.ndarray, " q"],
-        new: NewModes,
-    ) -> None:
-        """Move observed landmarks, and tell them by the new modes; ``error`` (c + r,) of pose and modes."""
-
-    @abstractmethod
-    def settled(
-        self, by_pose: Float[np.ndarray, "q 3 c"], roots: Float[np.ndarray, "q 3 3"], new: NewModes
-    ) -> tuple[Float[np.ndarray, "q 3 r"], Float[np.ndarray, "q 3 3"]]:
-        """Dependence on the modes, and own roots, of new landmarks that depend on the pose."""
-
-    @abstractmethod
-    def close(
-        self, stored: Stored, closing: Closing
-    ) -> tuple[NewModes, Float[np.ndarray, "q 3 r"], Float[np.ndarray, "q 3 3"]]:
-        """Everything after the correction, which takes the map to the next epoch; what `settled` says of the new landmarks."""

@@ -57,7 +57,7 @@ class CramerRaoBound(MultiplicativeEkf):
         held.landmarks.remove(gone[gone >= 0])
         true = self._true_measurement(measurement, np.concatenate([change.used, change.added]))
         assert true.ids is not None
-        observations = held.observations(self.layout, true, true.ids, 1.0)
+        observations = held.observations(self.layout, true, held.landmarks.locate(true.ids), 1.0)
         order = np.argsort(change.used)
         known = true.ids[observations.known]
         weights = change.weights[order[np.searchsorted(change.used, known, sorter=order)]]
