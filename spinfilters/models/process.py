@@ -96,6 +96,10 @@ class TorqueFreeProcess:
         self._tolerance = tolerance
         self._integrator, self._many, self._disturbed = _integrators(layout, tolerance)
 
+    def with_noise(self, noise: ProcessNoise) -> "TorqueFreeProcess":
+        """The same body with other disturbances."""
+        return TorqueFreeProcess(self.layout, noise, self._tolerance)
+
     def step(self, x: Float[np.ndarray, "*batch m"], dt: float) -> Float[np.ndarray, "*batch m"]:
         """Points after ``dt`` seconds (dt > 0) without noise."""
         return self._integrator.step(x, dt)

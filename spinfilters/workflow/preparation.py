@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.errors import NUMERICAL_ERRORS, InputError
+from spinfilters.estimators.identification.components import VarianceComponent
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
 from spinfilters.estimators.initialisation.initialiser import initialise
 from spinfilters.estimators.initialisation.options import StartOptions
@@ -24,6 +25,7 @@ from spinfilters.state.blocks.drag import DRAG
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 from spinfilters.workflow.gyro_noise import FIRST_SCALE, GyroNoise, disturbance_psd, identify_gyro_noise
+from spinfilters.workflow.noise_levels_found import NoisyModels, Unstated, with_identified_noise
 from spinfilters.workflow.settings import AUTO, Settings
 from spinfilters.workflow.start_length import Make, long_enough_start
 
@@ -40,7 +42,7 @@ class Prepared:
     timeline: all frames.   start: of which the first have been smoothed.
     belief: what every filter begins from at the end of the start, with landmarks where the map is not known.
     map_points: (k, 3) m in g: the known map or that of the start, or None.
-    gyro_noise: identified, or None when it was stated.
+    gyro_noise: identified, or None when it was stated.   identified: other noise that nobody states.
     """
 
     dataset: Dataset
@@ -51,6 +53,7 @@ class Prepared:
     belief: Gaussian | LandmarkBelief
     map_points: Float[np.ndarray, "k 3"] | None
     gyro_noise: GyroNoise | None
+    identified: tuple[VarianceComponent, ...] = ()
 
     @property
     def start_end(self) -> float:
@@ -101,16 +104,43 @@ def _prepared(dataset: Dataset, settings: Settings) -> Prepared:
     if unknown is not None:
         gyro_noise, option = _identify(unknown, process, noise, settings.start)
         noise = replace(noise, **{option: gyro_noise.scale_std})
-    timeline = build_timeline(log, layout, noise, view)
-    if len(timeline) < 5:
-        raise InputError(f"{len(timeline)} frame(s) are too few for a motion; give at least 5")
-    make = _start_maker(replace(dataset, log=log), process, timeline, noise)
-    start = _start(process, timeline, make, settings.start)
-    points = None if dataset.known_map is None else dataset.known_map.points
+    silent = _unstated(log, dataset, settings, unknown)
+
+    def bound(process: TorqueFreeProcess, noise: SensorNoise) -> NoisyModels:
+        timeline = build_timeline(log, layout, noise, view)
+        if len(timeline) < 5:
+            raise InputError(f"{len(timeline)} frame(s) are too few for a motion; give at least 5")
+        make = _start_maker(replace(dataset, log=log), process, timeline, noise)
+        return NoisyModels(process, noise, timeline, _start(process, timeline, make, settings.start))
+
+    made, components = with_identified_noise(bound, process, noise, silent)
+    start, points = made.start, None if dataset.known_map is None else dataset.known_map.points
     if start.has_landmarks:
         points = start.points
     belief = start.joint_belief(settings.landmarks)
-    return Prepared(dataset, process, timeline, noise, start, belief, points, gyro_noise)
+    return Prepared(
+        dataset, made.process, made.timeline, made.noise, start, belief, points, gyro_noise, components
+    )
+
+
+def _unstated(
+    log: MeasurementLog, dataset: Dataset, settings: Settings, unknown: MeasurementStream | None
+) -> Unstated:
+    """Noise that is to be identified; that of rate sensors of unknown error is, by `identify_gyro_noise`, already."""
+    options: dict[str, dict[str, tuple[int, ...]]] = {}
+    for stream in log.streams:
+        if stream.covariance is not None or unknown is stream:
+            continue
+        for option in sensor_format(stream.sensor).noise:
+            told = option.name in dataset.options.sensor_noise or _setting(settings, option.name) != AUTO
+            if option.components is not None and not told:
+                options.setdefault(option.name, {})[stream.sensor] = option.components
+    densities = [
+        name
+        for name in ("force_psd", "torque_psd")
+        if getattr(dataset.options, name) is None and getattr(settings.process, name) == AUTO
+    ]
+    return Unstated(options, () if unknown is not None else tuple(densities))
 
 
 def _layout(log: MeasurementLog, settings: Settings) -> StateLayout:

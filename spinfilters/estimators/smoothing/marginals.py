@@ -67,6 +67,25 @@ class Marginals:
         rows[unknowns.constant, :r] = self.root[size:]
         return rows
 
+    def step_rows(self) -> Float[np.ndarray, "j s w"]:
+        """Errors of every step's ends, as `frame_rows`: moving components here, moving components there, constants.
+
+        The chained errors here follow those there: e_k = A_k e + L_k^-T (n_k - F_k own_k+1).
+        """
+        unknowns, chain, r = self.solution.unknowns, self.solution.chain, len(self.root)
+        K, p, v = unknowns.frames, len(unknowns.pose), len(unknowns.chain)
+        d, size = p + v, unknowns.frames * len(unknowns.pose)
+        poses = self.root[:size].reshape(K, p, r)
+        out = np.swapaxes(np.linalg.inv(chain.roots[:-1]), 1, 2)
+        rows = np.zeros((K - 1, 2 * d + len(unknowns.constant), r + 2 * v))
+        rows[:, :p, :r], rows[:, p:d, :r] = poses[:-1], self._chain_rows[:-1]
+        rows[:, d : d + p, :r], rows[:, d + p : 2 * d, :r] = poses[1:], self._chain_rows[1:]
+        rows[:, 2 * d :, :r] = self.root[size:]
+        rows[:, p:d, r : r + v] = out
+        rows[:, p:d, r + v :] = -out @ chain.next @ self._own_roots[1:]
+        rows[:, d + p : 2 * d, r + v :] = self._own_roots[1:]
+        return rows
+
     def landmark_rows(self, landmarks: Int[np.ndarray, " q"]) -> tuple[np.ndarray, np.ndarray]:
         """Errors of landmarks by the noise of what remains (q, 3, r), and roots (q, 3, 3) of what is their own.
 

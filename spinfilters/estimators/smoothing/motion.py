@@ -59,6 +59,8 @@ class SensorRows:
     frame: Int[np.ndarray, " r"]
     values: Float[np.ndarray, "r v"]
     parameters: Float[np.ndarray, "r p"]
+    scale: Float[np.ndarray, " i"] | None = None
+    """Of the standard deviations that the model states, by component of the innovation; None for 1."""
 
     @classmethod
     def joined(cls, parts: Sequence["SensorRows"]) -> "SensorRows":
@@ -68,7 +70,8 @@ class SensorRows:
 
     def part(self, rows: slice, first: int = 0) -> "SensorRows":
         """Some of the measurements, their frames counted from frame ``first`` on."""
-        return SensorRows(self.model, self.frame[rows] - first, self.values[rows], self.parameters[rows])
+        frame = self.frame[rows] - first
+        return SensorRows(self.model, frame, self.values[rows], self.parameters[rows], self.scale)
 
     def within(self, begin: int, end: int) -> "SensorRows":
         """The measurements of the frames from ``begin`` to before ``end``, counted from ``begin`` on."""
@@ -171,6 +174,8 @@ class Motion:
         innovation, jacobian, valid, _ = sensor.model.linearise(
             trajectory[sensor.frame], sensor.parameters, sensor.values
         )
+        if sensor.scale is not None:
+            innovation, jacobian = innovation / sensor.scale, jacobian / sensor.scale[:, None]
         with np.errstate(invalid="ignore", over="ignore"):
             square = np.einsum("nr,nr->n", innovation, innovation)
         good = valid & np.isfinite(square)

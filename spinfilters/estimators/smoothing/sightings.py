@@ -52,6 +52,8 @@ class Sightings:
     counts: Int[np.ndarray, " k"]
     landmarks: int
     groups: tuple[SensorGroup, ...]
+    scale: float = 1.0
+    """Of the standard deviations that the models state."""
 
     def __len__(self) -> int:
         return len(self.frame)
@@ -209,4 +211,6 @@ def linearise_sightings(
             rows[every, : group.model.dim] = made
         good = (positive[:, 0] > 0) & np.isfinite(length[:, 0])
         square[every] = np.where(good, length[:, 0], np.inf)
+    if sightings.scale != 1.0:
+        rows, square = rows / sightings.scale, square / sightings.scale**2
     return LinearSightings(rows, square)

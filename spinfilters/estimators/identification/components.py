@@ -1,0 +1,65 @@
+"""Variance components: which part of the whitened residuals each noise level explains, and what is identified of it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+FORCE_PSD: Final = "force_psd"
+TORQUE_PSD: Final = "torque_psd"
+DISTURBANCES: Final = (FORCE_PSD, TORQUE_PSD)
+"""Names of the densities of the process, as in the settings' table [process]."""
+TOLD_LOG_STD: Final = 0.6
+"""Standard deviation of ln variance above which the data only bound a component from above."""
+BOUND_STD: Final = 2.0
+"""Standard deviations of ln variance from the estimate to the upper bound that is stated of such a component."""
+
+
+@dataclass(frozen=True)
+class ComponentRows:
+    """A noise level of sensors: the innovations that it is the standard deviation of.
+
+    Attributes
+    ----------
+    name: of the noise option.   value: that the problem was stated with, in the option's unit.
+    sensors: rows of the innovation, by the sensor's number in `Motion.sensors`.
+    landmarks: whether observations of landmarks are scaled by it.
+    """
+
+    name: str
+    value: float
+    sensors: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
+    landmarks: bool = False
+
+
+@dataclass(frozen=True)
+class VarianceComponent:
+    """An identified noise level.
+
+    Attributes
+    ----------
+    value: standard deviation of a sensor in the unit of its option, or density of a disturbance.
+    log_std: standard deviation of ln variance (of a density, of its ln).
+    """
+
+    name: str
+    value: float
+    log_std: float
+
+    @property
+    def told(self) -> bool:
+        """Whether the data tell it from zero; if not, `upper` is what they say."""
+        return self.log_std < TOLD_LOG_STD
+
+    @property
+    def upper(self) -> float:
+        """Upper bound, in the unit of the value."""
+        half = 1.0 if self.name in DISTURBANCES else 0.5
+        return self.value * float(np.exp(half * BOUND_STD * self.log_std))
+
+    @property
+    def std(self) -> float:
+        """Standard deviation of the value, to first order."""
+        half = 1.0 if self.name in DISTURBANCES else 0.5
+        return self.value * half * self.log_std

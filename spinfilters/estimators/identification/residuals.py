@@ -1,0 +1,204 @@
+"""Squared whitened residuals of each variance component, and what is expected of them: its redundancy.
+
+At the most probable states of the linearised problem min |J e - y|^2 with covariance P = (J'J)^-1, a component that scales the
+variance of some rows by exp(theta) has the score
+
+    d ln p / d theta = (r - S) / 2,    r = sum of squares of (y - J e),    S = sum of diag(I - J P J')  over those rows
+
+(Patterson and Thompson 1971). The process noise of a step has two sources, Q = G_f G_f' + G_t G_t'. With W = L^-1 G, L L' = Q,
+theirs are r = |W'(y - J e)|^2 and S = tr W'(I - J P J') W.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.estimators.identification.components import FORCE_PSD, TORQUE_PSD, ComponentRows
+from spinfilters.estimators.smoothing.marginals import Marginals
+from spinfilters.estimators.smoothing.motion import NOISE_FLOOR, prior_rows
+from spinfilters.estimators.smoothing.problem import Normal, Point, Problem
+from spinfilters.estimators.smoothing.reduced import Reduced
+
+ENTRIES = 6
+"""Columns of a step's noise factor that belong to the torque (attitude and rate); those of the force follow."""
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Residuals of a linear problem's solution by component.
+
+    Attributes
+    ----------
+    squares: r of each component, then of each density.   redundancy: S, likewise.
+    sources: whitened residuals as each of them explains them: the working variable of the average information.
+    """
+
+    squares: Float[np.ndarray, " c"]
+    redundancy: Float[np.ndarray, " c"]
+    sources: tuple["WhitenedRows", ...]
+
+
+@dataclass(frozen=True)
+class WhitenedRows:
+    """A right-hand side of the linear problem: one number for every whitened row.
+
+    Attributes
+    ----------
+    sensors: (r, i) of every sensor without landmarks.   steps: (k - 1, d).   observations: (N, 3), or None without any.
+    """
+
+    sensors: tuple[Float[np.ndarray, "r i"], ...]
+    steps: Float[np.ndarray, "k d"]
+    observations: Float[np.ndarray, "N 3"] | None
+
+    def dot(self, other: "WhitenedRows") -> float:
+        """Sum of products."""
+        pairs = [*zip(self.sensors, other.sensors, strict=True), (self.steps, other.steps)]
+        if self.observations is not None and other.observations is not None:
+            pairs.append((self.observations, other.observations))
+        return float(sum(np.vdot(a, b) for a, b in pairs))
+
+    def plus(self, other: "WhitenedRows") -> "WhitenedRows":
+        """Sum."""
+        seen = None
+        if self.observations is not None and other.observations is not None:
+            seen = self.observations + other.observations
+        sensors = tuple(a + b for a, b in zip(self.sensors, other.sensors, strict=True))
+        return WhitenedRows(sensors, self.steps + other.steps, seen)
+
+
+def residuals_of(
+    problem: Problem,
+    here: Point,
+    normal: Normal,
+    components: Sequence[ComponentRows],
+    densities: Sequence[str],
+) -> Residuals:
+    """Residuals of the linear problem about a point, at its solution.
+
+    Parameters
+    ----------
+    densities: names of the disturbances wanted.   normal: solved, its rows in memory (`Problem.is_long` is false).
+    """
+    solution = normal.solution
+    assert isinstance(solution, Reduced)
+    marginals = Marginals(solution, normal.eliminated)
+    steps = _steps_after(problem, here, marginals)
+    sensors = [_sensor_after(problem, here, marginals, k) for k in range(len(problem.motion.sensors))]
+    nothing = WhitenedRows(
+        tuple(np.zeros_like(each.rest) for each in sensors),
+        np.zeros_like(steps.rest),
+        None if here.linear is None else np.zeros_like(here.linear.innovation),
+    )
+    spent = (
+        steps.leverage + sum(each.leverage for each in sensors) + _prior_leverage(problem, here, marginals)
+    )
+    sources, redundancy = [], []
+    for each in components:
+        chosen, free = list(nothing.sensors), 0.0
+        for k, rows in each.sensors.items():
+            chosen[k] = np.zeros_like(chosen[k])
+            chosen[k][:, list(rows)] = sensors[k].rest[:, list(rows)]
+            free += float(sensors[k].free[:, list(rows)].sum())
+        seen = nothing.observations
+        if each.landmarks:
+            seen = _observations_after(problem, here, normal)
+            free += _free_observations(problem, normal, spent)
+        sources.append(WhitenedRows(tuple(chosen), nothing.steps, seen))
+        redundancy.append(free)
+    squares = [each.dot(each) for each in sources]
+    for W in _source_factors(problem, here, densities):
+        explained = np.einsum("kdi,kd->ki", W, steps.rest)
+        squares.append(float(np.vdot(explained, explained)))
+        spread = np.swapaxes(W, 1, 2) @ steps.spread
+        redundancy.append(float(np.vdot(W, W)) - float(np.vdot(spread, spread)))
+        sources.append(
+            WhitenedRows(nothing.sensors, np.einsum("kdi,ki->kd", W, explained), nothing.observations)
+        )
+    return Residuals(np.array(squares), np.array(redundancy), tuple(sources))
+
+
+@dataclass(frozen=True)
+class _StepsAfter:
+    """Whitened residuals (k - 1, d) of the steps, and a factor (k - 1, d, w) of the covariance of their states' share J P J'."""
+
+    rest: Float[np.ndarray, "j d"]
+    spread: Float[np.ndarray, "j d w"]
+
+    @property
+    def leverage(self) -> float:
+        """Unknowns that the steps determine."""
+        return float(np.vdot(self.spread, self.spread))
+
+
+@dataclass(frozen=True)
+class _SensorAfter:
+    """Whitened residuals (r, i) of a sensor, 1 - diag(J P J') of each (0 where it is not used), and the sum of diag(J P J')."""
+
+    rest: Float[np.ndarray, "r i"]
+    free: Float[np.ndarray, "r i"]
+    leverage: float
+
+
+def _steps_after(problem: Problem, here: Point, marginals: Marginals) -> _StepsAfter:
+    unknowns, errors = problem.unknowns, marginals.solution.errors
+    J, y = here.dynamics.rows[:, :, :-1], here.dynamics.rows[:, :, -1]
+    moving = errors[:, unknowns.moving]
+    both = np.concatenate([moving[:-1], moving[1:], errors[:-1, unknowns.constant]], axis=1)
+    return _StepsAfter(y - np.einsum("kdc,kc->kd", J, both), J @ marginals.step_rows())
+
+
+def _sensor_after(problem: Problem, here: Point, marginals: Marginals, number: int) -> _SensorAfter:
+    sensor = problem.motion.sensors[number]
+    rows, _, _ = problem.motion.sensor_rows(sensor, here.trajectory, here.loss)
+    J, y, columns = rows[:, :, :-1], rows[:, :, -1], sensor.model.columns
+    errors = marginals.solution.errors[sensor.frame][:, columns]
+    used = (np.abs(rows).max(axis=2) > 0).astype(float)
+    leverage = ((J @ marginals.factors[sensor.frame][:, columns]) ** 2).sum(axis=2)
+    return _SensorAfter(y - np.einsum("ric,rc->ri", J, errors), used - leverage, float(leverage.sum()))
+
+
+def _prior_leverage(problem: Problem, here: Point, marginals: Marginals) -> float:
+    if problem.motion.prior is None:
+        return 0.0
+    J = prior_rows(problem.unknowns, here.trajectory[0], problem.motion.prior)[:, :-1]
+    spread = J @ marginals.factors[0][problem.unknowns.order]
+    return float(np.vdot(spread, spread))
+
+
+def _observations_after(problem: Problem, here: Point, normal: Normal) -> Float[np.ndarray, "N 3"]:
+    """Whitened residuals of the observations that count."""
+    fit, linear, solution = normal.eliminated, here.linear, normal.solution
+    assert fit is not None
+    assert linear is not None
+    assert isinstance(solution, Reduced)
+    poses, points = (
+        solution.poses[fit.sightings.frame],
+        fit.points_step(solution.poses)[fit.sightings.landmark],
+    )
+    moved = np.einsum("nic,nc->ni", linear.rows[:, :, :-1], np.concatenate([poses, points], axis=1))
+    return np.where(fit.used[:, None], linear.innovation - moved, 0.0)
+
+
+def _free_observations(problem: Problem, normal: Normal, spent: float) -> float:
+    """Redundancy of all observations: the traces of all rows' leverages sum up to the number of unknowns."""
+    fit, unknowns = normal.eliminated, problem.unknowns
+    assert fit is not None
+    values = sum(int(np.count_nonzero(fit.used[g.rows])) * g.model.dim for g in fit.sightings.groups)
+    count = unknowns.kept + unknowns.frames * len(unknowns.chain) + 3 * int(np.count_nonzero(fit.told))
+    return values - (count - spent)
+
+
+def _source_factors(
+    problem: Problem, here: Point, densities: Sequence[str]
+) -> list[Float[np.ndarray, "k d i"]]:
+    """W = L^-1 G of disturbances, for every step."""
+    motion, moving = problem.motion, problem.unknowns.moving
+    _, _, noise = motion.process.linearise_steps(here.trajectory[:-1], here.trajectory[1:], motion.dt)
+    G = noise[:, moving]
+    Q = G @ np.swapaxes(G, 1, 2) + NOISE_FLOOR**2 * np.eye(len(moving))
+    W = np.linalg.solve(np.linalg.cholesky(Q), G)
+    columns = {TORQUE_PSD: slice(None, ENTRIES), FORCE_PSD: slice(ENTRIES, None)}
+    return [W[:, :, columns[name]] for name in densities]

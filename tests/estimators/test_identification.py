@@ -1,0 +1,182 @@
+"""Noise identified from the data: the score is the likelihood's slope, and levels come out within their deviations."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from spinfilters.estimators.identification.components import ComponentRows
+from spinfilters.estimators.identification.identify import (
+    STAGE,
+    Identified,
+    NoiseModel,
+    average_information,
+    identify,
+)
+from spinfilters.estimators.identification.residuals import residuals_of
+from spinfilters.estimators.smoothing.motion import NOISE_FLOOR
+from spinfilters.estimators.smoothing.problem import Problem, problem_of
+from spinfilters.estimators.smoothing.reduced import Reduced
+from spinfilters.logs.dataset import Dataset
+from spinfilters.logs.measurement_log import MeasurementLog
+from spinfilters.models.process import ProcessNoise
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
+from spinfilters.workflow.preparation import Prepared, prepare
+from spinfilters.workflow.settings import Settings
+
+STATED = {
+    "stereo-tracks": {"pixel_std": 2.0},
+    "pose": {"pose_position_std": 0.02, "pose_rotation_std": 0.03},
+    "gyro": {"gyro_noise_std": 0.006, "gyro_scale_std": 0.0},
+}
+TRUE = {"pixel_std": 1.0, "pose_position_std": 0.005, "pose_rotation_std": 0.01, "gyro_noise_std": 0.002}
+
+
+def silent(dataset: Dataset) -> Dataset:
+    """The data set without anything that it says of noise."""
+    streams = tuple(replace(stream, covariance=None) for stream in dataset.log.streams)
+    options = replace(dataset.options, force_psd=None, torque_psd=None, sensor_noise={})
+    return replace(dataset, log=MeasurementLog(streams), options=options)
+
+
+@cache
+def case(kind: str, seed: int, noise: ProcessNoise, frames: int = 60) -> tuple[NoiseModel, Prepared]:
+    """The first epochs of a simulation with these disturbances, of noise stated too large."""
+    dataset = simulate(
+        Scenario(kind=kind, rate_rpm=RICH_RPM, seed=seed, frames=frames, interval=0.5, noise=noise)
+    )
+    dataset = silent(without_map(dataset) if kind == "stereo-tracks" else dataset)
+    settings = Settings()
+    process = replace(settings.process, force_psd=1e-6, torque_psd=1e-6)
+    settings = replace(settings, process=process, sensors=replace(settings.sensors, **STATED[kind]))
+    prepared = prepare(dataset, settings)
+    start, count = prepared.start, len(prepared.start.mean)
+    ids = start.ids
+    problem = problem_of(prepared.process, prepared.timeline[:count], ids, start.prior, 2)
+    components = {
+        "stereo-tracks": (ComponentRows("pixel_std", 2.0, landmarks=True),),
+        "pose": (
+            ComponentRows("pose_position_std", 0.02, {0: (0, 1, 2)}),
+            ComponentRows("pose_rotation_std", 0.03, {0: (3, 4, 5)}),
+        ),
+        "gyro": (ComponentRows("gyro_noise_std", 0.006, {0: (0, 1, 2)}),),
+    }
+    densities = ("force_psd", "torque_psd") if prepared.process.layout.translates else ("torque_psd",)
+    return NoiseModel(problem, components[kind], densities), prepared
+
+
+def first_point(prepared: Prepared) -> tuple[np.ndarray, np.ndarray]:
+    """Trajectory and landmarks of an initialisation."""
+    return prepared.start.mean, prepared.start.points
+
+
+def identified(model: NoiseModel, prepared: Prepared) -> Identified:
+    """What is identified from an initialisation."""
+    found = identify(model, *first_point(prepared))
+    assert found is not None
+    return found
+
+
+def minus_twice_log_likelihood(problem: Problem, trajectory: np.ndarray, points: np.ndarray) -> float:
+    """Laplace's, of the linearised problem, up to the measurements' own determinants."""
+    here = problem.at(trajectory, points, STAGE.loss)
+    normal = problem.normal(here, STAGE)
+    solution, fit = normal.solution, normal.eliminated
+    assert isinstance(solution, Reduced)
+    logarithms = [np.diag(solution.root), np.diagonal(solution.chain.roots, axis1=1, axis2=2)]
+    if fit is not None:
+        logarithms.append(np.diagonal(fit.root[fit.told], axis1=1, axis2=2))
+    determinant = 2 * sum(float(np.log(part).sum()) for part in logarithms)
+    noise = problem.motion.process.linearise_steps(trajectory[:-1], trajectory[1:], problem.motion.dt)[2]
+    G = noise[:, problem.unknowns.moving]
+    Q = G @ np.swapaxes(G, 1, 2) + NOISE_FLOOR**2 * np.eye(G.shape[1])
+    return (
+        here.cost(normal.used, STAGE) - normal.decrement + determinant + float(np.linalg.slogdet(Q)[1].sum())
+    )
+
+
+def values_of(model: NoiseModel, which: int, count: int) -> int:
+    """Scalar measurements of a component."""
+    if which >= len(model.components):
+        return 0
+    each = model.components[which]
+    if each.landmarks:
+        return count
+    return sum(len(rows) * len(model.problem.motion.sensors[k].values) for k, rows in each.sensors.items())
+
+
+@pytest.mark.parametrize("kind", list(STATED))
+def test_the_score_is_the_slope_of_the_marginal_likelihood(kind: str) -> None:
+    model, prepared = case(kind, 0, ProcessNoise(1e-6, 1e-5), frames=40)
+    trajectory, points = first_point(prepared)
+    size = len(model.components) + len(model.densities)
+    theta = np.full(size, -0.7)
+    problem = model.scaled(theta)
+    here = problem.at(trajectory, points, STAGE.loss)
+    normal = problem.normal(here, STAGE)
+    residuals = residuals_of(problem, here, normal, model.components, model.densities)
+    count = 0 if normal.used is None else 3 * int(np.count_nonzero(normal.used))
+    for k in range(size):
+        step = 1e-4 * np.eye(size)[k]
+        slope = [
+            minus_twice_log_likelihood(model.scaled(theta + sign * step), trajectory, points)
+            for sign in (1, -1)
+        ]
+        numerical = (slope[0] - slope[1]) / 2e-4 + values_of(model, k, count)
+        exact = residuals.redundancy[k] - residuals.squares[k]
+        assert numerical == pytest.approx(exact, rel=1e-4, abs=1e-3)
+
+
+@pytest.mark.parametrize("kind", list(STATED))
+def test_the_average_information_is_that_of_the_dense_problem(kind: str) -> None:
+    model, prepared = case(kind, 0, ProcessNoise(1e-6, 1e-5), frames=40)
+    here = model.problem.at(*first_point(prepared), STAGE.loss)
+    normal = model.problem.normal(here, STAGE)
+    residuals = residuals_of(model.problem, here, normal, model.components, model.densities)
+    information = average_information(model.problem, here, normal, residuals.sources)
+    assert np.linalg.eigvalsh(information).min() > 0
+    total = residuals.sources[0]
+    for each in residuals.sources[1:]:
+        total = total.plus(each)
+    # the residuals of the solution are orthogonal to what states explain, save for those of the prior and of the noise floor
+    assert 2 * information.sum() == pytest.approx(total.dot(total), rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("kind", "noise"),
+    [
+        ("stereo-tracks", ProcessNoise(1e-8, 2e-5)),
+        ("stereo-tracks", ProcessNoise(1e-5, 1e-8)),
+        ("pose", ProcessNoise(1e-6, 1e-6)),
+        ("pose", ProcessNoise(1e-5, 1e-5)),
+        ("gyro", ProcessNoise(1e-6, 1e-5)),
+        ("gyro", ProcessNoise(1e-6, 1e-7)),
+    ],
+)
+def test_levels_are_found_within_three_deviations_from_defaults_that_are_far_off(
+    kind: str, noise: ProcessNoise
+) -> None:
+    for seed in range(2):
+        found = identified(*case(kind, seed, noise))
+        assert found.converged
+        for each in found.components:
+            true = TRUE.get(each.name) or getattr(noise, each.name)
+            away = np.log(each.value / true) * (1 if each.name.endswith("psd") else 2)
+            if each.told:
+                assert abs(away) < 3 * each.log_std, (each, true)
+            assert each.upper > true * np.exp(-1.0 * each.log_std), (each, true)
+
+
+def test_identification_does_not_depend_on_what_was_stated() -> None:
+    model, prepared = case("pose", 1, ProcessNoise(1e-6, 1e-6))
+    other = replace(model, problem=model.scaled(np.array([1.0, -2.0, 0.5, 3.0])))
+    values = [[each.value for each in identified(each, prepared).components[2:]] for each in (model, other)]
+    np.testing.assert_allclose(values[0], values[1], rtol=0.05)
+
+
+def test_a_disturbance_that_cannot_be_seen_is_bounded_and_not_zero() -> None:
+    found = identified(*case("pose", 2, ProcessNoise(1e-12, 1e-12)))
+    for each in found.components[2:]:
+        assert not each.told
+        assert 0 < each.value < 1e-6
