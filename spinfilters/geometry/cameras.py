@@ -81,8 +81,8 @@ class Camera(ABC):
         return _numeric(self, type(self).ray, self.pixel_dim)(pixels, calibration)[0]
 
     def pixels_by_point(
-        self, points: Float[np.ndarray, "k 3"], calibration: Float[np.ndarray, " c"]
-    ) -> Float[np.ndarray, "k v 3"]:
+        self, points: Float[np.ndarray, "*batch 3"], calibration: Float[np.ndarray, " c"]
+    ) -> Float[np.ndarray, "*batch v 3"]:
         """Derivatives of `project` by the points, px/m."""
         return _numeric(self, type(self).derivative, 3)(points, calibration)[0]
 
