@@ -1,0 +1,46 @@
+"""Texts of a generated library, and its compiled form for this machine."""
+
+import ctypes
+import re
+from functools import cache
+from importlib.resources import files
+
+from spinfilters.embedded.generated_text import config_text, model_text
+from spinfilters.embedded.options import EmbedOptions
+from spinfilters.symbolic.c_library import FLAGS, load_text
+
+HAND_WRITTEN = ("spinfilter.h", "spinfilter_arithmetic.h", "spinfilter_landmarks.h", "spinfilter.c")
+CONFIG, MODEL = "spinfilter_config.h", "spinfilter_model.h"
+INCLUDE = re.compile(r'^#include "(\w+\.h)".*$', re.MULTILINE)
+
+
+@cache
+def library_texts(options: EmbedOptions) -> dict[str, str]:
+    """The C of a filter by file name."""
+    texts = {name: template(name) for name in HAND_WRITTEN}
+    return texts | {CONFIG: config_text(options), MODEL: model_text(options)}
+
+
+def template(name: str) -> str:
+    """A file of the folder ``c`` of this package."""
+    return files("spinfilters.embedded").joinpath("c", name).read_text()
+
+
+@cache
+def load_filter(options: EmbedOptions) -> ctypes.PyDLL | None:
+    """The filter compiled for this machine with the flags of a flight build, or None without a compiler."""
+    return load_text("embedded_filter", one_text(library_texts(options)), (*FLAGS, "-fno-math-errno"))
+
+
+def one_text(texts: dict[str, str]) -> str:
+    """A library as one translation unit: every include of its own replaced by the file, once."""
+    done: set[str] = set()
+
+    def included(match: re.Match[str]) -> str:
+        name = match.group(1)
+        if name in done:
+            return ""
+        done.add(name)
+        return INCLUDE.sub(included, texts[name])
+
+    return INCLUDE.sub(included, texts["spinfilter.c"])
