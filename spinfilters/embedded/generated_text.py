@@ -28,13 +28,17 @@ RENAMED = {
 }
 
 
-def model_text(options: EmbedOptions) -> str:
-    """``spinfilter_model.h``: one static function per model function, in either precision."""
-    head = (
-        "/* Generated from the models of spinfilters; not to be edited. Matrices row by row. */\n"
-        "#ifndef SPINFILTER_MODEL_H\n#define SPINFILTER_MODEL_H\n"
+def model_texts(options: EmbedOptions) -> tuple[str, str]:
+    """``spinfilter_model.h`` and ``spinfilter_model.c``: one function per model function, in either precision."""
+    functions = [function_text(each) for each in model_functions(options)]
+    note = "/* Generated from the models of spinfilters; not to be edited. Matrices row by row. */\n"
+    declarations = "".join(text.partition("\n")[0] + ";\n" for text in functions)
+    header = (
+        f'{note}#ifndef SPINFILTER_MODEL_H\n#define SPINFILTER_MODEL_H\n\n#include "spinfilter.h"\n\n'
+        f"{declarations}\n#endif\n"
     )
-    return head + "".join("\n" + function_text(each) for each in model_functions(options)) + "#endif\n"
+    include = '#include "spinfilter_model.h"\n\n#include "spinfilter_arithmetic.h"\n'
+    return header, note + include + "".join("\n" + text for text in functions)
 
 
 def function_text(function: ca.Function) -> str:
@@ -71,7 +75,7 @@ def function_text(function: ca.Function) -> str:
         for name in scalars
     )
     outputs = [f"sf_real *{name}" for name in function.name_out()]
-    signature = f"static void sf_model_{function.name()}({', '.join(inputs + outputs)})"
+    signature = f"void sf_model_{function.name()}({', '.join(inputs + outputs)})"
     return f"{signature}\n{{\n{given}{body}}}\n"
 
 
@@ -155,7 +159,8 @@ def _starts(rows: list[list[int]]) -> list[int]:
 def _ends(g: list[list[int]], moving: int) -> list[int]:
     """Columns that a row of [Phi U | G] fills, at most, once the rows below it have been taken out."""
     ends = [moving + 1 + max(row) for row in g]
-    return [max(ends[k:]) for k in range(len(ends))]
+    assert moving % 3 == 0
+    return [-(-max(ends[k:]) // 3) * 3 for k in range(len(ends))]
 
 
 def _table(name: str, values: list[int]) -> list[str]:

@@ -5,12 +5,12 @@ import re
 from functools import cache
 from importlib.resources import files
 
-from spinfilters.embedded.generated_text import config_text, model_text
+from spinfilters.embedded.generated_text import config_text, model_texts
 from spinfilters.embedded.options import EmbedOptions
 from spinfilters.symbolic.c_library import FLAGS, load_text
 
 HAND_WRITTEN = ("spinfilter.h", "spinfilter_arithmetic.h", "spinfilter_landmarks.h", "spinfilter.c")
-CONFIG, MODEL = "spinfilter_config.h", "spinfilter_model.h"
+CONFIG, MODEL_HEADER, MODEL = "spinfilter_config.h", "spinfilter_model.h", "spinfilter_model.c"
 INCLUDE = re.compile(r'^#include "(\w+\.h)".*$', re.MULTILINE)
 
 
@@ -18,7 +18,8 @@ INCLUDE = re.compile(r'^#include "(\w+\.h)".*$', re.MULTILINE)
 def library_texts(options: EmbedOptions) -> dict[str, str]:
     """The C of a filter by file name."""
     texts = {name: template(name) for name in HAND_WRITTEN}
-    return texts | {CONFIG: config_text(options), MODEL: model_text(options)}
+    header, model = model_texts(options)
+    return texts | {CONFIG: config_text(options), MODEL_HEADER: header, MODEL: model}
 
 
 def template(name: str) -> str:
@@ -43,4 +44,4 @@ def one_text(texts: dict[str, str]) -> str:
         done.add(name)
         return INCLUDE.sub(included, texts[name])
 
-    return INCLUDE.sub(included, texts["spinfilter.c"])
+    return "\n".join(INCLUDE.sub(included, texts[name]) for name in (MODEL, "spinfilter.c"))

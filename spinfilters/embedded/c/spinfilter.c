@@ -1,8 +1,6 @@
 /* The filter: covariance in UD form (Bierman 1977, Thornton 1976) around the generated model. */
 #include "spinfilter.h"
 
-#include <string.h>
-
 #include "spinfilter_arithmetic.h"
 #include "spinfilter_model.h"
 
@@ -10,7 +8,33 @@ SF_PATTERN;
 
 #define COLUMN(u, j) ((u) + (j) * ((j) - 1) / 2)
 
+/* ---- copies: word by word, for a library's memcpy may go byte by byte ---- */
+
+static void copy(sf_real *to, const sf_real *from, int count)
+{
+  for (int k = 0; k < count; ++k) to[k] = from[k];
+}
+
+static void clear(sf_real *to, int count)
+{
+  for (int k = 0; k < count; ++k) to[k] = SF_R(0.0);
+}
+
+static void copy_filter(sf_filter *to, const sf_filter *from)
+{
+  copy(to->x, from->x, SF_NX);
+  copy(to->u, from->u, SF_N * (SF_N - 1) / 2);
+  copy(to->d, from->d, SF_N);
+  copy(to->psd, from->psd, 2);
+  to->nis = from->nis;
+  to->dof = from->dof;
+  to->used = from->used;
+  to->refused = from->refused;
+}
+
 /* ---- small matrices, row by row ---- */
+
+SF_QUICK_BEGIN
 
 static void multiply3(const sf_real *a, const sf_real *b, int columns, sf_real *out) /* out = a b */
 {
@@ -33,6 +57,8 @@ static void multiply3_transposed(const sf_real *a, const sf_real *b, sf_real *ou
       out[3 * i + j] = a[3 * i] * b[3 * j] + a[3 * i + 1] * b[3 * j + 1] + a[3 * i + 2] * b[3 * j + 2];
 }
 
+SF_QUICK_END
+
 /* ---- U D U' ---- */
 
 static int finite(const sf_filter *f)
@@ -48,6 +74,8 @@ typedef struct {
   sf_real error[SF_N];
   sf_real nis;
 } correction;
+
+SF_QUICK_BEGIN
 
 /* One scalar measurement: residual = row . error[SF_SEEN...] + unit noise (Bierman 1977). */
 static void update_scalar(sf_filter *f, correction *c, const sf_real *row, sf_real residual)
@@ -79,6 +107,8 @@ static void update_scalar(sf_filter *f, correction *c, const sf_real *row, sf_re
   for (int j = 0; j < SF_N; ++j) c->error[j] += gain[j] * scaled;
   c->nis += residual * scaled;
 }
+
+SF_QUICK_END
 
 #define BLOCK 5 /* components of the largest block that a reset transforms */
 
@@ -175,63 +205,102 @@ static void reset(sf_filter *f, const correction *c)
 {
   sf_real after[SF_NX], moved_a[9], moved_s[25];
   sf_model_correction(f->x, c->error, after, moved_a, moved_s);
-  memcpy(f->x, after, sizeof after);
+  copy(f->x, after, SF_NX);
   reset_block(f, SF_A, 3, moved_a);
   reset_block(f, SF_S, 5, moved_s);
 }
 
 /* Thornton's time update of the moving rows: [Phi U | G] made triangular again; the constants' D and U stay. */
+#define ROUNDED ((SF_N + 3) / 4 * 4)
+#define WIDTH (SF_MOVING + SF_NOISE)
+#define UNROLL 3 /* columns at a time: what the rows of the models' blocks of three fill */
+
+SF_QUICK_BEGIN
+
+static void transform_factor(sf_filter *f, const sf_real *phi, sf_real (*rows)[WIDTH]) /* rows = Phi U */
+{
+  sf_real full[SF_N][ROUNDED], sum[ROUNDED];
+  clear(full[0], SF_N * ROUNDED);
+  for (int j = 0; j < SF_N; ++j) {
+    const sf_real *column = COLUMN(f->u, j);
+    for (int i = 0; i < j; ++i) full[i][j] = column[i];
+    full[j][j] = SF_R(1.0);
+  }
+  for (int r = 0; r < SF_MOVING; ++r) {
+    const int begin = sf_phi_column[sf_phi_start[r]];
+    for (int j = begin & ~3; j < SF_N; j += 4) {
+      sf_real a = SF_R(0.0), b = SF_R(0.0), c = SF_R(0.0), d = SF_R(0.0);
+      for (int n = sf_phi_start[r]; n < sf_phi_start[r + 1] && sf_phi_column[n] < j + 4; ++n) {
+        const sf_real *row = full[sf_phi_column[n]] + j, value = phi[n];
+        a += value * row[0];
+        b += value * row[1];
+        c += value * row[2];
+        d += value * row[3];
+      }
+      sum[j] = a;
+      sum[j + 1] = b;
+      sum[j + 2] = c;
+      sum[j + 3] = d;
+    }
+    for (int j = begin; j < SF_MOVING; ++j) rows[r][j] = sum[j];
+    for (int j = SF_MOVING; j < SF_N; ++j) COLUMN(f->u, j)[r] = sum[j];
+  }
+}
+
+static sf_real project(const sf_real *row, const sf_real *weighted, const sf_real *stop)
+{
+  sf_real sum = SF_R(0.0);
+  for (; weighted < stop; row += UNROLL, weighted += UNROLL)
+    sum += row[0] * weighted[0] + row[1] * weighted[1] + row[2] * weighted[2];
+  return sum;
+}
+
+static void subtract(sf_real *row, const sf_real *own, const sf_real *stop, sf_real share)
+{
+  for (; own < stop; row += UNROLL, own += UNROLL) {
+    row[0] -= share * own[0];
+    row[1] -= share * own[1];
+    row[2] -= share * own[2];
+  }
+}
+
 static int propagate(sf_filter *f, const sf_real *phi, const sf_real *g)
 {
-  sf_real rows[SF_MOVING][SF_MOVING + SF_NOISE], weighted[SF_MOVING + SF_NOISE], d[SF_MOVING + SF_NOISE];
-  memset(rows, 0, sizeof rows);
-  for (int j = SF_N - 1; j >= 0; --j) {
-    sf_real *column = COLUMN(f->u, j);
-    sf_real made[SF_MOVING];
-    for (int r = 0; r < SF_MOVING; ++r) {
-      sf_real sum = SF_R(0.0);
-      for (int k = sf_phi_start[r]; k < sf_phi_start[r + 1]; ++k) {
-        const int at = sf_phi_column[k];
-        if (at > j) break;
-        sum += at == j ? phi[k] : phi[k] * column[at];
-      }
-      made[r] = sum;
-    }
-    if (j < SF_MOVING)
-      for (int r = 0; r < SF_MOVING; ++r) rows[r][j] = made[r];
-    else
-      for (int r = 0; r < SF_MOVING; ++r) column[r] = made[r];
-  }
+  sf_real rows[SF_MOVING][WIDTH], weighted[WIDTH], d[WIDTH];
+  clear(rows[0], SF_MOVING * WIDTH);
+  transform_factor(f, phi, rows);
   for (int r = 0; r < SF_MOVING; ++r)
     for (int k = sf_g_start[r]; k < sf_g_start[r + 1]; ++k) rows[r][SF_MOVING + sf_g_column[k]] = g[k];
   for (int k = 0; k < SF_MOVING; ++k) d[k] = f->d[k];
-  for (int k = SF_MOVING; k < SF_MOVING + SF_NOISE; ++k) d[k] = SF_R(1.0);
+  for (int k = SF_MOVING; k < WIDTH; ++k) d[k] = SF_R(1.0);
   for (int r = SF_MOVING - 1; r >= 0; --r) {
-    const int begin = sf_phi_column[sf_phi_start[r]], end = sf_row_end[r];
+    const int begin = r / UNROLL * UNROLL, end = sf_row_end[r];
+    const sf_real *own = rows[r];
     sf_real square = SF_R(0.0);
     for (int k = begin; k < end; ++k) {
-      weighted[k] = d[k] * rows[r][k];
-      square += rows[r][k] * weighted[k];
+      weighted[k] = d[k] * own[k];
+      square += own[k] * weighted[k];
     }
     if (!(square > SF_R(0.0))) return 0;
     const sf_real inverse = SF_R(1.0) / square;
     sf_real *column = COLUMN(f->u, r);
     f->d[r] = square;
     for (int i = 0; i < r; ++i) {
-      sf_real share = SF_R(0.0);
-      for (int k = begin; k < end; ++k) share += rows[i][k] * weighted[k];
-      share *= inverse;
-      for (int k = begin; k < end; ++k) rows[i][k] -= share * rows[r][k];
+      const sf_real share = project(rows[i] + begin, weighted + begin, weighted + end) * inverse;
+      subtract(rows[i] + begin, own + begin, own + end, share);
       column[i] = share;
     }
   }
   return 1;
 }
 
+SF_QUICK_END
+
 int sf_begin(sf_filter *f, const sf_real *x, const sf_real *covariance, sf_real force_psd, sf_real torque_psd)
 {
-  memset(f, 0, sizeof *f);
-  memcpy(f->x, x, sizeof f->x);
+  f->nis = SF_R(0.0);
+  f->dof = f->used = f->refused = 0;
+  copy(f->x, x, SF_NX);
   f->psd[0] = force_psd;
   f->psd[1] = torque_psd;
   for (int j = SF_N - 1; j >= 0; --j) { /* backward Cholesky: the last row first */
@@ -280,9 +349,9 @@ static void advance_rotation(rotation *s, const sf_real *j, sf_real h)
 {
   sf_real after[7], aa[9], aw[9], ww[9], ba[15], bw[15], first[24], second[24];
   sf_model_substep(s->point, s->point + 4, j, h, after, after + 4, aa, aw, ww, ba, bw);
-  memcpy(s->point, after, sizeof after);
+  copy(s->point, after, 7);
   multiply3(aa, s->aa, 3, first);
-  memcpy(s->aa, first, sizeof s->aa);
+  copy(s->aa, first, 9);
   multiply3(aa, s->a, 8, first);
   add_multiply3(aw, s->w, 8, first);
   multiply3(ww, s->w, 8, second);
@@ -291,8 +360,8 @@ static void advance_rotation(rotation *s, const sf_real *j, sf_real h)
       first[8 * i + 3 + k] += ba[5 * i + k];
       second[8 * i + 3 + k] += bw[5 * i + k];
     }
-  memcpy(s->a, first, sizeof s->a);
-  memcpy(s->w, second, sizeof s->w);
+  copy(s->a, first, 24);
+  copy(s->w, second, 24);
   /* noise <- A noise A' */
   sf_real turned[9], crossed[9], part[9];
   multiply3(aa, s->noise_aa, 3, turned);
@@ -329,11 +398,12 @@ static void transition(const sf_filter *f, const rotation *s, const sf_real *dj,
 
 int sf_predict(sf_filter *filter, sf_real dt)
 {
-  sf_filter f = *filter;
+  sf_filter f;
   sf_real j[6], dj[25], x[SF_NX], phi[SF_PHI_COUNT], g[SF_G_COUNT];
   rotation s;
   if (!(dt > SF_R(0.0)) || dt - dt != SF_R(0.0)) return SF_INVALID;
-  memset(&s, 0, sizeof s);
+  copy_filter(&f, filter);
+  clear(s.point, sizeof s / sizeof *s.point);
   for (int k = 0; k < 3; ++k) s.aa[4 * k] = s.w[9 * k] = SF_R(1.0);
   for (int k = 0; k < 4; ++k) s.point[k] = f.x[SF_X_Q + k];
   for (int k = 0; k < 3; ++k) s.point[4 + k] = f.x[SF_X_W + k];
@@ -345,11 +415,11 @@ int sf_predict(sf_filter *filter, sf_real dt)
   }
   for (int k = 0; k < 3; ++k) s.noise_ww[4 * k] += sf_weight[SF_SUBSTEPS] * h;
   transition(&f, &s, dj, dt, x, phi, g);
-  memcpy(f.x, x, sizeof x);
+  copy(f.x, x, SF_NX);
   if (!propagate(&f, phi, g) || !finite(&f)) return SF_NOT_FINITE;
   const sf_real *w = f.x + SF_X_W;
   const sf_real turn = SF_SQRT(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) * dt;
-  *filter = f;
+  copy_filter(filter, &f);
   return turn <= SF_R(SF_LARGEST_TURN) ? SF_OK : SF_FAST;
 }
 
@@ -358,9 +428,10 @@ int sf_predict(sf_filter *filter, sf_real dt)
 /* Rows whitened by the sensor's noise: in, unless they lie outside the gate. */
 static int update_rows(sf_filter *filter, const sf_real *rows, const sf_real *innovation, int count, sf_real gate)
 {
-  sf_filter f = *filter;
+  sf_filter f;
   correction c;
-  memset(&c, 0, sizeof c);
+  copy_filter(&f, filter);
+  clear(c.error, SF_N + 1);
   for (int k = 0; k < count; ++k) update_scalar(&f, &c, rows + k * SF_SEEN_COUNT, innovation[k]);
   filter->used = 0;
   if (!(c.nis <= gate)) {
@@ -373,7 +444,7 @@ static int update_rows(sf_filter *filter, const sf_real *rows, const sf_real *in
   f.dof = (uint16_t)count;
   f.used = 1;
   f.refused = 0;
-  *filter = f;
+  copy_filter(filter, &f);
   return SF_OK;
 }
 

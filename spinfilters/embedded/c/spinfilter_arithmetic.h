@@ -16,6 +16,15 @@
 #define SF_LARGEST_EXPONENT 80.0
 #endif
 
+/* Short loops of fixed length, unrolled whatever the file is compiled for. */
+#if defined(__GNUC__) && !defined(__clang__)
+#define SF_QUICK_BEGIN _Pragma("GCC push_options") _Pragma("GCC optimize(\"O3\")")
+#define SF_QUICK_END _Pragma("GCC pop_options")
+#else
+#define SF_QUICK_BEGIN
+#define SF_QUICK_END
+#endif
+
 static inline sf_real sf_square(sf_real x) { return x * x; }
 static inline sf_real sf_abs(sf_real x) { return x < SF_R(0.0) ? -x : x; }
 static inline sf_real sf_max(sf_real x, sf_real y) { return x > y ? x : y; }

@@ -47,6 +47,8 @@ typedef struct {
   sf_real valid;
 } linearised;
 
+SF_QUICK_BEGIN
+
 static void forward3(const sf_real *root, sf_real *right, int columns) /* right <- L^-1 right */
 {
   const sf_real a = SF_R(1.0) / root[0], b = SF_R(1.0) / root[4], c = SF_R(1.0) / root[8];
@@ -120,6 +122,8 @@ static void move_landmark(sf_landmark *landmark, linearised *o, const sf_real *f
       for (int k = 0; k < POSE; ++k) c[n] += by[i * POSE + k] * by[j * POSE + k];
 }
 
+SF_QUICK_END
+
 /* A landmark from its first observation. */
 static int make_landmark(const sf_real *x, sf_landmark *landmark, const sf_real *parameters, const sf_real *pixels, const sf_real *factor)
 {
@@ -150,6 +154,8 @@ typedef struct {
   uint16_t count, refused;
 } information;
 
+SF_QUICK_BEGIN
+
 static void gather(information *sum, sf_real *rows, const sf_real *innovation)
 {
   for (int i = 0; i < 3; ++i) {
@@ -164,6 +170,8 @@ static void gather(information *sum, sf_real *rows, const sf_real *innovation)
   sum->squares += innovation[0] * innovation[0] + innovation[1] * innovation[1] + innovation[2] * innovation[2];
   ++sum->count;
 }
+
+SF_QUICK_END
 
 static void mean_lever(const sf_filter *f, const sf_landmark *map, const sf_observation *observations, uint16_t count, sf_real *lever)
 {
@@ -246,15 +254,17 @@ static void keep_house(const sf_filter *f, sf_landmark *map, sf_observation *o, 
 
 int sf_update_stereo(sf_filter *filter, sf_landmark *map, sf_observation *observations, uint16_t count, const sf_real *camera)
 {
-  sf_filter f = *filter;
+  sf_filter f;
   sf_real factor[POSE * POSE], parameters[3 + SF_STEREO_PARAMETERS];
   information sum;
   correction c;
   for (uint16_t k = 0; k < count; ++k)
     if (observations[k].landmark >= SF_LANDMARKS) return SF_INVALID;
-  for (int k = 0; k < SF_STEREO_PARAMETERS; ++k) parameters[3 + k] = camera[k];
-  memset(&sum, 0, sizeof sum);
-  memset(&c, 0, sizeof c);
+  copy_filter(&f, filter);
+  copy(parameters + 3, camera, SF_STEREO_PARAMETERS);
+  clear(sum.matrix, POSE * POSE + POSE + 1);
+  sum.count = sum.refused = 0;
+  clear(c.error, SF_N + 1);
   seen_covariance(&f, factor);
   if (!cholesky(factor, POSE)) return SF_NOT_FINITE;
   mean_lever(&f, map, observations, count, sum.lever);
@@ -272,6 +282,6 @@ int sf_update_stereo(sf_filter *filter, sf_landmark *map, sf_observation *observ
   f.used = sum.count;
   f.refused = lost ? (uint16_t)(f.refused + (f.refused < UINT16_MAX)) : 0;
   for (uint16_t k = 0; k < count; ++k) keep_house(&f, map, observations + k, parameters, factor);
-  *filter = f;
+  copy_filter(filter, &f);
   return sum.count || !sum.refused ? SF_OK : SF_REFUSED;
 }
