@@ -91,6 +91,25 @@ class EmbeddedFilter(Estimator):
         return Gaussian(self.layout, mean, triangular_factor(rows.T))
 
     @property
+    def landmark_belief(self) -> LandmarkBelief:
+        """State and landmarks, in the frame of the map, without shared modes."""
+        f, n = self._filter, self.layout.error_dim
+        rows = [place for place, each in enumerate(self._map or ()) if each.hits]
+        kept = [self._map[place] for place in rows] if self._map is not None else []
+        C = np.array([each.covariance[:] for each in kept], dtype=float).reshape(-1, 6)
+        roots = np.linalg.cholesky(C[:, [0, 1, 3, 1, 2, 4, 3, 4, 5]].reshape(-1, 3, 3))
+        moved = GAUGE_DIM if self._move_rows.size else 0
+        factor = np.eye(n + 1 + moved)
+        factor[:n, :n] = triangular_factor((self._upper() * np.sqrt(np.array(f.d, dtype=float))).T)
+        if moved:
+            factor[-moved:, -moved:] = triangular_factor(self._move_rows.T)
+        points = np.array([each.point[:] for each in kept], dtype=float).reshape(-1, 3)
+        mean, ids = np.array(f.x, dtype=float), self._slots.ids[rows]
+        return LandmarkBelief(
+            self.layout, mean, ids, points, np.zeros((len(rows), 3, 1)), roots, factor, self._move
+        )
+
+    @property
     def points(self) -> Float[np.ndarray, "k 3"]:
         """Landmarks that the map holds, m, frame g."""
         if self._map is None:
