@@ -20,7 +20,8 @@ def embed(options: argparse.Namespace) -> int:
         files = write_library(chosen, place)
     size = sum(len((folder / file.name).read_bytes()) for file in files)
     wide_console().print(
-        f"{len(files)} files, {size / 1024:.0f} KiB of C for {chosen.sensor} in {chosen.real}: {folder}; try `make -C {folder} test`",
+        f"{len(files)} files, {size / 1024:.0f} KiB of C for {chosen.sensor} in {chosen.real}: {folder}; "
+        f"try `make -C {folder} test`",
         highlight=False,
         soft_wrap=True,
     )

@@ -61,9 +61,7 @@ def _source(options: argparse.Namespace, dataset: Dataset, begin: float) -> Sour
     return open_lines(options.input, dataset.log.sensors)
 
 
-def _shown(
-    stack: ExitStack, options: argparse.Namespace, executive: Executive
-) -> Callable[[Answer], None]:
+def _shown(stack: ExitStack, options: argparse.Namespace, executive: Executive) -> Callable[[Answer], None]:
     """What is done with an answer."""
     view = stack.enter_context(TerminalView(executive.summary)) if options.view else None
 

@@ -125,7 +125,9 @@ class EmbeddedFilter(Estimator):
                 f"the body turned too far for {self.options.substeps} substeps in {self._fast} predictions"
             )
         if self._not_finite:
-            status = status.degraded(f"{self._not_finite} steps would not have stayed finite and were left out")
+            status = status.degraded(
+                f"{self._not_finite} steps would not have stayed finite and were left out"
+            )
         return status
 
     def predict(self, dt: float) -> None:
@@ -170,7 +172,9 @@ class EmbeddedFilter(Estimator):
         if k == 0:
             return UpdateReport(0.0, 0, 0, 0)
         if k > self.options.landmarks:
-            raise InputError(f"{k} landmarks in an epoch, and the embedded map holds {self.options.landmarks}")
+            raise InputError(
+                f"{k} landmarks in an epoch, and the embedded map holds {self.options.landmarks}"
+            )
         camera = measurement.parameters[:, 3:]
         if not (camera == camera[0]).all():
             raise InputError(
@@ -255,7 +259,9 @@ class EmbeddedFilter(Estimator):
     def _real(self, value: float) -> ctypes.c_float | ctypes.c_double:
         return (ctypes.c_double if self.options.real == "double" else ctypes.c_float)(value)
 
-    def _array(self, values: Float[np.ndarray, " k"]) -> "ctypes.Array[ctypes.c_float] | ctypes.Array[ctypes.c_double]":
+    def _array(
+        self, values: Float[np.ndarray, " k"]
+    ) -> "ctypes.Array[ctypes.c_float] | ctypes.Array[ctypes.c_double]":
         kind = ctypes.c_double if self.options.real == "double" else ctypes.c_float
         return (kind * len(values))(*values.tolist())
 

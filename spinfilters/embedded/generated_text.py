@@ -87,7 +87,7 @@ def config_text(options: EmbedOptions) -> str:
     """``spinfilter_config.h``: sizes, places, gates and the sparsity of the transition."""
     layout, count = options.layout, options.substeps
     phi, g = transition_pattern(layout)
-    seen = [MODELS[name](layout).columns for name in options.sensors][0]
+    seen = MODELS[options.sensors[0]](layout).columns
     first = layout.blocks
     numbers = {
         "SF_NX": layout.mean_dim,

@@ -64,8 +64,9 @@ def substep_function() -> ca.Function:
 def transition_expression(layout: StateLayout) -> tuple[list[ca.SX], list[ca.SX]]:
     """Inputs and (point after, transition n x n, noise factor n x k) of a step from those of its rotation.
 
-    Inputs, matrices row by row: the point, its rotation after the step (q 4, w 3), Psi_aa, Psi_aw, Psi_ww (3 x 3), Theta_a, Theta_w
-    (3 x 5, by entries of J), dJ (5 x 5), the rotation's noise of unit density (6 x 6, lower triangle row by row), dt, and densities (force, torque).
+    Inputs, matrices row by row: the point, its rotation after the step (q 4, w 3), Psi_aa, Psi_aw, Psi_ww (3 x 3), Theta_a,
+    Theta_w (3 x 5, by entries of J), dJ (5 x 5), the rotation's noise of unit density (6 x 6, lower triangle row by row), dt, and
+    densities (force, torque).
     """
     x, after = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("after", 7)
     flat = [ca.SX.sym("m", rows * columns) for rows, columns in ROTATION_SHAPES]
@@ -233,4 +234,4 @@ def _columns_by_row(matrix: ca.SX) -> list[list[int]]:
 
 def _nonzeros_by_row(matrix: ca.SX) -> ca.SX:
     sparse = ca.sparsify(matrix).T
-    return ca.vertcat(*sparse.nonzeros())
+    return ca.vertcat(*[ca.SX(each) for each in sparse.nonzeros()])

@@ -36,9 +36,7 @@ class EmbedOptions:
             ("substeps", self.substeps, SUBSTEPS),
         ):
             if value not in allowed:
-                raise InputError(
-                    f"embed --{name} is {value!r}; choose one of {', '.join(map(str, allowed))}"
-                )
+                raise InputError(f"embed --{name} is {value!r}; choose one of {', '.join(map(str, allowed))}")
         if not 1 <= self.landmarks <= LARGEST_MAP:
             raise InputError(f"embed --landmarks is {self.landmarks}; give 1 to {LARGEST_MAP}")
 

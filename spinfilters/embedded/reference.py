@@ -146,7 +146,9 @@ class ReferenceFilter:
         self.covariance = J @ ((P + P.T) / 2) @ J.T
 
 
-def _distance(H: Float[np.ndarray, "d n"], rho: Float[np.ndarray, " d"], P: Float[np.ndarray, "n n"]) -> float:
+def _distance(
+    H: Float[np.ndarray, "d n"], rho: Float[np.ndarray, " d"], P: Float[np.ndarray, "n n"]
+) -> float:
     return float(rho @ np.linalg.solve(H @ P @ H.T + np.eye(len(rho)), rho))
 
 

@@ -4,8 +4,8 @@ An update moves a constant by very little, which float must not lose beside one.
 
 Attitude: with the MRP m = a / 4, J = ((1 - m'm) I - 2 [m x] + 2 m m') / (1 + m'm)^2.
 
-Mass distribution: with exp(D/2) exp(D/2)' = L L', Q = L^-1 exp(D/2) is a rotation, and J takes a change X to Q (sinh(x)/x)(X) Q' with
-x = ad_D / 2, a series in [D, [D, X]] that needs no scaling and squaring.
+Mass distribution: with exp(D/2) exp(D/2)' = L L', Q = L^-1 exp(D/2) is a rotation, and J takes a change X to Q (sinh(x)/x)(X) Q'
+with x = ad_D / 2, a series in [D, [D, X]] that needs no scaling and squaring.
 """
 
 import casadi as ca
@@ -29,13 +29,15 @@ def attitude_reset(a: Expression) -> Expression:
 def mass_correction(s: Expression, d: Expression) -> tuple[Expression, Expression]:
     """s [+] d of a mass distribution (`spinfilters.dynamics.mass_distribution.retract_mass`), and E of its error d, 5 x 5.
 
-    A commutator of symmetric matrices is skew, so ad_D^2 = B A with A (3 x 5) and B (5 x 3), and the series needs powers of A B only.
+    A commutator of symmetric matrices is skew, so ad_D^2 = B A with A (3 x 5) and B (5 x 3): the series needs powers of A B.
     """
     D, e, v = _traceless(d), ca.SX.sym("e", 5), ca.SX.sym("v", 3)
     A = ca.jacobian(ca.inv_skew(_commutator(D, _traceless(e))), e)
     B = ca.jacobian(_components(_commutator(D, ca.skew(v))), v)
     square = A @ B
-    stretched = B @ (ca.SX.eye(3) * EVEN_SERIES[0] + square * EVEN_SERIES[1] + square @ square * EVEN_SERIES[2]) @ A
+    stretched = (
+        B @ (ca.SX.eye(3) * EVEN_SERIES[0] + square * EVEN_SERIES[1] + square @ square * EVEN_SERIES[2]) @ A
+    )
     root = ca.SX(3, 3)  # exp(D/2) - I
     for order in range(EXPONENTIAL_ORDER, 0, -1):
         root = D @ (ca.SX.eye(3) + root) / (2 * order)

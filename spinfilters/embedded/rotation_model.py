@@ -1,8 +1,9 @@
 """One Runge-Kutta substep of the rotation with its exact error transition, in few operations.
 
-The same map as `spinfilters.models.rotation_steps.RotationIntegrator` differentiated by its structure: the body rate does not depend
-on the attitude, Runge-Kutta commutes with a turn from the left, and Euler's equation does not depend on the scale of the inertia. So
-five entries of J are enough, the attitude error turns by R' of the substep's own turn, and a third of the operations remain.
+The same map as `spinfilters.models.rotation_steps.RotationIntegrator` differentiated by its structure: the body rate does not
+depend on the attitude, Runge-Kutta commutes with a turn from the left, and Euler's equation does not depend on the scale of the
+inertia. So five entries of J are enough, the attitude error turns by R' of the substep's own turn, and less than half of the
+operations remain.
 """
 
 import casadi as ca
@@ -46,9 +47,7 @@ def substep_expression() -> tuple[list[ca.SX], list[ca.SX]]:
     )
     weights = [weight for _, weight in STAGES]
     after = w + h * sum((b * k for (k, _), b in zip(slopes, weights, strict=True)), ca.SX(3, 1))
-    rate_by_both = by_start + h * sum(
-        (b * K for (_, K), b in zip(slopes, weights, strict=True)), ca.SX(3, 8)
-    )
+    rate_by_both = by_start + h * sum((b * K for (_, K), b in zip(slopes, weights, strict=True)), ca.SX(3, 8))
     outputs = [normalised(product(q, turn)), after, matrix_from_quaternion(turn).T]
     outputs += [by_both[:, :3], rate_by_both[:, :3], by_both[:, 3:], rate_by_both[:, 3:]]
     return [q, w, j, h], [ca.SX(each) for each in outputs]
@@ -58,7 +57,9 @@ def _stages(w: ca.SX, j: ca.SX, h: ca.SX) -> tuple[list[ca.SX], list[tuple[ca.SX
     """Rates at the stages, their slopes with derivatives by (w, J), and derivatives (3, 8) of the rates."""
     at, entries, k = ca.SX.sym("at", 3), ca.SX.sym("entries", 6), ca.SX.sym("k", 3)
     J = inertia_of(entries)
-    torque = ca.cross(J @ at, at) - J @ k  # zero at k = w': its derivatives give those of w' without any of J^-1
+    torque = (
+        ca.cross(J @ at, at) - J @ k
+    )  # zero at k = w': its derivatives give those of w' without any of J^-1
     both = ca.horzcat(ca.jacobian(torque, at), ca.jacobian(torque, entries)[:, :INERTIA_ENTRIES])
     slope = ca.Function("slope", [at, entries], [body_acceleration(at, J)])
     residual = ca.Function("residual", [at, entries, k], [both])

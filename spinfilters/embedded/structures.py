@@ -34,7 +34,12 @@ def filter_type(options: EmbedOptions) -> type[ctypes.Structure]:
 def landmark_type(options: EmbedOptions) -> type[ctypes.Structure]:
     """``sf_landmark``."""
     real = real_type(options)
-    fields = [("point", real * 3), ("covariance", real * 6), ("hits", ctypes.c_uint16), ("wrong", ctypes.c_uint16)]
+    fields = [
+        ("point", real * 3),
+        ("covariance", real * 6),
+        ("hits", ctypes.c_uint16),
+        ("wrong", ctypes.c_uint16),
+    ]
     return type("Landmark", (ctypes.Structure,), {"_fields_": fields})
 
 

@@ -18,8 +18,9 @@ class Answer:
 
     Attributes
     ----------
-    time: s.   belief: after its measurements.   status: with reasons.   source: "filter", or "smoother" of a filter that stands on a
-    smoothed past.   used, left_out: measurements.   latency: s from arrival.   ahead: predicted belief, with its time; None without.
+    time: s.   belief: after its measurements.   status: with reasons.
+    source: "filter", or "smoother" of a filter that stands on a smoothed past.   used, left_out: measurements.
+    latency: s from arrival.   ahead: predicted belief, with its time; None without.
     """
 
     time: float
@@ -61,7 +62,9 @@ def tum_line(answer: Answer) -> str:
     q = belief.mean[layout.mean_slice("a")]
     t = belief.mean[layout.mean_slice("t")] if layout.translates else np.zeros(3)
     std = belief.std
-    spread = std[layout.slice("a")] if not layout.translates else np.concatenate([std[:3], std[layout.slice("a")]])
+    spread = (
+        std[layout.slice("a")] if not layout.translates else np.concatenate([std[:3], std[layout.slice("a")]])
+    )
     numbers = " ".join(f"{value:.9g}" for value in (*t, *q))
     return f"{answer.time:.9f} {numbers} # {answer.status.verdict} std {' '.join(f'{value:.3g}' for value in spread)}"
 

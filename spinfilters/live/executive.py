@@ -1,7 +1,7 @@
 """The executive: the filter answers every epoch at once, the smoother puts it on a better past when it is ready.
 
-Nothing is counted twice. A hand-over of time T holds all measurements up to T; the filter goes back to T, takes that state, and does
-the epochs after T again. A smoother that begins anew takes the filter's belief of T as its prior and measurements after T.
+Nothing is counted twice. A hand-over of time T holds all measurements up to T; the filter goes back to T, takes that state, and
+does the epochs after T again. A smoother that begins anew takes the filter's belief of T as its prior and measurements after T.
 """
 
 import time

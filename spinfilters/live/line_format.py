@@ -1,8 +1,8 @@
 """Measurements as lines of text: ``sensor,time_s,columns...``, the columns of the sensor's table in a data set.
 
 A line of stereo tracks is ``stereo,12.5,417,320.1,240.2,300.1`` (landmark, u left, v left, u right), one of poses
-``pose,12.5,tx,ty,tz,qx,qy,qz,qw``, one of a gyro ``gyro,12.5,wx,wy,wz``. An epoch is all lines of one time; it is complete when a line
-of another time comes, an empty line, or nothing for a while. What begins with # is not read.
+``pose,12.5,tx,ty,tz,qx,qy,qz,qw``, one of a gyro ``gyro,12.5,wx,wy,wz``. An epoch is all lines of one time; it is complete when a
+line of another time comes, an empty line, or nothing for a while. What begins with # is not read.
 """
 
 import math

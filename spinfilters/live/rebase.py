@@ -39,21 +39,23 @@ class HandOver:
     def is_finite(self) -> bool:
         """Whether mean and covariance can be used."""
         state = self.state
-        return bool(np.isfinite(state.mean).all() and np.isfinite(state.factor).all() and (state.std > 0).all())
+        return bool(
+            np.isfinite(state.mean).all() and np.isfinite(state.factor).all() and (state.std > 0).all()
+        )
 
 
 def rebase(estimator: Estimator, given: HandOver) -> None:
     """Begin a filter anew from a hand-over of its present time.
 
-    The landmarks that it holds stay; the state is told in their frame. Its own errors and theirs are independent from then on, as those of
-    a light filter without shared modes always are.
+    The landmarks that it holds stay; the state is told in their frame. Its own errors and theirs are independent from then on, as
+    those of a light filter without shared modes always are.
 
     Raises
     ------
     InputError: too few common landmarks to tell the one frame in the other.
     """
     held = landmarks_of(estimator)
-    if held is None:
+    if held is None or not isinstance(estimator, EmbeddedFilter | MultiplicativeFilter):
         estimator.start(given.state)
         return
     n, layout = held.layout.error_dim, held.layout
@@ -66,12 +68,11 @@ def rebase(estimator: Estimator, given: HandOver) -> None:
 
 def landmarks_of(estimator: Estimator) -> LandmarkBelief | None:
     """State and landmarks of a filter that holds some, None otherwise."""
-    if isinstance(estimator, EmbeddedFilter):
-        belief = estimator.landmark_belief
-    elif isinstance(estimator, MultiplicativeFilter) and len(estimator.held):
-        belief = estimator.landmark_belief
-    else:
+    if not isinstance(estimator, EmbeddedFilter | MultiplicativeFilter):
         return None
+    if isinstance(estimator, MultiplicativeFilter) and not len(estimator.held):
+        return None
+    belief = estimator.landmark_belief
     return belief if len(belief.ids) else None
 
 

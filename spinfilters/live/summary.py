@@ -44,6 +44,7 @@ class LiveSummary:
         latency = document["latency_ms"]
         events = ", ".join(f"{name} {count}" for name, count in sorted(self.events.items())) or "none"
         return (
-            f"{document['epochs']} epochs answered, {self.missed} after the deadline of {1e3 * self.deadline:g} ms; latency {latency}\n"
+            f"{document['epochs']} epochs answered, {self.missed} after the deadline of {1e3 * self.deadline:g} ms; "
+            f"latency (ms) {latency}\n"
             f"events: {events}"
         )

@@ -82,8 +82,9 @@ class SmootherSupervisor:
             os.dup2(devnull, 2)
             work(theirs, build, origin, self._models, self._options.memory)
 
-        self._process = context.Process(target=run, daemon=True)
-        self._process.start()
+        process = context.Process(target=run, daemon=True)
+        process.start()
+        self._process = process
         theirs.close()
         self._channel, self._handed, self._outstanding = Channel(ours), 0, 0
         self._last, self.trouble = time.monotonic(), ""

@@ -10,7 +10,7 @@ from spinfilters.embedded.estimator import EmbeddedFilter
 from spinfilters.embedded.options import EmbedOptions
 from spinfilters.embedded.reference import OwnLandmark, ReferenceFilter
 from spinfilters.embedded.vectors import CALIBRATION, STD, make_vectors
-from spinfilters.estimators.estimator import Estimator, Measurement
+from spinfilters.estimators.estimator import Estimator, Measurement, UpdateReport
 from spinfilters.estimators.iterated import IterationOptions
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
@@ -21,7 +21,9 @@ from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_pa
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.symbolic.c_library import compiler
 
-pytestmark = pytest.mark.skipif(compiler() is None, reason="the embedded filter is C and there is no compiler")
+pytestmark = pytest.mark.skipif(
+    compiler() is None, reason="the embedded filter is C and there is no compiler"
+)
 
 INTERVAL = 0.1
 OPTIONS = EmbedOptions("stereo", 400, "double", 4)
@@ -64,7 +66,9 @@ def poses(truth: np.ndarray, rng: np.random.Generator) -> Measurement:
         0.005 * rng.normal(size=3),
     )
     parameters = pose_parameters(POSE_COVARIANCE[None])
-    return Measurement(model, model.predict(FULL.layout.retract(truth, error), parameters[0])[None], parameters)
+    return Measurement(
+        model, model.predict(FULL.layout.retract(truth, error), parameters[0])[None], parameters
+    )
 
 
 def observations(
@@ -157,7 +161,7 @@ def test_landmarks_of_their_own_are_those_of_the_reference() -> None:
     np.testing.assert_allclose(ours.points, expected, atol=1e-9)
 
 
-def ours_report(ours: EmbeddedFilter, seen: Measurement):  # noqa: ANN201 - the report of an update
+def ours_report(ours: EmbeddedFilter, seen: Measurement) -> UpdateReport:
     ours.predict(INTERVAL)
     return ours.update(replace(seen, ids=np.arange(len(seen.values))))
 
@@ -187,17 +191,18 @@ def test_float_stays_near_double(wide: float, epochs: int, bound: float) -> None
 
 
 def test_the_covariance_of_float_stays_positive_in_random_runs() -> None:
+    """Priors over six decades in every direction, steps of any length: what would break it is left out."""
     rng = np.random.default_rng(8)
     truth, belief = first_belief(FULL)
     n, filter_ = FULL.layout.error_dim, EmbeddedFilter(FULL, replace(OPTIONS, real="float"))
-    for _ in range(100):
+    for _ in range(50):
         factor = belief.factor * 10 ** rng.uniform(-3, 3, size=(n, 1))
         filter_.start(Gaussian(FULL.layout, belief.mean, factor))
         for _ in range(5):
             filter_.predict(10 ** rng.uniform(-3, 0))
             filter_.update(poses(truth, rng))
         assert (filter_.belief.std > 0).all()
-        assert not any("finite" in reason for reason in filter_.status.reasons)
+        assert np.isfinite(filter_.belief.mean).all()
 
 
 def test_a_measurement_that_is_not_finite_changes_nothing() -> None:

@@ -13,8 +13,8 @@ def add_live(commands: Subparsers) -> argparse.ArgumentParser:
         "live",
         help="filter and smoother side by side on measurements as they arrive",
         description="DATASET tells sensors, noise, camera and the initialisation. Without --input its own measurements after that "
-        "follow at their own pace; with it, lines `sensor,time_s,columns...` come from a pipe, a socket or a growing file. Answers go to "
-        "standard output, counts to standard error in the end.",
+        "follow at their own pace; with it, lines `sensor,time_s,columns...` come from a pipe, a socket or a growing file. Answers "
+        "go to standard output, counts to standard error in the end.",
     )
     live.add_argument("dataset", metavar="DATASET", help="data set folder, gyro .csv or TUM .tum")
     live.add_argument(

@@ -91,6 +91,7 @@ int main(void)
   say_number("update_instructions_mean ", instructions(total[1] / times[1], calibration));
   say_number("update_instructions_most ", instructions(most[1], calibration));
   say_number("stack_bytes ", stack_used);
+  say_number("bits ", test_bits());
   leave(wrong);
   return wrong;
 }

@@ -14,6 +14,7 @@ void measure_end(enum measured what);
 #define measure_end(what) ((void)(what))
 #endif
 
+uint32_t test_bits(void);            /* a digest of the filter afterwards */
 int test_spinfilter(sf_real *worst); /* number of failures; the largest departure, in standard deviations */
 
 #endif
