@@ -234,4 +234,4 @@ def _columns_by_row(matrix: ca.SX) -> list[list[int]]:
 
 def _nonzeros_by_row(matrix: ca.SX) -> ca.SX:
     sparse = ca.sparsify(matrix).T
-    return ca.vertcat(*[ca.SX(each) for each in sparse.nonzeros()])
+    return ca.vertcat(*sparse.nonzeros())  # pyright: ignore[reportCallIssue, reportArgumentType]
