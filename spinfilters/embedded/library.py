@@ -23,8 +23,8 @@ def library_texts(options: EmbedOptions) -> dict[str, str]:
 
 
 def template(name: str) -> str:
-    """A file of the folder ``c`` of this package."""
-    return files("spinfilters.embedded").joinpath("c", name).read_text()
+    """A file of the package ``c`` beside this module."""
+    return files("spinfilters.embedded.c").joinpath(name).read_text()
 
 
 @cache
