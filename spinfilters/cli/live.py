@@ -14,7 +14,7 @@ from spinfilters.live.sources import Replay, Source, open_lines
 from spinfilters.live.supervisor import SupervisionOptions
 from spinfilters.live.terminal_view import TerminalView
 from spinfilters.logs.atomic_write import write_json
-from spinfilters.logs.dataset import Dataset, read_dataset
+from spinfilters.logs.dataset import read_dataset
 from spinfilters.workflow.settings import Settings, read_settings
 
 MIB = 1 << 20
@@ -24,9 +24,10 @@ def live(options: argparse.Namespace) -> int:
     """Answer every epoch until the measurements end; exit code 0, and 1 where deadlines were missed."""
     settings = read_settings(Path(options.config)) if options.config else Settings()
     dataset = read_dataset(options.dataset, None)
+    lines = None if options.input is None else open_lines(options.input, dataset.log.sensors)
     setup = live_setup(dataset, settings, options.filter)
     executive = Executive(setup, _options(options, settings))
-    source = _source(options, dataset, setup.time)
+    source: Source = lines or Replay(dataset.log, setup.time, options.speed)
     try:
         with ExitStack() as stack:
             show = _shown(stack, options, executive)
@@ -53,12 +54,6 @@ def _options(options: argparse.Namespace, settings: Settings) -> LiveOptions:
         supervision=supervision,
         sliding=settings.smoother.options(LONG_RUN),
     )
-
-
-def _source(options: argparse.Namespace, dataset: Dataset, begin: float) -> Source:
-    if options.input is None:
-        return Replay(dataset.log, begin, options.speed)
-    return open_lines(options.input, dataset.log.sensors)
 
 
 def _shown(stack: ExitStack, options: argparse.Namespace, executive: Executive) -> Callable[[Answer], None]:

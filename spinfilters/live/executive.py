@@ -36,6 +36,9 @@ REFUSALS = 3
 JUMPS = 3
 """Epochs in a row beyond the largest gap, after which the gap is believed."""
 
+REHEARSED_DOUBLINGS = 7
+"""Of the interval: gaps of up to 64 epochs are as quick as any."""
+
 Bind = Callable[[MeasurementStream], Measurement]
 """What makes a measurement of one sensor's rows of an epoch."""
 
@@ -105,7 +108,18 @@ class Executive:
         if self._options.ahead > 0:
             predict_ahead(self._setup.process, estimator.belief, np.array([self._options.ahead]))
         landmarks_of(estimator)
+        if len(frames):
+            self._rehearse_gaps(frames[0].time - self.track.time)
         estimator.restore(before)
+
+    def _rehearse_gaps(self, interval: float) -> None:
+        """Steps across gaps: more substeps are another function, which must not be built when a gap ends."""
+        steps = interval * 2.0 ** np.arange(REHEARSED_DOUBLINGS)
+        for step in steps[(steps > 0) & (steps <= self._options.largest_gap)].tolist():
+            try:
+                self._setup.process.linearise(self.track.belief.mean, step)
+            except NUMERICAL_ERRORS:
+                return
 
     def run(self, epochs: Iterator[ArrivedEpoch | None]) -> Iterator[Answer]:
         """Answers in the order of arrival; the smoother is served between them, and its process ended in the end."""

@@ -54,6 +54,8 @@ def live_setup(dataset: Dataset, settings: Settings, name: str) -> Setup:
             return smoother
 
         first = (build, prepared.start_end)
+    for stream in dataset.log.streams:
+        bind(stream)  # built before a clock runs
     count = len(prepared.start.frames.mean)
     rehearsal = prepared.timeline[count : count + REHEARSED]
     return Setup(prepared.process, estimator, prepared.start_end, models, bind, first, rehearsal)
