@@ -31,6 +31,8 @@ from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.status import EstimatorStatus
 
 OK, REFUSED, FAST = 0, 1, 2
+SMALLEST_STD = 1e-7
+"""Of a landmark in m, added to its covariance where that is factored: what float has rounded."""
 
 
 class EmbeddedFilter(Estimator):
@@ -94,10 +96,12 @@ class EmbeddedFilter(Estimator):
     def landmark_belief(self) -> LandmarkBelief:
         """State and landmarks, in the frame of the map, without shared modes."""
         f, n = self._filter, self.layout.error_dim
-        rows = [place for place, each in enumerate(self._map or ()) if each.hits]
-        kept = [self._map[place] for place in rows] if self._map is not None else []
+        held = self._map
+        rows = [] if held is None else [place for place in self._slots.taken.tolist() if held[place].hits]
+        kept = [] if held is None else [held[place] for place in rows]
         C = np.array([each.covariance[:] for each in kept], dtype=float).reshape(-1, 6)
-        roots = np.linalg.cholesky(C[:, [0, 1, 3, 1, 2, 4, 3, 4, 5]].reshape(-1, 3, 3))
+        covariance = C[:, [0, 1, 3, 1, 2, 4, 3, 4, 5]].reshape(-1, 3, 3)
+        roots = np.linalg.cholesky(covariance + SMALLEST_STD**2 * np.eye(3))
         moved = GAUGE_DIM if self._move_rows.size else 0
         factor = np.eye(n + 1 + moved)
         factor[:n, :n] = triangular_factor((self._upper() * np.sqrt(np.array(f.d, dtype=float))).T)

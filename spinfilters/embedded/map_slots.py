@@ -21,7 +21,7 @@ class MapSlots:
         missing = np.flatnonzero(found < 0)
         fresh = np.argsort(self._last, kind="stable")[: len(missing)]
         for index, place in zip(missing.tolist(), fresh.tolist(), strict=True):
-            if self._ids[place] >= 0:
+            if self._last[place] >= 0:
                 del self._places[int(self._ids[place])]
             self._ids[place] = ids[index]
             self._places[int(ids[index])] = place
@@ -31,8 +31,13 @@ class MapSlots:
 
     @property
     def ids(self) -> Int[np.ndarray, " c"]:
-        """Id in every place, -1 where there is none."""
+        """Id in every place; of no meaning where none was put."""
         return self._ids.copy()
+
+    @property
+    def taken(self) -> Int[np.ndarray, " t"]:
+        """Places that were given to a landmark."""
+        return np.flatnonzero(self._last >= 0)
 
     def snapshot(self) -> dict[str, np.ndarray]:
         """Its whole state."""
@@ -46,5 +51,4 @@ class MapSlots:
         """Go on from a `snapshot`."""
         self._ids, self._last = snapshot["slots.ids"].copy(), snapshot["slots.last"].copy()
         self._now = int(snapshot["slots.now"])
-        taken = np.flatnonzero(self._ids >= 0).tolist()
-        self._places = {int(self._ids[place]): place for place in taken}
+        self._places = {int(self._ids[place]): place for place in self.taken.tolist()}

@@ -41,7 +41,7 @@ typedef struct {
   uint16_t refused;                   /* updates in a row that refused four fifths of their values: 3 or more mean lost */
 } sf_filter;
 
-/* Begin from a state and its covariance (SF_N x SF_N, row by row, positive definite). */
+/* Begin from a state and its covariance (SF_N x SF_N, row by row, positive definite); after SF_INVALID there is no filter. */
 int sf_begin(sf_filter *filter, const sf_real *x, const sf_real *covariance, sf_real force_psd, sf_real torque_psd);
 
 /* Go dt > 0 seconds ahead. On a copy of the filter: a prediction. */

@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.timeline import times_of
@@ -25,8 +26,15 @@ class EmbeddedEntry(EstimatorEntry):
         from spinfilters.embedded.estimator import EmbeddedFilter  # builds expressions, rarely asked for
         from spinfilters.embedded.options import SENSORS, EmbedOptions
 
-        sensors = [sensor for sensor in prepared.dataset.log.sensors if sensor in SENSORS]
-        sensor = "stereo" if "stereo" in sensors else (sensors or ["pose"])[0]
+        sensors = prepared.dataset.log.sensors
+        sensor = "stereo" if "stereo" in sensors else sensors[0]
+        taken = EmbedOptions(sensor).sensors if sensor in SENSORS else ()
+        for other in sensors:
+            if other not in taken:
+                raise InputError(
+                    f"the embedded filter takes stereo tracks and poses, poses, or a gyro, not {' and '.join(sensors)}; leave it "
+                    "out of --estimators"
+                )
         count = _substeps(prepared, settings.process.tolerance)
         options = EmbedOptions(sensor, LARGEST_MAP, self.real, count)
         return EmbeddedFilter(prepared.process, options)
