@@ -40,8 +40,8 @@ def compare(
     Parameters
     ----------
     data: a data set, or the path of one (see `load`).   segment: of a phyphox recording, see `load`.
-    estimators: names among "mekf", "ukf", "smoother", "filterpy-ekf", "filterpy-ukf"; one text may list several, with commas. None
-        takes those of the settings, by default the first three.
+    estimators: names among "mekf", "ukf", "smoother", "filterpy-ekf", "filterpy-ukf", "embedded", "embedded-double"; one text
+        may list several, with commas. None takes those of the settings, by default the first three.
     settings: `Settings`, a mapping such as ``{"sensors": {"pixel_std": 0.5}}``, or the path of a settings file.
     output: folder to write the run into, with checkpoints and pictures; None writes nothing, and `Run.save` can later.
     resume: go on from what an interrupted run has left in ``output``; a finished run is read from there.

@@ -92,7 +92,9 @@ def _settings(options: argparse.Namespace) -> Settings:
     if options.estimators is not None:
         settings = replace(settings, estimators=estimator_names(options.estimators))
     elif options.known_map and not options.config:
-        settings = replace(settings, estimators=tuple(estimator_entries()))
+        entries = estimator_entries().values()
+        names = tuple(entry.name for entry in entries if entry.is_default or entry.is_baseline)
+        settings = replace(settings, estimators=names)
     if options.drag:
         settings = replace(settings, process=replace(settings.process, drag=True))
     return settings

@@ -36,7 +36,8 @@ def distribution(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Pa
 
 
 def test_the_table_has_ours_before_the_baselines_and_the_defaults_among_them() -> None:
-    assert estimator_names() == ("mekf", "ukf", "smoother", "filterpy-ekf", "filterpy-ukf")
+    ours, baselines = ("mekf", "ukf", "smoother"), ("filterpy-ekf", "filterpy-ukf")
+    assert estimator_names() == (*ours, *baselines, "embedded", "embedded-double")
     assert tuple(n for n, entry in estimator_entries().items() if entry.is_default) == DEFAULT_ESTIMATORS
 
 

@@ -1,0 +1,42 @@
+"""The command ``embed``."""
+
+import argparse
+
+from spinfilters.cli.arguments import number
+from spinfilters.cli.command import Command, Subparsers
+from spinfilters.logs.number_range import NumberRange
+
+LARGEST_MAP = 65_535
+
+
+def add_embed(commands: Subparsers) -> argparse.ArgumentParser:
+    """Parser of ``spinfilters embed``."""
+    embed = commands.add_parser(
+        "embed",
+        help="write the filter as C for a microcontroller",
+        description="Writes a small C library with the light filter: no heap, no libm, fixed work, with test vectors from Python. "
+        "`make test` in it compares with them, `make emulate` does so on an emulated Cortex-M4F and counts instructions.",
+    )
+    embed.add_argument("-o", "--output", metavar="DIR", required=True, help="folder of the library")
+    embed.add_argument(
+        "--sensor", choices=("pose", "stereo", "gyro"), default="stereo", help="default stereo"
+    )
+    embed.add_argument(
+        "--landmarks",
+        type=number(NumberRange(1, LARGEST_MAP, whole=True)),
+        default=200,
+        metavar="N",
+        help="places in the map of a stereo filter (default 200)",
+    )
+    embed.add_argument("--real", choices=("float", "double"), default="float", help="default float")
+    embed.add_argument(
+        "--substeps",
+        type=int,
+        choices=(2, 4, 8, 16, 32, 64),
+        default=2,
+        help="Runge-Kutta steps of a prediction: 2 for up to 0.16 rad between epochs (default 2)",
+    )
+    return embed
+
+
+COMMANDS = (Command(55, add_embed, "spinfilters.cli.embed:embed"),)

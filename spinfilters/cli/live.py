@@ -1,0 +1,68 @@
+"""``spinfilters live``."""
+
+import argparse
+import os
+import sys
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+
+from spinfilters.live.answer import Answer, write_answer
+from spinfilters.live.executive import Executive, LiveOptions
+from spinfilters.live.setup import LONG_RUN, live_setup
+from spinfilters.live.sources import Replay, Source, open_lines
+from spinfilters.live.supervisor import SupervisionOptions
+from spinfilters.live.terminal_view import TerminalView
+from spinfilters.logs.atomic_write import write_json
+from spinfilters.logs.dataset import read_dataset
+from spinfilters.workflow.settings import Settings, read_settings
+
+MIB = 1 << 20
+
+
+def live(options: argparse.Namespace) -> int:
+    """Answer every epoch until the measurements end; exit code 0, and 1 where deadlines were missed."""
+    settings = read_settings(Path(options.config)) if options.config else Settings()
+    dataset = read_dataset(options.dataset, None)
+    lines = None if options.input is None else open_lines(options.input, dataset.log.sensors)
+    setup = live_setup(dataset, settings, options.filter)
+    executive = Executive(setup, _options(options, settings))
+    source: Source = lines or Replay(dataset.log, setup.time, options.speed)
+    try:
+        with ExitStack() as stack:
+            show = _shown(stack, options, executive)
+            for answer in executive.run(source.epochs()):
+                show(answer)
+    except KeyboardInterrupt:
+        pass
+    except BrokenPipeError:  # nobody reads the answers any more
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    executive.summary.events.update(source.losses)
+    print(executive.summary.text(), file=sys.stderr)
+    if options.summary:
+        write_json(Path(options.summary), executive.summary.document())
+    return 1 if executive.summary.missed else 0
+
+
+def _options(options: argparse.Namespace, settings: Settings) -> LiveOptions:
+    memory = 0 if options.smoother_memory is None else int(options.smoother_memory * MIB)
+    supervision = SupervisionOptions(options.patience, memory=memory)
+    return LiveOptions(
+        deadline=options.deadline_ms / 1e3,
+        ahead=options.predict,
+        smoother=not options.no_smoother,
+        supervision=supervision,
+        sliding=settings.smoother.options(LONG_RUN),
+    )
+
+
+def _shown(stack: ExitStack, options: argparse.Namespace, executive: Executive) -> Callable[[Answer], None]:
+    """What is done with an answer."""
+    view = stack.enter_context(TerminalView(executive.summary)) if options.view else None
+
+    def show(answer: Answer) -> None:
+        write_answer(answer, options.format, sys.stdout)
+        if view is not None:
+            view.show(answer)
+
+    return show

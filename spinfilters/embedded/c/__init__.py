@@ -1,0 +1,1 @@
+"""The hand-written C of a generated filter."""

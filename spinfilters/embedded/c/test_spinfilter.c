@@ -1,0 +1,97 @@
+/* The filter against the Python reference: `make test` on a host, `make emulate` on an emulated Cortex-M4F. */
+#include "spinfilter.h"
+#include "test_vectors.h"
+#include "test_spinfilter.h"
+
+#define WORST_DEVIATION 1e-3 /* of a state, in its standard deviations, and of these themselves, relatively */
+
+static sf_real absolute(sf_real x) { return x < (sf_real)0 ? -x : x; }
+
+#ifdef SF_HAS_STEREO
+#define COUNT (sizeof vector_values / sizeof *vector_values / 3 / EPOCHS)
+static sf_landmark map[SF_LANDMARKS];
+static sf_observation observations[COUNT];
+
+static void begin_map(void)
+{
+  for (unsigned k = 0; 3 * k < sizeof vector_known / sizeof *vector_known; ++k) {
+    for (int i = 0; i < 3; ++i) map[2 * k].point[i] = vector_known[3 * k + i];
+    for (int i = 0; i < 6; ++i) map[2 * k].covariance[i] = vector_known_covariance[i];
+    map[2 * k].hits = 2;
+  }
+}
+
+static int update(sf_filter *f, int epoch)
+{
+  const sf_real *values = vector_values + 3 * COUNT * epoch;
+  for (unsigned k = 0; k < COUNT; ++k) {
+    observations[k].landmark = (uint16_t)k;
+    for (int i = 0; i < 3; ++i) observations[k].pixels[i] = values[3 * k + i];
+  }
+  measure_begin();
+  const int status = sf_update_stereo(f, map, observations, COUNT, vector_camera);
+  measure_end(MEASURED_UPDATE);
+  return status;
+}
+#else
+static void begin_map(void) {}
+
+static int update(sf_filter *f, int epoch)
+{
+  measure_begin();
+#ifdef SF_HAS_POSE
+  const int status = sf_update_pose(f, vector_values + 7 * epoch, vector_parameters);
+#else
+  const int status = sf_update_gyro(f, vector_values + 3 * epoch, vector_parameters);
+#endif
+  measure_end(MEASURED_UPDATE);
+  return status;
+}
+#endif
+
+static sf_filter f;
+
+uint32_t test_bits(void) /* FNV-1a of the state and its covariance: the same on every machine without fused multiply-add */
+{
+  const unsigned char *at = (const unsigned char *)f.x, *stop = (const unsigned char *)f.psd;
+  uint32_t hash = 2166136261u;
+  while (at < stop) hash = (hash ^ *at++) * 16777619u;
+  return hash;
+}
+
+int test_spinfilter(sf_real *worst)
+{
+  sf_real deviations[SF_N];
+  int wrong = sf_begin(&f, vector_x, vector_covariance, vector_psd[0], vector_psd[1]) != SF_OK;
+  *worst = 0;
+  begin_map();
+  for (int epoch = 0; epoch < EPOCHS; ++epoch) {
+    const sf_real *expected = vector_expected + (SF_NX + SF_N) * epoch;
+    measure_begin();
+    wrong += sf_predict(&f, (sf_real)INTERVAL) != SF_OK;
+    measure_end(MEASURED_PREDICTION);
+    wrong += update(&f, epoch) != SF_OK;
+    sf_deviations(&f, deviations);
+    for (int k = 0; k < SF_N; ++k) {
+      const sf_real std = expected[SF_NX + k];
+      const sf_real off = absolute(f.x[k < SF_X_Q ? k : k + (k >= SF_X_Q + 3)] - expected[k < SF_X_Q ? k : k + (k >= SF_X_Q + 3)]) / std;
+      const sf_real spread = absolute(deviations[k] / std - (sf_real)1);
+      if (!(off <= *worst)) *worst = off;
+      if (!(spread <= *worst)) *worst = spread;
+    }
+  }
+  return wrong + !(*worst < (sf_real)WORST_DEVIATION);
+}
+
+#ifndef SF_FIRMWARE
+#include <stdio.h>
+
+int main(void)
+{
+  sf_real worst;
+  const int wrong = test_spinfilter(&worst);
+  printf("%s: largest departure from the Python reference %.2g standard deviations\nbits %lu\n", wrong ? "FAILED" : "passed",
+         (double)worst, (unsigned long)test_bits());
+  return wrong != 0;
+}
+#endif

@@ -1,0 +1,281 @@
+"""The embedded filter's C as an estimator of a comparison, on identical measurements."""
+
+import ctypes
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.embedded.library import load_filter
+from spinfilters.embedded.map_slots import MapSlots
+from spinfilters.embedded.options import EmbedOptions
+from spinfilters.embedded.structures import (
+    NEW,
+    USED,
+    filter_type,
+    landmark_type,
+    observation_type,
+)
+from spinfilters.errors import InputError
+from spinfilters.estimators.estimator import (
+    Estimator,
+    MapChange,
+    Measurement,
+    Snapshot,
+    UpdateReport,
+)
+from spinfilters.estimators.gain import triangular_factor
+from spinfilters.estimators.landmarks.belief import LandmarkBelief, moved_points, state_in_g
+from spinfilters.models.gauge import GAUGE_DIM
+from spinfilters.models.process import TorqueFreeProcess
+from spinfilters.state.gaussian import Gaussian
+from spinfilters.state.status import EstimatorStatus
+
+OK, REFUSED, FAST = 0, 1, 2
+SMALLEST_STD = 1e-7
+"""Of a landmark in m, added to its covariance where that is factored: what float has rounded."""
+
+
+class EmbeddedFilter(Estimator):
+    """The C filter through ctypes.
+
+    Parameters
+    ----------
+    process: its layout must be that of the options, its disturbances are handed over.
+    options: of the generated filter.
+
+    Raises
+    ------
+    InputError: without a C compiler; for a state that the C filter does not have (drag, a gyro's bias).
+    """
+
+    def __init__(self, process: TorqueFreeProcess, options: EmbedOptions) -> None:
+        super().__init__(process)
+        self.name = "embedded" if options.real == "float" else "embedded-double"
+        if process.layout != options.layout:
+            raise InputError(
+                f"the embedded filter has the state blocks {', '.join(options.layout.blocks)}, the data set needs "
+                f"{', '.join(process.layout.blocks)}; leave it out of --estimators, or the further blocks out of the settings"
+            )
+        library = load_filter(options)
+        if library is None:
+            raise InputError(
+                "the embedded filter is C and needs a compiler; install one, or leave it out of --estimators"
+            )
+        self.options, self._c, self._noise = options, library, process.noise
+        self._filter = filter_type(options)()
+        self._map = (landmark_type(options) * options.landmarks)() if "stereo" in options.sensors else None
+        self._slots = MapSlots(options.landmarks)
+        self._move, self._move_rows = np.zeros(GAUGE_DIM), np.zeros((GAUGE_DIM, 0))
+        self._fast = self._not_finite = 0
+
+    def start(self, belief: Gaussian | LandmarkBelief) -> None:
+        n = self.layout.error_dim
+        self._slots = MapSlots(self.options.landmarks)
+        self._fast = self._not_finite = 0
+        self._move, self._move_rows = np.zeros(GAUGE_DIM), np.zeros((GAUGE_DIM, 0))
+        factor = belief.factor[:n]
+        if isinstance(belief, LandmarkBelief):
+            self._take_map(belief)
+            if len(belief.factor) > n + belief.modes.shape[2]:
+                self._move, self._move_rows = belief.move.copy(), belief.factor[-GAUGE_DIM:]
+        self._set(belief.mean, factor)
+
+    @property
+    def belief(self) -> Gaussian:
+        f = self._filter
+        mean = np.array(f.x, dtype=float)
+        rows = self._upper() * np.sqrt(np.array(f.d, dtype=float))
+        if self._move_rows.size:
+            k, n = self._move_rows.shape[1], len(rows)
+            both = np.zeros((n + GAUGE_DIM, n + k))
+            both[:n, :n], both[n:, n:] = rows, self._move_rows
+            mean, rows = state_in_g(self.layout, mean, both, self._move)
+        return Gaussian(self.layout, mean, triangular_factor(rows.T))
+
+    @property
+    def landmark_belief(self) -> LandmarkBelief:
+        """State and landmarks, in the frame of the map, without shared modes."""
+        f, n = self._filter, self.layout.error_dim
+        held = self._map
+        rows = [] if held is None else [place for place in self._slots.taken.tolist() if held[place].hits]
+        kept = [] if held is None else [held[place] for place in rows]
+        C = np.array([each.covariance[:] for each in kept], dtype=float).reshape(-1, 6)
+        covariance = C[:, [0, 1, 3, 1, 2, 4, 3, 4, 5]].reshape(-1, 3, 3)
+        roots = np.linalg.cholesky(covariance + SMALLEST_STD**2 * np.eye(3))
+        moved = GAUGE_DIM if self._move_rows.size else 0
+        factor = np.eye(n + 1 + moved)
+        factor[:n, :n] = triangular_factor((self._upper() * np.sqrt(np.array(f.d, dtype=float))).T)
+        if moved:
+            factor[-moved:, -moved:] = triangular_factor(self._move_rows.T)
+        points = np.array([each.point[:] for each in kept], dtype=float).reshape(-1, 3)
+        mean, ids = np.array(f.x, dtype=float), self._slots.ids[rows]
+        return LandmarkBelief(
+            self.layout, mean, ids, points, np.zeros((len(rows), 3, 1)), roots, factor, self._move
+        )
+
+    @property
+    def points(self) -> Float[np.ndarray, "k 3"]:
+        """Landmarks that the map holds, m, frame g."""
+        if self._map is None:
+            return np.zeros((0, 3))
+        points = np.array([each.point[:] for each in self._map if each.hits], dtype=float)
+        return moved_points(points.reshape(-1, 3), self._move)
+
+    @property
+    def status(self) -> EstimatorStatus:
+        status = EstimatorStatus()
+        if self._fast:
+            status = status.degraded(
+                f"the body turned too far for {self.options.substeps} substeps in {self._fast} predictions"
+            )
+        if self._not_finite:
+            status = status.degraded(
+                f"{self._not_finite} steps would not have stayed finite and were left out"
+            )
+        return status
+
+    def predict(self, dt: float) -> None:
+        result = self._call("sf_predict", self._real(dt))
+        self._fast += result == FAST
+        self._not_finite += result > FAST
+
+    def update(self, measurement: Measurement) -> UpdateReport:
+        name = measurement.model.name
+        if name not in self.options.sensors:
+            raise InputError(
+                f"the embedded filter takes {', '.join(self.options.sensors)}, not {name!r}; leave it out of --estimators"
+            )
+        if name == "stereo":
+            return self._observed(measurement)
+        nis, dof, used = 0.0, 0, 0
+        for value, parameters in zip(measurement.values, measurement.parameters, strict=True):
+            result = self._call(f"sf_update_{name}", self._array(value), self._array(parameters))
+            self._not_finite += result > FAST
+            if result == OK:
+                nis, dof, used = nis + self._filter.nis, dof + self._filter.dof, used + 1
+        return UpdateReport(nis, dof, used, len(measurement.values) - used)
+
+    def snapshot(self) -> Snapshot:
+        arrays = {"filter": _bytes(self._filter), **self._slots.snapshot()}
+        arrays |= {"move": self._move.copy(), "move_rows": self._move_rows.copy()}
+        arrays["counts"] = np.array([self._fast, self._not_finite])
+        return arrays if self._map is None else arrays | {"map": _bytes(self._map)}
+
+    def restore(self, snapshot: Snapshot) -> None:
+        _fill(self._filter, snapshot["filter"])
+        if self._map is not None:
+            _fill(self._map, snapshot["map"])
+        self._slots.restore(snapshot)
+        self._move, self._move_rows = snapshot["move"].copy(), snapshot["move_rows"].copy()
+        self._fast, self._not_finite = (int(count) for count in snapshot["counts"])
+
+    def _observed(self, measurement: Measurement) -> UpdateReport:
+        """Landmarks of the map, or of a known one, which stands in the map for this call alone."""
+        assert self._map is not None
+        k = len(measurement.values)
+        if k == 0:
+            return UpdateReport(0.0, 0, 0, 0)
+        if k > self.options.landmarks:
+            raise InputError(
+                f"{k} landmarks in an epoch, and the embedded map holds {self.options.landmarks}"
+            )
+        camera = measurement.parameters[:, 3:]
+        if not (camera == camera[0]).all():
+            raise InputError(
+                "the embedded filter takes one camera and one noise for all observations; leave it out"
+            )
+        ids = measurement.ids
+        places = np.arange(k) if ids is None else self._places(ids)
+        if ids is None:
+            self._put_known(measurement.parameters[:, :3])
+        observations = (observation_type(self.options) * k)()
+        for each, pixels, place in zip(observations, measurement.values, places.tolist(), strict=True):
+            each.pixels[:], each.landmark = pixels.tolist(), place
+        result = self._call(
+            "sf_update_stereo", self._map, observations, ctypes.c_uint16(k), self._array(camera[0])
+        )
+        self._not_finite += result > FAST
+        outcome = np.array([each.outcome for each in observations])
+        return self._report(outcome, ids, result)
+
+    def _report(
+        self, outcome: Int[np.ndarray, " k"], ids: Int[np.ndarray, " k"] | None, result: int
+    ) -> UpdateReport:
+        none = result > FAST
+        used, added = (outcome == USED) & (not none), (outcome == NEW) & (ids is not None)
+        nis, dof = (0.0, 0) if none or not used.any() else (float(self._filter.nis), int(self._filter.dof))
+        accepted = int(used.sum() + added.sum())
+        change = None
+        if ids is not None:
+            change = MapChange(ids[used], np.ones(int(used.sum())), ids[added], ids[:0])
+        return UpdateReport(nis, dof, accepted, len(outcome) - accepted, map_change=change)
+
+    def _places(self, ids: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
+        assert self._map is not None
+        places, fresh = self._slots.places(ids)
+        for place in fresh.tolist():
+            self._map[place].hits = 0
+        return places
+
+    def _put_known(self, points: Float[np.ndarray, "k 3"]) -> None:
+        assert self._map is not None
+        for place, point in enumerate(points.tolist()):
+            landmark = self._map[place]
+            landmark.point[:], landmark.covariance[:] = point, [0.0] * 6
+            landmark.hits, landmark.wrong = 2, 0
+
+    def _take_map(self, belief: LandmarkBelief) -> None:
+        """Landmarks of a belief; what they share is put into each one's own covariance."""
+        n, r = self.layout.error_dim, belief.modes.shape[2]
+        if self._map is None:
+            return
+        shared = belief.modes @ belief.factor[n : n + r]
+        own = belief.roots @ np.swapaxes(belief.roots, 1, 2) + shared @ np.swapaxes(shared, 1, 2)
+        count = min(len(belief.ids), self.options.landmarks)
+        places, _ = self._slots.places(belief.ids[:count])
+        for landmark in self._map:
+            landmark.hits = 0
+        for place, point, P in zip(places.tolist(), belief.points[:count], own[:count], strict=True):
+            landmark = self._map[place]
+            landmark.point[:] = point.tolist()
+            landmark.covariance[:] = [P[0, 0], P[1, 0], P[1, 1], P[2, 0], P[2, 1], P[2, 2]]
+            landmark.hits, landmark.wrong = 2, 0
+
+    def _set(self, mean: Float[np.ndarray, " m"], factor: Float[np.ndarray, "n N"]) -> None:
+        """The state from a square root of its covariance, which no square of small numbers passes."""
+        root = triangular_factor(factor[::-1].T)[::-1, ::-1]
+        diagonal = root.diagonal()
+        upper, f = root / diagonal, self._filter
+        n = len(root)
+        f.x[:] = mean.tolist()
+        f.u[:] = [upper[i, j] for j in range(n) for i in range(j)]
+        f.d[:] = (diagonal**2).tolist()
+        f.psd[:] = [self._noise.force_psd, self._noise.torque_psd]
+        f.refused = 0
+
+    def _upper(self) -> Float[np.ndarray, "n n"]:
+        n = self.layout.error_dim
+        columns, rows = np.tril_indices(n, -1)
+        upper = np.eye(n)
+        upper[rows, columns] = np.array(self._filter.u, dtype=float)
+        return upper
+
+    def _real(self, value: float) -> ctypes.c_float | ctypes.c_double:
+        return (ctypes.c_double if self.options.real == "double" else ctypes.c_float)(value)
+
+    def _array(
+        self, values: Float[np.ndarray, " k"]
+    ) -> "ctypes.Array[ctypes.c_float] | ctypes.Array[ctypes.c_double]":
+        kind = ctypes.c_double if self.options.real == "double" else ctypes.c_float
+        return (kind * len(values))(*values.tolist())
+
+    def _call(self, name: str, *arguments: object) -> int:
+        return int(getattr(self._c, name)(ctypes.byref(self._filter), *arguments))
+
+
+def _bytes(structure: ctypes.Structure | ctypes.Array) -> np.ndarray:
+    return np.frombuffer(bytes(structure), dtype=np.uint8).copy()
+
+
+def _fill(structure: ctypes.Structure | ctypes.Array, content: np.ndarray) -> None:
+    ctypes.memmove(ctypes.byref(structure), content.tobytes(), ctypes.sizeof(structure))

@@ -1,0 +1,237 @@
+"""The model of a generated filter as CasADi functions: transition, sensors, retraction and reset."""
+
+import casadi as ca
+import numpy as np
+
+from spinfilters.attitude.expressions import Expression, matrix_from_quaternion
+from spinfilters.dynamics.mass_distribution import inertia, lower_factor
+from spinfilters.embedded.options import EmbedOptions
+from spinfilters.embedded.reset_model import attitude_reset, mass_correction
+from spinfilters.embedded.rotation_model import INERTIA_ENTRIES, substep_expression
+from spinfilters.models.landmark_sensor import LandmarkSensor
+from spinfilters.models.measurement import MeasurementModel, row_by_row
+from spinfilters.models.sensors.gyro import Gyro
+from spinfilters.models.sensors.pose import Pose
+from spinfilters.models.sensors.stereo_landmark import StereoLandmark
+from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION
+from spinfilters.state.layout import StateLayout
+
+MODELS: dict[str, type[MeasurementModel]] = {"pose": Pose, "stereo": StereoLandmark, "gyro": Gyro}
+SHARED = {"cse": True}
+ROTATION_SHAPES = ((3, 3), (3, 3), (3, 3), (3, 5), (3, 5), (5, 5))
+"""Of Psi_aa, Psi_aw, Psi_ww, Theta_a, Theta_w and dJ."""
+
+
+def model_functions(options: EmbedOptions) -> list[ca.Function]:
+    """Everything that is generated for these options; matrices row by row."""
+    layout = options.layout
+    functions = [inertia_function(), substep_function(), transition_function(layout)]
+    functions.append(correction_function(layout))
+    for name in options.sensors:
+        model = MODELS[name](layout)
+        functions.append(measurement_function(model))
+        if isinstance(model, LandmarkSensor):
+            functions += [landmark_function(model), lever_function(layout)]
+    return functions
+
+
+def inertia_function() -> ca.Function:
+    """s (5) to J (6, lower triangle column by column) and its first five entries' derivatives (5 x 5) by the error of s.
+
+    The scale of J does not matter, so that of J33 is put into the other five.
+    """
+    s, d = ca.SX.sym("s", 5), ca.SX.sym("d", 5)
+    L = lower_factor(s)
+    D = ca.vertcat(
+        ca.horzcat(d[0], d[2], d[3]), ca.horzcat(d[2], d[1], d[4]), ca.horzcat(d[3], d[4], -d[0] - d[1])
+    )
+    moved = L @ (ca.SX.eye(3) + D) @ L.T  # exp(D) to first order
+    entries = _lower_triangle(inertia(s))
+    slope = ca.jacobian(_lower_triangle(ca.trace(moved) * ca.DM.eye(3) - moved), d)
+    slope = slope[:INERTIA_ENTRIES, :] - entries[:INERTIA_ENTRIES] @ (slope[5, :] / entries[5])
+    outputs = [entries, row_by_row(ca.substitute(slope, d, ca.SX.zeros(5)))]
+    return _function("inertia", ([s], outputs), ["s"], ["j", "dj"])
+
+
+def substep_function() -> ca.Function:
+    """See `rotation_model.substep_expression`."""
+    inputs, outputs = substep_expression()
+    rows = [each if each.shape[1] == 1 else row_by_row(each) for each in outputs]
+    names = ["q_after", "w_after", "a_aa", "a_aw", "a_ww", "b_a", "b_w"]
+    return _function("substep", (inputs, rows), ["q", "w", "j", "h"], names)
+
+
+def transition_expression(layout: StateLayout) -> tuple[list[ca.SX], list[ca.SX]]:
+    """Inputs and (point after, transition n x n, noise factor n x k) of a step from those of its rotation.
+
+    Inputs, matrices row by row: the point, its rotation after the step (q 4, w 3), Psi_aa, Psi_aw, Psi_ww (3 x 3), Theta_a,
+    Theta_w (3 x 5, by entries of J), dJ (5 x 5), the rotation's noise of unit density (6 x 6, lower triangle row by row), dt, and
+    densities (force, torque).
+    """
+    x, after = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("after", 7)
+    flat = [ca.SX.sym("m", rows * columns) for rows, columns in ROTATION_SHAPES]
+    psi_aa, psi_aw, psi_ww, theta_a, theta_w, dj = (
+        ca.reshape(each, *shape[::-1]).T for each, shape in zip(flat, ROTATION_SHAPES, strict=True)
+    )
+    noise, dt, psd = ca.SX.sym("noise", 21), ca.SX.sym("dt"), ca.SX.sym("psd", 2)
+    n, k = layout.error_dim, 12 if layout.translates else 6
+    a, w, s = (layout.slice(name) for name in ("a", "w", "s"))
+    transition, factor = ca.SX.eye(n), ca.SX(n, k)
+    transition[a, a], transition[a, w], transition[a, s] = psi_aa, psi_aw, theta_a @ dj
+    transition[w, w], transition[w, s] = psi_ww, theta_w @ dj
+    root = ca.sqrt(psd[1]) * ca.chol(_symmetric(noise)).T
+    factor[a, :6], factor[w, :6] = root[:3, :], root[3:, :]
+    values = layout.unpack(x) | {"q": after[:4], "w": after[4:]}
+    if layout.translates:
+        values["t"] = _translate(layout, (x, after[:4], dt, psd[0]), transition, factor)
+    inputs = [x, after, *flat, noise, dt, psd]
+    return inputs, [layout.pack(values), transition, factor]
+
+
+def transition_function(layout: StateLayout) -> ca.Function:
+    """`transition_expression` with the structural non-zeros of the moving rows of transition and factor alone, row by row."""
+    inputs, (after, transition, factor) = transition_expression(layout)
+    moving = moving_dim(layout)
+    rows = [_nonzeros_by_row(each[:moving, :]) for each in (transition, factor)]
+    names = ["x", "rotation", "psi_aa", "psi_aw", "psi_ww", "th_a", "th_w", "dj", "noise", "dt", "psd"]
+    return _function("transition", (inputs, [after, *rows]), names, ["x_after", "phi", "g"])
+
+
+def moving_dim(layout: StateLayout) -> int:
+    """Error components that the process moves; they come first."""
+    return sum(block.dimension for block in layout.moving)
+
+
+def transition_pattern(layout: StateLayout) -> tuple[list[list[int]], list[list[int]]]:
+    """Columns of the structural non-zeros of every moving row, of the transition and of the noise factor."""
+    _, (_, transition, factor) = transition_expression(layout)
+    moving = moving_dim(layout)
+    return _columns_by_row(transition[:moving, :]), _columns_by_row(factor[:moving, :])
+
+
+def correction_function(layout: StateLayout) -> ca.Function:
+    """x [+] d, and the reset Jacobians less the identity, of attitude (3 x 3) and mass distribution (5 x 5)."""
+    x, d = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("d", layout.error_dim)
+    before, y = layout.unpack(x), {}
+    moved = ca.SX()
+    for block in layout.members:
+        value, error = before[block.symbol], d[layout.slice(block.name)]
+        if block is MASS_DISTRIBUTION:
+            y[block.symbol], moved = mass_correction(value, error)
+            continue
+        y[block.symbol] = block.chart.retract(value, error)
+        if block.chart.normalised is not None:
+            y[block.symbol] = block.chart.normalised(y[block.symbol])
+    outputs = [layout.pack(y), row_by_row(attitude_reset(d[layout.slice("a")])), row_by_row(moved)]
+    return _function("correction", ([x, d], outputs), ["x", "d"], ["y", "moved_a", "moved_s"])
+
+
+def measurement_function(model: MeasurementModel) -> ca.Function:
+    """Whitened innovation and Jacobian (by the model's columns, of a landmark sensor by the landmark too), and validity."""
+    x, p, z = _symbols(model)
+    d = ca.SX.sym("d", model.layout.error_dim)
+    state = model.layout.unpack(x)
+    moved = model.layout.unpack(model.layout.retract_expression(x, d))
+    away = model.innovation(model.symbolic(moved, p), z)
+    here = model.innovation(model.symbolic(state, p), z)
+    jacobian = ca.substitute(-ca.jacobian(away, d)[:, model.columns], d, ca.SX.zeros(*d.shape))
+    root = ca.SX(model.noise_factor(state, p))
+    outputs = [_solved(root, here), row_by_row(_solved(root, jacobian))]
+    names = ["rho", "h"]
+    if isinstance(model, LandmarkSensor):
+        outputs.append(row_by_row(_solved(root, -ca.jacobian(here, p)[:, :3])))
+        names.append("hp")
+    outputs.append(ca.SX(model.valid(state, p)))
+    return _function(model.name, ([x, p, z], outputs), ["x", "p", "z"], [*names, "valid"])
+
+
+def landmark_function(model: LandmarkSensor) -> ca.Function:
+    """A landmark from one measurement: point, derivative by the pose (3 x 6), covariance of the sensor's noise, whether told."""
+    x, p, z = _symbols(model)
+    d = ca.SX.sym("d", model.layout.error_dim)
+    state = model.layout.unpack(x)
+    point = model.landmark(state, z, p)
+    moved = model.landmark(model.layout.unpack(model.layout.retract_expression(x, d)), z, p)
+    by_pose = ca.substitute(ca.jacobian(moved, d)[:, model.columns], d, ca.SX.zeros(*d.shape))
+    spread = ca.jacobian(point, z) @ ca.SX(model.noise_factor(state, p))
+    told = ca.fmin(model.determined(z, p), model.valid(state, ca.vertcat(point, p[3:])))
+    outputs = [point, row_by_row(by_pose), row_by_row(spread), told]
+    names = ["point", "by_pose", "spread", "told"]
+    return _function(f"new_{model.name}", ([x, p, z], outputs), ["x", "p", "z"], names)
+
+
+def lever_function(layout: StateLayout) -> ca.Function:
+    """How a point of the body moves with the attitude error: R [p x] (3 x 3), by which t' = t - R [p x] a of that point itself."""
+    x, p = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("p", 3)
+    lever = matrix_from_quaternion(layout.unpack(x)["q"]) @ ca.skew(p)
+    return _function("lever", ([x, p], [row_by_row(lever)]), ["x", "p"], ["lever"])
+
+
+def _translate(
+    layout: StateLayout, given: tuple[ca.SX, ca.SX, ca.SX, ca.SX], transition: ca.SX, factor: ca.SX
+) -> Expression:
+    """Fill in the rows of t and v; returns t after the step: t + R c + dt v - R' c."""
+    x, q_after, dt, force_psd = given
+    values = layout.unpack(x)
+    t, a, v, w, c, s = (layout.slice(name) for name in ("t", "a", "v", "w", "c", "s"))
+    before, after = matrix_from_quaternion(values["q"]), matrix_from_quaternion(q_after)
+    lever, lever_after = before @ ca.skew(values["c"]), after @ ca.skew(values["c"])
+    transition[t, a] = lever_after @ transition[a, a] - lever
+    transition[t, w], transition[t, s] = lever_after @ transition[a, w], lever_after @ transition[a, s]
+    transition[t, v], transition[t, c] = dt * ca.SX.eye(3), before - after
+    root = ca.sqrt(force_psd) * ca.sqrt(dt)
+    factor[t, :6] = lever_after @ factor[a, :6]
+    factor[t, 6:9] = root * dt / np.sqrt(3) * ca.SX.eye(3)
+    factor[v, 6:9], factor[v, 9:12] = root * np.sqrt(3) / 2 * ca.SX.eye(3), root / 2 * ca.SX.eye(3)
+    return values["t"] + dt * values["v"] + (before - after) @ values["c"]
+
+
+def _function(
+    name: str, expressions: tuple[list[ca.SX], list[Expression]], inputs: list[str], outputs: list[str]
+) -> ca.Function:
+    """A function whose outputs are written in full, zeros too: code that reads them knows no sparsity."""
+    return ca.Function(
+        name, expressions[0], [ca.densify(ca.SX(each)) for each in expressions[1]], inputs, outputs, SHARED
+    )
+
+
+def _symbols(model: MeasurementModel) -> tuple[ca.SX, ca.SX, ca.SX]:
+    return (
+        ca.SX.sym("x", model.layout.mean_dim),
+        ca.SX.sym("p", model.parameter_dim),
+        ca.SX.sym("z", model.value_dim),
+    )
+
+
+def _solved(root: ca.SX, right: ca.SX) -> ca.SX:
+    """root^-1 right by forward substitution; root is lower triangular."""
+    rows: list[ca.SX] = []
+    for k in range(root.shape[0]):
+        row = right[k, :]
+        for j in range(k):
+            row = row - root[k, j] * rows[j]
+        rows.append(row / root[k, k])
+    return ca.vertcat(*rows)
+
+
+def _lower_triangle(J: Expression) -> Expression:
+    return ca.vertcat(J[0, 0], J[1, 0], J[2, 0], J[1, 1], J[2, 1], J[2, 2])
+
+
+def _symmetric(entries: ca.SX) -> ca.SX:
+    """6 x 6 from its lower triangle, row by row."""
+    index = {(i, j): i * (i + 1) // 2 + j for i in range(6) for j in range(i + 1)}
+    return ca.vertcat(
+        *[ca.horzcat(*[entries[index[max(i, j), min(i, j)]] for j in range(6)]) for i in range(6)]
+    )
+
+
+def _columns_by_row(matrix: ca.SX) -> list[list[int]]:
+    sparse = ca.sparsify(matrix).T  # its columns are the rows
+    starts, columns = sparse.sparsity().colind(), sparse.sparsity().row()
+    return [columns[starts[k] : starts[k + 1]] for k in range(matrix.shape[0])]
+
+
+def _nonzeros_by_row(matrix: ca.SX) -> ca.SX:
+    sparse = ca.sparsify(matrix).T
+    return ca.vertcat(*sparse.nonzeros())  # pyright: ignore[reportCallIssue, reportArgumentType]

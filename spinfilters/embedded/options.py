@@ -1,0 +1,51 @@
+"""What a generated filter is for: sensor, map, arithmetic and step."""
+
+from dataclasses import dataclass
+
+from spinfilters.errors import InputError
+from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
+
+SENSORS = ("pose", "stereo", "gyro")
+REALS = ("float", "double")
+SUBSTEPS = (2, 4, 8, 16, 32, 64)
+"""Of a prediction: even, for the noise is integrated by Simpson's or Boole's rule over them."""
+LARGEST_MAP = 65_535
+
+
+@dataclass(frozen=True)
+class EmbedOptions:
+    """Options of a generated filter.
+
+    Attributes
+    ----------
+    sensor: pose, stereo (which takes poses too) or gyro.
+    landmarks: that the map of a stereo filter holds, at most.
+    real: arithmetic, float or double.
+    substeps: Runge-Kutta steps of a prediction, always so many: 2 for up to 0.15 rad between epochs, 4 for 0.3 rad.
+    """
+
+    sensor: str = "stereo"
+    landmarks: int = 200
+    real: str = "float"
+    substeps: int = 2
+
+    def __post_init__(self) -> None:
+        for name, value, allowed in (
+            ("sensor", self.sensor, SENSORS),
+            ("real", self.real, REALS),
+            ("substeps", self.substeps, SUBSTEPS),
+        ):
+            if value not in allowed:
+                raise InputError(f"embed --{name} is {value!r}; choose one of {', '.join(map(str, allowed))}")
+        if not 1 <= self.landmarks <= LARGEST_MAP:
+            raise InputError(f"embed --landmarks is {self.landmarks}; give 1 to {LARGEST_MAP}")
+
+    @property
+    def layout(self) -> StateLayout:
+        """Blocks of the state."""
+        return StateLayout(ROTATION_BLOCKS if self.sensor == "gyro" else FULL_BLOCKS)
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """Sensors whose updates are generated."""
+        return ("stereo", "pose") if self.sensor == "stereo" else (self.sensor,)

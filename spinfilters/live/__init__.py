@@ -1,0 +1,1 @@
+"""Filter and smoother side by side on measurements as they arrive."""

@@ -1,0 +1,75 @@
+"""What is said of every epoch, and how it is written."""
+
+import json
+from dataclasses import dataclass
+from typing import TextIO
+
+import numpy as np
+
+from spinfilters.state.gaussian import Gaussian
+from spinfilters.state.status import EstimatorStatus
+
+FORMATS = ("lines", "tum")
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The estimate of an epoch.
+
+    Attributes
+    ----------
+    time: s.   belief: after its measurements.   status: with reasons.
+    source: "filter", or "smoother" of a filter that stands on a smoothed past.   used, left_out: measurements.
+    latency: s from arrival.   ahead: predicted belief, with its time; None without.
+    """
+
+    time: float
+    belief: Gaussian
+    status: EstimatorStatus
+    source: str
+    used: int
+    left_out: int
+    latency: float
+    ahead: tuple[float, Gaussian] | None = None
+
+
+def write_answer(answer: Answer, style: str, stream: TextIO) -> None:
+    """One line: JSON, or TUM (time, t, q_ig; of a rotation alone t is 0) with the verdict behind #."""
+    stream.write((tum_line if style == "tum" else json_line)(answer) + "\n")
+    stream.flush()
+
+
+def json_line(answer: Answer) -> str:
+    """All of it as one JSON object; the covariance is that of the error, its lower triangle row by row."""
+    document = {
+        "time": answer.time,
+        **_belief(answer.belief),
+        "verdict": str(answer.status.verdict),
+        "reasons": list(answer.status.reasons),
+        "source": answer.source,
+        "used": answer.used,
+        "left_out": answer.left_out,
+        "latency_ms": round(1e3 * answer.latency, 3),
+    }
+    if answer.ahead is not None:
+        document["ahead"] = {"time": answer.ahead[0], **_belief(answer.ahead[1])}
+    return json.dumps(document, allow_nan=False)
+
+
+def tum_line(answer: Answer) -> str:
+    """TUM, with standard deviations of position (m) and attitude (rad) and the verdict behind #."""
+    layout, belief = answer.belief.layout, answer.belief
+    q = belief.mean[layout.mean_slice("a")]
+    t = belief.mean[layout.mean_slice("t")] if layout.translates else np.zeros(3)
+    std = belief.std
+    spread = (
+        std[layout.slice("a")] if not layout.translates else np.concatenate([std[:3], std[layout.slice("a")]])
+    )
+    numbers = " ".join(f"{value:.9g}" for value in (*t, *q))
+    return f"{answer.time:.9f} {numbers} # {answer.status.verdict} std {' '.join(f'{value:.3g}' for value in spread)}"
+
+
+def _belief(belief: Gaussian) -> dict[str, object]:
+    layout, P = belief.layout, belief.covariance
+    state = {block.symbol: belief.mean[layout.mean_slice(block.name)].tolist() for block in layout.members}
+    return {**state, "covariance": P[np.tril_indices(len(P))].tolist()}

@@ -1,0 +1,131 @@
+"""Where epochs come from: a data set at its own pace, a growing file, a pipe or a socket."""
+
+import os
+import select
+import socket
+import sys
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from pathlib import Path
+
+from spinfilters.errors import InputError
+from spinfilters.live.line_format import ArrivedEpoch, LineReader
+from spinfilters.logs.measurement_log import MeasurementLog
+
+CHUNK = 1 << 16
+SETTLED = 0.05
+"""Seconds without a further line after which an epoch of lines counts as complete."""
+POLL = 0.02
+"""Seconds between two looks at a growing file."""
+
+
+class Source(ABC):
+    """Epochs as they arrive."""
+
+    @abstractmethod
+    def epochs(self) -> Iterator[ArrivedEpoch | None]:
+        """Epochs in the order of arrival; None whenever nothing has come for a moment, for the caller to do other work."""
+
+    @property
+    def losses(self) -> dict[str, int]:
+        """What was lost on the way, by kind."""
+        return {}
+
+
+class Replay(Source):
+    """The epochs of a log at their own pace, ``speed`` times as fast."""
+
+    def __init__(self, log: MeasurementLog, begin: float, speed: float = 1.0) -> None:
+        self._log, self._begin, self._speed = log, begin, speed
+
+    def epochs(self) -> Iterator[ArrivedEpoch | None]:
+        began = time.monotonic()
+        for instant in self._log.times[self._log.times > self._begin].tolist():
+            due = began + (instant - self._begin) / self._speed
+            while (left := due - time.monotonic()) > 0:
+                if left > 2e-3:
+                    yield None
+                    left = due - time.monotonic()
+                time.sleep(max(0.0, min(left, 0.005)))
+            yield ArrivedEpoch(instant, self._log.slice(instant, instant).streams)
+
+
+class Lines(Source):
+    """Lines from a file descriptor: a pipe, a socket, or a file that grows until nothing was added for ``patience`` seconds."""
+
+    def __init__(
+        self, descriptor: int, sensors: tuple[str, ...], grows: bool = False, patience: float = 5.0
+    ) -> None:
+        self._descriptor, self._grows, self._patience = descriptor, grows, patience
+        self.reader = LineReader(sensors)
+
+    @property
+    def losses(self) -> dict[str, int]:
+        return dict(self.reader.losses)
+
+    def epochs(self) -> Iterator[ArrivedEpoch | None]:
+        rest, quiet = b"", time.monotonic()
+        while True:
+            data = self._read()
+            if data == b"" and (not self._grows or time.monotonic() - quiet > self._patience):
+                break
+            if not data:
+                if time.monotonic() - quiet > SETTLED and not rest:
+                    yield self.reader.flush()
+                else:
+                    yield None
+                continue
+            quiet = time.monotonic()
+            *lines, rest = (rest + data).split(b"\n")
+            if len(rest) > CHUNK:
+                lines, rest = [*lines, rest], b""
+            for line in lines:
+                epoch = self.reader.feed(line.decode("utf-8", "replace"))
+                if epoch is not None:
+                    yield epoch
+        if rest:
+            self.reader.feed(rest.decode("utf-8", "replace"))
+        yield self.reader.flush()
+
+    def _read(self) -> bytes | None:
+        """What has come; empty at the end of it, None where nothing came in a moment."""
+        if self._grows:
+            data = os.read(self._descriptor, CHUNK)
+            if not data:
+                time.sleep(POLL)
+            return data
+        ready, _, _ = select.select([self._descriptor], [], [], POLL)
+        return os.read(self._descriptor, CHUNK) if ready else None
+
+
+def open_lines(place: str, sensors: tuple[str, ...]) -> Lines:
+    """Lines from ``-`` (standard input), ``tcp:HOST:PORT`` or ``unix:PATH`` (connected to), a named pipe, or a growing file.
+
+    Raises
+    ------
+    InputError: nothing is there.
+    """
+    if place == "-":
+        return Lines(sys.stdin.fileno(), sensors)
+    try:
+        if place.startswith(("tcp:", "unix:")):
+            connection = _connected(place)
+            return Lines(connection.detach(), sensors)
+        path = Path(place)
+        return Lines(os.open(path, os.O_RDONLY), sensors, grows=path.is_file())
+    except (OSError, ValueError) as error:
+        why = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise InputError(
+            f"--input {place[:100]} cannot be opened ({why}); give -, tcp:HOST:PORT, unix:PATH or a file"
+        ) from None
+
+
+def _connected(place: str) -> socket.socket:
+    kind, _, address = place.partition(":")
+    if kind == "unix":
+        connection = socket.socket(socket.AF_UNIX)
+        connection.connect(address)
+        return connection
+    host, _, port = address.rpartition(":")
+    return socket.create_connection((host, int(port)), timeout=5.0)

@@ -1,0 +1,50 @@
+"""What a live run counts."""
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass
+class LiveSummary:
+    """Counts and times of a run.
+
+    Attributes
+    ----------
+    deadline: s.   latencies: s, of every answer.   events: of hand-overs, the smoother and losses, by name.
+    """
+
+    deadline: float
+    latencies: list[float] = field(default_factory=list)
+    events: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def missed(self) -> int:
+        """Answers after the deadline."""
+        return sum(latency > self.deadline for latency in self.latencies)
+
+    def document(self) -> dict[str, object]:
+        """As JSON."""
+        ms = 1e3 * np.array(self.latencies or [np.nan])
+        return {
+            "epochs": len(self.latencies),
+            "deadline_ms": 1e3 * self.deadline,
+            "deadlines_missed": self.missed,
+            "latency_ms": {
+                name: None if not self.latencies else round(float(np.percentile(ms, share)), 3)
+                for name, share in (("median", 50), ("p99", 99), ("p99.9", 99.9), ("largest", 100))
+            },
+            "events": dict(sorted(self.events.items())),
+        }
+
+    def text(self) -> str:
+        """In a few lines."""
+        document = self.document()
+        latency = document["latency_ms"]
+        events = ", ".join(f"{name} {count}" for name, count in sorted(self.events.items())) or "none"
+        return (
+            f"{document['epochs']} epochs answered, {self.missed} after the deadline of {1e3 * self.deadline:g} ms; "
+            f"latency (ms) {latency}\n"
+            f"events: {events}"
+        )

@@ -1,0 +1,147 @@
+"""The smoother's process from outside: fed, watched, ended and begun anew; nothing here ever waits for it."""
+
+import multiprocessing
+import os
+import signal
+import socket
+import time
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+
+from spinfilters.estimators.timeline import Frame
+from spinfilters.live.messages import MOST_WAITING, Channel
+from spinfilters.live.rebase import HandOver
+from spinfilters.live.smoother_worker import Build, frame_message, work
+from spinfilters.models.measurement import MeasurementModel
+from spinfilters.state.gaussian import Gaussian
+from spinfilters.state.layout import StateLayout
+
+FIRST_PATIENCE = 20.0
+"""Seconds until the first hand-over: what the smoother computes with may have to be compiled."""
+NICE = 5
+"""By how much the smoother gives way to the filter."""
+
+
+@dataclass(frozen=True)
+class SupervisionOptions:
+    """When a smoother is given up.
+
+    Attributes
+    ----------
+    patience: seconds without a hand-over, with epochs waiting, after which it is killed.   pause: s before it begins anew.
+    memory: bytes of its address space, 0 for no limit.
+    """
+
+    patience: float = 5.0
+    pause: float = 1.0
+    memory: int = 0
+
+
+class SmootherSupervisor:
+    """One process at a time.
+
+    Attributes
+    ----------
+    events: how often what happened.   trouble: why there is no smoother at present, empty where there is one.
+    """
+
+    def __init__(
+        self, layout: StateLayout, models: dict[str, MeasurementModel], options: SupervisionOptions
+    ) -> None:
+        self._layout, self._models, self._options = layout, models, options
+        self._process: multiprocessing.process.BaseProcess | None = None
+        self._channel: Channel | None = None
+        self._last = self._ended = -np.inf
+        self._handed, self._outstanding = 0, 0
+        self.events: Counter[str] = Counter()
+        self.trouble = "it has not begun yet"
+
+    @property
+    def pid(self) -> int | None:
+        """Of the process, None without one."""
+        return None if self._process is None else self._process.pid
+
+    @property
+    def may_begin(self) -> bool:
+        """Whether there is none and the pause is over."""
+        return self._process is None and time.monotonic() - self._ended >= self._options.pause
+
+    def begin(self, build: Build, origin: tuple[float, float]) -> None:
+        """Start a smoother; see `smoother_worker.work`."""
+        ours, theirs = socket.socketpair()
+        context = multiprocessing.get_context("fork")  # models are inherited: nothing is pickled
+
+        def run() -> None:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            os.nice(NICE)
+            ours.close()
+            devnull = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(devnull, 1)
+            os.dup2(devnull, 2)
+            work(theirs, build, origin, self._models, self._options.memory)
+
+        process = context.Process(target=run, daemon=True)
+        process.start()
+        self._process = process
+        theirs.close()
+        self._channel, self._handed, self._outstanding = Channel(ours), 0, 0
+        self._last, self.trouble = time.monotonic(), ""
+        self.events["smoother begun"] += 1
+
+    def send(self, frame: Frame) -> None:
+        """Give it an epoch, newer than all before."""
+        if self._channel is None:
+            return
+        if not self._outstanding:
+            self._last = time.monotonic()
+        self._outstanding += 1
+        self._channel.send(frame_message(frame))
+        if self._channel.waiting > MOST_WAITING:
+            self.end("smoother hung", "it does not take in measurements")
+
+    def hand_overs(self) -> list[HandOver]:
+        """What it has handed over since; ends it where it is late, and notices where it has ended."""
+        if self._channel is None or self._process is None:
+            return []
+        self._channel.pump()
+        found = [self._hand_over(message) for message in self._channel.received()]
+        if found:
+            self._last, self._outstanding = time.monotonic(), 0
+            self._handed += len(found)
+        elif self._channel.closed or not self._process.is_alive():
+            self._process.join(0.2)
+            self.end("smoother died", f"its process ended (exit code {self._process.exitcode})")
+        elif self._outstanding and time.monotonic() - self._last > self._allowed:
+            self.end("smoother late", f"it said nothing for {self._allowed:g} s")
+        return found
+
+    def end(self, event: str, why: str) -> None:
+        """Kill it and say why."""
+        self.events[event] += 1
+        self._stop()
+        self._ended, self.trouble = time.monotonic(), why
+
+    def close(self) -> None:
+        """End everything."""
+        self._stop()
+
+    @property
+    def _allowed(self) -> float:
+        return self._options.patience if self._handed else max(self._options.patience, FIRST_PATIENCE)
+
+    def _stop(self) -> None:
+        if self._channel is not None:
+            self._channel.close()
+        if self._process is not None:
+            if self._process.is_alive():
+                self._process.kill()
+            self._process.join(1.0)
+        self._process = self._channel = None
+
+    def _hand_over(self, message: dict[str, np.ndarray]) -> HandOver:
+        state = Gaussian(self._layout, message["mean"], message["factor"])
+        return HandOver(
+            float(message["time"]), state, message["ids"], message["points"], str(message["verdict"])
+        )
