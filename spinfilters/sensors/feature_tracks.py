@@ -134,12 +134,21 @@ def ball(count: int, radius_m: float, generator: np.random.Generator) -> Surface
 
 def stays_in_view(motion: TrueMotion, radius_m: float) -> bool:
     """Whether a ball about the origin of g is whole in both images all the time, at about its first depth (`DEPTHS`)."""
-    x, y, z = motion.block("t").T
-    nearest = z - radius_m
-    inside = (z > DEPTHS[0] * z[0]) & (z < DEPTHS[1] * z[0])
+    path = motion.block("t")
+    return could_stay_in_view(path, float(path[0, 2]), radius_m, 0.0)
+
+
+def could_stay_in_view(
+    path: Float[np.ndarray, "n 3"], first_depth: float, radius_m: float, margin_m: float
+) -> bool:
+    """Whether a ball may stay whole in both images when the path of its centre (frame i) is off by at most ``margin_m``."""
+    x, y, z = path.T
+    farthest = z + margin_m
+    inside = (farthest > DEPTHS[0] * first_depth) & (z - margin_m < DEPTHS[1] * first_depth)
     half_width, half_height = RIG.width / 2 / RIG.fx, RIG.height / 2 / RIG.fy
-    inside &= np.maximum(x, RIG.baseline_m - x) + radius_m < half_width * nearest
-    inside &= np.abs(y) + radius_m < half_height * nearest
+    reach, nearest = radius_m - margin_m, farthest - radius_m
+    inside &= np.maximum(x, RIG.baseline_m - x) + reach < half_width * nearest
+    inside &= np.abs(y) + reach < half_height * nearest
     return bool(inside.all())
 
 

@@ -4,7 +4,7 @@ It takes the noise as the estimators are told it, and the measurements that are 
 not known, their true points are not either: one step at the true poses settles them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -43,6 +43,9 @@ BELIEVED: Final = 0.5
 MOST_TIED, MOST_CHAINED = 200, 4000
 """Frames beyond which the bound is left out, with unknown landmarks and without: it would take longer than it is worth."""
 
+Bounding = Callable[[Sequence[Evaluation], Prepared], list[Evaluation]]
+"""Puts the bound beside the errors of evaluations, as `with_bounds` does."""
+
 
 def with_bounds(evaluations: Sequence[Evaluation], prepared: Prepared) -> list[Evaluation]:
     """Evaluations with the bound beside their errors, where there is one.
@@ -61,6 +64,11 @@ def with_bounds(evaluations: Sequence[Evaluation], prepared: Prepared) -> list[E
         else each
         for each in evaluations
     ]
+
+
+def without_bounds(evaluations: Sequence[Evaluation], prepared: Prepared) -> list[Evaluation]:
+    """Evaluations as they are."""
+    return list(evaluations)
 
 
 def _is_whole(history: EstimateHistory, frames: int) -> bool:

@@ -16,7 +16,7 @@ from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
 from spinfilters.logs.input_file import reason
 from spinfilters.state.status import EstimatorStatus, Verdict
-from spinfilters.workflow.bound import with_bounds
+from spinfilters.workflow.bound import Bounding, with_bounds
 from spinfilters.workflow.checkpointing import Keeper, KeeperOf, forget
 from spinfilters.workflow.estimator_entry import EstimatorEntry, estimator_entries
 from spinfilters.workflow.preparation import Prepared
@@ -56,13 +56,18 @@ def build_estimator(name: str, prepared: Prepared, settings: Settings) -> Estima
 
 
 def compare_estimators(
-    prepared: Prepared, settings: Settings, progress: Progress, keeper_of: KeeperOf = forget
+    prepared: Prepared,
+    settings: Settings,
+    progress: Progress,
+    keeper_of: KeeperOf = forget,
+    bounding: Bounding = with_bounds,
 ) -> Comparison:
     """Run, evaluate and judge; Ctrl-C keeps what is done and leaves out the rest.
 
     Parameters
     ----------
     keeper_of: gives each estimator's name what keeps its run, `spinfilters.workflow.checkpointing.keep_in` for instance.
+    bounding: puts the bound beside the errors.
 
     Raises
     ------
@@ -88,7 +93,7 @@ def compare_estimators(
             raise
         interrupted = True
     judged_ones = _judge(evaluations, prepared, settings)
-    bounded = judged_ones if interrupted else with_bounds(judged_ones, prepared)
+    bounded = judged_ones if interrupted else bounding(judged_ones, prepared)
     return Comparison(prepared, tuple(bounded), interrupted, maps)
 
 

@@ -80,18 +80,26 @@ def knows_frames(dataset: Dataset) -> bool:
     return dataset.known_map is not None or sensor_of(dataset.sensor).tells_frames
 
 
-def prepare(dataset: Dataset, settings: Settings) -> Prepared:
+InitialEstimate = Callable[[StateLayout], StartReport]
+"""Gives the initialisation over a layout, in place of one that is made from data."""
+
+
+def prepare(dataset: Dataset, settings: Settings, initial: InitialEstimate | None = None) -> Prepared:
     """Join a data set with models and smooth its first frames.
+
+    Parameters
+    ----------
+    initial: gives the initialisation where the first frames are not to be smoothed.
 
     Raises
     ------
     InputError: too few frames, no rotation, tracks that no pose can be found from. The text names the data set.
     """
     with dataset.naming():
-        return _prepared(dataset, settings)
+        return _prepared(dataset, settings, initial)
 
 
-def _prepared(dataset: Dataset, settings: Settings) -> Prepared:
+def _prepared(dataset: Dataset, settings: Settings, initial: InitialEstimate | None) -> Prepared:
     log, view = _log_with_noise(dataset.log, settings), camera_view(dataset)
     layout = _layout(log, settings)
     unknown = _sensor_of_unknown_noise(log, dataset, settings)
@@ -108,7 +116,10 @@ def _prepared(dataset: Dataset, settings: Settings) -> Prepared:
     timeline = build_timeline(log, layout, noise, view)
     if len(timeline) < 5:
         raise InputError(f"{len(timeline)} frame(s) are too few for a motion; give at least 5")
-    checked, failure = _start(replace(dataset, log=log), process, timeline, noise, settings.start)
+    if initial is None:
+        checked, failure = _start(replace(dataset, log=log), process, timeline, noise, settings.start)
+    else:
+        checked, failure = CheckedStart(initial(layout)), None
     start = checked.report
     belief, points = start.belief, None if dataset.known_map is None else dataset.known_map.points
     if isinstance(start, LandmarkStartReport):
