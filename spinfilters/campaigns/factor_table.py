@@ -25,6 +25,7 @@ from spinfilters.workflow.setting_validation import validated
 from spinfilters.workflow.settings import Settings, settings_from
 
 MOST_CELLS: Final = 10_000
+LONGEST_LEVEL: Final = 120
 BASE: Final = "base"
 """The level whose table every other level of a factor begins from; that of factors that do not vary."""
 
@@ -120,6 +121,13 @@ def _levels(document: Mapping[str, Any]) -> dict[str, list[Any]]:
                 f"factor {name} has the levels {shown(levels)}; give names, each with a table [{name}.NAME]"
             )
         texts = [_text(level) for level in levels]
+        odd = next(
+            (text for text in texts if not text.isprintable() or not 0 < len(text) <= LONGEST_LEVEL), None
+        )
+        if odd is not None:
+            raise InputError(
+                f"factor {name} has the level {shown(odd)}; give one line of at most {LONGEST_LEVEL} characters"
+            )
         if len(set(texts)) < len(texts):
             raise InputError(f"factor {shown(name)} names a level twice in {shown(levels)}; name each once")
         found[name] = levels
