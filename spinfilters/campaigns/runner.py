@@ -17,6 +17,8 @@ from spinfilters.campaigns.randomness import run_seeds, whole_number
 from spinfilters.campaigns.schema import TIMES
 from spinfilters.campaigns.study import Run, Study
 from spinfilters.errors import SpinfiltersError
+from spinfilters.estimators.estimator import Estimator
+from spinfilters.estimators.timeline import Timeline
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.input_file import printable
@@ -25,7 +27,7 @@ from spinfilters.simulation.motion import Motion
 from spinfilters.simulation.motion_in_view import motion_in_view
 from spinfilters.simulation.scenario import measured, without_map
 from spinfilters.workflow.bound import with_bounds, without_bounds
-from spinfilters.workflow.estimation import compare_estimators
+from spinfilters.workflow.estimation import ComparisonExtent, compare_estimators
 from spinfilters.workflow.preparation import Prepared, prepare
 
 LONGEST_REASON: Final = 500
@@ -79,9 +81,9 @@ class Runner:
     def evaluated(self, run: Run, with_bound: bool) -> Evaluation:
         """The run's estimator, evaluated."""
         prepared, settings = self.prepared(run), self.study.cells[run.cell].settings
-        bounding = with_bounds if with_bound else without_bounds
+        extent = ComparisonExtent(with_bounds if with_bound else without_bounds, _no_rehearsal)
         with self._timed("estimate"):
-            found = compare_estimators(prepared, settings, lambda *_: None, bounding=bounding)
+            found = compare_estimators(prepared, settings, lambda *_: None, extent=extent)
         if found.interrupted:
             raise KeyboardInterrupt
         return found.evaluations[0]
@@ -158,6 +160,10 @@ def ended(study: Study, index: int, outcome: str, reason: str, seconds: float) -
 def when_and_where() -> Row:
     """The columns that tell when and where a run was made."""
     return {"finished": datetime.now(UTC).isoformat(timespec="milliseconds"), "host": platform.node()}
+
+
+def _no_rehearsal(_estimator: Estimator, _time: float, _timeline: Timeline) -> None:
+    """A campaign looks at no time per epoch, so that nothing need be built before."""
 
 
 def _versions() -> Row:

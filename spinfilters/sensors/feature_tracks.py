@@ -83,10 +83,18 @@ class SomeAppearances:
         """The visible landmarks of those appearances in which they are known again."""
         frames, count = visible.shape
         probability = generator.beta(self.alpha, self.beta, count)
-        begins = visible & ~np.vstack([np.zeros((1, count), dtype=bool), visible[:-1]])
-        appearance = np.cumsum(begins, axis=0) - 1
-        drawn = generator.random((frames, count)) < probability
-        return visible & np.take_along_axis(drawn, np.maximum(appearance, 0), axis=0)
+        drawn = generator.random((frames, count))
+        landmark, frame = np.nonzero(np.ascontiguousarray(visible.T))
+        known = np.zeros_like(visible)
+        if not len(landmark):
+            return known
+        another = np.diff(landmark, prepend=-1) != 0
+        begins = another | (np.diff(frame, prepend=-2) != 1)
+        so_far = np.cumsum(begins)
+        appearance = so_far - so_far[another][np.cumsum(another) - 1]
+        again = drawn[appearance, landmark] < probability[landmark]
+        known[frame[again], landmark[again]] = True
+        return known
 
 
 @dataclass(frozen=True)
@@ -196,16 +204,19 @@ def feature_tracks(
     ------
     InputError: when no landmark is ever found.
     """
-    pixels = np.stack([camera.model.predict(x, camera.parameters) for x in motion.states])
-    visible = camera.sees(pixels) & _facing(front_end.facing_cosine, surface, motion)
+    visible = _facing(front_end.facing_cosine, surface, motion)
+    if not _all_in_view(camera, surface, motion):
+        for row, x in zip(visible, motion.states, strict=True):
+            rows = np.flatnonzero(row)
+            row[rows] = camera.sees(camera.model.predict(x, camera.parameters[rows]))
     known = front_end.recognition.known(visible, generator)
     frames, ids, values = [], [], []
-    for index, (exact, candidates) in enumerate(zip(pixels, known, strict=True)):
-        found = np.flatnonzero(candidates & (generator.random(len(candidates)) < front_end.detection))
+    for index, x in enumerate(motion.states):
+        found = np.flatnonzero(known[index] & (generator.random(len(surface.points)) < front_end.detection))
+        exact = camera.model.predict(x, camera.parameters[found])
         frames.append(np.full(found.size, index))
         ids.append(found)
-        noise = generator.standard_normal((found.size, pixels.shape[2]))
-        values.append(exact[found] + front_end.pixel_std * noise)
+        values.append(exact + front_end.pixel_std * generator.standard_normal(exact.shape))
     found, kept = _often_enough(np.concatenate(ids), len(surface.points), front_end.fewest_sightings)
     if not found.any():
         raise InputError(
@@ -226,8 +237,21 @@ def _often_enough(
 
 def _facing(facing_cosine: float, surface: Surface, motion: TrueMotion) -> Bool[np.ndarray, "n k"]:
     """Which landmarks face the camera from beyond `NEAREST_M`."""
-    turned = np.swapaxes(motion.rotations, 1, 2)
-    points = surface.points @ turned + motion.block("t")[:, np.newaxis]
-    towards = -np.einsum("nki,nki->nk", surface.normals @ turned, points)
-    facing = towards > facing_cosine * np.linalg.norm(points, axis=2)
-    return facing & (points[..., 2] > NEAREST_M)
+    rotations, origins = motion.rotations, motion.block("t")
+    camera = -np.einsum("nji,nj->ni", rotations, origins)  # its place in g
+    points, normals = surface
+    heights, squares = np.einsum("ki,ki->k", normals, points), np.square(points).sum(axis=1)
+    found = np.empty((len(origins), len(points)), dtype=bool)
+    for row, R, t, c in zip(
+        found, rotations, origins, camera, strict=True
+    ):  # epoch by epoch all of it stays in the cache
+        distance = np.sqrt(points @ (-2.0 * c) + squares + c @ c)
+        np.greater(normals @ c - heights, facing_cosine * distance, out=row)
+        row &= points @ R[2] > NEAREST_M - t[2]
+    return found
+
+
+def _all_in_view(camera: TrackCamera, surface: Surface, motion: TrueMotion) -> bool:
+    """Whether no landmark can leave the images, because a ball around all of them does not."""
+    radius = float(np.linalg.norm(surface.points, axis=1).max(initial=0.0))
+    return camera.rig == RIG and stays_in_view(motion, radius)

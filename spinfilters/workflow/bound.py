@@ -59,7 +59,7 @@ def with_bounds(evaluations: Sequence[Evaluation], prepared: Prepared) -> list[E
     if limits is None:
         return list(evaluations)
     return [
-        replace(each, bound=error_bound(limits, each.errors, each.alignment is Alignment.BODY_FRAME))
+        each.with_fields(bound=error_bound(limits, each.errors, each.alignment is Alignment.BODY_FRAME))
         if each.errors is not None and _is_whole(each.history, frames)
         else each
         for each in evaluations
