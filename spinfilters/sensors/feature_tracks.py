@@ -84,16 +84,14 @@ class SomeAppearances:
         frames, count = visible.shape
         probability = generator.beta(self.alpha, self.beta, count)
         drawn = generator.random((frames, count))
-        landmark, frame = np.nonzero(np.ascontiguousarray(visible.T))
-        known = np.zeros_like(visible)
-        if not len(landmark):
-            return known
-        another = np.diff(landmark, prepend=-1) != 0
-        begins = another | (np.diff(frame, prepend=-2) != 1)
-        so_far = np.cumsum(begins)
-        appearance = so_far - so_far[another][np.cumsum(another) - 1]
-        again = drawn[appearance, landmark] < probability[landmark]
-        known[frame[again], landmark[again]] = True
+        known, appearances = np.empty_like(visible), np.zeros(count, dtype=np.intp)
+        recognised, before = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
+        for row, seen in zip(known, visible, strict=True):
+            new = np.flatnonzero(seen & ~before)
+            recognised[new] = drawn[appearances[new], new] < probability[new]
+            appearances[new] += 1
+            np.logical_and(seen, recognised, out=row)
+            before = seen
         return known
 
 
