@@ -114,7 +114,7 @@ class Runner:
         with self._timed("simulate"):
             seeds, factors = run_seeds(self.study.options.root_seed, run.seed), cell.recording
             scenario = factors.scenario
-            key = (run.seed, factors.motion, factors.body, scenario.noise)
+            key = (run.seed, factors.motion, factors.body, scenario.noise, scenario.kind)
             motion: Motion = self._once(
                 "motion", key, lambda: motion_in_view(scenario, np.random.default_rng(seeds.motion))
             )

@@ -9,14 +9,18 @@ import time
 from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import IO, Any, Final
 
+import spinfilters
 from spinfilters.campaigns.runner import Row, ended
 from spinfilters.campaigns.study import Study
 from spinfilters.errors import InputError
 
 MOST_DEATHS: Final = 3
 """Times that a run is tried when its process is killed: once by chance, three times by the run."""
+COMMAND: Final = (sys.executable, "-P", "-m", "spinfilters.campaigns.worker")
+"""Nothing is imported from the working folder."""
 LARGEST_ANSWER: Final = 1 << 24
 """Bytes of a row: more is none."""
 
@@ -25,10 +29,14 @@ class WorkerProcess:
     """One process and the runs that it has been given.
 
     Call `receive` when its `stream` is readable; it never blocks for longer than a line takes to come.
+
+    Parameters
+    ----------
+    command: that answers as `spinfilters.campaigns.worker` does.
     """
 
-    def __init__(self, study: Study) -> None:
-        self._study = study
+    def __init__(self, study: Study, command: Sequence[str] = COMMAND) -> None:
+        self._study, self._command = study, command
         self._deaths: dict[int, int] = {}
         self.assigned: deque[int] = deque()
         self._process: subprocess.Popen[bytes] | None = None
@@ -94,10 +102,11 @@ class WorkerProcess:
         return [row]
 
     def _start(self) -> None:
-        command = [sys.executable, "-m", "spinfilters.campaigns.worker"]
-        environment = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", **os.environ}
+        paths = [str(Path(spinfilters.__file__).parents[1]), *filter(None, [os.environ.get("PYTHONPATH")])]
+        threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+        environment = {**threads, **os.environ, "PYTHONPATH": os.pathsep.join(paths)}
         self._process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, env=environment
+            self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, env=environment
         )
         self._buffer, self._ready = b"", False
         self._write(json.dumps(dict(self._study.document)).encode() + b"\n")

@@ -173,7 +173,7 @@ class TrackCamera:
     rig: Rig
     horizontal: tuple[int, ...] = (0,)
 
-    def sees(self, pixels: Float[np.ndarray, "n k v"]) -> Bool[np.ndarray, "n k"]:
+    def sees(self, pixels: Float[np.ndarray, "*n k v"]) -> Bool[np.ndarray, "*n k"]:
         """Whether every image holds its pixel."""
         u, v = pixels[..., list(self.horizontal)], pixels[..., 1]
         inside = (u.min(axis=-1) >= 0) & (u.max(axis=-1) < self.rig.width)
