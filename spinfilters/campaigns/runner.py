@@ -44,7 +44,7 @@ class Runner:
         self.study = study
         self._latest: dict[str, tuple[object, Any]] = {}
         self._bounds: dict[int, dict[str, Any]] = {}
-        self._spent: dict[str, float] = {}
+        self._spent = dict.fromkeys(TIMES, 0.0)
         self._versions = _versions()
 
     def row(self, index: int) -> Row:
