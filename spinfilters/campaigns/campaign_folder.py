@@ -14,7 +14,7 @@ from spinfilters.logs.atomic_write import make_folder, write_json, write_toml
 from spinfilters.logs.input_file import named, read_settings_text
 from spinfilters.workflow.provenance import git_commit
 
-STUDY_FILE: Final = "study.toml"
+STUDY_FILE: Final = "campaign.toml"
 BEGUN_FILE: Final = "campaign.json"
 SCHEMA: Final = 1
 
@@ -38,9 +38,9 @@ def open_folder(folder: Path, study: Study, resume: bool) -> None:
             raise InputError(
                 f"{named(folder)}: holds rows of this study; give --resume to go on, or another folder with -o"
             )
-    write_toml(folder / STUDY_FILE, dict(study.document))
     if not (folder / BEGUN_FILE).exists():
         write_json(folder / BEGUN_FILE, begun(study))
+    write_toml(folder / STUDY_FILE, dict(study.document))
 
 
 def begun(study: Study) -> dict[str, Any]:
@@ -78,7 +78,11 @@ def read_folder(folder: Path) -> tuple[Study, dict[str, Any]]:
     """
     if not (folder / STUDY_FILE).is_file() or not (folder / BEGUN_FILE).is_file():
         raise InputError(f"{named(folder)}: is no campaign's folder; give one made by 'spinfilters campaign'")
-    study = read_study(folder / STUDY_FILE)
+    return read_study(folder / STUDY_FILE), _begun(folder)
+
+
+def _begun(folder: Path) -> dict[str, Any]:
+    """What a campaign was begun with. InputError: damaged, or of another version."""
     try:
         document = json.loads(read_settings_text(folder / BEGUN_FILE))
     except (ValueError, RecursionError):
@@ -87,7 +91,7 @@ def read_folder(folder: Path) -> tuple[Study, dict[str, Any]]:
         raise InputError(
             f"{named(folder / BEGUN_FILE)}: is damaged or of another version; run the campaign again"
         )
-    return study, document
+    return document
 
 
 def merge(shards: Sequence[Path], output: Path) -> int:
@@ -122,11 +126,11 @@ def merge(shards: Sequence[Path], output: Path) -> int:
 
 
 def _require_same(folder: Path, study: Study) -> None:
-    if not (folder / STUDY_FILE).exists():
+    if not (folder / BEGUN_FILE).exists():
         raise InputError(
             f"{named(folder)}: is not empty and no campaign's folder; choose another folder with -o"
         )
-    if read_study(folder / STUDY_FILE).fingerprint != study.fingerprint:
+    if _begun(folder).get("fingerprint") != study.fingerprint:
         raise InputError(
             f"{named(folder)}: holds another study than {study.name!r}; choose another folder with -o"
         )
