@@ -80,14 +80,13 @@ def make_runs(document: str, fingerprint: str, chunk: Chunk) -> str:
 
 def _process(document: str, fingerprint: str) -> WorkerProcess:
     """This thread's process for a study."""
-    if getattr(_kept, "fingerprint", None) != fingerprint or _kept.worker is None:
-        if getattr(_kept, "worker", None) is not None:
-            _kept.worker.stop()
-        _kept.worker, _kept.fingerprint = (
-            WorkerProcess(study_from(json.loads(document), "study")),
-            fingerprint,
-        )
-    return _kept.worker
+    worker: WorkerProcess | None = getattr(_kept, "worker", None)
+    if worker is None or _kept.fingerprint != fingerprint:
+        if worker is not None:
+            worker.stop()
+        worker = WorkerProcess(study_from(json.loads(document), "study"))
+        _kept.worker, _kept.fingerprint = worker, fingerprint
+    return worker
 
 
 def _answers(client: Any, study: Study, chunks: list[Chunk]) -> Iterator[tuple[Chunk, list[Row]]]:

@@ -10,7 +10,7 @@ BODY_ERRORS: Final = ("moment_1", "moment_2", "k1", "k2", "center_of_mass_m")
 """At the last epoch; moments relative to the largest."""
 BLOCKS: Final = ("t", "a", "v", "w", "c", "s")
 """Of the state, whose NEES per degree of freedom is kept."""
-TIMES: Final = ("simulate", "initialise", "estimate", "evaluate")
+TIMES: Final[tuple[str, ...]] = ("simulate", "initialise", "estimate", "evaluate")
 """Seconds of processor time of one run's parts."""
 OUTCOMES: Final = ("done", "refused", "raised", "timeout", "killed")
 """How a run ended: "refused" by a message to the user, "raised" by an unexpected error, "timeout" by its own time limit,
