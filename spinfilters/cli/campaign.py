@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -57,7 +58,7 @@ def _run(options: argparse.Namespace) -> int:
     done = last[0]
     faulty = f", {done.faulty} of the new ones without a result" if done.faulty else ""
     _say(
-        f"{done.done} of {done.total} runs in {options.output}{faulty}; now: spinfilters campaign report {options.output}"
+        f"{done.done} of {done.total} runs in {options.output}{faulty}; now: spinfilters campaign report {shlex.quote(options.output)}"
     )
     return 0
 
