@@ -57,9 +57,8 @@ def _run(options: argparse.Namespace) -> int:
             ) from None
     done = last[0]
     faulty = f", {done.faulty} of the new ones without a result" if done.faulty else ""
-    _say(
-        f"{done.done} of {done.total} runs in {options.output}{faulty}; now: spinfilters campaign report {shlex.quote(options.output)}"
-    )
+    report = f"spinfilters campaign report {shlex.quote(options.output)}"
+    _say(f"{done.done} of {done.total} runs in {options.output}{faulty}; now: {report}")
     return 0
 
 
