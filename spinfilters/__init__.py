@@ -6,8 +6,8 @@ A first look, from a file of gyro rates to a picture::
     run.figure("summary").savefig("summary.png")
 
 Everything public is here, and is loaded when it is first asked for: `load` and `simulate` give data sets, `compare` runs estimators
-on one and gives a `Run`, `observe` says what a sensor can determine. What cannot be used raises `InputError`, whose text is one
-line that names the value and the cure.
+on one and gives a `Run`, `campaign` runs a study of thousands, `observe` says what a sensor can determine. What cannot be used
+raises `InputError`, whose text is one line that names the value and the cure.
 """
 
 from importlib import import_module
@@ -17,6 +17,7 @@ from spinfilters.errors import InputError
 
 if TYPE_CHECKING:
     from spinfilters.api.analysis import ObservabilityResult, observe
+    from spinfilters.api.campaigns import campaign
     from spinfilters.api.recordings import load, simulate
     from spinfilters.api.results import EstimatorResult, Run
     from spinfilters.api.runs import compare
@@ -31,6 +32,7 @@ __all__ = [
     "ObservabilityResult",
     "Run",
     "Settings",
+    "campaign",
     "compare",
     "load",
     "observe",
@@ -43,6 +45,7 @@ _MODULES = {
     "ObservabilityResult": "spinfilters.api.analysis",
     "Run": "spinfilters.api.results",
     "Settings": "spinfilters.workflow.settings",
+    "campaign": "spinfilters.api.campaigns",
     "compare": "spinfilters.api.runs",
     "load": "spinfilters.api.recordings",
     "observe": "spinfilters.api.analysis",

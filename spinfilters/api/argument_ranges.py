@@ -15,6 +15,7 @@ MOMENT: Final = NumberRange(1e-6, 1e6)
 """Of inertia, in any unit."""
 LANDMARKS: Final = NumberRange(1, 200, whole=True)
 GYRO_BIAS: Final = NumberRange(-100, 100, "rad/s")
+WORKERS: Final = NumberRange(1, 1024, whole=True)
 SECONDS_AHEAD: Final = NumberRange(1e-9, 1e9, "s")
 
 DEFAULT_RATE_RPM: Final = (0.5, 10.0, 0.5)

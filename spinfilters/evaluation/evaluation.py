@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from spinfilters.evaluation.truth_frames import (
 )
 from spinfilters.logs.input_file import reason
 from spinfilters.logs.truth import Truth
-from spinfilters.state.status import Verdict
+from spinfilters.state.status import EstimatorStatus, Verdict
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,18 @@ class Evaluation:
         """Drag, gyro bias and the like after the last frame, by the name of their block."""
         return constant_estimates(self.history.belief(-1))
 
+    def with_fields(self, **changes: Any) -> "Evaluation":
+        """With other errors; what has been made of the history stays."""
+        changed = replace(self, **changes)
+        for name in ("body", "constants"):
+            if name in self.__dict__:
+                changed.__dict__[name] = self.__dict__[name]
+        return changed
+
+    def with_status(self, status: EstimatorStatus) -> "Evaluation":
+        """With another status of the same history."""
+        return self.with_fields(history=replace(self.history, status=status))
+
     @property
     def own_begin(self) -> float | None:
         """Time of the first epoch that is the estimator's own, s; None where it has none."""
@@ -113,7 +126,7 @@ def evaluate(
             f"{history.name} left no frame to evaluate: {'; '.join(history.status.reasons) or 'no reason'}"
         )
     with np.errstate(all="ignore"):  # what comes out is looked at, and told in the status
-        evaluation = _described(_with_status(history))
+        evaluation, trajectory = _described(_with_status(history))
         if truth is None:
             return evaluation
         if alignment is Alignment.FIRST_FRAME and not history.layout.translates:
@@ -121,7 +134,7 @@ def evaluate(
         elif alignment is Alignment.FIRST_FRAME and not tells_first_frame(history, truth):
             alignment = Alignment.BODY_FRAME
         try:
-            return _compared(evaluation, truth, alignment)
+            return _compared(evaluation, trajectory, truth, alignment)
         except NUMERICAL_ERRORS as error:
             return _failed(evaluation, f"its errors could not be computed ({reason(error)})")
         except InputError:
@@ -139,40 +152,38 @@ def _with_status(history: EstimateHistory) -> EstimateHistory:
     return replace(history, status=history.status.failed(why))
 
 
-def _described(history: EstimateHistory) -> Evaluation:
-    """Without a truth; of a history whose numbers cannot be evaluated nothing remains but its frames."""
+def _described(history: EstimateHistory) -> tuple[Evaluation, Trajectory]:
+    """Without a truth, and its trajectory; of a history whose numbers cannot be evaluated nothing remains but its frames."""
     try:
-        evaluation = Evaluation(history)
-        body_history(history)
-        finite = evaluation.trajectory.is_finite.all() or history.status.verdict is Verdict.FAILED
-        return (
-            evaluation
-            if finite
-            else _failed(evaluation, "the motion that follows from the estimate is not finite")
-        )
+        evaluation, trajectory = Evaluation(history), trajectory_of(history)
+        _ = evaluation.body
+        finite = trajectory.is_finite.all() or history.status.verdict is Verdict.FAILED
+        if not finite:
+            evaluation = _failed(evaluation, "the motion that follows from the estimate is not finite")
+        return evaluation, trajectory
     except NUMERICAL_ERRORS as error:
         status = history.status.failed(f"the estimate could not be evaluated ({reason(error)})")
         mean, factor = np.full_like(history.mean, np.nan), np.full_like(history.factor, np.nan)
         lost = replace(history, mean=mean, factor=factor, status=status)
-        return Evaluation(lost)
+        return Evaluation(lost), trajectory_of(lost)
 
 
 def _failed(evaluation: Evaluation, why: str) -> Evaluation:
-    history = evaluation.history
-    return replace(evaluation, history=replace(history, status=history.status.failed(why)))
+    return evaluation.with_status(evaluation.history.status.failed(why))
 
 
-def _compared(evaluation: Evaluation, truth: Truth, alignment: Alignment) -> Evaluation:
+def _compared(
+    evaluation: Evaluation, trajectory: Trajectory, truth: Truth, alignment: Alignment
+) -> Evaluation:
     history = evaluation.history
     if alignment is Alignment.INERTIAL_FRAME:
         truth = truth_in_inertial_frame(history, truth)
-    errors = truth_errors(evaluation.trajectory, truth, alignment)
+    errors = truth_errors(trajectory, truth, alignment)
     common = truth_in_first_frame(history, truth) if alignment is Alignment.FIRST_FRAME else truth
     frame = errors.frame if alignment is Alignment.BODY_FRAME else None
     exact = alignment in (Alignment.NONE, Alignment.FIRST_FRAME)
     known = exact and knows_state(common, history.layout) and bool(finite_frames(history).any())
-    return replace(
-        evaluation,
+    return evaluation.with_fields(
         alignment=alignment,
         errors=errors,
         body_errors=body_errors(evaluation.body, common, frame),

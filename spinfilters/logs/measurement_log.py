@@ -148,6 +148,9 @@ class MeasurementLog:
         return MeasurementLog(streams)
 
 
+_LARGEST_KEY = 1 << 62  # of whole numbers that are sorted
+
+
 def first_disorder(time: Float[np.ndarray, " n"], repeats: bool) -> int | None:
     """First row whose time (s) is before its predecessor's, or equal unless `repeats`; None if in order."""
     step = np.diff(time)
@@ -156,10 +159,25 @@ def first_disorder(time: Float[np.ndarray, " n"], repeats: bool) -> int | None:
 
 
 def first_repeated_landmark(time: Float[np.ndarray, " n"], ids: Int[np.ndarray, " n"]) -> int | None:
-    """First row whose landmark was already seen at the same time (s), None when there is none."""
+    """First row whose landmark was already seen at the same time (s), None when there is none; times are in order."""
+    if not _repeats(time, ids):
+        return None
     order = np.lexsort((ids, time))
     same = (np.diff(time[order]) == 0.0) & (np.diff(ids[order]) == 0)
     return int(order[1:][same].min()) if same.any() else None
+
+
+def _repeats(time: Float[np.ndarray, " n"], ids: Int[np.ndarray, " n"]) -> bool:
+    """Whether any pair of time and id stands twice, or numbers are too large to tell at once."""
+    if not len(ids):
+        return False
+    first, last = int(ids.min()), int(ids.max())
+    epoch = np.cumsum(np.diff(time, prepend=time[0]) != 0.0)
+    span = last - first + 1
+    if span * (int(epoch[-1]) + 1) >= _LARGEST_KEY:
+        return True
+    keys = np.sort(epoch * span + (ids - first))
+    return bool((keys[1:] == keys[:-1]).any())
 
 
 def first_not_unit(quaternion: Float[np.ndarray, "n 4"]) -> int | None:

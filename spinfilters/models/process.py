@@ -116,6 +116,19 @@ class TorqueFreeProcess:
         psd = np.repeat([self.noise.torque_psd, self.noise.force_psd], 3)[: self.disturbed_dim]
         return self._disturbed.run(x, dt, np.sqrt(psd * (dt / 2)) * normal)
 
+    def disturbed_path(
+        self, x: Float[np.ndarray, " m"], dt: float, normal: Float[np.ndarray, "n k 2 b"]
+    ) -> Float[np.ndarray, "n_plus_1 m"]:
+        """One motion at its begin and after every one of n intervals of ``dt`` seconds, each of k disturbed steps.
+
+        Parameters
+        ----------
+        normal: as of `disturbed_steps`, for every interval.
+        """
+        h = dt / normal.shape[1]
+        psd = np.repeat([self.noise.torque_psd, self.noise.force_psd], 3)[: self.disturbed_dim]
+        return self._disturbed.path(x, h, np.sqrt(psd * (h / 2)) * normal)
+
     @property
     def disturbed_dim(self) -> int:
         """Components of a state that white disturbances act on."""

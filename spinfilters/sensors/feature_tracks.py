@@ -84,10 +84,16 @@ class SomeAppearances:
         """The visible landmarks of those appearances in which they are known again."""
         frames, count = visible.shape
         probability = generator.beta(self.alpha, self.beta, count)
-        begins = visible & ~np.vstack([np.zeros((1, count), dtype=bool), visible[:-1]])
-        appearance = np.cumsum(begins, axis=0) - 1
-        drawn = generator.random((frames, count)) < probability
-        return visible & np.take_along_axis(drawn, np.maximum(appearance, 0), axis=0)
+        drawn = generator.random((frames, count))
+        known, appearances = np.empty_like(visible), np.zeros(count, dtype=np.intp)
+        recognised, before = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
+        for row, seen in zip(known, visible, strict=True):
+            new = np.flatnonzero(seen & ~before)
+            recognised[new] = drawn[appearances[new], new] < probability[new]
+            appearances[new] += 1
+            np.logical_and(seen, recognised, out=row)
+            before = seen
+        return known
 
 
 @dataclass(frozen=True)
@@ -135,13 +141,22 @@ def ball(count: int, radius_m: float, generator: np.random.Generator) -> Surface
 
 def stays_in_view(motion: TrueMotion, radius_m: float) -> bool:
     """Whether a ball about the origin of g is whole in both images all the time, at about its first depth (`DEPTHS`)."""
-    x, y, z = motion.block("t").T
-    nearest = z - radius_m
-    inside = (z > DEPTHS[0] * z[0]) & (z < DEPTHS[1] * z[0])
+    path = motion.block("t")
+    return could_stay_in_view(path, float(path[0, 2]), radius_m, 0.0)
+
+
+def could_stay_in_view(
+    path: Float[np.ndarray, "n 3"], first_depth: float, radius_m: float, margin_m: float
+) -> bool:
+    """Whether a ball may stay whole in both images when the path of its centre (camera frame) is off by at most ``margin_m``."""
+    x, y, z = path.T
+    farthest = z + margin_m
+    inside = (farthest > DEPTHS[0] * first_depth) & (z - margin_m < DEPTHS[1] * first_depth)
     corner = np.array([RIG.width, RIG.height], dtype=float)
     half_width, half_height, _ = Monocular().rays_of(corner, RIG.left.calibration)
-    inside &= np.maximum(x, RIG.baseline_m - x) + radius_m < half_width * nearest
-    inside &= np.abs(y) + radius_m < half_height * nearest
+    reach, nearest = radius_m - margin_m, farthest - radius_m
+    inside &= np.maximum(x, RIG.baseline_m - x) + reach < half_width * nearest
+    inside &= np.abs(y) + reach < half_height * nearest
     return bool(inside.all())
 
 
@@ -160,7 +175,7 @@ class TrackCamera:
     rig: Rig
     horizontal: tuple[int, ...] = (0,)
 
-    def sees(self, pixels: Float[np.ndarray, "n k v"]) -> Bool[np.ndarray, "n k"]:
+    def sees(self, pixels: Float[np.ndarray, "*n k v"]) -> Bool[np.ndarray, "*n k"]:
         """Whether every image holds its pixel."""
         u, v = pixels[..., list(self.horizontal)], pixels[..., 1]
         inside = (u.min(axis=-1) >= 0) & (u.max(axis=-1) < self.rig.width)
@@ -189,16 +204,19 @@ def feature_tracks(
     ------
     InputError: when no landmark is ever found.
     """
-    pixels = np.stack([camera.model.predict(x, camera.parameters) for x in motion.states])
-    visible = camera.sees(pixels) & _facing(front_end.facing_cosine, surface, motion)
+    visible = _facing(front_end.facing_cosine, surface, motion)
+    if not _all_in_view(camera, surface, motion):
+        for row, x in zip(visible, motion.states, strict=True):
+            rows = np.flatnonzero(row)
+            row[rows] = camera.sees(camera.model.predict(x, camera.parameters[rows]))
     known = front_end.recognition.known(visible, generator)
     frames, ids, values = [], [], []
-    for index, (exact, candidates) in enumerate(zip(pixels, known, strict=True)):
-        found = np.flatnonzero(candidates & (generator.random(len(candidates)) < front_end.detection))
+    for index, x in enumerate(motion.states):
+        found = np.flatnonzero(known[index] & (generator.random(len(surface.points)) < front_end.detection))
+        exact = camera.model.predict(x, camera.parameters[found])
         frames.append(np.full(found.size, index))
         ids.append(found)
-        noise = generator.standard_normal((found.size, pixels.shape[2]))
-        values.append(exact[found] + front_end.pixel_std * noise)
+        values.append(exact + front_end.pixel_std * generator.standard_normal(exact.shape))
     found, kept = _often_enough(np.concatenate(ids), len(surface.points), front_end.fewest_sightings)
     if not found.any():
         raise InputError(
@@ -219,8 +237,21 @@ def _often_enough(
 
 def _facing(facing_cosine: float, surface: Surface, motion: TrueMotion) -> Bool[np.ndarray, "n k"]:
     """Which landmarks face the camera from beyond `NEAREST_M`."""
-    turned = np.swapaxes(motion.rotations, 1, 2)
-    points = surface.points @ turned + motion.block("t")[:, np.newaxis]
-    towards = -np.einsum("nki,nki->nk", surface.normals @ turned, points)
-    facing = towards > facing_cosine * np.linalg.norm(points, axis=2)
-    return facing & (points[..., 2] > NEAREST_M)
+    rotations, origins = motion.rotations, motion.block("t")
+    camera = -np.einsum("nji,nj->ni", rotations, origins)  # its place in g
+    points, normals = surface
+    heights, squares = np.einsum("ki,ki->k", normals, points), np.square(points).sum(axis=1)
+    found = np.empty((len(origins), len(points)), dtype=bool)
+    for row, R, t, c in zip(
+        found, rotations, origins, camera, strict=True
+    ):  # epoch by epoch all of it stays in the cache
+        distance = np.sqrt(points @ (-2.0 * c) + squares + c @ c)
+        np.greater(normals @ c - heights, facing_cosine * distance, out=row)
+        row &= points @ R[2] > NEAREST_M - t[2]
+    return found
+
+
+def _all_in_view(camera: TrackCamera, surface: Surface, motion: TrueMotion) -> bool:
+    """Whether no landmark can leave the images, because a ball around all of them does not."""
+    radius = float(np.linalg.norm(surface.points, axis=1).max(initial=0.0))
+    return camera.rig == RIG and stays_in_view(motion, radius)

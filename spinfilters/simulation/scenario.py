@@ -158,13 +158,19 @@ def simulate(scenario: Scenario, progress: Progress = silent) -> Dataset:
     layout = StateLayout(FULL_BLOCKS)
     process = TorqueFreeProcess(layout, scenario.noise)
     time = scenario.interval * np.arange(scenario.frames)
-    starts = np.tile(_first_state(scenario, layout), (scenario.candidates, 1))
+    starts = np.tile(first_state(scenario, layout), (scenario.candidates, 1))
     states = simulate_motion(process, starts, time, generator, progress)
     motions = [Motion(layout, time, states[:, k]) for k in range(scenario.candidates)]
-    inspector = _inspector(scenario, time)
+    inspector = inspector_of(scenario, time)
     motion = next(
         (m for m in motions if stays_in_view(m.seen_from(inspector), scenario.radius_m)), motions[0]
     )
+    return measured(scenario, motion, generator)
+
+
+def measured(scenario: Scenario, motion: Motion, generator: np.random.Generator) -> Dataset:
+    """A data set with truth of a given motion: the body's surface and what the sensor measures are drawn."""
+    inspector = inspector_of(scenario, motion.time)
     surface = ball(scenario.landmarks, scenario.radius_m, generator)
     scene = Scene(motion, motion.seen_from(inspector), surface, scenario.front_end, scenario, generator)
     simulated = sensor_of(dataset_kinds()[scenario.kind].name).simulate(scene)
@@ -184,7 +190,7 @@ def simulate(scenario: Scenario, progress: Progress = silent) -> Dataset:
     )
 
 
-def _inspector(scenario: Scenario, time: Float[np.ndarray, " n"]) -> CameraTrajectory | None:
+def inspector_of(scenario: Scenario, time: Float[np.ndarray, " n"]) -> CameraTrajectory | None:
     """About the body's first place; None of one that does not move."""
     make = INSPECTORS[scenario.inspector]
     return None if make is None else make(time, np.array([0.0, 0.0, scenario.range_m]))
@@ -195,7 +201,8 @@ def without_map(dataset: Dataset) -> Dataset:
     return replace(dataset, known_map=None)
 
 
-def _first_state(scenario: Scenario, layout: StateLayout) -> Float[np.ndarray, " m"]:
+def first_state(scenario: Scenario, layout: StateLayout) -> Float[np.ndarray, " m"]:
+    """The state at time zero, before any disturbance."""
     R_gb = _principal_axes(scenario)
     x = layout.origin()
     c = np.array(scenario.center_of_mass_g)

@@ -4,7 +4,7 @@ It takes the noise as the estimators are told it, and the measurements that are 
 not known, their true points are not either: one step at the true poses settles them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -42,6 +42,9 @@ BELIEVED: Final = 0.5
 MOST_TIED, MOST_CHAINED = 200, 4000
 """Frames beyond which the bound is left out, with unknown landmarks and without: it would take longer than it is worth."""
 
+Bounding = Callable[[Sequence[Evaluation], Prepared], list[Evaluation]]
+"""Puts the bound beside the errors of evaluations, as `with_bounds` does."""
+
 
 def with_bounds(evaluations: Sequence[Evaluation], prepared: Prepared) -> list[Evaluation]:
     """Evaluations with the bound beside their errors, where there is one.
@@ -55,11 +58,16 @@ def with_bounds(evaluations: Sequence[Evaluation], prepared: Prepared) -> list[E
     if limits is None:
         return list(evaluations)
     return [
-        replace(each, bound=error_bound(limits, each.errors, each.alignment is Alignment.BODY_FRAME))
+        each.with_fields(bound=error_bound(limits, each.errors, each.alignment is Alignment.BODY_FRAME))
         if each.errors is not None and _is_whole(each.history, frames)
         else each
         for each in evaluations
     ]
+
+
+def without_bounds(evaluations: Sequence[Evaluation], prepared: Prepared) -> list[Evaluation]:
+    """Evaluations as they are."""
+    return list(evaluations)
 
 
 def _is_whole(history: EstimateHistory, frames: int) -> bool:

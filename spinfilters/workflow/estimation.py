@@ -10,13 +10,13 @@ from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.history import FRAME_ARRAYS, EstimateHistory, GrowingHistory
 from spinfilters.estimators.run import NO_FRAME_LEFT, rehearse, run
-from spinfilters.estimators.timeline import times_of
+from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
 from spinfilters.logs.input_file import reason
 from spinfilters.state.status import EstimatorStatus, Verdict
-from spinfilters.workflow.bound import with_bounds
-from spinfilters.workflow.checkpointing import Keeper, KeeperOf, forget
+from spinfilters.workflow.bound import Bounding, with_bounds
+from spinfilters.workflow.checkpointing import KeeperOf, forget
 from spinfilters.workflow.estimator_entry import AnyEntry, estimator_entries
 from spinfilters.workflow.preparation import Prepared
 from spinfilters.workflow.quality import filter_doubts, judged, shared_doubts
@@ -24,6 +24,8 @@ from spinfilters.workflow.settings import Settings
 
 Progress = Callable[[str, int, int], None]
 """Called with the estimator's name, frames done and frames in all."""
+Rehearsing = Callable[[Estimator, float, Timeline], None]
+"""Takes a twin of an estimator, begun at a time (s), through the first of its frames, as `spinfilters.estimators.run.rehearse`."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,28 @@ class Comparison:
     maps: Mapping[str, Float[np.ndarray, "k 3"]] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class ComparisonExtent:
+    """What a comparison does beside running and judging.
+
+    Attributes
+    ----------
+    bounding: puts the bound beside the errors.   rehearsing: builds what an estimator needs before its clock runs, by a twin.
+    """
+
+    bounding: Bounding = with_bounds
+    rehearsing: Rehearsing = rehearse
+
+
+@dataclass(frozen=True)
+class _Company:
+    """Who follows an estimator's run."""
+
+    progress: Progress
+    keeper_of: KeeperOf
+    rehearsing: Rehearsing
+
+
 def build_estimator(name: str, prepared: Prepared, settings: Settings) -> Estimator:
     """The estimator of a name that takes this data set epoch by epoch.
 
@@ -55,13 +79,18 @@ def build_estimator(name: str, prepared: Prepared, settings: Settings) -> Estima
 
 
 def compare_estimators(
-    prepared: Prepared, settings: Settings, progress: Progress, keeper_of: KeeperOf = forget
+    prepared: Prepared,
+    settings: Settings,
+    progress: Progress,
+    keeper_of: KeeperOf = forget,
+    extent: ComparisonExtent = ComparisonExtent(),
 ) -> Comparison:
     """Run, evaluate and judge; Ctrl-C keeps what is done and leaves out the rest.
 
     Parameters
     ----------
     keeper_of: gives each estimator's name what keeps its run, `spinfilters.workflow.checkpointing.keep_in` for instance.
+    extent: what is done beside.
 
     Raises
     ------
@@ -76,7 +105,9 @@ def compare_estimators(
     try:
         for name in settings.estimators:
             with np.errstate(all="ignore"):  # what is not finite becomes a status
-                history, points = _estimated(entries[name], prepared, settings, (progress, keeper_of))
+                history, points = _estimated(
+                    entries[name], prepared, settings, _Company(progress, keeper_of, extent.rehearsing)
+                )
             evaluations.append(_evaluated(history, prepared))
             maps |= _maps(name, points)
             interrupted = _is_cut_short(history, len(prepared.timeline))
@@ -87,22 +118,22 @@ def compare_estimators(
             raise
         interrupted = True
     judged_ones = _judge(evaluations, prepared, settings)
-    bounded = judged_ones if interrupted else with_bounds(judged_ones, prepared)
+    bounded = judged_ones if interrupted else extent.bounding(judged_ones, prepared)
     return Comparison(prepared, tuple(bounded), interrupted, maps)
 
 
 def _estimated(
-    entry: AnyEntry, prepared: Prepared, settings: Settings, follow: tuple[Progress, KeeperOf]
+    entry: AnyEntry, prepared: Prepared, settings: Settings, company: "_Company"
 ) -> tuple[EstimateHistory, Float[np.ndarray, "k 3"] | None]:
     """One estimator's history of all epochs, and its landmarks if it has any; numbers that lead nowhere are its failure."""
-    progress, keeper_of = follow
+    progress = company.progress
     try:
         batch = entry.batch(prepared, settings)
         if batch is not None:
             on_epoch = lambda done, every: progress(entry.name, done, every)  # noqa: E731
             return batch.smooth(prepared.timeline, prepared.start, on_epoch), prepared.map_points
         estimator, twin = (entry.build(prepared, settings) for _ in range(2))
-        passed, rows = _run(entry, estimator, twin, prepared, progress, keeper_of(entry.name))
+        passed, rows = _run(entry, estimator, twin, prepared, company)
         history = _final(entry, estimator, passed, rows, prepared)
         return history, entry.points(estimator, history, prepared)
     except NUMERICAL_ERRORS as error:
@@ -150,8 +181,7 @@ def _run(
     estimator: Estimator,
     twin: Estimator,
     prepared: Prepared,
-    progress: Progress,
-    keeper: Keeper,
+    company: "_Company",
 ) -> tuple[EstimateHistory, GrowingHistory]:
     """From where the keeper left off, or from the start; a run that had ended is not made again.
 
@@ -164,6 +194,7 @@ def _run(
     rest = prepared.timeline[len(prepared.start.mean) :]
     if not len(rest):
         raise InputError(f"{prepared.dataset.name}: {NO_FRAME_LEFT}")
+    progress, keeper = company.progress, company.keeper_of(entry.name)
     entry.begin(estimator, prepared)
     kept = keeper.resume(estimator)
     rows = GrowingHistory(estimator.layout, prepared.start_end) if kept is None else kept.rows
@@ -173,7 +204,8 @@ def _run(
     if kept is not None and kept.status is not None:
         return rows.ended(name, kept.status), rows
     if len(rows) < len(rest):
-        _rehearse(entry, twin, prepared)
+        entry.begin(twin, prepared)
+        company.rehearsing(twin, prepared.start_end, rest)
     with keeper.running(estimator, rows) as keep:
 
         def on_frame(_: int) -> None:
@@ -184,12 +216,6 @@ def _run(
         if not _is_cut_short(history, len(rest)):
             keeper.end(estimator, history, rows)
     return history, rows
-
-
-def _rehearse(entry: AnyEntry, estimator: Estimator, prepared: Prepared) -> None:
-    """Build what an estimator like this one needs, before any clock runs."""
-    entry.begin(estimator, prepared)
-    rehearse(estimator, prepared.start_end, prepared.timeline[len(prepared.start.mean) :])
 
 
 def _is_cut_short(history: EstimateHistory, frames: int) -> bool:
@@ -225,5 +251,5 @@ def _judge(evaluations: list[Evaluation], prepared: Prepared, settings: Settings
         others = [peer for peer in peers if peer.history.status.verdict is not Verdict.FAILED]
         own = [*doubts, *of_filters] if entry.continues else doubts
         status = judged(evaluation, own, others, entry.false_alarm_probability(prepared, settings))
-        judged_ones.append(replace(evaluation, history=replace(evaluation.history, status=status)))
+        judged_ones.append(evaluation.with_status(status))
     return judged_ones

@@ -1,6 +1,6 @@
 """A data set and settings made ready for any estimator: process, timeline, start."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -79,18 +79,26 @@ def knows_frames(dataset: Dataset) -> bool:
     return dataset.known_map is not None or sensor_of(dataset.sensor).tells_frames
 
 
-def prepare(dataset: Dataset, settings: Settings) -> Prepared:
+Given = Callable[[StateLayout], InitialEstimate]
+"""Gives the initialisation over a layout, in place of one that is made from data."""
+
+
+def prepare(dataset: Dataset, settings: Settings, initial: Given | None = None) -> Prepared:
     """Join a data set with models and smooth its first frames.
+
+    Parameters
+    ----------
+    initial: gives the initialisation where the first frames are not to be smoothed.
 
     Raises
     ------
     InputError: too few frames, no rotation, tracks that no pose can be found from. The text names the data set.
     """
     with dataset.naming():
-        return _prepared(dataset, settings)
+        return _prepared(dataset, settings, initial)
 
 
-def _prepared(dataset: Dataset, settings: Settings) -> Prepared:
+def _prepared(dataset: Dataset, settings: Settings, initial: Given | None) -> Prepared:
     log, view = _log_with_noise(dataset.log, settings), camera_view(dataset)
     layout = _layout(log, settings)
     unknown = _sensor_of_unknown_noise(log, dataset, settings)
@@ -110,10 +118,15 @@ def _prepared(dataset: Dataset, settings: Settings) -> Prepared:
         timeline = build_timeline(log, layout, noise, view)
         if len(timeline) < 5:
             raise InputError(f"{len(timeline)} frame(s) are too few for a motion; give at least 5")
+        if initial is not None:
+            return NoisyModels(process, noise, timeline, initial(layout))
         make = _start_maker(replace(dataset, log=log), process, timeline, noise)
         return NoisyModels(process, noise, timeline, _start(process, timeline, make, settings.start))
 
-    made, components = with_identified_noise(bound, process, noise, silent)
+    if initial is not None:
+        made, components = bound(process, noise), ()
+    else:
+        made, components = with_identified_noise(bound, process, noise, silent)
     start, points = made.start, None if dataset.known_map is None else dataset.known_map.points
     if start.has_landmarks:
         points = start.points

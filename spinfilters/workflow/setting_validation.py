@@ -54,7 +54,13 @@ def _wanted(kind: Any) -> str:
     """What a type admits, in words."""
     origin, parts = get_origin(kind), get_args(kind)
     if origin is Literal:
-        return f'"{parts[0]}"'
+        return " or ".join(f'"{part}"' for part in parts)
+    if origin is tuple and parts[0] is not str:
+        return (
+            f"{len(parts)} times {_wanted(parts[0])}"
+            if Ellipsis not in parts
+            else f"a list, each {_wanted(parts[0])}"
+        )
     if origin is tuple:
         return "a list of names"
     if origin is Annotated:

@@ -19,4 +19,7 @@ def test_help_names_every_estimator(
     said = capsys.readouterr().out
     (named,) = re.findall(r"^ *--estimators? \S+ +(.*) \(default", said, re.MULTILINE)
     assert set(re.split(", | or ", named)) == set(estimator_names())
-    assert command == "estimate" or f"default: {','.join(DEFAULT_ESTIMATORS)}; filterpy's too with --known-map)" in said
+    assert (
+        command == "estimate"
+        or f"default: {','.join(DEFAULT_ESTIMATORS)}; filterpy's too with --known-map)" in said
+    )

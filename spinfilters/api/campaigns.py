@@ -1,0 +1,149 @@
+"""Campaigns of runs: a study's table of factors times seeds, as a data frame."""
+
+import os
+import re
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from spinfilters.api.argument_ranges import WORKERS
+from spinfilters.errors import InputError
+from spinfilters.logs.input_file import shown
+
+if TYPE_CHECKING:
+    from spinfilters.campaigns.engine import Advance, Executor, Progress, Shard
+    from spinfilters.campaigns.study import Study
+
+AnyStudy = Mapping[str, Any] | str | os.PathLike[str]
+"""The tables of a study file, or the path of one."""
+
+
+def campaign(
+    study: AnyStudy,
+    output: str | os.PathLike[str] | None = None,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    shard: str | None = None,
+    resume: bool = False,
+    progress: "Progress | None" = None,
+) -> Any:
+    """Every cell of a study with every seed, as ``spinfilters campaign`` runs them: a pandas.DataFrame, one row per run.
+
+    Parameters
+    ----------
+    study: the path of a study file, or a mapping of its tables such as
+        ``{"study": {"name": "mine", "seeds": 20}, "factors": {"estimator": ["mekf"]}}``.
+    output: folder of the rows; None keeps none.   workers: processes, by default one per processor.
+    scheduler: address of a Dask scheduler whose workers make the runs instead.   shard: "i/N" makes every N-th recording.
+    resume: go on with the rows that ``output`` has; none is made again.   progress: called after every row.
+
+    Raises
+    ------
+    InputError: what the command refuses with exit code 2; the text is one line that names the value and the cure.
+    KeyboardInterrupt: Ctrl-C; the rows so far are in ``output``, if given, for ``resume`` to go on from.
+    """
+    _require("pandas")
+    if output is None:
+        if resume:
+            raise InputError("resume needs the folder of the rows; give output")
+        with tempfile.TemporaryDirectory(prefix="spinfilters-") as place:
+            return campaign(
+                study, place, workers=workers, scheduler=scheduler, shard=shard, progress=progress
+            )
+    folder = Path(output)
+    campaign_rows(
+        study, folder, workers=workers, scheduler=scheduler, shard=shard, resume=resume, progress=progress
+    )
+    from spinfilters.campaigns.rows_folder import read_rows
+
+    return read_rows(folder, _study(study).columns).to_pandas()
+
+
+def campaign_rows(
+    study: AnyStudy,
+    folder: Path,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    shard: str | None = None,
+    resume: bool = False,
+    progress: "Progress | None" = None,
+) -> "Advance":
+    """Make the rows of a study that a folder lacks. Parameters and errors: `campaign`."""
+    _require("pyarrow")
+    from spinfilters.campaigns.engine import run_campaign
+
+    checked, share, executor = _study(study), shard_of(shard), _executor(workers, scheduler)
+    return run_campaign(checked, folder, executor, share, resume, progress or (lambda _: None))
+
+
+def repeated_run(folder: Path, run: int, dataset_folder: Path | None) -> dict[str, Any]:
+    """The row of one run of a campaign, made again; with its data set written where one is asked for.
+
+    Raises
+    ------
+    InputError: no campaign's folder, no such run, a folder that holds something else.
+    """
+    _require("pyarrow")
+    from spinfilters.campaigns.campaign_folder import read_folder
+    from spinfilters.campaigns.runner import Runner
+    from spinfilters.logs.dataset_writing import write_dataset
+    from spinfilters.logs.output_folder import output_folder
+
+    study, _ = read_folder(folder)
+    if run >= len(study):
+        raise InputError(f"run {run} is none of the {len(study)} of {study.name}; give a number below that")
+    runner = Runner(study)
+    if dataset_folder is not None:
+        with output_folder(dataset_folder, "campaign repeat") as place:
+            write_dataset(runner.recording(study.run(run)), place)
+    return runner.row(run)
+
+
+def shard_of(text: str | None) -> "Shard":
+    """The shard that a text such as "0/3" names. InputError: it names none."""
+    from spinfilters.campaigns.engine import Shard
+
+    if text is None:
+        return Shard()
+    found = re.fullmatch(r"([0-9]{1,6})/([0-9]{1,6})", text) if isinstance(text, str) else None
+    if found is None:
+        raise InputError(f"shard {shown(text)} is none; give i/N, such as 0/3")
+    return Shard(int(found[1]), int(found[2]))
+
+
+def _executor(workers: int | None, scheduler: str | None) -> "Executor":
+    from spinfilters.campaigns.engine import Processes, usable_processors
+
+    if scheduler is not None:
+        if workers is not None:
+            raise InputError(
+                "workers are processes of this machine, a scheduler has its own; give one of both"
+            )
+        _require("distributed")
+        from spinfilters.campaigns.dask_cluster import DaskCluster
+
+        return DaskCluster(scheduler)
+    if workers is not None:
+        WORKERS.require("workers", workers)
+    return Processes(workers or usable_processors())
+
+
+def _study(study: AnyStudy) -> "Study":
+    from spinfilters.campaigns.study import read_study, study_from
+
+    if isinstance(study, Mapping):
+        return study_from(study, "study")
+    if isinstance(study, str | os.PathLike):
+        return read_study(Path(study))
+    raise InputError(f"study is {shown(study)}; give the path of a study file or a mapping of its tables")
+
+
+def _require(package: str) -> None:
+    """Refuse in one line where a package of the extra ``campaign`` is not installed."""
+    from importlib.util import find_spec
+
+    if find_spec(package) is None:
+        raise InputError(f"campaigns need {package}, which is not installed; install 'spinfilters[campaign]'")

@@ -1,0 +1,136 @@
+"""The folder of a campaign: its study, what it was begun with, its rows."""
+
+import json
+import platform
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final
+
+from spinfilters.campaigns.rows_folder import ROWS, read_rows, write_table
+from spinfilters.campaigns.study import Study, read_study
+from spinfilters.errors import InputError
+from spinfilters.logs.atomic_write import make_folder, write_json, write_toml
+from spinfilters.logs.input_file import named, read_settings_text
+from spinfilters.workflow.provenance import git_commit
+
+STUDY_FILE: Final = "campaign.toml"
+BEGUN_FILE: Final = "campaign.json"
+SCHEMA: Final = 1
+
+
+def open_folder(folder: Path, study: Study, resume: bool) -> None:
+    """Make a campaign's folder, or go on in the one that is there.
+
+    Raises
+    ------
+    InputError: it holds something else, another study, or rows although the campaign is not resumed.
+    """
+    make_folder(folder)
+    held = [
+        path.name
+        for path in folder.iterdir()
+        if path.name not in (".lock",) and not path.name.endswith(".part")
+    ]
+    if held:
+        _require_same(folder, study)
+        if not resume and any((folder / ROWS).glob("*")):
+            raise InputError(
+                f"{named(folder)}: holds rows of this study; give --resume to go on, or another folder with -o"
+            )
+    if not (folder / BEGUN_FILE).exists():
+        write_json(folder / BEGUN_FILE, begun(study))
+    write_toml(folder / STUDY_FILE, dict(study.document))
+
+
+def begun(study: Study) -> dict[str, Any]:
+    """What a campaign is begun with: commit, machine, date."""
+    return {
+        "schema": SCHEMA,
+        "study": study.name,
+        "fingerprint": study.fingerprint,
+        "begun": datetime.now(UTC).isoformat(timespec="seconds"),
+        "commit": git_commit() or "not a checkout",
+        "machine": machine(),
+    }
+
+
+def machine() -> str:
+    """This machine's processor and system in one line."""
+    lines = Path("/proc/cpuinfo")
+    model = ""
+    if lines.exists():
+        models = (
+            line.split(":", 1)[1].strip()
+            for line in lines.read_text().splitlines()
+            if line.startswith("model name")
+        )
+        model = next(models, "")
+    return f"{model or platform.machine()}, {platform.system()} {platform.release()}"
+
+
+def read_folder(folder: Path) -> tuple[Study, dict[str, Any]]:
+    """A campaign's study and what it was begun with.
+
+    Raises
+    ------
+    InputError: no folder of a campaign, or a damaged one.
+    """
+    if not (folder / STUDY_FILE).is_file() or not (folder / BEGUN_FILE).is_file():
+        raise InputError(f"{named(folder)}: is no campaign's folder; give one made by 'spinfilters campaign'")
+    return read_study(folder / STUDY_FILE), _begun(folder)
+
+
+def _begun(folder: Path) -> dict[str, Any]:
+    """What a campaign was begun with. InputError: damaged, or of another version."""
+    try:
+        document = json.loads(read_settings_text(folder / BEGUN_FILE))
+    except (ValueError, RecursionError):
+        document = None
+    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
+        raise InputError(
+            f"{named(folder / BEGUN_FILE)}: is damaged or of another version; run the campaign again"
+        )
+    return document
+
+
+def merge(shards: Sequence[Path], output: Path) -> int:
+    """Rows of several folders of one study in a new one; how many there are.
+
+    Raises
+    ------
+    InputError: no shard, folders of different studies, an output that is not empty.
+    """
+    if not shards:
+        raise InputError("no folder to merge; give those of the shards")
+    studies = [read_folder(folder) for folder in shards]
+    first, document = studies[0]
+    for folder, (study, _) in zip(shards, studies, strict=True):
+        if study.fingerprint != first.fingerprint:
+            raise InputError(
+                f"{named(folder)}: is of another study than {named(shards[0])}; merge shards of one study"
+            )
+    if output.exists() and any(output.iterdir()):
+        raise InputError(f"{named(output)}: is not empty; choose another folder with -o")
+    import pyarrow as pa
+
+    table = pa.concat_tables([read_rows(folder, first.columns) for folder in shards])
+    table = table.sort_by("run")
+    runs = table["run"].to_numpy()
+    table = table.filter(pa.array([True, *(runs[1:] != runs[:-1]).tolist()]))
+    make_folder(output / ROWS)
+    write_table(output / ROWS / "000001.parquet", table)
+    write_toml(output / STUDY_FILE, dict(first.document))
+    write_json(output / BEGUN_FILE, document)
+    return len(table)
+
+
+def _require_same(folder: Path, study: Study) -> None:
+    if not (folder / BEGUN_FILE).exists():
+        raise InputError(
+            f"{named(folder)}: is not empty and no campaign's folder; choose another folder with -o"
+        )
+    if _begun(folder).get("fingerprint") != study.fingerprint:
+        raise InputError(
+            f"{named(folder)}: holds another study than {study.name!r}; choose another folder with -o"
+        )

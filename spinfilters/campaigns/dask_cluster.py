@@ -1,0 +1,196 @@
+"""Runs on a Dask cluster: its workers each keep a process of their own, so that a run ends there as it ends on this machine."""
+
+import json
+import logging
+import selectors
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Final
+
+from spinfilters.campaigns.engine import Chunk
+from spinfilters.campaigns.runner import Row
+from spinfilters.campaigns.study import Study, study_from
+from spinfilters.campaigns.worker_process import WorkerProcess
+from spinfilters.errors import InputError
+from spinfilters.logs.input_file import reason, shown
+
+PATIENCE: Final = 600.0
+"""Seconds that a scheduler may be away before the campaign gives up; what is done is kept."""
+AHEAD: Final = 3
+"""Chunks per thread of the cluster that are under way."""
+CHECKED_EVERY: Final = 2.0
+"""Seconds without a row after which it is looked whether the scheduler is still there."""
+
+_kept = threading.local()
+
+
+@dataclass(frozen=True)
+class DaskCluster:
+    """Workers of a scheduler at ``address``, such as tcp://host:8786."""
+
+    address: str
+
+    def rows(self, study: Study, chunks: list[Chunk]) -> Iterator[Row]:
+        """Rows as they come; a scheduler that comes back is given again what it had not answered.
+
+        Raises
+        ------
+        InputError: no scheduler at the address, or none for `PATIENCE` seconds.
+        """
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # of a lost scheduler we say so ourselves
+        left = dict.fromkeys(chunks)
+        client = _connected(self.address, 10.0)
+        try:
+            while left:
+                try:
+                    for chunk, rows in _answers(client, study, list(left)):
+                        del left[chunk]
+                        yield from rows
+                except _SchedulerLostError:
+                    _close(client)
+                    client = _connected(self.address, PATIENCE)
+        finally:
+            _close(client)
+
+
+class _SchedulerLostError(Exception):
+    """The scheduler is gone, or has forgotten what it was given."""
+
+
+def make_runs(document: str, fingerprint: str, chunk: Chunk) -> str:
+    """Rows of some runs as lines of JSON: what a Dask worker is asked for. Its process stays for the next."""
+    worker = _process(document, fingerprint)
+    worker.assign(chunk)
+    rows: list[Row] = []
+    try:
+        while worker.assigned:
+            with selectors.DefaultSelector() as ready:
+                ready.register(worker.stream, selectors.EVENT_READ)
+                ready.select()
+            rows += worker.receive()
+    except BaseException:
+        _kept.worker = None
+        worker.stop()
+        raise
+    return "\n".join(map(json.dumps, rows))
+
+
+def _process(document: str, fingerprint: str) -> WorkerProcess:
+    """This thread's process for a study."""
+    worker: WorkerProcess | None = getattr(_kept, "worker", None)
+    if worker is None or _kept.fingerprint != fingerprint:
+        if worker is not None:
+            worker.stop()
+        worker = WorkerProcess(study_from(json.loads(document), "study"))
+        _kept.worker, _kept.fingerprint = worker, fingerprint
+    return worker
+
+
+def _answers(client: Any, study: Study, chunks: list[Chunk]) -> Iterator[tuple[Chunk, list[Row]]]:
+    """Chunks with their rows as they come, a few under way at any time. _SchedulerLostError: not all came."""
+    document, waiting = json.dumps(dict(study.document)), iter(chunks)
+    under_way: dict[Any, Chunk] = {}
+    answered = _Answers()
+    while True:
+        for chunk in waiting if len(under_way) < AHEAD * _threads(client) else ():
+            future = client.submit(
+                make_runs, document, study.fingerprint, chunk, key=_key(study, chunk), pure=False, retries=10
+            )
+            under_way[future] = chunk
+            future.add_done_callback(answered.put)
+            if len(under_way) >= AHEAD * _threads(client):
+                break
+        if not under_way:
+            return
+        future = answered.get(CHECKED_EVERY)
+        if future is None:
+            _require_scheduler(client, under_way)
+        elif future in under_way:
+            yield under_way.pop(future), _rows_of(future)
+
+
+class _Answers:
+    """Futures that are done, in order, from Dask's thread to ours."""
+
+    def __init__(self) -> None:
+        self._done: list[Any] = []
+        self._changed = threading.Condition()
+
+    def put(self, future: Any) -> None:
+        """Called by Dask."""
+        with self._changed:
+            self._done.append(future)
+            self._changed.notify()
+
+    def get(self, seconds: float) -> Any | None:
+        """The next, None where none comes in time."""
+        with self._changed:
+            if not self._done:
+                self._changed.wait(seconds)
+            return self._done.pop(0) if self._done else None
+
+
+def _rows_of(future: Any) -> list[Row]:
+    if future.status != "finished":
+        error = future.exception(timeout=10) if future.status == "error" else None
+        if error is not None and type(error).__name__ not in ("KilledWorker", "CancelledError"):
+            raise InputError(
+                f"the cluster's workers cannot make runs ({type(error).__name__}: {reason(error)}); install the same "
+                "spinfilters[campaign] for them"
+            )
+        raise _SchedulerLostError
+    try:
+        text = future.result(timeout=60)
+    except Exception as error:
+        raise _SchedulerLostError from error
+    future.release()
+    return [json.loads(line) for line in text.split("\n")]
+
+
+def _require_scheduler(client: Any, under_way: Mapping[Any, Chunk]) -> None:
+    """_SchedulerLostError unless the scheduler answers and still knows what is under way."""
+    if client.status != "running" or any(future.status in ("cancelled", "lost") for future in under_way):
+        raise _SchedulerLostError
+    try:
+        client.scheduler_info(n_workers=0)
+    except Exception as error:
+        raise _SchedulerLostError from error
+
+
+def _threads(client: Any) -> int:
+    """Of all workers, at least one."""
+    with suppress(Exception):
+        return max(1, sum(client.nthreads().values()))
+    raise _SchedulerLostError
+
+
+def _key(study: Study, chunk: Chunk) -> str:
+    return f"spinfilters-{study.fingerprint}-{chunk[0]}-{len(chunk)}-{time.monotonic_ns()}"
+
+
+def _connected(address: str, patience: float) -> Any:
+    """A client. InputError: no scheduler answers in time."""
+    from distributed import Client
+
+    begin, why = time.monotonic(), ""
+    while time.monotonic() - begin < patience:
+        try:
+            return Client(address, timeout="5s", set_as_default=False)
+        except ValueError as error:
+            raise InputError(
+                f"scheduler {shown(address)} is no address ({reason(error)}); give tcp://HOST:PORT"
+            ) from None
+        except (OSError, TimeoutError) as error:
+            why = reason(error)
+        time.sleep(1.0)
+    raise InputError(
+        f"no Dask scheduler answers at {shown(address)} ({why}); start 'dask scheduler', or go on with --resume"
+    )
+
+
+def _close(client: Any) -> None:
+    with suppress(Exception):
+        client.close(timeout=2)

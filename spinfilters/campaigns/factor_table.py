@@ -1,0 +1,214 @@
+"""The factor table of a study: levels of every factor, and the cells that they make."""
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields, replace
+from itertools import product
+from typing import Any, Final
+
+from spinfilters.campaigns.factors import (
+    FACTORS,
+    BeliefFactor,
+    BodyFactor,
+    FaultFactor,
+    MotionFactor,
+    NoiseFactor,
+    RecordingFactors,
+    SensorFactor,
+)
+from spinfilters.campaigns.study_options import StudyOptions
+from spinfilters.errors import InputError
+from spinfilters.logs.input_file import shown
+from spinfilters.workflow.estimator_entry import estimator_names
+from spinfilters.workflow.setting_validation import validated
+from spinfilters.workflow.settings import Settings, settings_from
+
+MOST_CELLS: Final = 10_000
+LONGEST_LEVEL: Final = 120
+BASE: Final = "base"
+"""The level whose table every other level of a factor begins from; that of factors that do not vary."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One combination of levels.
+
+    Attributes
+    ----------
+    levels: of every factor, as text: the columns of its rows.   settings: with the cell's estimator alone.
+    """
+
+    levels: Mapping[str, str]
+    recording: RecordingFactors
+    belief: BeliefFactor
+    settings: Settings
+
+    @property
+    def estimator(self) -> str:
+        """Name of the estimator."""
+        return self.settings.estimators[0]
+
+
+def study_options(document: Mapping[str, Any]) -> StudyOptions:
+    """The options of a parsed study file. InputError: no table [study], no name, no seeds, an unknown or unusable key."""
+    table = document.get("study")
+    if not isinstance(table, Mapping):
+        raise InputError("has no table [study]; give one with a name and the number of seeds")
+    for key, example in (("name", 'name = "known map"'), ("seeds", "seeds = 100")):
+        if key not in table:
+            raise InputError(f"study.{key} is missing; give it in [study], such as {example}")
+    given = validated(_StudyFile, {"study": dict(table)})["study"]
+    if not given.name.strip() or not given.name.isprintable() or len(given.name) > 200:
+        raise InputError(f"study.name is {shown(given.name)}; give one line of at most 200 characters")
+    return given
+
+
+@dataclass(frozen=True)
+class _StudyFile:
+    """Tables that are checked as dataclasses."""
+
+    study: StudyOptions
+    motion: MotionFactor = field(default_factory=MotionFactor)
+    body: BodyFactor = field(default_factory=BodyFactor)
+    sensor: SensorFactor = field(default_factory=SensorFactor)
+    noise: NoiseFactor = field(default_factory=NoiseFactor)
+    fault: FaultFactor = field(default_factory=FaultFactor)
+    belief: BeliefFactor = field(default_factory=BeliefFactor)
+
+
+_TABLES: Final = tuple(each.name for each in fields(_StudyFile) if each.name != "study")
+
+
+def check_tables(document: Mapping[str, Any]) -> None:
+    """Every table is known and holds tables of levels."""
+    known = ("study", "factors", *(name for name in FACTORS if name != "estimator"))
+    for key, table in document.items():
+        if key not in known:
+            raise InputError(f"unknown table {shown(key)}; known are {', '.join(known)}")
+        if not isinstance(table, Mapping):
+            raise InputError(f"{key} is {shown(table)}; it must be a table [{key}]")
+        if key in ("study", "factors"):
+            continue
+        for level, values in table.items():
+            if not isinstance(values, Mapping):
+                raise InputError(
+                    f"{key}.{shown(level)[1:-1]} is {shown(values)}; give it in a level such as [{key}.{BASE}]"
+                )
+            used = level == BASE or level in _levels(document).get(key, ())
+            if not used:
+                raise InputError(
+                    f"level {shown(level)} of {key} is not used; list it under [factors], or call it {BASE}"
+                )
+
+
+def _levels(document: Mapping[str, Any]) -> dict[str, list[Any]]:
+    """Levels of every factor in the order of `FACTORS`, factors of single keys before the estimator."""
+    table = document.get("factors")
+    if not isinstance(table, Mapping) or "estimator" not in table:
+        raise InputError('factors.estimator is missing; give it in [factors], such as estimator = ["mekf"]')
+    found: dict[str, list[Any]] = {}
+    for name, levels in table.items():
+        kind = name.split(".")[0]
+        if kind not in FACTORS or (kind == "estimator" and name != kind):
+            raise InputError(
+                f'unknown factor {shown(name)}; known are {", ".join(FACTORS)}, and single keys such as "noise.pixel_std"'
+            )
+        if not isinstance(levels, list) or not levels:
+            raise InputError(f"factor {shown(name)} is {shown(levels)}; give a list of levels")
+        if "." not in name and not all(isinstance(level, str) for level in levels):
+            raise InputError(
+                f"factor {name} has the levels {shown(levels)}; give names, each with a table [{name}.NAME]"
+            )
+        texts = [_text(level) for level in levels]
+        odd = next(
+            (text for text in texts if not text.isprintable() or not 0 < len(text) <= LONGEST_LEVEL), None
+        )
+        if odd is not None:
+            raise InputError(
+                f"factor {name} has the level {shown(odd)}; give one line of at most {LONGEST_LEVEL} characters"
+            )
+        if len(set(texts)) < len(texts):
+            raise InputError(f"factor {shown(name)} names a level twice in {shown(levels)}; name each once")
+        found[name] = levels
+    ordered = {name: found.get(name, [BASE]) for name in FACTORS[:-1]}
+    single = {name: levels for name, levels in found.items() if "." in name}
+    return ordered | single | {"estimator": found["estimator"]}
+
+
+def _text(level: Any) -> str:
+    """A level as its column has it."""
+    return level if isinstance(level, str) else json.dumps(level)
+
+
+def cells_of(document: Mapping[str, Any]) -> Iterator[Cell]:
+    """Every combination of levels, checked. InputError: a level, key or value that is unknown or unusable; too many cells."""
+    levels = _levels(document)
+    unknown = next((name for name in levels["estimator"] if name not in estimator_names()), None)
+    if unknown is not None:
+        raise InputError(f"unknown estimator {shown(unknown)}; choose from {', '.join(estimator_names())}")
+    count = math.prod(len(each) for each in levels.values())
+    if count > MOST_CELLS:
+        raise InputError(f"the factors make {count} cells; give at most {MOST_CELLS}")
+    made = _TableMaker(document)
+    for combination in product(*levels.values()):
+        yield made.cell(dict(zip(levels, combination, strict=True)))
+
+
+class _TableMaker:
+    """Checked tables of levels; the same level is checked once."""
+
+    def __init__(self, document: Mapping[str, Any]) -> None:
+        self._document = document
+        self._made: dict[str, Any] = {}
+
+    def cell(self, levels: Mapping[str, Any]) -> Cell:
+        """The cell of a combination of levels."""
+        parts = {kind: self._part(kind, levels) for kind in (*_TABLES, "settings")}
+        settings = replace(parts["settings"], estimators=(levels["estimator"],))
+        belief, _ = parts.pop("belief"), parts.pop("settings")
+        recording = RecordingFactors(**parts)
+        key = "scenario" + str(recording)
+        if key not in self._made:
+            self._made[key] = recording.scenario  # refuses what cannot be simulated
+        return Cell({name: _text(level) for name, level in levels.items()}, recording, belief, settings)
+
+    def _part(self, kind: str, levels: Mapping[str, Any]) -> Any:
+        tables = self._document.get(kind, {})
+        level = levels[kind]
+        if level != BASE and level not in tables:
+            raise InputError(f"level {shown(level)} of {kind} has no table; give [{kind}.{level}]")
+        merged = _merged(tables.get(BASE, {}), tables.get(level, {}))
+        for name, value in levels.items():
+            if name.startswith(f"{kind}."):
+                merged = _merged(merged, _nested(name.split(".")[1:], value))
+        key = kind + json.dumps(merged, sort_keys=True)
+        if key not in self._made:
+            self._made[key] = self._checked(kind, merged)
+        return self._made[key]
+
+    def _checked(self, kind: str, table: dict[str, Any]) -> Any:
+        if kind != "settings":
+            return validated(_StudyFile, {kind: table})[kind]
+        if "estimators" in table:
+            raise InputError("settings.estimators is given by the factor estimator; leave it out")
+        return settings_from(table, "settings")
+
+
+def _merged(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
+    """Tables with those of the second in place of the first's, key by key."""
+    merged = dict(first)
+    for key, value in second.items():
+        inner = merged.get(key)
+        if isinstance(inner, Mapping) and isinstance(value, Mapping):
+            merged[key] = _merged(inner, value)
+        else:
+            merged[key] = value
+    return merged
+
+
+def _nested(keys: list[str], value: Any) -> dict[str, Any]:
+    """A value in tables of tables."""
+    for key in reversed(keys):
+        value = {key: value}
+    return value

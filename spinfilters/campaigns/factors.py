@@ -1,0 +1,221 @@
+"""Factors of a study: what a recording is made of. The defaults are the common workload of 115 stereo epochs."""
+
+from dataclasses import dataclass
+from typing import Annotated, Final
+
+from spinfilters.errors import InputError
+from spinfilters.logs.number_range import LENGTH, RATE, SPEED, NumberRange
+from spinfilters.models.process import THESIS_NOISE, ProcessNoise
+from spinfilters.sensors.feature_tracks import EveryAppearance, Recognition, SomeAppearances
+from spinfilters.simulation.faults import (
+    Dropout,
+    Fault,
+    FrozenFrames,
+    Outliers,
+    PointsAtInfinity,
+    WrongAssociations,
+)
+from spinfilters.simulation.scenario import THESIS_RPM, Scenario
+from spinfilters.workflow.settings import TruthValue
+
+RPM = NumberRange(-1e6, 1e6, "rpm")
+MOMENT = NumberRange(1e-6, 1e6)
+STD = NumberRange(1e-12, 1e6)
+SHARE = NumberRange(0.0, 1.0)
+SHAPE = NumberRange(1e-6, 1e6)
+SECONDS = NumberRange(0.0, 1e9, "s")
+PSD = NumberRange(1e-20, 1e6, zero=True)
+EPOCHS = NumberRange(5, 100_000, whole=True)
+COUNT = NumberRange(0, 100_000, whole=True)
+Triple = tuple[Annotated[float, LENGTH], Annotated[float, LENGTH], Annotated[float, LENGTH]]
+
+
+@dataclass(frozen=True)
+class MotionFactor:
+    """How the body moves at first, and when it is seen.
+
+    Attributes
+    ----------
+    rate_rpm: about the principal axes.   velocity_m_s: of the centre of mass, frame i.   range_m: along the camera's axis.
+    attempts: motions drawn until one stays in view; the last is taken if none does.
+    """
+
+    rate_rpm: tuple[Annotated[float, RPM], Annotated[float, RPM], Annotated[float, RPM]] = THESIS_RPM
+    epochs: Annotated[int, EPOCHS] = 115
+    interval_s: Annotated[float, NumberRange(1e-6, 1e5, "s")] = 0.5
+    velocity_m_s: tuple[Annotated[float, SPEED], Annotated[float, SPEED], Annotated[float, SPEED]] = (
+        0.002,
+        0.001,
+        -0.001,
+    )
+    range_m: Annotated[float, NumberRange(1e-3, 1e6, "m")] = 0.6
+    attempts: Annotated[int, NumberRange(1, 10_000, whole=True)] = 200
+
+
+@dataclass(frozen=True)
+class BodyFactor:
+    """The body: principal moments of any scale, centre of mass in g, axes by yaw, pitch, roll, and its landmarks."""
+
+    principal_moments: tuple[Annotated[float, MOMENT], Annotated[float, MOMENT], Annotated[float, MOMENT]] = (
+        1.0322,
+        1.0,
+        0.8596,
+    )
+    center_of_mass_m: Triple = (0.02, -0.015, 0.01)
+    axes_euler_rad: Triple = (0.5, -0.3, 0.2)
+    landmarks: Annotated[int, NumberRange(4, 100_000, whole=True)] = 4250
+    radius_m: Annotated[float, NumberRange(1e-3, 1e6, "m")] = 0.12
+
+
+@dataclass(frozen=True)
+class SensorFactor:
+    """The sensor, and how a camera finds landmarks (`spinfilters.sensors.feature_tracks.FrontEnd`).
+
+    Attributes
+    ----------
+    known_map: whether estimators are told where the landmarks are.
+    recognition: two shapes of the Beta distribution of how often an appearance is known again; empty for always.
+    """
+
+    kind: str = "stereo-tracks"
+    known_map: Annotated[bool, TruthValue()] = False
+    detection: Annotated[float, NumberRange(1e-6, 1.0)] = 0.88
+    facing_cosine: Annotated[float, NumberRange(-1.0, 0.999)] = 0.4
+    recognition: tuple[Annotated[float, SHAPE], ...] = (0.45, 1.4)
+    fewest_observations: Annotated[int, COUNT] = 2
+
+    def __post_init__(self) -> None:
+        if len(self.recognition) not in (0, 2):
+            raise InputError(
+                f"sensor.recognition has {len(self.recognition)} numbers; give two, or [] for always"
+            )
+
+    @property
+    def recognised(self) -> Recognition:
+        """Which landmarks in view are known again."""
+        return SomeAppearances(*self.recognition) if self.recognition else EveryAppearance()
+
+
+@dataclass(frozen=True)
+class NoiseFactor:
+    """True noise of the sensors and densities of the disturbances; estimators are told it unless ``settings`` say otherwise."""
+
+    pixel_std: Annotated[float, STD] = 1.0
+    position_std_m: Annotated[float, STD] = 0.005
+    rotation_std_rad: Annotated[float, STD] = 0.01
+    gyro_std_rad_s: Annotated[float, STD] = 0.002
+    gyro_bias_rad_s: tuple[Annotated[float, RATE], Annotated[float, RATE], Annotated[float, RATE]] = (
+        0.0,
+        0.0,
+        0.0,
+    )
+    force_psd: Annotated[float, PSD] = THESIS_NOISE.force_psd
+    torque_psd: Annotated[float, PSD] = THESIS_NOISE.torque_psd
+
+
+@dataclass(frozen=True)
+class FaultFactor:
+    """What goes wrong with the measurements (`spinfilters.simulation.faults`), in this order; the defaults are nothing.
+
+    Attributes
+    ----------
+    wrong_associations, outliers: shares.   dropout_s: begin and end.   frozen_epochs: first epoch and how many repeat it.
+    points_at_infinity: how many in every epoch.
+    """
+
+    wrong_associations: Annotated[float, SHARE] = 0.0
+    outliers: Annotated[float, SHARE] = 0.0
+    dropout_s: tuple[Annotated[float, SECONDS], ...] = ()
+    frozen_epochs: tuple[Annotated[int, COUNT], ...] = ()
+    points_at_infinity: Annotated[int, COUNT] = 0
+
+    def __post_init__(self) -> None:
+        for name in ("dropout_s", "frozen_epochs"):
+            if len(getattr(self, name)) not in (0, 2):
+                raise InputError(
+                    f"fault.{name} has {len(getattr(self, name))} numbers; give two, or [] for none"
+                )
+
+    @property
+    def faults(self) -> list[Fault]:
+        """Those that are asked for."""
+        found: list[Fault] = []
+        if self.wrong_associations:
+            found.append(WrongAssociations(self.wrong_associations))
+        if self.outliers:
+            found.append(Outliers(self.outliers))
+        if self.dropout_s:
+            found.append(Dropout(self.dropout_s[0], self.dropout_s[1]))
+        if self.frozen_epochs:
+            found.append(FrozenFrames(self.frozen_epochs[0], self.frozen_epochs[1]))
+        if self.points_at_infinity:
+            found.append(PointsAtInfinity(self.points_at_infinity))
+        return found
+
+
+@dataclass(frozen=True)
+class BeliefFactor:
+    """Standard deviations of the prior around the truth that initial beliefs are drawn from (``initialisation = "drawn"``)."""
+
+    position_m: Annotated[float, STD] = 0.005
+    attitude_rad: Annotated[float, STD] = 0.02
+    velocity_m_s: Annotated[float, STD] = 0.005
+    rate_rad_s: Annotated[float, STD] = 0.02
+    center_of_mass_m: Annotated[float, STD] = 0.005
+    mass_distribution: Annotated[float, STD] = 0.05
+
+    @property
+    def by_block(self) -> dict[str, float]:
+        """By the name of the state's block."""
+        return {
+            "t": self.position_m,
+            "a": self.attitude_rad,
+            "v": self.velocity_m_s,
+            "w": self.rate_rad_s,
+            "c": self.center_of_mass_m,
+            "s": self.mass_distribution,
+        }
+
+
+@dataclass(frozen=True)
+class RecordingFactors:
+    """Everything that a simulated recording depends on but its seed."""
+
+    motion: MotionFactor
+    body: BodyFactor
+    sensor: SensorFactor
+    noise: NoiseFactor
+    fault: FaultFactor
+
+    @property
+    def scenario(self) -> Scenario:
+        """What is simulated. InputError: an unknown kind, a body that does not lie in front of the camera."""
+        motion, body, sensor, noise = self.motion, self.body, self.sensor, self.noise
+        return Scenario(
+            kind=sensor.kind,
+            principal_moments=body.principal_moments,
+            rate_rpm=motion.rate_rpm,
+            frames=motion.epochs,
+            interval=motion.interval_s,
+            range_m=motion.range_m,
+            velocity=motion.velocity_m_s,
+            center_of_mass_g=body.center_of_mass_m,
+            axes_euler_g=body.axes_euler_rad,
+            landmarks=body.landmarks,
+            radius_m=body.radius_m,
+            detection=sensor.detection,
+            facing_cosine=sensor.facing_cosine,
+            recognition=sensor.recognised,
+            fewest_sightings=sensor.fewest_observations,
+            pixel_std=noise.pixel_std,
+            position_std=noise.position_std_m,
+            rotation_std=noise.rotation_std_rad,
+            gyro_std=noise.gyro_std_rad_s,
+            gyro_bias=noise.gyro_bias_rad_s,
+            noise=ProcessNoise(noise.force_psd, noise.torque_psd),
+            candidates=motion.attempts,
+        )
+
+
+FACTORS: Final = ("motion", "body", "sensor", "noise", "fault", "belief", "settings", "estimator")
+"""Factors of a study; the estimator varies fastest, so that runs of one recording follow one another."""

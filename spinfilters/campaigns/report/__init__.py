@@ -1,0 +1,1 @@
+"""The report of a campaign: statistics of its rows, pictures, one page."""

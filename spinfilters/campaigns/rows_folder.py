@@ -1,0 +1,181 @@
+"""Rows of a campaign on disk: append-only Parquet parts, and a journal of what has come since the last part.
+
+A row is in the journal as soon as it is there, as a line of JSON, so that a kill at any moment loses none; parts are written whole
+and then take the journal's place. A line that a kill has cut short is no row.
+"""
+
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, Final
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from spinfilters.campaigns.schema import schema
+from spinfilters.errors import InputError
+from spinfilters.logs.atomic_write import atomic_file, make_folder
+from spinfilters.logs.input_file import named, reason
+
+ROWS: Final = "rows"
+PART_ROWS: Final = 5_000
+"""Rows of a part, at most."""
+_PART, _JOURNAL = ".parquet", ".jsonl"
+
+
+class RowsFolder:
+    """The rows of one campaign; one process writes at a time (`spinfilters.workflow.run_lock`).
+
+    Parameters
+    ----------
+    folder: of the campaign.   factors: names of the study's factors.
+
+    Raises
+    ------
+    InputError: at opening, a part that is damaged or of another study; it cannot be written.
+    """
+
+    def __init__(self, folder: Path, factors: Sequence[str]) -> None:
+        self.folder = folder / ROWS
+        self._schema = schema(list(factors))
+        self._journal: BinaryIO | None = None
+        self._journal_length = 0
+        make_folder(self.folder)
+        self._recover()
+
+    def __enter__(self) -> "RowsFolder":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            self._finish_part()
+        finally:
+            if self._journal is not None:
+                self._journal.close()
+                self._journal = None
+
+    def done(self) -> set[int]:
+        """Numbers of the runs that had a row when the folder was opened."""
+        found: set[int] = set()
+        for path in part_files(self.folder):
+            found.update(_read(path, self._schema, ["run"])["run"].to_pylist())
+        return found
+
+    def append(self, row: Mapping[str, Any]) -> None:
+        """Keep a row. InputError: it cannot be written, as on a full disk; what was kept before stays."""
+        line = json.dumps(row).encode() + b"\n"
+        try:
+            if self._journal is None:
+                path = self.folder / f"{self._next_number():06d}{_JOURNAL}"
+                self._journal = open(path, "xb", buffering=0)  # noqa: SIM115  closed with its part
+            written = self._journal.write(line)
+            if written != len(line):
+                raise OSError(28, os.strerror(28))
+        except OSError as error:
+            raise InputError(
+                f"{named(self.folder)}: cannot be written ({reason(error)}); free space, then go on with --resume"
+            ) from None
+        self._journal_length += 1
+        if self._journal_length >= PART_ROWS:
+            self._finish_part()
+
+    def _finish_part(self) -> None:
+        """Write the journal's rows as a part, then remove the journal."""
+        if self._journal is None:
+            return
+        journal = Path(self._journal.name)
+        _take_over(journal, self._schema)
+        self._journal.close()
+        self._journal, self._journal_length = None, 0
+
+    def _recover(self) -> None:
+        """Parts in the place of journals that a kill has left."""
+        for journal in sorted(self.folder.glob(f"*{_JOURNAL}")):
+            _take_over(journal, self._schema)
+        for left in self.folder.glob(".*.part"):
+            with suppress(OSError):
+                left.unlink()
+
+    def _next_number(self) -> int:
+        return 1 + max((int(path.stem) for path in part_files(self.folder)), default=0)
+
+
+def _take_over(journal: Path, wanted: pa.Schema) -> None:
+    """Put a part in the place of a journal."""
+    part = journal.with_suffix(_PART)
+    if not part.exists() and (rows := list(_journal_rows(journal))):
+        write_part(part, rows, wanted)
+    journal.unlink()
+
+
+def part_files(folder: Path) -> list[Path]:
+    """Parquet parts of a folder in the order of their numbers."""
+    return sorted(path for path in folder.glob(f"*{_PART}") if path.stem.isdecimal())
+
+
+def read_rows(folder: Path, factors: Sequence[str], columns: Sequence[str] | None = None) -> pa.Table:
+    """Rows of a campaign's folder in the order of runs, those of its journal among them.
+
+    Raises
+    ------
+    InputError: there are none, or a part is damaged or of another study.
+    """
+    rows, wanted = folder / ROWS, schema(list(factors))
+    tables = [_read(path, wanted, columns) for path in part_files(rows)]
+    for journal in sorted(rows.glob(f"*{_JOURNAL}")):
+        if not journal.with_suffix(_PART).exists():
+            table = _table(list(_journal_rows(journal)), wanted)
+            tables.append(table if columns is None else table.select(list(columns)))
+    if not sum(len(table) for table in tables):
+        raise InputError(f"{named(folder)}: holds no rows yet; run the campaign first")
+    table = pa.concat_tables(tables)
+    runs = table["run"].to_numpy()
+    order = np.unique(runs, return_index=True)[1]  # a row that stands twice counts once
+    return table if len(order) == len(runs) and (np.diff(runs) > 0).all() else table.take(order)
+
+
+def write_part(path: Path, rows: Sequence[Mapping[str, Any]], wanted: pa.Schema) -> None:
+    """Rows as a Parquet file, in the order of runs. Atomic; errors as `atomic_file`."""
+    ordered = sorted(rows, key=lambda row: row["run"])
+    write_table(path, _table(ordered, wanted))
+
+
+def write_table(path: Path, table: pa.Table) -> None:
+    """A table as a Parquet file. Atomic; errors as `atomic_file`."""
+    with atomic_file(path) as stream:
+        pq.write_table(table, stream, compression="zstd")
+
+
+def _table(rows: Sequence[Mapping[str, Any]], wanted: pa.Schema) -> pa.Table:
+    return pa.table(
+        {each.name: pa.array([row.get(each.name) for row in rows], each.type) for each in wanted}, wanted
+    )
+
+
+def _journal_rows(path: Path) -> Iterator[dict[str, Any]]:
+    """Rows of the whole lines."""
+    for line in path.read_bytes().split(b"\n"):
+        with suppress(ValueError):  # cut short by a kill
+            row = json.loads(line)
+            if isinstance(row, dict) and isinstance(row.get("run"), int):
+                yield row
+
+
+def _read(path: Path, wanted: pa.Schema, columns: Sequence[str] | None) -> pa.Table:
+    try:
+        with pq.ParquetFile(path) as file:
+            if file.schema_arrow.remove_metadata() != wanted:
+                raise InputError(
+                    f"{named(path)}: has other columns than the study; it is of another version or study"
+                )
+            return file.read(None if columns is None else list(columns))
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise InputError(
+            f"{named(path)}: is no Parquet file of a campaign ({reason(error)}); remove it and resume"
+        ) from None

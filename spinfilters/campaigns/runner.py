@@ -1,0 +1,177 @@
+"""One run of a study: simulate, initialise, estimate, evaluate; a row in the end, whatever happens."""
+
+import platform
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from importlib.metadata import version
+from typing import Any, Final, TypeVar
+
+import numpy as np
+
+from spinfilters.campaigns.factor_table import Cell
+from spinfilters.campaigns.initial_belief import prepared_with_drawn_belief
+from spinfilters.campaigns.metrics import bound_metrics, metrics
+from spinfilters.campaigns.randomness import run_seeds, whole_number
+from spinfilters.campaigns.schema import TIMES
+from spinfilters.campaigns.study import Run, Study
+from spinfilters.errors import SpinfiltersError
+from spinfilters.estimators.estimator import Estimator
+from spinfilters.estimators.timeline import Timeline
+from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.logs.dataset import Dataset
+from spinfilters.logs.input_file import printable
+from spinfilters.simulation.faults import with_faults
+from spinfilters.simulation.motion import Motion
+from spinfilters.simulation.motion_in_view import motion_in_view
+from spinfilters.simulation.scenario import measured, without_map
+from spinfilters.workflow.bound import with_bounds, without_bounds
+from spinfilters.workflow.estimation import ComparisonExtent, compare_estimators
+from spinfilters.workflow.preparation import Prepared, prepare
+
+LONGEST_REASON: Final = 500
+"""Characters of a row's reason."""
+PACKAGES: Final = ("numpy", "scipy", "casadi")
+Row = dict[str, Any]
+T = TypeVar("T")
+
+
+class Runner:
+    """Runs of a study, one at a time. What successive runs share is made once; no row depends on what ran before."""
+
+    def __init__(self, study: Study) -> None:
+        self.study = study
+        self._latest: dict[str, tuple[object, Any]] = {}
+        self._bounds: dict[int, dict[str, Any]] = {}
+        self._spent = dict.fromkeys(TIMES, 0.0)
+        self._versions = _versions()
+
+    def row(self, index: int) -> Row:
+        """The row of a run; an error of the run is what its row says."""
+        run, begin = self.study.run(index), time.perf_counter()
+        self._spent = dict.fromkeys(TIMES, 0.0)
+        try:
+            result = self._result(run)
+        except KeyboardInterrupt:
+            raise
+        except SpinfiltersError as error:
+            result = {"outcome": "refused", "reason": _short(str(error))}
+        except Exception as error:  # one run's fault is that run's row
+            result = {"outcome": "raised", "reason": _short(f"{type(error).__name__}: {error}")}
+        spent = {f"time_{name}_s": seconds for name, seconds in self._spent.items()}
+        taken = {"time_total_s": time.perf_counter() - begin}
+        return asked(self.study, index) | result | self._versions | spent | taken | when_and_where()
+
+    def recording(self, run: Run) -> Dataset:
+        """The data set of a run."""
+        cell = self.study.cells[run.cell]
+        factors = cell.recording
+        return self._once("recording", (run.seed, factors), lambda: self._simulated(run, cell))
+
+    def prepared(self, run: Run) -> Prepared:
+        """The run's data set, initialised."""
+        cell = self.study.cells[run.cell]
+        dataset = self.recording(run)
+        key = (run.seed, cell.recording, cell.belief, cell.settings.process, cell.settings.sensors)
+        key = (*key, cell.settings.start, cell.settings.landmarks)
+        with self._timed("initialise"):
+            return self._once("prepared", key, lambda: self._initialised(run, cell, dataset))
+
+    def evaluated(self, run: Run, with_bound: bool) -> Evaluation:
+        """The run's estimator, evaluated."""
+        prepared, settings = self.prepared(run), self.study.cells[run.cell].settings
+        extent = ComparisonExtent(with_bounds if with_bound else without_bounds, _no_rehearsal)
+        with self._timed("estimate"):
+            found = compare_estimators(prepared, settings, lambda *_: None, extent=extent)
+        if found.interrupted:
+            raise KeyboardInterrupt
+        return found.evaluations[0]
+
+    def _result(self, run: Run) -> Row:
+        bound = self.study.options.bound
+        evaluation = self.evaluated(run, bound == "run")
+        with self._timed("evaluate"):
+            truth = self.recording(run).truth
+            found = metrics(evaluation, truth)
+        limits = self._motion_bound(run) if bound == "motion" else bound_metrics(evaluation)
+        return {"outcome": "done", "reason": ""} | found | limits
+
+    def _motion_bound(self, run: Run) -> dict[str, Any]:
+        """The bound of the cell's first seed."""
+        if run.cell not in self._bounds:
+            spent = self._spent
+            self._spent = dict.fromkeys(TIMES, 0.0)
+            try:
+                first = self.study.run(run.cell)
+                self._bounds[run.cell] = bound_metrics(self.evaluated(first, with_bound=True))
+            except SpinfiltersError:
+                self._bounds[run.cell] = {}
+            self._spent = spent
+        return self._bounds[run.cell]
+
+    def _simulated(self, run: Run, cell: Cell) -> Dataset:
+        with self._timed("simulate"):
+            seeds, factors = run_seeds(self.study.options.root_seed, run.seed), cell.recording
+            scenario = factors.scenario
+            key = (run.seed, factors.motion, factors.body, scenario.noise, scenario.kind)
+            motion: Motion = self._once(
+                "motion", key, lambda: motion_in_view(scenario, np.random.default_rng(seeds.motion))
+            )
+            dataset = measured(scenario, motion, np.random.default_rng(seeds.measurements))
+            if not factors.sensor.known_map:
+                dataset = without_map(dataset)
+            return with_faults(dataset, factors.fault.faults, whole_number(seeds.faults))
+
+    def _initialised(self, run: Run, cell: Cell, dataset: Dataset) -> Prepared:
+        if self.study.options.initialisation == "data":
+            return prepare(dataset, cell.settings)
+        generator = np.random.default_rng(run_seeds(self.study.options.root_seed, run.seed).belief)
+        return prepared_with_drawn_belief(dataset, cell.settings, cell.belief, generator)
+
+    def _once(self, what: str, key: object, make: Callable[[], T]) -> T:
+        """What was made last, where it is the same again."""
+        if what not in self._latest or self._latest[what][0] != key:
+            self._latest.pop(what, None)
+            self._latest[what] = (key, make())
+        return self._latest[what][1]
+
+    @contextmanager
+    def _timed(self, what: str) -> Iterator[None]:
+        begin = time.process_time()
+        try:
+            yield
+        finally:
+            self._spent[what] += time.process_time() - begin
+
+
+def asked(study: Study, index: int) -> Row:
+    """The columns of a row that tell what was asked."""
+    run = study.run(index)
+    return {"run": index, "cell": run.cell, "seed": run.seed, **study.cells[run.cell].levels}
+
+
+def ended(study: Study, index: int, outcome: str, reason: str, seconds: float) -> Row:
+    """The row of a run whose process was ended."""
+    result = {"outcome": outcome, "reason": _short(reason), "time_total_s": seconds}
+    return asked(study, index) | result | _versions() | when_and_where()
+
+
+def when_and_where() -> Row:
+    """The columns that tell when and where a run was made."""
+    return {"finished": datetime.now(UTC).isoformat(timespec="milliseconds"), "host": platform.node()}
+
+
+def _no_rehearsal(_estimator: Estimator, _time: float, _timeline: Timeline) -> None:
+    """A campaign looks at no time per epoch, so that nothing need be built before."""
+
+
+def _versions() -> Row:
+    packages = " ".join(
+        [f"python {platform.python_version()}", *(f"{name} {version(name)}" for name in PACKAGES)]
+    )
+    return {"version": version("spinfilters"), "packages": packages}
+
+
+def _short(text: str) -> str:
+    return printable(" ".join(text.split()))[:LONGEST_REASON]

@@ -1,0 +1,103 @@
+"""A study: what is asked, as a table of factors times seeds; read from TOML, checked whole before anything runs."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from spinfilters.campaigns.factor_table import Cell, cells_of, check_tables, study_options
+from spinfilters.campaigns.study_options import MOST_RUNS, OPEN_KEYS, StudyOptions
+from spinfilters.errors import InputError
+from spinfilters.logs.input_file import named
+from spinfilters.logs.settings_files import read_toml
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run: its number, its cell's number and its seed's."""
+
+    index: int
+    cell: int
+    seed: int
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A checked study.
+
+    Attributes
+    ----------
+    document: as plain tables, from which any process makes the same study.
+    """
+
+    options: StudyOptions
+    cells: tuple[Cell, ...]
+    document: Mapping[str, Any] = field(repr=False)
+
+    @property
+    def name(self) -> str:
+        """Of the study."""
+        return self.options.name
+
+    def __len__(self) -> int:
+        """Number of runs."""
+        return len(self.cells) * self.options.seeds
+
+    def run(self, index: int) -> Run:
+        """The run of a number: all cells of the first seed come first, so that more seeds only add runs behind."""
+        seed, cell = divmod(index, len(self.cells))
+        return Run(index, cell, seed)
+
+    @property
+    def estimators(self) -> int:
+        """How many runs of the same recording and settings follow one another."""
+        return len({cell.estimator for cell in self.cells})
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Digest of everything that a run depends on."""
+        kept = {key: value for key, value in asdict(self.options).items() if key not in OPEN_KEYS}
+        text = json.dumps([kept, {k: v for k, v in self.document.items() if k != "study"}], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:24]
+
+    @property
+    def columns(self) -> list[str]:
+        """Names of the factors."""
+        return list(self.cells[0].levels)
+
+    @property
+    def varied(self) -> list[str]:
+        """Names of the factors with more than one level."""
+        return [name for name in self.columns if len({cell.levels[name] for cell in self.cells}) > 1]
+
+
+def read_study(path: Path) -> Study:
+    """Study of a TOML file.
+
+    Raises
+    ------
+    InputError: missing, not TOML, an unknown table, factor, level or key, a value of another type or out of its range, no seeds.
+    """
+    return study_from(read_toml(path), named(path))
+
+
+def study_from(document: Mapping[str, Any], source: str) -> Study:
+    """Study of parsed TOML; ``source`` names it in errors. Errors: `read_study`."""
+    try:
+        options = study_options(document)
+        check_tables(document)
+        cells = tuple(cells_of(document))
+        if len(cells) * options.seeds > MOST_RUNS:
+            raise InputError(
+                f"{len(cells)} cells times {options.seeds} seeds are more than {MOST_RUNS} runs; give fewer"
+            )
+        return Study(options, cells, json.loads(json.dumps(document)))
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None
+    except (TypeError, ValueError) as error:  # dates and the like, which JSON has not
+        raise InputError(
+            f"{source}: holds a value that no factor takes ({error}); give numbers and texts"
+        ) from None
