@@ -36,7 +36,7 @@ from spinfilters.logs.truth import TRUTH_TABLE, Truth, read_truth
 DATASET_FILE: Final[str] = "dataset.toml"
 LANDMARK_FILE: Final[str] = "landmarks.csv"
 _FRONT_ENDS = {
-    "stereo-images": "tracks.csv of rectified feature tracks with kind = 'stereo-tracks'",
+    "stereo-images": "tracks.csv with kind = 'stereo-tracks' ('spinfilters track' makes it of images in cam0/data and cam1/data)",
     "lidar-scans": "poses.tum of the registered scans with kind = 'pose'",
 }
 _LARGEST_FILE = 2**63  # the reader that follows has its own limit
@@ -124,6 +124,12 @@ def read_dataset(path: str | os.PathLike[str], segment: int | None = None) -> Da
     if segment is not None:
         raise InputError(f"{named(Path(path))}: has no segments; leave out --segment {segment}")
     return _read_folder(Path(path)) if os.path.isdir(path) else _read_file(Path(path))
+
+
+def has_images(path: str | os.PathLike[str]) -> bool:
+    """Whether a path is a folder of stereo images without tracks of them, which a front end must follow first."""
+    folder = Path(path)
+    return os.path.isdir(folder / "cam0" / "data") and not os.path.lexists(folder / "tracks.csv")
 
 
 def read_segments(path: str | os.PathLike[str], on_refused: OnRefused | None = None) -> list[Dataset]:
