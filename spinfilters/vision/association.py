@@ -17,6 +17,7 @@ from spinfilters.logs.camera import StereoRig
 from spinfilters.perception.matches import Matches
 from spinfilters.perception.pose_fit import FittedPose, fit_pose
 from spinfilters.vision.constant_rate import TimedPose, constant_rate
+from spinfilters.vision.epoch_observations import EpochObservations
 from spinfilters.vision.landmark_views import LandmarkViews, second_numbers
 from spinfilters.vision.loss_count import LossCount
 from spinfilters.vision.stereo_geometry import near_pairs, pixels_by_point, pixels_of
@@ -30,6 +31,8 @@ RECENT: Final = 3
 """Epochs whose landmarks the odometry looks at."""
 FEWEST: Final = 8
 """Matches that a pose must rest on."""
+CLEAR_SHARE: Final = 0.2
+"""Of the points that are found in the map: with fewer, poses from all landmarks are tried too."""
 PLACE_FLOOR: Final = 0.3
 """px: standard deviation that a pose of a growing map adds to every match's place."""
 
@@ -55,24 +58,6 @@ class Association:
     same_px: float = 1.5
 
 
-@dataclass(frozen=True)
-class EpochObservations:
-    """What an epoch sees.
-
-    Attributes
-    ----------
-    epoch: number.   time: s.   pose: (t, q_ig) of g.   ids: (n,) landmarks.   points: the features that they are.
-    covariance: (n, 3, 3) px^2.
-    """
-
-    epoch: int
-    time: float
-    pose: Float[np.ndarray, " 7"]
-    ids: Int[np.ndarray, " n"]
-    points: StereoFeatures
-    covariance: Float[np.ndarray, "n 3 3"]
-
-
 class Tracker:
     """Landmarks of the epochs so far, and the association of the next one with them."""
 
@@ -95,7 +80,7 @@ class Tracker:
                 return None
             return self._first(epoch, time, points, pose)
         if pose is None:
-            pose = self._odometry(epoch, time, points)
+            pose = self._odometry(time, points)
             if pose is None:
                 return None
         return self._registered(epoch, time, points, pose)
@@ -110,53 +95,76 @@ class Tracker:
             pose = np.array([*middle, 0.0, 0.0, 0.0, 1.0])
         return self._kept(epoch, time, points, pose, self.landmarks.add(len(points)))
 
-    def _odometry(self, epoch: int, time: float, points: StereoFeatures) -> Float[np.ndarray, " 7"] | None:
-        """Pose from landmarks of the latest epochs; from all, where these do not tell it."""
+    def _odometry(self, time: float, points: StereoFeatures) -> Float[np.ndarray, " 7"] | None:
+        """Pose from landmarks of the latest epochs, or at a constant rate; from all landmarks where these explain little.
+
+        The one is taken that most landmarks are found with: wrong matches may agree on a pose among themselves.
+        """
         assert self.landmarks is not None
         if len(points) < FEWEST:
             self._losses.lose(EPOCHS, "with too few points")
             return None
         active = self.landmarks.active
         recent = np.flatnonzero(active & (self.landmarks.last_seen > self._latest - RECENT))
-        for rows in (recent, np.flatnonzero(active)):
-            pairs = clear_pairs(
-                points.features.descriptors @ self.landmarks.latest_view(rows).T,
-                self._options.similarity,
-                self._options.ratio,
-                self._losses,
-                ODOMETRY,
-            )
-            fit = self._fit(points, pairs[:, 0], rows[pairs[:, 1]])
-            if fit is not None:
-                return fit.pose
-        predicted = constant_rate(self._poses[-2:], time)
-        if predicted is not None and self._supports(points, predicted):
-            return predicted
-        self._losses.lose(EPOCHS, "whose pose was not found")
-        return None
+        poses = [self._matched(points, recent), constant_rate(self._poses[-2:], time)]
+        best, support = self._best(points, poses)
+        if support < CLEAR_SHARE * len(points):
+            best, support = self._best(points, [best, self._matched(points, np.flatnonzero(active))])
+        if support < FEWEST:
+            self._losses.lose(EPOCHS, "whose pose was not found")
+            return None
+        return best
+
+    def _best(
+        self, points: StereoFeatures, poses: list[Float[np.ndarray, " 7"] | None]
+    ) -> tuple[Float[np.ndarray, " 7"] | None, int]:
+        """The pose with which most landmarks are found where they must be, and how many."""
+        best, most = None, 0
+        for pose in poses:
+            support = 0 if pose is None else self._support(points, pose)
+            if support > most:
+                best, most = pose, support
+        return best, most
+
+    def _support(self, points: StereoFeatures, pose: Float[np.ndarray, " 7"]) -> int:
+        features, rows = self._search(points, pose, 1.0, LossCount())
+        fit = self._fit(points, features, rows)
+        return (
+            0 if fit is None else int(np.count_nonzero(self._within_gate(points, fit.pose, features, rows)))
+        )
+
+    def _matched(self, points: StereoFeatures, rows: Int[np.ndarray, " m"]) -> Float[np.ndarray, " 7"] | None:
+        """Pose from features that look like some landmarks, wherever these are; those that disagree are counted."""
+        assert self.landmarks is not None
+        pairs = clear_pairs(
+            points.features.descriptors @ self.landmarks.latest_view(rows).T,
+            self._options.similarity,
+            self._options.ratio,
+            self._losses,
+            ODOMETRY,
+        )
+        features, chosen = pairs[:, 0], rows[pairs[:, 1]]
+        fit = self._fit(points, features, chosen)
+        if fit is None:
+            self._losses.lose(ODOMETRY, "of an epoch with too few", len(pairs))
+            return None
+        agreeing = int(np.count_nonzero(self._within_gate(points, fit.pose, features, chosen)))
+        self._losses.lose(ODOMETRY, "against the motion of the others", len(pairs) - agreeing)
+        self._losses.keep(ODOMETRY, agreeing)
+        return fit.pose
 
     def _fit(
         self, points: StereoFeatures, features: Int[np.ndarray, " n"], rows: Int[np.ndarray, " n"]
     ) -> FittedPose | None:
-        """Pose of matches; those that disagree are counted."""
+        """Pose that most of the matches agree on (absolute orientation within RANSAC, then Gauss-Newton)."""
         assert self.landmarks is not None
         if len(rows) < FEWEST:
-            self._losses.lose(ODOMETRY, "of an epoch with too few", len(rows))
             return None
         noise = self._covariance(points)[features]
         matches = Matches(
             self.landmarks.points[rows], points.values[features], noise, self.landmarks.covariance[rows]
         )
-        fit = fit_pose(matches, self._rig.calibration)
-        agreeing = 0 if fit is None else int(np.count_nonzero(fit.inliers))
-        self._losses.lose(ODOMETRY, "against the motion of the others", len(rows) - agreeing)
-        self._losses.keep(ODOMETRY, agreeing)
-        return fit if agreeing >= FEWEST else None
-
-    def _supports(self, points: StereoFeatures, pose: Float[np.ndarray, " 7"]) -> bool:
-        """Whether enough landmarks lie where a predicted pose puts them."""
-        features, _ = self._search(points, pose, 3.0, LossCount())
-        return len(features) >= 2 * FEWEST
+        return fit_pose(matches, self._rig.calibration)
 
     def _registered(
         self, epoch: int, time: float, points: StereoFeatures, pose: Float[np.ndarray, " 7"]
@@ -164,9 +172,8 @@ class Tracker:
         """Observations of an epoch whose pose is roughly known."""
         assert self.landmarks is not None
         features, rows = self._search(points, pose, 1.0, LossCount())
-        if len(features) >= FEWEST:
-            fit = self._fit_map(points, features, rows)
-            pose = pose if fit is None else fit.pose
+        fit = self._fit(points, features, rows)
+        pose = pose if fit is None else fit.pose
         features, rows = self._search(points, pose, 0.6, self._losses)
         good = self._within_gate(points, pose, features, rows)
         self._losses.lose(GLOBAL, "too far from their place", int(np.count_nonzero(~good)))
@@ -180,16 +187,6 @@ class Tracker:
         ids[new] = self.landmarks.add(int(np.count_nonzero(new)))
         chosen = ids >= 0
         return self._kept(epoch, time, points.part(chosen), pose, ids[chosen])
-
-    def _fit_map(
-        self, points: StereoFeatures, features: Int[np.ndarray, " n"], rows: Int[np.ndarray, " n"]
-    ) -> FittedPose | None:
-        assert self.landmarks is not None
-        noise = self._covariance(points)[features]
-        matches = Matches(
-            self.landmarks.points[rows], points.values[features], noise, self.landmarks.covariance[rows]
-        )
-        return fit_pose(matches, self._rig.calibration)
 
     def _search(
         self, points: StereoFeatures, pose: Float[np.ndarray, " 7"], scale: float, losses: LossCount

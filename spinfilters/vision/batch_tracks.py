@@ -12,8 +12,9 @@ from spinfilters.errors import InputError
 from spinfilters.geometry.triangulation import triangulate
 from spinfilters.logs.camera import StereoRig
 from spinfilters.logs.measurement_log import MeasurementStream
-from spinfilters.vision.association import EPOCHS, EpochObservations, Tracker
+from spinfilters.vision.association import EPOCHS, Tracker
 from spinfilters.vision.bundle_adjustment import Adjusted, Observations, adjust
+from spinfilters.vision.epoch_observations import EpochObservations
 from spinfilters.vision.front_end import FrontEndOptions
 from spinfilters.vision.loss_count import LossCount
 from spinfilters.vision.shared_errors import SharedErrors, shared_errors

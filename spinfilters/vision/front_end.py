@@ -7,7 +7,8 @@ from typing import Final
 import numpy as np
 from jaxtyping import UInt8
 
-from spinfilters.vision.association import Association, EpochObservations, Tracker
+from spinfilters.vision.association import Association, Tracker
+from spinfilters.vision.epoch_observations import EpochObservations
 from spinfilters.vision.features import Detector, Features, detector, exposure_gain, stretched
 from spinfilters.vision.image_folder import ImagePair
 from spinfilters.vision.loss_count import LossCount

@@ -76,6 +76,21 @@ class Rectification:
         (map_left, map_right), mode = self._maps, MODE
         return cv2.remap(left, *map_left, mode), cv2.remap(right, *map_right, mode)
 
+    def points(
+        self, left: Float[np.ndarray, "n 2"], right: Float[np.ndarray, "n 2"]
+    ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]:
+        """Rectified pixels of raw ones."""
+        cameras = (self.rig.left, self.rig.right)
+        found = [
+            cv2.undistortPoints(
+                raw.reshape(-1, 1, 2), each.camera_matrix, each.distortion, R=turn, P=projection
+            )
+            for raw, each, turn, projection in zip(
+                (left, right), cameras, self._solution[:2], self._solution[2:], strict=True
+            )
+        ]
+        return found[0].reshape(-1, 2), found[1].reshape(-1, 2)
+
     def truth(self, truth: Truth) -> Truth:
         """The truth with the rectified left camera as frame i, instead of the raw one."""
         R = self.rotation

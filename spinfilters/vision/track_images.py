@@ -15,8 +15,8 @@ from spinfilters.logs.input_file import named, printable
 from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.logs.settings_files import read_toml
 from spinfilters.logs.truth import read_truth
-from spinfilters.vision.association import EpochObservations
 from spinfilters.vision.batch_tracks import batch_tracks
+from spinfilters.vision.epoch_observations import EpochObservations
 from spinfilters.vision.front_end import FrontEndOptions, OnlineFrontEnd, StereoPoints
 from spinfilters.vision.image_folder import PairReader, read_pairs, stamped_pairs
 from spinfilters.vision.loss_count import LossCount
