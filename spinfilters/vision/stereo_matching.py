@@ -159,10 +159,12 @@ def _aligned(
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
         minEigThreshold=1e-4,
     )
-    place = place[:, 0].astype(float)
+    found = status[:, 0] == 1  # elsewhere the other arrays hold whatever memory held
+    place = np.where(found[:, None], place[:, 0], start.astype(np.float32)).astype(float)
+    error = np.where(found, error[:, 0], np.float32(0)).astype(float)
     moved = np.linalg.norm(place - start, axis=1) <= options.window / 2
     contrast = _contrast(images[0], pixels, options.window)
-    return place, error[:, 0] / np.maximum(contrast, 1.0), (status[:, 0] == 1) & moved
+    return place, error / np.maximum(contrast, 1.0), found & moved
 
 
 def _contrast(
