@@ -3,6 +3,7 @@
 import os
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from spinfilters.api.argument_ranges import (
     DEFAULT_MOMENTS,
@@ -13,7 +14,7 @@ from spinfilters.api.argument_ranges import (
     require_motion,
 )
 from spinfilters.errors import InputError
-from spinfilters.logs.dataset import Dataset, read_dataset
+from spinfilters.logs.dataset import Dataset, has_images, read_dataset
 from spinfilters.logs.input_file import shown
 from spinfilters.logs.sensor_format import dataset_kinds
 from spinfilters.simulation.inspector import STATIC
@@ -26,7 +27,7 @@ MOST_TURNS = 100
 
 
 def load(path: str | os.PathLike[str], segment: int | None = None) -> Dataset:
-    """Data set of a folder or file: whatever ``spinfilters compare`` reads.
+    """Data set of a folder or file: whatever ``spinfilters compare`` reads; of stereo images it is their tracks.
 
     Parameters
     ----------
@@ -40,6 +41,10 @@ def load(path: str | os.PathLike[str], segment: int | None = None) -> Dataset:
     """
     if segment is not None:
         SEGMENT.require("segment", segment)
+    if segment is None and has_images(path):
+        from spinfilters.vision.track_images import track_images
+
+        return track_images(Path(path)).dataset
     return read_dataset(path, segment)
 
 

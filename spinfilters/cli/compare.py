@@ -13,7 +13,7 @@ from spinfilters.api.runs import estimator_names
 from spinfilters.cli.console import progress_bars, wide_console
 from spinfilters.errors import InputError
 from spinfilters.evaluation.comparison import comparison_table
-from spinfilters.logs.dataset import Dataset, read_dataset
+from spinfilters.logs.dataset import Dataset, has_images, read_dataset
 from spinfilters.logs.input_file import shown
 from spinfilters.simulation.scenario import Scenario, simulate, without_map
 from spinfilters.workflow.conditions import conditions_of
@@ -117,4 +117,17 @@ def _dataset(options: argparse.Namespace) -> Dataset:
         if not re.fullmatch(r"[0-9]{1,9}", options.segment):
             raise InputError(f"--segment {shown(options.segment)} is no segment; give a number or 'all'")
         segment = int(options.segment)
-    return read_dataset(options.dataset, segment)
+    return read_dataset(options.dataset, segment) if segment is not None else _recording(options.dataset)
+
+
+def _recording(path: str) -> Dataset:
+    """The data set of a path; the tracks of stereo images, and what was lost on the way."""
+    if not has_images(path):
+        return read_dataset(path)
+    from spinfilters.vision.track_images import track_images
+
+    with progress_bars() as report:
+        tracked = track_images(Path(path), progress=report)
+    for line in tracked.losses.sentences():
+        wide_console().print(line, highlight=False, soft_wrap=True)
+    return tracked.dataset

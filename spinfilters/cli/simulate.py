@@ -7,6 +7,7 @@ import numpy as np
 
 from spinfilters.api.recordings import simulate as simulated
 from spinfilters.cli.console import progress_bars, wide_console
+from spinfilters.errors import InputError
 from spinfilters.evaluation.rates import true_rates
 from spinfilters.logs.dataset_writing import write_dataset
 from spinfilters.logs.output_folder import output_folder, refuse_foreign
@@ -14,12 +15,17 @@ from spinfilters.plots.rates import rates_figure
 from spinfilters.plots.style import save_figure
 
 COMMAND = "simulate"
+IMAGE_KIND = "stereo-images"
 
 
 def simulate(options: argparse.Namespace) -> int:
     """Write a simulated data set and a picture of its true rates."""
     folder = Path(options.output)
     refuse_foreign(folder, COMMAND)
+    if options.kind == IMAGE_KIND:
+        return _simulate_images(options, folder)
+    if options.shape is not None or options.foil is not None:
+        raise InputError(f"--shape and --foil are for --kind {IMAGE_KIND}; a {options.kind} has no images")
     with progress_bars() as report:
         dataset = simulated(
             options.kind,
@@ -43,4 +49,25 @@ def simulate(options: argparse.Namespace) -> int:
     wide_console().print(
         f"{dataset.description}: {count} measurements in {folder}{lost}", highlight=False, soft_wrap=True
     )
+    return 0
+
+
+def _simulate_images(options: argparse.Namespace, folder: Path) -> int:
+    """Render the motion's stereo images."""
+    from spinfilters.api.image_recordings import ImageScenario, render
+
+    if options.known_map or options.gyro_bias is not None:
+        raise InputError(f"--known-map and --gyro-bias are not for --kind {IMAGE_KIND}; leave them out")
+    scenario = ImageScenario(
+        shape=options.shape or ImageScenario.shape,
+        rate_rpm=tuple(options.rate_rpm),
+        moments=tuple(options.moments),
+        frames=options.frames,
+        interval=options.interval,
+        seed=options.seed,
+        foil=options.foil or 0.0,
+    )
+    with progress_bars() as report, output_folder(folder, COMMAND) as place:
+        description = render(scenario, place, lambda done, total: report("images", done, total))
+    wide_console().print(f"{description}: in {folder}", highlight=False, soft_wrap=True)
     return 0

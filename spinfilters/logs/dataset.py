@@ -120,6 +120,12 @@ def read_dataset(path: str | os.PathLike[str], segment: int | None = None) -> Da
     return reader.read(place, segment)
 
 
+def has_images(path: str | os.PathLike[str]) -> bool:
+    """Whether a path is a folder of stereo images without tracks of them, which a front end must follow first."""
+    folder = Path(path)
+    return os.path.isdir(folder / "cam0" / "data") and not os.path.lexists(folder / "tracks.csv")
+
+
 def read_segments(path: str | os.PathLike[str], on_refused: OnRefused | None = None) -> list[Dataset]:
     """Every kept segment of a phyphox folder; of any other path its one data set. Errors: `read_dataset`.
 

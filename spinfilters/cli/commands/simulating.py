@@ -5,6 +5,7 @@ import argparse
 from spinfilters.api.argument_ranges import GYRO_BIAS, SEED
 from spinfilters.cli.arguments import add_motion, number
 from spinfilters.cli.command import Command, Subparsers
+from spinfilters.logs.number_range import NumberRange
 
 
 def add_simulate(commands: Subparsers) -> argparse.ArgumentParser:
@@ -14,7 +15,9 @@ def add_simulate(commands: Subparsers) -> argparse.ArgumentParser:
     )
     simulate.add_argument("-o", "--output", metavar="DATASET", required=True, help="folder of the data set")
     simulate.add_argument(
-        "--kind", default="stereo-tracks", help="stereo-tracks, mono-tracks, pose, attitude or gyro"
+        "--kind",
+        default="stereo-tracks",
+        help="stereo-tracks, mono-tracks, pose, attitude, gyro, or stereo-images, which are rendered",
     )
     simulate.add_argument("--seed", type=number(SEED), default=0)
     simulate.add_argument(
@@ -32,6 +35,15 @@ def add_simulate(commands: Subparsers) -> argparse.ArgumentParser:
         default="static",
         metavar="static|circle",
         help="circle: the camera flies about the body, and inspector.tum says how",
+    )
+    simulate.add_argument(
+        "--shape",
+        help="of the body in stereo-images: spheres (default), box, octahedron, or a mesh (.obj, binary .stl, .tab, .txt)",
+    )
+    simulate.add_argument(
+        "--foil",
+        type=number(NumberRange(0, 1)),
+        help="share of the surface that is crinkled metal foil, in stereo-images (default 0)",
     )
     add_motion(simulate)
     return simulate

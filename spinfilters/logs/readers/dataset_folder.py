@@ -20,7 +20,7 @@ from spinfilters.logs.track_files import read_landmarks
 from spinfilters.logs.truth import read_truth
 
 _FRONT_ENDS = {
-    "stereo-images": "tracks.csv of rectified feature tracks with kind = 'stereo-tracks'",
+    "stereo-images": "tracks.csv with kind = 'stereo-tracks' ('spinfilters track' makes it of images in cam0/data and cam1/data)",
     "lidar-scans": "poses.tum of the registered scans with kind = 'pose'",
 }
 

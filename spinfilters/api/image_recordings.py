@@ -1,0 +1,112 @@
+"""Rendered stereo images of a simulated motion."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from spinfilters.logs.truth import Truth
+from spinfilters.simulation.motion import silent
+from spinfilters.simulation.scenario import THESIS_RPM, Scenario, simulate
+from spinfilters.vision.raw_rig import RawCamera, RawRig
+from spinfilters.vision.rendering.body_view import Appearance
+from spinfilters.vision.rendering.image_sequence import Stage, write_sequence
+from spinfilters.vision.rendering.imaging import Imaging
+from spinfilters.vision.rendering.surface_texture import SurfaceTexture
+from spinfilters.vision.rendering.triangle_mesh import named_mesh
+
+IMAGE_KIND: Final = "stereo-images"
+_FOCAL_PX, _BASELINE_M = 466.7, 0.09
+_SIZE = (640, 480)
+
+
+@dataclass(frozen=True)
+class ImageScenario:
+    """A body before a stereo camera.
+
+    Attributes
+    ----------
+    shape: a polyhedron or the file of a mesh (`named_mesh`).   radius_m: of the body.
+    rate_rpm, moments, frames, interval, seed: of the motion, see `Scenario`.
+    foil: share of the surface.   imaging: of both cameras.   sun: direction to it, frame i.   size: width and height, px.
+    """
+
+    shape: str = "spheres"
+    radius_m: float = 0.11
+    rate_rpm: tuple[float, float, float] = THESIS_RPM
+    moments: tuple[float, float, float] = (1.0322, 1.0, 0.8596)
+    frames: int = 115
+    interval: float = 0.5
+    seed: int = 0
+    foil: float = 0.0
+    sun: tuple[float, float, float] = (-0.5, -0.6, -1.0)
+    imaging: Imaging = field(default_factory=Imaging)
+    size: tuple[int, int] = _SIZE
+
+    def motion(self) -> Truth:
+        """True motion with the thesis' disturbances that stays in view."""
+        thesis = Scenario.disam115(self.rate_rpm, self.seed)
+        dataset = simulate(
+            replace(
+                thesis,
+                kind="pose",
+                frames=self.frames,
+                interval=self.interval,
+                principal_moments=self.moments,
+                radius_m=self.radius_m,
+            ),
+            silent,
+        )
+        assert dataset.truth is not None
+        return dataset.truth
+
+    def stage(self) -> Stage:
+        """The body, the sun and the cameras."""
+        body = Appearance(
+            named_mesh(self.shape, self.radius_m), SurfaceTexture(self.seed, self.foil), self.sun
+        )
+        return Stage(body, example_rig(self.size), self.imaging, self.seed)
+
+
+def render(scenario: ImageScenario, folder: Path, progress: Callable[[int, int], None] = silent) -> str:
+    """Write the images of a scenario into a folder, with truth; returns what they are.
+
+    Raises
+    ------
+    InputError: a shape that is no mesh, numbers that are no motion, a folder that cannot be written.
+    """
+    stage = scenario.stage()
+    description = (
+        f"rendered stereo images of {Path(scenario.shape).name}, {scenario.frames} pairs at {scenario.interval} s, "
+        f"seed {scenario.seed}"
+    )
+    write_sequence(stage, scenario.motion(), folder, description, progress)
+    return description
+
+
+def example_rig(size: tuple[int, int] = _SIZE) -> RawRig:
+    """A rig as it is built: lenses that distort, cameras 0.3 deg from parallel; focal length and baseline of the thesis."""
+    width, height = size
+    focal = _FOCAL_PX * width / _SIZE[0]
+    turned = np.array([[1.0, -0.002, 0.004], [0.002, 1.0, -0.003], [-0.004, 0.003, 1.0]])
+    U, _, Vt = np.linalg.svd(turned)
+    centre = ((width - 1) / 2, (height - 1) / 2)
+    left = RawCamera(
+        np.array([focal, focal, centre[0] + 3.0, centre[1] - 2.0]),
+        np.array([-0.08, 0.02, 0.0004, -0.0003, 0.0]),
+        width,
+        height,
+        np.eye(3),
+        np.zeros(3),
+    )
+    right = RawCamera(
+        np.array([focal * 1.002, focal * 1.001, centre[0] - 2.0, centre[1] + 1.0]),
+        np.array([-0.075, 0.015, -0.0002, 0.0002, 0.0]),
+        width,
+        height,
+        U @ Vt,
+        np.array([_BASELINE_M, 0.0004, -0.0003]),
+    )
+    return RawRig(left, right)

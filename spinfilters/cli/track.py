@@ -1,0 +1,55 @@
+"""``spinfilters track``."""
+
+import argparse
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from spinfilters.cli.console import progress_bars, wide_console
+from spinfilters.errors import InputError
+from spinfilters.logs.atomic_write import write_json
+from spinfilters.logs.dataset import has_images
+from spinfilters.logs.dataset_writing import write_dataset
+from spinfilters.logs.input_file import named
+from spinfilters.logs.output_folder import output_folder, refuse_foreign
+from spinfilters.vision.features import detector
+from spinfilters.vision.front_end import FrontEndOptions
+from spinfilters.vision.track_images import TrackedImages, track_images, track_images_online
+
+COMMAND = "track"
+
+
+def track(options: argparse.Namespace) -> int:
+    """Write the tracks of a folder of stereo images, and what was lost."""
+    source, folder = Path(options.dataset), Path(options.output)
+    if not has_images(source):
+        raise InputError(
+            f"{named(source)}: has no stereo images; give a folder with cam0/data and cam1/data, and no tracks.csv"
+        )
+    refuse_foreign(folder, COMMAND)
+    detector(options.detector)
+    follow, began = track_images_online if options.online else track_images, time.perf_counter()
+    with progress_bars() as report:
+        tracked = follow(source, FrontEndOptions(options.detector), report)
+    seconds = time.perf_counter() - began
+    with output_folder(folder, COMMAND) as place:
+        write_dataset(replace(tracked.dataset, path=None), place)
+        write_json(place / "front_end.json", {**tracked.document, "seconds": seconds})
+    _print(tracked, folder, seconds)
+    return 0
+
+
+def _print(tracked: TrackedImages, folder: Path, seconds: float) -> None:
+    console = wide_console()
+    for line in tracked.losses.sentences():
+        console.print(line, highlight=False, soft_wrap=True)
+    (stream,) = tracked.dataset.log.streams
+    assert stream.ids is not None  # a stream of landmarks always has them
+    epochs, landmarks = len(np.unique(stream.time)), len(np.unique(stream.ids))
+    console.print(
+        f"{len(stream)} observations of {landmarks} landmarks in {epochs} epochs in {folder}, {seconds:.1f} s",
+        highlight=False,
+        soft_wrap=True,
+    )

@@ -1,0 +1,1 @@
+"""Stereo images in, tracks of landmarks out; calibration, and a renderer of images with truth."""

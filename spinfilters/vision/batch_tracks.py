@@ -1,0 +1,205 @@
+"""Tracks of a whole sequence: visual odometry, bundle adjustment, global association, and the noise of what comes out."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from spinfilters.attitude.conversions import matrix_from_quaternion
+from spinfilters.errors import InputError
+from spinfilters.geometry.cameras import stereo_pair
+from spinfilters.logs.camera import StereoRig
+from spinfilters.logs.measurement_log import MeasurementStream
+from spinfilters.vision.association import EPOCHS, Tracker
+from spinfilters.vision.bundle_adjustment import Adjusted, Observations, adjust
+from spinfilters.vision.epoch_observations import EpochObservations
+from spinfilters.vision.front_end import FrontEndOptions
+from spinfilters.vision.loss_count import LossCount
+from spinfilters.vision.shared_errors import SharedErrors, shared_errors
+from spinfilters.vision.stereo_matching import StereoFeatures
+from spinfilters.vision.track_noise import FEWEST, TrackNoise, identified
+
+STAGE: Final = "observations in tracks"
+FEWEST_EPOCHS: Final = 2
+LARGEST_ERROR: Final = 4.0
+"""Length of a residual in standard deviations beyond which an observation is left out."""
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Tracks of a sequence.
+
+    Attributes
+    ----------
+    stream: of the sensor "stereo", with a covariance per row.   poses: (e, 7) of g at its epochs, without dynamics.
+    noise: identified.   shared: how alike the errors of observations from like directions are.
+    """
+
+    stream: MeasurementStream
+    poses: Float[np.ndarray, "e 7"]
+    noise: TrackNoise
+    shared: SharedErrors
+
+
+@dataclass(frozen=True)
+class _Sequence:
+    """Observations of landmarks that are seen twice at least, and what tells their noise."""
+
+    observations: Observations
+    time: Float[np.ndarray, " n"]
+    ids: Int[np.ndarray, " n"]
+    size: Float[np.ndarray, " n"]
+    residual: Float[np.ndarray, " n"]
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def part(self, chosen: Bool[np.ndarray, " n"]) -> "_Sequence":
+        return _Sequence(
+            self.observations.part(chosen),
+            self.time[chosen],
+            self.ids[chosen],
+            self.size[chosen],
+            self.residual[chosen],
+        )
+
+    def with_noise(self, noise: TrackNoise) -> "_Sequence":
+        covariance = noise.covariance(self.size, self.residual)
+        return replace(self, observations=replace(self.observations, covariance=covariance))
+
+
+def batch_tracks(
+    points: Sequence[tuple[float, StereoFeatures]],
+    rig: StereoRig,
+    options: FrontEndOptions,
+    losses: LossCount,
+    progress: Callable[[int, int], None] = lambda *_: None,
+) -> Tracks:
+    """Tracks of points of pairs with their times (s).
+
+    Parameters
+    ----------
+    progress: called with how many epochs are associated, of both passes over them.
+
+    Raises
+    ------
+    InputError: fewer than two epochs whose pose is found, no landmark seen twice.
+    """
+    rough = Tracker(rig, options.noise, LossCount(), options.association)
+    found = []
+    for number, (time, each) in enumerate(points):
+        found.append(rough.add(number, time, each))
+        progress(number + 1, 2 * len(points))
+    epochs = _required([each for each in found if each is not None])
+    noise, adjusted, _ = _settled(epochs, options.noise, rig)
+    tracker = Tracker(rig, noise, losses, options.association)
+    again = []
+    for epoch, pose in zip(epochs, adjusted.poses, strict=True):
+        again.append(tracker.add(epoch.epoch, epoch.time, points[epoch.epoch][1], pose))
+        progress(len(points) + epoch.epoch + 1, 2 * len(points))
+    losses.lose(EPOCHS, "whose pose was not found", len(points) - len(epochs))
+    epochs = _required([each for each in again if each is not None])
+    noise, adjusted, sequence = _settled(epochs, noise, rig)
+    return _finished(epochs, adjusted, sequence, noise, losses)
+
+
+def _finished(
+    epochs: list[EpochObservations],
+    adjusted: Adjusted,
+    sequence: _Sequence,
+    noise: TrackNoise,
+    losses: LossCount,
+) -> Tracks:
+    good = _explained(adjusted)
+    losses.lose(STAGE, "of landmarks seen once", sum(len(each.ids) for each in epochs) - len(sequence))
+    losses.lose(STAGE, "against the map", int(np.count_nonzero(~good)))
+    residuals, _ = adjusted.residuals(sequence.observations)
+    directions = _directions(adjusted, sequence.observations)
+    shared = shared_errors(
+        residuals[good],
+        sequence.part(good).observations.landmark,
+        sequence.part(good).observations.epoch,
+        directions[good],
+    )
+    kept = sequence.part(good)
+    kept = kept.part(np.bincount(kept.ids)[kept.ids] > 1)
+    losses.lose(STAGE, "of landmarks seen once", int(np.count_nonzero(good)) - len(kept))
+    losses.keep(STAGE, len(kept))
+    covariance = shared.inflated(noise).covariance(kept.size, kept.residual)
+    _, ids = np.unique(kept.ids, return_inverse=True)
+    stream = MeasurementStream("stereo", kept.time, kept.observations.values, ids, covariance)
+    return Tracks(stream, adjusted.poses, noise, shared)
+
+
+def _required(epochs: list[EpochObservations]) -> list[EpochObservations]:
+    if len(epochs) < FEWEST_EPOCHS:
+        raise InputError(
+            f"the pose of {len(epochs)} pair(s) was found, at least {FEWEST_EPOCHS} are needed; look at the images: a textured "
+            "body must be sharp and in both of them"
+        )
+    return epochs
+
+
+def _settled(
+    epochs: list[EpochObservations], noise: TrackNoise, rig: StereoRig
+) -> tuple[TrackNoise, Adjusted, _Sequence]:
+    """Bundle adjustment with the noise that it leaves, by turns."""
+    sequence = _sequence(epochs)
+    poses = np.array([epoch.pose for epoch in epochs])
+    points = _first_points(sequence.observations, poses, rig)
+    adjusted = adjust(sequence.with_noise(noise).observations, poses, points, rig)
+    for _ in range(2):
+        current = sequence.with_noise(noise)
+        good = _explained(adjusted)
+        if np.count_nonzero(good) < FEWEST:
+            break
+        residuals, freedom = adjusted.residuals(current.observations)
+        noise = identified(residuals[good], freedom[good], sequence.size[good], sequence.residual[good])
+        observations = sequence.with_noise(noise).observations
+        adjusted = adjust(observations, adjusted.poses, adjusted.points, rig)
+    return noise, adjusted, sequence.with_noise(noise)
+
+
+def _explained(adjusted: Adjusted) -> Bool[np.ndarray, " n"]:
+    return np.linalg.norm(adjusted.whitened, axis=1) <= LARGEST_ERROR
+
+
+def _directions(adjusted: Adjusted, observations: Observations) -> Float[np.ndarray, "n 3"]:
+    """Unit directions from landmarks to the camera, frame g."""
+    rotations = matrix_from_quaternion(adjusted.poses[:, 3:])
+    camera = -np.einsum("eji,ej->ei", rotations, adjusted.poses[:, :3])
+    away = camera[observations.epoch] - adjusted.points[observations.landmark]
+    return away / np.linalg.norm(away, axis=1, keepdims=True)
+
+
+def _sequence(epochs: list[EpochObservations]) -> _Sequence:
+    ids = np.concatenate([epoch.ids for epoch in epochs])
+    often = np.bincount(ids)[ids] > 1
+    if not often.any():
+        raise InputError("no landmark is seen twice; give images that follow one another more closely")
+    counts = [len(epoch.ids) for epoch in epochs]
+    _, landmark = np.unique(ids[often], return_inverse=True)
+    observations = Observations(
+        np.repeat(np.arange(len(epochs)), counts)[often],
+        landmark,
+        np.concatenate([epoch.points.values for epoch in epochs])[often],
+        np.concatenate([epoch.covariance for epoch in epochs])[often],
+    )
+    time = np.repeat([epoch.time for epoch in epochs], counts)[often]
+    size = np.concatenate([epoch.points.features.size for epoch in epochs])[often]
+    residual = np.concatenate([epoch.points.residual for epoch in epochs])[often]
+    return _Sequence(observations, time, ids[often], size, residual)
+
+
+def _first_points(
+    observations: Observations, poses: Float[np.ndarray, "e 7"], rig: StereoRig
+) -> Float[np.ndarray, "l 3"]:
+    """Mean of the triangulated observations of each landmark, frame g."""
+    camera = stereo_pair(rig.calibration).points_of(observations.values, rig.calibration)
+    rotations = matrix_from_quaternion(poses[:, 3:])[observations.epoch]
+    points = np.einsum("nji,nj->ni", rotations, camera - poses[observations.epoch, :3])
+    sums = np.zeros((int(observations.landmark.max()) + 1, 3))
+    np.add.at(sums, observations.landmark, points)
+    return sums / np.bincount(observations.landmark)[:, None]

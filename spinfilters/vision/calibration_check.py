@@ -1,0 +1,115 @@
+"""Whether a calibration is good: the astronaut's checkout of the thesis (section 5.10) as numbers."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.geometry.cameras import stereo_pair
+from spinfilters.vision.calibration_images import Board, BoardView
+from spinfilters.vision.raw_rig import RawCamera, RawRig
+from spinfilters.vision.rectification import Rectification
+
+LARGEST_ROW_ERROR_PX: Final = 1.0
+LARGEST_SQUARE_ERROR: Final = 0.02
+"""Of the measured side of a square, relative."""
+FIELD_OF_VIEW_DEG: Final = (10.0, 150.0)
+LARGEST_CENTRE_OFFSET: Final = 0.15
+"""Of the principal point from the middle of the image, over its width."""
+LARGEST_ROTATION_DEG: Final = 15.0
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """One check: what, its number with unit, what is allowed, and whether it is."""
+
+    name: str
+    value: str
+    allowed: str
+    passed: bool
+
+
+@dataclass(frozen=True)
+class BoardMeasurement:
+    """What a rig measures on a board.
+
+    Attributes
+    ----------
+    rows: (n,) px by which rectified corners of a pair miss one another.   squares: (m,) measured sides, m.
+    """
+
+    rows: Float[np.ndarray, " n"]
+    squares: Float[np.ndarray, " m"]
+
+
+def measured_board(rig: RawRig, views: list[BoardView], board: Board) -> BoardMeasurement:
+    """Row errors and sides of squares of all views."""
+    rectification, rows, squares = Rectification(rig), [], []
+    for view in views:
+        left, right = rectification.points(view.left, view.right)
+        rows.append((right[:, 1] - left[:, 1])[view.seen])
+        values = np.column_stack([left, right[:, 0]])
+        points = stereo_pair(rectification.stereo.calibration).points_of(
+            values, rectification.stereo.calibration
+        )
+        points[~view.seen] = np.nan
+        grid = points.reshape(board.rows, board.columns, 3)
+        for axis in (0, 1):
+            squares.append(np.linalg.norm(np.diff(grid, axis=axis), axis=2).ravel())
+    sides = np.concatenate(squares)
+    return BoardMeasurement(np.concatenate(rows), sides[np.isfinite(sides)])
+
+
+def checks(rig: RawRig, measured: BoardMeasurement, board: Board) -> list[CheckResult]:
+    """All checks of a rig and what it measured."""
+    results = [
+        check for camera, name in ((rig.left, "cam0"), (rig.right, "cam1")) for check in _camera(camera, name)
+    ]
+    turn = np.rad2deg(np.arccos(np.clip((np.trace(rig.relative_rotation) - 1) / 2, -1, 1)))
+    results.append(
+        CheckResult(
+            "rotation between the cameras",
+            f"{turn:.2f} deg",
+            f"below {LARGEST_ROTATION_DEG:g}",
+            bool(turn < LARGEST_ROTATION_DEG),
+        )
+    )
+    rows = float(np.sqrt(np.mean(measured.rows**2)))
+    results.append(
+        CheckResult(
+            "epipolar misalignment, rms",
+            f"{rows:.3f} px",
+            f"below {LARGEST_ROW_ERROR_PX:g}",
+            rows < LARGEST_ROW_ERROR_PX,
+        )
+    )
+    side, spread = float(np.mean(measured.squares)), float(np.std(measured.squares))
+    off = abs(side / board.square - 1)
+    allowed = f"{1e3 * board.square:g} within {100 * LARGEST_SQUARE_ERROR:g} %"
+    results.append(
+        CheckResult(
+            "measured square",
+            f"{1e3 * side:.3f} +- {1e3 * spread:.3f} mm",
+            allowed,
+            off < LARGEST_SQUARE_ERROR,
+        )
+    )
+    return results
+
+
+def _camera(camera: RawCamera, name: str) -> list[CheckResult]:
+    fx, fy, cx, cy = camera.intrinsics.tolist()
+    view = float(2 * np.rad2deg(np.arctan(camera.width / 2 / fx)))
+    low, high = FIELD_OF_VIEW_DEG
+    offset = max(abs(cx - (camera.width - 1) / 2), abs(cy - (camera.height - 1) / 2)) / camera.width
+    return [
+        CheckResult(f"{name}: field of view", f"{view:.1f} deg", f"{low:g} to {high:g}", low < view < high),
+        CheckResult(f"{name}: fx / fy", f"{fx / fy:.4f}", "0.95 to 1.05", 0.95 < fx / fy < 1.05),
+        CheckResult(
+            f"{name}: principal point off the middle",
+            f"{100 * offset:.1f} % of the width",
+            f"below {100 * LARGEST_CENTRE_OFFSET:g}",
+            offset < LARGEST_CENTRE_OFFSET,
+        ),
+    ]

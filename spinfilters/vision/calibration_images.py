@@ -1,0 +1,179 @@
+"""Pairs of images of a calibration board, and the corners seen in them."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from spinfilters.errors import InputError
+from spinfilters.logs.input_file import named, require_folder, shown
+from spinfilters.vision.image_folder import CAMERAS, IMAGES, SUFFIXES, read_image, stamped_pairs
+from spinfilters.vision.loss_count import LossCount
+
+STAGE: Final = "board images"
+FEWEST_PAIRS: Final = 4
+REFINEMENT: Final = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-4)
+WINDOW_PX: Final = 11
+"""OpenCV's customary one; where corners are closer than twice that, a smaller one keeps the next corner out."""
+MARKER_SHARE: Final = 0.75
+"""Side of a ChArUco board's marker over that of a square."""
+DICTIONARY: Final = "DICT_5X5_250"
+
+
+@dataclass(frozen=True)
+class Board:
+    """A chessboard, or a ChArUco board.
+
+    Attributes
+    ----------
+    columns, rows: of inner corners.   square: side, m.   charuco: whether markers stand in its white squares (`DICTIONARY`).
+    window: half width of the patch that a corner is refined in, px.
+    """
+
+    columns: int
+    rows: int
+    square: float
+    charuco: bool = False
+    window: int = WINDOW_PX
+
+    @classmethod
+    def of(cls, corners: str, square: float, charuco: bool = False, window: int = WINDOW_PX) -> "Board":
+        """Board of a text such as "9x6". InputError: no such text."""
+        match = re.fullmatch(r"(\d{1,3})[xX](\d{1,3})", corners)
+        if match is None or min(int(match[1]), int(match[2])) < 3:
+            raise InputError(
+                f"corners {shown(corners)} are none; give inner corners of the board such as 9x6, at least 3x3"
+            )
+        return cls(int(match[1]), int(match[2]), square, charuco, window)
+
+    @property
+    def points(self) -> Float[np.ndarray, "n 3"]:
+        """Corners in the board's frame, m, row by row."""
+        grid = np.mgrid[: self.columns, : self.rows].T.reshape(-1, 2)
+        return np.column_stack([grid * self.square, np.zeros(len(grid))])
+
+    def corners(
+        self, image: UInt8[np.ndarray, "h w"]
+    ) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]] | None:
+        """Places of the corners, and which are seen; None where the board is not found."""
+        return self._charuco_corners(image) if self.charuco else self._chess_corners(image)
+
+    def _chess_corners(
+        self, image: UInt8[np.ndarray, "h w"]
+    ) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]] | None:
+        flags = cv2.CALIB_CB_ADAPTIVE_THRESH + cv2.CALIB_CB_NORMALIZE_IMAGE
+        found, corners = cv2.findChessboardCorners(image, (self.columns, self.rows), flags=flags)
+        if not found:
+            return None
+        refined = cv2.cornerSubPix(image, corners, (self.window, self.window), (-1, -1), REFINEMENT)
+        return refined.reshape(-1, 2).astype(float), np.ones(self.columns * self.rows, dtype=bool)
+
+    def _charuco_corners(
+        self, image: UInt8[np.ndarray, "h w"]
+    ) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]] | None:
+        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, DICTIONARY))
+        size = (self.columns + 1, self.rows + 1)
+        board = cv2.aruco.CharucoBoard(size, self.square, self.square * MARKER_SHARE, dictionary)
+        corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(image)
+        if ids is None or len(ids) < 8:
+            return None
+        places, seen = np.zeros((self.columns * self.rows, 2)), np.zeros(self.columns * self.rows, dtype=bool)
+        rows = np.asarray(ids).ravel().astype(int)
+        places[rows], seen[rows] = np.asarray(corners).reshape(-1, 2), True
+        return places, seen
+
+
+@dataclass(frozen=True)
+class BoardView:
+    """A pair in which both cameras see the board.
+
+    Attributes
+    ----------
+    name: of the left image.   left, right: (n, 2) px.   seen: (n,) corners that both see.
+    """
+
+    name: str
+    left: Float[np.ndarray, "n 2"]
+    right: Float[np.ndarray, "n 2"]
+    seen: Bool[np.ndarray, " n"]
+
+
+def image_pairs(folder: Path) -> list[tuple[Path, Path]]:
+    """Files `left*` and `right*` of one number or name, or the EuRoC layout.
+
+    Raises
+    ------
+    InputError: no pairs, or a left image without its right one.
+    """
+    require_folder(folder)
+    if (folder / CAMERAS[0] / IMAGES).is_dir():
+        return [(pair.left, pair.right) for pair in stamped_pairs(folder, LossCount())]
+    files = [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES]
+    left, right = (
+        {p.stem[len(side) :]: p for p in files if p.stem.startswith(side)} for side in ("left", "right")
+    )
+    alone = sorted(left.keys() ^ right.keys())
+    if alone:
+        path = left.get(alone[0], right.get(alone[0], folder))
+        raise InputError(
+            f"{named(path)}: has no partner of the same name on the other side; add it, or take this one away"
+        )
+    if len(left) < FEWEST_PAIRS:
+        raise InputError(
+            f"{named(folder)}: has {len(left)} pairs of images; give at least {FEWEST_PAIRS}, "
+            "named left1.png and right1.png and so on"
+        )
+    return [(left[key], right[key]) for key in sorted(left)]
+
+
+def board_views(
+    pairs: list[tuple[Path, Path]], board: Board, losses: LossCount
+) -> tuple[list[BoardView], tuple[int, int]]:
+    """Pairs in which both cameras see the board, and the size of the images (width, height).
+
+    Raises
+    ------
+    InputError: images of different sizes, too few pairs with a board.
+    """
+    views, size = [], None
+    for left, right in pairs:
+        found = []
+        for path in (left, right):
+            image, cause = read_image(path)
+            if image is None:
+                losses.lose(STAGE, cause or "not an image")
+                break
+            if size is not None and image.shape != size:
+                raise InputError(
+                    f"{named(path)}: is {image.shape[1]} x {image.shape[0]} px, "
+                    f"others {size[1]} x {size[0]}; give one size"
+                )
+            size, corners = image.shape, board.corners(image)
+            if corners is None:
+                losses.lose(STAGE, "without the board")
+                break
+            found.append(corners)
+        if len(found) == 2:
+            (a, seen_a), (b, seen_b) = found
+            views.append(BoardView(left.name, a, _same_way(a, b, board), seen_a & seen_b))
+    losses.keep(STAGE, 2 * len(views))
+    if len(views) < FEWEST_PAIRS or size is None:
+        raise InputError(
+            f"{named(pairs[0][0].parent)}: the board of {board.columns} x {board.rows} inner corners is found in {len(views)} of "
+            f"{len(pairs)} pairs, {FEWEST_PAIRS} are needed; check --corners (inner corners, columns x rows)"
+        )
+    return views, (size[1], size[0])
+
+
+def _same_way(
+    left: Float[np.ndarray, "n 2"], right: Float[np.ndarray, "n 2"], board: Board
+) -> Float[np.ndarray, "n 2"]:
+    """The right corners in the order of the left ones: a chessboard may be found the other way round."""
+    if board.charuco:
+        return right
+    along_left, along_right = left[-1] - left[0], right[-1] - right[0]
+    return right if along_left @ along_right >= 0 else right[::-1]

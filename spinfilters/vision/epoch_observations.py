@@ -1,0 +1,26 @@
+"""Landmarks as one epoch sees them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.vision.stereo_matching import StereoFeatures
+
+
+@dataclass(frozen=True)
+class EpochObservations:
+    """What an epoch sees.
+
+    Attributes
+    ----------
+    epoch: number.   time: s.   pose: (t, q_ig) of g.   ids: (n,) landmarks.   points: the features that they are.
+    covariance: (n, 3, 3) px^2.
+    """
+
+    epoch: int
+    time: float
+    pose: Float[np.ndarray, " 7"]
+    ids: Int[np.ndarray, " n"]
+    points: StereoFeatures
+    covariance: Float[np.ndarray, "n 3 3"]

@@ -1,0 +1,160 @@
+"""Stereo images of a folder in the EuRoC layout: their times, and the pairs that can be used."""
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+
+from spinfilters.errors import InputError
+from spinfilters.logs.input_file import named, require_folder, require_text_table, shown
+from spinfilters.vision.loss_count import LossCount
+
+CAMERAS: Final = ("cam0", "cam1")
+LIST: Final = "data.csv"
+IMAGES: Final = "data"
+SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".pgm", ".bmp", ".tif", ".tiff")
+LARGEST_IMAGE_FILE: Final = 200_000_000
+"""Bytes."""
+STAGE: Final = "image pairs"
+_NANOSECOND = 1e-9
+
+
+class StampedPair(NamedTuple):
+    """Time (s) and files of a left and a right image."""
+
+    time: float
+    left: Path
+    right: Path
+
+
+class ImagePair(NamedTuple):
+    """Time (s), and grey values."""
+
+    time: float
+    left: UInt8[np.ndarray, "h w"]
+    right: UInt8[np.ndarray, "h w"]
+
+
+@dataclass
+class PairReader:
+    """Reads pairs and counts those that cannot be used.
+
+    Attributes
+    ----------
+    size: width and height that images must have, px.   losses: counted here.
+    """
+
+    size: tuple[int, int]
+    losses: LossCount
+    _last: tuple[np.ndarray | None, np.ndarray | None] = (None, None)
+
+    def read(self, stamped: StampedPair) -> ImagePair | None:
+        """The pair, or None where an image is missing, is no image, has another size, or repeats the last (a frozen camera)."""
+        images = []
+        for path in (stamped.left, stamped.right):
+            image, cause = read_image(path)
+            if image is not None and image.shape[::-1] != self.size:
+                cause = f"of another size than {self.size[0]} x {self.size[1]}"
+            if image is None or cause is not None:
+                self.losses.lose(STAGE, cause or "not an image")
+                return None
+            images.append(image)
+        return self.checked(ImagePair(stamped.time, *images))
+
+    def checked(self, pair: ImagePair) -> ImagePair | None:
+        """A pair in memory, or None where a camera repeats its last image."""
+        repeated = [
+            last is not None and np.array_equal(last, now)
+            for last, now in zip(self._last, pair[1:], strict=True)
+        ]
+        self._last = (pair.left, pair.right)
+        if any(repeated):
+            which = "both cameras" if all(repeated) else CAMERAS[repeated.index(True)]
+            self.losses.lose(STAGE, f"repeated by a frozen camera ({which})")
+            return None
+        self.losses.keep(STAGE)
+        return pair
+
+
+def read_image(path: Path) -> tuple[UInt8[np.ndarray, "h w"] | None, str | None]:
+    """Grey values of an image file, or why there are none."""
+    try:
+        if os.stat(path).st_size > LARGEST_IMAGE_FILE:
+            return None, "larger than an image file may be"
+        data = np.fromfile(path, dtype=np.uint8)
+    except (OSError, ValueError):
+        return None, "missing"
+    if not data.size:
+        return None, "empty"
+    try:
+        image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)
+    except cv2.error:
+        image = None
+    return (image, None) if image is not None else (None, "not an image")
+
+
+def stamped_pairs(folder: Path, losses: LossCount) -> list[StampedPair]:
+    """Pairs of a folder in order of time; images of one camera without one of the other at the same time are counted as lost.
+
+    Times count from the first pair, in s.
+
+    Raises
+    ------
+    InputError: no images, a list that is none, time stamps out of order or fewer than two pairs.
+    """
+    require_folder(folder)
+    left, right = (_stamps(folder / camera) for camera in CAMERAS)
+    common = sorted(left.keys() & right.keys())
+    losses.lose(STAGE, "without a partner of the same time", len(left.keys() ^ right.keys()))
+    if len(common) < 2:
+        raise InputError(
+            f"{named(folder)}: {len(left)} left and {len(right)} right images have {len(common)} common time stamps; "
+            "give at least 2 pairs"
+        )
+    return [StampedPair((stamp - common[0]) * _NANOSECOND, left[stamp], right[stamp]) for stamp in common]
+
+
+def read_pairs(pairs: list[StampedPair], reader: PairReader) -> Iterator[ImagePair | None]:
+    """Each pair in turn, None for one that is lost."""
+    for stamped in pairs:
+        yield reader.read(stamped)
+
+
+def _stamps(camera: Path) -> dict[int, Path]:
+    """Image files by time stamp, ns: of data.csv, or of the files' names."""
+    if not os.path.isdir(camera / IMAGES):
+        raise InputError(f"{named(camera / IMAGES)}: no such folder; put the images of that camera there")
+    if os.path.lexists(camera / LIST):
+        return _listed(camera)
+    files = sorted(path for path in (camera / IMAGES).iterdir() if path.suffix.lower() in SUFFIXES)
+    unnamed = next((path for path in files if not path.stem.isdecimal() or len(path.stem) > 19), None)
+    if unnamed is not None:
+        raise InputError(
+            f"{named(unnamed)}: its name is no time in ns; write {named(camera / LIST)} with lines 'ns,file name'"
+        )
+    return {int(path.stem): path for path in files}
+
+
+def _listed(camera: Path) -> dict[int, Path]:
+    path, found = camera / LIST, {}
+    require_text_table(path)
+    for number, line in enumerate(path.read_text(errors="replace").splitlines(), start=1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        stamp, _, name = (part.strip() for part in line.partition(","))
+        place = f"{named(path)}: line {number}"
+        if not stamp.isdecimal() or len(stamp) > 19:
+            raise InputError(f"{place}: {shown(stamp)} is no time in ns; write lines 'ns,file name'")
+        if not name or Path(name).name != name:
+            raise InputError(
+                f"{place}: {shown(name)} is no name of a file in {IMAGES}; write lines 'ns,file name'"
+            )
+        if int(stamp) in found:
+            raise InputError(f"{place}: time {stamp} occurs twice; keep one line of each time")
+        found[int(stamp)] = camera / IMAGES / name
+    return found

@@ -1,0 +1,1 @@
+"""Rendered stereo images of a moving body, with truth."""

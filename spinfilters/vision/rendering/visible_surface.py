@@ -1,0 +1,112 @@
+"""Which triangle is seen at each sample of an image: a z-buffer over all pairs of triangles and samples of their boxes."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+PAIRS_AT_ONCE = 2_000_000
+
+
+@dataclass(frozen=True)
+class VisibleSurface:
+    """What is seen at each of h x w samples.
+
+    Attributes
+    ----------
+    face: (h, w) row of the mesh's faces, -1 where nothing is.   nearness: (h, w), of the surface there; 0 where nothing is.
+    weights: (k, 3) barycentric weights in the image plane of the samples ``face >= 0``, row by row.
+    """
+
+    face: Int[np.ndarray, "h w"]
+    nearness: Float[np.ndarray, "h w"]
+    weights: Float[np.ndarray, "k 3"]
+
+    @property
+    def seen(self) -> Bool[np.ndarray, "h w"]:
+        """Samples with a surface."""
+        return self.face >= 0
+
+
+def visible_surface(
+    corners: Float[np.ndarray, "f 3 2"], nearness: Float[np.ndarray, "f 3"], shape: tuple[int, int]
+) -> VisibleSurface:
+    """The nearest triangle of each sample; triangles that run the other way round in the image are seen from behind and left out.
+
+    Parameters
+    ----------
+    corners: (column, row) of the triangles' corners, in samples.
+    nearness: of the corners, positive, linear over the image plane: 1/z in perspective, a constant minus z in a parallel view.
+    shape: rows and columns of samples.
+    """
+    height, width = shape
+    best, face = np.zeros(height * width), np.full(height * width, -1)
+    front = np.flatnonzero(
+        (_doubled_area(corners) < 0) & (nearness > 0).all(axis=1) & np.isfinite(corners).all(axis=(1, 2))
+    )
+    low = np.clip(np.ceil(corners[front].min(axis=1)), 0, [width, height]).astype(int)
+    high = np.clip(np.floor(corners[front].max(axis=1)) + 1, 0, [width, height]).astype(int)
+    size = np.maximum(high - low, 0)
+    ends = np.cumsum(size.prod(axis=1))
+    begin = 0
+    while begin < len(front):
+        end = max(begin + 1, int(np.searchsorted(ends, (ends[begin - 1] if begin else 0) + PAIRS_AT_ONCE)))
+        part = slice(begin, end)
+        _draw(corners, nearness, (front[part], low[part], size[part]), (best, face), width)
+        begin = end
+    seen = np.flatnonzero(face >= 0)
+    place = np.stack([seen % width, seen // width], axis=1).astype(float)
+    return VisibleSurface(face.reshape(shape), best.reshape(shape), _weights(corners[face[seen]], place))
+
+
+def _draw(
+    corners: Float[np.ndarray, "f 3 2"],
+    nearness: Float[np.ndarray, "f 3"],
+    boxes: tuple[Int[np.ndarray, " k"], Int[np.ndarray, "k 2"], Int[np.ndarray, "k 2"]],
+    buffers: tuple[Float[np.ndarray, " s"], Int[np.ndarray, " s"]],
+    width: int,
+) -> None:
+    """Draw triangles with their boxes (first sample, size) into the buffers of nearness and face."""
+    (faces, low, size), (best, face) = boxes, buffers
+    count = size.prod(axis=1)
+    item = np.repeat(np.arange(len(faces)), count)
+    within = np.arange(len(item)) - np.repeat(np.cumsum(count) - count, count)
+    column = low[item, 0] + within % size[item, 0]
+    row = low[item, 1] + within // size[item, 0]
+    planes = _planes(corners[faces])[item]
+    first = planes[:, 0, 0] * column + planes[:, 0, 1] * row + planes[:, 0, 2]
+    second = planes[:, 1, 0] * column + planes[:, 1, 1] * row + planes[:, 1, 2]
+    inside = (first >= 0) & (second >= 0) & (first + second <= 1)
+    item, sample, first, second = item[inside], (row * width + column)[inside], first[inside], second[inside]
+    corner = nearness[faces[item]]
+    near = first * corner[:, 0] + second * corner[:, 1] + (1 - first - second) * corner[:, 2]
+    np.maximum.at(best, sample, near)
+    winners = near == best[sample]
+    face[sample[winners]] = faces[item[winners]]
+
+
+def _planes(corners: Float[np.ndarray, "f 3 2"]) -> Float[np.ndarray, "f 2 3"]:
+    """Barycentric weights of the first two corners as functions of a sample: factors of column and row, and a constant."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    area = _cross(b - a, c - a)[:, None]
+    first = np.stack([b[:, 1] - c[:, 1], c[:, 0] - b[:, 0], _cross(b, c)], axis=1) / area
+    second = np.stack([c[:, 1] - a[:, 1], a[:, 0] - c[:, 0], _cross(c, a)], axis=1) / area
+    return np.stack([first, second], axis=1)
+
+
+def _weights(
+    corners: Float[np.ndarray, "k 3 2"], place: Float[np.ndarray, "k 2"]
+) -> Float[np.ndarray, "k 3"]:
+    """Barycentric weights of places in triangles."""
+    planes = _planes(corners)
+    first, second = np.einsum("kwi,ki->wk", planes[..., :2], place) + planes[..., 2].T
+    return np.stack([first, second, 1 - first - second], axis=1)
+
+
+def _doubled_area(corners: Float[np.ndarray, "f 3 2"]) -> Float[np.ndarray, " f"]:
+    """Signed; negative for a triangle that runs anticlockwise to an observer, rows pointing down."""
+    return _cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
+def _cross(a: Float[np.ndarray, "k 2"], b: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, " k"]:
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]

@@ -1,0 +1,221 @@
+"""Calibration of a stereo pair from views of a board (Zhang 2000; Tweddle 2013, section 2.8)."""
+
+from dataclasses import dataclass, field
+from typing import Final
+
+import cv2
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.errors import InputError
+from spinfilters.vision.calibration_images import FEWEST_PAIRS, Board, BoardView
+from spinfilters.vision.raw_rig import RawCamera, RawRig
+
+OUTLIER: Final = 3.0
+"""Times the median error of all views, beyond which a view is left out."""
+LARGEST_ERROR_PX: Final = 1.5
+"""Error below which no view is left out, however good the others are."""
+PARAMETERS: Final[tuple[str, ...]] = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+_ITERATIONS: Final = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 200, 1e-9)
+
+
+@dataclass(frozen=True)
+class CameraCalibration:
+    """One camera.
+
+    Attributes
+    ----------
+    K, distortion: found.   std: standard deviation of `PARAMETERS`.   rms: px.
+    view_errors: (v,) rms of each view, px.   poses: of the board in the camera, rotation vector and place, (v, 6).
+    """
+
+    K: Float[np.ndarray, "3 3"]
+    distortion: Float[np.ndarray, " 5"]
+    std: dict[str, float]
+    rms: float
+    view_errors: Float[np.ndarray, " v"]
+    poses: Float[np.ndarray, "v 6"]
+
+
+@dataclass(frozen=True)
+class StereoCalibration:
+    """A calibrated pair.
+
+    Attributes
+    ----------
+    rig: body frame is the left camera.   cameras: left and right.   rms: of the pair, px.   views: that were used.
+    dropped: name of a view and why it was left out.   baseline_std: m.   rotation_std: of the angle between the cameras, rad.
+    view_errors: (v, 2) rms of each used view in both images, px.
+    """
+
+    rig: RawRig
+    cameras: tuple[CameraCalibration, CameraCalibration]
+    rms: float
+    views: list[BoardView]
+    dropped: dict[str, str]
+    baseline_std: float
+    rotation_std: float
+    view_errors: Float[np.ndarray, "v 2"] = field(repr=False)
+
+
+def calibrate_stereo(views: list[BoardView], board: Board, size: tuple[int, int]) -> StereoCalibration:
+    """Both cameras, then their relative pose; views that disagree with the others are left out and named.
+
+    Raises
+    ------
+    InputError: fewer than four views that agree.
+    """
+    dropped: dict[str, str] = {}
+    views = list(views)
+    while True:
+        _require(views, dropped)
+        cameras = (_calibrated(views, board, size, right=False), _calibrated(views, board, size, right=True))
+        reason = _worst_camera(views, cameras) or _worst_pair(views, cameras)
+        if reason is None:
+            break
+        row, why = reason
+        dropped[views.pop(row).name] = why
+    return _joined(views, cameras, board, size, dropped)
+
+
+def _require(views: list[BoardView], dropped: dict[str, str]) -> None:
+    if len(views) < FEWEST_PAIRS:
+        left_out = "; ".join(f"{name}: {why}" for name, why in list(dropped.items())[:2])
+        raise InputError(
+            f"{len(views)} views of the board agree, {FEWEST_PAIRS} are needed ({left_out}); check the pairs"
+        )
+
+
+def _calibrated(
+    views: list[BoardView], board: Board, size: tuple[int, int], right: bool
+) -> CameraCalibration:
+    points = [board.points[view.seen].astype(np.float32) for view in views]
+    pixels = [(view.right if right else view.left)[view.seen].astype(np.float32) for view in views]
+    rms, K, distortion, turns, places, deviations, _, errors = cv2.calibrateCameraExtended(
+        points, pixels, size, np.eye(3), np.zeros(5), criteria=_ITERATIONS
+    )
+    std: dict[str, float] = dict(zip(PARAMETERS, np.asarray(deviations).ravel()[:9].tolist(), strict=True))
+    poses = np.column_stack([np.reshape(turns, (-1, 3)), np.reshape(places, (-1, 3))])
+    return CameraCalibration(
+        np.asarray(K), np.asarray(distortion).ravel()[:5], std, float(rms), np.asarray(errors).ravel(), poses
+    )
+
+
+def _worst_camera(
+    views: list[BoardView], cameras: tuple[CameraCalibration, CameraCalibration]
+) -> tuple[int, str] | None:
+    """A view whose corners one camera explains badly."""
+    for side, camera in zip(("left", "right"), cameras, strict=True):
+        row = int(camera.view_errors.argmax())
+        bound = max(LARGEST_ERROR_PX, OUTLIER * float(np.median(camera.view_errors)))
+        if camera.view_errors[row] > bound:
+            median = float(np.median(camera.view_errors))
+            return (
+                row,
+                f"its {side} corners miss by {camera.view_errors[row]:.2f} px, the others by {median:.2f}",
+            )
+    return None
+
+
+def _worst_pair(
+    views: list[BoardView], cameras: tuple[CameraCalibration, CameraCalibration]
+) -> tuple[int, str] | None:
+    """A view in which the cameras stand otherwise to one another than in the others: its images were not taken together."""
+    turns, places = _relative(cameras)
+    typical = np.median(places, axis=0)
+    off = np.linalg.norm(places - typical, axis=1)
+    angle = np.linalg.norm(turns - np.median(turns, axis=0), axis=1)
+    score = np.maximum(off / _limit(off, 0.1 * float(np.linalg.norm(typical))), angle / _limit(angle, 0.02))
+    row = int(score.argmax())
+    if score[row] <= 1:
+        return None
+    return row, (
+        f"its images are no pair: the cameras stand {1e3 * off[row]:.1f} mm and {np.rad2deg(angle[row]):.2f} deg otherwise than in "
+        f"the other views"
+    )
+
+
+def _limit(values: Float[np.ndarray, " v"], least: float) -> float:
+    """Beyond which a value is none of the others': six times their median, and no small thing either."""
+    return max(6 * float(np.median(values)), least)
+
+
+def _relative(
+    cameras: tuple[CameraCalibration, CameraCalibration],
+) -> tuple[Float[np.ndarray, "v 3"], Float[np.ndarray, "v 3"]]:
+    """Rotation vectors and places of the left camera in the right one, of each view."""
+    turns, places = [], []
+    for left, right in zip(cameras[0].poses, cameras[1].poses, strict=True):
+        R = cv2.Rodrigues(right[:3])[0] @ cv2.Rodrigues(left[:3])[0].T
+        turns.append(cv2.Rodrigues(R)[0].ravel())
+        places.append(right[3:] - R @ left[3:])
+    return np.array(turns), np.array(places)
+
+
+def _joined(
+    views: list[BoardView],
+    cameras: tuple[CameraCalibration, CameraCalibration],
+    board: Board,
+    size: tuple[int, int],
+    dropped: dict[str, str],
+) -> StereoCalibration:
+    """The relative pose, with both cameras as they are."""
+    left, right = cameras
+    points = [board.points[view.seen].astype(np.float32) for view in views]
+    pixels = [[each[view.seen].astype(np.float32) for each in (view.left, view.right)] for view in views]
+    turns, places = _relative(cameras)
+    solved = cv2.stereoCalibrateExtended(
+        points,
+        [pair[0] for pair in pixels],
+        [pair[1] for pair in pixels],
+        left.K,
+        left.distortion.copy(),
+        right.K,
+        right.distortion.copy(),
+        size,
+        cv2.Rodrigues(np.median(turns, axis=0))[0],
+        np.median(places, axis=0).reshape(3, 1),
+        flags=cv2.CALIB_FIX_INTRINSIC,
+        criteria=_ITERATIONS,
+    )
+    rms, R, t, errors = (
+        float(solved[0]),
+        np.asarray(solved[5]),
+        np.asarray(solved[6]).ravel(),
+        np.asarray(solved[-1]),
+    )
+    width, height = size
+    first = RawCamera(_four(left.K), left.distortion, width, height, np.eye(3), np.zeros(3))
+    second = RawCamera(_four(right.K), right.distortion, width, height, R.T, -R.T @ t)
+    own = turns - cv2.Rodrigues(R)[0].ravel()
+    baselines = np.linalg.norm(places, axis=1)
+    return StereoCalibration(
+        RawRig(first, second),
+        cameras,
+        rms,
+        views,
+        dropped,
+        _std_of_mean(baselines),
+        _std_of_mean(np.linalg.norm(own, axis=1)),
+        errors.reshape(-1, 2),
+    )
+
+
+def _std_of_mean(values: Float[np.ndarray, " v"]) -> float:
+    return float(np.std(values, ddof=1) / np.sqrt(len(values)))
+
+
+def _four(K: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " 4"]:
+    return np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2]])
+
+
+def standing_out(found: StereoCalibration) -> list[str]:
+    """Views that were kept although the others are far better: their corners may have been refined onto something beside them."""
+    sentences = []
+    for side, camera in zip(("left", "right"), found.cameras, strict=True):
+        median = float(np.median(camera.view_errors))
+        for row in np.flatnonzero(camera.view_errors > OUTLIER * median).tolist():
+            sentences.append(
+                f"{found.views[row].name}: its {side} corners miss by {camera.view_errors[row]:.2f} px, the others by {median:.2f}"
+            )
+    return sentences

@@ -1,0 +1,152 @@
+"""Tracks of the stereo images of a folder, as a data set that every estimator takes."""
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spinfilters.errors import InputError
+from spinfilters.logs.dataset import DATASET_FILE, Dataset
+from spinfilters.logs.input_file import named, printable
+from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.logs.settings_files import read_toml
+from spinfilters.logs.truth import read_truth
+from spinfilters.vision.batch_tracks import batch_tracks
+from spinfilters.vision.epoch_observations import EpochObservations
+from spinfilters.vision.front_end import FrontEndOptions, OnlineFrontEnd, StereoPoints
+from spinfilters.vision.image_folder import PairReader, read_pairs, stamped_pairs
+from spinfilters.vision.loss_count import LossCount
+from spinfilters.vision.raw_rig import read_raw_rig
+from spinfilters.vision.rectification import Rectification
+
+Progress = Callable[[str, int, int], None]
+"""Called with a stage, how much of it is done, and of how much."""
+
+
+@dataclass(frozen=True)
+class TrackedImages:
+    """What the front end made of a folder.
+
+    Attributes
+    ----------
+    dataset: stereo tracks of unknown landmarks, in rectified pixels.   losses: of every stage, by cause.
+    document: the same and the identified noise, as JSON.
+    """
+
+    dataset: Dataset
+    losses: LossCount
+    document: dict[str, Any]
+
+
+def track_images(
+    folder: Path, options: FrontEndOptions | None = None, progress: Progress = lambda *_: None
+) -> TrackedImages:
+    """Tracks of a whole folder; every epoch is associated with what was seen before and after it.
+
+    Raises
+    ------
+    InputError: no images, no calibration, no two pairs whose motion is found. The text names the folder or file.
+    """
+    options, losses = options or FrontEndOptions(), LossCount()
+    rectification, stamped = _rectification(folder), stamped_pairs(folder, losses)
+    reader = PairReader(rectification.rig.size, losses)
+    finder, points = StereoPoints(rectification, options, losses), []
+    for number, pair in enumerate(read_pairs(stamped, reader), start=1):
+        if pair is not None:
+            points.append((pair.time, finder.of(pair)))
+        progress("features", number, len(stamped))
+    with _naming(folder, losses):
+        tracks = batch_tracks(
+            points, rectification.stereo, options, losses, lambda *at: progress("tracks", *at)
+        )
+    document = {
+        "losses": losses.document,
+        "noise": {"place_px2": tracks.noise.place, "disparity_px2": tracks.noise.disparity},
+        "shared_errors": {
+            "place": tracks.shared.place,
+            "disparity": tracks.shared.disparity,
+            "group": tracks.shared.group,
+        },
+    }
+    return TrackedImages(_dataset(folder, rectification, tracks.stream), losses, document)
+
+
+def track_images_online(
+    folder: Path,
+    options: FrontEndOptions | None = None,
+    progress: Progress = lambda *_: None,
+    on_epoch: Callable[[EpochObservations], None] = lambda _: None,
+) -> TrackedImages:
+    """Tracks of a folder as they come out online: each epoch is associated only with what was seen before it.
+
+    Parameters
+    ----------
+    on_epoch: called with the observations of every epoch at once.   Errors: `track_images`.
+    """
+    rectification = _rectification(folder)
+    front_end = OnlineFrontEnd(rectification, options)
+    stamped = stamped_pairs(folder, front_end.losses)
+    reader, epochs = PairReader(rectification.rig.size, front_end.losses), []
+    for number, pair in enumerate(read_pairs(stamped, reader), start=1):
+        epoch = None if pair is None else front_end.add(pair)
+        if epoch is not None:
+            on_epoch(epoch)
+            epochs.append(epoch)
+        progress("images", number, len(stamped))
+    with _naming(folder, front_end.losses):
+        stream = online_stream(epochs)
+    dataset = _dataset(folder, rectification, stream)
+    return TrackedImages(dataset, front_end.losses, {"losses": front_end.losses.document})
+
+
+def online_stream(epochs: list[EpochObservations]) -> MeasurementStream:
+    """Stream of the observations of some epochs. InputError: fewer than two of them."""
+    if len(epochs) < 2:
+        raise InputError(f"the pose of {len(epochs)} pair(s) was found, at least 2 are needed")
+    counts = [len(epoch.ids) for epoch in epochs]
+    return MeasurementStream(
+        "stereo",
+        np.repeat([epoch.time for epoch in epochs], counts),
+        np.concatenate([epoch.points.values for epoch in epochs]),
+        np.concatenate([epoch.ids for epoch in epochs]),
+        np.concatenate([epoch.covariance for epoch in epochs]),
+    )
+
+
+@contextmanager
+def _naming(folder: Path, losses: LossCount) -> Iterator[None]:
+    """Put the folder, and what was lost most, into an InputError of the front end."""
+    try:
+        yield
+    except InputError as error:
+        worst = [f"{count} {cause}" for (_, cause), count in losses.lost.most_common(2)]
+        lost = f" (lost: {', '.join(worst)})" if worst else ""
+        raise InputError(f"{named(folder)}: {error}{lost}") from None
+
+
+def _rectification(folder: Path) -> Rectification:
+    rectification = Rectification(read_raw_rig(folder))
+    try:
+        _ = rectification.stereo
+    except InputError as error:
+        raise InputError(f"{named(folder)}: {error}") from None
+    return rectification
+
+
+def _dataset(folder: Path, rectification: Rectification, stream: MeasurementStream) -> Dataset:
+    path, description = folder / DATASET_FILE, ""
+    if os.path.lexists(path):
+        description = printable(str(read_toml(path).get("description", "")))
+    truth = read_truth(folder)
+    return Dataset(
+        kind="stereo-tracks",
+        log=MeasurementLog((stream,)),
+        path=folder,
+        description=f"tracks of {description or printable(folder.name)}",
+        truth=None if truth is None else rectification.truth(truth),
+        rig=rectification.stereo,
+    )
