@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinfilters.errors import InputError
 from spinfilters.lidar.ray_pattern import angles_of, unit_vectors
 from spinfilters.lidar.scan_errors import RETURN
 
@@ -52,18 +51,12 @@ class Scan:
         return self.time[self.is_return]
 
     @property
-    def middle_time(self) -> float:
-        """Mean stamp of the returns, or of the rays where nothing returned, s."""
-        return float((self.point_times if self.is_return.any() else self.time).mean())
-
-    def require_points(self, count: int) -> Float[np.ndarray, "k 3"]:
-        """The points. InputError: fewer than this many."""
-        points = self.points
-        if len(points) < count:
-            raise InputError(
-                f"{self.name}: {len(points)} of {len(self)} rays returned, {count} are needed; aim at the body or scan more densely"
-            )
-        return points
+    def epoch(self) -> float:
+        """Time that the scan's pose is told at: its middle, s."""
+        start, duration = self.metadata.get("start_s"), self.metadata.get("duration_s")
+        if isinstance(start, int | float) and isinstance(duration, int | float):
+            return float(start + duration / 2)
+        return float((self.time.min() + self.time.max()) / 2)
 
 
 def scan_of_points(points: Float[np.ndarray, "n 3"], time: float = 0.0, name: str = "the scan") -> Scan:
