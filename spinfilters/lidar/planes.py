@@ -109,7 +109,7 @@ def _largest_plane(
     size = int(np.clip(len(points) // 40, 12, 400))
     subset = points[generator.choice(len(points), min(_SUBSET, len(points)), replace=False)]
     seeds = generator.integers(len(points), size=_SEEDS)
-    patches = KDTree(angles).query(angles[seeds], min(size, len(points)))[1]
+    patches = np.asarray(KDTree(angles).query(angles[seeds], min(size, len(points)))[1])
     centres = points[patches].mean(axis=1)
     centred = points[patches] - centres[:, None]
     normals = np.linalg.eigh(np.swapaxes(centred, 1, 2) @ centred)[1][:, :, 0]

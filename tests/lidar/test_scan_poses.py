@@ -67,7 +67,7 @@ def tumbling(
 ) -> tuple[list[Scan], np.ndarray, np.ndarray]:
     """Scans of a tumbling body with noise, and its true poses."""
     start = Initial(
-        Rotation.random(None, seed).as_matrix(),
+        Rotation.random(rng=np.random.default_rng(seed)).as_matrix(),
         np.array([30.0, 0, 0]),
         np.array([0.15, 0.2, 0.12]),
         np.array([2e-3, 1e-3, -1e-3]),
