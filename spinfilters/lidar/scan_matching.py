@@ -16,7 +16,7 @@ from spinfilters.lidar.registration import (
     coarse_pose,
     registered,
 )
-from spinfilters.lidar.scan_pose import ScanPose, pose_covariance, predicted_pose
+from spinfilters.lidar.scan_pose import ScanPose, pose_covariance, predicted_pose, skew
 
 MOST_POINTS: Final = 3000
 """Points of a scan that are registered."""
@@ -100,21 +100,16 @@ def _map(clouds: list[Cloud], poses: list[ScanPose], R: Float[np.ndarray, "3 3"]
 def _told(found: Registration, time: float, size: float) -> ScanPose:
     """The pose of g in L from that of the cloud in g: p_g = R p_L + t.
 
-    The registration's error in map axes, rotation d about its own translation and shift e, is on L's side a rotation -R' d and
-    a shift -R' e of the origin.
+    An error of the registration in map axes, rotation d and shift e, is a rotation a = -R' d of g in L, and a shift s of its origin
+    with -R' e = s + t x a: the registration rotates about the lidar.
     """
     R = found.rotation.T
     turn = np.zeros((6, 6))
     turn[:3, :3] = turn[3:, 3:] = -R
     information = turn @ found.information @ turn.T
     translation = -R @ found.translation
-    # rotating about the lidar moves the origin of g by d x t: the information is taken to a rotation about that origin
     K = np.eye(6)
-    K[3:, :3] = -_cross(translation)
+    K[3:, :3] = skew(translation)
     information = K.T @ information @ K
     covariance, lacking = pose_covariance(information, R, size)
     return ScanPose(time, R, translation, covariance, lacking, found.matched)
-
-
-def _cross(v: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

@@ -137,6 +137,8 @@ def test_a_body_without_faces_is_registered() -> None:
     assert not found.by_faces
     errors = errors_of(found.poses, R, t)
     assert np.rad2deg(np.linalg.norm(errors[:, 3:], axis=1)).max() < 1.0
+    nees = [e @ np.linalg.solve(p.covariance, e) for e, p in zip(errors, found.poses, strict=True)]
+    assert np.median(nees) < 18.0  # a dependence of residuals that is not known better than so
 
 
 def test_planes_are_those_of_the_body_and_their_covariance_is_honest() -> None:
