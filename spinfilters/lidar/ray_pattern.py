@@ -14,7 +14,7 @@ from spinfilters.logs.number_range import NumberRange
 
 FIELD_OF_VIEW: Final = NumberRange(1e-6, 179.0, "deg")
 RAYS: Final = NumberRange(1, 100_000, whole=True)
-MOST_RAYS: Final = 100_000_000
+MOST_RAYS: Final = 10_000_000
 """Rays of a pattern: beyond, its arrays alone take gigabytes."""
 
 

@@ -55,7 +55,9 @@ class Scan:
         """Time that the scan's pose is told at: its middle, s."""
         start, duration = self.metadata.get("start_s"), self.metadata.get("duration_s")
         if isinstance(start, int | float) and isinstance(duration, int | float):
-            return float(start + duration / 2)
+            middle = float(start + duration / 2)
+            if self.time.min() <= middle <= max(float(self.time.max()), start + duration):
+                return middle
         return float((self.time.min() + self.time.max()) / 2)
 
 

@@ -10,6 +10,7 @@ from spinfilters.errors import InputError
 from spinfilters.lidar.ply_files import read_ply, write_ply
 from spinfilters.lidar.ray_pattern import unit_vectors
 from spinfilters.lidar.scan import Scan, scan_of_points
+from spinfilters.lidar.scan_errors import RETURN
 from spinfilters.logs.atomic_write import write_bytes
 from spinfilters.logs.input_file import named, shown
 
@@ -57,7 +58,6 @@ def read_scan(path: Path) -> Scan:
     InputError: as `read_ply`; no point, a point that is not finite.
     """
     content = read_ply(path)
-    metadata = next((json.loads(c[len(_COMMENT) :]) for c in content.comments if c.startswith(_COMMENT)), {})
     if not len(content.points):
         raise InputError(f"{named(path)}: holds no point; the lidar has seen nothing, leave the scan out")
     bad = np.flatnonzero(~np.isfinite(content.points).all(axis=1))
@@ -69,7 +69,25 @@ def read_scan(path: Path) -> Scan:
     values = [content.columns[name].astype(np.float64) for name in COLUMNS[3:8]]
     time, azimuth, elevation, distance, intensity = values
     flag, window = (content.columns[name].astype(np.int64) for name in COLUMNS[8:])
-    return Scan(time, azimuth, elevation, distance, intensity, flag, window, named(path), metadata)
+    scan = Scan(
+        time, azimuth, elevation, distance, intensity, flag, window, named(path), _metadata(content.comments)
+    )
+    told = np.isfinite([time, azimuth, elevation, intensity]).all(axis=0)
+    if not (told & (np.isfinite(distance) | (flag != RETURN))).all():
+        raise InputError(f"{named(path)}: a ray has a time, angle or range that is not finite; leave it out")
+    return scan
+
+
+def _metadata(comments: tuple[str, ...]) -> dict[str, object]:
+    """What the scanner said of the scan; nothing where that is damaged."""
+    for comment in comments:
+        if comment.startswith(_COMMENT):
+            try:
+                document = json.loads(comment[len(_COMMENT) :])
+            except (ValueError, RecursionError):
+                return {}
+            return document if isinstance(document, dict) else {}
+    return {}
 
 
 def _columns(scan: Scan, rows: np.ndarray) -> dict[str, np.ndarray]:

@@ -1,5 +1,6 @@
 """Scans: patterns, errors in three modes, losses, motion during the scan, files."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -168,3 +169,20 @@ def test_directions_follow_the_axes_of_the_lidar() -> None:
     up, right = unit_vectors(np.array([0.0, 0.1]), np.array([0.1, 0.0]))
     assert up[1] > 0
     assert right[2] > 0
+
+
+@pytest.mark.parametrize(
+    ("old", "new"), [(b'"rays"', b'"rays'), (b"{", b"["), (b'"start_s": 0.0', b'"start_s": NaN')]
+)
+def test_damaged_metadata_of_a_scan_are_passed_over(old: bytes, new: bytes, tmp_path: Path) -> None:
+    write_scan(tmp_path / "a.ply", scan_of(LidarSettings(NARROW, duration=1.0)))
+    content = (tmp_path / "a.ply").read_bytes()
+    (tmp_path / "a.ply").write_bytes(content.replace(old, new, 1))
+    assert read_scan(tmp_path / "a.ply").epoch == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_scan_with_a_time_that_is_not_finite_is_refused(tmp_path: Path) -> None:
+    scan = scan_of(LidarSettings(NARROW))
+    write_scan(tmp_path / "a.ply", replace(scan, time=np.full(len(scan), np.nan)))
+    with pytest.raises(InputError, match="not finite"):
+        read_scan(tmp_path / "a.ply")
