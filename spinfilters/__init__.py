@@ -6,8 +6,9 @@ A first look, from a file of gyro rates to a picture::
     run.figure("summary").savefig("summary.png")
 
 Everything public is here, and is loaded when it is first asked for: `load` and `simulate` give data sets, `compare` runs estimators
-on one and gives a `Run`, `campaign` runs a study of thousands, `observe` says what a sensor can determine. What cannot be used
-raises `InputError`, whose text is one line that names the value and the cure.
+on one and gives a `Run`, `campaign` runs a study of thousands, `observe` says what a sensor can determine; `read_mesh` and
+`mass_properties` are for bodies of known shape. What cannot be used raises `InputError`, whose text is one line that names the
+value and the cure.
 """
 
 from importlib import import_module
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from spinfilters.api.recordings import load, simulate
     from spinfilters.api.results import EstimatorResult, Run
     from spinfilters.api.runs import compare
+    from spinfilters.lidar.mass_properties import mass_properties
+    from spinfilters.lidar.mesh_files import read_mesh
     from spinfilters.logs.dataset import Dataset
     from spinfilters.workflow.settings import Settings
 
@@ -35,7 +38,9 @@ __all__ = [
     "campaign",
     "compare",
     "load",
+    "mass_properties",
     "observe",
+    "read_mesh",
     "simulate",
 ]
 
@@ -48,7 +53,9 @@ _MODULES = {
     "campaign": "spinfilters.api.campaigns",
     "compare": "spinfilters.api.runs",
     "load": "spinfilters.api.recordings",
+    "mass_properties": "spinfilters.lidar.mass_properties",
     "observe": "spinfilters.api.analysis",
+    "read_mesh": "spinfilters.lidar.mesh_files",
     "simulate": "spinfilters.api.recordings",
 }
 """Where each public name comes from."""

@@ -108,7 +108,7 @@ STEREO_FAULTS = {
         'kind = "stereo-images"\n',
         "not part of this version; supply tracks.csv",
     ),
-    "lidar scans": ("dataset.toml", 'kind = "lidar-scans"\n', "not part of this version; supply poses.tum"),
+    "lidar scans": ("dataset.toml", 'kind = "lidar-scans"\n', "holds no .ply; put the scans there"),
     "tracks missing": ("tracks.csv", None, "no such file"),
     "tracks empty": ("tracks.csv", "", "empty"),
     "a landmark twice": ("tracks.csv", TRACKS + "0.5,1,1,2,0\n", "line 6: landmark 1 occurs twice at 0.5 s"),

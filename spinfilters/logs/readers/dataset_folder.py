@@ -7,11 +7,12 @@ from typing import Any
 from spinfilters.errors import InputError
 from spinfilters.logs.covariance_files import with_covariance
 from spinfilters.logs.dataset import DATASET_FILE, LANDMARK_FILE, Dataset, calibrations_of
-from spinfilters.logs.dataset_options import options_from_toml
+from spinfilters.logs.dataset_options import DatasetOptions, options_from_toml
 from spinfilters.logs.dataset_reader import DatasetReader
 from spinfilters.logs.input_file import named, require_folder, shown
 from spinfilters.logs.inspector_files import read_inspector
-from spinfilters.logs.measurement_log import MeasurementLog
+from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.logs.raw_data import RawDataReader, raw_data_reader
 from spinfilters.logs.sensor_files import read_sensor_file
 from spinfilters.logs.sensor_format import SensorFormat, dataset_kinds, sensor_formats
 from spinfilters.logs.settings_files import read_toml
@@ -51,6 +52,9 @@ def _read_folder(folder: Path) -> Dataset:
         )
     document = read_toml(path)
     kind, description = _text(path, document, "kind"), _text(path, document, "description", "")
+    reader = raw_data_reader(kind) if kind in _FRONT_ENDS else None
+    if reader is not None:
+        return _read_raw(folder, reader, description, options_from_toml(path, document))
     if kind in _FRONT_ENDS:
         raise _no_front_end(path, kind)
     if kind not in kinds:
@@ -72,22 +76,42 @@ def _read_folder(folder: Path) -> Dataset:
     )
 
 
+def _read_raw(folder: Path, reader: RawDataReader, description: str, options: DatasetOptions) -> Dataset:
+    """Measurements made from raw data, with those of other sensors in the folder."""
+    stream, truth, remarks = reader.read(folder, read_truth(folder))
+    read = [_with_own_covariance(form, folder) for form in _stored(folder, None)]
+    log = MeasurementLog((stream, *read))
+    cameras = calibrations_of(log)
+    return Dataset(
+        kind=reader.made,
+        log=log,
+        path=folder,
+        description="; ".join(words for words in (description, remarks) if words),
+        truth=truth,
+        rig=cameras[0].read(folder) if cameras else None,
+        inspector=read_inspector(folder, log) if cameras else None,
+        options=options,
+    )
+
+
 def _read_log(folder: Path, required: SensorFormat) -> MeasurementLog:
-    streams = []
-    for form in _stored(folder, required):
-        stream, covariance = read_sensor_file(form, folder / form.file), folder / form.covariance_file
-        streams.append(with_covariance(stream, covariance) if os.path.lexists(covariance) else stream)
-    return MeasurementLog(tuple(streams))
+    return MeasurementLog(tuple(_with_own_covariance(form, folder) for form in _stored(folder, required)))
 
 
-def _stored(folder: Path, required: SensorFormat) -> list[SensorFormat]:
+def _with_own_covariance(form: SensorFormat, folder: Path) -> MeasurementStream:
+    """Stream of a sensor in a folder, with the covariances of its rows where there are any."""
+    stream, covariance = read_sensor_file(form, folder / form.file), folder / form.covariance_file
+    return with_covariance(stream, covariance) if os.path.lexists(covariance) else stream
+
+
+def _stored(folder: Path, required: SensorFormat | None) -> list[SensorFormat]:
     """The formats whose files a folder holds. Of formats with the same file it is the required one's, or has the header of one."""
     by_file: dict[str, list[SensorFormat]] = {}
     for form in sensor_formats().values():
         by_file.setdefault(form.file, []).append(form)
     found = []
     for file, formats in by_file.items():
-        if required in formats:
+        if required is not None and required in formats:
             found.append(required)
         elif os.path.lexists(folder / file):
             fits = [

@@ -1,0 +1,95 @@
+"""Attitude from scans with sensor noise and no prior of the shape: the thesis' two sequences, and full turns at 30 m.
+
+python -m experiments.lidar_attitude [--seeds 10] [--rays 551]
+"""
+
+import argparse
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from spinfilters.lidar.body_motion import Still, thesis_rotation
+from spinfilters.lidar.mesh import box
+from spinfilters.lidar.ray_pattern import RayPattern
+from spinfilters.lidar.scan_errors import LidarNoise, rvs_noise
+from spinfilters.lidar.scan_pose import nearest_rotation, rotation_vector
+from spinfilters.lidar.scan_poses import scan_poses
+from spinfilters.lidar.scanner import LidarSettings, Scanner
+from spinfilters.lidar.sequence import Initial, scan_sequence, scan_times, tumble_of
+from spinfilters.lidar.thesis.sequences import SEQUENCES
+
+PLACES = ((5.0, 24.0, 0.02), (30.0, 4.0, 0.03), (500.0, 0.24, 2.0), (500.0, 2.0, 3.5))
+"""Distance, m, field of view, deg, and what was asked for, deg."""
+
+
+def main() -> None:
+    """Print the largest errors."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--turn-seeds", type=int, default=20)
+    parser.add_argument("--rays", type=int, default=551)
+    options = parser.parse_args()
+    exact = [transitions(500.0, 0.24, k, 0, options.rays, LidarNoise()) for k in (0, 1)]
+    print(f"without noise at 500 m: worst transition {max(exact):.1e} deg", flush=True)
+    for distance, field, asked in PLACES:
+        worst = [
+            transitions(distance, field, k, seed, options.rays, rvs_noise())
+            for k in (0, 1)
+            for seed in range(options.seeds)
+        ]
+        print(
+            f"{distance:g} m, field {field:g} deg: worst transition of {options.seeds} seeds, both sequences {max(worst):.4f} deg, "
+            f"median of worst {np.median(worst):.4f} (asked {asked})",
+            flush=True,
+        )
+    turns = np.array([full_turn(seed) for seed in range(options.turn_seeds)])
+    print(
+        f"full turns at 30 m, {len(turns)} seeds: largest attitude error {turns[:, 0].max():.4f} deg (asked 0.2), "
+        f"mean NEES of poses {turns[:, 1].mean():.2f} (6 degrees of freedom)"
+    )
+
+
+def transitions(
+    distance: float, field: float, sequence: int, seed: int, rays: int, noise: LidarNoise
+) -> float:
+    """Largest error of a rotation from scan to scan, deg."""
+    scanner = Scanner.of(box(), LidarSettings(RayPattern((field, field), (rays, rays)), noise))
+    generator, rotations = (
+        np.random.default_rng(seed),
+        [thesis_rotation(*pose) for pose in SEQUENCES[sequence]],
+    )
+    place = np.array([distance, 0.0, 0.0])
+    scans = [scanner.scan(Still(R, place), float(k), generator) for k, R in enumerate(rotations)]
+    poses = scan_poses(scans, seed=seed).poses
+    errors = [
+        b.rotation @ a.rotation.T @ (R @ Q.T).T
+        for a, b, Q, R in zip(poses[:-1], poses[1:], rotations[:-1], rotations[1:], strict=True)
+    ]
+    return float(np.rad2deg(max(np.linalg.norm(rotation_vector(each)) for each in errors)))
+
+
+def full_turn(seed: int) -> tuple[float, float]:
+    """Largest attitude error, deg, and mean NEES of the poses of a tumbling box in 60 scans; frames g are brought together."""
+    mesh, attitude = box((1.0, 1.3, 0.8)), Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
+    start = Initial(
+        attitude, np.array([30.0, 0.0, 0.0]), np.array([0.15, 0.2, 0.12]), np.array([2e-3, 1e-3, -1e-3])
+    )
+    motion = tumble_of(mesh, start)
+    scanner = Scanner.of(mesh, LidarSettings(RayPattern((4.0, 4.0), (121, 121)), rvs_noise()))
+    begin, epochs = scan_times(60, 1.0, 0.0)
+    poses = scan_poses(scan_sequence(scanner, motion, begin, seed, lambda *_: None)).poses
+    R, t = motion.poses(epochs)
+    turn = nearest_rotation(np.sum([a.T @ p.rotation for a, p in zip(R, poses, strict=True)], axis=0))
+    turned = np.array([rotation_vector((a @ turn).T @ p.rotation) for a, p in zip(R, poses, strict=True)])
+    sure = [k for k, pose in enumerate(poses) if not pose.undetermined]
+    off = np.median([R[k].T @ (poses[k].translation - t[k]) for k in sure], axis=0)
+    shifted = np.array([p.translation - x - a @ off for a, p, x in zip(R, poses, t, strict=True)])
+    errors = np.hstack([shifted, turned])
+    nees = [e @ np.linalg.solve(p.covariance, e) for e, p in zip(errors, poses, strict=True)]
+    return float(np.rad2deg(np.linalg.norm(turned, axis=1).max())), float(np.mean(nees))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,110 @@
+"""Data sets of lidar scans: registered into poses with covariance."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.attitude.conversions import (
+    continuous_quaternions,
+    inverse,
+    matrix_from_quaternion,
+    multiply,
+    quaternion_from_matrix,
+    rotate,
+)
+from spinfilters.errors import InputError
+from spinfilters.lidar.scan_files import read_scan
+from spinfilters.lidar.scan_pose import nearest_rotation
+from spinfilters.lidar.scan_poses import ScanPoses, scan_poses
+from spinfilters.logs.dataset import DATASET_FILE
+from spinfilters.logs.input_file import named
+from spinfilters.logs.measurement_log import MeasurementStream
+from spinfilters.logs.raw_data import RawDataReader
+from spinfilters.logs.truth import Truth
+
+SCAN_FOLDER: Final = "scans"
+
+
+def read_scans(folder: Path, truth: Truth | None) -> tuple[MeasurementStream, Truth | None, str]:
+    """Poses of the scans in ``scans/*.ply`` in the order of their stamps, the truth told in their frame g, and remarks.
+
+    Raises
+    ------
+    InputError: no scan, one that cannot be read, two at one time, fewer than two that see the body.
+    """
+    paths = sorted((folder / SCAN_FOLDER).glob("*.ply"))
+    if not paths:
+        raise InputError(
+            f"{named(folder / DATASET_FILE)}: kind is 'lidar-scans', but {SCAN_FOLDER} holds no .ply; put the scans there"
+        )
+    scans = sorted((read_scan(path) for path in paths), key=lambda scan: scan.epoch)
+    times = np.array([scan.epoch for scan in scans])
+    if (np.diff(times) <= 0).any():
+        second = scans[int(np.argmax(np.diff(times) <= 0)) + 1]
+        raise InputError(
+            f"{second.name}: is at {second.epoch} s as the scan before; give every scan its own times (time_s)"
+        )
+    try:
+        found = scan_poses(scans)
+    except InputError as error:
+        raise InputError(f"{named(folder)}: {error}") from None
+    stream = pose_stream(found)
+    return stream, None if truth is None else _in_their_frame(truth, stream), "; ".join(found.remarks)
+
+
+def pose_stream(found: ScanPoses) -> MeasurementStream:
+    """Poses as measurements of the sensor ``lidar-poses``; frame i is that of the lidar."""
+    poses = found.poses
+    q = continuous_quaternions(
+        quaternion_from_matrix(np.array([nearest_rotation(pose.rotation) for pose in poses]))
+    )
+    values = np.hstack([np.array([pose.translation for pose in poses]), q])
+    covariance = np.array([(pose.covariance + pose.covariance.T) / 2 for pose in poses])
+    return MeasurementStream("lidar-poses", np.array([pose.time for pose in poses]), values, None, covariance)
+
+
+def _in_their_frame(truth: Truth, stream: MeasurementStream) -> Truth:
+    """The truth told in the g of the scans, which nobody but they defines: the transformation that fits all poses best.
+
+    Six numbers are fitted; each pose has six. The estimators see nothing of it.
+    """
+    rows = np.searchsorted(truth.time, stream.time)
+    rows = np.clip(rows, 0, len(truth.time) - 1)
+    if truth.center_of_mass_g is None or np.abs(truth.time[rows] - stream.time).max() > 1e-6:
+        return truth
+    true, measured = matrix_from_quaternion(truth.q_ig[rows]), matrix_from_quaternion(stream.values[:, 3:])
+    place = truth.center_of_mass[rows] - true @ truth.center_of_mass_g
+    weights = (
+        np.ones(len(rows))
+        if stream.covariance is None
+        else 1 / np.trace(stream.covariance[:, 3:, 3:], axis1=1, axis2=2)
+    )
+    turn = nearest_rotation(np.einsum("n,nji,njk->ik", weights, true, measured))
+    shift = np.linalg.solve(*_places(true, stream, place))
+    q = quaternion_from_matrix(turn)
+    axes = truth.principal_axes_g
+    return replace(
+        truth,
+        q_ig=multiply(truth.q_ig, np.broadcast_to(q, truth.q_ig.shape)),
+        principal_axes_g=None if axes is None else rotate(inverse(q), axes),
+        center_of_mass_g=turn.T @ (truth.center_of_mass_g - shift),
+    )
+
+
+def _places(
+    true: Float[np.ndarray, "n 3 3"], stream: MeasurementStream, place: Float[np.ndarray, "n 3"]
+) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
+    """Normal equations of the origin of the scans' g in that of the truth, m."""
+    H, b = np.zeros((3, 3)), np.zeros(3)
+    for k, R in enumerate(true):
+        P = np.eye(3) if stream.covariance is None else stream.covariance[k, :3, :3]
+        W = R.T @ np.linalg.inv(P) @ R
+        H += W
+        b += W @ R.T @ (stream.values[k, :3] - place[k])
+    return H, b
+
+
+READER = RawDataReader("lidar-scans", "lidar-poses", read_scans)

@@ -1,0 +1,243 @@
+"""Poses of a body with plane faces: faces tracked with the predicted rate, attitude by weighted Wahba, one map of all scans."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import linear_sum_assignment
+
+from spinfilters.lidar.planes import FittedPlane
+from spinfilters.lidar.scan_pose import (
+    ScanPose,
+    nearest_rotation,
+    pose_covariance,
+    predicted_pose,
+    rotation_matrix,
+    skew,
+)
+
+WIDEST_MATCH: Final = np.deg2rad(40.0)
+"""Angle between a predicted and a seen normal, at most: faces of a box are 90 deg apart."""
+_STEPS, _SWEEPS = 4, 4
+_HUGE = 1e6
+_RIDGE = 1e-9
+FEWEST_FOR_DRIFT: Final = 6
+"""Scans from which the drift of the centre of rotation is fitted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Face:
+    """A face n.p = d in frame g."""
+
+    normal: Float[np.ndarray, "3"]
+    offset: float
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedFaces:
+    """Poses of all scans and the map of faces that they share.
+
+    Attributes
+    ----------
+    matches: for every scan, the face of each of its planes.
+    """
+
+    poses: tuple[ScanPose, ...]
+    faces: tuple[Face, ...]
+    matches: tuple[tuple[int, ...], ...]
+
+
+def track_faces(
+    times: Sequence[float],
+    planes: Sequence[Sequence[FittedPlane]],
+    middle: Float[np.ndarray, "3"],
+    size: float,
+) -> TrackedFaces:
+    """Poses from the planes of every scan; frame g has the lidar's axes at the first scan and its origin at ``middle``.
+
+    Parameters
+    ----------
+    size: of the body, m: how far a predicted position may be wrong.
+    """
+    poses: list[ScanPose] = []
+    faces: list[Face] = []
+    matches: list[tuple[int, ...]] = []
+    for time, seen in zip(times, planes, strict=True):
+        R, t = predicted_pose(poses, time) if poses else (np.eye(3), middle)
+        pairs: list[tuple[int, int]] = []
+        for gate in (0.5 * size, 0.15 * size):
+            pairs = _matched(seen, faces, R, t, gate)
+            R, t = _aligned([(seen[i], faces[j]) for i, j in pairs], R, t, size)
+        of_plane = dict(pairs)
+        for number, plane in enumerate(seen):
+            if number not in of_plane:
+                of_plane[number] = len(faces)
+                faces.append(_face(plane, R, t))
+        matches.append(tuple(of_plane[number] for number in range(len(seen))))
+        poses.append(ScanPose(time, R, t, np.eye(6)))
+    return _adjusted(poses, faces, matches, planes, size)
+
+
+def _face(plane: FittedPlane, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]) -> Face:
+    return Face(R.T @ plane.normal, float(plane.normal @ (plane.centroid - t)))
+
+
+def _matched(
+    seen: Sequence[FittedPlane],
+    faces: Sequence[Face],
+    R: Float[np.ndarray, "3 3"],
+    t: Float[np.ndarray, "3"],
+    gate: float,
+) -> list[tuple[int, int]]:
+    """Pairs (plane, face) of least total disagreement with a predicted pose."""
+    if not seen or not faces:
+        return []
+    angle = np.array([[np.arccos(np.clip(p.normal @ R @ f.normal, -1, 1)) for f in faces] for p in seen])
+    shift = np.array([[abs(p.normal @ (p.centroid - t) - f.offset) for f in faces] for p in seen])
+    cost = angle / WIDEST_MATCH + shift / gate
+    cost[(angle > WIDEST_MATCH) | (shift > gate)] = _HUGE
+    rows, columns = linear_sum_assignment(cost)
+    return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if cost[i, j] < _HUGE]
+
+
+def _aligned(
+    pairs: Sequence[tuple[FittedPlane, Face]],
+    R: Float[np.ndarray, "3 3"],
+    t: Float[np.ndarray, "3"],
+    size: float,
+) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
+    """Pose of the matched faces: Wahba's attitude first, then Gauss-Newton with the planes' covariances and the predicted pose."""
+    if len(pairs) >= 2:
+        weights = [1 / max(np.trace(p.covariance[:2, :2]), 1e-30) for p, _ in pairs]
+        weights = np.array(weights) / max(weights)
+        prior = 1e-3 * R  # the predicted attitude decides what fewer than two directions leave open
+        M = prior + sum(w * np.outer(p.normal, f.normal) for w, (p, f) in zip(weights, pairs, strict=True))
+        R = nearest_rotation(M)
+    start, place = R, t
+    for _ in range(_STEPS if pairs else 0):
+        H, b = normal_equations(pairs, R, t)
+        weak = np.repeat([1e-6, 1e-6 / size**2], 3) * np.trace(H) / 6 * 1e-6 + 1e-12
+        shift = np.linalg.solve(H + np.diag(weak), b)
+        R, t = rotation_matrix(shift[:3]) @ R, t + shift[3:]
+        if np.linalg.norm(shift[:3]) < 1e-13:
+            break
+    return (R, t) if np.isfinite(R).all() and np.isfinite(t).all() else (start, place)
+
+
+def normal_equations(
+    pairs: Sequence[tuple[FittedPlane, Face]], R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]
+) -> tuple[Float[np.ndarray, "6 6"], Float[np.ndarray, "6"]]:
+    """Information over (rotation in L, translation) and its right-hand side.
+
+    Residuals of a face in a plane's own terms: tangent components of its normal, distance from the plane's centroid.
+    """
+    H, b = np.zeros((6, 6)), np.zeros(6)
+    for plane, face in pairs:
+        residual, J = _residual(plane, face, R, t)
+        W = np.linalg.inv(plane.covariance + 1e-30 * np.eye(3))
+        H += J.T @ W @ J
+        b -= J.T @ W @ residual
+    return H, b
+
+
+def _residual(
+    plane: FittedPlane, face: Face, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 6"]]:
+    n, arm = R @ face.normal, t - plane.centroid
+    residual = np.array([*(plane.tangents.T @ n), face.offset + n @ arm])
+    J = np.zeros((3, 6))
+    J[:2, :3] = -plane.tangents.T @ skew(n)
+    J[2, :3], J[2, 3:] = np.cross(n, arm), n
+    return residual, J
+
+
+def _adjusted(
+    poses: list[ScanPose],
+    faces: list[Face],
+    matches: list[tuple[int, ...]],
+    planes: Sequence[Sequence[FittedPlane]],
+    size: float,
+) -> TrackedFaces:
+    """All poses and faces together, by turns: each face from all scans that see it, each pose from all faces that it sees."""
+    for sweep in range(2 * _SWEEPS):
+        faces = [_refitted(k, face, poses, matches, planes) for k, face in enumerate(faces)]
+        if sweep >= _SWEEPS and len(poses) >= FEWEST_FOR_DRIFT:
+            faces, poses = _drifting(faces, poses, matches, planes)
+        poses = [
+            _posed(pose, faces, m, seen, size) for pose, m, seen in zip(poses, matches, planes, strict=True)
+        ]
+    return TrackedFaces(tuple(poses), tuple(faces), tuple(matches))
+
+
+def _drifting(
+    faces: list[Face],
+    poses: list[ScanPose],
+    matches: list[tuple[int, ...]],
+    planes: Sequence[Sequence[FittedPlane]],
+) -> tuple[list[Face], list[ScanPose]]:
+    """Offsets of the faces if the origin of g drifts uniformly, which makes it the centre of rotation, and poses at that drift.
+
+    Planes alone do not tell how far apart faces are that no scan sees together. With attitudes given, n.(r + v time) + d = n.c of
+    every plane is linear in r, v and the offsets d.
+    """
+    start, rows, values = poses[0].time, [], []
+    span = poses[-1].time - start
+    for pose, match, seen in zip(poses, matches, planes, strict=True):
+        for plane, k in zip(seen, match, strict=True):
+            n, row = pose.rotation @ faces[k].normal, np.zeros(6 + len(faces))
+            row[:3], row[3:6], row[6 + k] = n, n * (pose.time - start) / span, 1.0
+            rows.append(row)
+            values.append(n @ plane.centroid)
+    A, b = np.array(rows), np.array(values)
+    before = np.array(
+        [*poses[0].translation, *(poses[-1].translation - poses[0].translation), *(f.offset for f in faces)]
+    )
+    residual, step = b - A @ before, np.zeros(len(before))
+    for _ in range(_STEPS):
+        scatter = 1.4826 * float(np.median(np.abs(residual - A @ step))) + 1e-12
+        weights = 1 / (1 + ((residual - A @ step) / (3 * scatter)) ** 2)
+        H = (A * weights[:, None]).T @ A
+        step = np.linalg.solve(H + _RIDGE * np.trace(H) / len(H) * np.eye(len(H)), A.T @ (weights * residual))
+    x = before + step
+    moved = [replace(pose, translation=x[:3] + x[3:6] * (pose.time - start) / span) for pose in poses]
+    return [Face(face.normal, float(offset)) for face, offset in zip(faces, x[6:], strict=True)], moved
+
+
+def _posed(
+    pose: ScanPose, faces: list[Face], match: tuple[int, ...], seen: Sequence[FittedPlane], size: float
+) -> ScanPose:
+    pairs = [(plane, faces[k]) for plane, k in zip(seen, match, strict=True)]
+    R, t = (
+        _aligned(pairs, pose.rotation, pose.translation, size) if pairs else (pose.rotation, pose.translation)
+    )
+    covariance, lacking = pose_covariance(normal_equations(pairs, R, t)[0], R, size)
+    return ScanPose(pose.time, R, t, covariance, lacking, len(pairs))
+
+
+def _refitted(
+    number: int,
+    face: Face,
+    poses: list[ScanPose],
+    matches: list[tuple[int, ...]],
+    planes: Sequence[Sequence[FittedPlane]],
+) -> Face:
+    """A face from every scan that sees it: three numbers, linear about the present ones."""
+    T = np.linalg.svd(face.normal[None])[2][1:].T
+    H, b = 1e-12 * np.eye(3), np.zeros(3)
+    for pose, match, seen in zip(poses, matches, planes, strict=True):
+        for plane, k in zip(seen, match, strict=True):
+            if k != number:
+                continue
+            residual, _ = _residual(plane, face, pose.rotation, pose.translation)
+            RT = pose.rotation @ T
+            J = np.zeros((3, 3))
+            J[:2, :2], J[2, :2] = plane.tangents.T @ RT, (pose.translation - plane.centroid) @ RT
+            J[2, 2] = 1.0
+            W = np.linalg.inv(plane.covariance + 1e-30 * np.eye(3))
+            H += J.T @ W @ J
+            b -= J.T @ W @ residual
+    step = np.linalg.solve(H, b)
+    normal = face.normal + T @ step[:2]
+    return Face(normal / np.linalg.norm(normal), face.offset + float(step[2]))

@@ -1,0 +1,122 @@
+"""Mesh files of strangers: STL (binary and ASCII), OBJ and PLY, validated and cleaned."""
+
+import os
+import re
+from itertools import pairwise
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.errors import InputError
+from spinfilters.lidar.mesh import TriangleMesh, cleaned_mesh
+from spinfilters.lidar.ply_files import read_ply
+from spinfilters.logs.input_file import named, reason, require_file, shown
+
+MAX_MESH_BYTES: Final = 1 << 30
+"""Largest mesh file that is read (1 GiB): twenty million triangles of a binary STL."""
+_STL_HEADER, _STL_TRIANGLE = 84, 50
+_NUMBER = re.compile(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE)
+
+
+def read_mesh(path: str | os.PathLike[str]) -> TriangleMesh:
+    """Mesh of an .stl, .obj or .ply file, in its own unit; triangles without area are left out and remarked upon.
+
+    Raises
+    ------
+    InputError: missing, too large, truncated, of another format, a coordinate that is not finite, no triangle of positive area.
+    """
+    path = Path(path)
+    require_file(path, MAX_MESH_BYTES)
+    readers = {".stl": _read_stl, ".obj": _read_obj, ".ply": _read_ply_mesh}
+    reader = readers.get(path.suffix.lower())
+    if reader is None:
+        raise InputError(
+            f"{named(path)}: {shown(path.suffix)} is no known kind of mesh; give a .stl, .obj or .ply"
+        )
+    vertices, triangles = reader(path)
+    return cleaned_mesh(vertices, triangles, named(path))
+
+
+_Surface = tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]
+
+
+def file_bytes(path: Path) -> bytes:
+    """Content of a file. InputError: it cannot be read."""
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{named(path)}: cannot be read ({reason(error)}); copy it again") from None
+
+
+def _read_stl(path: Path) -> _Surface:
+    data = file_bytes(path)
+    told = int.from_bytes(data[80:84], "little") if len(data) >= _STL_HEADER else -1
+    if told >= 0 and len(data) == _STL_HEADER + _STL_TRIANGLE * told:
+        return _binary_stl(data, told)
+    if data.lstrip()[:5].lower() == b"solid" and b"facet" in data[:4096].lower() + data[-4096:].lower():
+        return _ascii_stl(path, data)
+    if told < 0:
+        raise InputError(f"{named(path)}: has {len(data)} bytes, too few for an STL; export it again")
+    held = (len(data) - _STL_HEADER) // _STL_TRIANGLE
+    raise InputError(
+        f"{named(path)}: its header tells {told} triangles, its size is that of {held}: truncated or damaged; export it again"
+    )
+
+
+def _binary_stl(data: bytes, count: int) -> _Surface:
+    """Little-endian facets: normal, three vertices (float32), two bytes of attributes."""
+    layout = np.dtype([("normal", "<f4", 3), ("vertices", "<f4", (3, 3)), ("attribute", "<u2")])
+    facets = np.frombuffer(data, layout, count, _STL_HEADER)
+    return facets["vertices"].astype(np.float64).reshape(-1, 3), np.arange(3 * count).reshape(-1, 3)
+
+
+def _ascii_stl(path: Path, data: bytes) -> _Surface:
+    text = data.lower()
+    opened, closed = text.count(b"facet normal"), text.count(b"endfacet")
+    vertices = _NUMBER.findall(data)
+    if b"endsolid" not in text or opened != closed or len(vertices) != 3 * opened:
+        raise InputError(
+            f"{named(path)}: {opened} facets begin, {closed} end, with {len(vertices)} vertices: truncated; export it again"
+        )
+    try:
+        values = np.array(vertices, dtype="S64").astype(np.float64)
+    except ValueError:
+        raise InputError(f"{named(path)}: a vertex is no number; export it again") from None
+    return values.reshape(-1, 3), np.arange(len(values)).reshape(-1, 3)
+
+
+def _read_obj(path: Path) -> _Surface:
+    """Lines ``v x y z`` and ``f a b c ...`` with indices from 1, or from the end where negative; polygons become fans."""
+    vertices: list[list[float]] = []
+    triangles: list[tuple[int, int, int]] = []
+    for number, line in enumerate(file_bytes(path).decode("utf-8", "replace").splitlines(), 1):
+        words = line.split()
+        try:
+            if words[:1] == ["v"]:
+                x, y, z = map(float, words[1:4])
+                vertices.append([x, y, z])
+            elif words[:1] == ["f"]:
+                corners = [_obj_index(word, len(vertices)) for word in words[1:]]
+                triangles += [(corners[0], b, c) for b, c in pairwise(corners[1:])]
+        except (ValueError, IndexError):
+            raise InputError(
+                f"{named(path)}: line {number}: {shown(line.strip())} is no vertex or face; export it again"
+            ) from None
+    return np.array(vertices).reshape(-1, 3), np.array(triangles, dtype=np.int64).reshape(-1, 3)
+
+
+def _obj_index(word: str, count: int) -> int:
+    index = int(word.split("/", 1)[0])
+    place = index - 1 if index > 0 else count + index
+    if index == 0 or place < 0:
+        raise IndexError(word)
+    return place
+
+
+def _read_ply_mesh(path: Path) -> _Surface:
+    content = read_ply(path)
+    if not len(content.triangles):
+        raise InputError(f"{named(path)}: holds points but no faces: a scan, not a mesh; give a mesh")
+    return content.points, content.triangles

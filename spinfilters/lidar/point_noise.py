@@ -1,0 +1,104 @@
+"""Noise of measured points: from a specification, or identified from the scans themselves."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import nnls
+from scipy.spatial import KDTree
+from scipy.stats import chi2
+
+from spinfilters.lidar.ray_pattern import angles_of
+from spinfilters.lidar.scan import Scan
+
+FLOOR: Final = 1e-10
+"""Least standard deviation of a point across a plane, m: rounding at a kilometre."""
+_PATCH, _PATCHES, _BINS, _LOOKED_AT = 25, 1500, 8, 4000
+_PARAMETERS = 3  # of a plane
+
+
+@dataclass(frozen=True)
+class PointNoise:
+    """Standard deviations of range, m, azimuth and elevation, rad."""
+
+    range_std: float
+    azimuth_std: float
+    elevation_std: float
+
+    def across(
+        self, points: Float[np.ndarray, "n 3"], normal: Float[np.ndarray, "..."]
+    ) -> Float[np.ndarray, "..."]:
+        """Standard deviation of points across a plane, m: s^2 = n' S n with S of range, azimuth and elevation.
+
+        Parameters
+        ----------
+        normal: (3,) of one plane, or (3, m) of several, which give (n, m).
+        """
+        r = np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)
+        azimuth, elevation = _lateral(points)
+        square = (self.range_std * (points / r @ normal)) ** 2
+        square += (self.azimuth_std * (azimuth @ normal)) ** 2 + (
+            self.elevation_std * (elevation @ normal)
+        ) ** 2
+        return np.sqrt(square + FLOOR**2)
+
+
+def _lateral(points: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+    """Derivatives of points by azimuth and by elevation, m/rad."""
+    x, y, z = points.T
+    across = np.hypot(x, z)
+    safe = np.maximum(across, 1e-12)
+    return np.stack([-z, np.zeros_like(x), x], axis=1), np.stack(
+        [-x * y / safe, across, -z * y / safe], axis=1
+    )
+
+
+def identified_noise(scans: Sequence[Scan]) -> PointNoise:
+    """Range and angle noise from what neighbouring rays differ by: the medians of small planes' residuals.
+
+    The residual variance of ranges on a plane is range_std^2 + (slope angle_std)^2, the slope being that of the range over the
+    angles; medians within bins of slope keep edges out. Azimuth and elevation are taken alike.
+    """
+    samples = [
+        _patch_residuals(scan.points) for scan in scans[:5] if np.count_nonzero(scan.is_return) > 2 * _PATCH
+    ]
+    if not samples:
+        return PointNoise(0.0, 0.0, 0.0)
+    slope, variance = np.concatenate(samples, axis=1)
+    edges = np.quantile(slope, np.linspace(0, 1, _BINS + 1))
+    rows, values = [], []
+    for low, high in pairwise(edges):
+        inside = (slope >= low) & (slope <= high)
+        if inside.sum() > 10:
+            rows.append([1.0, np.median(slope[inside])])
+            values.append(np.median(variance[inside]))
+    A, b = np.array(rows), np.array(values)
+    weights = 1 / np.maximum(b, FLOOR**2)
+    scale = np.maximum(np.abs(A).max(axis=0), 1e-300)
+    squares = nnls(A / scale * weights[:, None], b * weights)[0] / scale
+    angle = float(np.sqrt(squares[1]))
+    return PointNoise(float(np.sqrt(squares[0])), angle, angle)
+
+
+def _patch_residuals(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "2 m"]:
+    """Squared slope of the range over the angles, (m/rad)^2, and residual variance, m^2, of planes through neighbouring rays.
+
+    The range is fitted rather than a plane in space: where beams lie closer than the noise a cloud is thickest along the range.
+    """
+    kept = points[np.linspace(0, len(points) - 1, min(_LOOKED_AT, len(points))).astype(int)]
+    angles, distance = np.stack(angles_of(kept), axis=1), np.linalg.norm(kept, axis=1)
+    seeds = np.linspace(0, len(kept) - 1, min(_PATCHES, len(kept))).astype(int)
+    rows = KDTree(angles).query(angles[seeds], _PATCH)[1]
+    angle = angles[rows] - angles[rows].mean(axis=1, keepdims=True)
+    width = np.maximum(np.abs(angle).max(axis=(1, 2)), 1e-300)[:, None, None]
+    A = np.concatenate([angle / width, np.ones((*angle.shape[:2], 1))], axis=2)
+    r = distance[rows] - distance[rows].mean(axis=1, keepdims=True)
+    solution = np.linalg.pinv(A) @ r[:, :, None]
+    residual = r - (A @ solution)[:, :, 0]
+    freedom = _PATCH - _PARAMETERS
+    slope = solution[:, :2, 0] / width[:, :, 0]
+    variance = np.sum(residual**2, axis=1) / float(chi2.median(freedom))
+    return np.stack([np.sum(slope**2, axis=1), variance])

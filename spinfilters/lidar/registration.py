@@ -1,0 +1,238 @@
+"""Point-to-plane registration of a cloud to a map: the pose of a body without plane faces."""
+
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
+
+from spinfilters.lidar.scan_pose import rotation_matrix
+
+NEIGHBOURS: Final = 16
+"""Points that a normal is fitted to."""
+FACING: Final = 0.5
+"""Cosine of the angle between two normals that may belong together, at least."""
+_ITERATIONS, _COARSE, _COARSE_ITERATIONS = 40, 400, 12
+_TRIMMED = 3.0  # robust standard deviations of a residual beyond which it has no say
+_SETTLED = 1e-9
+_PATCH = 0.3  # side of a patch of like residuals, in sizes of the map
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """Points, m, with unit normals; ``tree`` over the points."""
+
+    points: Float[np.ndarray, "n 3"]
+    normals: Float[np.ndarray, "n 3"]
+    tree: KDTree
+
+    @classmethod
+    def of(cls, points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]) -> "Cloud":
+        """With its tree."""
+        return cls(points, normals, KDTree(points))
+
+    @property
+    def size(self) -> float:
+        """Root-mean-square distance from the middle, m."""
+        return float(np.sqrt(np.mean(np.sum((self.points - self.points.mean(axis=0)) ** 2, axis=1))))
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """Pose of the cloud in the map, p_map = R p + t, and how well it is known.
+
+    Attributes
+    ----------
+    information: (6, 6) over (rotation, translation) in map axes, with the residuals' own deviation, m^-2 and 1.
+    residual_std: of the point-to-plane distances, m.   matched: points.   overlap: their share of the cloud.
+    """
+
+    rotation: Float[np.ndarray, "3 3"]
+    translation: Float[np.ndarray, "3"]
+    information: Float[np.ndarray, "6 6"]
+    residual_std: float
+    matched: int
+    overlap: float
+
+
+class RegistrationEngine(Protocol):
+    """What refines a pose."""
+
+    def refined(
+        self,
+        source: Cloud,
+        target: Cloud,
+        R: Float[np.ndarray, "3 3"],
+        t: Float[np.ndarray, "3"],
+        reach: float,
+    ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
+        """Pose from a start, with matches within ``reach`` m."""
+        ...
+
+
+class PointToPlane:
+    """Iterated closest points with distances to the target's planes, matches drawn in as it settles."""
+
+    def refined(
+        self,
+        source: Cloud,
+        target: Cloud,
+        R: Float[np.ndarray, "3 3"],
+        t: Float[np.ndarray, "3"],
+        reach: float,
+    ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
+        """See `RegistrationEngine`."""
+        for _ in range(_ITERATIONS):
+            matches = _matches(source, target, R, t, reach)
+            if len(matches.rows) < 6:
+                break
+            H, b = matches.normal_equations(t)
+            step = np.linalg.solve(H + 1e-9 * np.trace(H) * np.eye(6), b)
+            R, t = rotation_matrix(step[:3]) @ R, t + step[3:]
+            reach = max(reach * 0.8, 6 * matches.std, 1e-9)
+            if np.abs(step).max() < _SETTLED * max(1.0, target.size):
+                break
+        return R, t
+
+
+class SmallGicp:
+    """The optional engine small_gicp (generalised ICP)."""
+
+    def refined(
+        self,
+        source: Cloud,
+        target: Cloud,
+        R: Float[np.ndarray, "3 3"],
+        t: Float[np.ndarray, "3"],
+        reach: float,
+    ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
+        """See `RegistrationEngine`."""
+        import small_gicp  # pyright: ignore[reportMissingImports]
+
+        start = np.eye(4)
+        start[:3, :3], start[:3, 3] = R, t
+        resolution = float(
+            np.median(target.tree.query(target.points[:: max(1, len(target.points) // 500)], 2)[0][:, 1])
+        )
+        found = small_gicp.align(
+            target.points,
+            source.points,
+            start,
+            max_correspondence_distance=reach,
+            downsampling_resolution=max(resolution, 1e-9),
+        )
+        return np.array(found.T_target_source[:3, :3]), np.array(found.T_target_source[:3, 3])
+
+
+@dataclass(frozen=True, eq=False)
+class _Matches:
+    """Moved source points ``moved`` against planes of the target; ``arms`` from the present translation."""
+
+    rows: Int[np.ndarray, " m"]
+    targets: Int[np.ndarray, " m"]
+    moved: Float[np.ndarray, "m 3"]
+    normals: Float[np.ndarray, "m 3"]
+    residual: Float[np.ndarray, " m"]
+    std: float
+
+    def normal_equations(
+        self, t: Float[np.ndarray, "3"]
+    ) -> tuple[Float[np.ndarray, "6 6"], Float[np.ndarray, "6"]]:
+        """Unweighted; rotation in map axes about the translation's point, then translation."""
+        J = np.concatenate([np.cross(self.moved - t, self.normals), self.normals], axis=1)
+        return J.T @ J, -J.T @ self.residual
+
+
+def _matches(
+    source: Cloud, target: Cloud, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"], reach: float
+) -> _Matches:
+    moved = source.points @ R.T + t
+    distance, index = target.tree.query(moved, distance_upper_bound=reach)
+    rows = np.flatnonzero(np.isfinite(distance))
+    index = index[rows]
+    alike = np.einsum("ni,ni->n", source.normals[rows] @ R.T, target.normals[index]) > FACING
+    rows, index = rows[alike], index[alike]
+    normals = target.normals[index]
+    residual = np.einsum("ni,ni->n", moved[rows] - target.points[index], normals)
+    std = 1.4826 * float(np.median(np.abs(residual))) if len(residual) else 0.0
+    kept = np.abs(residual) <= _TRIMMED * std + 1e-12
+    return _Matches(rows[kept], index[kept], moved[rows[kept]], normals[kept], residual[kept], std)
+
+
+def registered(
+    source: Cloud,
+    target: Cloud,
+    R: Float[np.ndarray, "3 3"],
+    t: Float[np.ndarray, "3"],
+    reach: float,
+    engine: RegistrationEngine,
+) -> Registration:
+    """The pose refined from a start, with its information.
+
+    Residuals of neighbouring points are alike where a target is shared, or the surface is rougher than the noise. So the variance
+    is that which sums of residuals over patches of the surface have, never less than that of independent points.
+    """
+    R, t = engine.refined(source, target, R, t, reach)
+    near = _matches(source, target, R, t, reach)
+    near = _matches(source, target, R, t, max(6 * near.std, 1e-9))
+    if len(near.rows) < 6:
+        return Registration(R, t, np.zeros((6, 6)), np.inf, len(near.rows), 0.0)
+    H, _ = near.normal_equations(t)
+    variance = max(float(np.mean(near.residual**2)), 1e-24)
+    information = H / (variance * _dependence(near, target.size))
+    return Registration(
+        R, t, information, float(np.sqrt(variance)), len(near.rows), len(near.rows) / len(source.points)
+    )
+
+
+def _dependence(matches: _Matches, size: float) -> float:
+    """Variance of sums of residuals over patches, in terms of that of independent residuals; at least 2, for the target's noise."""
+    cells = np.floor(matches.moved / (_PATCH * size)).astype(np.int64)
+    _, patch = np.unique(cells, axis=0, return_inverse=True)
+    total = np.bincount(patch.reshape(-1), weights=matches.residual)
+    return max(2.0, float(np.sum(total**2) / max(np.sum(matches.residual**2), 1e-300)))
+
+
+def coarse_pose(
+    source: Cloud, target: Cloud, widest: float
+) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
+    """The best of many starts about the middles of both clouds, rotations up to ``widest`` rad."""
+    few = Cloud.of(
+        *(each[:: max(1, len(source.points) // _COARSE)] for each in (source.points, source.normals))
+    )
+    middle, centre, reach = target.points.mean(axis=0), source.points.mean(axis=0), 0.7 * target.size
+    best, score = (np.eye(3), middle - centre), np.inf
+    axes = np.concatenate(
+        [np.eye(3), -np.eye(3), *([[a, b, c]] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1))]
+    )
+    axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+    turns = [np.zeros(3), *(angle * axis for angle in np.arange(0.35, widest + 0.01, 0.35) for axis in axes)]
+    for turn in turns:
+        R = Rotation.from_rotvec(turn).as_matrix()
+        t = middle - R @ centre
+        for k in range(_COARSE_ITERATIONS):
+            matches = _matches(few, target, R, t, reach * 0.75**k)
+            if len(matches.rows) < 20:
+                break
+            H, b = matches.normal_equations(t)
+            step = np.linalg.solve(H + 1e-6 * np.trace(H) * np.eye(6), b)
+            R, t = rotation_matrix(step[:3]) @ R, t + step[3:]
+        distance = target.tree.query(few.points @ R.T + t)[0]
+        found = float(np.mean(np.minimum(distance, 0.1 * target.size)))
+        if found < score:
+            best, score = (R, t), found
+    return best
+
+
+def cloud_of(points: Float[np.ndarray, "n 3"], viewpoint: Float[np.ndarray, "3"], most: int) -> Cloud:
+    """A scan's cloud, thinned to so many points, with normals towards the viewpoint from all of its points."""
+    kept = points[np.linspace(0, len(points) - 1, min(most, len(points))).astype(int)]
+    tree = KDTree(points)
+    around = points[tree.query(kept, min(NEIGHBOURS, len(points)))[1]]
+    centred = around - around.mean(axis=1, keepdims=True)
+    _, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", centred, centred))
+    normals = vectors[:, :, 0]
+    away = np.einsum("ni,ni->n", normals, kept - viewpoint) > 0
+    return Cloud.of(kept, np.where(away[:, None], -normals, normals))

@@ -1,0 +1,70 @@
+"""A scan: every ray of a lidar with its stamp, angles, range, intensity and flag."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from spinfilters.lidar.ray_pattern import angles_of, unit_vectors
+from spinfilters.lidar.scan_errors import RETURN
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """Rays of one scan in the order of firing, as a lidar reports them.
+
+    Attributes
+    ----------
+    time: (n,) s.   azimuth, elevation: (n,) reported, rad.   distance: (n,) reported range, m, NaN without a return.
+    intensity: (n,) 0 without a return.   flag: (n,) see `spinfilters.lidar.scan_errors`.   window: (n,) 0 for the grid.
+    metadata: words and numbers for the reader.
+    """
+
+    time: Float[np.ndarray, " n"]
+    azimuth: Float[np.ndarray, " n"]
+    elevation: Float[np.ndarray, " n"]
+    distance: Float[np.ndarray, " n"]
+    intensity: Float[np.ndarray, " n"]
+    flag: Int[np.ndarray, " n"]
+    window: Int[np.ndarray, " n"]
+    name: str = "the scan"
+    metadata: Mapping[str, object] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def is_return(self) -> Bool[np.ndarray, " n"]:
+        """Rays with a measured range."""
+        return (self.flag == RETURN) & np.isfinite(self.distance)
+
+    @property
+    def points(self) -> Float[np.ndarray, "k 3"]:
+        """Points of the returns, frame L, m."""
+        rows = self.is_return
+        return self.distance[rows, None] * unit_vectors(self.azimuth[rows], self.elevation[rows])
+
+    @property
+    def point_times(self) -> Float[np.ndarray, " k"]:
+        """Stamps of the returns, s."""
+        return self.time[self.is_return]
+
+    @property
+    def epoch(self) -> float:
+        """Time that the scan's pose is told at: its middle, s."""
+        start, duration = self.metadata.get("start_s"), self.metadata.get("duration_s")
+        if isinstance(start, int | float) and isinstance(duration, int | float):
+            middle = float(start + duration / 2)
+            if self.time.min() <= middle <= max(float(self.time.max()), start + duration):
+                return middle
+        return float((self.time.min() + self.time.max()) / 2)
+
+
+def scan_of_points(points: Float[np.ndarray, "n 3"], time: float = 0.0, name: str = "the scan") -> Scan:
+    """A scan that tells nothing but points of frame L, m, taken at one time."""
+    azimuth, elevation = angles_of(points)
+    n = len(points)
+    distance = np.linalg.norm(points, axis=1)
+    flag, window = np.full(n, RETURN), np.zeros(n, np.int64)
+    return Scan(np.full(n, float(time)), azimuth, elevation, distance, np.ones(n), flag, window, name)

@@ -1,0 +1,111 @@
+"""Pose of the body in one scan, with its covariance and what the scan does not determine."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.attitude.conversions import quaternion_from_matrix
+
+ROTATION_PRIOR: Final = 0.2
+"""Standard deviation of a predicted attitude, rad: the only knowledge in directions that a scan does not determine."""
+UNDETERMINED: Final = 0.1
+"""Share of the prior's variance above which a direction counts as not determined by the scan."""
+
+
+@dataclass(frozen=True, eq=False)
+class ScanPose:
+    """R_Lg and the origin of g in L at the epoch of a scan.
+
+    Attributes
+    ----------
+    time: s.   rotation: (3, 3).   translation: (3,) m.
+    covariance: (6, 6) over (translation in L, m; rotation vector on the body side, axes g, rad).
+    undetermined: directions that only the prediction tells, in words.   matched: points or faces that it rests on.
+    """
+
+    time: float
+    rotation: Float[np.ndarray, "3 3"]
+    translation: Float[np.ndarray, "3"]
+    covariance: Float[np.ndarray, "6 6"]
+    undetermined: tuple[str, ...] = ()
+    matched: int = 0
+
+
+def rotation_matrix(vector: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    """Rotation by |v| rad about v (Rodrigues)."""
+    angle = float(np.linalg.norm(vector))
+    K = skew(vector)
+    a, b = (
+        (np.sin(angle) / angle, (1 - np.cos(angle)) / angle**2)
+        if angle > 1e-4
+        else (1 - angle**2 / 6, 0.5 - angle**2 / 24)
+    )
+    return np.eye(3) + a * K + b * K @ K
+
+
+def rotation_vector(R: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
+    """Rotation vector, rad, of the short way round."""
+    x, y, z, w = quaternion_from_matrix(nearest_rotation(R))
+    v = np.array([x, y, z])
+    length = float(np.linalg.norm(v))
+    return 2.0 * v if length < 1e-12 else 2.0 * np.arctan2(length, w) / length * v
+
+
+def nearest_rotation(M: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
+    """The rotation nearest to a matrix: U V' with determinant one (Wahba's problem)."""
+    U, _, Vt = np.linalg.svd(M)
+    U[:, 2] *= np.sign(np.linalg.det(U @ Vt))
+    return U @ Vt
+
+
+def skew(v: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    """[v x]."""
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def pose_covariance(
+    information: Float[np.ndarray, "6 6"], rotation: Float[np.ndarray, "3 3"], size: float
+) -> tuple[Float[np.ndarray, "6 6"], tuple[str, ...]]:
+    """Covariance (translation, body-side rotation) of an information over (rotation in L, translation), with what it lacks.
+
+    The prior of a predicted pose, `ROTATION_PRIOR` and the body's ``size`` (m), fills directions that the scan does not determine:
+    there the covariance is the prior's, and they are named.
+    """
+    scale = np.repeat([ROTATION_PRIOR, size], 3)
+    whitened = scale[:, None] * information * scale
+    values, vectors = np.linalg.eigh(whitened + np.eye(6))
+    lacking = [_named(vectors[:, k] * scale, size) for k in range(6) if 1 / values[k] > UNDETERMINED]
+    covariance = (scale[:, None] * vectors / values) @ (vectors.T * scale)
+    turn = np.zeros((6, 6))
+    turn[:3, 3:], turn[3:, :3] = np.eye(3), rotation.T
+    return turn @ covariance @ turn.T, tuple(lacking)
+
+
+def _named(direction: Float[np.ndarray, "6"], size: float) -> str:
+    """A direction of (rotation, translation) in words."""
+    turn, shift = direction[:3], direction[3:] / size
+    kind, vector = (
+        ("rotation about", turn)
+        if np.linalg.norm(turn) > np.linalg.norm(shift)
+        else ("translation along", shift)
+    )
+    unit = vector / max(float(np.linalg.norm(vector)), 1e-300)
+    return f"{kind} ({', '.join(f'{x:.2f}' for x in unit)})"
+
+
+def predicted_pose(
+    poses: Sequence[ScanPose], time: float
+) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
+    """Pose at a time if the body goes on turning and drifting as between its last two scans."""
+    last = poses[-1]
+    if len(poses) < 2:
+        return last.rotation, last.translation
+    before = poses[-2]
+    share = (time - last.time) / (last.time - before.time)
+    step = rotation_vector(last.rotation @ before.rotation.T)
+    return rotation_matrix(share * step) @ last.rotation, last.translation + share * (
+        last.translation - before.translation
+    )

@@ -1,0 +1,151 @@
+"""Poses of a body from a sequence of scans: by its faces where it has some, by registration where it has none."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.errors import InputError
+from spinfilters.lidar.face_tracking import track_faces
+from spinfilters.lidar.planes import FEWEST, FittedPlane, extract_planes
+from spinfilters.lidar.point_noise import PointNoise, identified_noise
+from spinfilters.lidar.registration import RegistrationEngine
+from spinfilters.lidar.scan import Scan
+from spinfilters.lidar.scan_matching import match_scans
+from spinfilters.lidar.scan_pose import ScanPose, rotation_vector
+
+PLANE_SHARE: Final = 0.75
+"""Share of the points on planes, of the median scan, from which a body counts as one with faces."""
+SMEAR: Final = 0.01
+"""Range noise that stands for the motion during a scan in the first pass, in extents of the body."""
+DESKEWED: Final = 3
+"""Passes that take the motion during the scans out, each with the rates of the one before."""
+MOST_EXCESS: Final = 1.35
+"""Mean reduced chi-square of the planes' points, at most: patches of a curved surface exceed the noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class ScanPoses:
+    """Poses of all usable scans.
+
+    Attributes
+    ----------
+    poses: in order of time; frame g has the lidar's axes at the first scan.   by_faces: how they were found.
+    noise: of the points, given or identified.   remarks: what was left out or not determined, in words.
+    """
+
+    poses: tuple[ScanPose, ...]
+    by_faces: bool
+    noise: PointNoise
+    remarks: tuple[str, ...]
+
+
+def scan_poses(
+    scans: Sequence[Scan],
+    noise: PointNoise | None = None,
+    engine: RegistrationEngine | None = None,
+    seed: int = 0,
+) -> ScanPoses:
+    """Poses at the scans' epochs; motion during a scan is taken out in a second pass.
+
+    Parameters
+    ----------
+    noise: of the points; None identifies it.   engine: of registration, see `match_scans`.
+
+    Raises
+    ------
+    InputError: fewer than two scans with points.
+    """
+    usable = [scan for scan in scans if np.count_nonzero(scan.is_return) >= FEWEST]
+    remarks = [f"{len(scans) - len(usable)} scans with fewer than {FEWEST} points are left out"]
+    remarks = remarks if len(usable) < len(scans) else []
+    if len(usable) < 2:
+        raise InputError(
+            f"{len(usable)} of {len(scans)} scans hold {FEWEST} points or more; give at least two that see the body"
+        )
+    noise = noise or identified_noise(usable)
+    times = [scan.epoch for scan in usable]
+    clouds = [scan.points for scan in usable]
+    moving = any(np.ptp(scan.point_times) > 0 for scan in usable)
+    smeared = replace(noise, range_std=noise.range_std + SMEAR * _extent(clouds[0])) if moving else noise
+    planes = _planes(clouds, smeared, seed)
+    by_faces = planes is not None
+    poses = _poses(times, clouds, planes, engine)
+    for _ in range(DESKEWED if moving else 0):
+        clouds = [_deskewed(scan, poses, k) for k, scan in enumerate(usable)]
+        planes = _planes(clouds, noise, seed) if by_faces else None
+        poses = _poses(times, clouds, planes, engine)
+    blind = [k for k, pose in enumerate(poses) if pose.undetermined]
+    if blind:
+        remarks.append(
+            f"{len(blind)} scans do not determine the whole pose; the first lacks {', '.join(poses[blind[0]].undetermined)}"
+        )
+    return ScanPoses(tuple(poses), by_faces, noise, tuple(remarks))
+
+
+def _planes(
+    clouds: Sequence[Float[np.ndarray, "n 3"]], noise: PointNoise, seed: int
+) -> list[list[FittedPlane]] | None:
+    """Planes of every scan; None of a body without faces, told by its first scans."""
+    generator = np.random.default_rng(seed)
+    looked_at = clouds[:: max(1, len(clouds) // 3)][:3]
+    found = [extract_planes(points, noise, generator) for points in looked_at]
+    flat = np.median([_excess(planes) for planes, _ in found]) < MOST_EXCESS
+    if np.median([share for _, share in found]) < PLANE_SHARE or not flat:
+        return None
+    return [extract_planes(points, noise, generator)[0] for points in clouds]
+
+
+def _excess(planes: Sequence[FittedPlane]) -> float:
+    """Reduced chi-square of all points on planes; infinite without any."""
+    counts = [plane.count for plane in planes]
+    return float(np.average([plane.spread**2 for plane in planes], weights=counts)) if planes else np.inf
+
+
+def _poses(
+    times: Sequence[float],
+    clouds: Sequence[Float[np.ndarray, "n 3"]],
+    planes: list[list[FittedPlane]] | None,
+    engine: RegistrationEngine | None,
+) -> list[ScanPose]:
+    middle = clouds[0].mean(axis=0)
+    if planes is None:
+        return match_scans(times, clouds, middle, engine)
+    return list(track_faces(times, planes, middle, _extent(clouds[0])).poses)
+
+
+def _extent(points: Float[np.ndarray, "n 3"]) -> float:
+    """Diagonal of the box around a cloud, without its outermost hundredths, m."""
+    return float(np.linalg.norm(np.subtract(*np.quantile(points, [0.99, 0.01], axis=0))))
+
+
+def _deskewed(scan: Scan, poses: Sequence[ScanPose], number: int) -> Float[np.ndarray, "n 3"]:
+    """Points where they were at the scan's epoch, with the mean rates between the neighbouring scans."""
+    before, after = poses[max(number - 1, 0)], poses[min(number + 1, len(poses) - 1)]
+    span = after.time - before.time
+    rate = rotation_vector(after.rotation @ before.rotation.T) / span
+    velocity = (after.translation - before.translation) / span
+    here, late = poses[number], scan.point_times - poses[number].time
+    arm = scan.points - here.translation - late[:, None] * velocity
+    speed = float(np.linalg.norm(rate))
+    if speed == 0:
+        return arm + here.translation
+    axis, angle = rate / speed, -speed * late[:, None]
+    turned = (
+        arm * np.cos(angle)
+        + np.cross(axis, arm) * np.sin(angle)
+        + axis * (arm @ axis)[:, None] * (1 - np.cos(angle))
+    )
+    return turned + here.translation
+
+
+def scans_needed(poses: ScanPoses, attitude_std: float) -> int:
+    """Scans of which the mean attitude is as accurate as this, rad: the variance falls with their number.
+
+    The thesis' closing question, for scans like these; those that leave a rotation undetermined count for what they tell.
+    """
+    information = np.mean([np.linalg.inv(pose.covariance[3:, 3:]) for pose in poses.poses], axis=0)
+    worst = float(np.sqrt(1 / np.linalg.eigvalsh(information)[0]))
+    return max(1, int(np.ceil((worst / attitude_std) ** 2)))

@@ -1,0 +1,231 @@
+/* Closest intersections of rays with triangles in float64: a bounding-volume hierarchy walked by packets of neighbouring rays.
+
+   See `ray_tracing.brute_force_hits` for what is computed. A packet visits a node when one of its rays meets the node's box.
+   A tree's arrays: nodes[2 n - 1], triangles[n][12] = (corner, edge 1, edge 2, smallest determinant, ...) in the order of leaves. */
+
+#include <math.h>
+#include <string.h>
+
+typedef long long integer;
+typedef struct { double low[3], high[3]; integer first, count; } Node; /* count 0: children first and first + 1 */
+enum { LANES = 16, BINS = 16, LEAF = 4, BALANCED_DEPTH = 48, STACK = 160 };
+static const double FAR = 1e300, PADDING = 1e-8;
+
+typedef struct { double low[3], high[3]; } Box;
+
+static void grow(Box* box, const Box* other) {
+  for (int a = 0; a < 3; ++a) {
+    if (other->low[a] < box->low[a]) box->low[a] = other->low[a];
+    if (other->high[a] > box->high[a]) box->high[a] = other->high[a];
+  }
+}
+
+static Box nothing(void) {
+  Box box = {{FAR, FAR, FAR}, {-FAR, -FAR, -FAR}};
+  return box;
+}
+
+static double half_area(const Box* box) {
+  double x = box->high[0] - box->low[0], y = box->high[1] - box->low[1], z = box->high[2] - box->low[2];
+  return x < 0 ? 0 : x * y + y * z + z * x;
+}
+
+/* Twice the centre of a box along an axis. */
+static double centre(const Box* box, int axis) { return box->low[axis] + box->high[axis]; }
+
+static integer bin_of(const Box* box, int axis, double low, double scale) {
+  integer bin = (integer)((centre(box, axis) - low) * scale);
+  return bin < 0 ? 0 : bin >= BINS ? BINS - 1 : bin;
+}
+
+/* The split of least surface-area cost: its axis and the first bin of the right side; -1 where a leaf is not worse. */
+static int best_split(const Box* boxes, const integer* order, integer n, const Box* centres, integer* first_right) {
+  int best_axis = -1;
+  double best = FAR;
+  for (int axis = 0; axis < 3; ++axis) {
+    double low = centres->low[axis], width = centres->high[axis] - low;
+    if (!(width > 0)) continue;
+    Box bins[BINS];
+    integer counts[BINS];
+    for (int b = 0; b < BINS; ++b) { bins[b] = nothing(); counts[b] = 0; }
+    for (integer k = 0; k < n; ++k) {
+      integer b = bin_of(&boxes[order[k]], axis, low, BINS / width);
+      grow(&bins[b], &boxes[order[k]]);
+      ++counts[b];
+    }
+    double right_cost[BINS];
+    Box side = nothing();
+    integer count = 0;
+    for (int b = BINS - 1; b > 0; --b) {
+      grow(&side, &bins[b]);
+      count += counts[b];
+      right_cost[b] = count ? count * half_area(&side) : -1;
+    }
+    side = nothing();
+    count = 0;
+    for (int b = 1; b < BINS; ++b) {
+      grow(&side, &bins[b - 1]);
+      count += counts[b - 1];
+      double cost = count * half_area(&side) + right_cost[b];
+      if (count && right_cost[b] >= 0 && cost < best) { best = cost; best_axis = axis; *first_right = b; }
+    }
+  }
+  return best_axis;
+}
+
+static void split(const Box* boxes, integer* order, Node* nodes, integer at, integer* used, int depth) {
+  integer first = nodes[at].first, n = nodes[at].count, middle = n / 2, first_right = 0;
+  if (n <= LEAF) return;
+  Box centres = nothing();
+  for (integer k = 0; k < n; ++k)
+    for (int a = 0; a < 3; ++a) {
+      double c = centre(&boxes[order[first + k]], a);
+      if (c < centres.low[a]) centres.low[a] = c;
+      if (c > centres.high[a]) centres.high[a] = c;
+    }
+  int axis = depth < BALANCED_DEPTH ? best_split(boxes, order + first, n, &centres, &first_right) : -1;
+  if (axis >= 0) {
+    double low = centres.low[axis], scale = BINS / (centres.high[axis] - low);
+    integer left = first, right = first + n - 1;
+    while (left <= right) {
+      integer triangle = order[left];
+      if (bin_of(&boxes[triangle], axis, low, scale) < first_right) { ++left; continue; }
+      order[left] = order[right];
+      order[right--] = triangle;
+    }
+    middle = left - first;
+  }
+  integer child = *used, sizes[2] = {middle, n - middle}, starts[2] = {first, first + middle};
+  *used += 2;
+  for (int side = 0; side < 2; ++side) {
+    Node* node = &nodes[child + side];
+    Box box = nothing();
+    for (integer k = 0; k < sizes[side]; ++k) grow(&box, &boxes[order[starts[side] + k]]);
+    memcpy(node->low, box.low, sizeof box);
+    node->first = starts[side];
+    node->count = sizes[side];
+  }
+  nodes[at].first = child;
+  nodes[at].count = 0;
+  for (int side = 0; side < 2; ++side) split(boxes, order, nodes, child + side, used, depth + 1);
+}
+
+/* Nodes, the order of triangles in leaves, and their packed corners; scratch: n boxes. */
+void build_tree(integer n, const double* corners, double smallest, Node* nodes, integer* order, double* packed, Box* scratch) {
+  Box all = nothing();
+  for (integer k = 0; k < n; ++k) {
+    Box box = nothing();
+    double size = 0;
+    for (int c = 0; c < 3; ++c) {
+      Box point;
+      memcpy(point.low, corners + 9 * k + 3 * c, sizeof point.low);
+      memcpy(point.high, point.low, sizeof point.low);
+      grow(&box, &point);
+    }
+    for (int a = 0; a < 3; ++a) size = fmax(size, box.high[a] - box.low[a]);
+    for (int a = 0; a < 3; ++a) {
+      box.low[a] -= PADDING * size;
+      box.high[a] += PADDING * size;
+    }
+    scratch[k] = box;
+    order[k] = k;
+    grow(&all, &box);
+  }
+  memcpy(nodes[0].low, all.low, sizeof all);
+  nodes[0].first = 0;
+  nodes[0].count = n;
+  integer used = 1;
+  split(scratch, order, nodes, 0, &used, 0);
+  for (integer k = 0; k < n; ++k) {
+    const double* v = corners + 9 * order[k];
+    double* out = packed + 12 * k;
+    for (int a = 0; a < 3; ++a) {
+      out[a] = v[a];
+      out[3 + a] = v[3 + a] - v[a];
+      out[6 + a] = v[6 + a] - v[a];
+    }
+    double x = out[4] * out[8] - out[5] * out[7], y = out[5] * out[6] - out[3] * out[8], z = out[3] * out[7] - out[4] * out[6];
+    out[9] = smallest * sqrt(x * x + y * y + z * z);
+  }
+}
+
+typedef struct { double o[3][LANES], d[3][LANES], inverse[3][LANES], t[LANES]; integer hit[LANES]; } Packet;
+
+static integer meets(const Packet* p, const double* low, const double* high) {
+  integer any = 0;
+  for (int k = 0; k < LANES; ++k) {
+    double near = 0, far = p->t[k];
+    for (int a = 0; a < 3; ++a) {
+      double one = (low[a] - p->o[a][k]) * p->inverse[a][k], two = (high[a] - p->o[a][k]) * p->inverse[a][k];
+      double first = one < two ? one : two, last = one < two ? two : one;
+      near = first > near ? first : near;
+      far = last < far ? last : far;
+    }
+    any += near <= far * (1 + 1e-12);
+  }
+  return any;
+}
+
+/* Moeller-Trumbore for all lanes; the determinant is that of (edge 1, edge 2, -direction), positive from outside. */
+static void intersect(Packet* p, const double* v, integer triangle, double tolerance, double both_sides) {
+  for (int k = 0; k < LANES; ++k) {
+    double dx = p->d[0][k], dy = p->d[1][k], dz = p->d[2][k];
+    double px = dy * v[8] - dz * v[7], py = dz * v[6] - dx * v[8], pz = dx * v[7] - dy * v[6];
+    double det = v[3] * px + v[4] * py + v[5] * pz;
+    double sign = det < 0 ? (both_sides > 0 ? -1.0 : 0.0) : 1.0; /* 0: seen from behind, the determinant becomes 0 */
+    double sx = p->o[0][k] - v[0], sy = p->o[1][k] - v[1], sz = p->o[2][k] - v[2];
+    double qx = sy * v[5] - sz * v[4], qy = sz * v[3] - sx * v[5], qz = sx * v[4] - sy * v[3];
+    double u = sign * (sx * px + sy * py + sz * pz), w = sign * (dx * qx + dy * qy + dz * qz);
+    double along = sign * (v[6] * qx + v[7] * qy + v[8] * qz), slack = tolerance * sign * det;
+    det *= sign;
+    integer ok = (det > v[9]) & (u >= -slack) & (w >= -slack) & (u + w <= det + slack) & (along > 0) & (along < p->t[k] * det);
+    double distance = along / (ok ? det : 1.0);
+    p->t[k] = ok ? distance : p->t[k];
+    p->hit[k] = ok ? triangle : p->hit[k];
+  }
+}
+
+static void walk(Packet* p, const Node* nodes, const double* packed, double tolerance, double both_sides) {
+  integer stack[STACK], depth = 0;
+  if (meets(p, nodes[0].low, nodes[0].high)) stack[depth++] = 0;
+  while (depth) {
+    const Node* node = &nodes[stack[--depth]];
+    if (!meets(p, node->low, node->high)) continue; /* again: hits found since it was pushed may be nearer */
+    if (node->count) {
+      for (integer k = 0; k < node->count; ++k)
+        intersect(p, packed + 12 * (node->first + k), node->first + k, tolerance, both_sides);
+      continue;
+    }
+    const Node* pair = &nodes[node->first];
+    double ahead = 0;
+    for (int a = 0; a < 3; ++a)
+      ahead += p->d[a][0] * (pair[1].low[a] + pair[1].high[a] - pair[0].low[a] - pair[0].high[a]);
+    integer near = ahead > 0 ? 0 : 1;
+    stack[depth++] = node->first + 1 - near;
+    stack[depth++] = node->first + near;
+  }
+}
+
+/* Distances (FAR for a miss) and triangles (-1) of n rays with unit directions. */
+void trace(integer n, const double* origins, const double* directions, const Node* nodes, const integer* order,
+           const double* packed, double tolerance, double both_sides, double* distances, integer* hits) {
+  Packet p;
+  for (integer start = 0; start < n; start += LANES) {
+    for (int k = 0; k < LANES; ++k) {
+      integer ray = start + k < n ? start + k : n - 1;
+      for (int a = 0; a < 3; ++a) {
+        double d = directions[3 * ray + a];
+        p.o[a][k] = origins[3 * ray + a];
+        p.d[a][k] = d;
+        p.inverse[a][k] = 1 / (fabs(d) < 1e-150 ? copysign(1e-150, d) : d);
+      }
+      p.t[k] = FAR;
+      p.hit[k] = -1;
+    }
+    walk(&p, nodes, packed, tolerance, both_sides);
+    for (int k = 0; k < LANES && start + k < n; ++k) {
+      distances[start + k] = p.t[k];
+      hits[start + k] = p.hit[k] < 0 ? -1 : order[p.hit[k]];
+    }
+  }
+}

@@ -1,0 +1,69 @@
+"""``spinfilters lidar scan``: a scan, a data set of scans, and what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spinfilters.cli.main import main
+from spinfilters.lidar.scan_files import read_scan
+from spinfilters.logs.truth import read_truth
+
+
+def test_a_preset_is_scanned_into_files_and_a_picture(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = [
+        "lidar",
+        "scan",
+        "--preset",
+        "figure-2.18",
+        "-o",
+        str(tmp_path / "out"),
+        "--format",
+        "ply",
+        "csv",
+    ]
+    assert main(command) == 0
+    assert "1906 of 6195 rays returned" in capsys.readouterr().out
+    assert {"scan.ply", "scan.csv", "scan.png"} <= {path.name for path in (tmp_path / "out").iterdir()}
+    scan = read_scan(tmp_path / "out" / "scan.ply")
+    assert scan.metadata["noise"]["mode"] == "thesis"  # pyright: ignore[reportIndexIssue]
+    assert np.linalg.norm(scan.points - [3, 0, 0], axis=1).max() < 0.9
+
+
+def test_a_tumbling_body_is_scanned_into_a_data_set(tmp_path: Path) -> None:
+    body = ["--rays", "30", "30", "--scans", "4", "--scan-seconds", "0.5", "--noise", "jitter"]
+    assert main(["lidar", "scan", "spacecraft", "-o", str(tmp_path / "out"), *body]) == 0
+    assert len(list((tmp_path / "out" / "scans").iterdir())) == 4
+    truth = read_truth(tmp_path / "out")
+    assert truth is not None
+    assert truth.time.tolist() == [0.25, 1.25, 2.25, 3.25]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ([], "nothing to scan"),
+        (["nowhere.stl"], "no such file"),
+        (["cube", "--fov", "0", "1"], "0"),
+        (["cube", "--translation", "0", "10", "0"], "none of"),
+        (["--preset", "figure-9"], "use one of table-2.1"),
+        (["cube", "--bias"], "belong to --noise"),
+        (["cube", "--sun", "0", "0", "0"], "no direction"),
+        (["cube", "--scans", "3", "--scan-seconds", "2"], "overlap"),
+        (["cube", "--scans", "3", "--translation", "0", "10", "0"], "no ray of any scan"),
+    ],
+)
+def test_what_cannot_be_scanned_is_refused_in_one_line(
+    arguments: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    try:
+        code = main(["lidar", "scan", *arguments, "-o", str(tmp_path / "out")])
+    except SystemExit as stop:
+        code = stop.code
+    assert code == 2
+    said = capsys.readouterr().err.strip().splitlines()
+    assert len(said) == 1
+    assert says in said[0]
+    assert not (tmp_path / "out").exists()

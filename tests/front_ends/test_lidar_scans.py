@@ -1,0 +1,70 @@
+"""Scans of a tumbling body are compared like any recording."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from spinfilters.errors import InputError
+from spinfilters.lidar.mesh import box
+from spinfilters.lidar.ray_pattern import RayPattern
+from spinfilters.lidar.scan_errors import rvs_noise
+from spinfilters.lidar.scanner import LidarSettings, Scanner
+from spinfilters.lidar.sequence import Initial, scan_sequence, scan_times, truth_of, tumble_of, write_sequence
+from spinfilters.logs.dataset import Dataset, read_dataset
+from spinfilters.workflow.estimation import compare_estimators
+from spinfilters.workflow.preparation import prepare
+from spinfilters.workflow.settings import Settings
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A data set of 25 scans with the noise of the specification, which nobody states."""
+    mesh, place = box((1.0, 1.3, 0.8)), tmp_path_factory.mktemp("scans")
+    start = Initial(
+        Rotation.from_rotvec([0.3, 0.4, 0.2]).as_matrix(),
+        np.array([30.0, 0, 0]),
+        np.array([0.15, 0.2, 0.12]),
+        np.zeros(3),
+    )
+    motion = tumble_of(mesh, start)
+    scanner = Scanner.of(mesh, LidarSettings(RayPattern((4.0, 4.0), (61, 61)), rvs_noise()))
+    begin, epochs = scan_times(25, 1.0, 0.0)
+    scans = scan_sequence(scanner, motion, begin, 0, lambda *_: None)
+    write_sequence(place, scans, truth_of(motion, epochs), "25 scans")
+    return place
+
+
+@pytest.fixture(scope="module")
+def dataset(folder: Path) -> Dataset:
+    return read_dataset(folder)
+
+
+def test_scans_become_poses_with_covariance_in_a_frame_of_their_own(dataset: Dataset) -> None:
+    (stream,) = dataset.log.streams
+    assert (dataset.kind, stream.sensor, len(stream)) == ("lidar-poses", "lidar-poses", 25)
+    assert stream.covariance is not None
+    assert dataset.truth is not None
+    assert dataset.truth.center_of_mass_g is not None
+    assert np.linalg.norm(dataset.truth.center_of_mass_g) < 0.02  # g's origin is the centre of rotation
+
+
+def test_scans_tell_rates_centre_of_mass_and_moments(dataset: Dataset) -> None:
+    settings = Settings(estimators=("mekf",))
+    (found,) = compare_estimators(prepare(dataset, settings), settings, lambda *_: None).evaluations
+    moments = found.body.principal_moments
+    assert dataset.truth is not None
+    assert dataset.truth.principal_moments is not None
+    np.testing.assert_allclose(moments, dataset.truth.principal_moments, atol=0.02)
+
+
+def test_a_folder_of_scans_that_cannot_be_used_is_refused(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "scans").mkdir()
+    (tmp_path / "dataset.toml").write_text('kind = "lidar-scans"\n')
+    with pytest.raises(InputError, match=r"holds no \.ply"):
+        read_dataset(tmp_path)
+    for name in ("0.ply", "1.ply"):
+        (tmp_path / "scans" / name).write_bytes((folder / "scans" / "00.ply").read_bytes())
+    with pytest.raises(InputError, match="as the scan before"):
+        read_dataset(tmp_path)

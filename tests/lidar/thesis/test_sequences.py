@@ -1,0 +1,57 @@
+"""The thesis' processing gives the thesis' numbers."""
+
+import numpy as np
+import pytest
+
+from spinfilters.errors import InputError
+from spinfilters.lidar.presets import RANGE_NOISE
+from spinfilters.lidar.thesis.attitude import best_fitting_sphere
+from spinfilters.lidar.thesis.sequences import PLACE, SEQUENCES, ProcessedSequence, processed_sequence
+
+TABLE_4_1 = np.array([[-0.05, 3.28, 1.71], [8.35, 0.98, -6.17], [-0.50, -1.06, -3.47]])
+"""Differences of boundary corners, cm, as printed."""
+FIGURE_4_13_BC3 = [0.37, 3.03, 0.12, 0.03, 0.74, 0.28, 1.11, 1.37, 0.61, 0.81, 2.43, 1.06]
+"""Errors of the z axis, deg, transitions 1 to 12."""
+
+
+@pytest.fixture(scope="module")
+def first() -> ProcessedSequence:
+    return processed_sequence(SEQUENCES[0])
+
+
+def test_table_4_1_is_reproduced_to_its_digits(first: ProcessedSequence) -> None:
+    ours = np.array([100 * first.errors(first.boundary_corners[:, k])[0] for k in range(3)])
+    for printed in TABLE_4_1:
+        assert np.abs(ours - printed).max(axis=1).min() < 0.006
+
+
+def test_a_boundary_corner_of_figure_4_13_is_reproduced_to_its_digits(first: ProcessedSequence) -> None:
+    ours = np.array([first.transition_errors(k)[:12, 2] for k in range(3)])
+    assert np.abs(ours - FIGURE_4_13_BC3).max(axis=1).min() < 0.011
+
+
+def test_corners_without_noise_are_exact_where_every_face_is_seen_well(first: ProcessedSequence) -> None:
+    assert np.linalg.norm(first.errors(first.corners), axis=1)[1:13].max() < 1e-10
+
+
+def test_range_noise_of_the_specification_leaves_no_corner_in_most_snapshots() -> None:
+    noisy = processed_sequence(SEQUENCES[0][:6], noise=RANGE_NOISE)
+    assert sum(each is None for each in noisy.snapshots) >= 4
+
+
+def test_the_sphere_is_exact_far_from_the_lidar_and_says_how_errors_grow() -> None:
+    generator = np.random.default_rng(0)
+    directions = generator.standard_normal((12, 3)) * [0.05, 0.05, 0.0] + [0, 0, 1]
+    points = 1000 * PLACE + 866.0 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    sphere = best_fitting_sphere(points)
+    np.testing.assert_allclose(sphere.centre, 1000 * PLACE, atol=1e-4)
+    errors = []
+    for _ in range(200):
+        moved = points + 1e-4 * generator.standard_normal(points.shape)
+        errors.append(best_fitting_sphere(moved).centre - 1000 * PLACE)
+    assert np.sqrt(np.mean(np.square(errors))) / 1e-4 == pytest.approx(sphere.amplification, rel=0.15)
+
+
+def test_points_of_a_plane_have_no_sphere() -> None:
+    with pytest.raises(InputError, match="in a plane"):
+        best_fitting_sphere(np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0.6, 0.8, 0]]))
