@@ -17,6 +17,7 @@ from spinfilters.state.blocks import BLOCKS
 
 RANK, COUNT, POSE, LANDMARKS = 5, 23, 6, 60
 SIZE = 20 + RANK + 6
+KNOWN = 2
 COLUMNS = np.r_[0:POSE, 20 : 20 + RANK]
 PRECISIONS = pytest.mark.parametrize("precision", ["float64", "float32"])
 EITHER = NumpySteps | NativeSteps
@@ -160,8 +161,9 @@ def test_a_correction_at_once_is_that_of_its_steps_or_none(limit):
 
 
 def regressions(precision: str) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-    """Rows of the reference and of the compiled step, of landmarks of which one lies behind the camera."""
+    """Rows of the reference and of the compiled step, of landmarks of which one lies behind the camera; `KNOWN` has no error."""
     generator, observations = seen(precision)
+    observations.landmarks.modes[KNOWN], observations.landmarks.roots[KNOWN] = 0, 0
     observations.landmarks.points[:2] = [[300, 200, 100], [-300, -200, -100]]
     pose, modes = np.tril(generator.standard_normal((POSE, POSE))), generator.standard_normal((RANK, POSE))
     error = 0.003 * pose + 0.01 * np.eye(POSE)
@@ -181,6 +183,8 @@ def test_a_regression_is_that_of_its_reference(precision):
     assert 0 < np.count_nonzero(~valid) < len(valid)
     assert_alike(found[valid], rows[valid], 1e-9)
     assert_alike(determinants[valid], log_noise[valid], 1e-9)
+    assert valid[KNOWN]
+    np.testing.assert_array_equal(found[KNOWN, :, POSE:-1], 0)
 
 
 def test_there_is_room_for_every_state():

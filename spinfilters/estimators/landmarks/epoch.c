@@ -408,11 +408,13 @@ static inline lane fit(const Sigma* set, const lane* away, lane* slope, lane* le
   return mean;
 }
 
-/* Slopes by coordinates become those by the pose's errors and by the landmark, which moves by `moves` (3 x AXES). */
+/* Slopes by coordinates become those by the pose's errors and by the landmark, which moves by `moves` (3 x AXES): 0 by what no coordinate
+ * moves. */
 static inline void by_errors(const double* pose, const lane* moves, lane* slope) {
   for (int c = 2; c >= 0; --c) {
     for (int e = c + 1; e < 3; ++e) slope[C + c] -= slope[C + e] * moves[e * AXES + C + c];
-    slope[C + c] /= moves[c * AXES + C + c];
+    const lane pivot = moves[c * AXES + C + c];
+    slope[C + c] = (lane)((mask)(slope[C + c] / pivot) & (mask)(pivot != 0));
   }
   for (int j = C - 1; j >= 0; --j) {
     for (int c = 0; c < 3; ++c) slope[j] -= slope[C + c] * moves[c * AXES + j];

@@ -105,12 +105,13 @@ class Spread:
 def _solved_by_lower(
     root: Float[np.ndarray, "k d d"], right: Float[np.ndarray, "k d q"]
 ) -> Float[np.ndarray, "k d q"]:
-    """root^-1 right of lower triangular matrices, by substitution in all of them at once."""
-    rows = [right[:, 0] / root[:, 0, :1]]
-    for j in range(1, root.shape[1]):
-        known = sum(root[:, j, i, None] * row for i, row in enumerate(rows))
-        rows.append((right[:, j] - known) / root[:, j, j, None])
-    return np.stack(rows, axis=1)
+    """root^-1 right of lower triangular matrices, by substitution in all of them at once; 0 for a pivot of 0."""
+    result = np.zeros(right.shape)
+    for j in range(root.shape[1]):
+        known = sum(root[:, j, i, None] * result[:, i] for i in range(j))
+        pivot = root[:, j, j, None]
+        np.divide(right[:, j] - known, pivot, out=result[:, j], where=pivot != 0)
+    return result
 
 
 def _divided_by_lower(
