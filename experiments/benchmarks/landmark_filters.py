@@ -51,7 +51,8 @@ LAYOUT = StateLayout(FULL_BLOCKS)
 PROCESS = TorqueFreeProcess(LAYOUT, ProcessNoise(force_psd=1e-6, torque_psd=1e-6), 1e-8)
 CAMERA = StereoLandmark(LAYOUT)
 START_STD = np.repeat([1e-6, 1e-6, 0.002, 0.003, 0.002, 0.01], [3, 3, 3, 3, 3, 5])
-ALLOWED_MS = {"mekf": 0.5, "ukf": 2.0}
+ALLOWED_MS, UKF_RATIO = 0.5, 4.0
+"""Of a frame of the MEKF, and of the UKF the times of the MEKF in the same run, which took turns with it."""
 TICKS_MS = (0.1, 0.2, 0.5, 1, 2, 5)
 KNOWN = ", known map"
 COLOURS = {"mekf": BLUE, "ukf": RED, "mekf" + KNOWN: GREY, "ukf" + KNOWN: ORANGE}
@@ -70,6 +71,11 @@ class Speed:
         """Of every block."""
         return 1e3 * np.median(self.seconds, axis=1)
 
+    @property
+    def median_ms(self) -> float:
+        """Of all frames."""
+        return 1e3 * float(np.median(self.seconds))
+
 
 def main() -> None:
     """Measure, print, and write ``landmark_filters.json`` and ``landmark_filters.png``."""
@@ -83,7 +89,7 @@ def main() -> None:
     make_folder(options.output)
     speeds = measure(options.frames // BLOCKS)
     for name, speed in speeds.items():
-        print(described(name, speed))
+        print(described(name, speed, allowed_ms(speeds).get(name)))
     write_json(options.output / "landmark_filters.json", document(speeds))
     save_figure(figure(speeds), options.output / "landmark_filters.png")
     print(f"picture: {options.output / 'landmark_filters.png'}")
@@ -180,12 +186,17 @@ def _resident_mb() -> float:
     return pages * resource.getpagesize() / 2**20
 
 
-def described(name: str, speed: Speed) -> str:
+def allowed_ms(speeds: dict[str, Speed]) -> dict[str, float]:
+    """The most that a median frame may take."""
+    return {"mekf": ALLOWED_MS, "ukf": UKF_RATIO * speeds["mekf"].median_ms}
+
+
+def described(name: str, speed: Speed, allowed: float | None) -> str:
     """A line of the report."""
     median, high = 1e3 * np.quantile(speed.seconds, [0.5, 0.99])
-    blocks, memory = speed.medians_ms, speed.resident_mb
-    allowed = ALLOWED_MS.get(name, np.inf)
-    verdict = "" if np.isinf(allowed) else f" ({'within' if median <= allowed else 'BEYOND'} {allowed:g} ms)"
+    blocks, memory, verdict = speed.medians_ms, speed.resident_mb, ""
+    if allowed is not None:
+        verdict = f" ({'within' if median <= allowed else 'BEYOND'} {allowed:.3g} ms)"
     return (
         f"{name}: {speed.seconds.size} frames, median {median:.3f} ms{verdict}, 99th percentile {high:.3f} ms (median of the clock "
         f"{1e3 * np.median(speed.elapsed):.3f} ms), last block / first {blocks[-1] / blocks[0]:.3f}, blocks {blocks.min():.3f} .. "
@@ -199,6 +210,8 @@ def document(speeds: dict[str, Speed]) -> dict[str, object]:
         "machine": f"{platform.machine()}, {os.cpu_count()} cores, one thread used",
         "landmarks": LANDMARKS,
         "seen": SEEN,
+        "allowed_ms": allowed_ms(speeds),
+        "ukf_over_mekf": speeds["ukf"].median_ms / speeds["mekf"].median_ms,
         "filters": {
             name: {"block_medians_ms": speed.medians_ms.tolist(), "resident_mb": speed.resident_mb.tolist()}
             for name, speed in speeds.items()
@@ -212,6 +225,8 @@ def figure(speeds: dict[str, Speed]) -> Figure:
     left, right = drawn.subplots(1, 2, width_ratios=(3, 2))
     for name, speed in speeds.items():
         _draw(left, right, name, speed)
+    for name, allowed in allowed_ms(speeds).items():
+        left.axhline(allowed, color=COLOURS[name], linestyle="--", linewidth=1.0)
     left.set_yscale("log")
     left.set_yticks(TICKS_MS, [f"{tick}" for tick in TICKS_MS])
     left.yaxis.set_minor_locator(NullLocator())
@@ -234,8 +249,6 @@ def _draw(left: Axes, right: Axes, name: str, speed: Speed) -> None:
     left.plot(
         at, speed.medians_ms, "o-", color=color, markersize=4, label=f"{name.upper()}, median and 1 .. 99 %"
     )
-    if name in ALLOWED_MS:
-        left.axhline(ALLOWED_MS[name], color=color, linestyle="--", linewidth=1.0)
     width = 5.0 if name == "mekf" else 1.5
     right.plot(count * np.arange(1, BLOCKS + 1), speed.resident_mb, "-", color=color, linewidth=width)
 

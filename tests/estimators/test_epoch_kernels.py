@@ -7,13 +7,17 @@ from landmark_samples import LAYOUT, recording
 from spinfilters.estimators.landmarks.held_map import HeldMap
 from spinfilters.estimators.landmarks.landmark_map import SLOTS, LandmarkMap, LandmarkOptions
 from spinfilters.estimators.landmarks.native import LARGEST_STATE, NativeSteps, steps_of
+from spinfilters.estimators.landmarks.observations import Observations
 from spinfilters.estimators.landmarks.reference import NumpySteps
+from spinfilters.estimators.landmarks.regression import Spread
 from spinfilters.estimators.landmarks.steps import Closing
+from spinfilters.estimators.sigma_points import SigmaPointOptions, sigma_points
 from spinfilters.models.gauge import GAUGE_DIM
 from spinfilters.state.blocks import BLOCKS
 
 RANK, COUNT, POSE, LANDMARKS = 5, 23, 6, 60
 SIZE = 20 + RANK + 6
+KNOWN = 2
 COLUMNS = np.r_[0:POSE, 20 : 20 + RANK]
 PRECISIONS = pytest.mark.parametrize("precision", ["float64", "float32"])
 EITHER = NumpySteps | NativeSteps
@@ -111,38 +115,76 @@ def test_a_sensor_of_another_shape_goes_through_numpy():
     np.testing.assert_array_equal(found[0].error, found[1].error)
 
 
-@pytest.mark.parametrize("limit", [1e9, 1e-9])
-def test_a_correction_at_once_is_that_of_its_steps_or_none(limit):
-    reference, native = both("float64")
-    recorded, held = recording(), HeldMap.empty(LandmarkOptions(modes=RANK))
-    measured, x = recorded.timeline[0].measurements[0], recorded.states[0]
-    generator, count = np.random.default_rng(5), len(measured.values)
+def seen(precision: str = "float64") -> tuple[np.random.Generator, Observations]:
+    """The first frame of a recording, of a map whose errors are drawn."""
+    recorded, held = recording(), HeldMap.empty(LandmarkOptions(modes=RANK, precision=precision))
+    measured, generator = recorded.timeline[0].measurements[0], np.random.default_rng(5)
+    count = len(measured.values)
     held.landmarks.append(
         np.arange(count),
         measured.parameters[:, :3],
         0.001 * generator.standard_normal((count, 3, RANK)),
         0.001 * np.tril(generator.standard_normal((count, 3, 3))),
     )
-    observations = held.observations(LAYOUT, measured, np.arange(count), 1.3)
+    return generator, held.observations(LAYOUT, measured, np.arange(count), 1.3)
+
+
+@pytest.mark.parametrize("limit", [1e9, 1e-9])
+def test_a_correction_at_once_is_that_of_its_steps_or_none(limit):
+    reference, native = both("float64")
+    generator, observations = seen()
+    x, held, count = recording().states[0], observations.landmarks, len(observations.at)
     factor = 0.01 * np.tril(generator.standard_normal((SIZE, SIZE)))
     linear = observations.rows_at(x)
-    white = reference.whitened(held.landmarks, observations.at, linear.rows, np.full(count, 1 / 1.3))
-    expected = reference.corrected(white, factor, observations.columns, linear.log_noise.sum())
-    found = native.solved(observations, x, factor, limit)
+    log_noise = float(linear.log_noise.sum())
+    white = reference.whitened(held, observations.at, linear.rows, np.full(count, 1 / 1.3))
+    expected = reference.corrected(white, factor, observations.columns, log_noise)
     assert reference.solved(observations, x, factor, limit) is None
-    if limit < 1:
-        assert found is None
-        return
+    assert reference.solved_rows(observations, linear.rows, log_noise, factor, limit) is None
+    for found in (
+        native.solved(observations, x, factor, limit),
+        native.solved_rows(observations, linear.rows, log_noise, factor, limit),
+    ):
+        if limit < 1:
+            assert found is None
+            continue
+        assert found is not None
+        correction, rows = found
+        assert_alike(rows.rows[..., -1] ** 2, white.rows[..., -1] ** 2, 1e-6)
+        assert_alike(correction.error, expected.error, 1e-8)
+        assert_alike(squares(correction.factor), squares(expected.factor), 1e-8)
+        assert_alike(
+            np.array([correction.nis, correction.log_likelihood]),
+            np.array([expected.nis, expected.log_likelihood]),
+            1e-9,
+        )
+
+
+def regressions(precision: str) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+    """Rows of the reference and of the compiled step, of landmarks of which one lies behind the camera; `KNOWN` has no error."""
+    generator, observations = seen(precision)
+    observations.landmarks.modes[KNOWN], observations.landmarks.roots[KNOWN] = 0, 0
+    observations.landmarks.points[:2] = [[300, 200, 100], [-300, -200, -100]]
+    pose, modes = np.tril(generator.standard_normal((POSE, POSE))), generator.standard_normal((RANK, POSE))
+    error = 0.003 * pose + 0.01 * np.eye(POSE)
+    points = sigma_points(POSE + 3, SigmaPointOptions())
+    along = points.offsets[:, :POSE] @ np.concatenate([error.T, np.zeros((POSE, 14))], axis=1)
+    late = np.tril(generator.standard_normal((RANK, RANK)))
+    spread = Spread(LAYOUT.retract(recording().states[0], along), error, 0.1 * modes, late)
+    found = both(precision)[1].regressed(observations, spread, points)
     assert found is not None
-    correction, rows = found
-    assert_alike(rows.rows[..., -1] ** 2, white.rows[..., -1] ** 2, 1e-6)
-    assert_alike(correction.error, expected.error, 1e-8)
-    assert_alike(squares(correction.factor), squares(expected.factor), 1e-8)
-    assert_alike(
-        np.array([correction.nis, correction.log_likelihood]),
-        np.array([expected.nis, expected.log_likelihood]),
-        1e-9,
-    )
+    return spread.regressed(observations, points), found
+
+
+@PRECISIONS
+def test_a_regression_is_that_of_its_reference(precision):
+    (rows, valid, log_noise), (found, good, determinants) = regressions(precision)
+    np.testing.assert_array_equal(good, valid)
+    assert 0 < np.count_nonzero(~valid) < len(valid)
+    assert_alike(found[valid], rows[valid], 1e-9)
+    assert_alike(determinants[valid], log_noise[valid], 1e-9)
+    assert valid[KNOWN]
+    np.testing.assert_array_equal(found[KNOWN, :, POSE:-1], 0)
 
 
 def test_there_is_room_for_every_state():

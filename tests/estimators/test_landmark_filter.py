@@ -196,6 +196,29 @@ def test_iterating_finds_the_point_that_one_linearisation_misses():
 
 
 @BOTH
+def test_landmarks_without_error_are_a_known_map(name):
+    recorded, estimator, other = recording(), started(name), started(name)
+    measured = recorded.timeline[0].measurements[0]
+    estimator.update(measured)
+    held, (mean, std) = estimator.landmark_belief, (first_belief(recorded.states).mean, np.full(20, 0.001))
+    points = recorded.points[held.ids]
+    certain = {"points": points, "modes": 0 * held.modes, "roots": 0 * held.roots}
+    factor = np.diag(np.r_[std, np.ones(len(held.factor) - 20)])
+    estimator.start(replace(held, mean=mean, factor=factor, **certain))
+    other.start(Gaussian(LAYOUT, mean, np.diag(std)))
+    parameters = np.concatenate([recorded.points[measured.ids], measured.parameters[:, 3:]], axis=1)
+    found = estimator.update(measured)
+    expected = other.update(Measurement(measured.model, measured.values, parameters))
+    assert found.rejected == expected.rejected
+    np.testing.assert_allclose(estimator.belief.mean, other.belief.mean, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(
+        np.linalg.norm(estimator.belief.factor, axis=1),
+        np.linalg.norm(other.belief.factor, axis=1),
+        rtol=0.01,
+    )
+
+
+@BOTH
 def test_a_snapshot_goes_on_to_the_same_bits(name):
     recorded, estimator = recording(), started(name)
     run_through(estimator, recorded.timeline[:12])

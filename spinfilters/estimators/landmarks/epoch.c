@@ -311,24 +311,12 @@ double correct(integer count, integer n, const Group* g, const integer* columns,
 /* `lanes.Lanes` of `sighting_rows`. */
 typedef void Sighted(integer count, const double* const* from, const integer* pitch, const integer* const* rows, double* const* to);
 
-/* `solved`: 1 where every observation is valid and no innovation is longer than the limit, and else 0, with nothing done. The
- * parameters are those behind the point; they and the values have rows of so many numbers. room: [count][D * LINEAR + 3]; said: log
- * determinant of what whitens all, and the normalised innovation squared. */
-int solve(integer count, Sighted* sighted, const double* x, const double* parameters, integer width, const double* values,
-          integer components, const integer* at, double weight, double limit, const Map* map, double* room, double* said, Group* g,
-          integer n, const integer* columns, double* factor, double* root, double* shift, double* error) {
-  double *linear = room, *valid = linear + count * D * LINEAR, *square = valid + count, *noise = square + count;
-  const double* from[] = {x, map->points, parameters, values};
-  const integer pitch[] = {0, 3, width, components}, *rows[] = {0, at, 0, 0};
-  double* const to[] = {linear, valid, square, noise};
-  sighted(count, from, pitch, rows, to);
-  double log_noise = 0;
-  for (integer i = 0; i < count; ++i) {
-    if (!(valid[i] > 0 && square[i] < INFINITY)) return 0;
-    log_noise += noise[i];
-    valid[i] = weight;
-  }
-  said[0] = log_noise + whiten(count, linear, valid, at, map, g);
+/* `solved_rows`: 1 where no innovation is longer than the limit, and else 0, with nothing done. said: log determinant of what whitens
+ * all, by which it grows, and the normalised innovation squared. */
+int solve_rows(integer count, const double* linear, const double* weights, const integer* at, double limit, const Map* map,
+               double* said, Group* g, integer n, const integer* columns, double* factor, double* root, double* shift,
+               double* error) {
+  said[0] += whiten(count, linear, weights, at, map, g);
   for (integer i = 0; i < count; ++i) {
     double length = 0;
     for (int d = 0; d < D; ++d) {
@@ -339,6 +327,178 @@ int solve(integer count, Sighted* sighted, const double* x, const double* parame
   }
   said[1] = correct(count, n, g, columns, factor, root, shift, error);
   return 1;
+}
+
+/* `solved`: 1 where every observation is valid and no innovation is longer than the limit, and else 0, with nothing done. The
+ * parameters are those behind the point; they and the values have rows of so many numbers. room: [count][D * LINEAR + 3]; said: as
+ * above. */
+int solve(integer count, Sighted* sighted, const double* x, const double* parameters, integer width, const double* values,
+          integer components, const integer* at, double weight, double limit, const Map* map, double* room, double* said, Group* g,
+          integer n, const integer* columns, double* factor, double* root, double* shift, double* error) {
+  double *linear = room, *valid = linear + count * D * LINEAR, *square = valid + count, *noise = square + count;
+  const double* from[] = {x, map->points, parameters, values};
+  const integer pitch[] = {0, 3, width, components}, *rows[] = {0, at, 0, 0};
+  double* const to[] = {linear, valid, square, noise};
+  sighted(count, from, pitch, rows, to);
+  said[0] = 0;
+  for (integer i = 0; i < count; ++i) {
+    if (!(valid[i] > 0 && square[i] < INFINITY)) return 0;
+    said[0] += noise[i];
+    valid[i] = weight;
+  }
+  return solve_rows(count, linear, valid, at, limit, map, said, g, n, columns, factor, root, shift, error);
+}
+
+/* A set of sigma points: the centre, a step along each of AXES coordinates, and a step back; weights in a mean and square roots of those
+ * in a covariance, of the centre and of any other. */
+enum { AXES = C + 3, POINTS = 2 * AXES + 1, ITEMS = POINTS * LANES };
+typedef struct {
+  double step, mean[2], root[2];
+} Sigma;
+
+/* `Spread`: what of the pose and of the modes the first C coordinates move, and a root of what the others make of the modes. */
+typedef struct {
+  const double *states, *pose, *modes, *late;
+} Spread;
+
+/* Whitened innovations of LANES landmarks at all sigma points (D x POINTS), 0 in `good` where one is not valid, and the log
+ * determinants of the noise at the centre. */
+static void sight_points(Sighted* sighted, const double* const* from, const integer* pitch, const lane* places, const integer* which,
+                         lane* away, double* good, double* noise) {
+  double here[ITEMS * 3], out[ITEMS * D], valid[ITEMS], logs[ITEMS];
+  integer point[ITEMS], each[ITEMS];
+  for (int p = 0; p < POINTS; ++p)
+    for (int i = 0; i < LANES; ++i) {
+      PUT(places + 3 * p, 3, i, here + 3 * (p * LANES + i), double);
+      point[p * LANES + i] = p;
+      each[p * LANES + i] = which[i];
+    }
+  const double* moved[] = {from[0], here, from[1], from[2]};
+  const integer *rows[] = {point, 0, each, each};
+  double* const to[] = {out, valid, logs};
+  sighted(ITEMS, moved, pitch, rows, to);
+  for (int i = 0; i < LANES; ++i) {
+    double square = 0;
+    good[i] = 1;
+    noise[i] = logs[i];
+    for (int p = 0; p < POINTS; ++p) {
+      if (!(valid[p * LANES + i] > 0)) good[i] = 0;
+      for (int d = 0; d < D; ++d) {
+        const double v = out[(p * LANES + i) * D + d];
+        ((double*)(away + d * POINTS + p))[i] = v;
+        square += v * v;
+      }
+    }
+    if (!(square < INFINITY)) good[i] = 0;
+  }
+}
+
+/* Regression of one component's innovations on the coordinates: its mean, slopes, and what is left over. */
+static inline lane fit(const Sigma* set, const lane* away, lane* slope, lane* left) {
+  const double scale = set->root[1] * set->root[1] * set->step, root = set->root[1];
+  lane mean = set->mean[0] * away[0];
+  for (int p = 1; p < POINTS; ++p) mean += set->mean[1] * away[p];
+  left[0] = set->root[0] * (mean - away[0]);
+  for (int j = 0; j < AXES; ++j) {
+    const lane plus = mean - away[1 + j], minus = mean - away[1 + AXES + j];
+    slope[j] = scale * (plus - minus);
+    left[1 + j] = root * (plus - set->step * slope[j]);
+    left[1 + AXES + j] = root * (minus + set->step * slope[j]);
+  }
+  return mean;
+}
+
+/* Slopes by coordinates become those by the pose's errors and by the landmark, which moves by `moves` (3 x AXES): 0 by what no coordinate
+ * moves. */
+static inline void by_errors(const double* pose, const lane* moves, lane* slope) {
+  for (int c = 2; c >= 0; --c) {
+    for (int e = c + 1; e < 3; ++e) slope[C + c] -= slope[C + e] * moves[e * AXES + C + c];
+    const lane pivot = moves[c * AXES + C + c];
+    slope[C + c] = (lane)((mask)(slope[C + c] / pivot) & (mask)(pivot != 0));
+  }
+  for (int j = C - 1; j >= 0; --j) {
+    for (int c = 0; c < 3; ++c) slope[j] -= slope[C + c] * moves[c * AXES + j];
+    for (int i = j + 1; i < C; ++i) slope[j] -= slope[i] * pose[i * C + j];
+    slope[j] *= 1 / pose[j * (C + 1)];
+  }
+}
+
+/* How LANES landmarks move with the coordinates (3 x AXES), and where they are at the sigma points. */
+static inline void move_landmarks(const Spread* spread, const Map* map, const integer* at, const integer* which, double step,
+                                  lane* moves, lane* places) {
+  lane A[3 * M], X[3 * (M + 3)], L[9];
+  for (int i = 0; i < LANES; ++i) {
+    const integer k = at[which[i]];
+    TAKE(map->modes + k * 3 * M, 3 * M, i, A);
+    for (int a = 0; a < 3; ++a) TAKE(map->roots + k * 9 + 3 * a, 3, i, X + a * (M + 3) + M);
+    TAKE(map->points + 3 * k, 3, i, places);
+  }
+  for (int a = 0; a < 3; ++a) {
+    for (int j = 0; j < C; ++j) {
+      lane sum = {0};
+      for (int m = 0; m < M; ++m) sum += A[a * M + m] * spread->modes[m * C + j];
+      moves[a * AXES + j] = sum;
+    }
+    for (int j = 0; j < M; ++j) {
+      lane sum = {0};
+      for (int m = j; m < M; ++m) sum += A[a * M + m] * spread->late[m * M + j];
+      X[a * (M + 3) + j] = sum;
+    }
+  }
+  lower_root(X, M + 3, L);
+  for (int a = 0; a < 3; ++a) {
+    for (int c = 0; c < 3; ++c) moves[a * AXES + C + c] = L[3 * a + c];
+    for (int j = 0; j < AXES; ++j) {
+      places[3 * (1 + j) + a] = places[a] + step * moves[a * AXES + j];
+      places[3 * (1 + AXES + j) + a] = places[a] - step * moves[a * AXES + j];
+    }
+  }
+}
+
+/* `regressed`: linear [count][D][LINEAR], valid [count] and noise [count]. States [POINTS] have rows of so many numbers; parameters are
+ * those behind the point. */
+void regress(integer count, Sighted* sighted, const Spread* spread, integer numbers, const double* parameters, integer width,
+             const double* values, integer components, const integer* at, const Sigma* set, const Map* map, double* linear,
+             double* valid, double* noise) {
+  const double* from[] = {spread->states, parameters, values};
+  const integer pitch[] = {numbers, 3, width, components};
+  for (integer first = 0; first < count; first += LANES) {
+    lane moves[3 * AXES], places[3 * POINTS], away[D * POINTS], left[D * POINTS], rows[D * LINEAR], T[D * D], volume = {0};
+    double good[LANES], logs[LANES];
+    integer which[LANES];
+    const int some = (int)(count - first < LANES ? count - first : LANES);
+    for (int i = 0; i < LANES; ++i) which[i] = first + (i < some ? i : some - 1);
+    move_landmarks(spread, map, at, which, set->step, moves, places);
+    sight_points(sighted, from, pitch, places, which, away, good, logs);
+    for (int d = 0; d < D; ++d) {
+      lane* row = rows + d * LINEAR;
+      row[C + 3] = fit(set, away + d * POINTS, row, left + d * POINTS);
+      by_errors(spread->pose, moves, row);
+    }
+    volume += 1;
+    for (int d = 0; d < D; ++d) { /* whitened by what is left, I + left left' = T T' */
+      for (int e = 0; e <= d; ++e) {
+        lane sum = (lane){0} + (d == e);
+        for (int p = 0; p < POINTS; ++p) sum += left[d * POINTS + p] * left[e * POINTS + p];
+        for (int c = 0; c < e; ++c) sum -= T[d * D + c] * T[e * D + c];
+        if (e < d) T[d * D + e] = sum / T[e * (D + 1)];
+        else T[d * D + e] = square_roots(sum);
+      }
+      volume *= T[d * (D + 1)];
+      const lane out = 1 / T[d * (D + 1)];
+      for (int k = 0; k < LINEAR; ++k) {
+        for (int e = 0; e < d; ++e) rows[d * LINEAR + k] -= T[d * D + e] * rows[e * LINEAR + k];
+        rows[d * LINEAR + k] *= out;
+      }
+    }
+    for (int i = 0; i < some; ++i) {
+      double *row = linear + (first + i) * D * LINEAR, square = 0;
+      PUT(rows, D * LINEAR, i, row, double);
+      for (int k = 0; k < D * LINEAR; ++k) square += row[k] * row[k];
+      valid[first + i] = square < INFINITY ? good[i] : 0;
+      noise[first + i] = logs[i] + log(((const double*)&volume)[i]);
+    }
+  }
 }
 
 /* Rows a and b of V, turned. */

@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 from spinfilters.estimators.gain import LOG_2_PI, Correction
 from spinfilters.estimators.landmarks.reference import NEW_LANDMARK_SHARE, NumpySteps
 from spinfilters.estimators.landmarks.steps import Closing, NewModes, WhitenedRows
+from spinfilters.estimators.sigma_points import SigmaPoints
 from spinfilters.estimators.smoothing.native import KERNEL_FLAGS
 from spinfilters.symbolic.c_library import load_text
 from spinfilters.symbolic.compiled import address
@@ -19,6 +20,7 @@ from spinfilters.symbolic.compiled import address
 if TYPE_CHECKING:
     from spinfilters.estimators.landmarks.landmark_map import LandmarkMap
     from spinfilters.estimators.landmarks.observations import Observations
+    from spinfilters.estimators.landmarks.regression import Spread
 
 LOOSE_SUMS = ("-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math")
 FLAGS = (*KERNEL_FLAGS, *LOOSE_SUMS, "-fno-strict-aliasing", "-Wno-psabi")
@@ -35,6 +37,8 @@ _SIGNATURES = {
     "whiten": ("ippppp", ctypes.c_double),
     "correct": ("iipp" + "pppp", ctypes.c_double),
     "solve": ("ippp" + "ipip" + "ddpppp" + "ip" + "pppp", ctypes.c_int),
+    "solve_rows": ("ipppd" + "ppp" + "ip" + "pppp", ctypes.c_int),
+    "regress": ("ippi" + "pipi" + "ppp" + "ppp", None),
     "close_epoch": ("ippp" + "ippd" + "ip" + "ppppp" + "iiiiip", None),
 }
 _STORED = ("epoch", "hits", "wrong", "last", "transform", "spread", "shift", "points", "modes", "roots")
@@ -129,6 +133,50 @@ class NativeSteps:
             return None
         log_noise, nis = said.tolist()
         return _correction(made, nis, k * d, log_noise), WhitenedRows(kept, (k, d, width), log_noise)
+
+    def solved_rows(
+        self,
+        observations: "Observations",
+        linear: Float[np.ndarray, "k d w"],
+        log_noise: float,
+        factor: Float[np.ndarray, "N N"],
+        limit: float,
+    ) -> tuple[Correction, WhitenedRows] | None:
+        o, n, (k, d, width) = observations, len(factor), linear.shape
+        if k == 0 or (d, width - 4) != SHAPE or limit < 0:
+            return None
+        width += self._modes - 3
+        kept, made = np.empty((-(-k // LANES), d * (width + 6), LANES)), _made(factor)
+        said, weights = np.array([log_noise, 0.0]), np.full(k, 1 / o.scale)
+        given = [np.ascontiguousarray(array) for array in (linear, weights, o.at)]
+        if not self._c.solve_rows(
+            *(k, *map(address, given), limit, self._map(o.landmarks), address(said), address(kept), n),
+            *map(address, (o.columns, *made)),
+        ):
+            return None
+        log_noise, nis = said.tolist()
+        return _correction(made, nis, k * d, log_noise), WhitenedRows(kept, (k, d, width), log_noise)
+
+    def regressed(
+        self, observations: "Observations", spread: "Spread", points: SigmaPoints
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        o, (d, c) = observations, SHAPE
+        k, loop, pose = len(o.at), o.sensor.sighting_innovations.loop, spread.pose
+        if not (k and loop) or o.sensor.dim != d or pose.shape != (c, c) or not spread.is_solvable:
+            return None
+        step, mean, root = points.offsets[1, 0], points.mean_weights[:2], points.root_weights[:2]
+        weights, parts = np.array([step, *mean, *root]), (spread.states, pose, spread.modes, spread.late)
+        parts = [np.ascontiguousarray(array) for array in parts]
+        x, parameters, values, at = parts[0], *map(np.ascontiguousarray, (o.parameters, o.values, o.at))
+        behind_points = address(parameters) + 3 * parameters.itemsize
+        rows, valid, log_noise = np.empty((k, d, c + 4)), np.empty(k), np.empty(k)
+        self._c.regress(
+            *(k, loop, (ctypes.c_void_p * len(parts))(*map(address, parts)), x.shape[1]),
+            *(behind_points, parameters.shape[1], address(values), values.shape[1]),
+            *(address(at), address(weights), self._map(o.landmarks)),
+            *map(address, (rows, valid, log_noise)),
+        )
+        return rows, valid > 0, log_noise
 
     def close(
         self, stored: "LandmarkMap", closing: Closing

@@ -114,16 +114,33 @@ def solve_at(
     """What `solve` says with first derivatives at a state; at once, where all are valid and pass whatever the covariance."""
     o = observations
     found = o.landmarks.steps.solved(o, x, factor, guard.limit(o.sensor.dim))
-    if found is None:
-        return solve(o, o.rows_at(x), factor, guard)
-    guard.accept()
-    return Solved(found[0], np.arange(len(o.at)), np.full(len(o.at), 1 / o.scale), found[1])
+    return _weighed(o, o.rows_at(x), factor, guard) if found is None else _accepted(o, found, guard)
 
 
 def solve(
     observations: Observations, linear: LinearRows, factor: Float[np.ndarray, "N N"], guard: SensorGuard
 ) -> Solved:
-    """The correction by all valid observations that the guard lets pass."""
+    """The correction by all valid observations that the guard lets pass; at once, as `solve_at`."""
+    o, found = observations, None
+    if linear.valid.all():
+        limit, log_noise = guard.limit(o.sensor.dim), float(linear.log_noise.sum())
+        found = o.landmarks.steps.solved_rows(o, linear.rows, log_noise, factor, limit)
+    return _weighed(o, linear, factor, guard) if found is None else _accepted(o, found, guard)
+
+
+def _accepted(
+    observations: Observations, found: tuple[Correction, WhitenedRows], guard: SensorGuard
+) -> Solved:
+    """The correction by all observations, each of full weight."""
+    guard.accept()
+    k = len(observations.at)
+    return Solved(found[0], np.arange(k), np.full(k, 1 / observations.scale), found[1])
+
+
+def _weighed(
+    observations: Observations, linear: LinearRows, factor: Float[np.ndarray, "N N"], guard: SensorGuard
+) -> Solved:
+    """The correction by valid observations with the weights that the guard gives them."""
     o, steps, valid = observations, observations.landmarks.steps, np.flatnonzero(linear.valid)
     rows, at = (linear.rows, o.at) if len(valid) == len(o.at) else (linear.rows[valid], o.at[valid])
     weights = np.full(len(valid), 1 / o.scale)

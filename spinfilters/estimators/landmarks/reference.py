@@ -7,10 +7,12 @@ from jaxtyping import Float, Int
 
 from spinfilters.estimators.gain import Correction, MeasurementPrediction, apply_gain, compressed, lower_roots
 from spinfilters.estimators.landmarks.steps import Closing, NewModes, WhitenedRows
+from spinfilters.estimators.sigma_points import SigmaPoints
 
 if TYPE_CHECKING:
     from spinfilters.estimators.landmarks.landmark_map import LandmarkMap
     from spinfilters.estimators.landmarks.observations import Observations
+    from spinfilters.estimators.landmarks.regression import Spread
 
 NEW_LANDMARK_SHARE = 0.5
 """Of the information of a new landmark's own covariance that its next observation has of it, about."""
@@ -86,6 +88,23 @@ class NumpySteps:
         limit: float,
     ) -> tuple[Correction, WhitenedRows] | None:
         """What `whitened` and `corrected` give at a state, if no squared innovation is beyond the limit; here always None."""
+        return None
+
+    def solved_rows(
+        self,
+        observations: "Observations",
+        linear: Float[np.ndarray, "k d w"],
+        log_noise: float,
+        factor: Float[np.ndarray, "N N"],
+        limit: float,
+    ) -> tuple[Correction, WhitenedRows] | None:
+        """The same of rows, all of them valid; log_noise of all."""
+        return None
+
+    def regressed(
+        self, observations: "Observations", spread: "Spread", points: SigmaPoints
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """What `Spread.regressed` gives, where it is computed otherwise; here always None."""
         return None
 
     def close(

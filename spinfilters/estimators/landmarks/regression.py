@@ -6,12 +6,13 @@ noise.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.linalg.lapack import dtrtrs
 
-from spinfilters.estimators.gain import is_lower, last_nonzero
+from spinfilters.estimators.gain import is_lower, last_nonzero, lower_roots, triangular_factor
 from spinfilters.estimators.landmarks.observations import LinearRows, Observations
 from spinfilters.estimators.sigma_points import SigmaPointOptions, SigmaPoints, sigma_points
 
@@ -26,66 +27,91 @@ class Regression:
 
     def rows(self, options: SigmaPointOptions) -> LinearRows:
         """What `Observations.rows_at` gives, by regression."""
-        o, n, r = self.observations, self.observations.layout.error_dim, self.observations.modes.shape[2]
-        pose, k = self.factor[o.sensor.columns], len(o.at)
-        s, modes = last_nonzero(pose), self.factor[n : n + r]
-        late, A = modes[:, s:], o.modes.reshape(-1, r)
-        shared = (A @ modes[:, :s]).reshape(k, 3, s)
-        rest = (A @ (late @ late.T)).reshape(k, 3, r) @ np.swapaxes(o.modes, 1, 2)
-        own = np.linalg.cholesky(rest + o.roots @ np.swapaxes(o.roots, 1, 2))
+        o, n = self.observations, self.observations.layout.error_dim
+        pose, modes = self.factor[o.sensor.columns], self.factor[n : n + o.landmarks.rank]
+        s = last_nonzero(pose)
         points = sigma_points(s + 3, options)
-        away, valid, log_noise = self._away(points, s, np.concatenate([shared, own], axis=2))
+        states = o.layout.retract(self.mean, points.offsets[:, :s] @ self.factor[:n, :s].T)
+        spread = Spread(states, pose[:, :s], modes[:, :s], triangular_factor(modes[:, s:].T))
+        found = o.landmarks.steps.regressed(o, spread, points)
+        return LinearRows(*(spread.regressed(o, points) if found is None else found))
+
+
+@dataclass(frozen=True)
+class Spread:
+    """What sigma points move.
+
+    Attributes
+    ----------
+    states: (p, m) at the points.
+    pose: (c, s) by the coordinates that move it.   modes: (r, s) by the same.
+    late: (r, r) lower triangular root of the modes' covariance by all other coordinates.
+    """
+
+    states: Float[np.ndarray, "p m"]
+    pose: Float[np.ndarray, "c s"]
+    modes: Float[np.ndarray, "r s"]
+    late: Float[np.ndarray, "r r"]
+
+    @cached_property
+    def is_solvable(self) -> bool:
+        """Whether the pose is a lower triangle of full rank: its columns lead the state."""
+        square = len(self.pose) == self.pose.shape[1]
+        return square and is_lower(self.pose) and bool(np.diagonal(self.pose).all())
+
+    def regressed(
+        self, o: Observations, points: SigmaPoints
+    ) -> tuple[Float[np.ndarray, "k d w"], Bool[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+        """Fields of `LinearRows`."""
+        s, shared = self.pose.shape[1], o.modes @ self.modes
+        own = lower_roots(np.concatenate([o.modes @ self.late, o.roots], axis=2))
+        away, valid, log_noise = self._away(o, points, np.concatenate([shared, own], axis=2))
         mean = away @ points.mean_weights
         slope, left = points.regressed(mean[..., None] - away)
         by_landmark = _divided_by_lower(slope[..., s:], own)
         by_pose = slope[..., :s] - by_landmark @ shared
-        by_state = _by_errors(by_pose.reshape(-1, s), pose[:, :s]).reshape(*mean.shape, len(pose))
+        by_state = self._by_errors(by_pose.reshape(-1, s)).reshape(*mean.shape, len(self.pose))
         root = np.linalg.cholesky(np.eye(left.shape[1]) + left @ np.swapaxes(left, 1, 2))
         every = np.concatenate([by_state, by_landmark, mean[..., None]], axis=2)
         rows = _solved_by_lower(root, every)
         log_noise = log_noise + np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
-        return LinearRows(rows, valid & np.isfinite(rows).all(axis=(1, 2)), log_noise)
+        return rows, valid & np.isfinite(rows).all(axis=(1, 2)), log_noise
 
     def _away(
-        self, points: SigmaPoints, s: int, spread: Float[np.ndarray, "k 3 q"]
+        self, o: Observations, points: SigmaPoints, moves: Float[np.ndarray, "k 3 q"]
     ) -> tuple[Float[np.ndarray, "k d p"], np.ndarray, Float[np.ndarray, " k"]]:
-        """Whitened innovations at every point, where all are valid, and the noise's log determinants at the centre."""
-        o, k, p = self.observations, len(self.observations.values), len(points.offsets)
-        n = o.layout.error_dim
-        states = o.layout.retract(self.mean, points.offsets[:, :s] @ self.factor[:n, :s].T)
-        moved = points.offsets @ spread.reshape(3 * k, s + 3).T
+        """Whitened innovations at every point, zeros where not all are valid, and the noise's log determinants at the centre."""
+        k, p = len(o.values), len(points.offsets)
+        moved = points.offsets @ moves.reshape(3 * k, moves.shape[2]).T
         places, each = o.points + moved.reshape(p, k, 3), np.tile(np.arange(k), p)
         away, valid, log_noise = o.sensor.sighting_innovations(
-            states,
+            self.states,
             places.reshape(-1, 3),
             o.parameters[:, 3:],
             o.values,
             rows=(np.repeat(np.arange(p), k), None, each, each),
         )
-        good = np.logical_and.reduce(valid.reshape(p, k) > 0, axis=0)
-        return np.moveaxis(away.reshape(p, k, o.sensor.dim), 0, 2), good, log_noise.reshape(p, k)[0]
+        away = np.moveaxis(away.reshape(p, k, o.sensor.dim), 0, 2)
+        good = np.logical_and.reduce(valid.reshape(p, k) > 0, axis=0) & np.isfinite(away).all(axis=(1, 2))
+        return np.where(good[:, None, None], away, 0.0), good, log_noise.reshape(p, k)[0]
 
-
-def _by_errors(
-    by_coordinates: Float[np.ndarray, "q s"], pose: Float[np.ndarray, "c s"]
-) -> Float[np.ndarray, "q c"]:
-    """X of least squares with X pose = by_coordinates; pose is lower triangular where its columns lead the state."""
-    if len(pose) == pose.shape[1] and is_lower(pose):
-        found, failed = dtrtrs(pose, by_coordinates.T, lower=1, trans=1)
-        if not failed:
-            return found.T
-    return np.linalg.lstsq(pose.T, by_coordinates.T, rcond=None)[0].T
+    def _by_errors(self, by_coordinates: Float[np.ndarray, "q s"]) -> Float[np.ndarray, "q c"]:
+        """X of least squares with X pose = by_coordinates."""
+        if self.is_solvable:
+            return dtrtrs(self.pose, by_coordinates.T, lower=1, trans=1)[0].T
+        return np.linalg.lstsq(self.pose.T, by_coordinates.T, rcond=None)[0].T
 
 
 def _solved_by_lower(
     root: Float[np.ndarray, "k d d"], right: Float[np.ndarray, "k d q"]
 ) -> Float[np.ndarray, "k d q"]:
-    """root^-1 right of lower triangular matrices, by substitution in all of them at once."""
-    rows = [right[:, 0] / root[:, 0, :1]]
-    for j in range(1, root.shape[1]):
-        known = sum(root[:, j, i, None] * row for i, row in enumerate(rows))
-        rows.append((right[:, j] - known) / root[:, j, j, None])
-    return np.stack(rows, axis=1)
+    """root^-1 right of lower triangular matrices, by substitution in all of them at once; 0 for a pivot of 0."""
+    result = np.zeros(right.shape)
+    for j in range(root.shape[1]):
+        known = sum(root[:, j, i, None] * result[:, i] for i in range(j))
+        pivot = root[:, j, j, None]
+        np.divide(right[:, j] - known, pivot, out=result[:, j], where=pivot != 0)
+    return result
 
 
 def _divided_by_lower(
