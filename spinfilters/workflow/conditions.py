@@ -9,8 +9,10 @@ import numpy as np
 from spinfilters.evaluation.truth_consistency import contradictions
 from spinfilters.logs.measurement_log import MeasurementStream
 from spinfilters.logs.sensor_format import sensor_format
+from spinfilters.sensors.registry import sensor_of
 from spinfilters.workflow.preparation import Prepared
 
+STATED, IDENTIFIED, PRIOR = "stated", "identified", "prior"
 FORCE_UNIT, TORQUE_UNIT = "(m/s^2)^2/Hz", "(rad/s^2)^2/Hz"
 MOST_LINES, LONGEST = 4, 200
 """Of sentences that are read from a file."""
@@ -18,12 +20,25 @@ MOST_LINES, LONGEST = 4, 200
 
 @dataclass(frozen=True)
 class StatedNoise:
-    """One number of the noise with its unit; ``label`` is what it is called in a sentence."""
+    """One number of the noise with its unit, and where it comes from.
+
+    Attributes
+    ----------
+    label: what it is called in a sentence.   source: `STATED`, `IDENTIFIED`, or `PRIOR` where the data only bound it, or nothing.
+    std: of an identified value.
+    """
 
     name: str
     label: str
     value: float
     unit: str
+    source: str = STATED
+    std: float | None = None
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """As summary.json holds it."""
+        return {"value": self.value, "unit": self.unit, "std": self.std, "source": self.source}
 
 
 @dataclass(frozen=True)
@@ -61,7 +76,7 @@ class Conditions:
             "map": self.map,
             "landmarks_known": self.landmarks,
             "seed": self.seed,
-            "noise": {each.name: {"value": each.value, "unit": each.unit} for each in noise},
+            "noise": {each.name: each.document for each in noise},
             "truth_contradictions": list(self.contradictions),
             "sentences": self.sentences,
         }
@@ -101,14 +116,32 @@ def _sensor_noise(stream: MeasurementStream, prepared: Prepared) -> Iterator[Sta
             rows = np.array(option.components)
             value = _median_std(stream.covariance[:, rows[:, None], rows])
         if value > 0:
-            yield StatedNoise(option.name, option.words, value, option.allowed.unit or "1")
+            own = stream.covariance is not None and option.components is not None
+            source, std = (STATED, None) if own else _source(option.name, prepared)
+            yield StatedNoise(option.name, option.words, value, option.allowed.unit or "1", source, std)
 
 
 def _disturbances(prepared: Prepared) -> Iterator[StatedNoise]:
     noise = prepared.process.noise
     if prepared.process.layout.translates:
-        yield StatedNoise("force_psd", "force", noise.force_psd, FORCE_UNIT)
-    yield StatedNoise("torque_psd", "torque", noise.torque_psd, TORQUE_UNIT)
+        yield StatedNoise("force_psd", "force", noise.force_psd, FORCE_UNIT, *_source("force_psd", prepared))
+    yield StatedNoise("torque_psd", "torque", noise.torque_psd, TORQUE_UNIT, *_source("torque_psd", prepared))
+
+
+def _source(name: str, prepared: Prepared) -> tuple[str, float | None]:
+    """Where a noise level comes from, and its standard deviation if the data tell it."""
+    found = next((each for each in prepared.identified if each.name == name), None)
+    if found is not None:
+        return (IDENTIFIED, found.std) if found.told else (PRIOR, None)
+    if name not in prepared.unstated:
+        return STATED, None
+    by_rates = prepared.gyro_noise is not None and name in _identified_options(prepared)
+    return (IDENTIFIED if by_rates else PRIOR), None
+
+
+def _identified_options(prepared: Prepared) -> set[str | None]:
+    """Options of rate sensors of unknown error."""
+    return {sensor_of(stream.sensor).identified_option for stream in prepared.dataset.log.streams}
 
 
 def _median_std(covariance: np.ndarray) -> float:
@@ -117,4 +150,7 @@ def _median_std(covariance: np.ndarray) -> float:
 
 
 def _listed(noise: tuple[StatedNoise, ...]) -> str:
-    return ", ".join(f"{n.label} {n.value:.3g}{'' if n.unit == '1' else f' {n.unit}'}" for n in noise)
+    found = {IDENTIFIED: " (identified)", PRIOR: " (assumed)", STATED: ""}
+    return ", ".join(
+        f"{n.label} {n.value:.3g}{'' if n.unit == '1' else f' {n.unit}'}{found[n.source]}" for n in noise
+    )

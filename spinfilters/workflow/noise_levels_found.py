@@ -20,24 +20,6 @@ ROUNDS: Final[int] = 3
 """Initialisations at most: each linearises about what the noise of the one before made of the epochs."""
 ALIKE: Final[float] = 0.2
 """Change of every ln variance below which an initialisation is not made again."""
-STATED, IDENTIFIED, PRIOR = "stated", "identified", "prior"
-
-
-@dataclass(frozen=True)
-class NoiseLevel:
-    """A noise level of a run and where it comes from.
-
-    Attributes
-    ----------
-    value: in the unit of its option.   std: of the value, None where it was not identified.
-    source: stated, identified, or prior where the data only bound it (then ``upper`` is the bound).
-    """
-
-    name: str
-    value: float
-    std: float | None
-    source: str
-    upper: float | None = None
 
 
 @dataclass(frozen=True)

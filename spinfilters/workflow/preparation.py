@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.errors import NUMERICAL_ERRORS, InputError
-from spinfilters.estimators.identification.components import VarianceComponent
+from spinfilters.estimators.identification.components import DISTURBANCES, VarianceComponent
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
 from spinfilters.estimators.initialisation.initialiser import initialise
 from spinfilters.estimators.initialisation.options import StartOptions
@@ -43,6 +43,7 @@ class Prepared:
     belief: what every filter begins from at the end of the start, with landmarks where the map is not known.
     map_points: (k, 3) m in g: the known map or that of the start, or None.
     gyro_noise: identified, or None when it was stated.   identified: other noise that nobody states.
+    unstated: names of all noise that nobody states.
     """
 
     dataset: Dataset
@@ -54,6 +55,7 @@ class Prepared:
     map_points: Float[np.ndarray, "k 3"] | None
     gyro_noise: GyroNoise | None
     identified: tuple[VarianceComponent, ...] = ()
+    unstated: frozenset[str] = frozenset()
 
     @property
     def start_end(self) -> float:
@@ -132,8 +134,32 @@ def _prepared(dataset: Dataset, settings: Settings, initial: Given | None) -> Pr
         points = start.points
     belief = start.joint_belief(settings.landmarks)
     return Prepared(
-        dataset, made.process, made.timeline, made.noise, start, belief, points, gyro_noise, components
+        dataset,
+        made.process,
+        made.timeline,
+        made.noise,
+        start,
+        belief,
+        points,
+        gyro_noise,
+        components,
+        _unstated_names(dataset, settings),
     )
+
+
+def _unstated_names(dataset: Dataset, settings: Settings) -> frozenset[str]:
+    """Noise options and densities that neither the data set nor the settings state."""
+    options = {
+        name
+        for name in noise_options()
+        if name not in dataset.options.sensor_noise and _setting(settings, name) == AUTO
+    }
+    densities = {
+        name
+        for name in DISTURBANCES
+        if getattr(dataset.options, name) is None and getattr(settings.process, name) == AUTO
+    }
+    return frozenset(options | densities)
 
 
 def _unstated(
@@ -141,19 +167,15 @@ def _unstated(
 ) -> Unstated:
     """Noise that is to be identified; that of rate sensors of unknown error is, by `identify_gyro_noise`, already."""
     options: dict[str, dict[str, tuple[int, ...]]] = {}
+    names = _unstated_names(dataset, settings)
     for stream in log.streams:
         if stream.covariance is not None or unknown is stream:
             continue
         for option in sensor_format(stream.sensor).noise:
-            told = option.name in dataset.options.sensor_noise or _setting(settings, option.name) != AUTO
-            if option.components is not None and not told:
+            if option.components is not None and option.name in names:
                 options.setdefault(option.name, {})[stream.sensor] = option.components
-    densities = [
-        name
-        for name in ("force_psd", "torque_psd")
-        if getattr(dataset.options, name) is None and getattr(settings.process, name) == AUTO
-    ]
-    return Unstated(options, () if unknown is not None else tuple(densities))
+    densities = tuple(name for name in DISTURBANCES if name in names)
+    return Unstated(options, () if unknown is not None else densities)
 
 
 def _layout(log: MeasurementLog, settings: Settings) -> StateLayout:

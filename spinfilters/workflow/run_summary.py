@@ -27,16 +27,18 @@ LARGEST_SUMMARY = 1 << 26
 def summary(comparison: Comparison) -> dict[str, Any]:
     """The content of summary.json."""
     prepared, evaluations = comparison.prepared, comparison.evaluations
-    shared = shared_begin(evaluations)
+    shared, conditions = shared_begin(evaluations), conditions_of(prepared)
+    told = (*conditions.sensors, *conditions.disturbances)
+    noise = {each.name: {"value": each.value, "std": each.std, "source": each.source} for each in told}
     return {
         "schema": SCHEMA,
         "dataset": _dataset(prepared),
         "process": {"blocks": list(prepared.process.layout.blocks), **vars(prepared.process.noise)},
         "sensors": dict(prepared.noise.values),
-        "conditions": conditions_of(prepared).document,
+        "conditions": conditions.document,
         "identical_measurements": on_identical_measurements(evaluations),
         "start": _start(prepared),
-        "estimators": {evaluation.name: _estimator(evaluation, shared) for evaluation in evaluations},
+        "estimators": {e.name: {**_estimator(e, shared), "noise": noise} for e in evaluations},
     }
 
 
