@@ -31,8 +31,9 @@ def live_setup(dataset: Dataset, settings: Settings, name: str) -> Setup:
     InputError: a filter that the data set has nothing for; an initialisation that failed.
     """
     prepared = prepare(dataset, settings)
-    if prepared.start_failure is not None:
-        raise InputError(f"the first epochs tell no state ({prepared.start_failure}); give other ones")
+    if prepared.start.has_failed:
+        why = "; ".join(prepared.start.status.reasons)
+        raise InputError(f"the first epochs tell no state ({why}); give other ones")
     entry = estimator_entries()[name]
     estimator = entry.build(prepared, settings)
     assert estimator is not None
@@ -56,7 +57,7 @@ def live_setup(dataset: Dataset, settings: Settings, name: str) -> Setup:
         first = (build, prepared.start_end)
     for stream in dataset.log.streams:
         bind(stream)  # built before a clock runs
-    count = len(prepared.start.frames.mean)
+    count = len(prepared.start.mean)
     rehearsal = prepared.timeline[count : count + REHEARSED]
     return Setup(prepared.process, estimator, prepared.start_end, models, bind, first, rehearsal)
 

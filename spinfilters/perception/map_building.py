@@ -110,7 +110,7 @@ def _matches(tracks: MeasurementStream, rows: slice, known: MapInProgress, noise
 
 
 def _view(
-    tracks: MeasurementStream, rows: slice, calibration: Float[np.ndarray, " 5"], noise: NoiseLevel
+    tracks: MeasurementStream, rows: slice, calibration: Float[np.ndarray, " c"], noise: NoiseLevel
 ) -> View:
     """What one epoch shows, as far as it can be triangulated."""
     assert tracks.ids is not None

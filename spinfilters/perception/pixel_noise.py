@@ -49,7 +49,7 @@ class View:
         return Matches(self.camera[here], later.pixels[there], noise, covariance)
 
 
-def noise_ratio(views: Sequence[View], calibration: Float[np.ndarray, " 5"]) -> float | None:
+def noise_ratio(views: Sequence[View], calibration: Float[np.ndarray, " c"]) -> float | None:
     """Standard deviation of the pixels over the stated; None where no two views tell it.
 
     It is the median's, which wrong matches that agree by chance hardly move.

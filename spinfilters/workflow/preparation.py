@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.errors import NUMERICAL_ERRORS, InputError
-from spinfilters.estimators.identification.components import DISTURBANCES, VarianceComponent
+from spinfilters.estimators.identification.components import VarianceComponent
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
 from spinfilters.estimators.initialisation.initialiser import initialise
 from spinfilters.estimators.initialisation.options import StartOptions
@@ -17,17 +17,25 @@ from spinfilters.geometry.camera_trajectory import CameraTrajectory
 from spinfilters.logs.dataset import Dataset
 from spinfilters.logs.input_file import reason
 from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.logs.sensor_format import noise_options, sensor_format
-from spinfilters.models.process import THESIS_NOISE, ProcessNoise, TorqueFreeProcess
+from spinfilters.logs.sensor_format import sensor_format
+from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.sensors.registry import sensor_of, sensors_in
 from spinfilters.sensors.sensor import MotionSamples, Sensor
 from spinfilters.state.blocks.drag import DRAG
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
-from spinfilters.workflow.gyro_noise import FIRST_SCALE, GyroNoise, disturbance_psd, identify_gyro_noise
-from spinfilters.workflow.noise_levels_found import NoisyModels, Unstated, with_identified_noise
-from spinfilters.workflow.settings import AUTO, Settings
+from spinfilters.workflow.gyro_noise import FIRST_SCALE, GyroNoise, identify_gyro_noise
+from spinfilters.workflow.noise_levels_found import NoisyModels, with_identified_noise
+from spinfilters.workflow.settings import Settings
 from spinfilters.workflow.start_length import Make, long_enough_start
+from spinfilters.workflow.stated_noise import (
+    disturbances,
+    log_with_noise,
+    sensor_noise,
+    sensor_of_unknown_noise,
+    unstated_names,
+    unstated_noise,
+)
 
 WHOLE_RECORDING = 400
 """Samples, at most, from which the error of a rate sensor is identified."""
@@ -101,12 +109,12 @@ def prepare(dataset: Dataset, settings: Settings, initial: Given | None = None) 
 
 
 def _prepared(dataset: Dataset, settings: Settings, initial: Given | None) -> Prepared:
-    log, view = _log_with_noise(dataset.log, settings), camera_view(dataset)
+    log, view = log_with_noise(dataset.log, settings), camera_view(dataset)
     layout = _layout(log, settings)
-    unknown = _sensor_of_unknown_noise(log, dataset, settings)
-    automatic = _disturbances(dataset, unknown)
+    unknown = sensor_of_unknown_noise(log, dataset, settings)
+    automatic = disturbances(dataset, unknown)
     process = TorqueFreeProcess(layout, settings.process.noise(automatic), settings.process.tolerance)
-    noise, gyro_noise = _noise(dataset, settings), None
+    noise, gyro_noise = sensor_noise(dataset, settings), None
     for stream in log.streams:
         rates = sensor_of(stream.sensor).measured_rates(stream)
         if rates is not None:
@@ -114,7 +122,7 @@ def _prepared(dataset: Dataset, settings: Settings, initial: Given | None) -> Pr
     if unknown is not None:
         gyro_noise, option = _identify(unknown, process, noise, settings.start)
         noise = replace(noise, **{option: gyro_noise.scale_std})
-    silent = _unstated(log, dataset, settings, unknown)
+    silent = unstated_noise(log, dataset, settings, unknown)
 
     def bound(process: TorqueFreeProcess, noise: SensorNoise) -> NoisyModels:
         timeline = build_timeline(log, layout, noise, view)
@@ -143,39 +151,8 @@ def _prepared(dataset: Dataset, settings: Settings, initial: Given | None) -> Pr
         points,
         gyro_noise,
         components,
-        _unstated_names(dataset, settings),
+        unstated_names(dataset, settings),
     )
-
-
-def _unstated_names(dataset: Dataset, settings: Settings) -> frozenset[str]:
-    """Noise options and densities that neither the data set nor the settings state."""
-    options = {
-        name
-        for name in noise_options()
-        if name not in dataset.options.sensor_noise and _setting(settings, name) == AUTO
-    }
-    densities = {
-        name
-        for name in DISTURBANCES
-        if getattr(dataset.options, name) is None and getattr(settings.process, name) == AUTO
-    }
-    return frozenset(options | densities)
-
-
-def _unstated(
-    log: MeasurementLog, dataset: Dataset, settings: Settings, unknown: MeasurementStream | None
-) -> Unstated:
-    """Noise that is to be identified; that of rate sensors of unknown error is, by `identify_gyro_noise`, already."""
-    options: dict[str, dict[str, tuple[int, ...]]] = {}
-    names = _unstated_names(dataset, settings)
-    for stream in log.streams:
-        if stream.covariance is not None or unknown is stream:
-            continue
-        for option in sensor_format(stream.sensor).noise:
-            if option.components is not None and option.name in names:
-                options.setdefault(option.name, {})[stream.sensor] = option.components
-    densities = tuple(name for name in DISTURBANCES if name in names)
-    return Unstated(options, () if unknown is not None else densities)
 
 
 def _layout(log: MeasurementLog, settings: Settings) -> StateLayout:
@@ -250,54 +227,6 @@ def _start_maker(
         return initialise(process, timeline, samples, options)
 
     return make
-
-
-def _noise(dataset: Dataset, settings: Settings) -> SensorNoise:
-    """Settings first, then the data set's own, then the defaults."""
-    chosen: dict[str, float] = {}
-    for name in noise_options():
-        stated = _setting(settings, name)
-        value = dataset.options.sensor_noise.get(name) if stated == AUTO else stated
-        if value is not None:
-            chosen[name] = float(value)
-    return SensorNoise(chosen)
-
-
-def _setting(settings: Settings, option: str) -> float | str:
-    """The setting of a noise option; of a plug-in that came after the settings were built "auto"."""
-    return getattr(settings.sensors, option, AUTO)
-
-
-def _disturbances(dataset: Dataset, unknown: MeasurementStream | None) -> ProcessNoise:
-    """The data set's own, then what is known of rate sensors of unknown error, then the thesis'."""
-    force_psd, torque_psd = dataset.options.force_psd, dataset.options.torque_psd
-    if torque_psd is None and unknown is not None:
-        torque_psd = disturbance_psd(unknown)
-    return ProcessNoise(force_psd or THESIS_NOISE.force_psd, torque_psd or THESIS_NOISE.torque_psd)
-
-
-def _log_with_noise(log: MeasurementLog, settings: Settings) -> MeasurementLog:
-    """The log without those covariances of its rows in whose place the settings state a number."""
-
-    def is_stated(stream: MeasurementStream) -> bool:
-        options = [each for each in sensor_format(stream.sensor).noise if each.components is not None]
-        return any(_setting(settings, option.name) != AUTO for option in options)
-
-    streams = (replace(s, covariance=None) if is_stated(s) else s for s in log.streams)
-    return MeasurementLog(tuple(streams))
-
-
-def _sensor_of_unknown_noise(
-    log: MeasurementLog, dataset: Dataset, settings: Settings
-) -> MeasurementStream | None:
-    """The stream whose sensor's error is to be identified, None where there is none or somebody states it."""
-    for stream in log.streams:
-        option = sensor_of(stream.sensor).identified_option
-        names = {each.name for each in sensor_format(stream.sensor).noise}
-        told = names & set(dataset.options.sensor_noise) or stream.covariance is not None
-        if option is not None and not told and _setting(settings, option) == AUTO:
-            return stream
-    return None
 
 
 def _identify(

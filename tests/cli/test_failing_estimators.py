@@ -194,12 +194,12 @@ def test_an_evaluation_that_raises_fails_its_estimator_alone(
 def test_a_body_that_cannot_be_evaluated_fails_its_estimator_alone(
     poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real = evaluation.body_history
+    real = evaluation.trajectory_of
 
-    def body_history(history: Any) -> Any:
+    def trajectory_of(history: Any) -> Any:
         return singular() if history.name == "mekf" and np.isfinite(history.mean).all() else real(history)
 
-    monkeypatch.setattr(evaluation, "body_history", body_history)
+    monkeypatch.setattr(evaluation, "trajectory_of", trajectory_of)
     estimates = compared(poses, tmp_path / "run", names=("mekf", "ukf"))
     assert estimates["mekf"]["status"] == "failed"
     assert estimates["mekf"]["principal_moments"] == [None, None, None]

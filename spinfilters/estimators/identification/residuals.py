@@ -49,7 +49,7 @@ class WhitenedRows:
     sensors: (r, i) of every sensor without landmarks.   steps: (k - 1, d).   observations: (N, 3), or None without any.
     """
 
-    sensors: tuple[Float[np.ndarray, "r i"], ...]
+    sensors: tuple[Float[np.ndarray, "_ _"], ...]
     steps: Float[np.ndarray, "k d"]
     observations: Float[np.ndarray, "N 3"] | None
 

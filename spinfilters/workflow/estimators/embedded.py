@@ -60,7 +60,7 @@ class EmbeddedEntry(EstimatorEntry):
 def _substeps(prepared: Prepared, tolerance: float) -> int:
     """As many as the Python filter begins with in the longest step at the initialisation's rate."""
     longest = np.diff(times_of(prepared.timeline)).max(initial=0.0)
-    rates = prepared.start.frames.mean[:, prepared.process.layout.mean_slice("w")]
+    rates = prepared.start.mean[:, prepared.process.layout.mean_slice("w")]
     turn = float(np.nanmax(turns(rates, np.array(longest)), initial=0.0))
     return min(max(substeps(turn, tolerance), 4), 64) if np.isfinite(turn) else 4
 
