@@ -25,7 +25,7 @@ from spinfilters.state.blocks.drag import DRAG
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 from spinfilters.workflow.gyro_noise import FIRST_SCALE, GyroNoise, identify_gyro_noise
-from spinfilters.workflow.noise_levels_found import NoisyModels, with_identified_noise
+from spinfilters.workflow.identified_noise import NoisyModels, with_identified_noise
 from spinfilters.workflow.settings import Settings
 from spinfilters.workflow.start_length import Make, long_enough_start
 from spinfilters.workflow.stated_noise import (

@@ -10,7 +10,7 @@ from spinfilters.logs.sensor_format import noise_options, sensor_format
 from spinfilters.models.process import THESIS_NOISE, ProcessNoise
 from spinfilters.sensors.registry import sensor_of
 from spinfilters.workflow.gyro_noise import disturbance_psd
-from spinfilters.workflow.noise_levels_found import Unstated
+from spinfilters.workflow.identified_noise import Unstated
 from spinfilters.workflow.settings import AUTO, Settings
 
 

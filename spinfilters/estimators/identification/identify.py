@@ -21,16 +21,15 @@ from scipy.stats import chi2
 
 from spinfilters.estimators.identification.components import ComponentRows, VarianceComponent
 from spinfilters.estimators.identification.residuals import Residuals, WhitenedRows, residuals_of
+from spinfilters.estimators.smoothing.annealing import GATE
 from spinfilters.estimators.smoothing.problem import Normal, Point, Problem, Stage
 from spinfilters.estimators.smoothing.robust_kernels import Gate
 from spinfilters.estimators.smoothing.solver import advanced
 from spinfilters.estimators.smoothing.step_rules import GaussNewton
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 
-GATE: Final[float] = 5.0
-"""Whitened length beyond which an observation of a landmark is no measure of the noise."""
 POSE_ONLY_GATE: Final[float] = 6.3
-"""The same for measurements of up to six components: of the same probability."""
+"""As `GATE` for measurements of up to six components, whose whitened length is greater."""
 STAGE: Final = Stage(Gate(GATE, GATE), loss=Gate(POSE_ONLY_GATE, POSE_ONLY_GATE))
 ITERATIONS: Final[int] = 15
 SETTLED: Final[float] = 0.05
@@ -48,19 +47,14 @@ NEGLIGIBLE: Final[float] = 1e-3
 
 @dataclass(frozen=True)
 class Identified:
-    """Noise identified from some epochs, and their states with it.
+    """Noise identified from some epochs.
 
     Attributes
     ----------
-    components: sensors' standard deviations, then densities.   covariance: of their ln variances.
-    problem, point, normal: with these levels, at the last iteration.   converged: whether every component has settled.
+    components: sensors' standard deviations, then densities.   converged: whether every component has settled.
     """
 
     components: tuple[VarianceComponent, ...]
-    covariance: Float[np.ndarray, "c c"]
-    problem: Problem
-    point: Point
-    normal: Normal
     iterations: int
     converged: bool
 
@@ -153,7 +147,8 @@ def identify(
         residuals = residuals_of(problem, here, normal, model.components, model.densities)
         by, settled = _step(problem, here, normal, residuals, slope)
         if settled or iteration == ITERATIONS:
-            return _identified(model, theta, (problem, here, normal), residuals, slope, iteration, settled)
+            information = average_information(problem, here, normal, residuals.sources)
+            return Identified(_components(model, theta, information + np.diag(slope / 2)), iteration, settled)
         there, _, _ = advanced(problem, here, normal, (rule, rule.first))
         if there is None:
             return None
@@ -161,22 +156,13 @@ def identify(
     return None
 
 
-def _identified(
-    model: NoiseModel,
-    theta: Float[np.ndarray, " c"],
-    at: tuple[Problem, Point, Normal],
-    residuals: Residuals,
-    slope: Float[np.ndarray, " c"],
-    iteration: int,
-    settled: bool,
-) -> Identified:
-    problem, here, normal = at
-    information = average_information(problem, here, normal, residuals.sources) + np.diag(0.5 * slope)
-    covariance = np.linalg.pinv(information)
-    log_std = np.sqrt(np.diag(covariance))
+def _components(
+    model: NoiseModel, theta: Float[np.ndarray, " c"], information: Float[np.ndarray, "c c"]
+) -> tuple[VarianceComponent, ...]:
+    """Levels at ln variances, with deviations from the information that there is of these."""
+    log_std = np.sqrt(np.diag(np.linalg.pinv(information)))
     names = (*(each.name for each in model.components), *model.densities)
-    components = map(VarianceComponent, names, model.values(theta), log_std.tolist())
-    return Identified(tuple(components), covariance, problem, here, normal, iteration, settled)
+    return tuple(map(VarianceComponent, names, model.values(theta), log_std.tolist()))
 
 
 def average_information(

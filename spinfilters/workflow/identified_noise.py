@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from spinfilters.estimators.identification.components import ComponentRows, VarianceComponent
+from spinfilters.estimators.identification.components import DISTURBANCES, ComponentRows, VarianceComponent
 from spinfilters.estimators.identification.identify import NoiseModel, identify
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
 from spinfilters.estimators.smoothing.problem import problem_of
@@ -19,7 +19,7 @@ from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 ROUNDS: Final[int] = 3
 """Initialisations at most: each linearises about what the noise of the one before made of the epochs."""
 ALIKE: Final[float] = 0.2
-"""Change of every ln variance below which an initialisation is not made again."""
+"""Change of every ln variance below which the initialisation just made is the last."""
 
 
 @dataclass(frozen=True)
@@ -60,14 +60,15 @@ def with_identified_noise(
     The density of a disturbance is raised by what is not known of it: exp(var ln density), which leaves one that the data tell.
     """
     made, found = make(process, noise), ()
+    if not unstated:
+        return made, found
     for _ in range(ROUNDS - 1):
         components = _identified(made, unstated)
         if components is None:
             break
         before, found = _levels(made, unstated), components
         process = made.process.with_noise(_densities(made.process.noise, components))
-        noise = _sensor_noise(made.noise, components)
-        made = make(process, noise)
+        made = make(process, _sensor_noise(made.noise, components))
         after = _levels(made, unstated)
         if all(abs(np.log(after[name] / before[name])) < ALIKE for name in after):
             break
@@ -108,10 +109,9 @@ def _levels(made: NoisyModels, unstated: Unstated) -> dict[str, float]:
 
 
 def _densities(noise: ProcessNoise, components: tuple[VarianceComponent, ...]) -> ProcessNoise:
-    raised = {each.name: each.value * float(np.exp(each.log_std**2)) for each in components}
-    return replace(noise, **{name: value for name, value in raised.items() if hasattr(noise, name)})
+    found = [each for each in components if each.name in DISTURBANCES]
+    return replace(noise, **{each.name: each.value * float(np.exp(each.log_std**2)) for each in found})
 
 
 def _sensor_noise(noise: SensorNoise, components: tuple[VarianceComponent, ...]) -> SensorNoise:
-    values = {each.name: each.value for each in components if each.name in noise.values}
-    return SensorNoise({**noise.values, **values})
+    return replace(noise, **{each.name: each.value for each in components if each.name not in DISTURBANCES})
