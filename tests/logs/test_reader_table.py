@@ -1,38 +1,25 @@
 """The table of readers: one file each; one from outside the package reads what the others do not know."""
 
-import re
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from contracts.plugin import installed_plugin, program_of
 
 import spinfilters
 from spinfilters.errors import InputError
 from spinfilters.logs.dataset_reader import TABLE, dataset_readers
 
 DOCS = Path(__file__).parents[2] / "docs" / "how-to"
-PROGRAM = re.findall(
-    r"^```python\n(.*?)^```", (DOCS / "add-a-reader.md").read_text(), re.MULTILINE | re.DOTALL
-)[0]
+PROGRAM = program_of(DOCS / "add-a-reader.md")
 
 
 @pytest.fixture
-def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def module(tmp_path: Path) -> Iterator[Path]:
     """The module of the how-to page in an installed distribution, on the path."""
-    information = tmp_path / "site" / "numpy_gyro-1.0.dist-info"
-    information.mkdir(parents=True)
-    (information / "METADATA").write_text("Metadata-Version: 2.1\nName: numpy-gyro\nVersion: 1.0\n")
-    (information / "entry_points.txt").write_text("[spinfilters.readers]\nnumpy-gyro = numpy_gyro:READER\n")
-    file = information.parent / "numpy_gyro.py"
-    file.write_text(PROGRAM)
-    monkeypatch.syspath_prepend(str(information.parent))
-    TABLE.reload()
-    yield file
-    monkeypatch.undo()
-    sys.modules.pop("numpy_gyro", None)
-    TABLE.reload()
+    with installed_plugin(TABLE, "numpy-gyro = numpy_gyro:READER", PROGRAM, tmp_path) as file:
+        yield file
 
 
 @pytest.fixture

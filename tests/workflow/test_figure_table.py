@@ -1,11 +1,11 @@
 """The table of figures: one file each; one from outside the package is drawn with every run."""
 
 import re
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from contracts.plugin import installed_plugin, program_of
 
 import spinfilters
 from spinfilters.api.runs import Run
@@ -14,26 +14,14 @@ from spinfilters.workflow.figure_entry import TABLE, figure_entries, picture_fil
 from spinfilters.workflow.figures import Pictured, draw_run
 
 DOCS = Path(__file__).parents[2] / "docs"
-PROGRAM = re.findall(
-    r"^```python\n(.*?)^```", (DOCS / "how-to" / "add-a-figure.md").read_text(), re.MULTILINE | re.DOTALL
-)[0]
+PROGRAM = program_of(DOCS / "how-to" / "add-a-figure.md")
 
 
 @pytest.fixture
-def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def module(tmp_path: Path) -> Iterator[Path]:
     """The module of the how-to page in an installed distribution, on the path."""
-    information = tmp_path / "site" / "spin_speed-1.0.dist-info"
-    information.mkdir(parents=True)
-    (information / "METADATA").write_text("Metadata-Version: 2.1\nName: spin-speed\nVersion: 1.0\n")
-    (information / "entry_points.txt").write_text("[spinfilters.figures]\nspin-speed = spin_speed:FIGURE\n")
-    file = information.parent / "spin_speed.py"
-    file.write_text(PROGRAM)
-    monkeypatch.syspath_prepend(str(information.parent))
-    TABLE.reload()
-    yield file
-    monkeypatch.undo()
-    sys.modules.pop("spin_speed", None)
-    TABLE.reload()
+    with installed_plugin(TABLE, "spin-speed = spin_speed:FIGURE", PROGRAM, tmp_path) as file:
+        yield file
 
 
 def test_every_figure_of_the_table_is_in_the_documentation_with_its_caption() -> None:
