@@ -46,13 +46,6 @@ class TrackNoise:
         covariance[:, 2, 2] += disparity
         return covariance
 
-    def scaled(self, factor: float) -> "TrackNoise":
-        """All variances times a factor."""
-        return TrackNoise(
-            (self.place[0] * factor, self.place[1] * factor),
-            (self.disparity[0] * factor, self.disparity[1] * factor),
-        )
-
 
 def identified(
     residuals: Float[np.ndarray, "n 3"],
