@@ -1,4 +1,4 @@
-# make compare   run the estimators on the bundled example; results in runs/embedded
+# make compare   run the estimators on the bundled example; results in runs/example
 # make test      run the tests        make check   linter, formatter, types, layers
 # make test-quick   the tests of models, state, files and interfaces, for the edit loop
 # make docs      the site of docs/ in build/site, strict
@@ -19,13 +19,13 @@ unexport PYTHONPATH PYTHONHOME
 
 compare:
 	$(environment)
-	@$(bin)/spinfilters compare -o runs/embedded
+	@$(bin)/spinfilters compare -o runs/example
 
 test:
 	$(environment) test
 	@$(bin)/python -m pytest -n 2 --dist worksteal
 
-quick := $(addprefix tests/,api attitude dynamics geometry linear_algebra logs models plots simulation state symbolic \
+quick := $(addprefix tests/,api attitude dynamics geometry linear_algebra data models plots simulation state symbolic \
   test_repository.py)
 
 test-quick:
@@ -38,8 +38,8 @@ docs:
 	@echo build/site/index.html
 
 # the tests whose outcome depends on arithmetic
-numeric := $(addprefix tests/,attitude dynamics estimators evaluation linear_algebra models observability perception simulation \
-  state symbolic test_blas_kernels.py workflow/test_bound.py)
+numeric := $(addprefix tests/,attitude dynamics estimators evaluation linear_algebra models observability simulation \
+  state symbolic tracks test_blas_kernels.py pipeline/test_recording_bound.py)
 
 kernels:
 	$(environment) test

@@ -46,7 +46,7 @@ def linear_step(run: RandomRun, step: Step) -> LinearStep:
         _, T[:, :STATE], noise = run.process.linearise(step.before["mean"], run.dt)
         return LinearStep(np.zeros((0, size)), T, noise)
     T[:, :STATE] = LAYOUT.reset_jacobian(LAYOUT.local(step.before["mean"], step.after["mean"]))
-    rows = _reading_rows(step, size) if step.change is None else _sighting_rows(run, step, size)
+    rows = _reading_rows(step, size) if step.change is None else _observation_rows(run, step, size)
     return LinearStep(rows, T, np.zeros((STATE, 0)))
 
 
@@ -60,7 +60,7 @@ def _reading_rows(step: Step, size: int) -> Float[np.ndarray, "m N"]:
     return H
 
 
-def _sighting_rows(run: RandomRun, step: Step, size: int) -> Float[np.ndarray, "m N"]:
+def _observation_rows(run: RandomRun, step: Step, size: int) -> Float[np.ndarray, "m N"]:
     measured, change = step.measurement, step.change
     assert measured is not None
     assert measured.ids is not None

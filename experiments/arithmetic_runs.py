@@ -1,7 +1,7 @@
 """Random runs of the landmark filters for the sweep of their arithmetic: any time step, any prior, any noise, in either precision.
 
 The truth lies so near the mean that everything stays linear to within the noise, however wide the prior: what is tried is
-arithmetic, not linearisation. Sightings come from the model itself; some are wrong, so that landmarks go as well as come.
+arithmetic, not linearisation. Observations come from the model itself; some are wrong, so that landmarks go as well as come.
 """
 
 from collections.abc import Iterator
@@ -12,12 +12,12 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.estimators.estimator import MapChange, Measurement, Snapshot
-from spinfilters.estimators.iterated import IterationOptions
+from spinfilters.estimators.filters.iterated_update import IterationOptions
+from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
+from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeFilter
+from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
-from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.multiplicative_filter import MultiplicativeFilter
-from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
@@ -33,7 +33,7 @@ SHARE_SEEN, SHARE_WRONG, SHARE_GYRO = 0.7, 0.1, 0.3
 WIDEST = {"t": 1.0, "a": 3.0, "v": 3.0, "w": 3.0, "c": 1.0, "s": 1.0}
 """Prior standard deviations, that of t in ranges: drawn from 1e-5 of these up, log-uniformly."""
 OUTLIER = 1e7
-"""Of a wrong sighting, px: beyond the gate of every prior, so that means stay where linear models hold."""
+"""Of a wrong observation, px: beyond the gate of every prior, so that means stay where linear models hold."""
 PIXELS_PER_RADIAN = RIG.fx
 
 
@@ -47,7 +47,7 @@ class RandomRun:
     process: TorqueFreeProcess
     options: LandmarkOptions
     belief: Gaussian | LandmarkBelief
-    frames: tuple[tuple[Measurement, ...], ...]
+    epochs: tuple[tuple[Measurement, ...], ...]
 
     def filter(self, iteration: IterationOptions | None = None) -> MultiplicativeFilter:
         """The filter, not yet started."""
@@ -89,16 +89,16 @@ def random_run(seed: int) -> RandomRun:
     belief = Gaussian(LAYOUT, mean, factor)
     if generator.random() < 0.6:
         belief = _with_map(generator, belief, points, 0.1 * small * mean[2], options.modes)
-    frames = tuple(
+    epochs = tuple(
         _frames(generator, process, truth, dt, stereo_parameters(points, RIG.calibration, pixel_std))
     )
-    return RandomRun(estimator, precision, dt, process, options, belief, frames)
+    return RandomRun(estimator, precision, dt, process, options, belief, epochs)
 
 
 def steps(run: RandomRun, estimator: MultiplicativeFilter) -> Iterator[Step]:
     """Every prediction and update of a run, as it is made."""
     estimator.start(run.belief)
-    for k, measurements in enumerate(run.frames):
+    for k, measurements in enumerate(run.epochs):
         if k:
             before = estimator.snapshot()
             estimator.predict(run.dt)

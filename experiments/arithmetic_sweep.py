@@ -33,9 +33,9 @@ from experiments.arithmetic_methods import (
     stds,
 )
 from experiments.arithmetic_runs import LAYOUT, RandomRun, Step, random_run, steps
+from spinfilters.data.atomic_write import make_folder
 from spinfilters.errors import SpinfiltersError
-from spinfilters.estimators.iterated import IterationOptions
-from spinfilters.logs.atomic_write import make_folder
+from spinfilters.estimators.filters.iterated_update import IterationOptions
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.plots.style import BLUE, GREEN, ORANGE, PURPLE, RED, save_figure, tidy
 

@@ -19,17 +19,17 @@ from rich.progress import track
 from rich.table import Table
 
 from experiments.benchmarks.smoother_workload import MOTIONS
-from spinfilters.estimators.smoothing.marginals import Marginals
-from spinfilters.estimators.smoothing.problem import Problem, Stage, problem_of
-from spinfilters.estimators.smoothing.reduced import Reduced
-from spinfilters.estimators.smoothing.robust_kernels import LeastSquares
-from spinfilters.estimators.smoothing.sightings import SIGHTINGS_NEEDED
-from spinfilters.estimators.smoothing.solver import SolverOptions, solve
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.track_files import KnownMap
+from spinfilters.estimators.robust.losses import LeastSquares
+from spinfilters.estimators.smoothing.factors.landmark_observations import OBSERVATIONS_NEEDED
+from spinfilters.estimators.smoothing.linear.marginals import Marginals
+from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
+from spinfilters.estimators.smoothing.problem.least_squares import Problem, Stage, problem_of
+from spinfilters.estimators.smoothing.solver.iterations import SolverOptions, solve
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
 from spinfilters.evaluation.consistency import true_states
-from spinfilters.logs.dataset import Dataset
-from spinfilters.logs.track_files import KnownMap
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.state.blocks import BLOCKS
@@ -57,13 +57,13 @@ class Recording:
     def problem(self, mean: Float[np.ndarray, " m"]) -> Problem:
         """With the prior's mean there."""
         prior = FirstStatePrior(mean, prior_deviations())
-        return problem_of(self.process, self.timeline, self.known_map.ids, prior, SIGHTINGS_NEEDED)
+        return problem_of(self.process, self.timeline, self.known_map.ids, prior, OBSERVATIONS_NEEDED)
 
 
 def main() -> None:
     """Run and print."""
     options = _options()
-    scenario = Scenario(rate_rpm=MOTIONS[options.motion], frames=options.frames, landmarks=options.landmarks)
+    scenario = Scenario(rate_rpm=MOTIONS[options.motion], epochs=options.frames, landmarks=options.landmarks)
     if options.runs < 2:
         raise SystemExit(f"--runs {options.runs}: give at least 2, the scatter is what is asked for")
     squares = monte_carlo(scenario, range(options.runs), lambda seeds: track(seeds, "runs", transient=True))
@@ -108,7 +108,7 @@ def bound_at_truth(recording: Recording) -> Float[np.ndarray, "k n"]:
     """Standard deviation of every error component of every frame, given all measurements."""
     problem = recording.problem(recording.states[0])
     normal = problem.normal(problem.at(recording.states, recording.known_map.points), Stage(LeastSquares()))
-    assert isinstance(normal.solution, Reduced)
+    assert isinstance(normal.solution, SchurSystem)
     return np.linalg.norm(Marginals(normal.solution, normal.eliminated).factors, axis=2)
 
 

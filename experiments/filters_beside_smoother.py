@@ -1,4 +1,4 @@
-"""Tracks without a map: what filters say of the newest frame, beside what the smoother says of it when it comes.
+"""Tracks without a map: what filters say of the latest frame, beside what the smoother says of it when it comes.
 
     python -m experiments.filters_beside_smoother [--motion rich|thesis] [--seeds 24] [--force-psd 1e-6] [--wrong 0.3]
         [--case dropout] [--scale-q 1] [--scale-r 1] [-o runs/beside]
@@ -19,25 +19,25 @@ import numpy as np
 
 from experiments.hard_cases import CASES, FAR_OFF, case_figure
 from experiments.landmark_runs import MOTIONS, NAMES
+from spinfilters.data.atomic_write import make_folder
+from spinfilters.data.dataset import Dataset
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
 from spinfilters.estimators.run import run
 from spinfilters.evaluation.consistency import chi_square_band
 from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
-from spinfilters.logs.atomic_write import make_folder
-from spinfilters.logs.dataset import Dataset
 from spinfilters.models.process import ProcessNoise
+from spinfilters.pipeline.estimation import compare_estimators
+from spinfilters.pipeline.setup import Setup, prepare
+from spinfilters.pipeline.smoother_run import NAME as SMOOTHER
+from spinfilters.pipeline.smoother_run import begin_after_initialisation, sliding_smoother
+from spinfilters.runs.npz_file import read_arrays, write_arrays
+from spinfilters.settings.run_settings import ProcessSettings, SensorSettings, Settings
 from spinfilters.simulation.faults import WrongAssociations, with_faults
 from spinfilters.simulation.scenario import Scenario, simulate, without_map
 from spinfilters.state.blocks import BLOCKS
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import FULL_BLOCKS
-from spinfilters.workflow.array_file import read_arrays, write_arrays
-from spinfilters.workflow.estimation import compare_estimators
-from spinfilters.workflow.preparation import Prepared, prepare
-from spinfilters.workflow.settings import ProcessSettings, SensorSettings, Settings
-from spinfilters.workflow.smoothing import NAME as SMOOTHER
-from spinfilters.workflow.smoothing import begin_at_start, sliding_smoother
 
 ERRORS = ("position", "velocity", "attitude", "rate")
 TORQUE_PSD = 1e-6
@@ -68,7 +68,7 @@ class Study:
     def recordings(self, seed: int) -> tuple[Dataset, Dataset]:
         """Clean and faulty."""
         noise = ProcessNoise(self.force_psd, TORQUE_PSD)
-        case, usual = CASES[self.case], Scenario.disam115(MOTIONS[self.motion], seed)
+        case, usual = CASES[self.case], Scenario.common_workload(MOTIONS[self.motion], seed)
         clean = without_map(simulate(case.scenario(replace(usual, noise=noise))))
         faults = (*((WrongAssociations(self.wrong),) if self.wrong else ()), *case.faults)
         return clean, with_faults(clean, faults, seed) if faults else clean
@@ -118,27 +118,27 @@ def figures(study: Study, seed: int) -> dict[str, np.ndarray]:
     """By ``<estimator>/<what>`` of the frames after the start: rms errors (1,), NEES by block (n,), frames used (n,)."""
     clean, faulty = study.recordings(seed)
     believed = study.settings(believed=True)
-    prepared = prepare(faulty, believed)
-    first, arrays = len(prepared.start.mean), {}
-    for evaluation in compare_estimators(prepared, believed, lambda *_: None).evaluations:
+    setup = prepare(faulty, believed)
+    first, arrays = len(setup.initial.mean), {}
+    for evaluation in compare_estimators(setup, believed, lambda *_: None).evaluations:
         arrays |= _figures(evaluation.name, evaluation, first)
     reference = prepare(clean, study.settings(believed=False))
     history, first = smoothed(reference, study.settings(believed=False))
     return arrays | _figures(SMOOTHER, evaluate(history, clean.truth, Alignment.FIRST_FRAME), first)
 
 
-def smoothed(prepared: Prepared, settings: Settings) -> tuple[EstimateHistory, int]:
+def smoothed(setup: Setup, settings: Settings) -> tuple[EstimateHistory, int]:
     """What the smoother said of every frame when it came."""
-    smoother, rows = sliding_smoother(prepared, settings), _start_rows(prepared)
-    begin_at_start(smoother, prepared)
+    smoother, rows = sliding_smoother(setup, settings), _start_rows(setup)
+    begin_after_initialisation(smoother, setup)
     first = len(rows)
-    return run(smoother, rows.time, prepared.timeline[first:], rows=rows), first
+    return run(smoother, rows.time, setup.timeline[first:], rows=rows), first
 
 
-def _start_rows(prepared: Prepared) -> GrowingHistory:
-    start, layout = prepared.start, prepared.process.layout
-    rows = GrowingHistory(layout, prepared.timeline[0].time)
-    for frame, mean, factor in zip(prepared.timeline, start.mean, start.factor, strict=False):
+def _start_rows(setup: Setup) -> GrowingHistory:
+    start, layout = setup.initial, setup.process.layout
+    rows = GrowingHistory(layout, setup.timeline[0].time)
+    for frame, mean, factor in zip(setup.timeline, start.mean, start.factor, strict=False):
         rows.append(frame.time, Gaussian(layout, mean, factor), [], 0.0)
     return rows
 

@@ -12,14 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
+from spinfilters.data.atomic_write import make_folder
+from spinfilters.data.dataset import Dataset, read_dataset, read_segments
 from spinfilters.evaluation.evaluation import Evaluation
-from spinfilters.logs.atomic_write import make_folder
-from spinfilters.logs.dataset import Dataset, read_dataset, read_segments
+from spinfilters.pipeline.estimation import compare_estimators
+from spinfilters.pipeline.setup import Setup, prepare
 from spinfilters.plots.style import save_figure
 from spinfilters.plots.throws import Throw, throws_figure
-from spinfilters.workflow.estimation import compare_estimators
-from spinfilters.workflow.preparation import Prepared, prepare
-from spinfilters.workflow.settings import Settings
+from spinfilters.settings.run_settings import Settings
 
 PHONE = "round1/Gyroscope rotation rate 2025-01-16 17-10-11"
 SETTINGS = Settings(estimators=("mekf", "ukf"))
@@ -34,9 +34,9 @@ def main() -> None:
     options = parser.parse_args()
     make_folder(options.output)
     for segment in (3, 4):
-        prepared, evaluations = estimate(read_dataset(options.data / PHONE, segment), SETTINGS)
+        setup, evaluations = estimate(read_dataset(options.data / PHONE, segment), SETTINGS)
         for evaluation in evaluations:
-            error = prediction_errors(prepared, evaluation)
+            error = prediction_errors(setup, evaluation)
             print(
                 f"phone, segment {segment}, {evaluation.name}: moments {np.round(evaluation.body.principal_moments, 3)}, rate "
                 f"{AHEAD} s ahead: rms {100 * np.sqrt(np.mean(error**2)):.1f} %, largest {100 * error.max():.1f} % of |w|"
@@ -65,21 +65,21 @@ def racquet(data: Path, output: Path) -> None:
         save_figure(throws_figure([throw for throw, _ in throws]), output / f"throws-{name}.png")
 
 
-def estimate(dataset: Dataset, settings: Settings) -> tuple[Prepared, tuple[Evaluation, ...]]:
+def estimate(dataset: Dataset, settings: Settings) -> tuple[Setup, tuple[Evaluation, ...]]:
     """Both filters on one throw."""
-    prepared = prepare(dataset, settings)
-    return prepared, compare_estimators(prepared, settings, lambda *_: None).evaluations
+    setup = prepare(dataset, settings)
+    return setup, compare_estimators(setup, settings, lambda *_: None).evaluations
 
 
-def prediction_errors(prepared: Prepared, evaluation: Evaluation) -> np.ndarray:
+def prediction_errors(setup: Setup, evaluation: Evaluation) -> np.ndarray:
     """|w predicted - w measured| / |w measured|, 0.3 s ahead of every frame from the end of the start on."""
-    gyro, history = prepared.dataset.log.stream("gyro"), evaluation.history
+    gyro, history = setup.dataset.log.stream("gyro"), evaluation.history
     rate = history.layout.mean_slice("w")
     errors = []
-    for index in np.flatnonzero(history.time >= prepared.start_end):
+    for index in np.flatnonzero(history.time >= setup.end_of_initialisation):
         later = int(np.searchsorted(gyro.time, history.time[index] + AHEAD))
         if later < len(gyro.time):
-            ahead = prepared.process.step(history.mean[index], float(gyro.time[later] - history.time[index]))
+            ahead = setup.process.step(history.mean[index], float(gyro.time[later] - history.time[index]))
             measured = gyro.values[later]
             errors.append(np.linalg.norm(ahead[rate] - measured) / np.linalg.norm(measured))
     return np.array(errors)

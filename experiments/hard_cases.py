@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 from matplotlib.figure import Figure
 
-from spinfilters.logs.dataset import Dataset
-from spinfilters.logs.measurement_log import MeasurementLog
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.plots.style import BLUE, GREEN, GREY, RED
 from spinfilters.sensors.feature_tracks import EveryAppearance
 from spinfilters.simulation.faults import Dropout, Fault
@@ -87,7 +87,7 @@ CASES: Final = {
     "crowd": HardCase(
         "5,000 landmarks an epoch",
         (),
-        lambda usual: replace(usual, landmarks=25_500, recognition=EveryAppearance(), frames=70),
+        lambda usual: replace(usual, landmarks=25_500, recognition=EveryAppearance(), epochs=70),
     ),
 }
 """By name."""

@@ -7,10 +7,10 @@ from jaxtyping import Float
 
 from spinfilters.attitude.conversions import matrix_from_quaternion, quaternion_from_euler321
 from spinfilters.conventions import RPM
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.dataset_options import DatasetOptions
+from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.dynamics.mass_distribution import from_inertia
-from spinfilters.logs.dataset import Dataset
-from spinfilters.logs.dataset_options import DatasetOptions
-from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.simulation.motion import simulate_motion
 from spinfilters.simulation.scenario import RICH_RPM, THESIS_RPM
@@ -40,7 +40,7 @@ class Case:
     kind: str = "gyro"
     moments: tuple[float, float, float] = SPHERES
     rate_rpm: tuple[float, float, float] = RICH_RPM
-    frames: int = 200
+    epochs: int = 200
     interval: float = 0.5
     noise_std: float = 0.01
     psd: float = 1e-6
@@ -61,26 +61,26 @@ CASES = (
     Case("gyro rich"),
     Case("gyro thesis", rate_rpm=THESIS_RPM),
     Case("gyro slow", rate_rpm=(0.4, 0.9, 0.3), noise_std=0.002, psd=1e-8),
-    Case("gyro fast", rate_rpm=(80.0, 180.0, 60.0), interval=0.01, frames=1000),
-    Case("gyro flip", rate_rpm=(0.02, 10.0, 0.02), psd=1e-10, frames=400),
+    Case("gyro fast", rate_rpm=(80.0, 180.0, 60.0), interval=0.01, epochs=1000),
+    Case("gyro flip", rate_rpm=(0.02, 10.0, 0.02), psd=1e-10, epochs=400),
     Case("gyro near-axisymmetric", moments=(1.0, 0.995, 0.6)),
     Case("gyro near-spherical", moments=(1.0, 0.99, 0.98)),
     Case("gyro plate", moments=(1.0, 0.6, 0.402)),
     Case("gyro rod", moments=(1.0, 0.99, 0.02)),
     Case("gyro near major axis", rate_rpm=(9.0, 0.6, 0.4)),
-    Case("gyro 20 samples", frames=20),
-    Case("gyro 50 samples", frames=50),
-    Case("gyro 100 samples", frames=100),
-    Case("gyro thesis 50 samples", rate_rpm=THESIS_RPM, frames=50),
-    Case("gyro 100 Hz", rate_rpm=THESIS_RPM, interval=0.02, frames=1000, noise_std=0.002),
-    Case("gyro free, long", frames=3000, psd=FREE),
-    Case("gyro free, thesis, long", rate_rpm=THESIS_RPM, interval=0.1, frames=3000, psd=FREE),
+    Case("gyro 20 samples", epochs=20),
+    Case("gyro 50 samples", epochs=50),
+    Case("gyro 100 samples", epochs=100),
+    Case("gyro thesis 50 samples", rate_rpm=THESIS_RPM, epochs=50),
+    Case("gyro 100 Hz", rate_rpm=THESIS_RPM, interval=0.02, epochs=1000, noise_std=0.002),
+    Case("gyro free, long", epochs=3000, psd=FREE),
+    Case("gyro free, thesis, long", rate_rpm=THESIS_RPM, interval=0.1, epochs=3000, psd=FREE),
     Case("gyro noise 1e-6", noise_std=1e-6),
     Case("gyro noise 1e-6, free", noise_std=1e-6, psd=FREE),
-    Case("gyro noise 0.3", noise_std=0.3, frames=1000, psd=1e-8),
+    Case("gyro noise 0.3", noise_std=0.3, epochs=1000, psd=1e-8),
     Case("gyro drag", drag=0.005),
     Case("gyro irregular", jitter=0.45),
-    Case("gyro dropped", dropped=0.5, frames=400),
+    Case("gyro dropped", dropped=0.5, epochs=400),
     Case("pose rich", kind="pose"),
     Case("pose thesis", kind="pose", rate_rpm=THESIS_RPM),
     Case("pose slow", kind="pose", rate_rpm=(0.4, 0.9, 0.3), psd=1e-8),
@@ -88,23 +88,23 @@ CASES = (
     Case("pose near-axisymmetric", kind="pose", moments=(1.0, 0.995, 0.6)),
     Case("pose near-spherical", kind="pose", moments=(1.0, 0.99, 0.98)),
     Case("pose plate", kind="pose", moments=(1.0, 0.6, 0.402)),
-    Case("pose 20 epochs", kind="pose", frames=20),
-    Case("pose 50 epochs", kind="pose", frames=50),
-    Case("pose thesis 100 epochs", kind="pose", rate_rpm=THESIS_RPM, frames=100),
-    Case("pose free, long", kind="pose", frames=2000, psd=FREE),
+    Case("pose 20 epochs", kind="pose", epochs=20),
+    Case("pose 50 epochs", kind="pose", epochs=50),
+    Case("pose thesis 100 epochs", kind="pose", rate_rpm=THESIS_RPM, epochs=100),
+    Case("pose free, long", kind="pose", epochs=2000, psd=FREE),
     Case("pose noise 1e-6", kind="pose", noise_std=1e-6),
-    Case("pose noise 0.3", kind="pose", noise_std=0.3, frames=400, psd=1e-8),
+    Case("pose noise 0.3", kind="pose", noise_std=0.3, epochs=400, psd=1e-8),
     Case("pose drag", kind="pose", drag=0.005),
     Case("pose irregular", kind="pose", jitter=0.45),
-    Case("pose dropped", kind="pose", dropped=0.5, frames=400),
+    Case("pose dropped", kind="pose", dropped=0.5, epochs=400),
 )
 
 
 def recordings(case: Case, seeds: int) -> list[Recording]:
     """So many recordings of a case; the draws depend on the case and their number."""
     generator = np.random.default_rng([seeds, *case.name.encode()])
-    time = case.interval * np.arange(case.frames)
-    time[1:] += case.jitter * case.interval * generator.uniform(-1, 1, case.frames - 1)
+    time = case.interval * np.arange(case.epochs)
+    time[1:] += case.jitter * case.interval * generator.uniform(-1, 1, case.epochs - 1)
     process = TorqueFreeProcess(LAYOUT, ProcessNoise(case.psd, case.psd))
     states = simulate_motion(process, np.tile(_first_state(case), (seeds, 1)), time, generator)
     return [_recording(case, time, states[:, k], generator) for k in range(seeds)]

@@ -3,7 +3,7 @@
     python -m experiments.honest_verdicts [--seeds 12] [--cases gyro] [-o runs/honest]
 
 Simulates every case of `experiments.honest_cases`, estimates with MEKF, UKF and smoother, and prints of every case the verdicts,
-the largest error of the newest epoch in standard deviations among the estimates called ``ok`` and the quantity it is of, and the
+the largest error of the latest epoch in standard deviations among the estimates called ``ok`` and the quantity it is of, and the
 mean NEES per degree of freedom of mass distribution and rate; draws the errors. An ``ok`` with an error beyond 4 is a defect.
 """
 
@@ -23,15 +23,15 @@ from spinfilters.attitude.conversions import (
     quaternion_from_matrix,
     rotation_vector_from_quaternion,
 )
+from spinfilters.data.atomic_write import make_folder
 from spinfilters.errors import InputError
 from spinfilters.evaluation.consistency import normalised_square
 from spinfilters.evaluation.evaluation import Evaluation
-from spinfilters.logs.atomic_write import make_folder
+from spinfilters.pipeline.estimation import compare_estimators
+from spinfilters.pipeline.setup import prepare
 from spinfilters.plots.style import save_figure
+from spinfilters.settings.run_settings import ProcessSettings, Settings
 from spinfilters.state.status import Verdict
-from spinfilters.workflow.estimation import compare_estimators
-from spinfilters.workflow.preparation import prepare
-from spinfilters.workflow.settings import ProcessSettings, Settings
 
 LARGEST = 4.0
 """Standard deviations, beyond which an error belies the verdict ``ok``."""
@@ -44,7 +44,7 @@ class Outcome:
 
     Attributes
     ----------
-    errors: largest component of every published quantity's error at the newest epoch, in stated standard deviations.
+    errors: largest component of every published quantity's error at the latest epoch, in stated standard deviations.
     nees: of blocks s and w there, per degree of freedom.
     """
 
@@ -103,7 +103,7 @@ def outcomes_of(case: Case, seeds: int, names: tuple[str, ...] = NAMES) -> Itera
 
 
 def outcome_of(case: Case, seed: int, evaluation: Evaluation, recording: Recording) -> Outcome:
-    """Errors of the newest epoch."""
+    """Errors of the latest epoch."""
     history, verdict = evaluation.history, evaluation.history.status.verdict
     if not np.isfinite(history.mean[-1]).all() or not np.isfinite(history.factor[-1]).all():
         return Outcome(case.name, seed, evaluation.name, verdict, {"not finite": np.inf}, {})
@@ -122,7 +122,7 @@ def outcome_of(case: Case, seed: int, evaluation: Evaluation, recording: Recordi
 
 
 def _state_error(evaluation: Evaluation, recording: Recording) -> np.ndarray:
-    """The truth minus the estimate at the newest epoch, about the estimate; a gyro's frame i is frame g of its first sample."""
+    """The truth minus the estimate at the latest epoch, about the estimate; a gyro's frame i is frame g of its first sample."""
     history, states = evaluation.history, recording.states
     layout = history.layout
     true = np.concatenate([states[len(history.time) - 1, LAYOUT.mean_slice(b)] for b in layout.blocks])
@@ -185,7 +185,7 @@ def figure(cases: Sequence[Case], outcomes: Sequence[Outcome]) -> Figure:
     axes.axvline(LARGEST, color="0.4", linewidth=1.0)
     axes.set(xscale="log", xlim=(0.3, 1e3), ylim=(0.4, len(cases) + 0.6))
     axes.set_yticks(list(place.values()), list(place))
-    axes.set_xlabel("largest error of the newest epoch [stated standard deviations]")
+    axes.set_xlabel("largest error of the latest epoch [stated standard deviations]")
     drawn.legend(loc="outside lower center", ncols=3, fontsize="small")
     return drawn
 

@@ -10,21 +10,21 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
+from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeFilter
+from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
 from spinfilters.estimators.initialisation.initialiser import SmoothingOptions, smooth_first_epochs
-from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.multiplicative_filter import MultiplicativeFilter
-from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf
 from spinfilters.estimators.run import run
-from spinfilters.estimators.smoothing.problem import Trial
+from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import SensorNoise, Timeline, build_timeline
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.pipeline.setup import camera_view
 from spinfilters.simulation.inspector import INSPECTORS, STATIC
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
-from spinfilters.workflow.preparation import camera_view
 
 LAYOUT: Final = StateLayout(FULL_BLOCKS)
 NOISE: Final = ProcessNoise(force_psd=1e-6, torque_psd=1e-6)
@@ -39,7 +39,7 @@ BLOCKS: Final = ("t", "a", "v", "w")
 def run_seed(seed: int, inspector: str, estimator: str) -> Float[np.ndarray, " 9"]:
     """Mean squares of the errors of the four blocks, of what is stated of them, and the NEES per degree of freedom."""
     scenario = Scenario(
-        rate_rpm=RICH_RPM, seed=seed, frames=40, landmarks=150, noise=NOISE, inspector=inspector
+        rate_rpm=RICH_RPM, seed=seed, epochs=40, landmarks=150, noise=NOISE, inspector=inspector
     )
     dataset = simulate(scenario)
     known = dataset.known_map
@@ -53,7 +53,7 @@ def run_seed(seed: int, inspector: str, estimator: str) -> Float[np.ndarray, " 9
     first = Gaussian(LAYOUT, LAYOUT.retract(states[0], error), np.diag(START_STD))
     if estimator == SMOOTHER:
         prior = FirstStatePrior(first.mean, START_STD)
-        guess = Trial(states, known.ids, known.points)
+        guess = InitialGuess(states, known.ids, known.points)
         found = smooth_first_epochs(PROCESS, timeline, guess, prior, SmoothingOptions())
         mean, factors = found.mean[1:], found.factor[1:]
     else:

@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.estimators.estimator import MapChange, Measurement, ProcessModel
+from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.estimators.landmarks.observations import corrected
-from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,8 @@
 
     python -m experiments.landmark_consistency [--motion rich|thesis] [--seeds 24] [--wrong 0.3] [-o runs/landmarks]
 
-Simulates the workload disam115 without its map (`Scenario.disam115`). Prints errors of position and velocity in the second half
+Simulates the workload disam115 without its map (`Scenario.common_workload`). Prints errors of position and velocity in the
+second half
 and of the moments at the end beside the Cramer-Rao bound of the measurements that the filter used, and mean NEES over runs (20
 degrees of freedom) from the second revolution on, with its 95 % band, in all and by block; draws NEES over time. With --scale-q or
 --scale-r the filters believe in a wrong process or pixel noise, which the band must show. A seed that has been run is read from the
@@ -22,13 +23,13 @@ from matplotlib.figure import Figure
 from rich.progress import track
 
 from experiments.landmark_runs import NAMES, SETTINGS, Case, run_case
+from spinfilters.data.atomic_write import make_folder
 from spinfilters.evaluation.consistency import chi_square_band
-from spinfilters.logs.atomic_write import make_folder
 from spinfilters.plots.style import save_figure
+from spinfilters.runs.npz_file import read_arrays, write_arrays
+from spinfilters.settings.run_settings import Settings
 from spinfilters.state.blocks import BLOCKS
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
-from spinfilters.workflow.array_file import read_arrays, write_arrays
-from spinfilters.workflow.settings import Settings
 
 SECOND_REVOLUTION = 12
 """First frame of the second revolution, at 10 rpm and 0.5 s."""

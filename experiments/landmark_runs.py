@@ -6,29 +6,29 @@ import numpy as np
 from jaxtyping import Float
 
 from experiments.landmark_bound import CramerRaoBound, TrueLandmarks
+from spinfilters.data.dataset import Dataset
 from spinfilters.estimators.estimator import MapChange
+from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeFilter
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
 from spinfilters.estimators.initialisation.initialiser import SmoothingOptions, smooth_first_epochs
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
-from spinfilters.estimators.multiplicative_filter import MultiplicativeFilter
 from spinfilters.estimators.run import advance
-from spinfilters.estimators.smoothing.problem import Trial
+from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.evaluation.body import body_history
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
 from spinfilters.evaluation.trajectory import trajectory_of
-from spinfilters.logs.dataset import Dataset
 from spinfilters.models.gauge import GAUGE_STD
+from spinfilters.pipeline.estimation import build_estimator
+from spinfilters.pipeline.setup import Setup, prepare
+from spinfilters.settings.run_settings import ProcessSettings, Settings
 from spinfilters.simulation.faults import WrongAssociations, with_faults
 from spinfilters.simulation.scenario import RICH_RPM, THESIS_RPM, Scenario, simulate, without_map
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.status import EstimatorStatus
-from spinfilters.workflow.estimation import build_estimator
-from spinfilters.workflow.preparation import Prepared, prepare
-from spinfilters.workflow.settings import ProcessSettings, Settings
 
 NAMES = ("mekf", "ukf")
 MOTIONS = {"rich": RICH_RPM, "thesis": THESIS_RPM}
@@ -54,28 +54,28 @@ class Case:
 
 def run_case(case: Case, settings: Settings = SETTINGS) -> dict[str, np.ndarray]:
     """Simulate, start, filter and bound: arrays by ``<estimator>/<what>``, see `_figures`."""
-    whole = simulate(Scenario.disam115(MOTIONS[case.motion], case.seed))
+    whole = simulate(Scenario.common_workload(MOTIONS[case.motion], case.seed))
     dataset = without_map(whole)
     if case.wrong:
         dataset = with_faults(dataset, (WrongAssociations(case.wrong),), case.seed)
-    prepared = prepare(dataset, settings)
+    setup = prepare(dataset, settings)
     arrays: dict[str, np.ndarray] = {}
     for name in settings.estimators:
-        history, changes = filtered(name, prepared, settings)
-        bound = bound_history(prepared, whole, changes)
+        history, changes = filtered(name, setup, settings)
+        bound = bound_history(setup, whole, changes)
         figures = _figures(evaluate(history, dataset.truth, Alignment.FIRST_FRAME), bound)
         arrays |= {f"{name}/{what}": array for what, array in figures.items()}
     return arrays
 
 
-def filtered(name: str, prepared: Prepared, settings: Settings) -> tuple[EstimateHistory, list[MapChange]]:
+def filtered(name: str, setup: Setup, settings: Settings) -> tuple[EstimateHistory, list[MapChange]]:
     """History of a filter, with the smoothed frames of the start in front, and what it did to its landmarks in every frame."""
-    estimator = build_estimator(name, prepared, settings)
+    estimator = build_estimator(name, setup, settings)
     assert isinstance(estimator, MultiplicativeFilter)
-    assert isinstance(prepared.belief, LandmarkBelief)
-    estimator.start(prepared.belief)
-    rows, changes = _smoothed_rows(prepared), []
-    for frame in prepared.timeline[len(rows) :]:
+    assert isinstance(setup.belief, LandmarkBelief)
+    estimator.start(setup.belief)
+    rows, changes = _smoothed_rows(setup), []
+    for frame in setup.timeline[len(rows) :]:
         reports = advance(estimator, frame, frame.time - rows.time)
         rows.append(frame.time, estimator.belief, reports, 0.0)
         assert reports[0].map_change is not None
@@ -83,35 +83,33 @@ def filtered(name: str, prepared: Prepared, settings: Settings) -> tuple[Estimat
     return rows.ended(name, EstimatorStatus()), changes
 
 
-def bound_history(prepared: Prepared, whole: Dataset, changes: list[MapChange]) -> EstimateHistory:
+def bound_history(setup: Setup, whole: Dataset, changes: list[MapChange]) -> EstimateHistory:
     """The bound of a filter's frames after the start: a history whose means are the truth."""
     assert whole.truth is not None
     assert whole.known_map is not None
-    layout, begin = prepared.process.layout, len(prepared.start.mean)
+    layout, begin = setup.process.layout, len(setup.initial.mean)
     truth = true_states(whole.truth, layout)
     landmarks = TrueLandmarks(whole.known_map.ids, whole.known_map.points)
-    bound = CramerRaoBound(prepared.process, landmarks, OPTIONS)
-    bound.start(_true_start(prepared, truth[:begin], landmarks))
-    rows = GrowingHistory(layout, prepared.start_end)
+    bound = CramerRaoBound(setup.process, landmarks, OPTIONS)
+    bound.start(_true_start(setup, truth[:begin], landmarks))
+    rows = GrowingHistory(layout, setup.end_of_initialisation)
     for k, change in zip(range(begin, len(truth)), changes, strict=True):
-        bound.step(truth[k], prepared.timeline[k].time - rows.time)
-        bound.repeat(prepared.timeline[k].measurements[0], change)
-        rows.append(prepared.timeline[k].time, bound.belief, [], 0.0)
+        bound.step(truth[k], setup.timeline[k].time - rows.time)
+        bound.repeat(setup.timeline[k].measurements[0], change)
+        rows.append(setup.timeline[k].time, bound.belief, [], 0.0)
     return rows.ended("bound", EstimatorStatus())
 
 
-def _true_start(
-    prepared: Prepared, truth: Float[np.ndarray, "k m"], landmarks: TrueLandmarks
-) -> LandmarkBelief:
+def _true_start(setup: Setup, truth: Float[np.ndarray, "k m"], landmarks: TrueLandmarks) -> LandmarkBelief:
     """The belief at the end of the start, had everything been linearised at the truth."""
-    assert prepared.start.has_landmarks
-    layout, options = prepared.process.layout, SmoothingOptions(iterations=0)
+    assert setup.initial.has_landmarks
+    layout, options = setup.process.layout, SmoothingOptions(iterations=0)
     std = np.repeat([GAUGE_STD, GAUGE_STD, 1.0, 1.0, 1.0, 1.5], [3, 3, 3, 3, 3, 5])
     mean = truth[0].copy()
     mean[layout.mean_slice("s")] = 0.0
-    frames = prepared.timeline[: len(truth)]
-    trial = Trial(truth, landmarks.ids, landmarks.points)
-    found = smooth_first_epochs(prepared.process, frames, trial, FirstStatePrior(mean, std), options)
+    epochs = setup.timeline[: len(truth)]
+    trial = InitialGuess(truth, landmarks.ids, landmarks.points)
+    found = smooth_first_epochs(setup.process, epochs, trial, FirstStatePrior(mean, std), options)
     belief = found.joint_belief(OPTIONS)
     assert isinstance(belief, LandmarkBelief)
     return belief
@@ -143,9 +141,9 @@ def _figures(evaluation: Evaluation, bound: EstimateHistory) -> dict[str, np.nda
     }
 
 
-def _smoothed_rows(prepared: Prepared) -> GrowingHistory:
-    start, layout = prepared.start, prepared.process.layout
-    rows = GrowingHistory(layout, prepared.timeline[0].time)
-    for frame, mean, factor in zip(prepared.timeline, start.mean, start.factor, strict=False):
+def _smoothed_rows(setup: Setup) -> GrowingHistory:
+    start, layout = setup.initial, setup.process.layout
+    rows = GrowingHistory(layout, setup.timeline[0].time)
+    for frame, mean, factor in zip(setup.timeline, start.mean, start.factor, strict=False):
         rows.append(frame.time, Gaussian(layout, mean, factor), [], 0.0)
     return rows

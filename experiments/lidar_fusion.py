@@ -9,24 +9,24 @@ from time import perf_counter
 import numpy as np
 
 from spinfilters.attitude.conversions import quaternion_from_matrix
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.dataset_options import DatasetOptions
+from spinfilters.data.measurement_log import MeasurementLog
+from spinfilters.data.sensor_format import sensor_format
+from spinfilters.data.track_files import KnownMap
+from spinfilters.data.truth import Truth
 from spinfilters.evaluation.consistency import true_states
-from spinfilters.logs.dataset import Dataset
-from spinfilters.logs.dataset_options import DatasetOptions
-from spinfilters.logs.measurement_log import MeasurementLog
-from spinfilters.logs.sensor_format import sensor_format
-from spinfilters.logs.track_files import KnownMap
-from spinfilters.logs.truth import Truth
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.pipeline.estimation import compare_estimators
+from spinfilters.pipeline.setup import prepare
 from spinfilters.sensors.feature_tracks import ball
 from spinfilters.sensors.registry import sensor_of
 from spinfilters.sensors.scene import Scene
+from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.motion import Motion, simulate_motion
 from spinfilters.simulation.scenario import RICH_RPM, Scenario
 from spinfilters.simulation.scenario import simulate as simulate_scenario
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
-from spinfilters.workflow.estimation import compare_estimators
-from spinfilters.workflow.preparation import prepare
-from spinfilters.workflow.settings import Settings
 
 STEP, SECONDS = 0.01, 60.0
 COMPARED = (40.0, 60.0)
@@ -54,7 +54,7 @@ def recording(seed: int) -> Dataset:
         Scenario(kind="lidar-poses", rate_rpm=RICH_RPM, landmarks=100, seed=seed),
         np.random.default_rng(seed),
     )
-    pattern = simulate_scenario(Scenario(kind="lidar-poses", rate_rpm=RICH_RPM, frames=2, seed=seed))
+    pattern = simulate_scenario(Scenario(kind="lidar-poses", rate_rpm=RICH_RPM, epochs=2, seed=seed))
     first, layout = pattern.truth, StateLayout(FULL_BLOCKS)
     assert first is not None
     disturbances = ProcessNoise()  # so weak a force that the body stays in view
@@ -122,7 +122,7 @@ def estimate(whole: Dataset, sensors: tuple[str, ...], estimator: str) -> None:
     )
     epochs = len(log.times)
     first = {"frames": max(36, epochs // 4)}
-    settings, begin = Settings(estimators=(estimator,), start=first), perf_counter()  # pyright: ignore[reportArgumentType]
+    settings, begin = Settings(estimators=(estimator,), initialisation=first), perf_counter()  # pyright: ignore[reportArgumentType]
     (found,) = compare_estimators(prepare(dataset, settings), settings, lambda *_: None).evaluations
     seconds = perf_counter() - begin
     errors = None if found.errors is None else found.errors.within(*COMPARED)

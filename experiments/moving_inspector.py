@@ -12,10 +12,10 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.pipeline.comparison_run import compare_dataset
+from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.inspector import INSPECTORS, STATIC
 from spinfilters.simulation.scenario import RICH_RPM, THESIS_RPM, Scenario, simulate, without_map
-from spinfilters.workflow.pipeline import compare_dataset
-from spinfilters.workflow.settings import Settings
 
 ESTIMATORS: Final = ("mekf", "ukf", "smoother")
 QUANTITIES: Final = ("position [mm]", "attitude [deg]", "velocity [mm/s]", "rate [deg/s]")
@@ -65,7 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--estimators", default=",".join(ESTIMATORS))
     options = parser.parse_args(arguments)
     estimators = tuple(options.estimators.split(","))
-    usual = Scenario.disam115(MOTIONS[options.motion])
+    usual = Scenario.common_workload(MOTIONS[options.motion])
     squares = {name: [] for name in INSPECTORS}
     for seed in range(options.first, options.first + options.seeds):
         for name in INSPECTORS:

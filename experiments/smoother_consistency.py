@@ -2,10 +2,11 @@
 
     python -m experiments.smoother_consistency [--seeds 24] [--start-seeds 100] [--long-seeds 8] [-o runs/smoother]
 
-Simulates the workload disam115 without its map (`Scenario.disam115`), rich and thesis motion. Batch: all frames at once from the
+Simulates the workload disam115 without its map (`Scenario.common_workload`), rich and thesis motion. Batch: all frames at once
+from the
 closed form; errors beside the Cramer-Rao bound, mean NEES over runs and frames (20 degrees of freedom) with the 95 % band of the
 mean over runs, and the NEES of the linear estimate about the truth, which tells wrong noise from what is not linear. Table 6.4 of
-Tweddle (2013) beside ours. Frame by frame: newest estimates of every mode relative to those of the mode that keeps everything,
+Tweddle (2013) beside ours. Frame by frame: latest estimates of every mode relative to those of the mode that keeps everything,
 second half of the run, on disam115 and on a recording of 300 frames. A seed that has been run is read from the output folder, so
 that an interrupted study goes on where it was.
 """
@@ -24,9 +25,9 @@ from experiments.benchmarks.smoother_workload import MOTIONS
 from experiments.smoother_figures import bound_figure, nees_figure, sliding_figure
 from experiments.smoother_report import batch_table, block_table, mode_table, start_table, thesis_table
 from experiments.smoother_runs import FRAMES, Arrays, SmootherCase, run_batch, run_sliding
-from spinfilters.logs.atomic_write import make_folder
+from spinfilters.data.atomic_write import make_folder
 from spinfilters.plots.style import save_figure
-from spinfilters.workflow.array_file import read_arrays, write_arrays
+from spinfilters.runs.npz_file import read_arrays, write_arrays
 
 LONG = 300
 """Frames of the longer recording: more than twice what the default mode keeps."""
@@ -46,12 +47,12 @@ def main() -> None:
     console.print(start_table(batch))
     save_figure(nees_figure(accuracy), options.output / "nees.png")
     save_figure(bound_figure(accuracy), options.output / "bound.png")
-    for frames, seeds in ((FRAMES, options.seeds), (LONG, options.long_seeds)):
+    for epochs, seeds in ((FRAMES, options.seeds), (LONG, options.long_seeds)):
         if not seeds:
             continue
-        sliding = {m: all_runs(run_sliding, _cases(m, seeds, frames), options) for m in MOTIONS}
-        console.print(mode_table(sliding, frames))
-        save_figure(sliding_figure(sliding), options.output / f"sliding-{frames}.png")
+        sliding = {m: all_runs(run_sliding, _cases(m, seeds, epochs), options) for m in MOTIONS}
+        console.print(mode_table(sliding, epochs))
+        save_figure(sliding_figure(sliding), options.output / f"sliding-{epochs}.png")
     console.print(f"pictures: {options.output}")
 
 
@@ -69,15 +70,15 @@ def _options() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def _cases(motion: str, seeds: int, frames: int = FRAMES) -> list[SmootherCase]:
-    return [SmootherCase(motion, seed, frames) for seed in range(seeds)]
+def _cases(motion: str, seeds: int, epochs: int = FRAMES) -> list[SmootherCase]:
+    return [SmootherCase(motion, seed, epochs) for seed in range(seeds)]
 
 
 def all_runs(run: Run, cases: list[SmootherCase], options: argparse.Namespace) -> list[Arrays]:
     """Every case's arrays, in order; each is kept in a file of its own."""
     folder = options.output / run.__name__.removeprefix("run_")
     make_folder(folder)
-    description = f"{folder.name}, {cases[0].motion}, {cases[0].frames} frames"
+    description = f"{folder.name}, {cases[0].motion}, {cases[0].epochs} frames"
     return list(
         track(_mapped(partial(kept, run, folder), cases, options.jobs), description, total=len(cases))
     )

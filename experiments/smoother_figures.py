@@ -27,14 +27,14 @@ def nees_figure(motions: Motions) -> Figure:
     panels = figure.subplots(2, len(motions), sharex=True, sharey="row", squeeze=False)
     for (motion, runs), (whole, blocks) in zip(motions.items(), panels.T, strict=True):
         means = {name: np.nanmean(stacked(runs, name)[:, 1:], axis=0) for name in ("nees", "linear_nees")}
-        frames = np.arange(1, 1 + len(means["nees"]))
+        epochs = np.arange(1, 1 + len(means["nees"]))
         _band(whole, DOF, len(runs))
-        whole.plot(frames, means["linear_nees"] / DOF, color=GREY, linewidth=3.2)
-        whole.plot(frames, means["nees"] / DOF, color=BLACK, linewidth=1.2)
+        whole.plot(epochs, means["linear_nees"] / DOF, color=GREY, linewidth=3.2)
+        whole.plot(epochs, means["nees"] / DOF, color=BLACK, linewidth=1.2)
         whole.set_title(f"{motion} motion, {len(runs)} runs; mean {means['nees'].mean():.2f} of {DOF}")
         for block, color in BLOCK_COLOURS.items():
             values = np.nanmean(stacked(runs, f"nees_{block}")[:, 1:], axis=0) / BLOCKS[block].dimension
-            blocks.plot(frames, values, color=color, linewidth=1.2)
+            blocks.plot(epochs, values, color=color, linewidth=1.2)
         _band(blocks, 3, len(runs))
         blocks.set_xlabel("frame [-]")
     panels[0, 0].set_ylabel("NEES / dof, whole state [-]")
@@ -79,8 +79,8 @@ def sliding_figure(motions: Motions) -> Figure:
         nees.set_ylim(0.0, 3.0)
         errors.set_title(f"{motion} motion, {len(runs)} runs")
         nees.set_xlabel("frame [-]")
-    panels[0, 0].set_ylabel("newest position, rms over runs [mm]")
-    panels[1, 0].set_ylabel("newest NEES / dof [-]")
+    panels[0, 0].set_ylabel("latest position, rms over runs [mm]")
+    panels[1, 0].set_ylabel("latest NEES / dof [-]")
     for axes in panels.ravel():
         tidy(axes)
     legend_below(figure, [*_handles(MODE_COLOURS), Patch(color=GREEN, alpha=0.2, label=BAND)])

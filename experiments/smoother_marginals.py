@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.attitude.conversions import quaternion_from_matrix, rotation_vector_from_quaternion
+from spinfilters.data.truth import Truth
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.body import BodyHistory, body_history
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.evaluation.trajectory import trajectory_of
-from spinfilters.logs.truth import Truth
 
 MAJOR_FIRST: Final = [2, 1, 0]
 """Order of principal axes: ours ascend."""

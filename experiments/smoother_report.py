@@ -64,10 +64,10 @@ def _moments(motion: str, runs: list[Arrays]) -> tuple[str, str, str]:
 
 
 def _nees(motion: str, runs: list[Arrays]) -> tuple[str, str, str]:
-    frames = stacked(runs, "nees")[:, AFTER_FIRST].mean(axis=0)
+    epochs = stacked(runs, "nees")[:, AFTER_FIRST].mean(axis=0)
     low, high = _band(DOF, len(runs))
-    mean = float(frames.mean())
-    told = f"mean {mean:.2f}, middle frame {frames[len(frames) // 2]:.2f}, last {frames[-1]:.2f}; band {low:.2f} .. {high:.2f}"
+    mean = float(epochs.mean())
+    told = f"mean {mean:.2f}, middle frame {epochs[len(epochs) // 2]:.2f}, last {epochs[-1]:.2f}; band {low:.2f} .. {high:.2f}"
     if motion == "rich":
         return told, "in band", _verdict(low <= mean <= high)
     return told, f"<= {THESIS_NEES:g}", _verdict(mean <= THESIS_NEES)
@@ -114,11 +114,11 @@ def thesis_table(runs: list[Arrays]) -> Table:
     return table
 
 
-def mode_table(motions: Motions, frames: int) -> Table:
+def mode_table(motions: Motions, epochs: int) -> Table:
     """Newest estimates of every mode over the second half, relative to those that keep everything, and their NEES."""
     count = len(next(iter(motions.values())))
     table = _table(
-        f"Frame by frame, {frames} frames, {count} seeds: errors relative to full smoothing", MODE_COLUMNS
+        f"Frame by frame, {epochs} frames, {count} seeds: errors relative to full smoothing", MODE_COLUMNS
     )
     low, high = _band(DOF, count)
     for motion, runs in motions.items():

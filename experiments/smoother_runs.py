@@ -9,25 +9,31 @@ from jaxtyping import Float
 
 from experiments.benchmarks.smoother_workload import MOTIONS, Workload, simulated_workload
 from experiments.smoother_marginals import actual_errors, marginal_std
+from spinfilters.data.dataset import Dataset
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
-from spinfilters.estimators.smoothing.annealing import GATE, Annealed
-from spinfilters.estimators.smoothing.marginals import Marginals
-from spinfilters.estimators.smoothing.modes import FixedLag, FrozenVision, Full, Mode
-from spinfilters.estimators.smoothing.problem import (
-    Normal,
-    Point,
+from spinfilters.estimators.robust.losses import LeastSquares
+from spinfilters.estimators.smoothing.factors.landmark_observations import OBSERVATIONS_NEEDED
+from spinfilters.estimators.smoothing.linear.marginals import Marginals
+from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
+from spinfilters.estimators.smoothing.problem.least_squares import (
+    LinearizationPoint,
+    NormalEquations,
     Problem,
     Stage,
     problem_of,
     with_common_constants,
 )
-from spinfilters.estimators.smoothing.reduced import Reduced
-from spinfilters.estimators.smoothing.robust_kernels import LeastSquares
-from spinfilters.estimators.smoothing.sightings import SIGHTINGS_NEEDED
-from spinfilters.estimators.smoothing.sliding import SlidingSmoother
-from spinfilters.estimators.smoothing.sliding_records import SlidingOptions
-from spinfilters.estimators.smoothing.solver import Schedule, SolverOptions, solve
+from spinfilters.estimators.smoothing.solver.annealing import GATE, AnnealedSchedule
+from spinfilters.estimators.smoothing.solver.iterations import Schedule, SolverOptions, solve
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
+from spinfilters.estimators.smoothing.window.sliding_smoother import SlidingSmoother
+from spinfilters.estimators.smoothing.window.smoother_records import SmootherOptions
+from spinfilters.estimators.smoothing.window.window_policy import (
+    FixedLag,
+    FullSmoothing,
+    LandmarkMarginalization,
+    WindowPolicy,
+)
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.evaluation.body import body_history
 from spinfilters.evaluation.consistency import normalised_square, true_states
@@ -35,7 +41,6 @@ from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
 from spinfilters.evaluation.trajectory import trajectory_of
 from spinfilters.evaluation.truth_frames import truth_in_first_frame
-from spinfilters.logs.dataset import Dataset
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.state.gaussian import Gaussian
@@ -43,10 +48,10 @@ from spinfilters.state.status import EstimatorStatus
 
 FRAMES: Final = 115
 """Of the workload disam115."""
-MODES: Final[dict[str, Mode]] = {
-    "full": Full(),
-    "frozen-180": FrozenVision(),
-    "frozen-60": FrozenVision(frames=60),
+MODES: Final[dict[str, WindowPolicy]] = {
+    "full": FullSmoothing(),
+    "frozen-180": LandmarkMarginalization(),
+    "frozen-60": LandmarkMarginalization(epochs=60),
     "lag-20": FixedLag(20),
 }
 SLOW: Final = {"velocity": (2e-4, 1e-4, -1e-4), "noise": ProcessNoise(force_psd=1e-8, torque_psd=1e-6)}
@@ -61,18 +66,18 @@ class SmootherCase:
 
     motion: str
     seed: int
-    frames: int = FRAMES
+    epochs: int = FRAMES
 
     @property
     def label(self) -> str:
         """A name for files."""
-        return f"{self.motion}-{self.frames}-{self.seed}"
+        return f"{self.motion}-{self.epochs}-{self.seed}"
 
     @cached_property
     def scenario(self) -> Scenario:
         """disam115, which more frames make slow enough to stay in view."""
-        drawn = replace(Scenario.disam115(MOTIONS[self.motion], self.seed), frames=self.frames)
-        return drawn if self.frames <= FRAMES else replace(drawn, **SLOW)
+        drawn = replace(Scenario.common_workload(MOTIONS[self.motion], self.seed), epochs=self.epochs)
+        return drawn if self.epochs <= FRAMES else replace(drawn, **SLOW)
 
 
 def run_batch(case: SmootherCase) -> Arrays:
@@ -87,7 +92,7 @@ def run_batch(case: SmootherCase) -> Arrays:
     )
     schedules: dict[str, Schedule | None] = {
         "plain": None,
-        "drawn": Annealed(problem, SolverOptions().iterations, GATE),
+        "drawn": AnnealedSchedule(problem, SolverOptions().iterations, GATE),
     }
     arrays, histories = {}, {}
     for name, schedule in schedules.items():
@@ -106,7 +111,7 @@ def run_batch(case: SmootherCase) -> Arrays:
 
 
 def run_sliding(case: SmootherCase) -> Arrays:
-    """Frame by frame: arrays by ``<mode>/<what>`` of the newest frame's estimates, see `_newest`."""
+    """Frame by frame: arrays by ``<mode>/<what>`` of the latest frame's estimates, see `_newest`."""
     workload, dataset = _simulated(case)
     arrays: Arrays = {}
     for name, mode in MODES.items():
@@ -122,10 +127,10 @@ def _simulated(case: SmootherCase) -> tuple[Workload, Dataset]:
 
 
 def _problem(workload: Workload, prior: FirstStatePrior) -> Problem:
-    return problem_of(workload.process, workload.timeline, workload.trial.ids, prior, SIGHTINGS_NEEDED)
+    return problem_of(workload.process, workload.timeline, workload.trial.ids, prior, OBSERVATIONS_NEEDED)
 
 
-def _at_truth(workload: Workload, dataset: Dataset) -> tuple[Problem, Point, Normal]:
+def _at_truth(workload: Workload, dataset: Dataset) -> tuple[Problem, LinearizationPoint, NormalEquations]:
     """The same problem linearised where the body and its landmarks really were; its covariance is the bound."""
     assert dataset.truth is not None
     assert dataset.known_map is not None
@@ -139,19 +144,21 @@ def _at_truth(workload: Workload, dataset: Dataset) -> tuple[Problem, Point, Nor
     return problem, here, problem.normal(here, Stage(LeastSquares()))
 
 
-def _linear_nees(problem: Problem, here: Point, normal: Normal) -> Arrays:
+def _linear_nees(problem: Problem, here: LinearizationPoint, normal: NormalEquations) -> Arrays:
     """NEES (n,) of the linear estimate about the truth: chi-square when the noise models are right, whatever is not linear."""
-    assert isinstance(normal.solution, Reduced)
+    assert isinstance(normal.solution, SchurSystem)
     errors, factors = normal.solution.errors, Marginals(normal.solution, normal.eliminated).factors
     where = {"nees": slice(None)} | {f"nees_{b}": problem.layout.slice(b) for b in problem.layout.blocks}
     return {name: normalised_square(errors[:, at], factors[:, at]) for name, at in where.items()}
 
 
-def _history(name: str, timeline: Timeline, found: tuple[Problem, Point, Normal]) -> EstimateHistory:
+def _history(
+    name: str, timeline: Timeline, found: tuple[Problem, LinearizationPoint, NormalEquations]
+) -> EstimateHistory:
     """Every frame given all of them."""
     problem, here, normal = found
     layout = problem.layout
-    if isinstance(normal.solution, Reduced):
+    if isinstance(normal.solution, SchurSystem):
         factors = Marginals(normal.solution, normal.eliminated).factors
     else:
         factors = np.full((len(timeline), layout.error_dim, layout.error_dim), np.nan)
@@ -198,15 +205,15 @@ def _error_figures(evaluation: Evaluation) -> Arrays:
     }
 
 
-def _newest(mode: Mode, workload: Workload, dataset: Dataset) -> Arrays:
+def _newest(mode: WindowPolicy, workload: Workload, dataset: Dataset) -> Arrays:
     """Of what was said of each frame when it came: `_error_figures`; linearisations, window (n,) frames kept."""
-    smoother = SlidingSmoother(workload.process, workload.prior, SlidingOptions(mode), tied=True)
+    smoother = SlidingSmoother(workload.process, workload.prior, SmootherOptions(mode), has_landmarks=True)
     rows = GrowingHistory(workload.layout, workload.timeline[0].time)
     counts: list[tuple[int, int]] = []
     for frame in workload.timeline:
         taken = smoother.add(frame)
         rows.append(frame.time, smoother.belief, [], 0.0)
-        counts.append((taken.linearisations, len(smoother.window.frames)))
+        counts.append((taken.linearisations, len(smoother.window.epochs)))
     history = rows.ended(str(mode), EstimatorStatus())
     evaluation = evaluate(history, dataset.truth, Alignment.FIRST_FRAME)
     linearisations, window = np.array(counts).T

@@ -9,15 +9,20 @@ import numpy as np
 from jaxtyping import Float
 
 from observability.bounds.cramer_rao import PRIOR_STD, Bound, Deviations, cramer_rao_bound
-from observability.bounds.flight import Flight, Watch, driven_flight, free_flight
 from observability.bounds.known_inputs import DrivenMotion, KnownInput
+from observability.bounds.reference_trajectory import (
+    ReferenceTrajectory,
+    SensorSchedule,
+    driven_reference,
+    free_reference,
+)
+from observability.canonical_motions import CANONICAL_MOTIONS, Motion, landmarks, point_of, principal_axes
 from observability.certificate import Certificate, certify
 from observability.charts.chart import Chart
 from observability.charts.filter_state import FilterChart
 from observability.charts.principal import MOMENTS, RATIOS, PrincipalChart
 from observability.charts.tensor import TensorChart
 from observability.codistribution import InputSeries
-from observability.motions import TEN, Motion, landmarks, point_of, principal_axes
 from observability.rational import Rationals, as_floats, rationals
 from observability.sensors import analysed, analysed_sensors, watching
 from observability.system import Input, Sensor, System
@@ -68,7 +73,7 @@ class Case:
     known_map: bool = False
     chart: str = "principal"
     unknowns: str = "ratios"
-    motion: Motion = TEN[0]
+    motion: Motion = CANONICAL_MOTIONS[0]
     inputs: Sequence[Input] = field(default_factory=tuple)
     sizes: InputSizes = InputSizes()
 
@@ -192,7 +197,9 @@ class Case:
         """Of this case."""
         return certify(self.system, self.point, self.experiments)
 
-    def flight(self, frames: int, interval: float, noise: ProcessNoise | None = None) -> Flight:
+    def reference(
+        self, frames: int, interval: float, noise: ProcessNoise | None = None
+    ) -> ReferenceTrajectory:
         """The motion over frames, s apart, in the filters' state.
 
         Raises
@@ -202,11 +209,11 @@ class Case:
         process = _process(self.layout, noise or ProcessNoise())
         start = self._start(frames, interval)
         if not self.inputs or frames < 1:
-            return free_flight(process, start, frames, interval)
+            return free_reference(process, start, frames, interval)
         driven = DrivenMotion(process, self.acting, self._inertia_scale(start))
-        flight = driven_flight(process, start, interval * np.arange(frames), driven)
-        self._check_view(flight)
-        return flight
+        reference = driven_reference(process, start, interval * np.arange(frames), driven)
+        self._check_view(reference)
+        return reference
 
     @property
     def acting(self) -> list[KnownInput]:
@@ -217,15 +224,15 @@ class Case:
             found.append(KnownInput(each, size, self.sizes.period / (1 + index / 2)))
         return found
 
-    def bound(self, flight: Flight) -> Bound:
+    def bound(self, reference: ReferenceTrajectory) -> Bound:
         """Cramer-Rao bound of the sensors, which see everything in every frame."""
-        watches = []
+        schedules = []
         for sensor in self._sensors:
             items = np.stack([as_floats(item) for item in sensor.parameters])
-            model = model_over(type(sensor.model), flight.process.layout)
-            seen = np.ones((len(flight.time), len(items)), dtype=bool)
-            watches.append(Watch(model, items, sensor.unknown, seen))
-        return cramer_rao_bound(flight, watches, self.prior_std, defined=self.defined)
+            model = model_over(type(sensor.model), reference.process.layout)
+            seen = np.ones((len(reference.time), len(items)), dtype=bool)
+            schedules.append(SensorSchedule(model, items, sensor.unknown, seen))
+        return cramer_rao_bound(reference, schedules, self.prior_std, defined=self.defined)
 
     @property
     def prior_std(self) -> Deviations:
@@ -277,12 +284,12 @@ class Case:
     def _inertia_scale(self, start: Float[np.ndarray, " m"]) -> float:
         return float(self.motion.moments[0]) / float(inertia_matrix(start[self.layout.mean_slice("s")])[0, 0])
 
-    def _check_view(self, flight: Flight) -> None:
+    def _check_view(self, reference: ReferenceTrajectory) -> None:
         """Landmarks that a camera would pass have no image."""
         if not self.has_place:
             return
-        R = matrix_from_quaternion(flight.states[:, self.layout.mean_slice("a")])
-        depth = flight.states[:, self.layout.mean_slice("t")][:, 2]
+        R = matrix_from_quaternion(reference.states[:, self.layout.mean_slice("a")])
+        depth = reference.states[:, self.layout.mean_slice("t")][:, 2]
         for sensor in self._sensors:
             if analysed(sensor.model.name).has_image:
                 points = np.stack([as_floats(item)[:3] for item in sensor.parameters])

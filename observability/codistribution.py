@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Num
 
 from observability.arithmetic import Arithmetic
-from observability.guide import guide
+from observability.branch_decisions import branch_decisions
 from observability.rational import Rationals
 from observability.series import Series
 from observability.system import Sensor, System
@@ -68,7 +68,7 @@ def motion_series(
     state[0, :, 0, 1:] = _directions(system, point, arithmetic)
     padded = [tuple(given[:orders]) + (Fraction(0),) * (orders - len(given)) for given in inputs]
     start = [[point], [tuple(given[0] for given in padded)]]
-    series = Series(system.motion, guide(system.motion, start), arithmetic, (orders, 1, width))
+    series = Series(system.motion, branch_decisions(system.motion, start), arithmetic, (orders, 1, width))
     for order in range(orders):
         series.put(0, order, state[order])
         series.put(1, order, _constants([tuple(given[order] for given in padded)], width, arithmetic))
@@ -93,7 +93,7 @@ def _rows(
     for k in range(unknown):
         parameters[k, :, width + k] = 1
     points = [[point] * count, list(sensor.parameters)]
-    series = Series(tape, guide(tape, points), arithmetic, (orders, count, width + unknown))
+    series = Series(tape, branch_decisions(tape, points), arithmetic, (orders, count, width + unknown))
     values = []
     for order in range(orders):
         series.put(0, order, state[order])
@@ -113,7 +113,7 @@ def _constants(items: Sequence[Rationals], width: int, arithmetic: Arithmetic) -
 
 def _directions(system: System, point: Rationals, arithmetic: Arithmetic) -> Num[np.ndarray, "n e"]:
     tape = system.directions
-    series = Series(tape, guide(tape, [[point]]), arithmetic, (1, 1, 1))
+    series = Series(tape, branch_decisions(tape, [[point]]), arithmetic, (1, 1, 1))
     series.put(0, 0, _constants([point], 1, arithmetic))
     return series.advance(0)[:, 0, 0].reshape(system.chart.error_dim, system.chart.mean_dim).T
 

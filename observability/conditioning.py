@@ -21,7 +21,7 @@ from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.errors import InputError, ShapeError
 from spinfilters.linear_algebra.definite import correlation_root
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.rotation_steps import IntegrationError
+from spinfilters.models.rotation_integrator import IntegrationError
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 BEST_CONDITION: Final = 7 + 4 * np.sqrt(3)

@@ -8,9 +8,9 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Bool, Float, Num
 
+from observability.branch_decisions import branch_decisions
 from observability.codistribution import InputSeries, SensorRows
 from observability.elimination import FIELD, product_of, reduce_columns
-from observability.guide import guide
 from observability.rational import Rationals, as_floats
 from observability.series import Series
 from observability.simulation import Trajectories, simulate
@@ -103,7 +103,7 @@ def _tangents(system: System, point: Rationals, symmetries: Sequence[Symmetry]) 
     errors, flat = _errors(system, symmetries, (x, parameters, amount))
     tape = tape_of("a symmetry", [flat, amount], errors)
     numbers = _flat(system, point)
-    series = Series(tape, guide(tape, [[numbers], [(Fraction(0),)]]), FIELD, (1, 1, 2))
+    series = Series(tape, branch_decisions(tape, [[numbers], [(Fraction(0),)]]), FIELD, (1, 1, 2))
     values = np.zeros((len(numbers), 1, 2), dtype=np.uint64)
     values[:, 0, 0] = FIELD.numbers(numbers)
     series.put(0, 0, values)

@@ -58,8 +58,8 @@ def input_gain(
     if not case.inputs:
         return None
     without = replace(case, inputs=())
-    proved, flight = without.certificate(), without.flight(frames, interval)
-    quantities = bounded_quantities(without.bound(flight), flight)
+    proved, reference = without.certificate(), without.reference(frames, interval)
+    quantities = bounded_quantities(without.bound(reference), reference)
     pairs = {name: (float(values[-1]), final[name]) for name, values in quantities.items()}
     return InputGain(
         rank=(proved.rank, certificate.rank),

@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float
 
 from observability.bounds.cramer_rao import Bound
-from observability.bounds.flight import Flight
 from observability.bounds.prior_dependence import QuantityBound, quantity_bounds
 from observability.bounds.quantities import (
     BLOCK_NAMES,
@@ -19,10 +18,12 @@ from observability.bounds.quantities import (
     bounded_quantities,
     weak_direction_in_words,
 )
+from observability.bounds.reference_trajectory import ReferenceTrajectory
 from observability.cases import Case
 from observability.certificate import Certificate
 from observability.input_gain import InputGain, input_gain
 from observability.rational import as_floats
+from observability.report_text import document, null_space_sentence, null_vector_sentences, sentences
 from observability.scope import (
     CAMERA_AXES,
     PRINCIPAL_AXES,
@@ -33,7 +34,6 @@ from observability.scope import (
     scope_sentences,
     title,
 )
-from observability.wording import document, null_space_sentence, null_vector_sentences, sentences
 
 WORTH_SAYING = 0.05
 """Share of the information that is the priors' from which it is told beside a result."""
@@ -58,7 +58,7 @@ class Report:
 
     case: Case
     certificate: Certificate
-    flight: Flight
+    reference: ReferenceTrajectory
     bound: Bound
     quantities: dict[Quantity, Float[np.ndarray, " frames"]]
     verdicts: dict[Quantity, QuantityBound]
@@ -74,8 +74,8 @@ class Report:
     @cached_property
     def sentences(self) -> list[str]:
         """The whole text."""
-        interval = float(self.flight.time[-1]) / max(1, len(self.flight.time) - 1)
-        frames = len(self.flight.time)
+        interval = float(self.reference.time[-1]) / max(1, len(self.reference.time) - 1)
+        frames = len(self.reference.time)
         when = f"{frames} frame{'s' if frames > 1 else ''}" + (f" at {interval:g} s" if frames > 1 else "")
         lines = [title(self.case), *self.rank_sentences, *scope_sentences(self.case)]
         lines.append(f"Axes: {axes_in_words(self.case)}.")
@@ -130,17 +130,17 @@ class Report:
 def analyse(case: Case, frames: int, interval: float) -> Report:
     """Rank, bound and verdicts of a case after so many frames at such an interval, s."""
     certificate = case.certificate()
-    flight = case.flight(frames, interval)
-    bound = case.bound(flight)
-    quantities = bounded_quantities(bound, flight)
+    reference = case.reference(frames, interval)
+    bound = case.bound(reference)
+    quantities = bounded_quantities(bound, reference)
     final = {name: float(values[-1]) for name, values in quantities.items()}
     return Report(
         case,
         certificate,
-        flight,
+        reference,
         bound,
         quantities,
-        quantity_bounds(case, flight, bound),
+        quantity_bounds(case, reference, bound),
         input_gain(case, certificate, final, frames, interval),
     )
 

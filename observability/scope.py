@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from observability.bounds.cramer_rao import LANDMARK_STD, PRIOR_STD
+from observability.canonical_motions import Motion, equal_moments
 from observability.cases import WIDE_POSE_STD, Case
-from observability.motions import Motion, equal_moments
 from observability.sensors import analysed
 from spinfilters.models.process import ProcessNoise
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Num
 
 from observability.arithmetic import Arithmetic, NotRegularError
-from observability.guide import Guide
+from observability.branch_decisions import BranchDecisions
 from observability.tape import Group, Tape
 from spinfilters.errors import InputError
 
@@ -21,14 +21,20 @@ class Series:
 
     Parameters
     ----------
-    tape, guide: the program, and its decisions at the points.
+    tape, branch_decisions: the program, and its decisions at the points.
     arithmetic: floats or residues.
     shape: orders, batch, 1 + tangents.
     """
 
-    def __init__(self, tape: Tape, guide: Guide, arithmetic: Arithmetic, shape: tuple[int, int, int]) -> None:
+    def __init__(
+        self,
+        tape: Tape,
+        branch_decisions: BranchDecisions,
+        arithmetic: Arithmetic,
+        shape: tuple[int, int, int],
+    ) -> None:
         orders, batch, width = shape
-        self._tape, self._guide, self._arithmetic = tape, guide, arithmetic
+        self._tape, self._branch_decisions, self._arithmetic = tape, branch_decisions, arithmetic
         self._registers = np.zeros((orders, tape.size, batch, width), dtype=arithmetic.dtype)
         for register, value in tape.constants:
             self._registers[0, register, :, 0] = arithmetic.numbers([value])[0]
@@ -80,7 +86,7 @@ class Series:
                 return self._chosen(index, group, order)
 
     def _chosen(self, index: int, group: Group, order: int) -> Num[np.ndarray, "g b m"]:
-        now, choice = self._registers[order], self._guide.choices[index][..., np.newaxis]
+        now, choice = self._registers[order], self._branch_decisions.choices[index][..., np.newaxis]
         zero = np.zeros((), dtype=self._arithmetic.dtype)
         match group.operation:
             case "fmax" | "fmin":
@@ -91,7 +97,7 @@ class Series:
                 return np.where(choice, now[group.right], zero)
             case _:  # a condition: a constant, 0 or 1
                 result = np.zeros_like(now[group.left])
-                result[..., 0] = self._guide.choices[index] if order == 0 else zero
+                result[..., 0] = self._branch_decisions.choices[index] if order == 0 else zero
                 return result
 
     def _quotient(self, group: Group, order: int) -> Num[np.ndarray, "g b m"]:
@@ -126,7 +132,7 @@ class Series:
         """c = exp(a): c_k = sum_{0<j<=k} (j/k) a_j c_{k-j}."""
         now = self._registers[order, group.left]
         if order == 0:
-            power = self._arithmetic.exponential(now[..., 0], self._guide.exponents.get(index, []))
+            power = self._arithmetic.exponential(now[..., 0], self._branch_decisions.exponents.get(index, []))
             return self._with_value(power, self._arithmetic.product(now, power[..., np.newaxis]))
         return self._convolved(group.left, group.out, range(1, order + 1), order, weighted=True)
 

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from observability.arithmetic import Reals
+from observability.branch_decisions import BranchDecisions, float_branch_decisions
 from observability.codistribution import InputSeries
-from observability.guide import Guide, float_guide
 from observability.rational import Rationals
 from observability.series import Series
 from observability.system import System
@@ -60,9 +60,9 @@ def _after(
     return after
 
 
-def _smooth(system: System, x: Float[np.ndarray, "n b"], inputs: InputSeries) -> Guide:
+def _smooth(system: System, x: Float[np.ndarray, "n b"], inputs: InputSeries) -> BranchDecisions:
     known = np.array([[float(given[0])] * x.shape[1] for given in inputs]).reshape(-1, x.shape[1])
-    return float_guide(system.motion, [x, known])
+    return float_branch_decisions(system.motion, [x, known])
 
 
 def _measured(

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from observability.bounds.quantities import MOMENTS, Quantity, bounded_quantities
+from observability.canonical_motions import Motion, motion
 from observability.cases import Case
-from observability.motions import Motion, motion
 from observability.rational import as_floats
 from spinfilters.conventions import RPM
 
@@ -105,8 +105,8 @@ class _Steps:
 
     def final(self, case: Case, frames: int, interval: float) -> dict[Quantity, float]:
         """Bound of every quantity after the last frame."""
-        flight = case.flight(frames, interval)
-        found = bounded_quantities(case.bound(flight), flight)
+        reference = case.reference(frames, interval)
+        found = bounded_quantities(case.bound(reference), reference)
         self._done += 1
         self._report(self._done, self._total)
         return {name: float(values[-1]) for name, values in found.items()}

@@ -17,7 +17,7 @@ NAMES = {value: name[3:].lower() for name, value in vars(ca).items() if name.sta
 LINEAR = {"add", "sub", "neg", "twice", "assign"}
 PRODUCTS = {"mul", "sq", "div", "inv", "sqrt", "exp", "log"}
 CHOICES = {"fmax", "fmin", "if_else_zero", "fabs"}
-"""Piecewise: smooth except where the alternatives meet, which `Guide` refuses."""
+"""Piecewise: smooth except where the alternatives meet, which `BranchDecisions` refuses."""
 CONDITIONS = {"lt", "le", "eq", "ne", "not", "and", "or"}
 KNOWN = LINEAR | PRODUCTS | CHOICES | CONDITIONS
 

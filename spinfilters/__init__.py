@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from spinfilters.api.recordings import load, simulate
     from spinfilters.api.results import EstimatorResult, Run
     from spinfilters.api.runs import compare
+    from spinfilters.data.dataset import Dataset
     from spinfilters.lidar.mass_properties import mass_properties
     from spinfilters.lidar.mesh_files import read_mesh
-    from spinfilters.logs.dataset import Dataset
-    from spinfilters.workflow.settings import Settings
+    from spinfilters.settings.run_settings import Settings
 
 __version__ = "0.1.0"
 __all__ = [
@@ -45,11 +45,11 @@ __all__ = [
 ]
 
 _MODULES = {
-    "Dataset": "spinfilters.logs.dataset",
+    "Dataset": "spinfilters.data.dataset",
     "EstimatorResult": "spinfilters.api.results",
     "ObservabilityResult": "spinfilters.api.analysis",
     "Run": "spinfilters.api.results",
-    "Settings": "spinfilters.workflow.settings",
+    "Settings": "spinfilters.settings.run_settings",
     "campaign": "spinfilters.api.campaigns",
     "compare": "spinfilters.api.runs",
     "load": "spinfilters.api.recordings",

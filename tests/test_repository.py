@@ -28,7 +28,7 @@ def pyproject() -> dict[str, Any]:
 def layers() -> set[str]:
     """Modules that the contract of import-linter puts in a layer."""
     rows = pyproject()["tool"]["importlinter"]["contracts"][0]["layers"]
-    return {module.strip() for row in rows for module in row.split("|")}
+    return {module.strip() for row in rows for module in re.split("[|:]", row)}
 
 
 def unsafe(text: str) -> Iterator[str]:

@@ -1,6 +1,7 @@
 """A tumbling body that is watched for ever, made piece by piece so that its past takes no memory.
 
-Body, camera and front end are those of `Scenario.disam115`, the centre of mass stands still. A landmark has its own probability of
+Body, camera and front end are those of `Scenario.common_workload`, the centre of mass stands still. A landmark has its own
+probability of
 being known again, as there, but is numbered once and for all: a recording of any length has no more landmarks than the body.
 """
 
@@ -15,7 +16,7 @@ from spinfilters.conventions import RPM
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
-from spinfilters.estimators.timeline import Frame
+from spinfilters.estimators.timeline import Epoch
 from spinfilters.models.gauge import GAUGE_STD
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
@@ -27,7 +28,7 @@ from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 LAYOUT: Final = StateLayout(FULL_BLOCKS)
 CAMERA: Final = StereoLandmark(LAYOUT)
-SCENARIO: Final = Scenario.disam115(RICH_RPM)
+SCENARIO: Final = Scenario.common_workload(RICH_RPM)
 BETA: Final = (0.45, 1.4)
 """Shapes of the distribution of a landmark's probability, as in the scenario's recognition."""
 PIECE: Final = 50
@@ -51,7 +52,7 @@ class OwnProbability:
 
 
 class EndlessScene:
-    """Frames of stereo sightings, and the truth behind the newest of them."""
+    """Frames of stereo observations, and the truth behind the latest of them."""
 
     def __init__(self, seed: int) -> None:
         self._generator = np.random.default_rng(seed)
@@ -65,7 +66,7 @@ class EndlessScene:
         self.prior = _prior(self._next)
         self.truth = self._next
 
-    def frames(self, count: int) -> Iterator[Frame]:
+    def epochs(self, count: int) -> Iterator[Epoch]:
         """The next frames; ``truth`` is that of the one that was given last."""
         for begin in range(0, count, PIECE):
             size = min(PIECE, count - begin)
@@ -79,7 +80,7 @@ class EndlessScene:
                 rows = stream.time == at
                 parameters = stereo_parameters(np.zeros((rows.sum(), 3)), RIG.calibration, SCENARIO.pixel_std)
                 measured = Measurement(CAMERA, stream.values[rows], parameters, stream.ids[rows])
-                yield Frame(float(at), (measured,))
+                yield Epoch(float(at), (measured,))
 
 
 def _first_state() -> Float[np.ndarray, " m"]:

@@ -24,14 +24,14 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from experiments.benchmarks.stopwatch import use_one_thread
+from spinfilters.data.atomic_write import write_json
 from spinfilters.estimators.estimator import Estimator
-from spinfilters.estimators.timeline import Frame
-from spinfilters.logs.atomic_write import write_json
+from spinfilters.estimators.timeline import Epoch
+from spinfilters.pipeline.estimation import build_estimator
+from spinfilters.pipeline.setup import Setup, prepare
 from spinfilters.plots.style import BLUE, GREY, RED, save_figure, tidy
+from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate
-from spinfilters.workflow.estimation import build_estimator
-from spinfilters.workflow.preparation import Prepared, prepare
-from spinfilters.workflow.settings import Settings
 
 PAIRS: Final = (("mekf", "filterpy-ekf"), ("ukf", "filterpy-ukf"))
 NAMES: Final = tuple(name for pair in PAIRS for name in pair)
@@ -64,10 +64,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, help="folder for filters.json and filters.png")
     options = parser.parse_args(arguments)
     use_one_thread("experiments.benchmarks.filters")
-    prepared = prepare(simulate(Scenario()), Settings())
-    seconds = time_frames(prepared, options.frames, options.blocks)
+    setup = prepare(simulate(Scenario()), Settings())
+    seconds = time_frames(setup, options.frames, options.blocks)
     ratios = [speed_ratio(seconds, *pair) for pair in PAIRS]
-    landmarks = float(np.mean([len(frame.measurements[0].values) for frame in prepared.timeline]))
+    landmarks = float(np.mean([len(frame.measurements[0].values) for frame in setup.timeline]))
     _print(ratios, landmarks, seconds.shape)
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)
@@ -83,22 +83,22 @@ def main(arguments: Sequence[str] | None = None) -> None:
         save_figure(speed_figure(ratios, landmarks), options.out / "filters.png")
 
 
-def time_frames(prepared: Prepared, frames: int, blocks: int) -> Float[np.ndarray, "b n 4"]:
+def time_frames(setup: Setup, epochs: int, blocks: int) -> Float[np.ndarray, "b n 4"]:
     """Seconds per frame of every filter in `NAMES`, each from the same start over the same frames, in every block."""
-    filters = [build_estimator(name, prepared, Settings()) for name in NAMES]
-    first = len(prepared.start.mean)
-    steps = list(pairwise(prepared.timeline[first - 1 : first + WARM_FRAMES + frames]))
-    rows = [[_passes(estimator, prepared, steps) for estimator in filters] for _ in range(blocks)]
+    filters = [build_estimator(name, setup, Settings()) for name in NAMES]
+    first = len(setup.initial.mean)
+    steps = list(pairwise(setup.timeline[first - 1 : first + WARM_FRAMES + epochs]))
+    rows = [[_passes(estimator, setup, steps) for estimator in filters] for _ in range(blocks)]
     return np.moveaxis(np.array(rows), 1, 2)
 
 
 def _passes(
-    estimator: Estimator, prepared: Prepared, steps: Sequence[tuple[Frame, Frame]]
+    estimator: Estimator, setup: Setup, steps: Sequence[tuple[Epoch, Epoch]]
 ) -> Float[np.ndarray, " n"]:
     """Seconds of one filter for each step but the first ones, the median of its passes over them."""
     rows = []
     for _ in range(PASSES[estimator.name]):
-        estimator.start(prepared.start.belief)
+        estimator.start(setup.initial.belief)
         rows.append([_seconds(estimator, after, after.time - before.time) for before, after in steps])
     return np.median(rows, axis=0)[WARM_FRAMES:]
 
@@ -142,7 +142,7 @@ def speed_figure(ratios: Sequence[SpeedRatio], landmarks: float) -> Figure:
     return figure
 
 
-def _seconds(estimator: Estimator, frame: Frame, dt: float) -> float:
+def _seconds(estimator: Estimator, frame: Epoch, dt: float) -> float:
     begin = perf_counter()
     estimator.predict(dt)
     for measurement in frame.measurements:

@@ -16,8 +16,11 @@ def main(file: str) -> None:
     begin = perf_counter()
     import numpy as np
 
-    from spinfilters.estimators.smoothing import problem, sightings, sliding, solver
+    from spinfilters.estimators.smoothing.factors import landmark_observations
+    from spinfilters.estimators.smoothing.problem import least_squares
+    from spinfilters.estimators.smoothing.solver import iterations
     from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
+    from spinfilters.estimators.smoothing.window import sliding_smoother
     from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
     from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
@@ -25,24 +28,26 @@ def main(file: str) -> None:
     with np.load(file) as arrays:
         data = dict(arrays)
     layout = StateLayout(FULL_BLOCKS)
-    frames, prior = _frames(data, layout), FirstStatePrior(data["mean"], data["std"])
+    epochs, prior = _frames(data, layout), FirstStatePrior(data["mean"], data["std"])
     process = TorqueFreeProcess(layout, ProcessNoise(*data["psd"].tolist()))
     built = perf_counter() - begin
-    needed = sightings.SIGHTINGS_NEEDED
-    made = problem.problem_of(process, frames, data["landmarks"], prior, needed)
-    here = made.at(problem.with_common_constants(layout, data["trajectory"]), data["points"])
-    found = solver.solve(made, here, solver.SolverOptions())
+    needed = landmark_observations.OBSERVATIONS_NEEDED
+    made = least_squares.problem_of(process, epochs, data["landmarks"], prior, needed)
+    here = made.at(least_squares.with_common_constants(layout, data["trajectory"]), data["points"])
+    found = iterations.solve(made, here, iterations.SolverOptions())
     solved = perf_counter() - begin
-    smoother = sliding.SlidingSmoother(process, prior, sliding.SlidingOptions(), tied=True)
-    for frame in frames[:3]:
+    smoother = sliding_smoother.SlidingSmoother(
+        process, prior, sliding_smoother.SmootherOptions(), has_landmarks=True
+    )
+    for frame in epochs[:3]:
         smoother.add(frame)
     slid = perf_counter() - begin
     print(json.dumps([imported, built, solved, slid, found.costs[-1]]))
 
 
 def _frames(data: dict[str, Any], layout: Any) -> Any:
+    from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
     from spinfilters.estimators.timeline import CameraView, SensorNoise, build_timeline
-    from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
 
     stream = MeasurementStream("stereo", data["time"], data["pixels"], data["ids"])
     noise, view = SensorNoise(pixel_std=1.0), CameraView(None, data["calibration"])

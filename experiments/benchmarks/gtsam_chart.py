@@ -101,13 +101,13 @@ class Chart:
         error = self._layout.local(self._zero, state)
         return np.concatenate([state[CENTRE], error[self._layout.slice("s")]])
 
-    def trajectory(self, values: Any, frames: int) -> Float[np.ndarray, "k m"]:
+    def trajectory(self, values: Any, epochs: int) -> Float[np.ndarray, "k m"]:
         """States of the first frames."""
         constants = values.atVector(constants_key())
         return np.array(
             [
                 self.state(values.atPose3(pose_key(k)), values.atVector(rates_key(k)), constants)
-                for k in range(frames)
+                for k in range(epochs)
             ]
         )
 

@@ -1,4 +1,4 @@
-"""The smoothing problem as GTSAM's factors: its own for stereo sightings, and the project's motion as custom factors.
+"""The smoothing problem as GTSAM's factors: its own for stereo observations, and the project's motion as custom factors.
 
 GTSAM calls back into Python for every custom factor; `CallbackClock` tells how long that takes, so that a comparison can be judged.
 Rows that were computed last are kept in each factor, so that linearising where the error was evaluated costs nothing more.
@@ -50,8 +50,8 @@ class MotionFactors:
             [frame, frame + 1], lambda states: step_rows(process, states[0], states[1], dt), MOVING
         )
 
-    def _factor(self, frames: list[int], rows: Callable[[list[np.ndarray]], Rows], size: int) -> Any:
-        pairs = [(pose_key(frame), rates_key(frame)) for frame in frames]
+    def _factor(self, epochs: list[int], rows: Callable[[list[np.ndarray]], Rows], size: int) -> Any:
+        pairs = [(pose_key(frame), rates_key(frame)) for frame in epochs]
         common, chart, clock = constants_key(), self._chart, self.clock
         last: dict[bytes, Rows] = {}
 
@@ -77,32 +77,32 @@ class MotionFactors:
 
 
 class StereoFactors:
-    """Makes GTSAM's own factors of a workload's sightings."""
+    """Makes GTSAM's own factors of a workload's observations."""
 
     def __init__(self, workload: Workload) -> None:
         fx, fy, cx, cy, baseline = workload.calibration.tolist()
         self._camera = gtsam.Cal3_S2Stereo(fx, fy, 0.0, cx, cy, baseline)
         self._noise = gtsam.noiseModel.Isotropic.Sigma(3, PIXEL_STD)
 
-    def sighting(self, frame: int, landmark: int, pixels: Float[np.ndarray, " 3"]) -> Any:
+    def observation(self, frame: int, landmark: int, pixels: Float[np.ndarray, " 3"]) -> Any:
         """Of the landmark with this key: (u_left, v_left, u_right) px."""
         return gtsam.GenericStereoFactor3D(
             _measured(pixels), self._noise, pose_key(frame), landmark, self._camera
         )
 
     def point(self, pose: Any, pixels: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
-        """Where a sighting from this pose X puts its landmark, m, frame g."""
+        """Where an observation from this pose X puts its landmark, m, frame g."""
         return gtsam.StereoCamera(pose, self._camera).backproject(_measured(pixels))
 
 
 def whole_graph(workload: Workload, factors: MotionFactors) -> Any:
     """Every factor of a workload."""
-    graph, stereo, seen = gtsam.NonlinearFactorGraph(), StereoFactors(workload), workload.sightings
+    graph, stereo, seen = gtsam.NonlinearFactorGraph(), StereoFactors(workload), workload.observations
     graph.add(factors.prior())
     for frame in range(len(workload.timeline) - 1):
         graph.add(factors.step(frame))
-    for frame, number, pixels in zip(seen.frame, seen.landmark, workload.values, strict=True):
-        graph.add(stereo.sighting(int(frame), landmark_key(int(number)), pixels))
+    for frame, number, pixels in zip(seen.epoch, seen.landmark, workload.values, strict=True):
+        graph.add(stereo.observation(int(frame), landmark_key(int(number)), pixels))
     return graph
 
 

@@ -1,8 +1,8 @@
 """GTSAM frame after frame: everything solved again, ISAM2, and a window of fixed lag.
 
-Nothing of the trial enters but its landmarks' ids: the first state is the prior's mean, a new frame is predicted from the newest,
-and new landmarks stand where their first sighting puts them. Frames are built before the clock starts; what is timed are GTSAM's
-calls, the reading of the newest state among them.
+Nothing of the trial enters but its landmarks' ids: the first state is the prior's mean, a new frame is predicted from the latest,
+and new landmarks stand where their first observation puts them. Frames are built before the clock starts; what is timed are GTSAM's
+calls, the reading of the latest state among them.
 """
 
 from collections.abc import Callable
@@ -54,23 +54,23 @@ class Stream:
         self._last: dict[int, int] = {}
         self._lives: dict[int, int] = {}
 
-    def frame(self, number: int, newest: Float[np.ndarray, " m"]) -> NewFrame:
-        """The next frame, from the newest state: that of the frame before, or the prior's mean."""
+    def frame(self, number: int, latest: Float[np.ndarray, " m"]) -> NewFrame:
+        """The next frame, from the latest state: that of the frame before, or the prior's mean."""
         factors, values, timeline = gtsam.NonlinearFactorGraph(), gtsam.Values(), self.workload.timeline
         if number:
-            newest = self.workload.process.step(newest, timeline[number].time - timeline[number - 1].time)
+            latest = self.workload.process.step(latest, timeline[number].time - timeline[number - 1].time)
             factors.add(self.motion.step(number - 1))
         else:
-            values.insert(constants_key(), self.chart.constants(newest))
+            values.insert(constants_key(), self.chart.constants(latest))
             factors.add(self.motion.prior())
-        self.chart.insert(values, number, newest)
-        rows = np.flatnonzero(self.workload.sightings.frame == number)
-        numbers, pixels = self.workload.sightings.landmark[rows], self.workload.values[rows]
+        self.chart.insert(values, number, latest)
+        rows = np.flatnonzero(self.workload.observations.epoch == number)
+        numbers, pixels = self.workload.observations.landmark[rows], self.workload.values[rows]
         fresh = self._renewed(number, numbers)
         keys = [self.key[j] for j in numbers.tolist()]
         pose = values.atPose3(pose_key(number))
         for key, new, measured in zip(keys, fresh, pixels, strict=True):
-            factors.add(self._stereo.sighting(number, key, measured))
+            factors.add(self._stereo.observation(number, key, measured))
             if new:
                 values.insertPoint3(key, self._stereo.point(pose, measured))
         return NewFrame(number, factors, values, numbers, keys)
@@ -153,19 +153,19 @@ def _isam2_parameters(threshold: float) -> Any:
 
 def _through(stream: Stream, solver: FrameByFrame) -> PeerResult:
     """Every frame of a stream through a solver."""
-    workload, newest, seconds = stream.workload, stream.workload.prior.mean, 0.0
+    workload, latest, seconds = stream.workload, stream.workload.prior.mean, 0.0
     count = len(workload.timeline)
-    trajectory, points = np.tile(newest, (count, 1)), workload.trial.points.copy()
+    trajectory, points = np.tile(latest, (count, 1)), workload.trial.points.copy()
     for k in range(count):
-        new = stream.frame(k, newest)
+        new = stream.frame(k, latest)
         begin = now()
         solver.take(new)
         values = solver.some([pose_key(k), rates_key(k), constants_key()])
         seconds += now() - begin
-        newest = stream.state(values, k)
+        latest = stream.state(values, k)
         if k + 1 == count or stream.memory < count:
             _keep(stream, solver.whole(), k, trajectory, points)
-    trajectory[:, CENTRE.start :] = newest[CENTRE.start :]
+    trajectory[:, CENTRE.start :] = latest[CENTRE.start :]
     cost = whitened_cost(workload, trajectory, points)
     return PeerResult(solver.name, trajectory, points, cost, seconds, stream.motion.clock.seconds)
 
@@ -173,12 +173,12 @@ def _through(stream: Stream, solver: FrameByFrame) -> PeerResult:
 def _keep(
     stream: Stream,
     values: Any,
-    newest: int,
+    latest: int,
     trajectory: Float[np.ndarray, "k m"],
     points: Float[np.ndarray, "L 3"],
 ) -> None:
     """Write down what is still estimated of frames and landmarks."""
-    for k in range(max(0, newest - stream.memory), newest + 1):
+    for k in range(max(0, latest - stream.memory), latest + 1):
         trajectory[k] = stream.state(values, k)
     for number, key in stream.key.items():
         if values.exists(key):

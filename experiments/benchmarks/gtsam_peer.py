@@ -35,7 +35,7 @@ ORDERINGS: Final = ("colamd", "metis", "landmarks first")
 class LinearTime:
     """Median seconds of linearising, of which in Python, and of solving in one ordering, for a number of frames."""
 
-    frames: int
+    epochs: int
     ordering: str
     linearise: float
     python: float
@@ -76,9 +76,9 @@ def dogleg(workload: Workload) -> PeerResult:
     return _batch(workload, "GTSAM dogleg", make)
 
 
-def linear_times(workload: Workload, frames: Sequence[int], repeats: int = 5) -> list[LinearTime]:
+def linear_times(workload: Workload, epochs: Sequence[int], repeats: int = 5) -> list[LinearTime]:
     """One linearisation and one Gauss-Newton step about the trial, for each number of frames and each ordering."""
-    return [time for count in frames for time in LinearSystem(workload.first(count)).times(repeats)]
+    return [time for count in epochs for time in LinearSystem(workload.first(count)).times(repeats)]
 
 
 class LinearSystem:
@@ -94,8 +94,8 @@ class LinearSystem:
     def times(self, repeats: int) -> list[LinearTime]:
         """Medians in every ordering."""
         medians = np.median([self._once() for _ in range(repeats)], axis=0).tolist()
-        frames = len(self._workload.timeline)
-        return [LinearTime(frames, name, *row) for name, row in zip(ORDERINGS, medians, strict=True)]
+        epochs = len(self._workload.timeline)
+        return [LinearTime(epochs, name, *row) for name, row in zip(ORDERINGS, medians, strict=True)]
 
     def _once(self) -> list[tuple[float, float, float]]:
         """Every time at another point, so that no row is kept from the last."""
@@ -144,10 +144,10 @@ def _batch(workload: Workload, name: str, make: Callable[[Any, Any], Any]) -> Pe
 
 def _orderings(workload: Workload, linear: Any) -> list[Any]:
     """As `ORDERINGS`: two of GTSAM's, and landmarks before rates before poses, constants last (the Schur complement)."""
-    frames = range(len(workload.timeline))
+    epochs = range(len(workload.timeline))
     schur = gtsam.Ordering()
     keys = [landmark_key(number) for number in range(len(workload.trial.ids))]
-    keys += [rates_key(k) for k in frames] + [pose_key(k) for k in frames] + [constants_key()]
+    keys += [rates_key(k) for k in epochs] + [pose_key(k) for k in epochs] + [constants_key()]
     for key in keys:
         schur.push_back(key)
     ordering = gtsam.Ordering

@@ -8,11 +8,11 @@ from statistics import median
 from typing import Final
 
 from experiments.benchmarks.stopwatch import CLOCKS, now, use_clock, use_one_thread
-from spinfilters.logs.dataset import Dataset
+from spinfilters.data.dataset import Dataset
+from spinfilters.pipeline.setup import prepare
+from spinfilters.pipeline.smoother_run import smooth_at_once
+from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate
-from spinfilters.workflow.preparation import prepare
-from spinfilters.workflow.settings import Settings
-from spinfilters.workflow.smoothing import smooth_at_once
 
 REPEATS: Final = 9
 SETTINGS: Final = Settings(estimators=("smoother",))
@@ -36,9 +36,9 @@ def main() -> None:
 def seconds(dataset: Dataset) -> tuple[float, float]:
     """Of initialising and of smoothing, s."""
     begin = now()
-    prepared = prepare(dataset, SETTINGS)
+    setup = prepare(dataset, SETTINGS)
     middle = now()
-    smooth_at_once(prepared, SETTINGS, lambda done, total: None)
+    smooth_at_once(setup, SETTINGS, lambda done, total: None)
     return middle - begin, now() - middle
 
 

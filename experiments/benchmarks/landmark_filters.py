@@ -26,12 +26,12 @@ from rich.progress import track
 
 from experiments.benchmarks.stopwatch import use_one_thread
 from spinfilters.conventions import RPM
+from spinfilters.data.atomic_write import make_folder, write_json
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.multiplicative_filter import MultiplicativeFilter
-from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf
-from spinfilters.logs.atomic_write import make_folder, write_json
+from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
+from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeFilter
+from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.plots.style import BLUE, GREY, ORANGE, RED, save_figure, tidy
@@ -129,9 +129,9 @@ class Scene:
         self.first = _first_state()
         self._last = self.first
 
-    def go_on(self, frames: int) -> Float[np.ndarray, "n m"]:
+    def go_on(self, epochs: int) -> Float[np.ndarray, "n m"]:
         """The next states."""
-        time = INTERVAL * np.arange(frames + 1)
+        time = INTERVAL * np.arange(epochs + 1)
         states = simulate_motion(self._process, self._last, time, self._generator)[1:]
         self._last = states[-1].copy()
         return states

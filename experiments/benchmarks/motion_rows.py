@@ -9,7 +9,7 @@ from jaxtyping import Float
 from scipy.linalg.lapack import dpotrf, dtrtrs
 
 from spinfilters.estimators.estimator import ProcessModel
-from spinfilters.estimators.smoothing.motion import NOISE_FLOOR
+from spinfilters.estimators.smoothing.factors.motion_factors import NOISE_FLOOR
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.state.layout import StateLayout
 

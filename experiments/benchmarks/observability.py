@@ -32,14 +32,14 @@ import casadi as ca
 import numpy as np
 
 from observability import sensors
+from observability.canonical_motions import CANONICAL_MOTIONS, point_of
 from observability.certificate import certify
 from observability.charts.principal import MOMENTS, PrincipalChart
 from observability.charts.tensor import TensorChart
-from observability.motions import TEN, point_of
 from observability.rational import as_floats
 from observability.system import System
 from observability.tape import Tape, evaluate
-from spinfilters.logs.atomic_write import make_folder, write_json
+from spinfilters.data.atomic_write import make_folder, write_json
 
 SYSTEMS: Final[dict[str, Callable[[], System]]] = {
     "gyro, principal moments": lambda: System(
@@ -150,7 +150,7 @@ def _timed(run: Callable[[], Answer]) -> Answer:
 
 def _ours(system: System) -> Callable[[], Answer]:
     """With names, finite moves and proof, from an expression whose tapes are not read yet."""
-    point = point_of(system.chart, TEN[0])
+    point = point_of(system.chart, CANONICAL_MOTIONS[0])
 
     def run() -> Answer:
         found = certify(System(system.chart, system.sensors), point)
@@ -187,7 +187,7 @@ def _pybounds(system: System) -> Callable[[], Answer]:
         n=system.chart.mean_dim,
         m=1,
     )
-    start = as_floats(point_of(system.chart, TEN[0]))
+    start = as_floats(point_of(system.chart, CANONICAL_MOTIONS[0]))
 
     def run() -> Answer:
         matrix = pybounds.EmpiricalObservabilityMatrix(simulator, start, np.zeros((SAMPLES, 1))).O
@@ -251,7 +251,7 @@ def translated(tape: Tape, inputs: list[list[Any]]) -> list[Any]:
     for group in tape.groups:
         for out, left, right in zip(group.out, group.left, group.right, strict=True):
             registers[out] = _SYMPY[group.operation](registers[left], registers[right])
-    return [sympy.together(registers[register]) for register in tape.output]
+    return [sympy.smallest_batch(registers[register]) for register in tape.output]
 
 
 _SYMPY: Final[dict[str, Callable[[Any, Any], Any]]] = {

@@ -10,6 +10,7 @@ from time import perf_counter
 from typing import Any, Final
 
 from observability import sensors
+from observability.canonical_motions import CANONICAL_MOTIONS, Motion, landmarks, point_of
 from observability.cases import Case
 from observability.certificate import STEADY_ORDERS, certify
 from observability.charts.chart import Chart
@@ -18,7 +19,6 @@ from observability.charts.principal import PrincipalChart
 from observability.charts.tensor import TensorChart
 from observability.codistribution import codistribution
 from observability.elimination import FIELD, eliminate
-from observability.motions import TEN, Motion, landmarks, point_of
 from observability.symbolic_series import lie_derivatives
 from observability.system import System
 
@@ -33,13 +33,13 @@ def main() -> None:
     for chart in CHARTS:
         _print_chart(chart)
     case = Case(landmarks=18)
-    flight = case.flight(116, 0.5)
-    seconds, bound = timed(lambda: case.bound(flight))
+    reference = case.reference(116, 0.5)
+    seconds, bound = timed(lambda: case.bound(reference))
     print(f"Cramer-Rao bound, {bound.std.shape[0]} frames, {bound.std.shape[1]} unknowns: {seconds:.2f} s")
 
 
 def _print_chart(chart: Chart) -> None:
-    cases = [(motion, count) for motion in TEN for count in COUNTS]
+    cases = [(motion, count) for motion in CANONICAL_MOTIONS for count in COUNTS]
     exact = [timed(partial(_rank, chart, motion, count))[0] for motion, count in cases]
     proved = [timed(partial(_certificate, chart, motion, count)) for motion, count in cases]
     seconds, found = zip(*proved, strict=True)
@@ -56,7 +56,9 @@ def _print_chart(chart: Chart) -> None:
     )
     spent, derivatives = timed(lambda: lie_derivatives(_stereo(chart, 4), 0, 9))
     print(f"  order 8, any number of landmarks, as expressions: {derivatives.nodes} nodes, {spent:.2f} s")
-    print(f"  100 landmarks, rank and null space: {timed(partial(_rank, chart, TEN[0], 100))[0]:.2f} s")
+    print(
+        f"  100 landmarks, rank and null space: {timed(partial(_rank, chart, CANONICAL_MOTIONS[0], 100))[0]:.2f} s"
+    )
 
 
 def timed(run: Callable[[], Any]) -> tuple[float, Any]:

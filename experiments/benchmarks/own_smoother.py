@@ -1,6 +1,6 @@
 """The project's own smoother on the benchmark's problem: whole, one iteration of it, and frame after frame.
 
-Times hold everything from frames and models to the result, the collecting of sightings among it.
+Times hold everything from frames and models to the result, the collecting of observations among it.
 """
 
 from dataclasses import replace
@@ -11,16 +11,16 @@ import numpy as np
 from experiments.benchmarks.gtsam_chart import CENTRE
 from experiments.benchmarks.smoother_workload import PeerResult, Workload, whitened_cost
 from experiments.benchmarks.stopwatch import now
-from spinfilters.estimators.smoothing.modes import FixedLag, Full
-from spinfilters.estimators.smoothing.problem import Stage, with_common_constants
-from spinfilters.estimators.smoothing.robust_kernels import LeastSquares
-from spinfilters.estimators.smoothing.sliding import SlidingSmoother
-from spinfilters.estimators.smoothing.sliding_records import SlidingOptions
-from spinfilters.estimators.smoothing.solver import Solved, SolverOptions, solve
-from spinfilters.estimators.smoothing.step_rules import GaussNewton
+from spinfilters.estimators.robust.losses import LeastSquares
+from spinfilters.estimators.smoothing.problem.least_squares import Stage, with_common_constants
+from spinfilters.estimators.smoothing.solver.iterations import Solved, SolverOptions, solve
+from spinfilters.estimators.smoothing.solver.step_rules import GaussNewton
+from spinfilters.estimators.smoothing.window.sliding_smoother import SlidingSmoother
+from spinfilters.estimators.smoothing.window.smoother_records import SmootherOptions
+from spinfilters.estimators.smoothing.window.window_policy import FixedLag, FullSmoothing
 
 NO_GATE: Final = 1e6
-"""Standard deviations: every sighting is believed, as the peers do."""
+"""Standard deviations: every observation is believed, as the peers do."""
 RUNS: Final = 3
 """Of a turn: as short as they are, one alone would measure what another solver left in the processor's caches."""
 
@@ -68,24 +68,24 @@ class OwnIterations:
 
 def own_resolved(workload: Workload) -> PeerResult:
     """Everything solved again after every frame."""
-    return _through(workload, SlidingOptions(Full(), gate=NO_GATE), "spinfilters, full")
+    return _through(workload, SmootherOptions(FullSmoothing(), gate=NO_GATE), "spinfilters, full")
 
 
-def own_window(workload: Workload, lag: int, retired: bool = False) -> PeerResult:
+def own_window(workload: Workload, lag: int, marginalized: bool = False) -> PeerResult:
     """A window of so many frames at least, for some leave together; its cost says nothing, see `gtsam_incremental.fixed_lag`.
 
     Parameters
     ----------
-    retired: whether every frame that leaves is given its covariance, which the peer does not do.
+    marginalized: whether every frame that leaves is given its covariance, which the peer does not do.
     """
-    options = SlidingOptions(FixedLag(lag), gate=NO_GATE, retired=retired)
+    options = SmootherOptions(FixedLag(lag), gate=NO_GATE, marginalized=marginalized)
     runs = [_through(workload, options, f"spinfilters, fixed lag of {lag}") for _ in range(RUNS)]
     return replace(runs[-1], seconds=float(np.median([run.seconds for run in runs])))
 
 
-def _through(workload: Workload, options: SlidingOptions, name: str) -> PeerResult:
+def _through(workload: Workload, options: SmootherOptions, name: str) -> PeerResult:
     """Every frame through the sliding smoother, without a guess."""
-    smoother = SlidingSmoother(workload.process, workload.prior, options, tied=True)
+    smoother = SlidingSmoother(workload.process, workload.prior, options, has_landmarks=True)
     trajectory, points = (
         np.tile(workload.prior.mean, (len(workload.timeline), 1)),
         workload.trial.points.copy(),

@@ -16,7 +16,7 @@ from experiments.benchmarks.motion_rows import MOVING, POSE, prior_rows, step_ro
 from experiments.benchmarks.smoother_workload import PeerResult, Workload, whitened_cost
 from experiments.benchmarks.stacked_errors import StackedErrors
 from experiments.benchmarks.stopwatch import now
-from spinfilters.estimators.smoothing.sightings import linearise_sightings
+from spinfilters.estimators.smoothing.factors.landmark_observations import linearise_observations
 
 OPTIONS: Final[dict[str, Any]] = {
     "method": "trf",
@@ -60,7 +60,7 @@ class WhitenedProblem:
         self._rows = (np.zeros(0), csr_matrix((0, 0)))
 
     def residuals(self, errors: Float[np.ndarray, " N"]) -> Float[np.ndarray, " r"]:
-        """Of prior, steps and sightings, whitened."""
+        """Of prior, steps and observations, whitened."""
         return self._at(errors)[0]
 
     def jacobian(self, errors: Float[np.ndarray, " N"]) -> csr_matrix:
@@ -82,9 +82,12 @@ class WhitenedProblem:
             trajectory, points = self.point(errors)
             own = self._unknowns.errors(errors[: self._unknowns.size])
             resets = np.array([self.workload.layout.reset_jacobian(error) for error in own])
-            motion, sightings = self._motion(trajectory, resets), self._sightings(trajectory, points, resets)
-            residuals = np.concatenate([part[0] for part in (*motion, sightings)])
-            data = np.concatenate([part[1].reshape(-1) for part in (*motion, sightings)])
+            motion, observations = (
+                self._motion(trajectory, resets),
+                self._observations(trajectory, points, resets),
+            )
+            residuals = np.concatenate([part[0] for part in (*motion, observations)])
+            data = np.concatenate([part[1].reshape(-1) for part in (*motion, observations)])
             shape = (len(residuals), self.size)
             self._rows = (residuals, csr_matrix((data, self._indices, self._indptr), shape=shape))
             self._where = errors.copy()
@@ -94,38 +97,38 @@ class WhitenedProblem:
     def _motion(
         self, trajectory: Float[np.ndarray, "k m"], resets: Float[np.ndarray, "k n n"]
     ) -> list[tuple[np.ndarray, np.ndarray]]:
-        process, frames = self.workload.process, self.workload.timeline
+        process, epochs = self.workload.process, self.workload.timeline
         residual, by_error = prior_rows(process.layout, trajectory[0], self.workload.prior)
         parts = [(residual, by_error @ resets[0])]
         n = process.layout.error_dim
-        for k, (here, there) in enumerate(pairwise(frames)):
+        for k, (here, there) in enumerate(pairwise(epochs)):
             residual, by_error = step_rows(process, trajectory[k], trajectory[k + 1], there.time - here.time)
             by_there = by_error[:, n:] @ resets[k + 1, :MOVING, :MOVING]
             parts.append((residual, np.concatenate([by_error[:, :n] @ resets[k], by_there], axis=1)))
         return parts
 
-    def _sightings(
+    def _observations(
         self,
         trajectory: Float[np.ndarray, "k m"],
         points: Float[np.ndarray, "L 3"],
         resets: Float[np.ndarray, "k n n"],
     ) -> tuple[Float[np.ndarray, " r"], Float[np.ndarray, "N 3 9"]]:
-        linear = linearise_sightings(self.workload.sightings, trajectory, points)
-        by_pose = linear.rows[:, :, :POSE] @ resets[self.workload.sightings.frame, :POSE, :POSE]
+        linear = linearise_observations(self.workload.observations, trajectory, points)
+        by_pose = linear.rows[:, :, :POSE] @ resets[self.workload.observations.epoch, :POSE, :POSE]
         by_both = np.concatenate([by_pose, linear.rows[:, :, POSE:-1]], axis=2)
         return -linear.innovation.reshape(-1), by_both
 
     def _pattern(self) -> tuple[Int[np.ndarray, " e"], Int[np.ndarray, " r"]]:
         """Columns of every row in the order of the data, and where rows begin in it."""
-        unknowns, seen = self._unknowns, self.workload.sightings
-        first = unknowns.state(0)
+        ordering, seen = self._unknowns, self.workload.observations
+        first = ordering.state(0)
         columns, lengths = [np.tile(first, len(first))], [np.full(len(first), len(first))]
-        for k in range(unknowns.frames - 1):
-            both = np.concatenate([unknowns.state(k), unknowns.state(k + 1)[:MOVING]])
+        for k in range(ordering.epochs - 1):
+            both = np.concatenate([ordering.state(k), ordering.state(k + 1)[:MOVING]])
             columns.append(np.tile(both, MOVING))
             lengths.append(np.full(MOVING, len(both)))
-        poses = MOVING * seen.frame[:, None] + np.arange(POSE)
-        landmarks = unknowns.size + 3 * seen.landmark[:, None] + np.arange(3)
+        poses = MOVING * seen.epoch[:, None] + np.arange(POSE)
+        landmarks = ordering.size + 3 * seen.landmark[:, None] + np.arange(3)
         columns.append(np.repeat(np.concatenate([poses, landmarks], axis=1), 3, axis=0).reshape(-1))
-        lengths.append(np.full(3 * len(seen.frame), POSE + 3))
+        lengths.append(np.full(3 * len(seen.epoch), POSE + 3))
         return np.concatenate(columns), np.concatenate([[0], np.cumsum(np.concatenate(lengths))])

@@ -71,14 +71,14 @@ def of_motion(motion: str, options: argparse.Namespace) -> Iterator[Check]:
 
 
 def _workload(motion: str, seed: int, quick: bool) -> Workload:
-    scenario = Scenario.disam115(MOTIONS[motion], seed)
-    return simulated_workload(replace(scenario, frames=QUICK_FRAMES) if quick else scenario)
+    scenario = Scenario.common_workload(MOTIONS[motion], seed)
+    return simulated_workload(replace(scenario, epochs=QUICK_FRAMES) if quick else scenario)
 
 
 def _size(workload: Workload) -> str:
     return (
         f"{len(workload.timeline)} frames, {len(workload.trial.ids)} landmarks, "
-        f"{len(workload.sightings)} sightings"
+        f"{len(workload.observations)} observations"
     )
 
 

@@ -57,11 +57,11 @@ def batch(workload: Workload, rounds: int, what: str, peers: bool) -> Iterator[C
 
 def iterations(workload: Workload, rounds: int, peers: bool) -> Iterator[Check]:
     """One iteration, linearising and solving, by number of frames; of GTSAM's orderings the fastest."""
-    for frames, bar in ITERATION_BARS.items():
-        if frames > len(workload.timeline):
+    for epochs, bar in ITERATION_BARS.items():
+        if epochs > len(workload.timeline):
             return
-        part = workload.first(frames)
-        what = f"one iteration, {frames} frames"
+        part = workload.first(epochs)
+        what = f"one iteration, {epochs} frames"
         mine = OwnIterations(part)
         if not peers or gtsam is None:
             yield Check(what, f"{1e3 * mine.seconds(ITERATION_RUNS):8.2f} ms")

@@ -10,41 +10,48 @@ from experiments.benchmarks.endless_scene import LAYOUT, EndlessScene
 from experiments.benchmarks.smoother_checks import Check
 from experiments.benchmarks.smoother_workload import NOISE
 from experiments.benchmarks.stopwatch import now
-from spinfilters.estimators.smoothing.modes import FixedLag, FrozenVision, Mode
-from spinfilters.estimators.smoothing.sliding import SlidingSmoother
-from spinfilters.estimators.smoothing.sliding_records import SlidingOptions
+from spinfilters.estimators.smoothing.window.sliding_smoother import SlidingSmoother
+from spinfilters.estimators.smoothing.window.smoother_records import SmootherOptions
+from spinfilters.estimators.smoothing.window.window_policy import (
+    FixedLag,
+    LandmarkMarginalization,
+    WindowPolicy,
+)
 from spinfilters.models.process import TorqueFreeProcess
 
 STARTUP: Final = 200
 """Frames before the clock starts: windows are full, nothing is left to compile."""
 BLOCKS: Final = 10
-MODES: Final[dict[str, Mode]] = {"fixed lag of 20": FixedLag(20), "frozen vision": FrozenVision()}
+MODES: Final[dict[str, WindowPolicy]] = {
+    "fixed lag of 20": FixedLag(20),
+    "frozen vision": LandmarkMarginalization(),
+}
 SAME_TIME: Final = 1.1
 """Last block over the first."""
 SAME_MEMORY: Final = 0.05
 """Growth of what is resident."""
 
 
-def long_run(frames: int) -> Iterator[Check]:
+def long_run(epochs: int) -> Iterator[Check]:
     """Both modes, one after the other, each over the same scene."""
     for name, mode in MODES.items():
         scene, smoother = EndlessScene(0), _smoother(mode)
         _block(scene, smoother, STARTUP)
         seconds, resident = [], []
         for _ in range(BLOCKS):
-            times, megabytes = _block(scene, smoother, frames // BLOCKS)
+            times, megabytes = _block(scene, smoother, epochs // BLOCKS)
             seconds.append(times)
             resident.append(np.median(megabytes))  # it rises and falls as frames gather and leave
         yield from _checks(name, np.array(seconds), np.array(resident))
         error = LAYOUT.local(scene.truth, smoother.window.trajectory[-1])
         deg = np.degrees(np.linalg.norm(error[LAYOUT.slice("a")]))
         mass = np.linalg.norm(error[LAYOUT.slice("s")])
-        yield Check("  newest frame off the truth", f"attitude {deg:.3f} deg, body {mass:.4f}")
+        yield Check("  latest frame off the truth", f"attitude {deg:.3f} deg, body {mass:.4f}")
 
 
-def _smoother(mode: Mode) -> SlidingSmoother:
+def _smoother(mode: WindowPolicy) -> SlidingSmoother:
     process = TorqueFreeProcess(LAYOUT, NOISE)
-    return SlidingSmoother(process, EndlessScene(0).prior, SlidingOptions(mode), tied=True)
+    return SlidingSmoother(process, EndlessScene(0).prior, SmootherOptions(mode), has_landmarks=True)
 
 
 def _checks(name: str, seconds: np.ndarray, resident: np.ndarray) -> Iterator[Check]:
@@ -65,7 +72,7 @@ def _block(scene: EndlessScene, smoother: SlidingSmoother, count: int) -> tuple[
     """Seconds of each frame, and megabytes that are resident after it."""
     seconds, resident = [], []
     gc.collect()
-    for frame in scene.frames(count):
+    for frame in scene.epochs(count):
         begin = now()
         smoother.add(frame)
         seconds.append(now() - begin)

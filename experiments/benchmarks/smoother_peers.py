@@ -88,7 +88,7 @@ def described(result: PeerResult) -> str:
 def described_iteration(time: LinearTime) -> str:
     """A line of the table of single iterations."""
     return (
-        f"GTSAM, {time.frames:3} frames, {time.ordering:15}  linearise {1e3 * time.linearise:6.1f} ms "
+        f"GTSAM, {time.epochs:3} frames, {time.ordering:15}  linearise {1e3 * time.linearise:6.1f} ms "
         f"({1e3 * time.python:5.1f} in our Python), solve {1e3 * time.solve:6.1f}, together {1e3 * time.total:6.1f}"
     )
 
@@ -96,7 +96,7 @@ def described_iteration(time: LinearTime) -> str:
 def _headline(motion: str, seed: int, workload: Workload) -> str:
     return (
         f"{motion} motion, seed {seed}: {len(workload.timeline)} frames, {len(workload.trial.ids)} landmarks, "
-        f"{len(workload.sightings.frame)} sightings"
+        f"{len(workload.observations.epoch)} observations"
     )
 
 

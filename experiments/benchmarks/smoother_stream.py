@@ -10,7 +10,7 @@ from experiments.benchmarks.gtsam_incremental import fixed_lag, isam2, resolved_
 from experiments.benchmarks.own_smoother import own_batch, own_resolved, own_window
 from experiments.benchmarks.smoother_checks import Check, Solver, in_turn, ratio_of
 from experiments.benchmarks.smoother_workload import PeerResult, Workload
-from spinfilters.estimators.smoothing.modes import together
+from spinfilters.estimators.smoothing.window.window_policy import smallest_batch
 
 NEAR_OPTIMUM: Final = 0.5
 """Of the cost."""
@@ -31,8 +31,8 @@ def resolved(workload: Workload, rounds: int, peers: bool) -> Iterator[Check]:
     own_resolved(workload)
     optimum = own_batch(workload).cost
     found = in_turn(solvers, rounds)
-    ours, frames = found["ours"], len(workload.timeline)
-    what = f"solved again after each of {frames} frames"
+    ours, epochs = found["ours"], len(workload.timeline)
+    what = f"solved again after each of {epochs} frames"
     seconds = float(np.median([result.seconds for result in ours]))
     note = f"{ours[0].linearisations:.0f} linearisations"
     yield Check(what, f"{seconds:8.3f} s", f"at most {WHOLE_SECONDS:g} s", seconds <= WHOLE_SECONDS, note)
@@ -48,7 +48,7 @@ def resolved(workload: Workload, rounds: int, peers: bool) -> Iterator[Check]:
 
 
 def window(workload: Workload, rounds: int, peers: bool) -> Iterator[Check]:
-    """The newest frames alone."""
+    """The latest frames alone."""
     solvers: dict[str, Solver] = {"ours": lambda: own_window(workload, LAG)}
     if peers and gtsam is not None:
         solvers["gtsam"] = lambda: fixed_lag(workload, LAG)
@@ -60,11 +60,11 @@ def window(workload: Workload, rounds: int, peers: bool) -> Iterator[Check]:
     if "gtsam" not in found:
         yield Check(what, f"{ours[0].seconds:8.3f} s", note=off)
         return
-    told = own_window(workload, LAG, retired=True).seconds
-    note = f"ours keeps up to {together(LAG) - 1} more; with the covariance of frames that leave {1e3 * told:.0f} ms"
+    told = own_window(workload, LAG, marginalized=True).seconds
+    note = f"ours keeps up to {smallest_batch(LAG) - 1} more; with the covariance of frames that leave {1e3 * told:.0f} ms"
     yield ratio_of(found["gtsam"], ours).check(what, OVER_WINDOW, note)
     theirs = _off(workload, found["gtsam"][0], best)
-    yield Check("  newest frame off the batch", f"ours {off}; IncrementalFixedLag {theirs}")
+    yield Check("  latest frame off the batch", f"ours {off}; IncrementalFixedLag {theirs}")
 
 
 def _off(workload: Workload, result: PeerResult, best: PeerResult) -> str:

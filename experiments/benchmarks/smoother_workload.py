@@ -1,6 +1,7 @@
 """The problem that all smoothers of the benchmark solve: 115 frames of a tumbling body with some 2450 landmarks that nobody knows.
 
-Simulated, so that anyone can run it: `Scenario.disam115` from a seed, with about 24,700 stereo sightings of 1 px. Priors are the
+Simulated, so that anyone can run it: `Scenario.common_workload` from a seed, with about 24,700 stereo observations of 1 px.
+Priors are the
 thesis' with 0.5 for the logarithm of second moments, and the first pose is held where frame g is defined. The initial guess comes
 from poses fitted one by one and the closed form of the angular momentum, over all frames.
 """
@@ -12,26 +13,30 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.estimators.initialisation.initial_guess import (
-    closed_form,
     defining_g,
-    trial_trajectory,
+    guessed_trajectory,
+    initial_state,
     wide_prior,
 )
-from spinfilters.estimators.initialisation.options import StartOptions
-from spinfilters.estimators.motion_evidence import motion_evidence
-from spinfilters.estimators.smoothing.problem import Problem, Trial, problem_of
-from spinfilters.estimators.smoothing.sightings import SIGHTINGS_NEEDED, Sightings, collect_sightings
+from spinfilters.estimators.initialisation.initial_motion import initial_motion
+from spinfilters.estimators.initialisation.options import InitialisationOptions
+from spinfilters.estimators.smoothing.factors.landmark_observations import (
+    OBSERVATIONS_NEEDED,
+    LandmarkObservations,
+    collect_observations,
+)
+from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess, Problem, problem_of
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.perception.map_building import poses_without_map
 from spinfilters.sensors.sensor import pose_samples
 from spinfilters.simulation.scenario import RICH_RPM, THESIS_RPM, Scenario, simulate
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+from spinfilters.tracks.map_building import poses_without_map
 
 MOTIONS: Final = {"thesis": THESIS_RPM, "rich": RICH_RPM}
 NOISE: Final = ProcessNoise(force_psd=1e-6, torque_psd=1e-6)
-OPTIONS: Final = StartOptions(mass_std=0.5)
+OPTIONS: Final = InitialisationOptions(mass_std=0.5)
 """Priors of the thesis; with a mass_std of 2 and more, solvers end in wrong minima."""
 PIXEL_STD: Final = 1.0
 
@@ -44,15 +49,15 @@ class Workload:
     ----------
     calibration: of the rig (fx, fy, cx, cy px, baseline m).
     trial: its landmarks are those that are seen at least twice, ids ascending.
-    sightings: N of them; their landmarks count the trial's.
+    observations: N of them; their landmarks count the trial's.
     """
 
     process: TorqueFreeProcess
     timeline: Timeline
     calibration: Float[np.ndarray, " 5"]
     prior: FirstStatePrior
-    trial: Trial
-    sightings: Sightings
+    trial: InitialGuess
+    observations: LandmarkObservations
 
     @property
     def layout(self) -> StateLayout:
@@ -61,12 +66,12 @@ class Workload:
 
     @property
     def values(self) -> Float[np.ndarray, "N 3"]:
-        """Measured pixels (u_left, v_left, u_right) of the sightings."""
-        return np.concatenate([group.values for group in self.sightings.groups])
+        """Measured pixels (u_left, v_left, u_right) of the observations."""
+        return np.concatenate([group.values for group in self.observations.groups])
 
     def problem(self) -> Problem:
         """As the project's own smoother has it."""
-        return problem_of(self.process, self.timeline, self.trial.ids, self.prior, SIGHTINGS_NEEDED)
+        return problem_of(self.process, self.timeline, self.trial.ids, self.prior, OBSERVATIONS_NEEDED)
 
     def nearer_to_a_sphere(self, share: float) -> "Workload":
         """The same problem from a trial that keeps only a share of the closed form's departure from a sphere.
@@ -75,12 +80,12 @@ class Workload:
         """
         trajectory = self.trial.trajectory.copy()
         trajectory[:, self.layout.mean_slice("s")] *= share
-        return replace(self, trial=Trial(trajectory, self.trial.ids, self.trial.points))
+        return replace(self, trial=InitialGuess(trajectory, self.trial.ids, self.trial.points))
 
-    def first(self, frames: int) -> "Workload":
+    def first(self, epochs: int) -> "Workload":
         """The same problem with the first frames alone, from the same trial."""
-        trial = Trial(self.trial.trajectory[:frames], self.trial.ids, self.trial.points)
-        return _joined(self.process, self.timeline[:frames], self.calibration, self.prior, trial)
+        trial = InitialGuess(self.trial.trajectory[:epochs], self.trial.ids, self.trial.points)
+        return _joined(self.process, self.timeline[:epochs], self.calibration, self.prior, trial)
 
 
 @dataclass(frozen=True)
@@ -114,23 +119,23 @@ def simulated_workload(scenario: Scenario) -> Workload:
         dataset.log, layout, SensorNoise(pixel_std=PIXEL_STD), CameraView(None, calibration)
     )
     poses, known, _ = poses_without_map(dataset.log.stream("stereo"), calibration, PIXEL_STD)
-    evidence = motion_evidence(pose_samples(poses), len(timeline))
-    first, _ = closed_form(layout, evidence)
-    trajectory = trial_trajectory(layout, timeline, first, evidence)
+    evidence = initial_motion(pose_samples(poses), len(timeline))
+    first, _ = initial_state(layout, evidence)
+    trajectory = guessed_trajectory(layout, timeline, first, evidence)
     prior = defining_g(layout, wide_prior(layout, first, OPTIONS, evidence), trajectory[0])
-    trial = Trial(trajectory, known.ids, known.points)
+    trial = InitialGuess(trajectory, known.ids, known.points)
     return _joined(TorqueFreeProcess(layout, NOISE), timeline, calibration, prior, trial)
 
 
 def disam115_workload(motion: str, seed: int) -> Workload:
     """The problem of the issue: motion "thesis" or "rich"."""
-    return simulated_workload(Scenario.disam115(MOTIONS[motion], seed))
+    return simulated_workload(Scenario.common_workload(MOTIONS[motion], seed))
 
 
 def whitened_cost(
     workload: Workload, trajectory: Float[np.ndarray, "k m"], points: Float[np.ndarray, "L 3"]
 ) -> float:
-    """Sum of the squares of everything whitened: prior, steps, sightings; by this number all optima are compared.
+    """Sum of the squares of everything whitened: prior, steps, observations; by this number all optima are compared.
 
     It is infinite where a point lies behind a camera that saw it.
 
@@ -148,11 +153,11 @@ def _joined(
     timeline: Timeline,
     calibration: Float[np.ndarray, " 5"],
     prior: FirstStatePrior,
-    trial: Trial,
+    trial: InitialGuess,
 ) -> Workload:
     """With those landmarks of the trial that are seen at least twice in the timeline."""
-    every = collect_sightings(timeline, trial.ids, SIGHTINGS_NEEDED)
+    every = collect_observations(timeline, trial.ids, OBSERVATIONS_NEEDED)
     kept = np.unique(every.landmark)
-    trial = Trial(trial.trajectory, trial.ids[kept], trial.points[kept])
-    sightings = collect_sightings(timeline, trial.ids, SIGHTINGS_NEEDED)
-    return Workload(process, timeline, calibration, prior, trial, sightings)
+    trial = InitialGuess(trial.trajectory, trial.ids[kept], trial.points[kept])
+    observations = collect_observations(timeline, trial.ids, OBSERVATIONS_NEEDED)
+    return Workload(process, timeline, calibration, prior, trial, observations)

@@ -11,23 +11,23 @@ from spinfilters.state.layout import StateLayout
 
 @dataclass(frozen=True)
 class StackedErrors:
-    """Of ``frames`` frames over the full layout."""
+    """Of ``epochs`` frames over the full layout."""
 
     layout: StateLayout
-    frames: int
+    epochs: int
 
     @property
     def size(self) -> int:
         """Of the vector: 12 per frame, and the constants."""
-        return MOVING * self.frames + self.layout.error_dim - MOVING
+        return MOVING * self.epochs + self.layout.error_dim - MOVING
 
     def state(self, frame: int) -> Int[np.ndarray, " n"]:
         """Where the whole error of one frame's state stands."""
         first = MOVING * frame
-        return np.r_[first : first + MOVING, MOVING * self.frames : self.size]
+        return np.r_[first : first + MOVING, MOVING * self.epochs : self.size]
 
     def errors(self, stacked: Float[np.ndarray, " N"]) -> Float[np.ndarray, "k n"]:
         """Each frame's error."""
-        moving = stacked[: MOVING * self.frames].reshape(self.frames, MOVING)
-        constant = np.tile(stacked[MOVING * self.frames :], (self.frames, 1))
+        moving = stacked[: MOVING * self.epochs].reshape(self.epochs, MOVING)
+        constant = np.tile(stacked[MOVING * self.epochs :], (self.epochs, 1))
         return np.concatenate([moving, constant], axis=1)

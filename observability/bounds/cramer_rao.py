@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import qr, solve_triangular
 
-from observability.bounds.flight import Flight, Watch, rows_at
+from observability.bounds.reference_trajectory import ReferenceTrajectory, SensorSchedule, rows_at
 from spinfilters.errors import InputError, ShapeError
 from spinfilters.linear_algebra.signs import with_largest_positive
 from spinfilters.state.layout import POSE_BLOCKS, StateLayout
@@ -93,8 +93,8 @@ def prior_share(growth: Float[np.ndarray, "*n"] | float) -> Float[np.ndarray, "*
 
 
 def cramer_rao_bound(
-    flight: Flight,
-    watches: Sequence[Watch],
+    reference: ReferenceTrajectory,
+    schedules: Sequence[SensorSchedule],
     prior_std: Deviations = PRIOR_STD,
     landmark_std: float = LANDMARK_STD,
     defined: Sequence[int] | None = None,
@@ -110,17 +110,20 @@ def cramer_rao_bound(
     ------
     InputError, ShapeError: for no sensors, sensors over other frames, or priors that are missing or not positive.
     """
-    starts, total = _columns(flight, watches)
-    layout, constants = flight.process.layout, flight.constants
+    starts, total = _columns(reference, schedules)
+    layout, constants = reference.process.layout, reference.constants
     prior = prior_deviations(layout, total, prior_std, landmark_std, constants)
     wide = prior * _widening(layout, total, defined)
     roots = [np.diag(1 / prior), np.diag(1 / wide)]
     n, deviations, covariances = layout.error_dim + constants, [], []
-    for frame, x in enumerate(flight.states):
+    for frame, x in enumerate(reference.states):
         if frame:
-            step = flight.linearise(frame)
+            step = reference.linearise(frame)
             roots = [_predicted(*step, root) for root in roots]
-        rows = [rows_at(watch, frame, x, start, total) for watch, start in zip(watches, starts, strict=True)]
+        rows = [
+            rows_at(schedule, frame, x, start, total)
+            for schedule, start in zip(schedules, starts, strict=True)
+        ]
         roots = [_triangular(np.concatenate([root, *rows]), total) for root in roots]
         inverses = [solve_triangular(root, np.eye(total), check_finite=False) for root in roots]
         deviations.append(np.sqrt(np.einsum("ij,ij->i", inverses[0], inverses[0])))
@@ -129,17 +132,19 @@ def cramer_rao_bound(
     return Bound(layout, prior, np.stack(deviations), narrow, widened)
 
 
-def observability_gramian(flight: Flight, watches: Sequence[Watch]) -> Float[np.ndarray, "n n"]:
+def observability_gramian(
+    reference: ReferenceTrajectory, schedules: Sequence[SensorSchedule]
+) -> Float[np.ndarray, "n n"]:
     """sum of Phi' H' R^-1 H Phi over frames: information about the first state and the unknown parameters, no noise, no prior."""
-    starts, total = _columns(flight, watches)
-    n, transition = flight.process.layout.error_dim, np.eye(total)
+    starts, total = _columns(reference, schedules)
+    n, transition = reference.process.layout.error_dim, np.eye(total)
     gramian = np.zeros((total, total))
-    for frame, x in enumerate(flight.states):
+    for frame, x in enumerate(reference.states):
         if frame:
-            step = flight.linearise(frame)[0]
+            step = reference.linearise(frame)[0]
             transition[:n] = step @ transition[: step.shape[1]]
-        for watch, start in zip(watches, starts, strict=True):
-            rows = rows_at(watch, frame, x, start, total) @ transition
+        for schedule, start in zip(schedules, starts, strict=True):
+            rows = rows_at(schedule, frame, x, start, total) @ transition
             gramian += rows.T @ rows
     return gramian
 
@@ -147,7 +152,7 @@ def observability_gramian(flight: Flight, watches: Sequence[Watch]) -> Float[np.
 def prior_deviations(
     layout: StateLayout, total: int, prior_std: Deviations, landmark_std: float, constants: int = 0
 ) -> Float[np.ndarray, " n"]:
-    """Standard deviations of all unknowns in the first frame; ``constants`` follow the state (`Flight.constants`)."""
+    """Standard deviations of all unknowns in the first frame; ``constants`` follow the state (`ReferenceTrajectory.constants`)."""
     deviations = np.full(total, landmark_std)
     if constants:
         deviations[layout.error_dim : layout.error_dim + constants] = prior_std["n"]
@@ -188,18 +193,18 @@ def _triangular(stacked: Float[np.ndarray, "k n"], size: int) -> Float[np.ndarra
     return np.asarray(qr(stacked, mode="r", overwrite_a=True, check_finite=False)[0])[:size]
 
 
-def _columns(flight: Flight, watches: Sequence[Watch]) -> tuple[list[int], int]:
+def _columns(reference: ReferenceTrajectory, schedules: Sequence[SensorSchedule]) -> tuple[list[int], int]:
     """Where every sensor's own unknowns start, and how many unknowns there are."""
-    if not watches:
+    if not schedules:
         raise InputError("nothing is measured: give at least one sensor")
-    start, starts = flight.process.layout.error_dim + flight.constants, []
-    for watch in watches:
-        if len(watch.seen) != len(flight.time):
+    start, starts = reference.process.layout.error_dim + reference.constants, []
+    for schedule in schedules:
+        if len(schedule.seen) != len(reference.time):
             raise ShapeError(
-                f"{watch.model.name} sees {len(watch.seen)} frames of a flight of {len(flight.time)}"
+                f"{schedule.model.name} sees {len(schedule.seen)} frames of a flight of {len(reference.time)}"
             )
         starts.append(start)
-        start += watch.own
+        start += schedule.own
     return starts, start
 
 

@@ -108,8 +108,8 @@ class DrivenMotion:
         after = _runge_kutta(layout, x, (*acting, h), 0)
         moved = _runge_kutta(layout, layout.retract_expression(x, d), (*acting, h), e)
         away = layout.near_local_expression(after, moved)
-        slopes = ca.jacobian(away, ca.vertcat(d, e))
-        at = ca.substitute(slopes, ca.vertcat(d, e), ca.SX.zeros(layout.error_dim + 1))
+        jacobian = ca.jacobian(away, ca.vertcat(d, e))
+        at = ca.substitute(jacobian, ca.vertcat(d, e), ca.SX.zeros(layout.error_dim + 1))
         function = ca.Function("driven", [x, *acting, h], [after, row_by_row(at)], {"cse": True})
         return Compiled.interpreted(function)
 

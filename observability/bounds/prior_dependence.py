@@ -10,15 +10,16 @@ from jaxtyping import Float, Num
 from scipy.linalg import eigh
 
 from observability.bounds.cramer_rao import Bound, prior_share
-from observability.bounds.flight import Flight
 from observability.bounds.quantities import (
     BLOCK_NAMES,
     EACH_MOMENT,
     MOMENTS,
     PLACE,
     Quantity,
-    quantity_slopes,
+    quantity_jacobian,
 )
+from observability.bounds.reference_trajectory import ReferenceTrajectory
+from observability.canonical_motions import equal_moments, point_of
 from observability.cases import Case
 from observability.certificate import STEADY_ORDERS, joined
 from observability.codistribution import codistribution
@@ -31,7 +32,6 @@ from observability.elimination import (
     rank_of,
     reduce_columns,
 )
-from observability.motions import equal_moments, point_of
 from observability.system import Sensor, System
 from spinfilters.attitude.expressions import Expression, rotate
 from spinfilters.models.measurement import MeasurementModel
@@ -45,7 +45,7 @@ SAME_DIRECTION = 1e-6
 """Length of what is left of an axis across others from which it is one more direction."""
 ROUNDING = 1e-13
 """Of the largest variance of a quantity: what is below it is no difference between two bounds."""
-LONGEST_FACTOR, MOST_FRAMES, MOST_WORK = 64, 5000, 5e6
+LONGEST_FACTOR, MOST_EPOCHS, MOST_WORK = 64, 5000, 5e6
 """Of a longer flight: times the flight's own frames; frames; frames times the square of the unknowns (some seconds)."""
 MIXING = {(0, 1): 2, (0, 2): 3, (1, 2): 4}
 """Component of the mass distribution's error that mixes two principal axes; components 0 and 1 are on the diagonal."""
@@ -84,14 +84,16 @@ class QuantityBound:
         return len(self.prior_directions) > self.undetermined
 
 
-def quantity_bounds(case: Case, flight: Flight, bound: Bound) -> dict[Quantity, QuantityBound]:
+def quantity_bounds(
+    case: Case, reference: ReferenceTrajectory, bound: Bound
+) -> dict[Quantity, QuantityBound]:
     """Of every quantity after the last frame; a longer flight is tried where a quantity is determined in principle only."""
     counts = undetermined_directions(case)
-    found = _taken_apart(bound, flight, len(flight.time) - 1, counts)
+    found = _taken_apart(bound, reference, len(reference.time) - 1, counts)
     waiting = [name for name, each in found.items() if each.in_principle_only]
     if not waiting:
         return found
-    longer = _times_longer(case, flight, bound, counts)
+    longer = _times_longer(case, reference, bound, counts)
     return {name: _with_factor(each, name, longer) for name, each in found.items()}
 
 
@@ -114,12 +116,12 @@ def undetermined_directions(case: Case) -> dict[Quantity, int]:
 
 
 def _taken_apart(
-    bound: Bound, flight: Flight, frame: int, counts: Mapping[Quantity, int]
+    bound: Bound, reference: ReferenceTrajectory, frame: int, counts: Mapping[Quantity, int]
 ) -> dict[Quantity, QuantityBound]:
-    slopes = quantity_slopes(bound.layout, flight, frame)
+    jacobian = quantity_jacobian(bound.layout, reference, frame)
     parts = (bound.covariances[frame], bound.widened[frame])
     found = {}
-    for name, rows in slopes.items():
+    for name, rows in jacobian.items():
         narrow, wide = (rows @ part @ rows.T for part in parts)
         found[name] = _quantity_bound(narrow, wide, counts[name])
     return found
@@ -165,16 +167,16 @@ def _deviation(covariance: Float[np.ndarray, "k k"], rows: Float[np.ndarray, "n 
 
 
 def _times_longer(
-    case: Case, flight: Flight, bound: Bound, counts: Mapping[Quantity, int]
+    case: Case, reference: ReferenceTrajectory, bound: Bound, counts: Mapping[Quantity, int]
 ) -> tuple[dict[Quantity, float], float]:
     """The first of the factors 2, 4, ... that leaves a quantity to the data, and the largest that was tried."""
-    frames, interval = len(flight.time), float(flight.time[-1] / max(1, len(flight.time) - 1))
-    most = int(min(LONGEST_FACTOR * frames, MOST_FRAMES, MOST_WORK / len(bound.prior_std) ** 2))
+    frames, interval = len(reference.time), float(reference.time[-1] / max(1, len(reference.time) - 1))
+    most = int(min(LONGEST_FACTOR * frames, MOST_EPOCHS, MOST_WORK / len(bound.prior_std) ** 2))
     factors = [2**k for k in range(1, 7) if 2**k * frames <= most]
     found: dict[Quantity, float] = {}
     if not factors or frames < 2:
         return found, 1.0
-    long = case.flight(factors[-1] * frames, interval)
+    long = case.reference(factors[-1] * frames, interval)
     limits = case.bound(long)
     for factor in factors:
         later = _taken_apart(limits, long, factor * frames - 1, counts)

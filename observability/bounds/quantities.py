@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from observability.bounds.cramer_rao import Bound
-from observability.bounds.flight import Flight
+from observability.bounds.reference_trajectory import ReferenceTrajectory
 from spinfilters.attitude.expressions import rotate
 from spinfilters.dynamics.mass_distribution import inertia, inertia_matrix
 from spinfilters.state.layout import StateLayout
@@ -33,37 +33,39 @@ COMPONENTS = {
 """Names of the components of an error; those of the mass distribution are entries of D."""
 
 
-def bounded_quantities(bound: Bound, flight: Flight) -> dict[Quantity, Float[np.ndarray, " frames"]]:
+def bounded_quantities(
+    bound: Bound, reference: ReferenceTrajectory
+) -> dict[Quantity, Float[np.ndarray, " frames"]]:
     """Standard deviations (root mean square over components) of every quantity and frame, by (name, unit)."""
     found = {}
-    slopes = [quantity_slopes(bound.layout, flight, frame) for frame in range(len(flight.time))]
-    for name in slopes[0]:
+    jacobian = [quantity_jacobian(bound.layout, reference, frame) for frame in range(len(reference.time))]
+    for name in jacobian[0]:
         roots = [
             np.sqrt(np.trace(slope[name] @ covariance @ slope[name].T) / len(slope[name]))
-            for slope, covariance in zip(slopes, bound.covariances, strict=True)
+            for slope, covariance in zip(jacobian, bound.covariances, strict=True)
         ]
         found[name] = np.array(roots)
     return found
 
 
-def quantity_slopes(
-    layout: StateLayout, flight: Flight, frame: int
+def quantity_jacobian(
+    layout: StateLayout, reference: ReferenceTrajectory, frame: int
 ) -> dict[Quantity, Float[np.ndarray, "k e"]]:
     """Derivatives of every quantity by the error of the state and the flight's constants."""
-    s = flight.states[0][layout.mean_slice("s")]  # a constant
-    slopes = _slopes(layout, flight.states[frame])
-    slopes[MOMENTS] = _by_mass(layout, ratio_slopes(s))
-    if flight.constants:
-        slopes[EACH_MOMENT] = _by_mass(layout, _moment_slopes(s))
-    padded = {name: np.pad(rows, ((0, 0), (0, flight.constants))) for name, rows in slopes.items()}
-    if flight.constants:
+    s = reference.states[0][layout.mean_slice("s")]  # a constant
+    jacobian = _jacobian(layout, reference.states[frame])
+    jacobian[MOMENTS] = _by_mass(layout, ratio_jacobian(s))
+    if reference.constants:
+        jacobian[EACH_MOMENT] = _by_mass(layout, _moment_jacobian(s))
+    padded = {name: np.pad(rows, ((0, 0), (0, reference.constants))) for name, rows in jacobian.items()}
+    if reference.constants:
         padded[EACH_MOMENT][:, layout.error_dim] = 1.0
     return padded
 
 
-def _by_mass(layout: StateLayout, slopes: Float[np.ndarray, "k 5"]) -> Float[np.ndarray, "k e"]:
-    rows = np.zeros((len(slopes), layout.error_dim))
-    rows[:, layout.slice("s")] = slopes
+def _by_mass(layout: StateLayout, jacobian: Float[np.ndarray, "k 5"]) -> Float[np.ndarray, "k e"]:
+    rows = np.zeros((len(jacobian), layout.error_dim))
+    rows[:, layout.slice("s")] = jacobian
     return rows
 
 
@@ -88,32 +90,32 @@ def _component_names(layout: StateLayout) -> list[str]:
     return [name for block in layout.blocks for name in COMPONENTS[block]]
 
 
-def _slopes(
+def _jacobian(
     layout: StateLayout, x: Float[np.ndarray, " m"]
 ) -> dict[tuple[str, str], Float[np.ndarray, "k e"]]:
     """Derivatives by the error of the state of all quantities that are no constants, and of blocks."""
     eye = np.eye(layout.error_dim)
-    slopes = {
+    jacobian = {
         quantity: eye[layout.slice(block)]
         for block, quantity in BLOCK_NAMES.items()
         if block in layout.blocks
     }
     if layout.translates:
-        slopes[PLACE] = _place(layout)(x)[0]
-    return slopes
+        jacobian[PLACE] = _place(layout)(x)[0]
+    return jacobian
 
 
-def ratio_slopes(s: Float[np.ndarray, " 5"]) -> Float[np.ndarray, "2 5"]:
+def ratio_jacobian(s: Float[np.ndarray, " 5"]) -> Float[np.ndarray, "2 5"]:
     """Derivatives of J1/J3 and J2/J3 (moments ascending) by the error of the mass distribution."""
     moments, axes = np.linalg.eigh(inertia_matrix(s))
-    changes = _inertia_slopes()(s)[0].reshape(3, 3, 5)
+    changes = _inertia_jacobian()(s)[0].reshape(3, 3, 5)
     along = np.einsum("ik,ijd,jk->kd", axes, changes, axes)
     return (along[:2] - np.outer(moments[:2] / moments[2], along[2])) / moments[2]
 
 
-def _moment_slopes(s: Float[np.ndarray, " 5"]) -> Float[np.ndarray, "3 5"]:
+def _moment_jacobian(s: Float[np.ndarray, " 5"]) -> Float[np.ndarray, "3 5"]:
     """Derivatives of the logarithms of J_xx, J_yy, J_zz of J(s) by the error of the mass distribution."""
-    changes = _inertia_slopes()(s)[0].reshape(3, 3, 5)
+    changes = _inertia_jacobian()(s)[0].reshape(3, 3, 5)
     return np.einsum("iid->id", changes) / np.diag(inertia_matrix(s))[:, np.newaxis]
 
 
@@ -126,7 +128,7 @@ def _place(layout: StateLayout) -> Compiled:
 
 
 @cache
-def _inertia_slopes() -> Compiled:
+def _inertia_jacobian() -> Compiled:
     """s -> derivatives of J, flattened, by the multiplicative error."""
     layout = StateLayout(("a", "w", "s"))
     x, d = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("d", layout.error_dim)

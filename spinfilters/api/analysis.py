@@ -7,23 +7,23 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from observability.canonical_motions import motion
 from observability.cases import Case, InputSizes
-from observability.motions import motion
 from observability.report import Report, analyse
 from observability.scope import title
 from observability.system import Input
 from spinfilters.api.argument_ranges import DEFAULT_MOMENTS, DEFAULT_RATE_RPM, LANDMARKS, require_motion
 from spinfilters.conventions import RPM
+from spinfilters.data.atomic_write import write_json, write_text
+from spinfilters.data.output_folder import output_folder, refuse_foreign
 from spinfilters.errors import InputError
-from spinfilters.logs.atomic_write import write_json, write_text
-from spinfilters.logs.output_folder import output_folder, refuse_foreign
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 OBSERVE: Final = "observe"
 """Name of the command whose folders are these."""
-MOST_FRAMES: Final = 5000
+MOST_EPOCHS: Final = 5000
 """Beyond it the bound takes minutes and says nothing new."""
 MOST_TURNS: Final = 100
 """Revolutions between epochs, at most: the motion is integrated step by step."""
@@ -158,8 +158,8 @@ def observe(
 
 def _require_bound(frames: int, interval: float, rate_rpm: tuple[float, ...]) -> None:
     """Refuse recordings whose bound would take too long, and motions that are too fast between epochs."""
-    if frames > MOST_FRAMES:
-        raise InputError(f"frames is {frames}; give 1 to {MOST_FRAMES}")
+    if frames > MOST_EPOCHS:
+        raise InputError(f"frames is {frames}; give 1 to {MOST_EPOCHS}")
     fastest = max(map(abs, rate_rpm))
     if fastest * interval / 60 > MOST_TURNS:
         raise InputError(

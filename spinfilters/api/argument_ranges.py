@@ -2,9 +2,9 @@
 
 from typing import Final
 
+from spinfilters.data.input_file import value_text
+from spinfilters.data.number_range import NumberRange
 from spinfilters.errors import InputError
-from spinfilters.logs.input_file import shown
-from spinfilters.logs.number_range import NumberRange
 
 SEED: Final = NumberRange(0, 10**18, whole=True)
 SEGMENT: Final = NumberRange(0, 10**9 - 1, whole=True)
@@ -36,6 +36,6 @@ def require_motion(
     INTERVAL.require("interval", interval)
     for name, values, allowed in (("rate_rpm", rate_rpm, RATE_RPM), ("moments", moments, MOMENT)):
         if len(values) != 3:
-            raise InputError(f"{name} is {shown(values)}; give three numbers, about the axes x, y, z")
+            raise InputError(f"{name} is {value_text(values)}; give three numbers, about the axes x, y, z")
         for value in values:
             allowed.require(name, value)

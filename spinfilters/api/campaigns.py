@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from spinfilters.api.argument_ranges import WORKERS
+from spinfilters.data.input_file import value_text
 from spinfilters.errors import InputError
-from spinfilters.logs.input_file import shown
 
 if TYPE_CHECKING:
     from spinfilters.campaigns.engine import Advance, Executor, Progress, Shard
@@ -89,8 +89,8 @@ def repeated_run(folder: Path, run: int, dataset_folder: Path | None) -> dict[st
     _require("pyarrow")
     from spinfilters.campaigns.campaign_folder import read_folder
     from spinfilters.campaigns.runner import Runner
-    from spinfilters.logs.dataset_writing import write_dataset
-    from spinfilters.logs.output_folder import output_folder
+    from spinfilters.data.dataset_writing import write_dataset
+    from spinfilters.data.output_folder import output_folder
 
     study, _ = read_folder(folder)
     if run >= len(study):
@@ -110,7 +110,7 @@ def shard_of(text: str | None) -> "Shard":
         return Shard()
     found = re.fullmatch(r"([0-9]{1,6})/([0-9]{1,6})", text) if isinstance(text, str) else None
     if found is None:
-        raise InputError(f"shard {shown(text)} is none; give i/N, such as 0/3")
+        raise InputError(f"shard {value_text(text)} is none; give i/N, such as 0/3")
     return Shard(int(found[1]), int(found[2]))
 
 
@@ -138,7 +138,9 @@ def _study(study: AnyStudy) -> "Study":
         return study_from(study, "study")
     if isinstance(study, str | os.PathLike):
         return read_study(Path(study))
-    raise InputError(f"study is {shown(study)}; give the path of a study file or a mapping of its tables")
+    raise InputError(
+        f"study is {value_text(study)}; give the path of a study file or a mapping of its tables"
+    )
 
 
 def _require(package: str) -> None:

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from spinfilters.logs.truth import Truth
+from spinfilters.data.truth import Truth
 from spinfilters.simulation.motion import silent
 from spinfilters.simulation.scenario import THESIS_RPM, Scenario, simulate
 from spinfilters.vision.raw_rig import RawCamera, RawRig
@@ -47,7 +47,7 @@ class ImageScenario:
 
     def motion(self) -> Truth:
         """True motion with the thesis' disturbances that stays in view."""
-        thesis = Scenario.disam115(self.rate_rpm, self.seed)
+        thesis = Scenario.common_workload(self.rate_rpm, self.seed)
         dataset = simulate(
             replace(
                 thesis,

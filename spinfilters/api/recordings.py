@@ -13,10 +13,10 @@ from spinfilters.api.argument_ranges import (
     SEGMENT,
     require_motion,
 )
+from spinfilters.data.dataset import Dataset, has_images, read_dataset
+from spinfilters.data.input_file import value_text
+from spinfilters.data.sensor_format import dataset_kinds
 from spinfilters.errors import InputError
-from spinfilters.logs.dataset import Dataset, has_images, read_dataset
-from spinfilters.logs.input_file import shown
-from spinfilters.logs.sensor_format import dataset_kinds
 from spinfilters.simulation.inspector import STATIC
 from spinfilters.simulation.motion import Progress, silent
 from spinfilters.simulation.scenario import Scenario, without_map
@@ -94,14 +94,14 @@ def simulate(
     if bias and kind != "gyro":
         raise InputError(f"a gyro's bias is for the kind gyro; a {kind} has no gyro")
     if gyro_bias is not None and len(bias) != 3:
-        raise InputError(f"gyro_bias is {shown(bias)}; give three numbers, about the axes x, y, z")
+        raise InputError(f"gyro_bias is {value_text(bias)}; give three numbers, about the axes x, y, z")
     for value in bias:
         GYRO_BIAS.require("gyro_bias", value)
-    thesis = Scenario.disam115((rate[0], rate[1], rate[2]), seed)
+    thesis = Scenario.common_workload((rate[0], rate[1], rate[2]), seed)
     scenario = replace(
         thesis,
         kind=kind,
-        frames=frames,
+        epochs=frames,
         interval=interval,
         principal_moments=inertia,
         candidates=thesis.candidates if tracks else 1,

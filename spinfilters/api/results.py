@@ -11,19 +11,19 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.api.tables import data_frame, flattened, html_table, plain_text
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.input_file import value_text
 from spinfilters.errors import InputError
 from spinfilters.evaluation.body import BodyEstimate
 from spinfilters.evaluation.comparison import comparison_cells, comparison_table
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.evaluation.trajectory import TRAJECTORY_COLUMNS, Trajectory, read_map_ply, trajectory_columns
-from spinfilters.logs.dataset import Dataset
-from spinfilters.logs.input_file import shown
-from spinfilters.workflow.conditions import conditions_of
-from spinfilters.workflow.estimation import Comparison
-from spinfilters.workflow.pipeline import write_comparison
-from spinfilters.workflow.run_folder import MAP_FILE
-from spinfilters.workflow.run_summary import read_summary, summary
-from spinfilters.workflow.settings import Settings
+from spinfilters.pipeline.comparison_run import write_comparison
+from spinfilters.pipeline.conditions import conditions_of
+from spinfilters.pipeline.estimation import Comparison
+from spinfilters.runs.run_folder import MAP_FILE
+from spinfilters.runs.run_summary import read_summary, summary
+from spinfilters.settings.run_settings import Settings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -119,16 +119,16 @@ class Run(Mapping[str, EstimatorResult]):
     def from_comparison(cls, comparison: Comparison, settings: Settings, folder: Path | None = None) -> "Run":
         """Of estimators that have just run."""
         results = {e.name: EstimatorResult(e, comparison.maps.get(e.name)) for e in comparison.evaluations}
-        prepared = comparison.prepared
-        conditions = tuple(conditions_of(prepared).sentences)
-        return cls(prepared.dataset, settings, results, conditions, summary(comparison), comparison, folder)
+        setup = comparison.setup
+        conditions = tuple(conditions_of(setup).sentences)
+        return cls(setup.dataset, settings, results, conditions, summary(comparison), comparison, folder)
 
     @classmethod
     def from_folder(cls, folder: Path, settings: Settings) -> "Run":
         """Of a run folder that is whole. InputError: a damaged one."""
-        from spinfilters.workflow.figures import Pictured
+        from spinfilters.pipeline.figures import FigureData
 
-        shown_run = Pictured.from_folder(folder)
+        shown_run = FigureData.from_folder(folder)
         maps = {e.name: folder / e.name / MAP_FILE for e in shown_run.evaluations}
         landmarks = {name: read_map_ply(path) for name, path in maps.items() if path.exists()}
         results = {e.name: EstimatorResult(e, landmarks.get(e.name)) for e in shown_run.evaluations}
@@ -137,7 +137,7 @@ class Run(Mapping[str, EstimatorResult]):
 
     def __getitem__(self, name: str) -> EstimatorResult:
         if name not in self.results:
-            raise KeyError(f"{shown(name)} is not in this run; it has {', '.join(self.results)}")
+            raise KeyError(f"{value_text(name)} is not in this run; it has {', '.join(self.results)}")
         return self.results[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -163,10 +163,10 @@ class Run(Mapping[str, EstimatorResult]):
         ------
         InputError: no such figure, or one that needs what the run does not have.
         """
-        from spinfilters.workflow.figures import Pictured, drawn_figure
+        from spinfilters.pipeline.figures import FigureData, drawn_figure
 
         landmarks = next(iter(self.values())).landmarks
-        return drawn_figure(Pictured(self.dataset, self._evaluations, landmarks, self.conditions), name)
+        return drawn_figure(FigureData(self.dataset, self._evaluations, landmarks, self.conditions), name)
 
     def save(self, folder: str | os.PathLike[str]) -> Path:
         """Write the run folder of the command, with its pictures; returns its path.

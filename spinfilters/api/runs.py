@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 from spinfilters.api.argument_ranges import SECONDS_AHEAD
 from spinfilters.api.recordings import load
 from spinfilters.api.results import Run
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.input_file import value_text
 from spinfilters.errors import InputError
-from spinfilters.logs.dataset import Dataset
-from spinfilters.logs.input_file import shown
-from spinfilters.workflow.estimation import Comparison, Progress
-from spinfilters.workflow.pipeline import RunOutput, compare_dataset, compare_into, silent
-from spinfilters.workflow.settings import Settings, read_settings, settings_from
+from spinfilters.pipeline.comparison_run import RunOutput, compare_dataset, compare_into, silent
+from spinfilters.pipeline.estimation import Comparison, Progress
+from spinfilters.settings.run_settings import Settings, read_settings, settings_from
 
 if TYPE_CHECKING:
-    from spinfilters.workflow.additions import Additions
+    from spinfilters.pipeline.optional_outputs import OptionalOutputs
 
 AnySettings = Settings | Mapping[str, Any] | str | os.PathLike[str]
 """Settings, the tables of a settings file, or the path of one."""
@@ -55,13 +55,13 @@ def compare(
     """
     chosen = _settings(settings, estimators)
     dataset = _dataset(data, segment)
-    additions = _additions(predict, convergence)
+    optional_outputs = _additions(predict, convergence)
     if output is None:
-        if resume or additions is not None:
+        if resume or optional_outputs is not None:
             raise InputError("resume, predict and convergence work in a run folder; give output")
         return Run.from_comparison(_whole(compare_dataset(dataset, chosen, progress), None), chosen)
     folder = Path(output)
-    written = compare_into(dataset, chosen, RunOutput(folder, resume, additions), progress)
+    written = compare_into(dataset, chosen, RunOutput(folder, resume, optional_outputs), progress)
     if written.comparison is None:
         return Run.from_folder(folder, chosen)
     return Run.from_comparison(_whole(written.comparison, folder), chosen, folder)
@@ -106,15 +106,17 @@ def _dataset(data: object, segment: int | None) -> Dataset:
         return data
     if isinstance(data, str | os.PathLike):
         return load(data, segment)
-    raise InputError(f"data is {shown(data)}; give a path or a data set of spinfilters.load or .simulate")
+    raise InputError(
+        f"data is {value_text(data)}; give a path or a data set of spinfilters.load or .simulate"
+    )
 
 
-def _additions(predict: float | None, convergence: bool) -> "Additions | None":
+def _additions(predict: float | None, convergence: bool) -> "OptionalOutputs | None":
     """What a run writes only when asked to, or None where nothing was asked."""
     if predict is None and not convergence:
         return None
     if predict is not None:
         SECONDS_AHEAD.require("predict", predict)
-    from spinfilters.workflow.additions import Additions
+    from spinfilters.pipeline.optional_outputs import OptionalOutputs
 
-    return Additions(predict, convergence)
+    return OptionalOutputs(predict, convergence)

@@ -9,10 +9,10 @@ from typing import Any, Final
 
 from spinfilters.campaigns.rows_folder import ROWS, read_rows, write_table
 from spinfilters.campaigns.study import Study, read_study
+from spinfilters.data.atomic_write import make_folder, write_json, write_toml
+from spinfilters.data.input_file import path_text, read_settings_text
 from spinfilters.errors import InputError
-from spinfilters.logs.atomic_write import make_folder, write_json, write_toml
-from spinfilters.logs.input_file import named, read_settings_text
-from spinfilters.workflow.provenance import git_commit
+from spinfilters.runs.provenance import git_commit
 
 STUDY_FILE: Final = "campaign.toml"
 BEGUN_FILE: Final = "campaign.json"
@@ -36,7 +36,7 @@ def open_folder(folder: Path, study: Study, resume: bool) -> None:
         _require_same(folder, study)
         if not resume and any((folder / ROWS).glob("*")):
             raise InputError(
-                f"{named(folder)}: holds rows of this study; give --resume to go on, or another folder with -o"
+                f"{path_text(folder)}: holds rows of this study; give --resume to go on, or another folder with -o"
             )
     if not (folder / BEGUN_FILE).exists():
         write_json(folder / BEGUN_FILE, begun(study))
@@ -77,7 +77,9 @@ def read_folder(folder: Path) -> tuple[Study, dict[str, Any]]:
     InputError: no folder of a campaign, or a damaged one.
     """
     if not (folder / STUDY_FILE).is_file() or not (folder / BEGUN_FILE).is_file():
-        raise InputError(f"{named(folder)}: is no campaign's folder; give one made by 'spinfilters campaign'")
+        raise InputError(
+            f"{path_text(folder)}: is no campaign's folder; give one made by 'spinfilters campaign'"
+        )
     return read_study(folder / STUDY_FILE), _begun(folder)
 
 
@@ -89,7 +91,7 @@ def _begun(folder: Path) -> dict[str, Any]:
         document = None
     if not isinstance(document, dict) or document.get("schema") != SCHEMA:
         raise InputError(
-            f"{named(folder / BEGUN_FILE)}: is damaged or of another version; run the campaign again"
+            f"{path_text(folder / BEGUN_FILE)}: is damaged or of another version; run the campaign again"
         )
     return document
 
@@ -108,10 +110,10 @@ def merge(shards: Sequence[Path], output: Path) -> int:
     for folder, (study, _) in zip(shards, studies, strict=True):
         if study.fingerprint != first.fingerprint:
             raise InputError(
-                f"{named(folder)}: is of another study than {named(shards[0])}; merge shards of one study"
+                f"{path_text(folder)}: is of another study than {path_text(shards[0])}; merge shards of one study"
             )
     if output.exists() and any(output.iterdir()):
-        raise InputError(f"{named(output)}: is not empty; choose another folder with -o")
+        raise InputError(f"{path_text(output)}: is not empty; choose another folder with -o")
     import pyarrow as pa
 
     table = pa.concat_tables([read_rows(folder, first.columns) for folder in shards])
@@ -128,9 +130,9 @@ def merge(shards: Sequence[Path], output: Path) -> int:
 def _require_same(folder: Path, study: Study) -> None:
     if not (folder / BEGUN_FILE).exists():
         raise InputError(
-            f"{named(folder)}: is not empty and no campaign's folder; choose another folder with -o"
+            f"{path_text(folder)}: is not empty and no campaign's folder; choose another folder with -o"
         )
     if _begun(folder).get("fingerprint") != study.fingerprint:
         raise InputError(
-            f"{named(folder)}: holds another study than {study.name!r}; choose another folder with -o"
+            f"{path_text(folder)}: holds another study than {study.name!r}; choose another folder with -o"
         )

@@ -14,10 +14,10 @@ from spinfilters.campaigns.engine import Chunk
 from spinfilters.campaigns.runner import Row
 from spinfilters.campaigns.study import Study, study_from
 from spinfilters.campaigns.worker_process import WorkerProcess
+from spinfilters.data.input_file import reason, value_text
 from spinfilters.errors import InputError
-from spinfilters.logs.input_file import reason, shown
 
-PATIENCE: Final = 600.0
+RECOVERY_COUNT: Final = 600.0
 """Seconds that a scheduler may be away before the campaign gives up; what is done is kept."""
 AHEAD: Final = 3
 """Chunks per thread of the cluster that are under way."""
@@ -38,7 +38,7 @@ class DaskCluster:
 
         Raises
         ------
-        InputError: no scheduler at the address, or none for `PATIENCE` seconds.
+        InputError: no scheduler at the address, or none for `RECOVERY_COUNT` seconds.
         """
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # of a lost scheduler we say so ourselves
         left = dict.fromkeys(chunks)
@@ -51,7 +51,7 @@ class DaskCluster:
                         yield from rows
                 except _SchedulerLostError:
                     _close(client)
-                    client = _connected(self.address, PATIENCE)
+                    client = _connected(self.address, RECOVERY_COUNT)
         finally:
             _close(client)
 
@@ -181,13 +181,13 @@ def _connected(address: str, patience: float) -> Any:
             return Client(address, timeout="5s", set_as_default=False)
         except ValueError as error:
             raise InputError(
-                f"scheduler {shown(address)} is no address ({reason(error)}); give tcp://HOST:PORT"
+                f"scheduler {value_text(address)} is no address ({reason(error)}); give tcp://HOST:PORT"
             ) from None
         except (OSError, TimeoutError) as error:
             why = reason(error)
         time.sleep(1.0)
     raise InputError(
-        f"no Dask scheduler answers at {shown(address)} ({why}); start 'dask scheduler', or go on with --resume"
+        f"no Dask scheduler answers at {value_text(address)} ({why}); start 'dask scheduler', or go on with --resume"
     )
 
 

@@ -15,7 +15,7 @@ from spinfilters.campaigns.runner import Row
 from spinfilters.campaigns.study import Study
 from spinfilters.campaigns.worker_process import WorkerProcess
 from spinfilters.errors import InputError
-from spinfilters.workflow.run_lock import locked_run
+from spinfilters.runs.run_lock import locked_run
 
 Chunk = tuple[int, ...]
 """Runs of one recording, which one process makes one after another."""

@@ -18,11 +18,11 @@ from spinfilters.campaigns.factors import (
     SensorFactor,
 )
 from spinfilters.campaigns.study_options import StudyOptions
+from spinfilters.data.input_file import value_text
 from spinfilters.errors import InputError
-from spinfilters.logs.input_file import shown
-from spinfilters.workflow.estimator_entry import estimator_names
-from spinfilters.workflow.setting_validation import validated
-from spinfilters.workflow.settings import Settings, settings_from
+from spinfilters.pipeline.estimator_entry import estimator_names
+from spinfilters.settings.run_settings import Settings, settings_from
+from spinfilters.settings.setting_validation import validated
 
 MOST_CELLS: Final = 10_000
 LONGEST_LEVEL: Final = 120
@@ -60,7 +60,7 @@ def study_options(document: Mapping[str, Any]) -> StudyOptions:
             raise InputError(f"study.{key} is missing; give it in [study], such as {example}")
     given = validated(_StudyFile, {"study": dict(table)})["study"]
     if not given.name.strip() or not given.name.isprintable() or len(given.name) > 200:
-        raise InputError(f"study.name is {shown(given.name)}; give one line of at most 200 characters")
+        raise InputError(f"study.name is {value_text(given.name)}; give one line of at most 200 characters")
     return given
 
 
@@ -85,20 +85,20 @@ def check_tables(document: Mapping[str, Any]) -> None:
     known = ("study", "factors", *(name for name in FACTORS if name != "estimator"))
     for key, table in document.items():
         if key not in known:
-            raise InputError(f"unknown table {shown(key)}; known are {', '.join(known)}")
+            raise InputError(f"unknown table {value_text(key)}; known are {', '.join(known)}")
         if not isinstance(table, Mapping):
-            raise InputError(f"{key} is {shown(table)}; it must be a table [{key}]")
+            raise InputError(f"{key} is {value_text(table)}; it must be a table [{key}]")
         if key in ("study", "factors"):
             continue
         for level, values in table.items():
             if not isinstance(values, Mapping):
                 raise InputError(
-                    f"{key}.{shown(level)[1:-1]} is {shown(values)}; give it in a level such as [{key}.{BASE}]"
+                    f"{key}.{value_text(level)[1:-1]} is {value_text(values)}; give it in a level such as [{key}.{BASE}]"
                 )
             used = level == BASE or level in _levels(document).get(key, ())
             if not used:
                 raise InputError(
-                    f"level {shown(level)} of {key} is not used; list it under [factors], or call it {BASE}"
+                    f"level {value_text(level)} of {key} is not used; list it under [factors], or call it {BASE}"
                 )
 
 
@@ -112,13 +112,13 @@ def _levels(document: Mapping[str, Any]) -> dict[str, list[Any]]:
         kind = name.split(".")[0]
         if kind not in FACTORS or (kind == "estimator" and name != kind):
             raise InputError(
-                f'unknown factor {shown(name)}; known are {", ".join(FACTORS)}, and single keys such as "noise.pixel_std"'
+                f'unknown factor {value_text(name)}; known are {", ".join(FACTORS)}, and single keys such as "noise.pixel_std"'
             )
         if not isinstance(levels, list) or not levels:
-            raise InputError(f"factor {shown(name)} is {shown(levels)}; give a list of levels")
+            raise InputError(f"factor {value_text(name)} is {value_text(levels)}; give a list of levels")
         if "." not in name and not all(isinstance(level, str) for level in levels):
             raise InputError(
-                f"factor {name} has the levels {shown(levels)}; give names, each with a table [{name}.NAME]"
+                f"factor {name} has the levels {value_text(levels)}; give names, each with a table [{name}.NAME]"
             )
         texts = [_text(level) for level in levels]
         odd = next(
@@ -126,10 +126,12 @@ def _levels(document: Mapping[str, Any]) -> dict[str, list[Any]]:
         )
         if odd is not None:
             raise InputError(
-                f"factor {name} has the level {shown(odd)}; give one line of at most {LONGEST_LEVEL} characters"
+                f"factor {name} has the level {value_text(odd)}; give one line of at most {LONGEST_LEVEL} characters"
             )
         if len(set(texts)) < len(texts):
-            raise InputError(f"factor {shown(name)} names a level twice in {shown(levels)}; name each once")
+            raise InputError(
+                f"factor {value_text(name)} names a level twice in {value_text(levels)}; name each once"
+            )
         found[name] = levels
     ordered = {name: found.get(name, [BASE]) for name in FACTORS[:-1]}
     single = {name: levels for name, levels in found.items() if "." in name}
@@ -146,7 +148,9 @@ def cells_of(document: Mapping[str, Any]) -> Iterator[Cell]:
     levels = _levels(document)
     unknown = next((name for name in levels["estimator"] if name not in estimator_names()), None)
     if unknown is not None:
-        raise InputError(f"unknown estimator {shown(unknown)}; choose from {', '.join(estimator_names())}")
+        raise InputError(
+            f"unknown estimator {value_text(unknown)}; choose from {', '.join(estimator_names())}"
+        )
     count = math.prod(len(each) for each in levels.values())
     if count > MOST_CELLS:
         raise InputError(f"the factors make {count} cells; give at most {MOST_CELLS}")
@@ -177,7 +181,7 @@ class _TableMaker:
         tables = self._document.get(kind, {})
         level = levels[kind]
         if level != BASE and level not in tables:
-            raise InputError(f"level {shown(level)} of {kind} has no table; give [{kind}.{level}]")
+            raise InputError(f"level {value_text(level)} of {kind} has no table; give [{kind}.{level}]")
         merged = _merged(tables.get(BASE, {}), tables.get(level, {}))
         for name, value in levels.items():
             if name.startswith(f"{kind}."):

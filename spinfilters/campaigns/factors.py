@@ -3,10 +3,11 @@
 from dataclasses import dataclass
 from typing import Annotated, Final
 
+from spinfilters.data.number_range import LENGTH, RATE, SPEED, NumberRange
 from spinfilters.errors import InputError
-from spinfilters.logs.number_range import LENGTH, RATE, SPEED, NumberRange
 from spinfilters.models.process import THESIS_NOISE, ProcessNoise
 from spinfilters.sensors.feature_tracks import EveryAppearance, Recognition, SomeAppearances
+from spinfilters.settings.run_settings import TruthValue
 from spinfilters.simulation.faults import (
     Dropout,
     Fault,
@@ -16,7 +17,6 @@ from spinfilters.simulation.faults import (
     WrongAssociations,
 )
 from spinfilters.simulation.scenario import THESIS_RPM, Scenario
-from spinfilters.workflow.settings import TruthValue
 
 RPM = NumberRange(-1e6, 1e6, "rpm")
 MOMENT = NumberRange(1e-6, 1e6)
@@ -195,7 +195,7 @@ class RecordingFactors:
             kind=sensor.kind,
             principal_moments=body.principal_moments,
             rate_rpm=motion.rate_rpm,
-            frames=motion.epochs,
+            epochs=motion.epochs,
             interval=motion.interval_s,
             range_m=motion.range_m,
             velocity=motion.velocity_m_s,
@@ -206,7 +206,7 @@ class RecordingFactors:
             detection=sensor.detection,
             facing_cosine=sensor.facing_cosine,
             recognition=sensor.recognised,
-            fewest_sightings=sensor.fewest_observations,
+            fewest_observations=sensor.fewest_observations,
             pixel_std=noise.pixel_std,
             position_std=noise.position_std_m,
             rotation_std=noise.rotation_std_rad,

@@ -4,19 +4,19 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.campaigns.factors import BeliefFactor
+from spinfilters.data.dataset import Dataset
 from spinfilters.errors import InputError
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.evaluation.consistency import true_states
-from spinfilters.logs.dataset import Dataset
+from spinfilters.pipeline.setup import Setup, knows_frames, prepare
+from spinfilters.settings.run_settings import Settings
 from spinfilters.state.layout import StateLayout
-from spinfilters.workflow.preparation import Prepared, knows_frames, prepare
-from spinfilters.workflow.settings import Settings
 
 
 def prepared_with_drawn_belief(
     dataset: Dataset, settings: Settings, belief: BeliefFactor, generator: np.random.Generator
-) -> Prepared:
+) -> Setup:
     """A data set made ready for filters that begin at its first epoch from a belief drawn around the truth.
 
     Raises

@@ -6,10 +6,10 @@ import numpy as np
 
 from spinfilters.campaigns.schema import BLOCKS, BODY_ERRORS, ERRORS, MOST_EPOCHS
 from spinfilters.campaigns.stated_errors import LARGEST, stated_errors
+from spinfilters.data.truth import Truth
 from spinfilters.evaluation.errors import BodyErrors, RmsErrors, TruthErrors
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.evaluation.span import span_errors
-from spinfilters.logs.truth import Truth
 from spinfilters.state.status import Verdict
 
 

@@ -17,9 +17,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from spinfilters.campaigns.schema import schema
+from spinfilters.data.atomic_write import atomic_file, make_folder
+from spinfilters.data.input_file import path_text, reason
 from spinfilters.errors import InputError
-from spinfilters.logs.atomic_write import atomic_file, make_folder
-from spinfilters.logs.input_file import named, reason
 
 ROWS: Final = "rows"
 PART_ROWS: Final = 5_000
@@ -28,7 +28,7 @@ _PART, _JOURNAL = ".parquet", ".jsonl"
 
 
 class RowsFolder:
-    """The rows of one campaign; one process writes at a time (`spinfilters.workflow.run_lock`).
+    """The rows of one campaign; one process writes at a time (`spinfilters.runs.run_lock`).
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ class RowsFolder:
                 raise OSError(28, os.strerror(28))
         except OSError as error:
             raise InputError(
-                f"{named(self.folder)}: cannot be written ({reason(error)}); free space, then go on with --resume"
+                f"{path_text(self.folder)}: cannot be written ({reason(error)}); free space, then go on with --resume"
             ) from None
         self._journal_length += 1
         if self._journal_length >= PART_ROWS:
@@ -133,7 +133,7 @@ def read_rows(folder: Path, factors: Sequence[str], columns: Sequence[str] | Non
             table = _table(list(_journal_rows(journal)), wanted)
             tables.append(table if columns is None else table.select(list(columns)))
     if not sum(len(table) for table in tables):
-        raise InputError(f"{named(folder)}: holds no rows yet; run the campaign first")
+        raise InputError(f"{path_text(folder)}: holds no rows yet; run the campaign first")
     table = pa.concat_tables(tables)
     runs = table["run"].to_numpy()
     order = np.unique(runs, return_index=True)[1]  # a row that stands twice counts once
@@ -172,10 +172,10 @@ def _read(path: Path, wanted: pa.Schema, columns: Sequence[str] | None) -> pa.Ta
         with pq.ParquetFile(path) as file:
             if file.schema_arrow.remove_metadata() != wanted:
                 raise InputError(
-                    f"{named(path)}: has other columns than the study; it is of another version or study"
+                    f"{path_text(path)}: has other columns than the study; it is of another version or study"
                 )
             return file.read(None if columns is None else list(columns))
     except (pa.ArrowException, OSError, ValueError) as error:
         raise InputError(
-            f"{named(path)}: is no Parquet file of a campaign ({reason(error)}); remove it and resume"
+            f"{path_text(path)}: is no Parquet file of a campaign ({reason(error)}); remove it and resume"
         ) from None

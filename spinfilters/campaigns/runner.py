@@ -16,19 +16,19 @@ from spinfilters.campaigns.metrics import bound_metrics, metrics
 from spinfilters.campaigns.randomness import run_seeds, whole_number
 from spinfilters.campaigns.schema import TIMES
 from spinfilters.campaigns.study import Run, Study
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.input_file import printable
 from spinfilters.errors import SpinfiltersError
 from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.evaluation.evaluation import Evaluation
-from spinfilters.logs.dataset import Dataset
-from spinfilters.logs.input_file import printable
+from spinfilters.pipeline.estimation import ComparisonExtent, compare_estimators
+from spinfilters.pipeline.recording_bound import with_bounds, without_bounds
+from spinfilters.pipeline.setup import Setup, prepare
 from spinfilters.simulation.faults import with_faults
 from spinfilters.simulation.motion import Motion
 from spinfilters.simulation.motion_in_view import motion_in_view
 from spinfilters.simulation.scenario import measured, without_map
-from spinfilters.workflow.bound import with_bounds, without_bounds
-from spinfilters.workflow.estimation import ComparisonExtent, compare_estimators
-from spinfilters.workflow.preparation import Prepared, prepare
 
 LONGEST_REASON: Final = 500
 """Characters of a row's reason."""
@@ -69,21 +69,21 @@ class Runner:
         factors = cell.recording
         return self._once("recording", (run.seed, factors), lambda: self._simulated(run, cell))
 
-    def prepared(self, run: Run) -> Prepared:
+    def setup(self, run: Run) -> Setup:
         """The run's data set, initialised."""
         cell = self.study.cells[run.cell]
         dataset = self.recording(run)
         key = (run.seed, cell.recording, cell.belief, cell.settings.process, cell.settings.sensors)
-        key = (*key, cell.settings.start, cell.settings.landmarks)
+        key = (*key, cell.settings.initialisation, cell.settings.landmarks)
         with self._timed("initialise"):
             return self._once("prepared", key, lambda: self._initialised(run, cell, dataset))
 
     def evaluated(self, run: Run, with_bound: bool) -> Evaluation:
         """The run's estimator, evaluated."""
-        prepared, settings = self.prepared(run), self.study.cells[run.cell].settings
+        setup, settings = self.setup(run), self.study.cells[run.cell].settings
         extent = ComparisonExtent(with_bounds if with_bound else without_bounds, _no_rehearsal)
         with self._timed("estimate"):
-            found = compare_estimators(prepared, settings, lambda *_: None, extent=extent)
+            found = compare_estimators(setup, settings, lambda *_: None, extent=extent)
         if found.interrupted:
             raise KeyboardInterrupt
         return found.evaluations[0]
@@ -123,7 +123,7 @@ class Runner:
                 dataset = without_map(dataset)
             return with_faults(dataset, factors.fault.faults, whole_number(seeds.faults))
 
-    def _initialised(self, run: Run, cell: Cell, dataset: Dataset) -> Prepared:
+    def _initialised(self, run: Run, cell: Cell, dataset: Dataset) -> Setup:
         if self.study.options.initialisation == "data":
             return prepare(dataset, cell.settings)
         generator = np.random.default_rng(run_seeds(self.study.options.root_seed, run.seed).belief)

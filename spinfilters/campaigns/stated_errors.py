@@ -4,11 +4,11 @@ from typing import Final
 
 import numpy as np
 
+from spinfilters.data.truth import Truth
 from spinfilters.evaluation.consistency import knows_state, true_states
 from spinfilters.evaluation.errors import Alignment, common_stamps
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.evaluation.truth_frames import truth_in_first_frame, truth_in_inertial_frame
-from spinfilters.logs.truth import Truth
 from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION
 
 LARGEST: Final = 4.0

@@ -10,9 +10,9 @@ from typing import Any
 
 from spinfilters.campaigns.factor_table import Cell, cells_of, check_tables, study_options
 from spinfilters.campaigns.study_options import MOST_RUNS, OPEN_KEYS, StudyOptions
+from spinfilters.data.input_file import path_text
+from spinfilters.data.settings_files import read_toml
 from spinfilters.errors import InputError
-from spinfilters.logs.input_file import named
-from spinfilters.logs.settings_files import read_toml
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def read_study(path: Path) -> Study:
     ------
     InputError: missing, not TOML, an unknown table, factor, level or key, a value of another type or out of its range, no seeds.
     """
-    return study_from(read_toml(path), named(path))
+    return study_from(read_toml(path), path_text(path))
 
 
 def study_from(document: Mapping[str, Any], source: str) -> Study:

@@ -11,14 +11,14 @@ from spinfilters.api.argument_ranges import (
     MOMENT,
     RATE_RPM,
 )
-from spinfilters.logs.number_range import NumberRange
+from spinfilters.data.number_range import NumberRange
 
 
 def add_motion(parser: argparse.ArgumentParser) -> None:
     """Options of a simulated motion."""
-    parser.add_argument("--frames", type=number(FRAMES), default=115, help="number of frames (default 115)")
+    parser.add_argument("--frames", type=number(FRAMES), default=115, help="number of epochs (default 115)")
     parser.add_argument(
-        "--interval", type=number(INTERVAL), default=0.5, help="seconds between frames (default 0.5)"
+        "--interval", type=number(INTERVAL), default=0.5, help="seconds between epochs (default 0.5)"
     )
     parser.add_argument(
         "--rate-rpm",

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 
 from spinfilters.cli.console import wide_console
-from spinfilters.logs.atomic_write import write_json, write_text
-from spinfilters.logs.output_folder import output_folder, refuse_foreign
+from spinfilters.data.atomic_write import write_json, write_text
+from spinfilters.data.output_folder import output_folder, refuse_foreign
 from spinfilters.plots.calibration import calibration_figure
 from spinfilters.plots.style import save_figure
 from spinfilters.vision.calibration_check import BoardMeasurement, CheckResult, checks, measured_board

@@ -11,8 +11,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from spinfilters.api.campaigns import campaign_rows, repeated_run
 from spinfilters.cli.console import wide_console
+from spinfilters.data.input_file import value_text
 from spinfilters.errors import InputError
-from spinfilters.logs.input_file import shown
 
 
 def campaign(options: argparse.Namespace) -> int:
@@ -27,7 +27,7 @@ def campaign(options: argparse.Namespace) -> int:
 def _run(options: argparse.Namespace) -> int:
     if options.arguments:
         raise InputError(
-            f"{shown(options.arguments[0])} is one argument too many; give one study file and -o OUT"
+            f"{value_text(options.arguments[0])} is one argument too many; give one study file and -o OUT"
         )
     if options.output is None:
         raise InputError("a campaign needs a folder for its rows; give it with -o OUT")

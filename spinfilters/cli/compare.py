@@ -1,6 +1,6 @@
 """``spinfilters compare`` and ``estimate``.
 
-What draws is imported where it draws: matplotlib would be a third of the time before the first frame.
+What draws is imported where it draws: matplotlib would be a third of the time before the first epoch.
 """
 
 import argparse
@@ -11,48 +11,50 @@ from typing import TYPE_CHECKING
 
 from spinfilters.api.runs import estimator_names
 from spinfilters.cli.console import progress_bars, wide_console
+from spinfilters.data.dataset import Dataset, has_images, read_dataset
+from spinfilters.data.input_file import value_text
 from spinfilters.errors import InputError
 from spinfilters.evaluation.comparison import comparison_table
-from spinfilters.logs.dataset import Dataset, has_images, read_dataset
-from spinfilters.logs.input_file import shown
+from spinfilters.pipeline.comparison_run import RunOutput, compare_into
+from spinfilters.pipeline.conditions import conditions_of
+from spinfilters.pipeline.estimation import Comparison
+from spinfilters.pipeline.estimator_entry import estimator_entries
+from spinfilters.settings.run_settings import Settings, read_settings
 from spinfilters.simulation.scenario import Scenario, simulate, without_map
-from spinfilters.workflow.conditions import conditions_of
-from spinfilters.workflow.estimation import Comparison
-from spinfilters.workflow.estimator_entry import estimator_entries
-from spinfilters.workflow.pipeline import RunOutput, compare_into
-from spinfilters.workflow.settings import Settings, read_settings
 
 if TYPE_CHECKING:
-    from spinfilters.workflow.additions import Additions
+    from spinfilters.pipeline.optional_outputs import OptionalOutputs
 
 
 def compare(options: argparse.Namespace) -> int:
     """Run the estimators, write the run folder and its figures, print the table."""
     settings = _settings(options)
-    folder, additions = Path(options.output), _additions(options)
+    folder, optional_outputs = Path(options.output), _additions(options)
     if options.segment == "all" and options.dataset is not None:
-        if additions is not None:
-            additions.require_one_run()
+        if optional_outputs is not None:
+            optional_outputs.require_one_run()
         return _compare_segments(options.dataset, folder, settings)
     dataset = _dataset(options)
     with progress_bars() as report:
-        written = compare_into(dataset, settings, RunOutput(folder, bool(options.resume), additions), report)
+        written = compare_into(
+            dataset, settings, RunOutput(folder, bool(options.resume), optional_outputs), report
+        )
     if written.comparison is None:
         rest = f"made {', '.join(written.completed)}" if written.completed else "nothing is left to do"
         wide_console().print(f"run folder: {folder} is complete, {rest}", highlight=False, soft_wrap=True)
     else:
         _print_comparison(written.comparison, folder)
-    _print_lacking(folder, additions)
+    _print_lacking(folder, optional_outputs)
     return 0
 
 
-def _additions(options: argparse.Namespace) -> "Additions | None":
+def _additions(options: argparse.Namespace) -> "OptionalOutputs | None":
     """What a run writes only when asked to, or None where nothing was asked."""
     if options.predict is None and not options.convergence:
         return None
-    from spinfilters.workflow.additions import Additions
+    from spinfilters.pipeline.optional_outputs import OptionalOutputs
 
-    return Additions(options.predict, options.convergence)
+    return OptionalOutputs(options.predict, options.convergence)
 
 
 def _compare_segments(recording: str | None, folder: Path, settings: Settings) -> int:
@@ -65,7 +67,7 @@ def _compare_segments(recording: str | None, folder: Path, settings: Settings) -
 
 def _print_comparison(comparison: Comparison, folder: Path) -> None:
     console = wide_console()
-    conditions = conditions_of(comparison.prepared).sentences
+    conditions = conditions_of(comparison.setup).sentences
     console.print(comparison_table(comparison.evaluations, conditions))
     for evaluation in comparison.evaluations:
         for reason in evaluation.history.status.reasons:
@@ -81,8 +83,8 @@ def _print_comparison(comparison: Comparison, folder: Path) -> None:
     )
 
 
-def _print_lacking(folder: Path, additions: "Additions | None") -> None:
-    lacking = None if additions is None else additions.lacking(folder)
+def _print_lacking(folder: Path, optional_outputs: "OptionalOutputs | None") -> None:
+    lacking = None if optional_outputs is None else optional_outputs.lacking(folder)
     if lacking is not None:
         wide_console().print(lacking, highlight=False, soft_wrap=True)
 
@@ -104,9 +106,9 @@ def _dataset(options: argparse.Namespace) -> Dataset:
     if options.dataset is None:
         if options.segment is not None:
             raise InputError(
-                f"--segment {shown(options.segment)} needs a recording; give its folder as DATASET"
+                f"--segment {value_text(options.segment)} needs a recording; give its folder as DATASET"
             )
-        example = simulate(Scenario.disam115(seed=options.seed))
+        example = simulate(Scenario.common_workload(seed=options.seed))
         return example if options.known_map else without_map(example)
     if options.known_map:
         raise InputError(
@@ -115,7 +117,7 @@ def _dataset(options: argparse.Namespace) -> Dataset:
     segment = None
     if options.segment is not None:
         if not re.fullmatch(r"[0-9]{1,9}", options.segment):
-            raise InputError(f"--segment {shown(options.segment)} is no segment; give a number or 'all'")
+            raise InputError(f"--segment {value_text(options.segment)} is no segment; give a number or 'all'")
         segment = int(options.segment)
     return read_dataset(options.dataset, segment) if segment is not None else _recording(options.dataset)
 

@@ -27,14 +27,14 @@ from observability.conditioning import (
 )
 from spinfilters.cli.console import wide_console
 from spinfilters.conventions import RPM
+from spinfilters.data.atomic_write import write_json, write_text
+from spinfilters.data.output_folder import output_folder, refuse_foreign
 from spinfilters.errors import InputError
-from spinfilters.logs.atomic_write import write_json, write_text
-from spinfilters.logs.output_folder import output_folder, refuse_foreign
-from spinfilters.models.rotation_steps import IntegrationError
+from spinfilters.models.rotation_integrator import IntegrationError
 from spinfilters.plots.conditioning import TIME_STEPS, conditioning_figure, covariance_figure
 from spinfilters.plots.style import save_figure
-from spinfilters.workflow.history_file import read_history
-from spinfilters.workflow.run_folder import HISTORY_FILE
+from spinfilters.runs.history_file import read_history
+from spinfilters.runs.run_folder import HISTORY_FILE
 
 COMMAND = "condition"
 RESULT_FILE, TABLE_FILE, PICTURE_FILE = "condition.json", "condition.csv", "condition.png"

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from spinfilters.workflow.estimation import Progress as Report
+from spinfilters.pipeline.estimation import Progress as Report
 
 WIDTH_OF_FILES = 150
 

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.text import Text
 
 import spinfilters
-from spinfilters.workflow.provenance import PACKAGES, git_commit
+from spinfilters.runs.provenance import PACKAGES, git_commit
 
 if TYPE_CHECKING:
     from spinfilters.cli.doctor_checks import Check

@@ -13,8 +13,8 @@ from jaxtyping import Float
 
 from spinfilters.attitude import conversions
 from spinfilters.estimators.estimator import Estimator
-from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf
+from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
+from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
 from spinfilters.estimators.run import run
 from spinfilters.estimators.timeline import SensorNoise, build_timeline
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
@@ -83,7 +83,7 @@ def process_linearisation() -> str:
 def filters_run() -> str:
     """Both filters on two seconds of a simulated gyro, from a sphere turning at the first measured rate."""
     process = TorqueFreeProcess(StateLayout(ROTATION_BLOCKS), ProcessNoise())
-    log = simulate(Scenario(kind="gyro", frames=20, interval=0.1)).log
+    log = simulate(Scenario(kind="gyro", epochs=20, interval=0.1)).log
     timeline = build_timeline(log, process.layout, SensorNoise())
     mean = process.layout.origin()
     mean[process.layout.mean_slice("w")] = log.streams[0].values[0]
@@ -97,7 +97,7 @@ def filters_run() -> str:
         if history.status.verdict is not Verdict.OK or not finite:
             raise CheckError(f"{history.name}: {'; '.join(history.status.reasons) or 'not finite'}")
         texts.append(f"{history.name} {1e6 * float(np.median(history.runtime)):.0f} us")
-    return f"per frame: {', '.join(texts)}"
+    return f"per epoch: {', '.join(texts)}"
 
 
 def figure_drawn() -> str:

@@ -4,9 +4,9 @@ import argparse
 from pathlib import Path
 
 from spinfilters.cli.console import wide_console
+from spinfilters.data.output_folder import output_folder, refuse_foreign
 from spinfilters.embedded.folder import write_library
 from spinfilters.embedded.options import EmbedOptions
-from spinfilters.logs.output_folder import output_folder, refuse_foreign
 
 COMMAND = "embed"
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from spinfilters.cli.console import progress_bars, wide_console
 from spinfilters.conventions import RPM
+from spinfilters.data.output_folder import output_folder, refuse_foreign
 from spinfilters.errors import InputError
 from spinfilters.lidar.body_motion import Still, thesis_rotation
 from spinfilters.lidar.mesh import TriangleMesh
@@ -26,7 +27,6 @@ from spinfilters.lidar.sequence import (
     tumble_of,
     write_sequence,
 )
-from spinfilters.logs.output_folder import output_folder, refuse_foreign
 from spinfilters.plots.lidar_scan import scan_figure
 from spinfilters.plots.style import save_figure
 

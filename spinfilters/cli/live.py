@@ -7,15 +7,15 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
+from spinfilters.data.atomic_write import write_json
+from spinfilters.data.dataset import read_dataset
 from spinfilters.live.answer import Answer, write_answer
 from spinfilters.live.executive import Executive, LiveOptions
 from spinfilters.live.setup import LONG_RUN, live_setup
 from spinfilters.live.sources import Replay, Source, open_lines
 from spinfilters.live.supervisor import SupervisionOptions
 from spinfilters.live.terminal_view import TerminalView
-from spinfilters.logs.atomic_write import write_json
-from spinfilters.logs.dataset import read_dataset
-from spinfilters.workflow.settings import Settings, read_settings
+from spinfilters.settings.run_settings import Settings, read_settings
 
 MIB = 1 << 20
 

@@ -13,8 +13,8 @@ from typing import Final, NoReturn
 
 from spinfilters import __version__
 from spinfilters.cli.command import commands
+from spinfilters.data.input_file import printable
 from spinfilters.errors import SpinfiltersError
-from spinfilters.logs.input_file import printable
 
 EXIT_OK, EXIT_BAD_INPUT = 0, 2
 PACKAGES: Final[tuple[str, ...]] = ("spinfilters", "observability")

@@ -14,8 +14,8 @@ from observability.study import study
 from spinfilters.api.analysis import OBSERVE, KnownInputs, ObservabilityResult
 from spinfilters.api.analysis import observe as observed
 from spinfilters.cli.console import wide_console
-from spinfilters.logs.atomic_write import write_json
-from spinfilters.logs.output_folder import output_folder, refuse_foreign
+from spinfilters.data.atomic_write import write_json
+from spinfilters.data.output_folder import output_folder, refuse_foreign
 from spinfilters.plots.bounds import study_figure
 from spinfilters.plots.conditioning import conditioning_figure
 from spinfilters.plots.style import save_figure

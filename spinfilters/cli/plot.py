@@ -4,18 +4,18 @@ import argparse
 from pathlib import Path
 
 from spinfilters.cli.console import progress_bars, wide_console
-from spinfilters.workflow.additions import draw_additions
-from spinfilters.workflow.figures import Pictured, draw_run
-from spinfilters.workflow.run_lock import locked_run
+from spinfilters.pipeline.figures import FigureData, draw_run
+from spinfilters.pipeline.optional_outputs import draw_optional_outputs
+from spinfilters.runs.run_lock import locked_run
 
 
 def plot(options: argparse.Namespace) -> int:
     """Draw the figures of a run folder again."""
     folder = Path(options.run)
-    pictured = Pictured.from_folder(folder)
-    histories = [evaluation.history for evaluation in pictured.evaluations]
+    figure_data = FigureData.from_folder(folder)
+    histories = [evaluation.history for evaluation in figure_data.evaluations]
     with locked_run(folder), progress_bars() as report:
-        drawn = draw_run(pictured, folder, lambda done, total: report("figures", done, total))
-        drawn += draw_additions(folder, histories, pictured.dataset.truth)
+        drawn = draw_run(figure_data, folder, lambda done, total: report("figures", done, total))
+        drawn += draw_optional_outputs(folder, histories, figure_data.dataset.truth)
     wide_console().print(f"{len(drawn)} figures in {folder}", highlight=False, soft_wrap=True)
     return 0

@@ -3,8 +3,8 @@
 import argparse
 
 from spinfilters.cli.console import wide_console
+from spinfilters.data.camera import StereoRig
 from spinfilters.errors import InputError
-from spinfilters.logs.camera import StereoRig
 from spinfilters.vision.rig_accuracy import rig_accuracy
 
 

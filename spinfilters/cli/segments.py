@@ -3,11 +3,9 @@
 from pathlib import Path
 
 from spinfilters.cli.console import progress_bars, wide_console
+from spinfilters.data.dataset import read_segments
 from spinfilters.errors import InputError
-from spinfilters.logs.dataset import read_segments
-from spinfilters.workflow.run_folder import open_run_folder
-from spinfilters.workflow.run_lock import locked_run
-from spinfilters.workflow.segments import (
+from spinfilters.pipeline.segments import (
     SegmentResult,
     run_segments,
     segment_medians,
@@ -15,7 +13,9 @@ from spinfilters.workflow.segments import (
     throws_picture,
     write_segments,
 )
-from spinfilters.workflow.settings import Settings
+from spinfilters.runs.run_folder import open_run_folder
+from spinfilters.runs.run_lock import locked_run
+from spinfilters.settings.run_settings import Settings
 
 
 def compare_segments(recording: str, folder: Path, settings: Settings) -> int:

@@ -7,10 +7,10 @@ import numpy as np
 
 from spinfilters.api.recordings import simulate as simulated
 from spinfilters.cli.console import progress_bars, wide_console
+from spinfilters.data.dataset_writing import write_dataset
+from spinfilters.data.output_folder import output_folder, refuse_foreign
 from spinfilters.errors import InputError
 from spinfilters.evaluation.rates import true_rates
-from spinfilters.logs.dataset_writing import write_dataset
-from spinfilters.logs.output_folder import output_folder, refuse_foreign
 from spinfilters.plots.rates import rates_figure
 from spinfilters.plots.style import save_figure
 

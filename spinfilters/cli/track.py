@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from spinfilters.cli.console import progress_bars, wide_console
+from spinfilters.data.atomic_write import write_json
+from spinfilters.data.dataset import has_images
+from spinfilters.data.dataset_writing import write_dataset
+from spinfilters.data.input_file import path_text
+from spinfilters.data.output_folder import output_folder, refuse_foreign
 from spinfilters.errors import InputError
-from spinfilters.logs.atomic_write import write_json
-from spinfilters.logs.dataset import has_images
-from spinfilters.logs.dataset_writing import write_dataset
-from spinfilters.logs.input_file import named
-from spinfilters.logs.output_folder import output_folder, refuse_foreign
 from spinfilters.vision.features import detector
 from spinfilters.vision.front_end import FrontEndOptions
 from spinfilters.vision.track_images import TrackedImages, track_images, track_images_online
@@ -26,7 +26,7 @@ def track(options: argparse.Namespace) -> int:
     source, folder = Path(options.dataset), Path(options.output)
     if not has_images(source):
         raise InputError(
-            f"{named(source)}: has no stereo images; give a folder with cam0/data and cam1/data, and no tracks.csv"
+            f"{path_text(source)}: has no stereo images; give a folder with cam0/data and cam1/data, and no tracks.csv"
         )
     refuse_foreign(folder, COMMAND)
     detector(options.detector)

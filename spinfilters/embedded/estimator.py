@@ -23,7 +23,7 @@ from spinfilters.estimators.estimator import (
     Snapshot,
     UpdateReport,
 )
-from spinfilters.estimators.gain import triangular_factor
+from spinfilters.estimators.filters.square_root_update import triangular_factor
 from spinfilters.estimators.landmarks.belief import LandmarkBelief, moved_points, state_in_g
 from spinfilters.models.gauge import GAUGE_DIM
 from spinfilters.models.process import TorqueFreeProcess

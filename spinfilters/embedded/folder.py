@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
+from spinfilters.data.atomic_write import write_text
 from spinfilters.embedded.library import library_texts, template
 from spinfilters.embedded.options import EmbedOptions
 from spinfilters.embedded.vectors import make_vectors
-from spinfilters.logs.atomic_write import write_text
 
 TEST = ("test_spinfilter.c", "test_spinfilter.h", "firmware.c", "firmware.ld", "Makefile")
 BYTES = {"float": 4, "double": 8}

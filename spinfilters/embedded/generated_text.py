@@ -8,7 +8,7 @@ from scipy.special import chdtri
 from spinfilters.embedded.model_functions import MODELS, model_functions, moving_dim, transition_pattern
 from spinfilters.embedded.options import EmbedOptions
 from spinfilters.estimators.landmarks.landmark_map import CONFIRMED, WRONG_IN_A_ROW
-from spinfilters.estimators.robustness import RobustOptions
+from spinfilters.estimators.robust.outlier_rejection import RobustOptions
 from spinfilters.models.step_count import boole_weights
 
 NUMBER = re.compile(r"(?<![\w.])(\d+\.\d*(?:e[+-]?\d+)?)")

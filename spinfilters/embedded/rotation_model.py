@@ -1,6 +1,6 @@
 """One Runge-Kutta substep of the rotation with its exact error transition, in few operations.
 
-The same map as `spinfilters.models.rotation_steps.RotationIntegrator` differentiated by its structure: the body rate does not
+The same map as `spinfilters.models.rotation_integrator.RotationIntegrator` differentiated by its structure: the body rate does not
 depend on the attitude, Runge-Kutta commutes with a turn from the left, and Euler's equation does not depend on the scale of the
 inertia. So five entries of J are enough, the attitude error turns by R' of the substep's own turn, and less than half of the
 operations remain.

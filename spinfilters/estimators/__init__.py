@@ -1,1 +1,1 @@
-"""Filters, their start from data, and the one loop over time."""
+"""Filters, smoothers, their initialisation, and the one loop over time."""

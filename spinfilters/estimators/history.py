@@ -14,26 +14,26 @@ from spinfilters.state.status import EstimatorStatus
 
 COUNTS = ("dof", "accepted", "rejected")
 """Arrays of a history that hold whole numbers."""
-FEWEST_FRAMES = 64
+FEWEST_EPOCHS = 64
 """Room of a history that nobody has told how many will come."""
 
 
-FRAME_ARRAYS = ("time", "mean", "factor", "nis", "log_likelihood", "runtime", *COUNTS)
-"""Arrays of a history; each has a row per frame."""
+EPOCH_ARRAYS = ("time", "mean", "factor", "nis", "log_likelihood", "runtime", *COUNTS)
+"""Arrays of a history; each has a row per epoch."""
 
 
 @dataclass(frozen=True)
 class EstimateHistory:
-    """Beliefs after every frame, and what each frame cost.
+    """Beliefs after every epoch, and what each epoch cost.
 
     Attributes
     ----------
     name: of the estimator.   layout: of its state.
     time: (n,) s.   mean: (n, mean_dim).   factor: (n, error_dim, error_dim), P = factor factor'.
-    nis, dof: (n,) normalised innovation squared of each frame and its degrees of freedom.
-    log_likelihood: (n,) of each frame's measurements given everything before.
+    nis, dof: (n,) normalised innovation squared of each epoch and its degrees of freedom.
+    log_likelihood: (n,) of each epoch's measurements given everything before.
     accepted, rejected: (n,) measurements used and left out.
-    runtime: (n,) s per frame, prediction and update.
+    runtime: (n,) s per epoch, prediction and update.
     initialisation: how many of the first epochs are a filter's initialisation, which a smoother has made; nothing of them is
         counted. The filter's own begin behind them.
     observations: (n,) what was measured in each epoch, used or not; None where that is not told.
@@ -64,32 +64,32 @@ class EstimateHistory:
         """Time of the last epoch of the initialisation, s; None without one."""
         return float(self.time[self.initialisation - 1]) if self.initialisation else None
 
-    def thinned(self, frames: int) -> "EstimateHistory":
-        """Frames at a constant step, at most so many, the last among them; no array is copied."""
-        step = -(-len(self.time) // frames)
+    def thinned(self, epochs: int) -> "EstimateHistory":
+        """Epochs at a constant step, at most so many, the last among them; no array is copied."""
+        step = -(-len(self.time) // epochs)
         rows = slice((len(self.time) - 1) % step, None, step)
         observed = None if self.observations is None else self.observations[rows]
         initialisation = len(range(*rows.indices(self.initialisation)))
-        thinned = {name: getattr(self, name)[rows] for name in FRAME_ARRAYS}
+        thinned = {name: getattr(self, name)[rows] for name in EPOCH_ARRAYS}
         return replace(self, initialisation=initialisation, observations=observed, **thinned)
 
     def belief(self, index: int) -> Gaussian:
-        """Belief after the frame of this index."""
+        """Belief after the epoch of this index."""
         return Gaussian(self.layout, self.mean[index], self.factor[index])
 
     @property
     def covariance(self) -> Float[np.ndarray, "n e e"]:
-        """Error covariance after every frame."""
+        """Error covariance after every epoch."""
         return self.factor @ np.swapaxes(self.factor, 1, 2)
 
     @property
     def std(self) -> Float[np.ndarray, "n e"]:
-        """Standard deviation of every error component after every frame."""
+        """Standard deviation of every error component after every epoch."""
         return np.sqrt(np.einsum("tij,tij->ti", self.factor, self.factor))
 
 
 class GrowingHistory:
-    """The frames of a run so far: grows by one frame at a time, and goes into a file and comes back as plain arrays.
+    """The epochs of a run so far: grows by one epoch at a time, and goes into a file and comes back as plain arrays.
 
     The arrays have room ahead, which takes no memory before it is written to.
 
@@ -110,7 +110,7 @@ class GrowingHistory:
     ) -> "GrowingHistory":
         """The history whose `arrays` these are. Raises ShapeError when they do not fit together."""
         rows = cls(layout, begin)
-        rows._room = checked_frames(layout, arrays)
+        rows._room = checked_epochs(layout, arrays)
         rows._count = len(rows._room["time"])
         return rows
 
@@ -119,12 +119,12 @@ class GrowingHistory:
 
     @property
     def time(self) -> float:
-        """Of the last frame, or where the run sets out, s."""
+        """Of the last epoch, or where the run sets out, s."""
         return float(self._room["time"][self._last]) if self._count else self.begin
 
     @property
     def belief(self) -> Gaussian | None:
-        """Belief after the last frame; None before the first."""
+        """Belief after the last epoch; None before the first."""
         if not self._count:
             return None
         return Gaussian(self.layout, self._room["mean"][self._last], self._room["factor"][self._last])
@@ -133,24 +133,24 @@ class GrowingHistory:
     def _last(self) -> int:
         return self._before + self._count - 1
 
-    def reserve(self, frames: int, before: int = 0) -> None:
-        """Make room for so many frames in all, and for ``before`` more in front of them (see `ended`).
+    def reserve(self, epochs: int, before: int = 0) -> None:
+        """Make room for so many epochs in all, and for ``before`` more in front of them (see `ended`).
 
         No less than what there is.
         """
-        before, frames = max(before, self._before), max(frames, self._count)
-        if before == self._before and before + frames <= len(self._room["time"]):
+        before, epochs = max(before, self._before), max(epochs, self._count)
+        if before == self._before and before + epochs <= len(self._room["time"]):
             return
-        room = _empty_arrays(self.layout, before + frames)
+        room = _empty_arrays(self.layout, before + epochs)
         for name, array in self.arrays().items():
             room[name][before : before + self._count] = array
         self._before, self._room = before, room
 
     def append(self, time: float, belief: Gaussian, reports: Sequence[UpdateReport], runtime: float) -> None:
-        """Add the frame at ``time`` (s) with what its updates reported; it took ``runtime`` seconds."""
+        """Add the epoch at ``time`` (s) with what its updates reported; it took ``runtime`` seconds."""
         place = self._last + 1
         if place == len(self._room["time"]):
-            self.reserve(max(2 * self._count, FEWEST_FRAMES), self._before)
+            self.reserve(max(2 * self._count, FEWEST_EPOCHS), self._before)
         room = self._room
         room["time"][place], room["runtime"][place] = time, runtime
         room["mean"][place], room["factor"][place] = belief.mean, belief.factor
@@ -159,10 +159,10 @@ class GrowingHistory:
         room["dof"][place] = sum(report.dof for report in reports)
         room["accepted"][place] = sum(report.accepted for report in reports)
         room["rejected"][place] = sum(report.rejected for report in reports)
-        self._count += 1  # last: Ctrl-C finds the frame there or not
+        self._count += 1  # last: Ctrl-C finds the epoch there or not
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """Every array of `FRAME_ARRAYS`, a row per frame: views, which later frames leave as they are."""
+        """Every array of `EPOCH_ARRAYS`, a row per epoch: views, which later epochs leave as they are."""
         rows = slice(self._before, self._before + self._count)
         return {name: array[rows] for name, array in self._room.items()}
 
@@ -173,7 +173,7 @@ class GrowingHistory:
 
         Parameters
         ----------
-        before: every array of `FRAME_ARRAYS` of the initialisation's frames, to put in front; no array is copied where `reserve`
+        before: every array of `EPOCH_ARRAYS` of the initialisation's frames, to put in front; no array is copied where `reserve`
             left room for them.
         """
         if before is None:
@@ -189,18 +189,18 @@ class GrowingHistory:
         return EstimateHistory(name=name, layout=self.layout, status=status, initialisation=count, **arrays)
 
 
-def checked_frames(layout: StateLayout, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+def checked_epochs(layout: StateLayout, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """The arrays of a history, each with as many rows as the others.
 
     Raises
     ------
     ShapeError: one is missing, or has another shape or kind of number than a history over this layout.
     """
-    missing = [name for name in FRAME_ARRAYS if name not in arrays]
+    missing = [name for name in EPOCH_ARRAYS if name not in arrays]
     if missing:
         raise ShapeError(f"{', '.join(missing)} is missing")
     shapes, count = _row_shapes(layout), arrays["time"].shape[:1]
-    for name in FRAME_ARRAYS:
+    for name in EPOCH_ARRAYS:
         array, wanted = arrays[name], np.dtype(int if name in COUNTS else float)
         if array.shape != (*count, *shapes.get(name, ())) or array.dtype.kind != wanted.kind or not count:
             raise ShapeError(
@@ -208,18 +208,18 @@ def checked_frames(layout: StateLayout, arrays: Mapping[str, np.ndarray]) -> dic
             )
         if name in COUNTS and (array < 0).any():
             raise ShapeError(f"{name} counts less than nothing")
-    return {name: arrays[name] for name in FRAME_ARRAYS}
+    return {name: arrays[name] for name in EPOCH_ARRAYS}
 
 
-def _empty_arrays(layout: StateLayout, frames: int) -> dict[str, np.ndarray]:
-    """Arrays of `FRAME_ARRAYS` with room for so many frames."""
+def _empty_arrays(layout: StateLayout, epochs: int) -> dict[str, np.ndarray]:
+    """Arrays of `EPOCH_ARRAYS` with room for so many epochs."""
     shapes = _row_shapes(layout)
     return {
-        name: np.empty((frames, *shapes.get(name, ())), dtype=int if name in COUNTS else float)
-        for name in FRAME_ARRAYS
+        name: np.empty((epochs, *shapes.get(name, ())), dtype=int if name in COUNTS else float)
+        for name in EPOCH_ARRAYS
     }
 
 
 def _row_shapes(layout: StateLayout) -> dict[str, tuple[int, ...]]:
-    """Shapes of a row of the arrays that hold more than a number per frame."""
+    """Shapes of a row of the arrays that hold more than a number per epoch."""
     return {"mean": (layout.mean_dim,), "factor": (layout.error_dim, layout.error_dim)}

@@ -1,4 +1,4 @@
-"""The one place where a measurement log meets models: frames of measurements in the order of time."""
+"""The one place where a measurement log meets models: epochs of measurements in the order of time."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -7,43 +7,43 @@ from typing import overload
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinfilters.data.measurement_log import MeasurementLog
+from spinfilters.data.noise_levels import SensorNoise
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement
-from spinfilters.logs.measurement_log import MeasurementLog
-from spinfilters.logs.noise_levels import SensorNoise
 from spinfilters.sensors.registry import sensor_of
 from spinfilters.sensors.sensor import CameraView
 from spinfilters.state.layout import StateLayout
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class Epoch:
     """Everything measured at one instant (s)."""
 
     time: float
     measurements: tuple[Measurement, ...]
 
 
-Timeline = Sequence[Frame]
-"""Frames in the order of time."""
+Timeline = Sequence[Epoch]
+"""Epochs in the order of time."""
 
 
 @dataclass(frozen=True, eq=False)
 class SensorTimeline:
-    """All measurements of one sensor, and which of them belong to each frame.
+    """All measurements of one sensor, and which of them belong to each epoch.
 
     Attributes
     ----------
-    every: all values as if they were measured at once.   first, end: (k,) frame k holds the values from first to before end.
+    every: all values as if they were measured at once.   first, end: (k,) epoch k holds the values from first to before end.
     """
 
     every: Measurement
     first: Int[np.ndarray, " k"]
     end: Int[np.ndarray, " k"]
 
-    def measured(self, frame: int) -> list[Measurement]:
-        """The measurement of a frame, none where the sensor measured nothing then."""
-        every, rows = self.every, slice(int(self.first[frame]), int(self.end[frame]))
+    def measured(self, epoch: int) -> list[Measurement]:
+        """The measurement of an epoch, none where the sensor measured nothing then."""
+        every, rows = self.every, slice(int(self.first[epoch]), int(self.end[epoch]))
         if rows.start == rows.stop:
             return []
         ids = None if every.ids is None else every.ids[rows]
@@ -51,12 +51,12 @@ class SensorTimeline:
 
 
 @dataclass(frozen=True, eq=False)
-class LogTimeline(Sequence[Frame]):
-    """Frames of a log, made when they are asked for: a long recording stays a few arrays.
+class LogTimeline(Sequence[Epoch]):
+    """Epochs of a log, made when they are asked for: a long recording stays a few arrays.
 
     Attributes
     ----------
-    time: (k,) s.   sensors: in the order in which each frame takes them in.
+    time: (k,) s.   sensors: in the order in which each epoch takes them in.
     """
 
     time: Float[np.ndarray, " k"]
@@ -66,27 +66,27 @@ class LogTimeline(Sequence[Frame]):
         return len(self.time)
 
     @overload
-    def __getitem__(self, index: int) -> Frame: ...
+    def __getitem__(self, index: int) -> Epoch: ...
 
     @overload
     def __getitem__(self, index: slice) -> "LogTimeline": ...
 
-    def __getitem__(self, index: int | slice) -> "Frame | LogTimeline":
+    def __getitem__(self, index: int | slice) -> "Epoch | LogTimeline":
         if isinstance(index, slice):
             parts = (replace(part, first=part.first[index], end=part.end[index]) for part in self.sensors)
             return LogTimeline(self.time[index], tuple(parts))
-        return Frame(float(self.time[index]), tuple(m for part in self.sensors for m in part.measured(index)))
+        return Epoch(float(self.time[index]), tuple(m for part in self.sensors for m in part.measured(index)))
 
 
-def times_of(frames: Timeline) -> Float[np.ndarray, " k"]:
-    """Times of frames, s."""
-    return np.fromiter((frame.time for frame in frames), float, len(frames))
+def times_of(epochs: Timeline) -> Float[np.ndarray, " k"]:
+    """Times of epochs, s."""
+    return np.fromiter((epoch.time for epoch in epochs), float, len(epochs))
 
 
 def build_timeline(
     log: MeasurementLog, layout: StateLayout, noise: SensorNoise, view: CameraView | None = None
 ) -> Timeline:
-    """Frames of a log over a state layout; sensors that measure at the same stamp share a frame.
+    """Epochs of a log over a state layout; sensors that measure at the same stamp share an epoch.
 
     Rows whose landmark is not in a known map are left out.
 

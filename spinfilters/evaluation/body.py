@@ -19,7 +19,7 @@ from jaxtyping import Float
 from spinfilters.dynamics.mass_distribution import inertia
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.body_spread import body_spread
-from spinfilters.evaluation.derived import by_stretches, with_error_jacobian
+from spinfilters.evaluation.error_propagation import by_stretches, with_error_jacobian
 from spinfilters.linear_algebra.signs import with_largest_positive
 from spinfilters.state.block import StateBlock
 from spinfilters.state.blocks.drag import DRAG
@@ -78,7 +78,7 @@ class BodyEstimate:
 
 @dataclass(frozen=True)
 class BodyHistory:
-    """The body after every frame: fields as in `BodyEstimate` with time (n,) s in front.
+    """The body after every epoch: fields as in `BodyEstimate` with time (n,) s in front.
 
     ``log_ratios`` and ``log_ratios_std`` are (n, 2) and hold k1, k2.
     """
@@ -101,7 +101,7 @@ class BodyHistory:
         return np.sqrt(np.einsum("nii->ni", self.principal_moments_cov))
 
     def at(self, index: int) -> BodyEstimate:
-        """The body after the frame of this index."""
+        """The body after the epoch of this index."""
         (k1, k2), (k1_std, k2_std) = self.log_ratios[index].tolist(), self.log_ratios_std[index].tolist()
         return BodyEstimate(
             self.principal_moments[index],
@@ -125,7 +125,7 @@ def body_estimate(belief: Gaussian) -> BodyEstimate:
 
 
 def body_history(history: EstimateHistory) -> BodyHistory:
-    """The body after every frame of a history whose layout has block s; not a number where the history is not finite."""
+    """The body after every epoch of a history whose layout has block s; not a number where the history is not finite."""
     return _bodies(history.layout, history.time, history.mean, history.factor)
 
 
@@ -148,10 +148,10 @@ def _inertias(layout: StateLayout, mean: np.ndarray, factor: np.ndarray) -> dict
     moments, vectors = _principal(J.reshape(-1, 3, 3))
     vectors = _right_handed(vectors)
     turned = np.einsum("nai,nabe,nbj->nije", vectors, derivative.reshape(len(mean), 3, 3, -1), vectors)
-    slopes = np.einsum("niie->nie", turned) / moments[..., np.newaxis]
+    jacobian = np.einsum("niie->nie", turned) / moments[..., np.newaxis]
     scaled = moments / moments[:, 2:]
-    roots = (scaled[..., np.newaxis] * (slopes - slopes[:, 2:])) @ factor
-    logs = (slopes[:, [2, 1]] - slopes[:, [1, 0]]) @ factor
+    roots = (scaled[..., np.newaxis] * (jacobian - jacobian[:, 2:])) @ factor
+    logs = (jacobian[:, [2, 1]] - jacobian[:, [1, 0]]) @ factor
     turns = _axis_turns(moments, turned) @ factor
     found = {
         "principal_moments": scaled,

@@ -9,7 +9,7 @@ from rich.text import Text
 
 from spinfilters.evaluation.errors import BodyErrors, RmsErrors
 from spinfilters.evaluation.evaluation import Evaluation
-from spinfilters.evaluation.rounding import with_uncertainty
+from spinfilters.evaluation.formatting import with_uncertainty
 from spinfilters.evaluation.span import ALWAYS, SpanErrors, shared_begin, span_errors
 from spinfilters.evaluation.usage import ObservationUse, observation_use, title_sentences
 from spinfilters.state.block import StateBlock

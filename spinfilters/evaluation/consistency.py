@@ -7,12 +7,12 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import chdtri
 
 from spinfilters.attitude.conversions import inverse, matrix_from_quaternion, rotate
+from spinfilters.data.truth import BODY_KEYS, Truth
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.derived import by_stretches
+from spinfilters.evaluation.error_propagation import by_stretches
 from spinfilters.evaluation.errors import common_stamps
-from spinfilters.logs.truth import BODY_KEYS, Truth
 from spinfilters.state.blocks import BLOCKS
 from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION, POSITION, RATE
 from spinfilters.state.layout import StateLayout
@@ -60,8 +60,8 @@ def chi_square_band(
     """Limits between which the mean of ``runs`` independent chi-square numbers lies with this probability.
 
     (Quantiles of chi-square with runs * dof degrees of freedom over runs, at both tails; Bar-Shalom, Li,
-    Kirubarajan 2001, section 5.4.) Frames of one
-    run are not independent in NEES, so compare each frame with runs = 1, or means over separate runs.
+    Kirubarajan 2001, section 5.4.) Epochs of one
+    run are not independent in NEES, so compare each epoch with runs = 1, or means over separate runs.
     """
     tail = (1.0 - probability) / 2
     count = runs * np.asarray(dof)
@@ -113,10 +113,10 @@ def _fields(truth: Truth) -> dict[str, np.ndarray]:
 def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedErrors:
     """NEES of a history at its common stamps with a truth in the same frames i and g (`truth_in_first_frame`, if need be).
 
-    Frames whose mean or factor is not finite are left out.
+    Epochs whose mean or factor is not finite are left out.
 
-    The tangent is taken at the estimate. Where the pose of g at the first frame is exact by definition, the error and the NEES
-    of blocks t and a vanish there, and the whole state has six degrees of freedom less in that one frame.
+    The tangent is taken at the estimate. Where the pose of g at the first epoch is exact by definition, the error and the NEES
+    of blocks t and a vanish there, and the whole state has six degrees of freedom less in that one epoch.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedError
     """
     layout = history.layout
     rows, true_rows = common_stamps(history.time, truth.time)
-    finite = finite_frames(history)[rows]
+    finite = finite_epochs(history)[rows]
     rows, true_rows = rows[finite], true_rows[finite]
     error = layout.local(history.mean[rows], true_states(truth, layout)[true_rows])
 
@@ -154,8 +154,8 @@ def normalised_square(
     return result
 
 
-def finite_frames(history: EstimateHistory) -> Bool[np.ndarray, " n"]:
-    """In which frames of a history mean and factor are finite."""
+def finite_epochs(history: EstimateHistory) -> Bool[np.ndarray, " n"]:
+    """In which epochs of a history mean and factor are finite."""
     return np.asarray(np.isfinite(history.mean).all(axis=1) & np.isfinite(history.factor).all(axis=(1, 2)))
 
 

@@ -6,17 +6,19 @@ from typing import Any
 
 import numpy as np
 
+from spinfilters.data.input_file import reason
+from spinfilters.data.truth import Truth
 from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.body import BodyEstimate, BodyHistory, body_estimate, body_history
-from spinfilters.evaluation.bound import ErrorBound
 from spinfilters.evaluation.consistency import (
     NormalisedErrors,
-    finite_frames,
+    finite_epochs,
     knows_state,
     nis_ratio,
     normalised_errors,
 )
+from spinfilters.evaluation.error_bound import ErrorBound
 from spinfilters.evaluation.errors import Alignment, BodyErrors, TruthErrors, body_errors, truth_errors
 from spinfilters.evaluation.reported_constants import ConstantEstimate, constant_estimates
 from spinfilters.evaluation.trajectory import Trajectory, trajectory_of
@@ -25,8 +27,6 @@ from spinfilters.evaluation.truth_frames import (
     truth_in_first_frame,
     truth_in_inertial_frame,
 )
-from spinfilters.logs.input_file import reason
-from spinfilters.logs.truth import Truth
 from spinfilters.state.status import EstimatorStatus, Verdict
 
 
@@ -56,22 +56,22 @@ class Evaluation:
 
     @property
     def trajectory(self) -> Trajectory:
-        """The motion after every frame, made anew from the history: a long recording has no room for both."""
+        """The motion after every epoch, made anew from the history: a long recording has no room for both."""
         return trajectory_of(self.history)
 
     @property
     def bodies(self) -> BodyHistory:
-        """The body after every frame, made anew; `body` is the last."""
+        """The body after every epoch, made anew; `body` is the last."""
         return body_history(self.history)
 
     @cached_property
     def body(self) -> BodyEstimate:
-        """The body after the last frame."""
+        """The body after the last epoch."""
         return body_estimate(self.history.belief(-1))
 
     @cached_property
     def constants(self) -> dict[str, ConstantEstimate]:
-        """Drag, gyro bias and the like after the last frame, by the name of their block."""
+        """Drag, gyro bias and the like after the last epoch, by the name of their block."""
         return constant_estimates(self.history.belief(-1))
 
     def with_fields(self, **changes: Any) -> "Evaluation":
@@ -99,7 +99,7 @@ class Evaluation:
 
     @property
     def milliseconds_per_frame(self) -> float | None:
-        """Median over the frames that took any time; None when none did."""
+        """Median over the epochs that took any time; None when none did."""
         runtime = self.history.runtime[self.history.runtime > 0]
         return 1e3 * float(np.median(runtime)) if runtime.size else None
 
@@ -109,8 +109,8 @@ def evaluate(
 ) -> Evaluation:
     """A history, with its errors where there is a truth.
 
-    A history that is not finite throughout, or whose numbers cannot be evaluated, is ``failed``: its errors are those of the frames
-    that are finite, and it has none where no frame is.
+    A history that is not finite throughout, or whose numbers cannot be evaluated, is ``failed``: its errors are those of the epochs
+    that are finite, and it has none where no epoch is.
 
     Parameters
     ----------
@@ -119,11 +119,11 @@ def evaluate(
 
     Raises
     ------
-    InputError: a history without frames, or a truth without any of its time stamps.
+    InputError: a history without epochs, or a truth without any of its time stamps.
     """
     if not len(history.time):
         raise InputError(
-            f"{history.name} left no frame to evaluate: {'; '.join(history.status.reasons) or 'no reason'}"
+            f"{history.name} left no epoch to evaluate: {'; '.join(history.status.reasons) or 'no reason'}"
         )
     with np.errstate(all="ignore"):  # what comes out is looked at, and told in the status
         evaluation, trajectory = _described(_with_status(history))
@@ -144,16 +144,16 @@ def evaluate(
 
 
 def _with_status(history: EstimateHistory) -> EstimateHistory:
-    """The history, ``failed`` where a frame is not finite."""
-    bad = np.flatnonzero(~finite_frames(history))
+    """The history, ``failed`` where an epoch is not finite."""
+    bad = np.flatnonzero(~finite_epochs(history))
     if not len(bad) or history.status.verdict is Verdict.FAILED:
         return history
-    why = f"{len(bad)} of {len(history.time)} frames are not finite, first t = {history.time[bad[0]]:.3f} s"
+    why = f"{len(bad)} of {len(history.time)} epochs are not finite, first t = {history.time[bad[0]]:.3f} s"
     return replace(history, status=history.status.failed(why))
 
 
 def _described(history: EstimateHistory) -> tuple[Evaluation, Trajectory]:
-    """Without a truth, and its trajectory; of a history whose numbers cannot be evaluated nothing remains but its frames."""
+    """Without a truth, and its trajectory; of a history whose numbers cannot be evaluated nothing remains but its epochs."""
     try:
         evaluation, trajectory = Evaluation(history), trajectory_of(history)
         _ = evaluation.body
@@ -182,7 +182,7 @@ def _compared(
     common = truth_in_first_frame(history, truth) if alignment is Alignment.FIRST_FRAME else truth
     frame = errors.frame if alignment is Alignment.BODY_FRAME else None
     exact = alignment in (Alignment.NONE, Alignment.FIRST_FRAME)
-    known = exact and knows_state(common, history.layout) and bool(finite_frames(history).any())
+    known = exact and knows_state(common, history.layout) and bool(finite_epochs(history).any())
     return evaluation.with_fields(
         alignment=alignment,
         errors=errors,

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from spinfilters.evaluation.bound import ErrorBound
+from spinfilters.evaluation.error_bound import ErrorBound
 from spinfilters.evaluation.errors import BodyErrors, RmsErrors
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.evaluation.reported_constants import constant_numbers

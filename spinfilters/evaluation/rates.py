@@ -6,10 +6,10 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.attitude.conversions import inverse, rotate
+from spinfilters.data.measurement_log import MeasurementLog
+from spinfilters.data.truth import Truth
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.derived import by_stretches
-from spinfilters.logs.measurement_log import MeasurementLog
-from spinfilters.logs.truth import Truth
+from spinfilters.evaluation.error_propagation import by_stretches
 from spinfilters.sensors.registry import sensor_of
 
 

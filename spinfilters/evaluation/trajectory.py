@@ -10,15 +10,15 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinfilters.attitude.expressions import Expression, rotate
+from spinfilters.data.atomic_write import write_bytes
+from spinfilters.data.input_file import MAX_TABLE_BYTES, path_text, require_file
+from spinfilters.data.measurement_log import normalised
+from spinfilters.data.pose_files import write_poses
+from spinfilters.data.table_files import write_csv
+from spinfilters.data.truth import TRUTH_COLUMNS
 from spinfilters.errors import InputError, ShapeError
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.derived import by_stretches, with_error_jacobian
-from spinfilters.logs.atomic_write import write_bytes
-from spinfilters.logs.input_file import MAX_TABLE_BYTES, named, require_file
-from spinfilters.logs.measurement_log import normalised
-from spinfilters.logs.pose_files import write_poses
-from spinfilters.logs.table_files import write_csv
-from spinfilters.logs.truth import TRUTH_COLUMNS
+from spinfilters.evaluation.error_propagation import by_stretches, with_error_jacobian
 from spinfilters.state.layout import StateLayout
 from spinfilters.symbolic import Compiled
 
@@ -31,7 +31,7 @@ TRAJECTORY_COLUMNS: Final[tuple[str, ...]] = (*TRUTH_COLUMNS, *STD_COLUMNS)
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Motion of the centre of mass and attitude of g as in `spinfilters.logs.truth`, with uncertainty.
+    """Motion of the centre of mass and attitude of g as in `spinfilters.data.truth`, with uncertainty.
 
     Attributes
     ----------
@@ -56,12 +56,12 @@ class Trajectory:
 
     @property
     def is_finite(self) -> Bool[np.ndarray, " n"]:
-        """In which frames the motion, whatever its uncertainty, is finite."""
+        """In which epochs the motion, whatever its uncertainty, is finite."""
         motion = np.hstack([self.position, self.q_ig, self.velocity, self.rate_i])
         return np.asarray(np.isfinite(motion).all(axis=1))
 
     def at(self, rows: Int[np.ndarray, " k"]) -> "Trajectory":
-        """Some of its frames."""
+        """Some of its epochs."""
         arrays = {name: values[rows] for name, values in vars(self).items() if isinstance(values, np.ndarray)}
         return replace(self, **arrays)
 
@@ -105,7 +105,7 @@ def trajectory_columns(trajectory: Trajectory) -> list[Float[np.ndarray, " n"]]:
 def write_trajectory_tum(path: Path, trajectory: Trajectory) -> None:
     """Write `time, position of the centre of mass in i, q_ig` in the TUM format, for evo say. Atomic.
 
-    Frames that are not finite are left out: no reader of the format takes them. The file is a line of comment where none is.
+    Epochs that are not finite are left out: no reader of the format takes them. The file is a line of comment where none is.
     Mind that `poses.tum` of a data set holds the origin of g instead of the centre of mass.
     """
     held = trajectory.is_finite
@@ -117,7 +117,7 @@ def write_map_ply(path: Path, points: Float[np.ndarray, "k 3"]) -> None:
 
     Raises
     ------
-    ShapeError: points that are not (k, 3).   InputError: as `spinfilters.logs.atomic_write.write_bytes`.
+    ShapeError: points that are not (k, 3).   InputError: as `spinfilters.data.atomic_write.write_bytes`.
     """
     if points.ndim != 2 or points.shape[1] != 3:
         raise ShapeError(f"map points have shape {points.shape}, expected (k, 3)")
@@ -135,7 +135,7 @@ def read_map_ply(path: Path) -> Float[np.ndarray, "k 3"]:
         or points.nbytes != len(values)
         or not np.isfinite(points).all()
     ):
-        raise InputError(f"{named(path)}: is no map of a run; make the run again")
+        raise InputError(f"{path_text(path)}: is no map of a run; make the run again")
     return points
 
 

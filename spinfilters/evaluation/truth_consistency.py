@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinfilters.attitude.conversions import angle_between, integrate_gyro, inverse, multiply
-from spinfilters.logs.truth import Truth
+from spinfilters.data.truth import Truth
 
 WINDOW: Final = 1.0
 """Rad of turn after which attitudes and rates start together again, so that a gyro's bias does not add up."""

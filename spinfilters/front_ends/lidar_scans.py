@@ -15,15 +15,15 @@ from spinfilters.attitude.conversions import (
     quaternion_from_matrix,
     rotate,
 )
+from spinfilters.data.dataset import DATASET_FILE
+from spinfilters.data.input_file import path_text
+from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.data.raw_data import RawDataReader
+from spinfilters.data.truth import Truth
 from spinfilters.errors import InputError
 from spinfilters.lidar.scan_files import read_scan
 from spinfilters.lidar.scan_pose import nearest_rotation
 from spinfilters.lidar.scan_poses import ScanPoses, scan_poses
-from spinfilters.logs.dataset import DATASET_FILE
-from spinfilters.logs.input_file import named
-from spinfilters.logs.measurement_log import MeasurementStream
-from spinfilters.logs.raw_data import RawDataReader
-from spinfilters.logs.truth import Truth
 
 SCAN_FOLDER: Final = "scans"
 
@@ -38,7 +38,7 @@ def read_scans(folder: Path, truth: Truth | None) -> tuple[MeasurementStream, Tr
     paths = sorted((folder / SCAN_FOLDER).glob("*.ply"))
     if not paths:
         raise InputError(
-            f"{named(folder / DATASET_FILE)}: kind is 'lidar-scans', but {SCAN_FOLDER} holds no .ply; put the scans there"
+            f"{path_text(folder / DATASET_FILE)}: kind is 'lidar-scans', but {SCAN_FOLDER} holds no .ply; put the scans there"
         )
     scans = sorted((read_scan(path) for path in paths), key=lambda scan: scan.epoch)
     times = np.array([scan.epoch for scan in scans])
@@ -50,7 +50,7 @@ def read_scans(folder: Path, truth: Truth | None) -> tuple[MeasurementStream, Tr
     try:
         found = scan_poses(scans)
     except InputError as error:
-        raise InputError(f"{named(folder)}: {error}") from None
+        raise InputError(f"{path_text(folder)}: {error}") from None
     stream = pose_stream(found)
     return stream, None if truth is None else _in_their_frame(truth, stream), "; ".join(found.remarks)
 

@@ -12,8 +12,8 @@ from spinfilters.attitude.conversions import (
     rotate,
     rotation_vector_from_quaternion,
 )
+from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.errors import InputError, ShapeError
-from spinfilters.logs.measurement_log import MeasurementStream
 
 
 @dataclass(frozen=True, eq=False)

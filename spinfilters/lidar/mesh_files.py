@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinfilters.data.input_file import path_text, reason, require_file, value_text
 from spinfilters.errors import InputError
 from spinfilters.lidar.mesh import TriangleMesh, cleaned_mesh
 from spinfilters.lidar.ply_files import read_ply
-from spinfilters.logs.input_file import named, reason, require_file, shown
 
 MAX_MESH_BYTES: Final = 1 << 30
 """Largest mesh file that is read (1 GiB): twenty million triangles of a binary STL."""
@@ -33,10 +33,10 @@ def read_mesh(path: str | os.PathLike[str]) -> TriangleMesh:
     reader = readers.get(path.suffix.lower())
     if reader is None:
         raise InputError(
-            f"{named(path)}: {shown(path.suffix)} is no known kind of mesh; give a .stl, .obj or .ply"
+            f"{path_text(path)}: {value_text(path.suffix)} is no known kind of mesh; give a .stl, .obj or .ply"
         )
     vertices, triangles = reader(path)
-    return cleaned_mesh(vertices, triangles, named(path))
+    return cleaned_mesh(vertices, triangles, path_text(path))
 
 
 _Surface = tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]
@@ -47,7 +47,7 @@ def file_bytes(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except OSError as error:
-        raise InputError(f"{named(path)}: cannot be read ({reason(error)}); copy it again") from None
+        raise InputError(f"{path_text(path)}: cannot be read ({reason(error)}); copy it again") from None
 
 
 def _read_stl(path: Path) -> _Surface:
@@ -58,10 +58,10 @@ def _read_stl(path: Path) -> _Surface:
     if data.lstrip()[:5].lower() == b"solid" and b"facet" in data[:4096].lower() + data[-4096:].lower():
         return _ascii_stl(path, data)
     if told < 0:
-        raise InputError(f"{named(path)}: has {len(data)} bytes, too few for an STL; export it again")
+        raise InputError(f"{path_text(path)}: has {len(data)} bytes, too few for an STL; export it again")
     held = (len(data) - _STL_HEADER) // _STL_TRIANGLE
     raise InputError(
-        f"{named(path)}: its header tells {told} triangles, its size is that of {held}: truncated or damaged; export it again"
+        f"{path_text(path)}: its header tells {told} triangles, its size is that of {held}: truncated or damaged; export it again"
     )
 
 
@@ -78,12 +78,12 @@ def _ascii_stl(path: Path, data: bytes) -> _Surface:
     vertices = _NUMBER.findall(data)
     if b"endsolid" not in text or opened != closed or len(vertices) != 3 * opened:
         raise InputError(
-            f"{named(path)}: {opened} facets begin, {closed} end, with {len(vertices)} vertices: truncated; export it again"
+            f"{path_text(path)}: {opened} facets begin, {closed} end, with {len(vertices)} vertices: truncated; export it again"
         )
     try:
         values = np.array(vertices, dtype="S64").astype(np.float64)
     except ValueError:
-        raise InputError(f"{named(path)}: a vertex is no number; export it again") from None
+        raise InputError(f"{path_text(path)}: a vertex is no number; export it again") from None
     return values.reshape(-1, 3), np.arange(len(values)).reshape(-1, 3)
 
 
@@ -102,7 +102,7 @@ def _read_obj(path: Path) -> _Surface:
                 triangles += [(corners[0], b, c) for b, c in pairwise(corners[1:])]
         except (ValueError, IndexError):
             raise InputError(
-                f"{named(path)}: line {number}: {shown(line.strip())} is no vertex or face; export it again"
+                f"{path_text(path)}: line {number}: {value_text(line.strip())} is no vertex or face; export it again"
             ) from None
     return np.array(vertices).reshape(-1, 3), np.array(triangles, dtype=np.int64).reshape(-1, 3)
 
@@ -118,5 +118,5 @@ def _obj_index(word: str, count: int) -> int:
 def _read_ply_mesh(path: Path) -> _Surface:
     content = read_ply(path)
     if not len(content.triangles):
-        raise InputError(f"{named(path)}: holds points but no faces: a scan, not a mesh; give a mesh")
+        raise InputError(f"{path_text(path)}: holds points but no faces: a scan, not a mesh; give a mesh")
     return content.points, content.triangles

@@ -7,9 +7,9 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinfilters.data.atomic_write import write_bytes
+from spinfilters.data.input_file import path_text, reason, require_file, value_text
 from spinfilters.errors import InputError
-from spinfilters.logs.atomic_write import write_bytes
-from spinfilters.logs.input_file import named, reason, require_file, shown
 
 MAX_PLY_BYTES: Final = 1 << 30
 """Largest PLY that is read (1 GiB)."""
@@ -69,12 +69,12 @@ def read_ply(path: Path) -> PlyContent:
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise InputError(f"{named(path)}: cannot be read ({reason(error)}); copy it again") from None
+        raise InputError(f"{path_text(path)}: cannot be read ({reason(error)}); copy it again") from None
     try:
         return _parsed(data)
     except (ValueError, IndexError, KeyError, OverflowError) as error:
         raise InputError(
-            f"{named(path)}: is no whole PLY ({shown(' '.join(str(error).split())[:80])}); export it again"
+            f"{path_text(path)}: is no whole PLY ({value_text(' '.join(str(error).split())[:80])}); export it again"
         ) from None
 
 

@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinfilters.data.number_range import NumberRange
 from spinfilters.errors import InputError
-from spinfilters.logs.number_range import NumberRange
 
 FIELD_OF_VIEW: Final = NumberRange(1e-6, 179.0, "deg")
 RAYS: Final = NumberRange(1, 100_000, whole=True)

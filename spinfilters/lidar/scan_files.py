@@ -6,13 +6,13 @@ from typing import Final
 
 import numpy as np
 
+from spinfilters.data.atomic_write import write_bytes
+from spinfilters.data.input_file import path_text, value_text
 from spinfilters.errors import InputError
 from spinfilters.lidar.ply_files import read_ply, write_ply
 from spinfilters.lidar.ray_pattern import unit_vectors
 from spinfilters.lidar.scan import Scan, scan_of_points
 from spinfilters.lidar.scan_errors import RETURN
-from spinfilters.logs.atomic_write import write_bytes
-from spinfilters.logs.input_file import named, shown
 
 COLUMNS: Final = (
     "x",
@@ -44,7 +44,7 @@ def write_scan(path: Path, scan: Scan, misses: bool = False) -> None:
     writers = {".ply": _write_ply, ".pcd": _write_pcd, ".csv": _write_csv}
     if path.suffix.lower() not in writers:
         raise InputError(
-            f"{named(path)}: {shown(path.suffix)} is no format of scans; use {', '.join(writers)}"
+            f"{path_text(path)}: {value_text(path.suffix)} is no format of scans; use {', '.join(writers)}"
         )
     rows = np.ones(len(scan), dtype=bool) if misses else scan.is_return
     writers[path.suffix.lower()](path, _columns(scan, rows), json.dumps(dict(scan.metadata), default=str))
@@ -59,22 +59,32 @@ def read_scan(path: Path) -> Scan:
     """
     content = read_ply(path)
     if not len(content.points):
-        raise InputError(f"{named(path)}: holds no point; the lidar has seen nothing, leave the scan out")
+        raise InputError(f"{path_text(path)}: holds no point; the lidar has seen nothing, leave the scan out")
     bad = np.flatnonzero(~np.isfinite(content.points).all(axis=1))
     if bad.size:
-        raise InputError(f"{named(path)}: point {bad[0]} is not finite; leave it out")
+        raise InputError(f"{path_text(path)}: point {bad[0]} is not finite; leave it out")
     if not set(COLUMNS) <= set(content.columns):
         seen = content.points[np.linalg.norm(content.points, axis=1) > 0]
-        return scan_of_points(seen, name=named(path))
+        return scan_of_points(seen, name=path_text(path))
     values = [content.columns[name].astype(np.float64) for name in COLUMNS[3:8]]
     time, azimuth, elevation, distance, intensity = values
     flag, window = (content.columns[name].astype(np.int64) for name in COLUMNS[8:])
     scan = Scan(
-        time, azimuth, elevation, distance, intensity, flag, window, named(path), _metadata(content.comments)
+        time,
+        azimuth,
+        elevation,
+        distance,
+        intensity,
+        flag,
+        window,
+        path_text(path),
+        _metadata(content.comments),
     )
     told = np.isfinite([time, azimuth, elevation, intensity]).all(axis=0)
     if not (told & (np.isfinite(distance) | (flag != RETURN))).all():
-        raise InputError(f"{named(path)}: a ray has a time, angle or range that is not finite; leave it out")
+        raise InputError(
+            f"{path_text(path)}: a ray has a time, angle or range that is not finite; leave it out"
+        )
     return scan
 
 

@@ -9,6 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.attitude.conversions import continuous_quaternions, quaternion_from_matrix
+from spinfilters.data.atomic_write import make_folder, write_toml
+from spinfilters.data.dataset import DATASET_FILE
+from spinfilters.data.truth import Truth, write_truth
 from spinfilters.errors import InputError
 from spinfilters.lidar.body_motion import TorqueFreeTumble
 from spinfilters.lidar.mass_properties import mass_properties
@@ -16,9 +19,6 @@ from spinfilters.lidar.mesh import TriangleMesh
 from spinfilters.lidar.scan import Scan
 from spinfilters.lidar.scan_files import write_scan
 from spinfilters.lidar.scanner import Scanner
-from spinfilters.logs.atomic_write import make_folder, write_toml
-from spinfilters.logs.dataset import DATASET_FILE
-from spinfilters.logs.truth import Truth, write_truth
 
 KIND: Final = "lidar-scans"
 """Kind of a data set that holds scans."""

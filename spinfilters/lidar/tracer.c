@@ -1,7 +1,8 @@
 /* Closest intersections of rays with triangles in float64: a bounding-volume hierarchy walked by packets of neighbouring rays.
 
    See `ray_tracing.brute_force_hits` for what is computed. A packet visits a node when one of its rays meets the node's box.
-   A tree's arrays: nodes[2 n - 1], triangles[n][12] = (corner, edge 1, edge 2, smallest determinant, ...) in the order of leaves. */
+   A tree's arrays: nodes[2 n - 1], triangles[n][12] = (corner, edge 1, edge 2, smallest determinant, ...) in the order of
+   leaves. */
 
 #include <math.h>
 #include <string.h>

@@ -10,13 +10,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.estimator import Estimator, Measurement, ProcessModel, UpdateReport
-from spinfilters.estimators.prediction import predict_ahead
+from spinfilters.estimators.filters.belief_prediction import predict_ahead
 from spinfilters.estimators.run import rehearse
-from spinfilters.estimators.smoothing.recursive import RecursiveSmoother
-from spinfilters.estimators.smoothing.sliding_records import SlidingOptions
-from spinfilters.estimators.timeline import Frame, Timeline
+from spinfilters.estimators.smoothing.window.recursive_smoother import RecursiveSmoother
+from spinfilters.estimators.smoothing.window.smoother_records import SmootherOptions
+from spinfilters.estimators.timeline import Epoch, Timeline
 from spinfilters.live.answer import Answer
 from spinfilters.live.filter_track import FilterTrack
 from spinfilters.live.line_format import ArrivedEpoch
@@ -24,7 +25,6 @@ from spinfilters.live.rebase import HandOver, distance, landmarks_of, rebase
 from spinfilters.live.smoother_worker import Build
 from spinfilters.live.summary import LiveSummary
 from spinfilters.live.supervisor import SmootherSupervisor, SupervisionOptions
-from spinfilters.logs.measurement_log import MeasurementStream
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.status import Verdict
@@ -60,11 +60,11 @@ class LiveOptions:
     largest_gap: float = 60.0
     smoother: bool = True
     supervision: SupervisionOptions = field(default_factory=SupervisionOptions)
-    sliding: SlidingOptions = field(default_factory=SlidingOptions)
+    sliding: SmootherOptions = field(default_factory=SmootherOptions)
 
 
 @dataclass(frozen=True)
-class Setup:
+class LiveSetup:
     """What a live run begins from.
 
     Attributes
@@ -91,7 +91,7 @@ class Executive:
     track: the filter.   supervisor: the smoother's process.   summary: what is counted.
     """
 
-    def __init__(self, setup: Setup, options: LiveOptions) -> None:
+    def __init__(self, setup: LiveSetup, options: LiveOptions) -> None:
         self._setup, self._options = setup, options
         self.track = FilterTrack(setup.filter, setup.time, options.history)
         self.supervisor = SmootherSupervisor(setup.process.layout, setup.models, options.supervision)
@@ -100,16 +100,16 @@ class Executive:
         self._stands_on_smoother = False
         self._intervals: list[float] = []
 
-    def rehearse(self, frames: Timeline) -> None:
+    def rehearse(self, epochs: Timeline) -> None:
         """Build what answers are computed with, before a clock runs; the filter is left as it was."""
         estimator = self.track.estimator
         before = estimator.snapshot()
-        rehearse(estimator, self.track.time, frames)
+        rehearse(estimator, self.track.time, epochs)
         if self._options.ahead > 0:
             predict_ahead(self._setup.process, estimator.belief, np.array([self._options.ahead]))
         landmarks_of(estimator)
-        if len(frames):
-            self._rehearse_gaps(frames[0].time - self.track.time)
+        if len(epochs):
+            self._rehearse_gaps(epochs[0].time - self.track.time)
         estimator.restore(before)
 
     def _rehearse_gaps(self, interval: float) -> None:
@@ -138,7 +138,7 @@ class Executive:
             self.summary.events.update(self.supervisor.events)
 
     def serve(self) -> None:
-        """Take in hand-overs, the newest of them first, and see that there is a smoother."""
+        """Take in hand-overs, the latest of them first, and see that there is a smoother."""
         if not self._options.smoother:
             return
         found = self.supervisor.hand_overs()
@@ -180,14 +180,14 @@ class Executive:
         self._jumps = 0
         return None
 
-    def _frame(self, arrived: ArrivedEpoch) -> Frame:
+    def _frame(self, arrived: ArrivedEpoch) -> Epoch:
         measurements = []
         for stream in arrived.streams:
             try:
                 measurements.append(self._setup.bind(stream))
             except InputError:
                 self.summary.events["unusable"] += 1
-        return Frame(arrived.time, tuple(measurements))
+        return Epoch(arrived.time, tuple(measurements))
 
     def _said(self, instant: float, reports: list[UpdateReport], began: float, count: int) -> Answer:
         belief, process = self.track.belief, self._setup.process

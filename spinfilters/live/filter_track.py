@@ -8,7 +8,7 @@ import numpy as np
 from spinfilters.errors import NUMERICAL_ERRORS
 from spinfilters.estimators.estimator import Estimator, Snapshot, UpdateReport
 from spinfilters.estimators.run import advance, finite
-from spinfilters.estimators.timeline import Frame
+from spinfilters.estimators.timeline import Epoch
 from spinfilters.state.gaussian import Gaussian
 
 
@@ -16,7 +16,7 @@ from spinfilters.state.gaussian import Gaussian
 class KeptEpoch:
     """An epoch and the filter's state after it."""
 
-    frame: Frame
+    frame: Epoch
     after: Snapshot
 
     @property
@@ -36,11 +36,11 @@ class FilterTrack:
 
     def __init__(self, estimator: Estimator, time: float, capacity: int = 100) -> None:
         self.estimator, self._capacity = estimator, capacity
-        self._kept = [KeptEpoch(Frame(time, ()), estimator.snapshot())]
+        self._kept = [KeptEpoch(Epoch(time, ()), estimator.snapshot())]
 
     @property
     def time(self) -> float:
-        """Of the newest epoch, s."""
+        """Of the latest epoch, s."""
         return self._kept[-1].time
 
     @property
@@ -50,7 +50,7 @@ class FilterTrack:
 
     @property
     def belief(self) -> Gaussian:
-        """At the newest epoch."""
+        """At the latest epoch."""
         return self.estimator.belief
 
     def has(self, time: float) -> bool:
@@ -58,7 +58,7 @@ class FilterTrack:
         index = bisect_right(self._kept, time, key=lambda kept: kept.time)
         return index > 0 and self._kept[index - 1].time == time
 
-    def take(self, frame: Frame) -> list[UpdateReport] | None:
+    def take(self, frame: Epoch) -> list[UpdateReport] | None:
         """Take in an epoch, at its place in time; None where it would have made the filter infinite and was left out.
 
         It must lie after `oldest` and at no epoch that is there.
@@ -82,7 +82,7 @@ class FilterTrack:
         finally:
             self.estimator.restore(self._kept[-1].after)
 
-    def go_back(self, time: float) -> list[Frame]:
+    def go_back(self, time: float) -> list[Epoch]:
         """Put the filter back after the epoch of this time; the epochs after it, which are now out."""
         index = bisect_right(self._kept, time, key=lambda kept: kept.time)
         later = [kept.frame for kept in self._kept[index:]]
@@ -90,13 +90,13 @@ class FilterTrack:
         self.estimator.restore(self._kept[-1].after)
         return later
 
-    def resume(self, later: list[Frame]) -> None:
+    def resume(self, later: list[Epoch]) -> None:
         """Go on from what the filter has been made now, through these epochs."""
         self._kept[-1] = KeptEpoch(self._kept[-1].frame, self.estimator.snapshot())
         for frame in later:
             self._advance(frame)
 
-    def _advance(self, frame: Frame) -> list[UpdateReport] | None:
+    def _advance(self, frame: Epoch) -> list[UpdateReport] | None:
         """One epoch; where it breaks the filter, its time passes and its measurements are left out."""
         before = self._kept[-1]
         try:

@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.data.sensor_format import SensorFormat, sensor_format
 from spinfilters.errors import InputError
-from spinfilters.logs.measurement_log import MeasurementStream
-from spinfilters.logs.sensor_format import SensorFormat, sensor_format
 
 LONGEST_LINE = 1000
 """Characters; what is longer is no measurement."""

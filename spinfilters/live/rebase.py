@@ -9,9 +9,9 @@ from spinfilters.attitude.conversions import mrp_from_quaternion
 from spinfilters.embedded.estimator import EmbeddedFilter
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Estimator
-from spinfilters.estimators.gain import triangular_factor
+from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeFilter
+from spinfilters.estimators.filters.square_root_update import triangular_factor
 from spinfilters.estimators.landmarks.belief import LandmarkBelief, state_in_g
-from spinfilters.estimators.multiplicative_filter import MultiplicativeFilter
 from spinfilters.geometry.absolute_orientation import absolute_orientation
 from spinfilters.models.gauge import GAUGE_DIM
 from spinfilters.state.gaussian import Gaussian

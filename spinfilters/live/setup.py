@@ -1,25 +1,25 @@
 """A live run made ready from a data set: its sensors, noise, camera and initialisation."""
 
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.run import REHEARSED
-from spinfilters.estimators.smoothing.recursive import RecursiveSmoother
-from spinfilters.live.executive import Setup
-from spinfilters.logs.dataset import Dataset
-from spinfilters.logs.measurement_log import MeasurementStream
+from spinfilters.estimators.smoothing.window.recursive_smoother import RecursiveSmoother
+from spinfilters.live.executive import LiveSetup
 from spinfilters.models.measurement import MeasurementModel
+from spinfilters.pipeline.estimator_entry import estimator_entries
+from spinfilters.pipeline.setup import Setup, camera_view, prepare
+from spinfilters.pipeline.smoother_run import begin_after_initialisation, sliding_smoother
 from spinfilters.sensors.registry import sensor_of
-from spinfilters.workflow.estimator_entry import estimator_entries
-from spinfilters.workflow.preparation import Prepared, camera_view, prepare
-from spinfilters.workflow.settings import Settings
-from spinfilters.workflow.smoothing import begin_at_start, sliding_smoother
+from spinfilters.settings.run_settings import Settings
 
 LONG_RUN = 100_000
 """Epochs: the smoother of a run without an end lets go of its past."""
 FILTERS = ("mekf", "ukf", "embedded", "embedded-double")
 
 
-def live_setup(dataset: Dataset, settings: Settings, name: str) -> Setup:
+def live_setup(dataset: Dataset, settings: Settings, name: str) -> LiveSetup:
     """Initialise from the first epochs of a data set.
 
     Parameters
@@ -30,16 +30,16 @@ def live_setup(dataset: Dataset, settings: Settings, name: str) -> Setup:
     ------
     InputError: a filter that the data set has nothing for; an initialisation that failed.
     """
-    prepared = prepare(dataset, settings)
-    if prepared.start.has_failed:
-        why = "; ".join(prepared.start.status.reasons)
+    setup = prepare(dataset, settings)
+    if setup.initial.has_failed:
+        why = "; ".join(setup.initial.status.reasons)
         raise InputError(f"the first epochs tell no state ({why}); give other ones")
     entry = estimator_entries()[name]
-    estimator = entry.build(prepared, settings)
+    estimator = entry.build(setup, settings)
     assert estimator is not None
-    entry.begin(estimator, prepared)
-    models = _models(prepared)
-    view, noise, layout = camera_view(dataset), prepared.noise, prepared.process.layout
+    entry.begin(estimator, setup)
+    models = _models(setup)
+    view, noise, layout = camera_view(dataset), setup.noise, setup.process.layout
 
     def bind(stream: MeasurementStream) -> Measurement:
         bound = sensor_of(stream.sensor).bind(stream, layout, noise, view)
@@ -47,28 +47,28 @@ def live_setup(dataset: Dataset, settings: Settings, name: str) -> Setup:
         return Measurement(model, bound.values, bound.parameters, bound.ids)
 
     first = None
-    if sliding_smoother(prepared, settings) is not None:
+    if sliding_smoother(setup, settings) is not None:
 
         def build() -> RecursiveSmoother:
-            smoother = RecursiveSmoother(prepared.process, settings.smoother.options(LONG_RUN))
-            begin_at_start(smoother, prepared)
+            smoother = RecursiveSmoother(setup.process, settings.smoother.options(LONG_RUN))
+            begin_after_initialisation(smoother, setup)
             return smoother
 
-        first = (build, prepared.start_end)
+        first = (build, setup.end_of_initialisation)
     for stream in dataset.log.streams:
         bind(stream)  # built before a clock runs
-    count = len(prepared.start.mean)
-    rehearsal = prepared.timeline[count : count + REHEARSED]
-    return Setup(prepared.process, estimator, prepared.start_end, models, bind, first, rehearsal)
+    count = len(setup.initial.mean)
+    rehearsal = setup.timeline[count : count + REHEARSED]
+    return LiveSetup(setup.process, estimator, setup.end_of_initialisation, models, bind, first, rehearsal)
 
 
-def _models(prepared: Prepared) -> dict[str, MeasurementModel]:
+def _models(setup: Setup) -> dict[str, MeasurementModel]:
     """Of all sensors of the data set, by name: the smoother's process knows no others."""
-    frames = (prepared.timeline[k] for k in range(len(prepared.timeline)))
+    epochs = (setup.timeline[k] for k in range(len(setup.timeline)))
     models: dict[str, MeasurementModel] = {}
-    for frame in frames:
+    for frame in epochs:
         for measurement in frame.measurements:
             models.setdefault(measurement.model.name, measurement.model)
-        if len(models) == len(prepared.dataset.log.sensors):
+        if len(models) == len(setup.dataset.log.sensors):
             break
     return models

@@ -1,4 +1,4 @@
-"""The smoother's own process: epochs in, its newest state and map out."""
+"""The smoother's own process: epochs in, its latest state and map out."""
 
 import resource
 import select
@@ -8,8 +8,8 @@ from collections.abc import Callable
 import numpy as np
 
 from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.smoothing.recursive import RecursiveSmoother
-from spinfilters.estimators.timeline import Frame
+from spinfilters.estimators.smoothing.window.recursive_smoother import RecursiveSmoother
+from spinfilters.estimators.timeline import Epoch
 from spinfilters.live.messages import Channel, Message
 from spinfilters.models.measurement import MeasurementModel
 
@@ -17,7 +17,7 @@ Build = Callable[[], RecursiveSmoother]
 """Makes the smoother, begun."""
 
 
-def frame_message(frame: Frame) -> Message:
+def frame_message(frame: Epoch) -> Message:
     """An epoch as arrays; models by their sensor's name."""
     message: Message = {"time": np.array(frame.time)}
     for k, m in enumerate(frame.measurements):
@@ -31,7 +31,7 @@ def frame_message(frame: Frame) -> Message:
     return message
 
 
-def frame_of(message: Message, models: dict[str, MeasurementModel]) -> Frame:
+def frame_of(message: Message, models: dict[str, MeasurementModel]) -> Epoch:
     """The inverse of `frame_message`."""
     measurements = []
     for k in range(len(message)):
@@ -41,7 +41,7 @@ def frame_of(message: Message, models: dict[str, MeasurementModel]) -> Frame:
         measurements.append(
             Measurement(model, message[f"{k}.values"], message[f"{k}.parameters"], message.get(f"{k}.ids"))
         )
-    return Frame(float(message["time"]), tuple(measurements))
+    return Epoch(float(message["time"]), tuple(measurements))
 
 
 def work(
@@ -65,13 +65,13 @@ def work(
     now = origin[0]
     while not channel.closed:
         select.select([channel], [], [])
-        frames = [frame_of(message, models) for message in channel.received()]
-        for frame in frames:
+        epochs = [frame_of(message, models) for message in channel.received()]
+        for frame in epochs:
             if frame.time + shift > now:
                 smoother.predict(frame.time + shift - now)
                 now = frame.time + shift
             smoother.update_all(frame.measurements)
-        if frames:
+        if epochs:
             channel.send(hand_over(smoother, now - shift))
             while channel.waiting and not channel.closed:
                 select.select([], [channel], [])

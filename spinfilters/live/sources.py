@@ -9,9 +9,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from pathlib import Path
 
+from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.errors import InputError
 from spinfilters.live.line_format import ArrivedEpoch, LineReader
-from spinfilters.logs.measurement_log import MeasurementLog
 
 CHUNK = 1 << 16
 SETTLED = 0.05

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spinfilters.estimators.timeline import Frame
+from spinfilters.estimators.timeline import Epoch
 from spinfilters.live.messages import MOST_WAITING, Channel
 from spinfilters.live.rebase import HandOver
 from spinfilters.live.smoother_worker import Build, frame_message, work
@@ -90,7 +90,7 @@ class SmootherSupervisor:
         self._last, self.trouble = time.monotonic(), ""
         self.events["smoother begun"] += 1
 
-    def send(self, frame: Frame) -> None:
+    def send(self, frame: Epoch) -> None:
         """Give it an epoch, newer than all before."""
         if self._channel is None:
             return

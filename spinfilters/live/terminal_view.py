@@ -12,7 +12,7 @@ from spinfilters.live.summary import LiveSummary
 
 
 class TerminalView:
-    """Shows the newest answer and the counts, on standard error."""
+    """Shows the latest answer and the counts, on standard error."""
 
     def __init__(self, summary: LiveSummary) -> None:
         self._summary = summary

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.models.rotation_steps import RotationIntegrator
+from spinfilters.models.rotation_integrator import RotationIntegrator
 from spinfilters.state.blocks.rigid_body import ATTITUDE, RATE, VELOCITY
 from spinfilters.state.layout import StateLayout
 from spinfilters.symbolic import Compiled, building

@@ -4,7 +4,8 @@ A move (theta, rho) takes a point p_g to R(theta) p_g + rho. With it
 
     q_ig -> q_ig (x) dq(-theta),  t -> t - R_ig R(theta)' rho,  w -> R w,  c -> R c + rho,  S -> R S R',  v -> v,  b -> R b,
 
-the motion, the centre of mass in i and every sighting stay what they were: six directions of the state in which only the definition
+the motion, the centre of mass in i and every observation stay what they were: six directions of the state in which only the
+definition
 of g, and nothing observed, may put information.
 """
 

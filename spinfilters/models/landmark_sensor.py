@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 from spinfilters.attitude.expressions import Expression
 from spinfilters.models.measurement import MeasurementModel, row_by_row
-from spinfilters.symbolic import Compiled, Lanes, building
+from spinfilters.symbolic import Compiled, Vectorised, building
 
 
 class LandmarkLinearisation(NamedTuple):
@@ -103,8 +103,8 @@ class LandmarkSensor(MeasurementModel):
 
     @cached_property
     @building()
-    def sighting_rows(self) -> Lanes:
-        """What `linearise_landmarks` gives of a sighting, for many states, landmarks and sightings side by side.
+    def observation_rows(self) -> Vectorised:
+        """What `linearise_landmarks` gives of an observation, for many states, landmarks and observations side by side.
 
         Inputs: a point of the layout, a landmark (3, m, frame g), the rest of the parameters, the measured value. Outputs: per
         component of the innovation a row (by the model's `columns`, by the landmark, the whitened innovation itself), row after
@@ -117,21 +117,21 @@ class LandmarkSensor(MeasurementModel):
         rows = ca.horzcat(whitening @ jacobian, whitening @ by_landmark, away)
         valid = self.valid(self.layout.unpack(x), p)
         outputs = [row_by_row(rows), valid, ca.dot(away, away), self._whitening_expression(x, p)[1]]
-        return Lanes(ca.Function(f"{self.name}_sighting_rows", [x, p[:3], p[3:], z], outputs))
+        return Vectorised(ca.Function(f"{self.name}_observation_rows", [x, p[:3], p[3:], z], outputs))
 
     @cached_property
     @building()
-    def sighting_innovations(self) -> Lanes:
+    def observation_innovations(self) -> Vectorised:
         """Whitened innovations, what is positive where the model applies, and the log determinant of the noise factor.
 
-        Inputs: those of `sighting_rows`.
+        Inputs: those of `observation_rows`.
         """
         x, p, z = self._symbols
         state = self.layout.unpack(x)
         whitening, log_noise = self._whitening_expression(x, p)
         away = whitening @ self.innovation(self.symbolic(state, p), z)
         outputs = [away, self.valid(state, p), log_noise]
-        return Lanes(ca.Function(f"{self.name}_sighting_innovations", [x, p[:3], p[3:], z], outputs))
+        return Vectorised(ca.Function(f"{self.name}_observation_innovations", [x, p[:3], p[3:], z], outputs))
 
     @cached_property
     @building()

@@ -19,9 +19,9 @@ from jaxtyping import Float
 from spinfilters.attitude.expressions import Expression, quaternion_rate, rotate
 from spinfilters.dynamics.mass_distribution import inertia
 from spinfilters.errors import InputError
+from spinfilters.models.batched_linearisation import BatchedLinearisation
 from spinfilters.models.disturbed_steps import DisturbedSteps
-from spinfilters.models.many_steps import ManySteps
-from spinfilters.models.rotation_steps import RotationIntegrator
+from spinfilters.models.rotation_integrator import RotationIntegrator
 from spinfilters.models.step_count import MAX_SUBSTEPS, substeps, turns
 from spinfilters.state.layout import StateLayout
 
@@ -193,7 +193,7 @@ class TorqueFreeProcess:
 @cache
 def _integrators(
     layout: StateLayout, tolerance: float
-) -> tuple[RotationIntegrator, ManySteps, DisturbedSteps]:
+) -> tuple[RotationIntegrator, BatchedLinearisation, DisturbedSteps]:
     """The compiled steps of a layout, made once in a process: building their expressions costs as much as smoothing."""
     integrator = RotationIntegrator(layout, body_acceleration, tolerance)
-    return integrator, ManySteps(layout, integrator), DisturbedSteps(layout, integrator)
+    return integrator, BatchedLinearisation(layout, integrator), DisturbedSteps(layout, integrator)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from spinfilters.attitude.expressions import Expression
-from spinfilters.models.covariance_parameters import factor_of, parameters_of
+from spinfilters.models.cholesky_parameters import factor_of, parameters_of
 
 NoiseLevel = float | Float[np.ndarray, "k d d"]
 """A standard deviation of every component of every measurement, or the measurements' covariances."""

@@ -61,7 +61,7 @@ def study_figure(study: Study, title: str) -> Figure:
 def _bound_panel(axes: Axes, found: Report) -> None:
     """Over time; what the first frame defines, and knows without a doubt, does not stretch the scale."""
     for quantity, values in found.quantities.items():
-        axes.semilogy(found.flight.time, values, **(_style(quantity) | _prior_note(found, quantity)))
+        axes.semilogy(found.reference.time, values, **(_style(quantity) | _prior_note(found, quantity)))
     learnt = [values[1:].min(initial=values[-1]) for values in found.quantities.values()]
     axes.set(xlabel="time [s]", ylabel="Cramer-Rao bound, standard deviation", ylim=(min(learnt) / 3, None))
     tidy(axes)

@@ -29,7 +29,7 @@ _MOST_IN_A_LINE = 3  # means, behind the words of a title
 
 def consistency_figure(evaluations: Sequence[Evaluation]) -> Figure:
     """NIS per degree of freedom, and above it NEES where the true state is known."""
-    start_end = initialisation_end(evaluations)
+    end_of_initialisation = initialisation_end(evaluations)
     with_truth = any(evaluation.nees is not None for evaluation in evaluations)
     figure = Figure(figsize=(10.0, 6.6 if with_truth else 3.8), layout="constrained")
     panels = figure.subplots(1 + with_truth, 1, sharex=True, squeeze=False)[:, 0]
@@ -38,12 +38,12 @@ def consistency_figure(evaluations: Sequence[Evaluation]) -> Figure:
         _nees_panel(panels[0], evaluations, lines)
     _nis_panel(panels[-1], evaluations, lines)
     for axes in panels:
-        mark_start(axes, evaluations[0].history.time[0], start_end)
+        mark_start(axes, evaluations[0].history.time[0], end_of_initialisation)
         tidy(axes)
     panels[-1].set_xlabel("time [s]")
     handles = [line.handle for line in lines]
     band = Patch(color=GREEN, alpha=0.25, label="95% of a consistent estimator")
-    legend_below(figure, [*handles, band, *start_handle(start_end)])
+    legend_below(figure, [*handles, band, *start_handle(end_of_initialisation)])
     return figure
 
 
@@ -91,7 +91,7 @@ def _nis_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[Estima
 def _windows(
     history: EstimateHistory,
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"], Int[np.ndarray, " k"], int]:
-    """Mean time, summed NIS and dof of groups of frames: innovations are white, a sum is chi-square too."""
+    """Mean time, summed NIS and dof of groups of epochs: innovations are white, a sum is chi-square too."""
     used = np.flatnonzero(history.dof > 0)
     window = -(-len(used) // _MOST_MARKS)
     starts = np.arange(0, len(used), window)

@@ -1,6 +1,6 @@
-"""How a smoother's estimates settle: every frame's estimate after every solve, and the body's after every solve.
+"""How a smoother's estimates settle: every epoch's estimate after every solve, and the body's after every solve.
 
-After Tweddle (2013), Figures 6-33 to 6-41: iterations (frames taken in) and time span the plane, scales are logarithmic.
+After Tweddle (2013), Figures 6-33 to 6-41: iterations (epochs taken in) and time span the plane, scales are logarithmic.
 Motions are told by the length of their error, beside its standard deviation in the same scale of colours: equal colours are an
 honest covariance, and colours that do not change any more along a row are an estimate that has settled.
 """
@@ -44,7 +44,7 @@ class Settling:
 
     Attributes
     ----------
-    label, unit: of both.   distance: (f, f) length of the error, or of what differs from the last solve; solves by frames.
+    label, unit: of both.   distance: (f, f) length of the error, or of what differs from the last solve; solves by epochs.
     std: (f, f) of that length: the root of the sum of the axes' variances.
     """
 
@@ -60,7 +60,7 @@ class Convergence:
 
     Attributes
     ----------
-    time: (f,) s of the frames.   motions: a row of panels each.   bodies: after every solve.
+    time: (f,) s of the epochs.   motions: a row of panels each.   bodies: after every solve.
     trusted: (f,) which solves the smoother vouched for.
     known: whether distances are from the truth, or from the last solve.
     true_ratios: k1, k2.   true_center: (3,) m in g; None where it is not known.
@@ -88,10 +88,10 @@ def convergence_figure(found: Convergence) -> Figure:
         _doubtful(axes, found)
     figure.align_ylabels(list(panels[:, 0]))
     for axes in panels[-1]:
-        axes.set_xlabel("after frame")
+        axes.set_xlabel("after epoch")
     what = "error" if found.known else "distance from the last solve's estimate"
     figure.suptitle(
-        f"How the smoother settles: {what} and σ of every frame, solved again after every frame",
+        f"How the smoother settles: {what} and σ of every epoch, solved again after every epoch",
         fontsize="large",
     )
     _legend(figure, found)
@@ -130,7 +130,7 @@ def _surfaces(error: Axes, std: Axes, found: Convergence, motion: Settling) -> N
         )
         bar.minorticks_off()
         bar.ax.set_title(f"[{motion.unit}]", fontsize="small")
-    error.set_ylabel("time of the frame [s]")
+    error.set_ylabel("time of the epoch [s]")
 
 
 def _span(values: np.ndarray) -> tuple[float, float]:
@@ -144,16 +144,16 @@ def _span(values: np.ndarray) -> tuple[float, float]:
 def _mesh(axes: Axes, time: np.ndarray, surface: np.ndarray, span: tuple[float, float]) -> QuadMesh:
     middles = (time[1:] + time[:-1]) / 2
     ends = [1.5 * time[:1] - 0.5 * time[1:2], middles, 1.5 * time[-1:] - 0.5 * time[-2:-1]]
-    frames = np.arange(len(time) + 1) + 0.5
+    epochs = np.arange(len(time) + 1) + 0.5
     shown = np.ma.masked_invalid(np.maximum(surface.T, span[0]))  # what is exact has no logarithm
-    mesh = axes.pcolormesh(frames, np.concatenate(ends), shown, norm=LogNorm(*span), cmap=COLOURS)
+    mesh = axes.pcolormesh(epochs, np.concatenate(ends), shown, norm=LogNorm(*span), cmap=COLOURS)
     mesh.set_rasterized(True)
     axes.spines[["top", "right"]].set_visible(False)
     return mesh
 
 
 def _course(axes: Axes, found: Convergence, motion: Settling) -> None:
-    """Root mean squares over the frames of a solve."""
+    """Root mean squares over the epochs of a solve."""
     for surface, color, dashes in ((motion.distance, BLACK, "-"), (motion.std, RED, "--")):
         held = np.isfinite(surface)
         mean = np.where(held, surface, 0.0) ** 2
@@ -161,7 +161,7 @@ def _course(axes: Axes, found: Convergence, motion: Settling) -> None:
         good = values > 0
         axes.semilogy(1 + np.flatnonzero(good), values[good], color=color, linestyle=dashes)
     axes.set_ylim(bottom=0.5 * _span(motion.std)[0])
-    axes.set_title(f"{motion.label}: all frames so far", loc="left", fontsize="medium")
+    axes.set_title(f"{motion.label}: all epochs so far", loc="left", fontsize="medium")
     axes.set_ylabel(f"[{motion.unit}]")
     tidy(axes)
 

@@ -41,14 +41,14 @@ def error_bands_figure(evaluation: Evaluation) -> Figure:
     """
     rows = _error_rows(evaluation) if evaluation.errors is not None else _estimate_rows(evaluation)
     time = evaluation.history.time if evaluation.errors is None else evaluation.errors.time
-    start_end = evaluation.history.initialisation_end
+    end_of_initialisation = evaluation.history.initialisation_end
     figure = Figure(figsize=(11.0, 1.0 + 1.95 * len(rows)), layout="constrained")
     panels = figure.subplots(len(rows), 3, sharex=True, squeeze=False)
     line = replace(estimator_lines([evaluation.name])[0], width=1.3)
     for row, row_panels in zip(rows, panels, strict=True):
         for axis, axes in enumerate(row_panels):
             _panel(axes, time, row, axis, line)
-            mark_start(axes, time[0], start_end)
+            mark_start(axes, time[0], end_of_initialisation)
         row_panels[0].set_ylabel(row.label)
     for axes in panels[-1]:
         axes.set_xlabel("time [s]")
@@ -58,7 +58,7 @@ def error_bands_figure(evaluation: Evaluation) -> Figure:
         fontsize="large",
     )
     band = Patch(color=line.color, alpha=0.2, label=f"±{SIGMAS:g} σ of the estimator")
-    legend_below(figure, [line.handle, band, *start_handle(start_end)])
+    legend_below(figure, [line.handle, band, *start_handle(end_of_initialisation)])
     return figure
 
 

@@ -10,7 +10,7 @@ from matplotlib.patches import Patch
 
 from spinfilters.evaluation.body import BodyHistory, body_history
 from spinfilters.evaluation.evaluation import Evaluation
-from spinfilters.evaluation.rounding import with_uncertainty
+from spinfilters.evaluation.formatting import with_uncertainty
 from spinfilters.evaluation.span import initialisation_end
 from spinfilters.plots.style import (
     GREY,
@@ -39,14 +39,14 @@ def inertia_figure(
     panels = figure.subplots(2, 1, sharex=True)
     lines = estimator_lines([evaluation.name for evaluation in evaluations])
     histories = [body_history(evaluation.history.thinned(MOST_DRAWN)) for evaluation in evaluations]
-    time, start_end = histories[0].time, initialisation_end(evaluations)
+    time, end_of_initialisation = histories[0].time, initialisation_end(evaluations)
     for index, axes in enumerate(panels):
         for bodies, line in zip(histories, lines, strict=True):
             _ratio(axes, bodies, index, line)
         if true_moments is not None:
             value = np.sort(true_moments)[index] / np.max(true_moments)
             plot_truth(axes, time[[0, -1]], np.array([value, value]))
-        mark_start(axes, time[0], start_end)
+        mark_start(axes, time[0], end_of_initialisation)
         _limits(axes, histories, index)
         axes.set_ylabel(f"{RATIO_LABELS[index]}  [-]")
         tidy(axes)
@@ -55,7 +55,7 @@ def inertia_figure(
     handles = [line.handle for line in lines]
     truth = [] if true_moments is None else [truth_handle()]
     band = Patch(color=GREY, alpha=0.3, label=f"±{SIGMAS:g} σ")
-    legend_below(figure, [*handles, band, *truth, *start_handle(start_end)])
+    legend_below(figure, [*handles, band, *truth, *start_handle(end_of_initialisation)])
     return figure
 
 

@@ -1,4 +1,4 @@
-"""What is foretold after the last frame: how fast the estimators become unsure, and how the body will turn."""
+"""What is predicted after the last epoch: how fast the estimators become unsure, and how the body will turn."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ PAST = 0.25
 
 @dataclass(frozen=True)
 class Foretold:
-    """One estimator's last frames and what it predicts from the last of them, which stands at the head of both `ahead`s.
+    """One estimator's last epochs and what it predicts from the last of them, which stands at the head of both `ahead`s.
 
     Attributes
     ----------
@@ -47,9 +47,9 @@ def prediction_figure(foretold: Sequence[Foretold]) -> Figure:
         axes.set_xlim(-PAST * end, end)
         tidy(axes)
     names = ", ".join(line.name.upper() for line in lines)
-    figure.suptitle(f"Predicted {end:.4g} s ahead of the last frame by {names}", fontsize="large")
+    figure.suptitle(f"Predicted {end:.4g} s ahead of the last epoch by {names}", fontsize="large")
     band = Patch(color=GREY, alpha=0.3, label="±1 σ of the rate")
-    now = Line2D([], [], color=BLACK, linewidth=0.8, label="last frame")
+    now = Line2D([], [], color=BLACK, linewidth=0.8, label="last epoch")
     legend_below(figure, [*(line.handle for line in lines), band, now])
     return figure
 

@@ -32,9 +32,9 @@ def rates_figure(
     estimates: Sequence[BodyRates],
     reference: BodyRates | None = None,
     axis_names: Sequence[str] = G_AXES,
-    start_end: float | None = None,
+    end_of_initialisation: float | None = None,
 ) -> Figure:
-    """Three panels, one per body axis, all rates in the same axes. `start_end` (s) ends the initialisation."""
+    """Three panels, one per body axis, all rates in the same axes. `end_of_initialisation` (s) ends the initialisation."""
     figure = Figure(figsize=(10.0, 7.6), layout="constrained")
     panels = figure.subplots(3, 1, sharex=True)
     lines = estimator_lines([estimate.label for estimate in estimates])
@@ -43,7 +43,7 @@ def rates_figure(
             _reference(axes, reference, axis)
         for estimate, line in zip(estimates, lines, strict=True):
             _estimate(axes, estimate, axis, line)
-        mark_start(axes, estimates[0].time[0], start_end)
+        mark_start(axes, estimates[0].time[0], end_of_initialisation)
         axes.axhline(0.0, color=BLACK, linewidth=0.5)
         axes.set_title(axis_names[axis], loc="left", fontsize="medium")
         axes.set_ylabel("rate [deg/s]")
@@ -53,7 +53,7 @@ def rates_figure(
     handles = [line.handle for line in lines]
     known = [] if reference is None else [_reference_handle(reference)]
     band = Patch(color=GREY, alpha=0.3, label=f"±{SIGMAS:g} σ")
-    legend_below(figure, [*handles, band, *known, *start_handle(start_end)])
+    legend_below(figure, [*handles, band, *known, *start_handle(end_of_initialisation)])
     return figure
 
 

@@ -6,8 +6,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 
+from spinfilters.data.camera import Rig
 from spinfilters.geometry.cameras import monocular_camera
-from spinfilters.logs.camera import Rig
 
 
 def space_figure(width: float, height: float) -> tuple[Figure, Axes3D]:

@@ -14,9 +14,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from spinfilters.data.atomic_write import write_bytes
+from spinfilters.data.input_file import reason
 from spinfilters.errors import NUMERICAL_ERRORS
-from spinfilters.logs.atomic_write import write_bytes
-from spinfilters.logs.input_file import reason
 
 BLUE: Final[str] = "#0072B2"
 RED: Final[str] = "#D55E00"
@@ -110,15 +110,15 @@ def fill_band(axes: Axes, time: np.ndarray, centre: np.ndarray, half: np.ndarray
     axes.fill_between(time[rows], low[rows], high[rows], color=color, alpha=0.17, linewidth=0)
 
 
-def mark_start(axes: Axes, first: float, start_end: float | None) -> None:
+def mark_start(axes: Axes, first: float, end_of_initialisation: float | None) -> None:
     """Shade the times (s) of the filters' initialisation, from the first epoch on."""
-    if start_end is not None:
-        axes.axvspan(first, start_end, color=BLACK, alpha=0.07, linewidth=0, zorder=0)
+    if end_of_initialisation is not None:
+        axes.axvspan(first, end_of_initialisation, color=BLACK, alpha=0.07, linewidth=0, zorder=0)
 
 
-def start_handle(start_end: float | None) -> list[Artist]:
+def start_handle(end_of_initialisation: float | None) -> list[Artist]:
     """Legend entry of `mark_start`, none when there is no initialisation."""
-    return [] if start_end is None else [Patch(color=BLACK, alpha=0.1, label=INITIALISATION)]
+    return [] if end_of_initialisation is None else [Patch(color=BLACK, alpha=0.1, label=INITIALISATION)]
 
 
 def truth_handle(label: str = "truth") -> Line2D:
@@ -194,7 +194,7 @@ def save_figure(figure: Figure, path: Path) -> None:
 
     Raises
     ------
-    InputError: as `spinfilters.logs.atomic_write.write_bytes`.
+    InputError: as `spinfilters.data.atomic_write.write_bytes`.
     """
     target = BytesIO()
     figure.savefig(target, format="png", dpi=_DPI)

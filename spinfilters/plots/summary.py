@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.evaluation.flips import count_flips, knows_intermediate_axis
+from spinfilters.evaluation.formatting import with_uncertainty
 from spinfilters.evaluation.rates import BodyRates, estimated_rates
-from spinfilters.evaluation.rounding import with_uncertainty
 from spinfilters.evaluation.span import initialisation_end, shared_begin
 from spinfilters.evaluation.usage import ObservationUse, observation_use, title_sentences
 from spinfilters.plots.inertia import RATIO_LABELS

@@ -6,9 +6,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from spinfilters.data.camera import Rig, StereoRig
 from spinfilters.errors import InputError
 from spinfilters.geometry.cameras import Monocular
-from spinfilters.logs.camera import Rig, StereoRig
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.state.layout import StateLayout
 
@@ -82,9 +82,9 @@ class SomeAppearances:
         self, visible: Bool[np.ndarray, "n k"], generator: np.random.Generator
     ) -> Bool[np.ndarray, "n k"]:
         """The visible landmarks of those appearances in which they are known again."""
-        frames, count = visible.shape
+        epochs, count = visible.shape
         probability = generator.beta(self.alpha, self.beta, count)
-        drawn = generator.random((frames, count))
+        drawn = generator.random((epochs, count))
         known, appearances = np.empty_like(visible), np.zeros(count, dtype=np.intp)
         recognised, before = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
         for row, seen in zip(known, visible, strict=True):
@@ -106,22 +106,22 @@ class FrontEnd:
     detection: probability that a landmark in view, and known, is found in a frame.
     facing_cosine: a landmark is in view when the cosine between its outward normal and the line to the camera exceeds this.
     recognition: which landmarks in view are known again.
-    fewest_sightings: landmarks with fewer in the whole recording are left out, and the others numbered anew.
+    fewest_observations: landmarks with fewer in the whole recording are left out, and the others numbered anew.
     """
 
     pixel_std: float = 1.0
     detection: float = 0.9
     facing_cosine: float = 0.35
     recognition: Recognition = field(default_factory=EveryAppearance)
-    fewest_sightings: int = 0
+    fewest_observations: int = 0
 
     def __post_init__(self) -> None:
         if not 0 < self.detection <= 1:
             raise InputError(f"detection {self.detection} must lie in (0, 1]")
-        if not (-1 <= self.facing_cosine < 1 and self.fewest_sightings >= 0):
+        if not (-1 <= self.facing_cosine < 1 and self.fewest_observations >= 0):
             raise InputError(
-                f"facing_cosine {self.facing_cosine} must lie in [-1, 1) and fewest_sightings "
-                f"{self.fewest_sightings} be at least 0"
+                f"facing_cosine {self.facing_cosine} must lie in [-1, 1) and fewest_observations "
+                f"{self.fewest_observations} be at least 0"
             )
 
 
@@ -210,19 +210,19 @@ def feature_tracks(
             rows = np.flatnonzero(row)
             row[rows] = camera.sees(camera.model.predict(x, camera.parameters[rows]))
     known = front_end.recognition.known(visible, generator)
-    frames, ids, values = [], [], []
+    epochs, ids, values = [], [], []
     for index, x in enumerate(motion.states):
         found = np.flatnonzero(known[index] & (generator.random(len(surface.points)) < front_end.detection))
         exact = camera.model.predict(x, camera.parameters[found])
-        frames.append(np.full(found.size, index))
+        epochs.append(np.full(found.size, index))
         ids.append(found)
         values.append(exact + front_end.pixel_std * generator.standard_normal(exact.shape))
-    found, kept = _often_enough(np.concatenate(ids), len(surface.points), front_end.fewest_sightings)
+    found, kept = _often_enough(np.concatenate(ids), len(surface.points), front_end.fewest_observations)
     if not found.any():
         raise InputError(
             "no landmark is ever visible; move the body into the camera's view (range_m, velocity)"
         )
-    time = motion.time[np.concatenate(frames)][found]
+    time = motion.time[np.concatenate(epochs)][found]
     numbers = np.searchsorted(kept, np.concatenate(ids)[found])
     return FeatureTracks(time, numbers, np.concatenate(values)[found], kept)
 

@@ -6,13 +6,13 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.logs.camera import Rig
-from spinfilters.logs.gyro_columns import read_gyro_table
-from spinfilters.logs.gyro_files import read_gyro_csv, saturated, write_gyro_csv
-from spinfilters.logs.measurement_log import MeasurementStream
-from spinfilters.logs.noise_levels import SensorNoise
-from spinfilters.logs.number_range import RATE, NumberRange
-from spinfilters.logs.sensor_format import NoiseOption, SensorFormat
+from spinfilters.data.camera import Rig
+from spinfilters.data.gyro_columns import read_gyro_table
+from spinfilters.data.gyro_files import read_gyro_csv, saturated, write_gyro_csv
+from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.data.noise_levels import SensorNoise
+from spinfilters.data.number_range import RATE, NumberRange
+from spinfilters.data.sensor_format import NoiseOption, SensorFormat
 from spinfilters.models.sensor_noise import noise_model
 from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
 from spinfilters.sensors.scene import Scene, SimulatedStream, with_noise

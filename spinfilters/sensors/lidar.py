@@ -1,8 +1,8 @@
 """A lidar that sees points of the body: for the observability analyser; no data set holds it yet."""
 
+from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.data.noise_levels import SensorNoise
 from spinfilters.errors import InputError
-from spinfilters.logs.measurement_log import MeasurementStream
-from spinfilters.logs.noise_levels import SensorNoise
 from spinfilters.models.sensors.lidar_landmark import LidarLandmark
 from spinfilters.sensors.sensor import AnalysedSensor, BoundStream, CameraView, Sensor
 from spinfilters.state.layout import StateLayout

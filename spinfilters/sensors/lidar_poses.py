@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
-from spinfilters.logs.measurement_log import MeasurementStream
-from spinfilters.logs.noise_levels import SensorNoise
-from spinfilters.logs.number_range import NumberRange
-from spinfilters.logs.pose_files import read_tum, write_tum
-from spinfilters.logs.sensor_format import NoiseOption, SensorFormat
+from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.data.noise_levels import SensorNoise
+from spinfilters.data.number_range import NumberRange
+from spinfilters.data.pose_files import read_tum, write_tum
+from spinfilters.data.sensor_format import NoiseOption, SensorFormat
 from spinfilters.models.sensors.pose import Pose, pose_parameters
 from spinfilters.sensors.scene import Scene, SimulatedStream
 from spinfilters.sensors.sensor import (

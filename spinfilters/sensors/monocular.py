@@ -6,18 +6,16 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.data.camera import RIG_FILES, PinholeCamera, Rig, read_camera, write_camera
+from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.data.noise_levels import SensorNoise
+from spinfilters.data.number_range import PIXEL
+from spinfilters.data.sensor_format import CalibrationFiles, SensorFormat
 from spinfilters.errors import InputError
 from spinfilters.geometry.cameras import monocular_camera
-from spinfilters.logs.camera import RIG_FILES, PinholeCamera, Rig, read_camera, write_camera
-from spinfilters.logs.measurement_log import MeasurementStream
-from spinfilters.logs.noise_levels import SensorNoise
-from spinfilters.logs.number_range import PIXEL
-from spinfilters.logs.sensor_format import CalibrationFiles, SensorFormat
 from spinfilters.models.camera_pose import camera_pose_model, with_camera_poses
 from spinfilters.models.sensor_noise import noise_model, noise_of_rows
 from spinfilters.models.sensors.monocular_landmark import MonocularLandmark, monocular_parameters
-from spinfilters.perception.perspective_poses import perspective_pose
-from spinfilters.perception.track_poses import track_frames
 from spinfilters.sensors.feature_tracks import RIG, TrackCamera, feature_tracks
 from spinfilters.sensors.scene import Scene, SimulatedStream
 from spinfilters.sensors.sensor import (
@@ -31,6 +29,8 @@ from spinfilters.sensors.sensor import (
 )
 from spinfilters.sensors.track_rows import CALIBRATION, PIXEL_STD, mapped_rows, posed_samples, required_view
 from spinfilters.state.layout import StateLayout
+from spinfilters.tracks.perspective_poses import perspective_pose
+from spinfilters.tracks.track_poses import track_epochs
 
 CAMERA: Final = RIG.left
 """The left camera of the simulated stereo rig."""
@@ -95,7 +95,7 @@ class MonocularSensor(Sensor):
         rows = MeasurementStream(self.name, bound.time, bound.values, np.arange(len(bound.time)))
         found = {
             time: perspective_pose(bound.model, bound.parameters[where], bound.values[where])
-            for time, where in track_frames(rows)
+            for time, where in track_epochs(rows)
         }
         good = {time: pose for time, pose in found.items() if pose is not None}
         if not good:

@@ -1,8 +1,8 @@
 """The registry of sensors: every module of this package with a ``SENSOR``, and entry points `spinfilters.sensors`."""
 
+from spinfilters.data.measurement_log import MeasurementLog
+from spinfilters.data.sensor_format import SENSORS
 from spinfilters.errors import InputError
-from spinfilters.logs.measurement_log import MeasurementLog
-from spinfilters.logs.sensor_format import SENSORS
 from spinfilters.sensors.sensor import Sensor
 
 

@@ -7,8 +7,8 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinfilters.logs.camera import Rig
-from spinfilters.logs.measurement_log import MeasurementStream
+from spinfilters.data.camera import Rig
+from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.sensors.feature_tracks import FrontEnd, Surface, TrueMotion
 
 

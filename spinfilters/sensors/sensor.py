@@ -8,14 +8,14 @@ from functools import cache
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinfilters.data.camera import Rig
+from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.data.noise_levels import SensorNoise
+from spinfilters.data.sensor_format import StoredSensor
+from spinfilters.data.track_files import KnownMap
 from spinfilters.errors import InputError
 from spinfilters.geometry.camera_trajectory import CameraTrajectory
 from spinfilters.geometry.cameras import Camera
-from spinfilters.logs.camera import Rig
-from spinfilters.logs.measurement_log import MeasurementStream
-from spinfilters.logs.noise_levels import SensorNoise
-from spinfilters.logs.sensor_format import StoredSensor
-from spinfilters.logs.track_files import KnownMap
 from spinfilters.models.camera_pose import CameraPoseModel
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.sensor_noise import NoiseLevel, SensorNoiseModel

@@ -6,18 +6,16 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinfilters.data.camera import RIG_FILES, Rig, StereoRig, read_stereo_rig, write_stereo_rig
+from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.data.noise_levels import SensorNoise
+from spinfilters.data.number_range import PIXEL
+from spinfilters.data.sensor_format import CalibrationFiles, SensorFormat
+from spinfilters.data.track_files import SMALLEST_DISPARITY_PX, TRACK_COLUMNS, read_tracks, write_tracks
 from spinfilters.geometry.cameras import stereo_pair
-from spinfilters.logs.camera import RIG_FILES, Rig, StereoRig, read_stereo_rig, write_stereo_rig
-from spinfilters.logs.measurement_log import MeasurementStream
-from spinfilters.logs.noise_levels import SensorNoise
-from spinfilters.logs.number_range import PIXEL
-from spinfilters.logs.sensor_format import CalibrationFiles, SensorFormat
-from spinfilters.logs.track_files import SMALLEST_DISPARITY_PX, TRACK_COLUMNS, read_tracks, write_tracks
 from spinfilters.models.camera_pose import camera_pose_model, with_camera_poses
 from spinfilters.models.sensor_noise import noise_model, noise_of_rows
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
-from spinfilters.perception.map_building import poses_without_map
-from spinfilters.perception.track_poses import poses_with_map
 from spinfilters.sensors.feature_tracks import (
     RIG,
     FrontEnd,
@@ -38,6 +36,8 @@ from spinfilters.sensors.sensor import (
 )
 from spinfilters.sensors.track_rows import CALIBRATION, PIXEL_STD, mapped_rows, posed_samples, required_view
 from spinfilters.state.layout import StateLayout
+from spinfilters.tracks.map_building import poses_without_map
+from spinfilters.tracks.track_poses import poses_with_map
 
 _ROUNDING_PX: Final = 1e-9  # keeps a difference of two coordinates on the right side of a bound
 

@@ -5,12 +5,12 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float
 
+from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.data.number_range import NumberRange
+from spinfilters.data.sensor_format import NoiseOption
+from spinfilters.data.track_files import KnownMap
 from spinfilters.errors import InputError
 from spinfilters.geometry.camera_trajectory import in_inertial
-from spinfilters.logs.measurement_log import MeasurementStream
-from spinfilters.logs.number_range import NumberRange
-from spinfilters.logs.sensor_format import NoiseOption
-from spinfilters.logs.track_files import KnownMap
 from spinfilters.sensors.sensor import CameraView, MotionSamples
 
 PIXEL_STD: Final = NoiseOption("pixel_std", "pixels", NumberRange(1e-12, 1e6, "px"), 1.0, (0, 1))

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.data.sensor_format import sensor_format
 from spinfilters.errors import InputError
-from spinfilters.logs.dataset import Dataset
-from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.logs.sensor_format import sensor_format
 from spinfilters.sensors.registry import sensor_of
 
 
@@ -31,7 +31,7 @@ def with_faults(dataset: Dataset, faults: Sequence[Fault], seed: int) -> Dataset
 
 @dataclass(frozen=True)
 class WrongAssociations(Fault):
-    """In every frame a ``fraction`` of the landmarks' rows (rounded; at least two, or none) exchange their landmarks in a ring."""
+    """In every epoch a ``fraction`` of the landmarks' rows (rounded; at least two, or none) exchange their landmarks in a ring."""
 
     fraction: float
 
@@ -41,7 +41,7 @@ class WrongAssociations(Fault):
     def apply(self, dataset: Dataset, generator: np.random.Generator) -> Dataset:
         stream = _tracks(dataset)
         ids = _ids(stream).copy()
-        for rows in _frames(stream):
+        for rows in _epoch_rows(stream):
             count = round(self.fraction * len(rows))
             if count > 1:
                 chosen = generator.choice(rows, count, replace=False)
@@ -91,7 +91,7 @@ class Dropout(Fault):
 
 @dataclass(frozen=True)
 class FrozenFrames(Fault):
-    """A sensor repeats frame ``frame`` (0 is its first) in each of the ``count`` frames that follow, under their stamps."""
+    """A sensor repeats epoch ``frame`` (0 is its first) in each of the ``count`` epochs that follow, under their stamps."""
 
     frame: int
     count: int
@@ -99,22 +99,22 @@ class FrozenFrames(Fault):
 
     def apply(self, dataset: Dataset, generator: np.random.Generator) -> Dataset:
         stream = dataset.log.stream(self.sensor or dataset.sensor)
-        frames, times = _frames(stream), stream.frame_times
+        epochs, times = _epoch_rows(stream), stream.epoch_times
         last = self.frame + self.count
-        if not 0 <= self.frame <= last < len(frames):
+        if not 0 <= self.frame <= last < len(epochs):
             raise InputError(
-                f"frames {self.frame} to {last} are not all among the {len(frames)} of the {stream.sensor} measurements"
+                f"epochs {self.frame} to {last} are not all among the {len(epochs)} of the {stream.sensor} measurements"
             )
-        shown = [self.frame if self.frame <= k <= last else k for k in range(len(frames))]
+        shown = [self.frame if self.frame <= k <= last else k for k in range(len(epochs))]
         repeated = _rows(
-            stream, np.concatenate([frames[k] for k in shown]), times.repeat([len(frames[k]) for k in shown])
+            stream, np.concatenate([epochs[k] for k in shown]), times.repeat([len(epochs[k]) for k in shown])
         )
         return _with_stream(dataset, repeated)
 
 
 @dataclass(frozen=True)
 class PointsAtInfinity(Fault):
-    """Every frame shows ``count`` points that are no part of the body: fixed pixels, no disparity, white noise on each.
+    """Every epoch shows ``count`` points that are no part of the body: fixed pixels, no disparity, white noise on each.
 
     They bear ids of their own, above all others; ``pixel_std`` in px. Their values are such as track files may hold.
     """
@@ -130,7 +130,7 @@ class PointsAtInfinity(Fault):
 
     def apply(self, dataset: Dataset, generator: np.random.Generator) -> Dataset:
         stream = _tracks(dataset)
-        sensor, times = sensor_of(stream.sensor), stream.frame_times
+        sensor, times = sensor_of(stream.sensor), stream.epoch_times
         exact = np.tile(sensor.points_at_infinity(self.count, dataset.rig, generator), (len(times), 1))
         far = MeasurementStream(
             stream.sensor,
@@ -175,9 +175,9 @@ def _rows(
     )
 
 
-def _frames(stream: MeasurementStream) -> list[Int[np.ndarray, " k"]]:
-    """Rows of every frame."""
-    return np.split(np.arange(len(stream)), stream.frame_offsets[1:-1])
+def _epoch_rows(stream: MeasurementStream) -> list[Int[np.ndarray, " k"]]:
+    """Rows of every epoch."""
+    return np.split(np.arange(len(stream)), stream.epoch_offsets[1:-1])
 
 
 def _with_stream(dataset: Dataset, stream: MeasurementStream) -> Dataset:

@@ -12,9 +12,9 @@ from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.state.layout import POSE_BLOCKS, StateLayout
 
 SUBSTEPS = 40
-"""Noise kicks per frame interval: the splitting error falls with its square."""
+"""Noise kicks per epoch interval: the splitting error falls with its square."""
 Progress = Callable[[int, int], None]
-"""Called with how many frames are done, and of how many."""
+"""Called with how many epochs are done, and of how many."""
 
 
 def silent(done: int, total: int) -> None:
@@ -39,7 +39,7 @@ class Motion:
         return matrix_from_quaternion(self.block("a"))
 
     def seen_from(self, inspector: CameraTrajectory | None) -> "Motion":
-        """Poses of g in the frame of a moving camera; of none the motion itself."""
+        """Poses of g in the epoch of a moving camera; of none the motion itself."""
         if inspector is None:
             return self
         poses = np.concatenate([self.block("t"), self.block("a")], axis=1)
@@ -55,12 +55,12 @@ def simulate_motion(
 ) -> Float[np.ndarray, "n *batch m"]:
     """States at every time of one or many motions that begin at ``start`` (time[0]).
 
-    Between frames the noise-free step and white kicks of rate and velocity alternate (Strang splitting: half a kick, a step, half a
+    Between epochs the noise-free step and white kicks of rate and velocity alternate (Strang splitting: half a kick, a step, half a
     kick), so it does not rest on the process model's own noise covariance.
 
     Parameters
     ----------
-    progress: called after every frame with how many are done, and of how many.
+    progress: called after every epoch with how many are done, and of how many.
     """
     q, blocks = process.layout.mean_slice("a"), process.disturbed_dim // 3
     states, x = [start], start

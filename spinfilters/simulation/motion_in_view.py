@@ -8,7 +8,7 @@ motion in view of many that are drawn whole.
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.logs.sensor_format import dataset_kinds
+from spinfilters.data.sensor_format import dataset_kinds
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.sensors.feature_tracks import could_stay_in_view, stays_in_view
 from spinfilters.simulation.motion import Motion
@@ -25,7 +25,7 @@ def motion_in_view(scenario: Scenario, generator: np.random.Generator) -> Motion
     layout = StateLayout(FULL_BLOCKS)
     process = TorqueFreeProcess(layout, scenario.noise)
     start = first_state(scenario, layout)
-    time = scenario.interval * np.arange(scenario.frames)
+    time = scenario.interval * np.arange(scenario.epochs)
     attempts = scenario.candidates if dataset_kinds()[scenario.kind].has_landmarks else 1
     inspector = inspector_of(scenario, time)
     offset = float(np.linalg.norm(scenario.center_of_mass_g))

@@ -9,15 +9,15 @@ from jaxtyping import Float
 
 from spinfilters.attitude.conversions import matrix_from_quaternion, quaternion_from_euler321
 from spinfilters.conventions import RPM
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.dataset_options import DatasetOptions
+from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.data.sensor_format import dataset_kinds
+from spinfilters.data.track_files import KnownMap
+from spinfilters.data.truth import Truth
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.errors import InputError
 from spinfilters.geometry.camera_trajectory import CameraTrajectory
-from spinfilters.logs.dataset import Dataset
-from spinfilters.logs.dataset_options import DatasetOptions
-from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.logs.sensor_format import dataset_kinds
-from spinfilters.logs.track_files import KnownMap
-from spinfilters.logs.truth import Truth
 from spinfilters.models.process import THESIS_NOISE, ProcessNoise, TorqueFreeProcess
 from spinfilters.sensors.feature_tracks import (
     EveryAppearance,
@@ -44,20 +44,21 @@ RICH_RPM: Final = (4.0, 9.0, 3.0)
 class Scenario:
     """What to simulate. The defaults are the thesis' body and motion: SPHERES-like, at 10 rpm about its intermediate axis.
 
-    They are easier than the thesis' own problem, which is `disam115`: every landmark is recognised whenever it is in view, and the
+    They are easier than the thesis' own problem, which is `common_workload`: every landmark is recognised whenever it is in
+    view, and the
     disturbing force has a 25th of the density.
 
     Attributes
     ----------
-    kind: of data set, such as "stereo-tracks" or "gyro" (`spinfilters.logs.sensor_format.dataset_kinds`).
+    kind: of data set, such as "stereo-tracks" or "gyro" (`spinfilters.data.sensor_format.dataset_kinds`).
     principal_moments: along the principal axes x, y, z, any scale (Tweddle 2013, section 6.5.2).
     rate_rpm: initial rate about the principal axes, such as `THESIS_RPM` or `RICH_RPM`.
-    frames, interval: number of frames and seconds between them.
+    epochs, interval: number of epochs and seconds between them.
     range_m: distance of the centre of mass along the camera's axis.   velocity: of the centre of mass, m/s, frame i.
     center_of_mass_g: m.   axes_euler_g: yaw, pitch, roll of the principal axes in g, rad.
-    landmarks: on the surface of a ball of ``radius_m``, seen when they face the camera; the default shows about 215 a frame, as
-        the thesis' 24,723 observations in 115 frames.
-    detection, facing_cosine, recognition, fewest_sightings: see `FrontEnd`.
+    landmarks: on the surface of a ball of ``radius_m``, seen when they face the camera; the default shows about 215 an epoch, as
+        the thesis' 24,723 observations in 115 epochs.
+    detection, facing_cosine, recognition, fewest_observations: see `FrontEnd`.
     pixel_std px, position_std m, rotation_std rad, gyro_std rad/s: white noise of the sensors.
     gyro_bias: constant error of the gyro's rates, g axes, rad/s.
     noise: disturbances of the motion; the thesis' are `spinfilters.models.process.THESIS_NOISE`.
@@ -69,7 +70,7 @@ class Scenario:
     kind: str = "stereo-tracks"
     principal_moments: tuple[float, float, float] = (1.0322, 1.0, 0.8596)
     rate_rpm: tuple[float, float, float] = THESIS_RPM
-    frames: int = 115
+    epochs: int = 115
     interval: float = 0.5
     range_m: float = 0.6
     velocity: tuple[float, float, float] = (0.002, 0.001, -0.001)
@@ -80,7 +81,7 @@ class Scenario:
     detection: float = 0.9
     facing_cosine: float = 0.35
     recognition: Recognition = field(default_factory=EveryAppearance)
-    fewest_sightings: int = 0
+    fewest_observations: int = 0
     pixel_std: float = 1.0
     position_std: float = 0.005
     rotation_std: float = 0.01
@@ -95,9 +96,9 @@ class Scenario:
         kinds = dataset_kinds()
         if self.kind not in kinds:
             raise InputError(f"scenario kind {self.kind!r} is unknown; use one of {', '.join(kinds)}")
-        if self.frames < 2 or not self.interval > 0:
+        if self.epochs < 2 or not self.interval > 0:
             raise InputError(
-                f"a scenario of {self.frames} frames at {self.interval} s; give at least 2 frames and a positive interval"
+                f"a scenario of {self.epochs} epochs at {self.interval} s; give at least 2 epochs and a positive interval"
             )
         if self.landmarks < 4 or self.candidates < 1:
             raise InputError(
@@ -119,11 +120,11 @@ class Scenario:
         return cls(rate_rpm=RICH_RPM, seed=seed)
 
     @classmethod
-    def disam115(cls, rate_rpm: tuple[float, float, float] = THESIS_RPM, seed: int = 0) -> "Scenario":
+    def common_workload(cls, rate_rpm: tuple[float, float, float] = THESIS_RPM, seed: int = 0) -> "Scenario":
         """The thesis' own problem (Tweddle 2013, chapter 6): motion, noise and track statistics; the bundled example.
 
-        About 2447 landmarks with 24,723 sightings in 115 frames, 215 in each, at least two of each landmark; percentiles 10, 50,
-        90 and 99 of the sightings of a landmark: 2, 8, 22 and 36. A landmark stays for one to five frames of a revolution and
+        About 2447 landmarks with 24,723 observations in 115 epochs, 215 in each, at least two of each landmark; percentiles 10, 50,
+        90 and 99 of the observations of a landmark: 2, 8, 22 and 36. A landmark stays for one to five epochs of a revolution and
         comes back after seven to ten. Of 48 motions the first is taken that the disturbing force does not carry out of view.
         """
         return cls(
@@ -133,7 +134,7 @@ class Scenario:
             facing_cosine=0.4,
             detection=0.88,
             recognition=SomeAppearances(0.45, 1.4),
-            fewest_sightings=2,
+            fewest_observations=2,
             noise=THESIS_NOISE,
             candidates=48,
             seed=seed,
@@ -143,7 +144,7 @@ class Scenario:
     def front_end(self) -> FrontEnd:
         """How landmarks are found."""
         return FrontEnd(
-            self.pixel_std, self.detection, self.facing_cosine, self.recognition, self.fewest_sightings
+            self.pixel_std, self.detection, self.facing_cosine, self.recognition, self.fewest_observations
         )
 
 
@@ -152,12 +153,12 @@ def simulate(scenario: Scenario, progress: Progress = silent) -> Dataset:
 
     Parameters
     ----------
-    progress: called after every frame of the motion with how many are done, and of how many.
+    progress: called after every epoch of the motion with how many are done, and of how many.
     """
     generator = np.random.default_rng(scenario.seed)
     layout = StateLayout(FULL_BLOCKS)
     process = TorqueFreeProcess(layout, scenario.noise)
-    time = scenario.interval * np.arange(scenario.frames)
+    time = scenario.interval * np.arange(scenario.epochs)
     starts = np.tile(first_state(scenario, layout), (scenario.candidates, 1))
     states = simulate_motion(process, starts, time, generator, progress)
     motions = [Motion(layout, time, states[:, k]) for k in range(scenario.candidates)]
@@ -180,7 +181,7 @@ def measured(scenario: Scenario, motion: Motion, generator: np.random.Generator)
     return Dataset(
         kind=scenario.kind,
         log=MeasurementLog((simulated.stream,)),
-        description=f"simulated {scenario.kind}, {scenario.frames} frames at {scenario.interval} s, seed {scenario.seed}"
+        description=f"simulated {scenario.kind}, {scenario.epochs} epochs at {scenario.interval} s, seed {scenario.seed}"
         + ("" if inspector is None else f", inspector: {scenario.inspector}"),
         truth=_truth(scenario, motion),
         rig=simulated.rig,

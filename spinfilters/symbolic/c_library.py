@@ -107,7 +107,7 @@ def processor() -> str:
     return next((line for line in lines if line.startswith(("flags", "Features"))), platform.processor())
 
 
-def interpret(function: ca.Function) -> None:
+def no_library(function: ca.Function) -> None:
     """The loader for a function too small or too rarely called to be worth a compiler run: no library."""
 
 

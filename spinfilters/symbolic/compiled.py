@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from spinfilters.errors import ShapeError
-from spinfilters.symbolic.c_library import interpret, load_loop
+from spinfilters.symbolic.c_library import load_loop, no_library
 
 _FLOAT = np.dtype(np.float64)
 Loader = Callable[[ca.Function], ctypes.PyDLL | None]
@@ -55,7 +55,7 @@ class Compiled:
     @classmethod
     def interpreted(cls, function: ca.Function) -> "Compiled":
         """The same without C: for an expression so rarely called that a second of compiling would not pay."""
-        return cls(function, interpret)
+        return cls(function, no_library)
 
     @property
     def function(self) -> ca.Function:

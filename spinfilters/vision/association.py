@@ -12,10 +12,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
+from spinfilters.data.camera import StereoRig
 from spinfilters.geometry.cameras import stereo_pair
-from spinfilters.logs.camera import StereoRig
-from spinfilters.perception.matches import Matches
-from spinfilters.perception.pose_fit import FittedPose, fit_pose
+from spinfilters.tracks.matches import Matches
+from spinfilters.tracks.pose_fit import FittedPose, fit_pose
 from spinfilters.vision.constant_rate import TimedPose, constant_rate
 from spinfilters.vision.epoch_observations import EpochObservations
 from spinfilters.vision.landmark_views import LandmarkViews, second_numbers

@@ -8,10 +8,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
+from spinfilters.data.camera import StereoRig
+from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.errors import InputError
 from spinfilters.geometry.cameras import stereo_pair
-from spinfilters.logs.camera import StereoRig
-from spinfilters.logs.measurement_log import MeasurementStream
 from spinfilters.vision.association import EPOCHS, Tracker
 from spinfilters.vision.bundle_adjustment import Adjusted, Observations, adjust
 from spinfilters.vision.epoch_observations import EpochObservations

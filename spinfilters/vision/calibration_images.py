@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from spinfilters.data.input_file import path_text, require_folder, value_text
 from spinfilters.errors import InputError
-from spinfilters.logs.input_file import named, require_folder, shown
 from spinfilters.vision.image_folder import CAMERAS, IMAGES, SUFFIXES, read_image, stamped_pairs
 from spinfilters.vision.loss_count import LossCount
 
@@ -46,7 +46,7 @@ class Board:
         match = re.fullmatch(r"(\d{1,3})[xX](\d{1,3})", corners)
         if match is None or min(int(match[1]), int(match[2])) < 3:
             raise InputError(
-                f"corners {shown(corners)} are none; give inner corners of the board such as 9x6, at least 3x3"
+                f"corners {value_text(corners)} are none; give inner corners of the board such as 9x6, at least 3x3"
             )
         return cls(int(match[1]), int(match[2]), square, charuco, window)
 
@@ -120,11 +120,11 @@ def image_pairs(folder: Path) -> list[tuple[Path, Path]]:
     if alone:
         path = left.get(alone[0], right.get(alone[0], folder))
         raise InputError(
-            f"{named(path)}: has no partner of the same name on the other side; add it, or take this one away"
+            f"{path_text(path)}: has no partner of the same name on the other side; add it, or take this one away"
         )
     if len(left) < FEWEST_PAIRS:
         raise InputError(
-            f"{named(folder)}: has {len(left)} pairs of images; give at least {FEWEST_PAIRS}, "
+            f"{path_text(folder)}: has {len(left)} pairs of images; give at least {FEWEST_PAIRS}, "
             "named left1.png and right1.png and so on"
         )
     return [(left[key], right[key]) for key in sorted(left)]
@@ -149,7 +149,7 @@ def board_views(
                 break
             if size is not None and image.shape != size:
                 raise InputError(
-                    f"{named(path)}: is {image.shape[1]} x {image.shape[0]} px, "
+                    f"{path_text(path)}: is {image.shape[1]} x {image.shape[0]} px, "
                     f"others {size[1]} x {size[0]}; give one size"
                 )
             size, corners = image.shape, board.corners(image)
@@ -163,7 +163,8 @@ def board_views(
     losses.keep(STAGE, 2 * len(views))
     if len(views) < FEWEST_PAIRS or size is None:
         raise InputError(
-            f"{named(pairs[0][0].parent)}: the board of {board.columns} x {board.rows} inner corners is found in {len(views)} of "
+            f"{path_text(pairs[0][0].parent)}: the board of {board.columns} x {board.rows} inner corners is found in "
+            f"{len(views)} of "
             f"{len(pairs)} pairs, {FEWEST_PAIRS} are needed; check --corners (inner corners, columns x rows)"
         )
     return views, (size[1], size[0])

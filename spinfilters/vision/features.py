@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
+from spinfilters.data.input_file import value_text
 from spinfilters.errors import InputError
-from spinfilters.logs.input_file import shown
 
 SIFT_CONTRAST: Final = 0.02
 """Of the difference of Gaussians, grey values over 255; lower than OpenCV's 0.04, for blurred and dark images."""
@@ -88,7 +88,7 @@ DETECTORS: Final = {"sift": SiftDetector, "orb": OrbDetector}
 def detector(name: str) -> Detector:
     """A detector by name. InputError: an unknown one."""
     if name not in DETECTORS:
-        raise InputError(f"detector {shown(name)} is unknown; use {' or '.join(DETECTORS)}")
+        raise InputError(f"detector {value_text(name)} is unknown; use {' or '.join(DETECTORS)}")
     return DETECTORS[name]()
 
 

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
+from spinfilters.data.input_file import path_text, require_folder, require_text_table, value_text
 from spinfilters.errors import InputError
-from spinfilters.logs.input_file import named, require_folder, require_text_table, shown
 from spinfilters.vision.loss_count import LossCount
 
 CAMERAS: Final = ("cam0", "cam1")
@@ -113,7 +113,7 @@ def stamped_pairs(folder: Path, losses: LossCount) -> list[StampedPair]:
     losses.lose(STAGE, "without a partner of the same time", len(left.keys() ^ right.keys()))
     if len(common) < 2:
         raise InputError(
-            f"{named(folder)}: {len(left)} left and {len(right)} right images have {len(common)} common time stamps; "
+            f"{path_text(folder)}: {len(left)} left and {len(right)} right images have {len(common)} common time stamps; "
             "give at least 2 pairs"
         )
     return [StampedPair((stamp - common[0]) * _NANOSECOND, left[stamp], right[stamp]) for stamp in common]
@@ -128,14 +128,14 @@ def read_pairs(pairs: list[StampedPair], reader: PairReader) -> Iterator[ImagePa
 def _stamps(camera: Path) -> dict[int, Path]:
     """Image files by time stamp, ns: of data.csv, or of the files' names."""
     if not os.path.isdir(camera / IMAGES):
-        raise InputError(f"{named(camera / IMAGES)}: no such folder; put the images of that camera there")
+        raise InputError(f"{path_text(camera / IMAGES)}: no such folder; put the images of that camera there")
     if os.path.lexists(camera / LIST):
         return _listed(camera)
     files = sorted(path for path in (camera / IMAGES).iterdir() if path.suffix.lower() in SUFFIXES)
     unnamed = next((path for path in files if not path.stem.isdecimal() or len(path.stem) > 19), None)
     if unnamed is not None:
         raise InputError(
-            f"{named(unnamed)}: its name is no time in ns; write {named(camera / LIST)} with lines 'ns,file name'"
+            f"{path_text(unnamed)}: its name is no time in ns; write {path_text(camera / LIST)} with lines 'ns,file name'"
         )
     return {int(path.stem): path for path in files}
 
@@ -147,12 +147,12 @@ def _listed(camera: Path) -> dict[int, Path]:
         if not line.strip() or line.startswith("#"):
             continue
         stamp, _, name = (part.strip() for part in line.partition(","))
-        place = f"{named(path)}: line {number}"
+        place = f"{path_text(path)}: line {number}"
         if not stamp.isdecimal() or len(stamp) > 19:
-            raise InputError(f"{place}: {shown(stamp)} is no time in ns; write lines 'ns,file name'")
+            raise InputError(f"{place}: {value_text(stamp)} is no time in ns; write lines 'ns,file name'")
         if not name or Path(name).name != name:
             raise InputError(
-                f"{place}: {shown(name)} is no name of a file in {IMAGES}; write lines 'ns,file name'"
+                f"{place}: {value_text(name)} is no name of a file in {IMAGES}; write lines 'ns,file name'"
             )
         if int(stamp) in found:
             raise InputError(f"{place}: time {stamp} occurs twice; keep one line of each time")

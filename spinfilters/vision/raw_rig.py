@@ -7,12 +7,12 @@ from typing import Any, Final
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.data.atomic_write import make_folder, write_text
+from spinfilters.data.camera import CAMERA_RANGES, RIG_FILES, ROTATION_TOLERANCE
+from spinfilters.data.input_file import path_text, value_text
+from spinfilters.data.number_range import LENGTH, NumberRange
+from spinfilters.data.settings_files import numbers, read_yaml
 from spinfilters.errors import InputError
-from spinfilters.logs.atomic_write import make_folder, write_text
-from spinfilters.logs.camera import CAMERA_RANGES, RIG_FILES, ROTATION_TOLERANCE
-from spinfilters.logs.input_file import named, shown
-from spinfilters.logs.number_range import LENGTH, NumberRange
-from spinfilters.logs.settings_files import numbers, read_yaml
 
 DISTORTION_MODELS: Final = ("radial-tangential", "radtan", "plumb_bob", "none")
 DISTORTION: Final = NumberRange(-1e3, 1e3)
@@ -92,7 +92,7 @@ def read_raw_rig(folder: Path) -> RawRig:
     try:
         return RawRig(left, right)
     except InputError as error:
-        raise InputError(f"{named(folder / RIG_FILES[1])}: {error}") from None
+        raise InputError(f"{path_text(folder / RIG_FILES[1])}: {error}") from None
 
 
 def read_raw_camera(path: Path) -> RawCamera:
@@ -101,12 +101,12 @@ def read_raw_camera(path: Path) -> RawCamera:
     for key in ("intrinsics", "resolution", "T_BS"):
         if key not in settings:
             raise InputError(
-                f"{named(path)}: has no {key}; write it as in the EuRoC layout, or calibrate the rig"
+                f"{path_text(path)}: has no {key}; write it as in the EuRoC layout, or calibrate the rig"
             )
     for key, allowed in (("camera_model", ("pinhole",)), ("distortion_model", DISTORTION_MODELS)):
         if settings.get(key, allowed[0]) not in allowed:
             raise InputError(
-                f"{named(path)}: {key} is {shown(settings[key])}; only {', '.join(allowed)} is known"
+                f"{path_text(path)}: {key} is {value_text(settings[key])}; only {', '.join(allowed)} is known"
             )
     intrinsics = numbers(path, "intrinsics", settings["intrinsics"], (4,))
     width, height = numbers(path, "resolution", settings["resolution"], (2,)).tolist()
@@ -114,9 +114,11 @@ def read_raw_camera(path: Path) -> RawCamera:
         zip(("fx", "fy", "cx", "cy", "width", "height"), (*intrinsics.tolist(), width, height), strict=True)
     )
     for key, value in values.items():
-        CAMERA_RANGES[key].require(f"{named(path)}: {key}", value)
+        CAMERA_RANGES[key].require(f"{path_text(path)}: {key}", value)
     if not (width.is_integer() and height.is_integer()):
-        raise InputError(f"{named(path)}: resolution is {[width, height]}, expected whole pixels; correct it")
+        raise InputError(
+            f"{path_text(path)}: resolution is {[width, height]}, expected whole pixels; correct it"
+        )
     pose = _pose(path, settings["T_BS"])
     distortion = _distortion(path, settings.get("distortion_coefficients", []))
     return RawCamera(intrinsics, distortion, int(width), int(height), pose[:3, :3], pose[:3, 3])
@@ -149,11 +151,11 @@ def _distortion(path: Path, value: object) -> Float[np.ndarray, " 5"]:
     key = "distortion_coefficients"
     if not isinstance(value, list) or len(value) not in COEFFICIENTS:
         raise InputError(
-            f"{named(path)}: {key} is {shown(value)}, expected k1, k2, p1, p2 and perhaps k3; correct it"
+            f"{path_text(path)}: {key} is {value_text(value)}, expected k1, k2, p1, p2 and perhaps k3; correct it"
         )
     given = numbers(path, key, value, (len(value),)) if value else np.zeros(0)
     for number in given.tolist():
-        DISTORTION.require(f"{named(path)}: {key}: a number", number)
+        DISTORTION.require(f"{path_text(path)}: {key}: a number", number)
     return np.concatenate([given, np.zeros(5 - len(given))])
 
 
@@ -163,14 +165,14 @@ def _pose(path: Path, value: Any) -> Float[np.ndarray, "4 4"]:
     nested = isinstance(data, list) and len(data) == 4
     pose = numbers(path, "T_BS", data, (4, 4) if nested else (16,)).reshape(4, 4)
     for entry in pose.ravel().tolist():
-        LENGTH.require(f"{named(path)}: T_BS holds a number that", entry)
+        LENGTH.require(f"{path_text(path)}: T_BS holds a number that", entry)
     rotation = pose[:3, :3]
     rigid = (
         np.abs(rotation @ rotation.T - np.eye(3)).max() <= ROTATION_TOLERANCE and np.linalg.det(rotation) > 0
     )
     if not rigid or not np.array_equal(pose[3], [0.0, 0.0, 0.0, 1.0]):
         raise InputError(
-            f"{named(path)}: T_BS is {shown(pose.tolist())}, not a rotation and a shift; correct it"
+            f"{path_text(path)}: T_BS is {value_text(pose.tolist())}, not a rotation and a shift; correct it"
         )
     U, _, Vt = np.linalg.svd(rotation)
     pose[:3, :3] = U @ Vt

@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from spinfilters.attitude.conversions import multiply, quaternion_from_matrix
+from spinfilters.data.camera import StereoRig
+from spinfilters.data.truth import Truth
 from spinfilters.errors import InputError
-from spinfilters.logs.camera import StereoRig
-from spinfilters.logs.truth import Truth
 from spinfilters.vision.raw_rig import RawRig
 
 MODE = cv2.INTER_LINEAR

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.data.camera import StereoRig
 from spinfilters.geometry.cameras import stereo_pair
-from spinfilters.logs.camera import StereoRig
 from spinfilters.vision.stereo_geometry import pixels_by_point, pixels_of
 
 

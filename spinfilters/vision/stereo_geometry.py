@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
-from spinfilters.logs.camera import StereoRig
+from spinfilters.data.camera import StereoRig
 
 NEAREST_DEPTH = 1e-3
 """m; nearer points are projected as if they were there."""

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from spinfilters.logs.camera import StereoRig
+from spinfilters.data.camera import StereoRig
 from spinfilters.vision.features import Features
 from spinfilters.vision.loss_count import LossCount
 

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from spinfilters.data.dataset import DATASET_FILE, Dataset
+from spinfilters.data.input_file import path_text, printable
+from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.data.settings_files import read_toml
+from spinfilters.data.truth import read_truth
 from spinfilters.errors import InputError
-from spinfilters.logs.dataset import DATASET_FILE, Dataset
-from spinfilters.logs.input_file import named, printable
-from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.logs.settings_files import read_toml
-from spinfilters.logs.truth import read_truth
 from spinfilters.vision.batch_tracks import batch_tracks
 from spinfilters.vision.epoch_observations import EpochObservations
 from spinfilters.vision.front_end import FrontEndOptions, OnlineFrontEnd, StereoPoints
@@ -125,7 +125,7 @@ def _naming(folder: Path, losses: LossCount) -> Iterator[None]:
     except InputError as error:
         worst = [f"{count} {cause}" for (_, cause), count in losses.lost.most_common(2)]
         lost = f" (lost: {', '.join(worst)})" if worst else ""
-        raise InputError(f"{named(folder)}: {error}{lost}") from None
+        raise InputError(f"{path_text(folder)}: {error}{lost}") from None
 
 
 def _rectification(folder: Path) -> Rectification:
@@ -133,7 +133,7 @@ def _rectification(folder: Path) -> Rectification:
     try:
         _ = rectification.stereo
     except InputError as error:
-        raise InputError(f"{named(folder)}: {error}") from None
+        raise InputError(f"{path_text(folder)}: {error}") from None
     return rectification
 
 

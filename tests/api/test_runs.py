@@ -8,11 +8,11 @@ import pytest
 
 import spinfilters
 from spinfilters.cli.main import main
+from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.errors import InputError
-from spinfilters.logs.dataset_writing import write_dataset
-from spinfilters.workflow import figures, pipeline
-from spinfilters.workflow.estimation import Comparison, compare_estimators
-from spinfilters.workflow.settings import ProcessSettings, SensorSettings, Settings
+from spinfilters.pipeline import comparison_run, figures
+from spinfilters.pipeline.estimation import Comparison, compare_estimators
+from spinfilters.settings.run_settings import ProcessSettings, SensorSettings, Settings
 
 
 @pytest.fixture
@@ -128,9 +128,9 @@ def test_an_interrupted_comparison_raises_as_python_does(
 ) -> None:
     def interrupted(*arguments: object) -> Comparison:
         made = compare_estimators(*arguments)  # pyright: ignore[reportArgumentType]
-        return Comparison(made.prepared, made.evaluations, True, made.maps)
+        return Comparison(made.setup, made.evaluations, True, made.maps)
 
-    monkeypatch.setattr(pipeline, "compare_estimators", interrupted)
+    monkeypatch.setattr(comparison_run, "compare_estimators", interrupted)
     with pytest.raises(KeyboardInterrupt, match="nothing was written"):
         spinfilters.compare(gyro, "mekf")
 

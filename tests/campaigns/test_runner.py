@@ -64,7 +64,7 @@ def test_a_drawn_belief_has_the_error_of_its_own_covariance() -> None:
     study = study_from(document, "study")
     runner, squares = Runner(study), []
     for run in range(30):
-        belief = runner.prepared(study.run(run)).start.belief
+        belief = runner.setup(study.run(run)).initial.belief
         truth = runner.recording(study.run(run)).truth
         assert truth is not None
         error = belief.mean[belief.layout.mean_slice("v")] - truth.velocity[0]

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from spinfilters.cli.main import main
-from spinfilters.logs.dataset_writing import write_dataset
+from spinfilters.data.dataset_writing import write_dataset
+from spinfilters.pipeline import figures
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
-from spinfilters.workflow import figures
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def originals(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """One small simulated data set of every kind, by name of the kind."""
     folder = tmp_path_factory.mktemp("originals")
     for kind in ("stereo-tracks", "pose", "gyro"):
-        write_dataset(simulate(Scenario(kind=kind, frames=12, landmarks=40)), folder / kind)
+        write_dataset(simulate(Scenario(kind=kind, epochs=12, landmarks=40)), folder / kind)
     return folder
 
 
@@ -30,10 +30,10 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Tracks without a map, the same with it, and a gyro."""
     folder = tmp_path_factory.mktemp("recordings")
     for kind in ("stereo-tracks", "gyro"):
-        scenario = Scenario(kind=kind, rate_rpm=RICH_RPM, frames=30, interval=0.5, landmarks=150)
+        scenario = Scenario(kind=kind, rate_rpm=RICH_RPM, epochs=30, interval=0.5, landmarks=150)
         write_dataset(simulate(scenario), folder / kind)
     write_dataset(
-        simulate(Scenario(rate_rpm=RICH_RPM, frames=30, interval=0.5, landmarks=150)),
+        simulate(Scenario(rate_rpm=RICH_RPM, epochs=30, interval=0.5, landmarks=150)),
         folder / "unmapped",
     )
     (folder / "unmapped" / "landmarks.csv").unlink()

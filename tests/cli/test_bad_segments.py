@@ -10,10 +10,10 @@ import pytest
 
 from spinfilters.cli.main import main
 from spinfilters.errors import InputError
+from spinfilters.pipeline import estimation, segments
+from spinfilters.pipeline.setup import Setup, prepare
+from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
-from spinfilters.workflow import estimation, segments
-from spinfilters.workflow.preparation import Prepared, prepare
-from spinfilters.workflow.settings import Settings
 
 HEADER = '"Time (s)","Gyroscope x (rad/s)","Gyroscope y (rad/s)","Gyroscope z (rad/s)","Absolute (rad/s)"'
 
@@ -23,7 +23,7 @@ def recording(tmp_path: Path) -> Path:
     """A phyphox export of four kept segments; the third lies beyond the end of the recording."""
     folder = tmp_path / "phyphox"
     (folder / "meta").mkdir(parents=True)
-    gyro = simulate(Scenario(kind="gyro", rate_rpm=RICH_RPM, frames=120, interval=0.1)).log.stream("gyro")
+    gyro = simulate(Scenario(kind="gyro", rate_rpm=RICH_RPM, epochs=120, interval=0.1)).log.stream("gyro")
     rows = np.column_stack([gyro.time, gyro.values, np.linalg.norm(gyro.values, axis=1)])
     lines = [HEADER, *(",".join(map(repr, row)) for row in rows.tolist())]
     (folder / "Raw Data.csv").write_text("\n".join(lines) + "\n")
@@ -42,7 +42,7 @@ def rows_of(recording: Path, run: Path) -> dict[str, Any]:
 def test_a_segment_outside_the_recording_or_without_a_start_has_its_row(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def refusing(dataset: Any, settings: Settings) -> Prepared:
+    def refusing(dataset: Any, settings: Settings) -> Setup:
         if dataset.segment.number == 1:
             raise InputError("the body does not rotate; give another recording")
         return prepare(dataset, settings)
@@ -62,7 +62,7 @@ def test_a_segment_outside_the_recording_or_without_a_start_has_its_row(
 def test_segments_whose_estimates_are_not_finite_are_in_the_table_and_not_in_the_picture(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(estimation, "_with_start", with_nan(estimation._with_start))
+    monkeypatch.setattr(estimation, "_with_initialisation", with_nan(estimation._with_initialisation))
     found = rows_of(recording, tmp_path / "run")
     for number in ("1", "2", "4"):
         assert found[number]["mekf"]["status"] == "failed"

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from spinfilters.cli.main import main
-from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.smoothing import surfaces
+from spinfilters.data.dataset_writing import write_dataset
+from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
+from spinfilters.estimators.smoothing.window import convergence_record
 from spinfilters.evaluation import evaluation
-from spinfilters.logs.dataset_writing import write_dataset
+from spinfilters.pipeline import convergence, optional_outputs, predictions, recording_bound, setup
+from spinfilters.pipeline.estimators import smoother
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 from spinfilters.state.gaussian import Gaussian
-from spinfilters.workflow import additions, bound, convergence, prediction, preparation
-from spinfilters.workflow.estimators import smoother
 
 pytestmark = pytest.mark.usefixtures("few_figures")
 
@@ -41,7 +41,7 @@ def of_casadi(*_: object, **__: object) -> Any:
 def poses(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """20 frames of poses."""
     folder = tmp_path_factory.mktemp("failing") / "poses"
-    write_dataset(simulate(Scenario(kind="pose", frames=20)), folder)
+    write_dataset(simulate(Scenario(kind="pose", epochs=20)), folder)
     return folder
 
 
@@ -49,7 +49,7 @@ def poses(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def tracks(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Tracks without a map."""
     folder = tmp_path_factory.mktemp("failing") / "tracks"
-    dataset = simulate(Scenario(rate_rpm=RICH_RPM, frames=20, landmarks=80))
+    dataset = simulate(Scenario(rate_rpm=RICH_RPM, epochs=20, landmarks=80))
     write_dataset(replace(dataset, known_map=None), folder)
     return folder
 
@@ -99,7 +99,7 @@ def test_a_filter_that_stops_being_finite_leaves_the_others_complete(
     monkeypatch.setattr(MultiplicativeEkf, "update", update)
     estimates = compared(poses, tmp_path / "run", names=("mekf", "ukf"))
     assert estimates["mekf"]["status"] == "failed"
-    assert f"stopped being finite at frame {frame}" in estimates["mekf"]["reasons"][0]
+    assert f"stopped being finite at epoch {frame}" in estimates["mekf"]["reasons"][0]
     assert estimates["ukf"]["frames"] == 20
     assert estimates["ukf"]["status"] != "failed"
     assert "failed" in capsys.readouterr().out
@@ -120,31 +120,31 @@ def test_a_filter_that_raises_leaves_the_others_complete(
     assert estimates["ukf"]["frames"] == 20
 
 
-def nan_history(part: str, frames: slice) -> Callable[..., Any]:
+def nan_history(part: str, epochs: slice) -> Callable[..., Any]:
     """A smoother that ends with a part of its history not a number."""
     real = smoother.smooth_at_once
 
     def smooth(*arguments: Any) -> Any:
         history = real(*arguments)
         array = getattr(history, part).copy()
-        array[frames] = np.nan
+        array[epochs] = np.nan
         return replace(history, **{part: array})
 
     return smooth
 
 
 @pytest.mark.parametrize(
-    ("part", "frames"),
+    ("part", "epochs"),
     [("mean", slice(None)), ("mean", slice(5, 9)), ("factor", slice(-1, None)), ("factor", slice(1))],
 )
 def test_a_smoother_that_ends_without_numbers_is_null_in_the_summary(
-    part: str, frames: slice, poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    part: str, epochs: slice, poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(smoother, "smooth_at_once", nan_history(part, frames))
+    monkeypatch.setattr(smoother, "smooth_at_once", nan_history(part, epochs))
     estimates = compared(poses, tmp_path / "run", "--predict", "5", names=("smoother", "mekf"))
     assert estimates["smoother"]["status"] == "failed"
     assert estimates["smoother"]["frames"] == 20
-    last = frames.indices(20)[1] == 20
+    last = epochs.indices(20)[1] == 20
     assert (estimates["smoother"]["principal_moments_std"][0] is None) is last
     assert estimates["mekf"]["status"] != "failed"
     assert (tmp_path / "run" / "mekf" / "prediction.csv").exists()
@@ -210,7 +210,7 @@ def test_a_body_that_cannot_be_evaluated_fails_its_estimator_alone(
 def test_a_bound_that_raises_is_left_out(
     poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bound, "_factors", of_casadi)
+    monkeypatch.setattr(recording_bound, "_factors", of_casadi)
     estimates = compared(poses, tmp_path / "run", names=("mekf",))
     assert estimates["mekf"]["status"] != "failed"
     assert estimates["mekf"]["errors"]["bound"] is None
@@ -220,7 +220,7 @@ def test_a_bound_that_raises_is_left_out(
 def test_a_prediction_that_raises_is_left_out(
     error: Callable[..., Any], poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(prediction, "predict_ahead", error)
+    monkeypatch.setattr(predictions, "predict_ahead", error)
     compared(poses, tmp_path / "run", "--predict", "5", names=("mekf", "ukf"))
     assert not (tmp_path / "run" / "prediction.png").exists()
     assert not (tmp_path / "run" / "mekf" / "prediction.csv").exists()
@@ -229,7 +229,7 @@ def test_a_prediction_that_raises_is_left_out(
 def test_a_prediction_of_one_estimator_that_is_not_finite_leaves_those_of_the_others(
     poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real, count = prediction.predict_ahead, 0
+    real, count = predictions.predict_ahead, 0
 
     def predict(*arguments: Any) -> Any:
         nonlocal count
@@ -237,7 +237,7 @@ def test_a_prediction_of_one_estimator_that_is_not_finite_leaves_those_of_the_ot
         found = real(*arguments)
         return replace(found, factor=found.factor * np.nan) if count % 2 else found
 
-    monkeypatch.setattr(prediction, "predict_ahead", predict)
+    monkeypatch.setattr(predictions, "predict_ahead", predict)
     compared(poses, tmp_path / "run", "--predict", "5", names=("mekf", "ukf"))
     assert (tmp_path / "run" / "prediction.png").exists()
     assert not (tmp_path / "run" / "mekf" / "prediction.csv").exists()
@@ -248,7 +248,7 @@ def test_a_prediction_of_one_estimator_that_is_not_finite_leaves_those_of_the_ot
 def test_convergence_ends_at_a_solve_that_raises(
     solve: int, tracks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real, count = surfaces.SlidingSmoother.add, 0
+    real, count = convergence_record.SlidingSmoother.add, 0
 
     def add(smoother: Any, frame: Any, guess: Any = None) -> Any:
         nonlocal count
@@ -264,8 +264,8 @@ def test_convergence_ends_at_a_solve_that_raises(
         written(*arguments)
         recording = False
 
-    monkeypatch.setattr(surfaces.SlidingSmoother, "add", add)
-    monkeypatch.setattr(additions.convergence, "write_convergence", write)
+    monkeypatch.setattr(convergence_record.SlidingSmoother, "add", add)
+    monkeypatch.setattr(optional_outputs.convergence, "write_convergence", write)
     compared(tracks, tmp_path / "run", "--convergence", names=("smoother",))
     assert (tmp_path / "run" / "convergence.png").exists()
     with np.load(tmp_path / "run" / "smoother" / "convergence.npz") as file:
@@ -277,7 +277,7 @@ def test_convergence_ends_at_a_solve_that_raises(
 def test_first_frames_that_cannot_be_smoothed_fail_every_estimator_with_the_reason(
     recording: str, request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(preparation, "_start_maker", lambda *_: singular)
+    monkeypatch.setattr(setup, "_initialiser", lambda *_: singular)
     estimates = compared(request.getfixturevalue(recording), tmp_path / "run")
     for estimate in estimates.values():
         assert estimate["status"] == "failed"

@@ -14,10 +14,10 @@ from faults import refusal
 from forked import killed
 
 from spinfilters.cli.main import main
+from spinfilters.data.dataset import read_dataset
 from spinfilters.errors import InputError
-from spinfilters.logs.dataset import read_dataset
-from spinfilters.workflow import run_lock
-from spinfilters.workflow.run_lock import LOCK_FILE, locked_run
+from spinfilters.runs import run_lock
+from spinfilters.runs.run_lock import LOCK_FILE, locked_run
 
 pytestmark = pytest.mark.usefixtures("few_figures")
 SMALL = ("--kind", "gyro", "--frames", "12")

@@ -5,8 +5,8 @@ import re
 import pytest
 
 from spinfilters.cli.main import main
-from spinfilters.workflow.estimator_entry import estimator_names
-from spinfilters.workflow.settings import DEFAULT_ESTIMATORS
+from spinfilters.pipeline.estimator_entry import estimator_names
+from spinfilters.settings.run_settings import DEFAULT_ESTIMATORS
 
 
 @pytest.mark.parametrize("command", ["compare", "estimate"])

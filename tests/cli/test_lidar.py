@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from spinfilters.cli.main import main
+from spinfilters.data.truth import read_truth
 from spinfilters.lidar.scan_files import read_scan
-from spinfilters.logs.truth import read_truth
 
 
 def test_a_preset_is_scanned_into_files_and_a_picture(

@@ -11,15 +11,15 @@ from faults import Change, replaced
 from forked import kill_at, killed
 
 from spinfilters.cli.main import main
-from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.logs.dataset_writing import write_dataset
+from spinfilters.data.dataset_writing import write_dataset
+from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
+from spinfilters.pipeline import comparison_run, figures
+from spinfilters.pipeline.estimation import Comparison, compare_estimators
+from spinfilters.pipeline.estimators import mekf
+from spinfilters.pipeline.setup import Setup
+from spinfilters.runs.checkpoint_store import CHECKPOINT_FILE, CheckpointInterval, checkpoint_stores
+from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate
-from spinfilters.workflow import figures, pipeline
-from spinfilters.workflow.checkpointing import CHECKPOINT_FILE, Pace, keep_in
-from spinfilters.workflow.estimation import Comparison, compare_estimators
-from spinfilters.workflow.estimators import mekf
-from spinfilters.workflow.preparation import Prepared
-from spinfilters.workflow.settings import Settings
 
 Progress = Callable[[str, int, int], None]
 
@@ -28,7 +28,7 @@ Progress = Callable[[str, int, int], None]
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """60 frames of poses."""
     folder = tmp_path_factory.mktemp("data") / "poses"
-    write_dataset(simulate(Scenario(kind="pose", frames=60)), folder)
+    write_dataset(simulate(Scenario(kind="pose", epochs=60)), folder)
     return folder
 
 
@@ -54,17 +54,21 @@ def trajectories(run: Path) -> dict[str, bytes]:
 
 
 def disturbed(event: Progress, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let something happen as the command reports its progress, and keep a checkpoint of every frame."""
+    """Let something happen as the command reports its progress, and keep a checkpoint of every epoch."""
 
-    def compare(prepared: Prepared, settings: Settings, progress: Progress, keeper_of: object) -> Comparison:
+    def compare(setup: Setup, settings: Settings, progress: Progress, store_of: object) -> Comparison:
         def report(name: str, done: int, total: int) -> None:
             progress(name, done, total)
             event(name, done, total)
 
-        return compare_estimators(prepared, settings, report, keeper_of)  # pyright: ignore[reportArgumentType]
+        return compare_estimators(setup, settings, report, store_of)  # pyright: ignore[reportArgumentType]
 
-    monkeypatch.setattr(pipeline, "compare_estimators", compare)
-    monkeypatch.setattr(pipeline, "keep_in", lambda *run: keep_in(run[0], run[1], run[2], Pace(0.0, 1.0)))
+    monkeypatch.setattr(comparison_run, "compare_estimators", compare)
+    monkeypatch.setattr(
+        comparison_run,
+        "checkpoint_stores",
+        lambda *run: checkpoint_stores(run[0], run[1], run[2], CheckpointInterval(0.0, 1.0)),
+    )
 
 
 @pytest.fixture
@@ -111,7 +115,7 @@ def test_a_complete_run_is_left_alone(
 ) -> None:
     arguments = ["compare", str(dataset), "-o", str(tmp_path / "run"), "--resume"]
     assert main(arguments) == 0
-    monkeypatch.setattr(pipeline, "prepare", None)
+    monkeypatch.setattr(comparison_run, "prepare", None)
     capsys.readouterr()
     assert main(arguments) == 0
     assert "is complete, nothing is left to do" in capsys.readouterr().out

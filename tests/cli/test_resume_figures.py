@@ -6,10 +6,10 @@ import pytest
 from matplotlib.figure import Figure
 
 from spinfilters.cli.main import main
+from spinfilters.pipeline import comparison_run
 from spinfilters.plots import style
 from spinfilters.plots.style import save_figure
-from spinfilters.workflow import pipeline
-from spinfilters.workflow.run_folder import picture_files
+from spinfilters.runs.run_folder import picture_files
 
 
 def interrupted_at_rates(figure: Figure, path: Path) -> None:
@@ -30,7 +30,7 @@ def test_a_run_whose_figures_were_interrupted_gets_those_it_lacks(
     assert "--resume goes on from it" in capsys.readouterr().err
     assert [path.name for path in run.glob("*.png")] == ["summary.png"]
     stamp = (run / "summary.png").stat().st_mtime_ns
-    monkeypatch.setattr(pipeline, "compare_estimators", None)
+    monkeypatch.setattr(comparison_run, "compare_estimators", None)
     assert main([*arguments, "--resume"]) == 0
     assert "is complete, made rates.png, inertia.png" in capsys.readouterr().out
     assert {path.name for path in run.glob("*.png")} == set(picture_files(["mekf"]))

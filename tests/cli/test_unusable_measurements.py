@@ -32,10 +32,10 @@ UNUSABLE = {
         "from t = 3 s to 3.1 s",
     ),
     "rest.csv": (gyro(TENTHS, lambda t: (0, 0, 0)), "does not rotate"),
-    "short.csv": (gyro(TENTHS[:3]), "needs at least 4 frames"),
+    "short.csv": (gyro(TENTHS[:3]), "needs at least 4 epochs"),
     "rest.tum": (poses(40, 0.0), "does not rotate"),
-    "short.tum": (poses(3, 1.0), "3 frame(s) are too few"),
-    "fast.tum": (poses(40, 6.0), "turns by 172 deg between frames near t = 0.000 s"),
+    "short.tum": (poses(3, 1.0), "3 epoch(s) are too few"),
+    "fast.tum": (poses(40, 6.0), "turns by 172 deg between epochs near t = 0.000 s"),
 }
 
 
@@ -55,9 +55,9 @@ def test_a_refusal_of_measurements_names_their_file(
 def test_a_recording_that_the_start_uses_up_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "all.toml").write_text("[start]\nshare = 1.0\nframes = 1000\n", encoding="utf-8")
+    (tmp_path / "all.toml").write_text("[initialisation]\nshare = 1.0\nframes = 1000\n", encoding="utf-8")
     path = tmp_path / "five.tum"
     path.write_text(poses(5, 1.0), encoding="utf-8")
     arguments = (str(path), "-o", str(tmp_path / "run"), "--config", str(tmp_path / "all.toml"))
     said = refusal(capsys, "compare", *arguments)
-    assert said.startswith(f"spinfilters: {path}: no frame is left")
+    assert said.startswith(f"spinfilters: {path}: no epoch is left")

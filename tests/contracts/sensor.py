@@ -8,12 +8,12 @@ from jaxtyping import Float
 from models.sensor_contract import check_sensor_contract
 from scipy.stats import chi2
 
+from spinfilters.data.dataset import Dataset, read_dataset
+from spinfilters.data.dataset_writing import write_dataset
+from spinfilters.data.measurement_log import MeasurementLog
+from spinfilters.data.noise_levels import SensorNoise
+from spinfilters.data.sensor_format import SensorFormat
 from spinfilters.evaluation.consistency import true_states
-from spinfilters.logs.dataset import Dataset, read_dataset
-from spinfilters.logs.dataset_writing import write_dataset
-from spinfilters.logs.measurement_log import MeasurementLog
-from spinfilters.logs.noise_levels import SensorNoise
-from spinfilters.logs.sensor_format import SensorFormat
 from spinfilters.sensors.sensor import BoundStream, CameraView, Sensor
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
@@ -27,7 +27,7 @@ def check_sensor(sensor: Sensor, folder: Path) -> None:
     form = sensor.format
     assert form is not None
     assert form.name == sensor.name
-    dataset = simulate(Scenario(kind=form.kind, rate_rpm=RICH_RPM, frames=40, landmarks=60, seed=3))
+    dataset = simulate(Scenario(kind=form.kind, rate_rpm=RICH_RPM, epochs=40, landmarks=60, seed=3))
     assert dataset.log.sensors == (sensor.name,)
     own = with_row_covariances(dataset, form)
     for number, each in enumerate((dataset, own)):

@@ -11,9 +11,9 @@ from spinfilters.embedded.options import EmbedOptions
 from spinfilters.embedded.reference import OwnLandmark, ReferenceFilter
 from spinfilters.embedded.vectors import CALIBRATION, STD, make_vectors
 from spinfilters.estimators.estimator import Estimator, Measurement, UpdateReport
-from spinfilters.estimators.iterated import IterationOptions
+from spinfilters.estimators.filters.iterated_update import IterationOptions
+from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
-from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
 from spinfilters.models.sensors.pose import Pose, pose_parameters

@@ -6,15 +6,15 @@ from functools import cache
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.data.dataset import Dataset
 from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
 from spinfilters.estimators.initialisation.initialiser import initialise
-from spinfilters.estimators.initialisation.options import StartOptions
+from spinfilters.estimators.initialisation.options import InitialisationOptions
 from spinfilters.estimators.run import run
 from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
 from spinfilters.evaluation.consistency import true_states
-from spinfilters.logs.dataset import Dataset
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.sensors.sensor import MotionSamples
 from spinfilters.simulation.scenario import Scenario, simulate
@@ -22,12 +22,12 @@ from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 FULL = StateLayout(FULL_BLOCKS)
 PROCESS = TorqueFreeProcess(FULL, ProcessNoise())
-START = StartOptions(frames=60)
+START = InitialisationOptions(epochs=60)
 
 
 @dataclass(frozen=True)
 class Embedded:
-    """A simulated data set with its frames of measurements and true states (k, m)."""
+    """A simulated data set with its epochs of measurements and true states (k, m)."""
 
     dataset: Dataset
     timeline: Timeline
@@ -43,7 +43,7 @@ def embedded(seed: int) -> Embedded:
 
 
 def stereo_timeline(dataset: Dataset, pixel_std: float) -> Timeline:
-    """Frames of a stereo data set with its known map."""
+    """Epochs of a stereo data set with its known map."""
     assert dataset.known_map is not None
     assert dataset.rig is not None
     view = CameraView(dataset.known_map, dataset.rig.calibration)
@@ -54,21 +54,21 @@ def stereo_timeline(dataset: Dataset, pixel_std: float) -> Timeline:
 def started(seed: int) -> InitialEstimate:
     """The start that filters go on from; the smoother sets out from the true attitudes and rates, which saves fitting poses."""
     sample = embedded(seed)
-    truth = sample.truth[: START.frames]
-    time = np.array([frame.time for frame in sample.timeline[: START.frames]])
+    truth = sample.truth[: START.epochs]
+    time = np.array([epoch.time for epoch in sample.timeline[: START.epochs]])
     attitude, rates, positions = (truth[:, FULL.mean_slice(block)] for block in ("a", "w", "t"))
     return initialise(PROCESS, sample.timeline, MotionSamples(time, attitude, rates, positions), START)
 
 
 def run_on(estimator: Estimator, seed: int, timeline: Timeline | None = None) -> EstimateHistory:
-    """An estimator over the frames after the start."""
+    """An estimator over the epochs after the start."""
     timeline = embedded(seed).timeline if timeline is None else timeline
     estimator.start(started(seed).belief)
-    return run(estimator, timeline[START.frames - 1].time, timeline[START.frames :])
+    return run(estimator, timeline[START.epochs - 1].time, timeline[START.epochs :])
 
 
 def nees(history: EstimateHistory, seed: int) -> Float[np.ndarray, " n"]:
-    """Normalised estimation error squared of every frame, the error in the tangent space at the estimate."""
-    error = FULL.local(history.mean, embedded(seed).truth[START.frames :][: len(history.mean)])
+    """Normalised estimation error squared of every epoch, the error in the tangent space at the estimate."""
+    error = FULL.local(history.mean, embedded(seed).truth[START.epochs :][: len(history.mean)])
     whitened = np.linalg.solve(history.factor, error[..., np.newaxis])[..., 0]
     return np.square(whitened).sum(axis=1)

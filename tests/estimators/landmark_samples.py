@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from spinfilters.data.dataset import Dataset
 from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.multiplicative_filter import MultiplicativeFilter
-from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf
-from spinfilters.estimators.timeline import CameraView, Frame, SensorNoise, Timeline, build_timeline
+from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
+from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeFilter
+from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
+from spinfilters.estimators.timeline import CameraView, Epoch, SensorNoise, Timeline, build_timeline
 from spinfilters.evaluation.consistency import true_states
-from spinfilters.logs.dataset import Dataset
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 from spinfilters.state.gaussian import Gaussian
@@ -23,7 +23,7 @@ LAYOUT = StateLayout(FULL_BLOCKS)
 NOISE = ProcessNoise(force_psd=1e-6, torque_psd=1e-6)
 PROCESS = TorqueFreeProcess(LAYOUT, NOISE, 1e-8)
 START_STD = np.repeat([1e-6, 1e-6, 0.002, 0.003, 0.002, 0.01], [3, 3, 3, 3, 3, 5])
-"""Of the belief at the first frame, whose pose defines g."""
+"""Of the belief at the first epoch, whose pose defines g."""
 FILTERS: dict[str, Callable[..., MultiplicativeFilter]] = {
     "mekf": MultiplicativeEkf,
     "ukf": MultiplicativeUkf,
@@ -32,7 +32,7 @@ FILTERS: dict[str, Callable[..., MultiplicativeFilter]] = {
 
 @dataclass(frozen=True)
 class Recording:
-    """Truth and measurements: states (n, m) in the truth's g, one frame of sightings each; the true map."""
+    """Truth and measurements: states (n, m) in the truth's g, one epoch of observations each; the true map."""
 
     dataset: Dataset
     states: np.ndarray
@@ -41,10 +41,10 @@ class Recording:
 
 
 @cache
-def recording(seed: int = 0, frames: int = 30, landmarks: int = 150, pixel_std: float = 1.0) -> Recording:
+def recording(seed: int = 0, epochs: int = 30, landmarks: int = 150, pixel_std: float = 1.0) -> Recording:
     """A richly tumbling body."""
     scenario = Scenario(
-        rate_rpm=RICH_RPM, seed=seed, frames=frames, landmarks=landmarks, pixel_std=pixel_std, noise=NOISE
+        rate_rpm=RICH_RPM, seed=seed, epochs=epochs, landmarks=landmarks, pixel_std=pixel_std, noise=NOISE
     )
     whole = simulate(scenario)
     dataset = without_map(whole)
@@ -54,7 +54,7 @@ def recording(seed: int = 0, frames: int = 30, landmarks: int = 150, pixel_std: 
 
 
 def timeline_of(dataset: Dataset, pixel_std: float = 1.0) -> Timeline:
-    """Frames of sightings whose landmarks are left to the filter."""
+    """Epochs of observations whose landmarks are left to the filter."""
     assert dataset.rig is not None
     view = CameraView(None, dataset.rig.calibration)
     return build_timeline(dataset.log, LAYOUT, SensorNoise(pixel_std=pixel_std), view)
@@ -67,15 +67,15 @@ def first_belief(states: np.ndarray, seed: int = 0) -> Gaussian:
     return Gaussian(LAYOUT, LAYOUT.retract(states[0], error), np.diag(START_STD))
 
 
-def started(name: str = "mekf", seed: int = 0, frames: int = 30, **options: Any) -> MultiplicativeFilter:
-    """A filter that stands at the first frame of a recording, before its sightings."""
+def started(name: str = "mekf", seed: int = 0, epochs: int = 30, **options: Any) -> MultiplicativeFilter:
+    """A filter that stands at the first epoch of a recording, before its observations."""
     estimator = FILTERS[name](PROCESS, **options)
-    estimator.start(first_belief(recording(seed, frames).states, seed))
+    estimator.start(first_belief(recording(seed, epochs).states, seed))
     return estimator
 
 
 def run_through(estimator: MultiplicativeFilter, timeline: Timeline, first: int = 0) -> list[Gaussian]:
-    """Beliefs after every frame from this one on; the filter stands at the frame before."""
+    """Beliefs after every epoch from this one on; the filter stands at the epoch before."""
     beliefs = []
     for k in range(first, len(timeline)):
         if k:
@@ -87,13 +87,13 @@ def run_through(estimator: MultiplicativeFilter, timeline: Timeline, first: int 
 
 
 def nees(beliefs: list[Gaussian], states: np.ndarray) -> np.ndarray:
-    """Of every frame, 20 degrees of freedom, in the tangent at the estimate."""
+    """Of every epoch, 20 degrees of freedom, in the tangent at the estimate."""
     errors = [LAYOUT.local(belief.mean, x) for belief, x in zip(beliefs, states, strict=True)]
     whitened = [np.linalg.solve(belief.factor, e) for belief, e in zip(beliefs, errors, strict=True)]
     return np.array([w @ w for w in whitened])
 
 
-def with_values(frame: Frame, values: np.ndarray) -> Frame:
-    """The frame with other measured values."""
-    old = frame.measurements[0]
-    return Frame(frame.time, (Measurement(old.model, values, old.parameters, old.ids),))
+def with_values(epoch: Epoch, values: np.ndarray) -> Epoch:
+    """The epoch with other measured values."""
+    old = epoch.measurements[0]
+    return Epoch(epoch.time, (Measurement(old.model, values, old.parameters, old.ids),))

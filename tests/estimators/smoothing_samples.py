@@ -1,4 +1,4 @@
-"""Small recordings for smoothers: frames, truth and map of a tumbling body, and where to set out from."""
+"""Small recordings for smoothers: epochs, truth and map of a tumbling body, and where to set out from."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -7,18 +7,18 @@ import numpy as np
 from jaxtyping import Float
 from swapped_ids import swapped
 
-from spinfilters.estimators.smoothing.modes import Mode
-from spinfilters.estimators.smoothing.problem import Problem, Stage, Trial, problem_of
-from spinfilters.estimators.smoothing.robust_kernels import LeastSquares, RobustKernel
-from spinfilters.estimators.smoothing.sliding import SlidingSmoother
-from spinfilters.estimators.smoothing.sliding_records import SlidingOptions
-from spinfilters.estimators.smoothing.solver import Plain, Solved, SolverOptions, solve
+from spinfilters.data.measurement_log import MeasurementLog
+from spinfilters.data.track_files import KnownMap
+from spinfilters.estimators.robust.losses import LeastSquares, RobustLoss
+from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess, Problem, Stage, problem_of
+from spinfilters.estimators.smoothing.solver.iterations import ConstantSchedule, Solved, SolverOptions, solve
+from spinfilters.estimators.smoothing.solver.step_rules import GaussNewton, StepRule
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
-from spinfilters.estimators.smoothing.step_rules import GaussNewton, StepRule
+from spinfilters.estimators.smoothing.window.sliding_smoother import SlidingSmoother
+from spinfilters.estimators.smoothing.window.smoother_records import SmootherOptions
+from spinfilters.estimators.smoothing.window.window_policy import WindowPolicy
 from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
 from spinfilters.evaluation.consistency import true_states
-from spinfilters.logs.measurement_log import MeasurementLog
-from spinfilters.logs.track_files import KnownMap
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.sensors.feature_tracks import RIG
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
@@ -28,19 +28,19 @@ LAYOUT = StateLayout(FULL_BLOCKS)
 PROCESS = TorqueFreeProcess(LAYOUT, ProcessNoise())
 STD = np.repeat([1e-6, 1.0, 1.0, 0.5], [6, 6, 3, 5])
 """Of the first state, whose pose defines g."""
-SMALL = Scenario(rate_rpm=RICH_RPM, frames=5, landmarks=40)
-MIDDLE = Scenario(rate_rpm=RICH_RPM, frames=12, landmarks=150)
-LONG = Scenario(rate_rpm=RICH_RPM, frames=30, landmarks=120)
+SMALL = Scenario(rate_rpm=RICH_RPM, epochs=5, landmarks=40)
+MIDDLE = Scenario(rate_rpm=RICH_RPM, epochs=12, landmarks=150)
+LONG = Scenario(rate_rpm=RICH_RPM, epochs=30, landmarks=120)
 PLAIN = Stage(LeastSquares())
 SOON = 0.2
-"""Standard deviation of the mass distribution that these short recordings reach: with it frames leave a window."""
+"""Standard deviation of the mass distribution that these short recordings reach: with it epochs leave a window."""
 
 
 @dataclass(frozen=True)
 class Sample:
-    """Frames of sightings, true states (k, m) and the true map; frame g is the simulator's."""
+    """Epochs of observations, true states (k, m) and the true map; frame g is the simulator's."""
 
-    frames: Timeline
+    epochs: Timeline
     truth: Float[np.ndarray, "k m"]
     known: KnownMap
 
@@ -51,23 +51,23 @@ class Sample:
 
     @property
     def problem(self) -> Problem:
-        """Of all frames and landmarks."""
-        return problem_of(PROCESS, self.frames, self.known.ids, self.prior, 2)
+        """Of all epochs and landmarks."""
+        return problem_of(PROCESS, self.epochs, self.known.ids, self.prior, 2)
 
 
 @cache
 def sample(scenario: Scenario, wrong: float = 0.0, pixel_std: float = 1.0) -> Sample:
-    """A simulated recording as seen by a model with this pixel noise, in every frame a share of the ids swapped."""
+    """A simulated recording as seen by a model with this pixel noise, in every epoch a share of the ids swapped."""
     dataset = simulate(scenario)
     assert dataset.truth is not None
     assert dataset.known_map is not None
     tracks = swapped(dataset.log.stream("stereo"), wrong, np.random.default_rng(scenario.seed))
     view = CameraView(None, RIG.calibration)
-    frames = build_timeline(MeasurementLog((tracks,)), LAYOUT, SensorNoise(pixel_std=pixel_std), view)
-    return Sample(frames, true_states(dataset.truth, LAYOUT), dataset.known_map)
+    epochs = build_timeline(MeasurementLog((tracks,)), LAYOUT, SensorNoise(pixel_std=pixel_std), view)
+    return Sample(epochs, true_states(dataset.truth, LAYOUT), dataset.known_map)
 
 
-def perturbed(here: Sample, seed: int, scale: float = 1.0) -> Trial:
+def perturbed(here: Sample, seed: int, scale: float = 1.0) -> InitialGuess:
     """Off the truth by what perception and a poor start are off; the first pose defines g."""
     generator = np.random.default_rng(seed)
     std = scale * np.repeat([0.003, 0.01, 0.02, 0.05, 0.005, 0.3], [3, 3, 3, 3, 3, 5])
@@ -75,34 +75,38 @@ def perturbed(here: Sample, seed: int, scale: float = 1.0) -> Trial:
     errors[0, :6] = 0.0
     errors[:, 12:] = errors[0, 12:]
     points = here.known.points + 0.003 * scale * generator.standard_normal(here.known.points.shape)
-    return Trial(LAYOUT.retract(here.truth, errors), here.known.ids, points)
+    return InitialGuess(LAYOUT.retract(here.truth, errors), here.known.ids, points)
 
 
 def solved(
-    here: Sample, trial: Trial, rule: StepRule | None = None, kernel: RobustKernel | None = None
+    here: Sample, trial: InitialGuess, rule: StepRule | None = None, loss: RobustLoss | None = None
 ) -> Solved:
     """The problem of a sample solved from a trial."""
     whole = here.problem
     options = SolverOptions(80, settled=1e-6, rule=rule or GaussNewton())
-    return solve(whole, whole.at(trial.trajectory, trial.points), options, Plain(kernel or LeastSquares()))
+    return solve(
+        whole, whole.at(trial.trajectory, trial.points), options, ConstantSchedule(loss or LeastSquares())
+    )
 
 
 @cache
 def optimum(scenario: Scenario) -> Solved:
     """The clean least-squares solution of a sample."""
     here = sample(scenario)
-    return solved(here, Trial(here.truth, here.known.ids, here.known.points))
+    return solved(here, InitialGuess(here.truth, here.known.ids, here.known.points))
 
 
-def smoother(here: Sample, mode: Mode, std: Float[np.ndarray, " n"] = STD) -> SlidingSmoother:
+def smoother(here: Sample, mode: WindowPolicy, std: Float[np.ndarray, " n"] = STD) -> SlidingSmoother:
     """A sliding smoother that has seen nothing yet; its prior's mean is the truth."""
-    return SlidingSmoother(PROCESS, FirstStatePrior(here.truth[0], std), SlidingOptions(mode), tied=True)
+    return SlidingSmoother(
+        PROCESS, FirstStatePrior(here.truth[0], std), SmootherOptions(mode), has_landmarks=True
+    )
 
 
-def run(sliding: SlidingSmoother, frames: Timeline) -> SlidingSmoother:
-    """The smoother after these frames."""
-    for frame in frames:
-        sliding.add(frame)
+def run(sliding: SlidingSmoother, epochs: Timeline) -> SlidingSmoother:
+    """The smoother after these epochs."""
+    for epoch in epochs:
+        sliding.add(epoch)
     return sliding
 
 

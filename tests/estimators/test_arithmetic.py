@@ -11,9 +11,9 @@ from experiments.arithmetic_methods import CONVENTIONAL, forms_definite, is_defi
 from experiments.arithmetic_runs import Step
 from experiments.arithmetic_sweep import RATIO, check, inspect, noise_error
 from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.iterated import IterationOptions
+from spinfilters.estimators.filters.iterated_update import IterationOptions
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
-from spinfilters.estimators.robustness import RobustOptions
+from spinfilters.estimators.robust.outlier_rejection import RobustOptions
 from spinfilters.state.gaussian import Gaussian
 
 RUNS = 150
@@ -81,13 +81,13 @@ def test_process_noise_over_a_step_is_that_of_many_short_ones(dt):
 
 
 def turned(length, precision="float64", name="mekf"):
-    """A filter with a map that is all but known, before and after sightings that turn it by 4 x MRP of this length."""
+    """A filter with a map that is all but known, before and after observations that turn it by 4 x MRP of this length."""
     recorded = recording()
-    frame = recorded.timeline[0].measurements[0]
+    epoch = recorded.timeline[0].measurements[0]
     once = {"iteration": IterationOptions(iterations=1)} if name == "mekf" else {}
     estimator = started()
     estimator.start(Gaussian(LAYOUT, recorded.states[0], 1e-6 * np.eye(20)))
-    estimator.update(frame)
+    estimator.update(epoch)
     known = estimator.landmark_belief
     factor = np.eye(len(known.factor))
     factor[:20, :20] *= 1e-4
@@ -98,19 +98,19 @@ def turned(length, precision="float64", name="mekf"):
     result = FILTERS[name](PROCESS, landmarks=options, robust=RobustOptions(gate_probability=1.0), **once)
     result.start(wide)
     before = result.snapshot()
-    result.update(_sightings_of_a_turn(frame, known, length * np.array([0.6, -0.64, 0.48])))
+    result.update(_observations_of_a_turn(epoch, known, length * np.array([0.6, -0.64, 0.48])))
     return before, result
 
 
-def _sightings_of_a_turn(frame, known, turn):
+def _observations_of_a_turn(epoch, known, turn):
     """What the linear model expects to see after the turn."""
-    rows = [frame.ids.tolist().index(i) for i in known.ids]
-    parameters = frame.parameters[rows].copy()
+    rows = [epoch.ids.tolist().index(i) for i in known.ids]
+    parameters = epoch.parameters[rows].copy()
     parameters[:, :3] = known.points
-    at = frame.model.linearise_landmarks(known.mean, parameters, frame.values[rows])
+    at = epoch.model.linearise_landmarks(known.mean, parameters, epoch.values[rows])
     moved = at.jacobian[:, :, 3:] @ turn
-    values = frame.model.predict(known.mean, parameters) + moved * parameters[0, 8]
-    return Measurement(frame.model, values, parameters, known.ids)
+    values = epoch.model.predict(known.mean, parameters) + moved * parameters[0, 8]
+    return Measurement(epoch.model, values, parameters, known.ids)
 
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])

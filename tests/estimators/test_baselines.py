@@ -8,20 +8,20 @@ from filter_samples import FULL, PROCESS, START, embedded, run_on, started
 from linear_samples import log_density
 
 from spinfilters.attitude.conversions import shadow_mrp
+from spinfilters.estimators.baselines.filterpy_filters import FilterpyEkf, FilterpyUkf
 from spinfilters.estimators.estimator import Estimator, ProcessModel
-from spinfilters.estimators.filterpy_baselines import FilterpyEkf, FilterpyUkf
-from spinfilters.estimators.global_chart import GlobalChart
-from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf
+from spinfilters.estimators.filters.global_coordinates import GlobalCoordinates
+from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
+from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
+from spinfilters.estimators.filters.sigma_points import SigmaPointOptions
 from spinfilters.estimators.run import run
-from spinfilters.estimators.sigma_points import SigmaPointOptions
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 from spinfilters.state.status import Verdict
 
 ROTATION = StateLayout(ROTATION_BLOCKS)
-CHART = GlobalChart(FULL)
+CHART = GlobalCoordinates(FULL)
 A = FULL.slice("a")
 Build = Callable[[ProcessModel], Estimator]
 
@@ -93,18 +93,18 @@ def test_a_covariance_that_is_not_positive_definite_is_not_repaired(spoil: float
 @pytest.mark.parametrize(
     ("theirs", "ours"), [(FilterpyEkf, MultiplicativeEkf), (FilterpyUkf, MultiplicativeUkf)]
 )
-def test_one_frame_from_a_narrow_belief_is_that_of_the_multiplicative_filter(
+def test_one_epoch_from_a_narrow_belief_is_that_of_the_multiplicative_filter(
     theirs: Build, ours: Build
 ) -> None:
     """A narrow belief makes every chart alike."""
-    belief, frame = started(0).belief, embedded(0).timeline[START.frames].measurements[0]
+    belief, epoch = started(0).belief, embedded(0).timeline[START.epochs].measurements[0]
     narrow = Gaussian(FULL, belief.mean, 1e-4 * belief.factor)
     plain, multiplicative = theirs(PROCESS), ours(PROCESS)
     reports = []
     for estimator in (plain, multiplicative):
         estimator.start(narrow)
         estimator.predict(0.5)
-        reports.append(estimator.update(frame))
+        reports.append(estimator.update(epoch))
     std = multiplicative.belief.std
     shift = FULL.local(multiplicative.belief.mean, plain.belief.mean) / std
     np.testing.assert_allclose(shift, 0.0, atol=1e-3)
@@ -117,13 +117,13 @@ def test_one_frame_from_a_narrow_belief_is_that_of_the_multiplicative_filter(
 def test_the_likelihood_is_that_of_filterpy_s_innovation_and_its_covariance(
     build: type[FilterpyEkf | FilterpyUkf],
 ) -> None:
-    frame = embedded(0).timeline[START.frames].measurements[0]
+    epoch = embedded(0).timeline[START.epochs].measurements[0]
     estimator = build(PROCESS)
     estimator.start(started(0).belief)
     estimator.predict(0.5)
-    report = estimator.update(frame)
+    report = estimator.update(epoch)
     whitened = log_density(estimator._filter.y, estimator._filter.S)
-    log_noise = frame.model.linearise(estimator.belief.mean, frame.parameters, frame.values).log_noise.sum()
+    log_noise = epoch.model.linearise(estimator.belief.mean, epoch.parameters, epoch.values).log_noise.sum()
     assert report.log_likelihood == pytest.approx(whitened - log_noise, rel=1e-9)
 
 
@@ -131,7 +131,7 @@ def test_the_likelihood_is_that_of_filterpy_s_innovation_and_its_covariance(
     ("theirs", "ours"), [(FilterpyEkf, MultiplicativeEkf), (FilterpyUkf, MultiplicativeUkf)]
 )
 def test_on_the_known_map_example_a_baseline_tells_much_the_same_story(theirs: Build, ours: Build) -> None:
-    timeline = embedded(1).timeline[: START.frames + 8]
+    timeline = embedded(1).timeline[: START.epochs + 8]
     plain, multiplicative = run_on(theirs(PROCESS), 1, timeline), run_on(ours(PROCESS), 1, timeline)
     assert plain.status.verdict is Verdict.OK
     np.testing.assert_array_equal(plain.dof, multiplicative.dof)
@@ -165,7 +165,7 @@ def test_sigma_points_that_make_a_covariance_indefinite_fail_the_run() -> None:
     estimator = FilterpyUkf(PROCESS, SigmaPointOptions(alpha=1e-3))
     estimator.start(wide)
     with np.errstate(all="ignore"):
-        history = run(estimator, timeline[START.frames - 1].time, timeline[START.frames : START.frames + 10])
+        history = run(estimator, timeline[START.epochs - 1].time, timeline[START.epochs : START.epochs + 10])
     assert history.status.verdict is Verdict.FAILED
     assert "factorised" in history.status.reasons[0]
     assert len(history.time) < 10

@@ -9,14 +9,14 @@ from jaxtyping import Float
 from swapped_ids import swapped
 
 from spinfilters.attitude.conversions import multiply, quaternion_from_mrp
-from spinfilters.estimators.smoothing.latest_pose import latest_pose
-from spinfilters.estimators.smoothing.modes import Full
-from spinfilters.estimators.smoothing.sliding import SlidingSmoother
-from spinfilters.estimators.smoothing.sliding_records import SlidingOptions
+from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
+from spinfilters.estimators.smoothing.window.latest_pose import latest_pose
+from spinfilters.estimators.smoothing.window.sliding_smoother import SlidingSmoother
+from spinfilters.estimators.smoothing.window.smoother_records import SmootherOptions
+from spinfilters.estimators.smoothing.window.window_policy import FullSmoothing
 from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
 from spinfilters.evaluation.consistency import normalised_square, true_states
-from spinfilters.logs.measurement_log import MeasurementLog
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
@@ -35,8 +35,8 @@ the motion so far predicted them."""
 
 @cache
 def _recording(seed: int, wrong: float) -> tuple[Timeline, Float[np.ndarray, "k m"]]:
-    """Frames and true states of a motion in which everything is observable, with a small disturbing force."""
-    scenario = replace(Scenario.disam115(RICH_RPM, seed), frames=FRAMES, noise=NOISE, candidates=1)
+    """Epochs and true states of a motion in which everything is observable, with a small disturbing force."""
+    scenario = replace(Scenario.common_workload(RICH_RPM, seed), epochs=FRAMES, noise=NOISE, candidates=1)
     dataset = simulate(scenario)
     assert dataset.truth is not None
     assert dataset.rig is not None
@@ -51,16 +51,18 @@ def _unknown(truth: Float[np.ndarray, "k m"]) -> SlidingSmoother:
     """A smoother that knows the first pose and nothing else."""
     mean = LAYOUT.origin()
     mean[:7] = truth[0, :7]
-    return SlidingSmoother(PROCESS, FirstStatePrior(mean, WIDE), SlidingOptions(Full()), tied=True)
+    return SlidingSmoother(
+        PROCESS, FirstStatePrior(mean, WIDE), SmootherOptions(FullSmoothing()), has_landmarks=True
+    )
 
 
 @cache
 def _run(seed: int, wrong: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """By epoch: whether the belief was vouched for, its NEES, and the largest position error in standard deviations."""
-    frames, truth = _recording(seed, wrong)
+    epochs, truth = _recording(seed, wrong)
     smoother, rows = _unknown(truth), []
-    for frame, true in zip(frames, truth, strict=True):
-        smoother.add(frame)
+    for epoch, true in zip(epochs, truth, strict=True):
+        smoother.add(epoch)
         belief = smoother.belief
         error = LAYOUT.local(belief.mean, true)
         square = normalised_square(error[None], belief.factor[None])[0]
@@ -84,21 +86,21 @@ def test_nothing_is_vouched_for_before_the_inertia_is_determined(seed: int, wron
 
 
 def test_the_status_says_what_is_not_determined_yet() -> None:
-    frames, truth = _recording(0, 0.0)
+    epochs, truth = _recording(0, 0.0)
     smoother = _unknown(truth)
-    for frame in frames[:3]:
-        smoother.add(frame)
+    for epoch in epochs[:3]:
+        smoother.add(epoch)
     assert smoother.status.verdict is Verdict.DEGRADED
     assert "the inertia is not determined yet" in smoother.status.reasons[0]
 
 
 def _with_pose_off(seed: int, wrong: float, rotation: float) -> tuple[np.ndarray | None, np.ndarray]:
     """Pose found for the fifth epoch, whose guess is off by a rotation (rad) and 0.1 m, and the true one."""
-    frames, truth = _recording(seed, wrong)
+    epochs, truth = _recording(seed, wrong)
     smoother = _unknown(truth)
-    for frame, true in zip(frames[:5], truth, strict=False):
-        smoother.window = smoother.window.opened(frame.time, true)
-        for measurement in frame.measurements:
+    for epoch, true in zip(epochs[:5], truth, strict=False):
+        smoother.window = smoother.window.opened(epoch.time, true)
+        for measurement in epoch.measurements:
             smoother.window = smoother.window.extended(measurement)
     off = truth[:5].copy()
     off[-1, :3] += 0.1

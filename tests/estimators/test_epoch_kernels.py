@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from landmark_samples import LAYOUT, recording
 
+from spinfilters.estimators.filters.sigma_points import SigmaPointOptions, sigma_points
+from spinfilters.estimators.landmarks.compiled_steps import LARGEST_STATE, CompiledSteps, steps_of
 from spinfilters.estimators.landmarks.held_map import HeldMap
 from spinfilters.estimators.landmarks.landmark_map import SLOTS, LandmarkMap, LandmarkOptions
-from spinfilters.estimators.landmarks.native import LARGEST_STATE, NativeSteps, steps_of
+from spinfilters.estimators.landmarks.numpy_steps import NumpySteps
 from spinfilters.estimators.landmarks.observations import Observations
-from spinfilters.estimators.landmarks.reference import NumpySteps
 from spinfilters.estimators.landmarks.regression import Spread
 from spinfilters.estimators.landmarks.steps import Closing
-from spinfilters.estimators.sigma_points import SigmaPointOptions, sigma_points
 from spinfilters.models.gauge import GAUGE_DIM
 from spinfilters.state.blocks import BLOCKS
 
@@ -20,7 +20,7 @@ SIZE = 20 + RANK + 6
 KNOWN = 2
 COLUMNS = np.r_[0:POSE, 20 : 20 + RANK]
 PRECISIONS = pytest.mark.parametrize("precision", ["float64", "float32"])
-EITHER = NumpySteps | NativeSteps
+EITHER = NumpySteps | CompiledSteps
 
 
 def sample(precision: str) -> tuple[np.random.Generator, LandmarkMap]:
@@ -32,9 +32,9 @@ def sample(precision: str) -> tuple[np.random.Generator, LandmarkMap]:
     return generator, landmarks
 
 
-def both(precision: str) -> tuple[NumpySteps, NativeSteps]:
+def both(precision: str) -> tuple[NumpySteps, CompiledSteps]:
     steps = steps_of(RANK, precision)
-    if not isinstance(steps, NativeSteps):
+    if not isinstance(steps, CompiledSteps):
         pytest.skip("no compiler")
     return NumpySteps(), steps
 
@@ -116,7 +116,7 @@ def test_a_sensor_of_another_shape_goes_through_numpy():
 
 
 def seen(precision: str = "float64") -> tuple[np.random.Generator, Observations]:
-    """The first frame of a recording, of a map whose errors are drawn."""
+    """The first epoch of a recording, of a map whose errors are drawn."""
     recorded, held = recording(), HeldMap.empty(LandmarkOptions(modes=RANK, precision=precision))
     measured, generator = recorded.timeline[0].measurements[0], np.random.default_rng(5)
     count = len(measured.values)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from delayed_samples import (
+from out_of_sequence_samples import (
     FULL,
     INTERVAL,
     OURS,
@@ -18,9 +18,9 @@ from delayed_samples import (
     received,
 )
 
-from spinfilters.estimators.delayed import Outcome
 from spinfilters.estimators.estimator import Estimator
-from spinfilters.estimators.smoothing.recursive import RecursiveSmoother
+from spinfilters.estimators.online.out_of_sequence import Outcome
+from spinfilters.estimators.smoothing.window.recursive_smoother import RecursiveSmoother
 
 EVERY = (*OURS, RecursiveSmoother)
 every_estimator = pytest.mark.parametrize("build", EVERY)
@@ -99,15 +99,15 @@ def test_a_measurement_makes_the_belief_narrower_and_every_sensor_of_an_instant_
 
 @every_estimator
 def test_measurements_of_one_instant_may_come_together_or_one_by_one(build: Build) -> None:
-    together, one_by_one = _started(build, 3), _started(build, 3)
+    smallest_batch, one_by_one = _started(build, 3), _started(build, 3)
     measurements = [m for _, m in arrivals()[3:6]]
-    for estimator in (together, one_by_one):
+    for estimator in (smallest_batch, one_by_one):
         estimator.predict(INTERVAL)
-    reports = together.update_all(measurements)
+    reports = smallest_batch.update_all(measurements)
     others = [one_by_one.update(measurement) for measurement in measurements]
     assert [report.accepted for report in reports] == [report.accepted for report in others]
-    assert _away(together, one_by_one.belief.mean) < 0.1
-    np.testing.assert_allclose(together.belief.std, one_by_one.belief.std, rtol=0.02)
+    assert _away(smallest_batch, one_by_one.belief.mean) < 0.1
+    np.testing.assert_allclose(smallest_batch.belief.std, one_by_one.belief.std, rtol=0.02)
 
 
 @every_estimator

@@ -7,8 +7,8 @@ import pytest
 from filter_samples import FULL, PROCESS, embedded, nees, run_on, stereo_timeline
 
 from spinfilters.estimators.estimator import Estimator, ProcessModel
-from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf
+from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
+from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
 from spinfilters.evaluation.consistency import chi_square_band
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 

@@ -9,14 +9,14 @@ from filter_samples import FULL, PROCESS, START, embedded, run_on, started
 from linear_samples import LinearProcess, linear_belief, linear_process, linear_sensor
 
 from spinfilters.errors import InputError
+from spinfilters.estimators.baselines.filterpy_filters import FilterpyEkf, FilterpyUkf
 from spinfilters.estimators.estimator import Estimator, Measurement, ProcessModel
-from spinfilters.estimators.filterpy_baselines import FilterpyEkf, FilterpyUkf
-from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf
-from spinfilters.estimators.robustness import RobustOptions
+from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
+from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
+from spinfilters.estimators.filters.sigma_points import SigmaPointOptions
+from spinfilters.estimators.robust.outlier_rejection import RobustOptions
 from spinfilters.estimators.run import run
-from spinfilters.estimators.sigma_points import SigmaPointOptions
-from spinfilters.estimators.timeline import Frame
+from spinfilters.estimators.timeline import Epoch
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
 from spinfilters.state.gaussian import Gaussian
@@ -35,15 +35,15 @@ Build = Callable[[ProcessModel], Estimator]
 def test_exact_data_and_a_true_start_give_no_error(build: Build, std: float) -> None:
     """Of any start for the EKF; a UKF's mean also feels the width of its belief, so that must be narrow."""
     process = TorqueFreeProcess(FULL, ProcessNoise(0.0, 0.0), tolerance=1e-12)
-    frame = embedded(0).timeline[START.frames].measurements[0]
+    epoch = embedded(0).timeline[START.epochs].measurements[0]
     x = embedded(0).truth[0]
     estimator = build(process)
     estimator.start(Gaussian(FULL, x, std * np.eye(20)))
     for _ in range(20):
         estimator.predict(0.5)
         x = process.step(x, 0.5)
-        exact = frame.model.predict(x, frame.parameters)
-        assert estimator.update(replace(frame, values=exact)).nis < 1e-8
+        exact = epoch.model.predict(x, epoch.parameters)
+        assert estimator.update(replace(epoch, values=exact)).nis < 1e-8
         np.testing.assert_allclose(FULL.local(estimator.belief.mean, x), 0.0, atol=1e-9)
 
 
@@ -68,7 +68,7 @@ def test_the_covariance_stays_symmetric_and_positive_over_a_long_run(build: Buil
 
 @pytest.mark.parametrize("build", ALL)
 def test_values_that_cannot_be_used_are_counted_and_change_nothing(build: Build) -> None:
-    good = embedded(0).timeline[START.frames].measurements[0]
+    good = embedded(0).timeline[START.epochs].measurements[0]
     behind, damaged = good.parameters[:3].copy(), good.values[:2].copy()
     behind[:, :3] = [0.0, 0.0, -5.0]
     damaged[:, 1] = [np.nan, np.inf]
@@ -94,7 +94,7 @@ def test_values_that_cannot_be_used_are_counted_and_change_nothing(build: Build)
 @pytest.mark.parametrize("build", ALL)
 @pytest.mark.parametrize("count", [0, 4])
 def test_a_measurement_without_any_usable_value_leaves_the_belief_as_it_is(build: Build, count: int) -> None:
-    good = embedded(0).timeline[START.frames].measurements[0]
+    good = embedded(0).timeline[START.epochs].measurements[0]
     estimator = build(PROCESS)
     estimator.start(started(0).belief)
     before = estimator.belief
@@ -110,14 +110,14 @@ def test_a_run_that_breaks_ends_as_failed_and_keeps_only_what_is_finite(build: B
     generator = np.random.default_rng(3)
     calm, sensor = linear_process(generator), linear_sensor(2, generator)
     exploding = LinearProcess(1e80 * calm.A, calm.noise)
-    frames = tuple(Frame(0.1 * k, (sensor.measurement(np.zeros((1, 2))),)) for k in range(1, 12))
+    epochs = tuple(Epoch(0.1 * k, (sensor.measurement(np.zeros((1, 2))),)) for k in range(1, 12))
     estimator = build(exploding)
     estimator.start(linear_belief(generator))
     with np.errstate(all="ignore"):
-        history = run(estimator, 0.0, frames)
+        history = run(estimator, 0.0, epochs)
     assert history.status.verdict is Verdict.FAILED
-    assert "frame" in history.status.reasons[0]
-    assert len(history.time) < len(frames)
+    assert "epoch" in history.status.reasons[0]
+    assert len(history.time) < len(epochs)
     assert len(history.mean) == len(history.factor) == len(history.time)
     assert np.isfinite(history.mean).all()
     assert np.isfinite(history.factor).all()
@@ -161,8 +161,8 @@ def test_the_ukf_is_exact_for_a_linear_model_with_any_set_of_points(options: Sig
 
 def test_a_ukf_update_is_that_of_its_sigma_points_one_by_one() -> None:
     """The reference forms every point's measurement, P_zz and P_xz as sums over all 41 points."""
-    belief, frame = started(0).belief, embedded(0).timeline[START.frames]
-    model, values, parameters = (getattr(frame.measurements[0], k) for k in ("model", "values", "parameters"))
+    belief, epoch = started(0).belief, embedded(0).timeline[START.epochs]
+    model, values, parameters = (getattr(epoch.measurements[0], k) for k in ("model", "values", "parameters"))
     ukf = MultiplicativeUkf(PROCESS, robust=RobustOptions(gate_probability=1.0))
     wide = Gaussian(FULL, belief.mean, 20 * belief.factor)
     ukf.start(wide)

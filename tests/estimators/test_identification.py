@@ -6,6 +6,8 @@ from functools import cache
 import numpy as np
 import pytest
 
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.estimators.identification.components import ComponentRows
 from spinfilters.estimators.identification.identify import (
     STAGE,
@@ -15,15 +17,13 @@ from spinfilters.estimators.identification.identify import (
     identify,
 )
 from spinfilters.estimators.identification.residuals import residuals_of
-from spinfilters.estimators.smoothing.motion import NOISE_FLOOR
-from spinfilters.estimators.smoothing.problem import Problem, problem_of
-from spinfilters.estimators.smoothing.reduced import Reduced
-from spinfilters.logs.dataset import Dataset
-from spinfilters.logs.measurement_log import MeasurementLog
+from spinfilters.estimators.smoothing.factors.motion_factors import NOISE_FLOOR
+from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
+from spinfilters.estimators.smoothing.problem.least_squares import Problem, problem_of
 from spinfilters.models.process import ProcessNoise
+from spinfilters.pipeline.setup import Setup, prepare
+from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
-from spinfilters.workflow.preparation import Prepared, prepare
-from spinfilters.workflow.settings import Settings
 
 STATED = {
     "stereo-tracks": {"pixel_std": 2.0},
@@ -41,19 +41,19 @@ def silent(dataset: Dataset) -> Dataset:
 
 
 @cache
-def case(kind: str, seed: int, noise: ProcessNoise, frames: int = 60) -> tuple[NoiseModel, Prepared]:
+def case(kind: str, seed: int, noise: ProcessNoise, epochs: int = 60) -> tuple[NoiseModel, Setup]:
     """The first epochs of a simulation with these disturbances, of noise stated too large."""
     dataset = simulate(
-        Scenario(kind=kind, rate_rpm=RICH_RPM, seed=seed, frames=frames, interval=0.5, noise=noise)
+        Scenario(kind=kind, rate_rpm=RICH_RPM, seed=seed, epochs=epochs, interval=0.5, noise=noise)
     )
     dataset = silent(without_map(dataset) if kind == "stereo-tracks" else dataset)
     settings = Settings()
     process = replace(settings.process, force_psd=1e-6, torque_psd=1e-6)
     settings = replace(settings, process=process, sensors=replace(settings.sensors, **STATED[kind]))
-    prepared = prepare(dataset, settings)
-    start, count = prepared.start, len(prepared.start.mean)
+    setup = prepare(dataset, settings)
+    start, count = setup.initial, len(setup.initial.mean)
     ids = start.ids
-    problem = problem_of(prepared.process, prepared.timeline[:count], ids, start.prior, 2)
+    problem = problem_of(setup.process, setup.timeline[:count], ids, start.prior, 2)
     components = {
         "stereo-tracks": (ComponentRows("pixel_std", 2.0, landmarks=True),),
         "pose": (
@@ -62,18 +62,18 @@ def case(kind: str, seed: int, noise: ProcessNoise, frames: int = 60) -> tuple[N
         ),
         "gyro": (ComponentRows("gyro_noise_std", 0.006, {0: (0, 1, 2)}),),
     }
-    densities = ("force_psd", "torque_psd") if prepared.process.layout.translates else ("torque_psd",)
-    return NoiseModel(problem, components[kind], densities), prepared
+    densities = ("force_psd", "torque_psd") if setup.process.layout.translates else ("torque_psd",)
+    return NoiseModel(problem, components[kind], densities), setup
 
 
-def first_point(prepared: Prepared) -> tuple[np.ndarray, np.ndarray]:
+def first_point(setup: Setup) -> tuple[np.ndarray, np.ndarray]:
     """Trajectory and landmarks of an initialisation."""
-    return prepared.start.mean, prepared.start.points
+    return setup.initial.mean, setup.initial.points
 
 
-def identified(model: NoiseModel, prepared: Prepared) -> Identified:
+def identified(model: NoiseModel, setup: Setup) -> Identified:
     """What is identified from an initialisation."""
-    found = identify(model, *first_point(prepared))
+    found = identify(model, *first_point(setup))
     assert found is not None
     return found
 
@@ -83,16 +83,22 @@ def minus_twice_log_likelihood(problem: Problem, trajectory: np.ndarray, points:
     here = problem.at(trajectory, points, STAGE.loss)
     normal = problem.normal(here, STAGE)
     solution, fit = normal.solution, normal.eliminated
-    assert isinstance(solution, Reduced)
-    logarithms = [np.diag(solution.root), np.diagonal(solution.chain.roots, axis1=1, axis2=2)]
+    assert isinstance(solution, SchurSystem)
+    logarithms = [
+        np.diag(solution.information_sqrt),
+        np.diagonal(solution.tridiagonal.information_sqrts, axis1=1, axis2=2),
+    ]
     if fit is not None:
-        logarithms.append(np.diagonal(fit.root[fit.told], axis1=1, axis2=2))
+        logarithms.append(np.diagonal(fit.information_sqrt[fit.is_constrained], axis1=1, axis2=2))
     determinant = 2 * sum(float(np.log(part).sum()) for part in logarithms)
     noise = problem.motion.process.linearise_steps(trajectory[:-1], trajectory[1:], problem.motion.dt)[2]
-    G = noise[:, problem.unknowns.moving]
+    G = noise[:, problem.ordering.moving]
     Q = G @ np.swapaxes(G, 1, 2) + NOISE_FLOOR**2 * np.eye(G.shape[1])
     return (
-        here.cost(normal.used, STAGE) - normal.decrement + determinant + float(np.linalg.slogdet(Q)[1].sum())
+        here.cost(normal.used, STAGE)
+        - normal.predicted_reduction
+        + determinant
+        + float(np.linalg.slogdet(Q)[1].sum())
     )
 
 
@@ -108,8 +114,8 @@ def values_of(model: NoiseModel, which: int, count: int) -> int:
 
 @pytest.mark.parametrize("kind", list(STATED))
 def test_the_score_is_the_slope_of_the_marginal_likelihood(kind: str) -> None:
-    model, prepared = case(kind, 0, ProcessNoise(1e-6, 1e-5), frames=40)
-    trajectory, points = first_point(prepared)
+    model, setup = case(kind, 0, ProcessNoise(1e-6, 1e-5), epochs=40)
+    trajectory, points = first_point(setup)
     size = len(model.components) + len(model.densities)
     theta = np.full(size, -0.7)
     problem = model.scaled(theta)
@@ -130,8 +136,8 @@ def test_the_score_is_the_slope_of_the_marginal_likelihood(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", list(STATED))
 def test_the_average_information_is_that_of_the_dense_problem(kind: str) -> None:
-    model, prepared = case(kind, 0, ProcessNoise(1e-6, 1e-5), frames=40)
-    here = model.problem.at(*first_point(prepared), STAGE.loss)
+    model, setup = case(kind, 0, ProcessNoise(1e-6, 1e-5), epochs=40)
+    here = model.problem.at(*first_point(setup), STAGE.loss)
     normal = model.problem.normal(here, STAGE)
     residuals = residuals_of(model.problem, here, normal, model.components, model.densities)
     information = average_information(model.problem, here, normal, residuals.sources)
@@ -169,9 +175,9 @@ def test_levels_are_found_within_three_deviations_from_defaults_that_are_far_off
 
 
 def test_identification_does_not_depend_on_what_was_stated() -> None:
-    model, prepared = case("pose", 1, ProcessNoise(1e-6, 1e-6))
+    model, setup = case("pose", 1, ProcessNoise(1e-6, 1e-6))
     other = replace(model, problem=model.scaled(np.array([1.0, -2.0, 0.5, 3.0])))
-    values = [[each.value for each in identified(each, prepared).components[2:]] for each in (model, other)]
+    values = [[each.value for each in identified(each, setup).components[2:]] for each in (model, other)]
     np.testing.assert_allclose(values[0], values[1], rtol=0.05)
 
 

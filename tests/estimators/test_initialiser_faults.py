@@ -7,16 +7,16 @@ import pytest
 from scipy.special import chdtri
 
 from spinfilters.attitude.conversions import multiply
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.estimators.initialisation.consistent_samples import consistent_samples
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
 from spinfilters.evaluation.consistency import true_states
-from spinfilters.logs.dataset import Dataset
-from spinfilters.logs.measurement_log import MeasurementLog
+from spinfilters.pipeline.setup import prepare
 from spinfilters.sensors.sensor import MotionSamples
+from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.faults import WrongAssociations, with_faults
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
-from spinfilters.workflow.preparation import prepare
-from spinfilters.workflow.settings import Settings
 
 TUMBLING = (3.0, 10.0, 4.0)
 TURN = np.array([np.sin(0.8), 0.0, 0.0, np.cos(0.8)])
@@ -24,7 +24,7 @@ TURN = np.array([np.sin(0.8), 0.0, 0.0, np.cos(0.8)])
 CASES = {
     "pose": Scenario(kind="pose", rate_rpm=TUMBLING),
     "attitude": Scenario(kind="attitude", rate_rpm=TUMBLING),
-    "gyro": Scenario(kind="gyro", rate_rpm=TUMBLING, interval=0.1, frames=120),
+    "gyro": Scenario(kind="gyro", rate_rpm=TUMBLING, interval=0.1, epochs=120),
 }
 
 
@@ -54,7 +54,7 @@ def _nees(found: InitialEstimate, dataset: Dataset) -> tuple[float, int]:
 @pytest.mark.parametrize("kind", list(CASES))
 def test_one_gross_error_in_the_first_epochs_is_left_out(kind: str, epoch: int) -> None:
     dataset = _spoilt(simulate(CASES[kind]), epoch)
-    found = prepare(dataset, Settings()).start
+    found = prepare(dataset, Settings()).initial
     assert found.converged
     assert 1 <= found.rejected <= 3
     assert found.fit == pytest.approx(1.0, abs=0.15)
@@ -65,8 +65,8 @@ def test_one_gross_error_in_the_first_epochs_is_left_out(kind: str, epoch: int) 
 @pytest.mark.parametrize("kind", ["stereo-tracks", "mono-tracks"])
 @pytest.mark.parametrize("share", [0.05, 0.3])
 def test_wrong_ids_under_a_known_map_are_left_out(kind: str, share: float) -> None:
-    clean = simulate(Scenario(kind=kind, rate_rpm=TUMBLING, frames=75))
-    found = prepare(with_faults(clean, (WrongAssociations(share),), 0), Settings()).start
+    clean = simulate(Scenario(kind=kind, rate_rpm=TUMBLING, epochs=75))
+    found = prepare(with_faults(clean, (WrongAssociations(share),), 0), Settings()).initial
     assert found.converged
     assert found.fit == pytest.approx(1.0, abs=0.05)
     assert found.rejected > 0.5 * share * found.dof / 3
@@ -79,7 +79,7 @@ def test_noise_that_is_three_times_the_stated_opens_the_gate_and_shows() -> None
     dataset = simulate(scenario)
     (stream,) = dataset.log.streams
     stated = replace(stream, covariance=np.tile(1e-4 * np.eye(6), (len(stream), 1, 1)))
-    found = prepare(replace(dataset, log=MeasurementLog((stated,))), Settings()).start
+    found = prepare(replace(dataset, log=MeasurementLog((stated,))), Settings()).initial
     assert found.converged
     assert found.fit == pytest.approx(3.0, abs=0.3)
     assert found.rejected <= 0.05 * len(found.mean)
@@ -103,8 +103,8 @@ def test_an_attitude_of_the_other_sign_is_no_gross_error() -> None:
 
 @pytest.mark.parametrize("pixel_std", [0.1, 5.0])
 def test_tracks_without_a_map_are_initialised_at_any_pixel_noise(pixel_std: float) -> None:
-    scenario = replace(Scenario.disam115(RICH_RPM, 0), pixel_std=pixel_std, frames=60)
-    found = prepare(without_map(simulate(scenario)), Settings()).start
+    scenario = replace(Scenario.common_workload(RICH_RPM, 0), pixel_std=pixel_std, epochs=60)
+    found = prepare(without_map(simulate(scenario)), Settings()).initial
     assert found.converged
     assert found.fit == pytest.approx(1.0, abs=0.02)
     assert found.noise_ratio == pytest.approx(1.0, abs=0.03)

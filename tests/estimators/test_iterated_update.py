@@ -9,10 +9,10 @@ from linear_samples import linear_belief, linear_process, linear_sensor
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.iterated import IterationOptions
-from spinfilters.estimators.linear_prediction import linear_rows
-from spinfilters.estimators.multiplicative_ekf import IteratedUpdate, MultiplicativeEkf
-from spinfilters.estimators.robustness import RobustOptions
+from spinfilters.estimators.filters.iterated_update import IterationOptions
+from spinfilters.estimators.filters.linear_prediction import linear_rows
+from spinfilters.estimators.filters.multiplicative_ekf import IteratedUpdate, MultiplicativeEkf
+from spinfilters.estimators.robust.outlier_rejection import RobustOptions
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.sensors.feature_tracks import RIG
 from spinfilters.state.gaussian import Gaussian
@@ -25,7 +25,7 @@ PLAIN = IterationOptions(iterations=1)
 
 
 def _transient(seed: int) -> tuple[np.ndarray, Gaussian, Measurement]:
-    """True state, a belief with an error drawn from its covariance, and 40 precise stereo sightings."""
+    """True state, a belief with an error drawn from its covariance, and 40 precise stereo observations."""
     generator = np.random.default_rng(seed)
     x = FULL.origin()
     x[2] = 0.6
@@ -100,9 +100,9 @@ def test_in_steady_state_nothing_is_iterated() -> None:
     for iteration in (PLAIN, IterationOptions()):
         estimator = MultiplicativeEkf(PROCESS, iteration=iteration)
         estimator.start(started(0).belief)
-        for frame in embedded(0).timeline[START.frames : START.frames + 10]:
+        for epoch in embedded(0).timeline[START.epochs : START.epochs + 10]:
             estimator.predict(0.5)
-            estimator.update(frame.measurements[0])
+            estimator.update(epoch.measurements[0])
         ends.append(estimator.belief.mean)
     np.testing.assert_array_equal(ends[0], ends[1])
 

@@ -35,12 +35,12 @@ BOTH = pytest.mark.parametrize("name", FILTERS)
 def test_wrong_associations_are_refused_and_do_no_harm(name, share):
     recorded = recording()
     faulty = timeline_of(with_faults(recorded.dataset, (WrongAssociations(share),), 1))
-    estimator, true = started(name), [frame.measurements[0].ids for frame in recorded.timeline]
+    estimator, true = started(name), [epoch.measurements[0].ids for epoch in recorded.timeline]
     reports = []
-    for k, frame in enumerate(faulty):
+    for k, epoch in enumerate(faulty):
         if k:
             estimator.predict(0.5)
-        reports.append((estimator.update(frame.measurements[0]).map_change, frame.measurements[0].ids))
+        reports.append((estimator.update(epoch.measurements[0]).map_change, epoch.measurements[0].ids))
     errors = nees([estimator.belief], recorded.states[-1:])
     wrong = [
         np.isin(change.used, ids[ids != right]).mean()
@@ -89,10 +89,10 @@ def test_a_filter_that_loses_every_landmark_knows_how_little_it_knows(name):
     run_through(estimator, recorded.timeline[:15])
     estimator.predict(8.0)
     lost, spreads, epochs = estimator.belief, [], recorded.timeline[15:22]
-    for before, frame in zip([None, *epochs], epochs, strict=False):
-        seen = frame.measurements[0]
+    for before, epoch in zip([None, *epochs], epochs, strict=False):
+        seen = epoch.measurements[0]
         if before is not None:
-            estimator.predict(frame.time - before.time)
+            estimator.predict(epoch.time - before.time)
         assert seen.ids is not None
         estimator.update(replace(seen, ids=seen.ids + 10_000))
         spreads.append(np.linalg.norm(estimator.belief.std[LAYOUT.slice("a")]))
@@ -118,9 +118,9 @@ def test_a_belief_anchored_at_the_pose_is_the_same_belief():
 
 
 def test_a_dropout_of_ten_seconds_is_survived():
-    recorded = recording(frames=60)
+    recorded = recording(epochs=60)
     faulty = timeline_of(with_faults(recorded.dataset, (Dropout(10.2, 20.2),), 1))
-    estimator = started(frames=60)
+    estimator = started(epochs=60)
     run_through(estimator, faulty)
     last = recorded.states[-1]
     error = LAYOUT.local(estimator.belief.mean, last)
@@ -129,7 +129,7 @@ def test_a_dropout_of_ten_seconds_is_survived():
     assert whitened @ whitened < chi_square_band(20, 1, 0.999)[1]
 
 
-def test_the_same_frame_twice_counts_once():
+def test_the_same_epoch_twice_counts_once():
     recorded, estimator = recording(), started()
     run_through(estimator, recorded.timeline[:5])
     before = estimator.belief

@@ -19,9 +19,9 @@ from landmark_samples import (
 )
 
 from spinfilters.errors import InputError
-from spinfilters.estimators.adaptation import AdaptationOptions
 from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.iterated import IterationOptions
+from spinfilters.estimators.filters.iterated_update import IterationOptions
+from spinfilters.estimators.filters.noise_adaptation import AdaptationOptions
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.evaluation.consistency import chi_square_band
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
@@ -47,12 +47,12 @@ def scaled(P, reference):
     return P / std / std[:, None]
 
 
-def sighting_rows(measured, before, moved, size):
+def observation_rows(measured, before, moved, size):
     """Whitened innovations and Jacobian by state and landmarks, of the landmarks that a belief holds."""
     held = before.ids.tolist()
-    sightings = [(row, held.index(i)) for row, i in enumerate(measured.ids) if i in held]
-    H, rho = np.zeros((3 * len(sightings), size)), np.zeros(3 * len(sightings))
-    for k, (row, at) in enumerate(sightings):
+    observations = [(row, held.index(i)) for row, i in enumerate(measured.ids) if i in held]
+    H, rho = np.zeros((3 * len(observations), size)), np.zeros(3 * len(observations))
+    for k, (row, at) in enumerate(observations):
         parameters = measured.parameters[row : row + 1].copy()
         parameters[:, :3] = before.points[at]
         linear = measured.model.linearise_landmarks(moved, parameters, measured.values[row : row + 1])
@@ -74,7 +74,7 @@ def test_prediction_and_update_are_those_of_the_textbook():
     P = whole @ P @ whole.T
     P[:20, :20] += G @ G.T
     measured = recorded.timeline[4].measurements[0]
-    rho, H = sighting_rows(measured, before, moved, len(P))
+    rho, H = observation_rows(measured, before, moved, len(P))
     K = P @ H.T @ np.linalg.inv(H @ P @ H.T + np.eye(len(H)))
     error = K @ rho
     estimator.predict(0.5)
@@ -121,19 +121,19 @@ def test_a_new_landmark_has_the_correlation_that_one_stereo_pair_gives_it():
 
 
 @BOTH
-def test_noise_free_sightings_from_the_true_start_give_no_error(name):
+def test_noise_free_observations_from_the_true_start_give_no_error(name):
     recorded = recording()
     quiet = FILTERS[name](TorqueFreeProcess(LAYOUT, ProcessNoise(0.0, 0.0), 1e-12))
     quiet.start(Gaussian(LAYOUT, recorded.states[0], np.diag(np.full(20, 1e-9))))
     x = recorded.states[0]
-    for k, frame in enumerate(recorded.timeline[:8]):
+    for k, epoch in enumerate(recorded.timeline[:8]):
         if k:
-            x = PROCESS.step(x, frame.time - recorded.timeline[k - 1].time)
-            quiet.predict(frame.time - recorded.timeline[k - 1].time)
-        measured = frame.measurements[0]
+            x = PROCESS.step(x, epoch.time - recorded.timeline[k - 1].time)
+            quiet.predict(epoch.time - recorded.timeline[k - 1].time)
+        measured = epoch.measurements[0]
         parameters = measured.parameters.copy()
         parameters[:, :3] = recorded.points[measured.ids]
-        quiet.update(with_values(frame, measured.model.predict(x, parameters)).measurements[0])
+        quiet.update(with_values(epoch, measured.model.predict(x, parameters)).measurements[0])
     assert np.abs(LAYOUT.local(quiet.belief.mean, x)).max() < 1e-6
 
 
@@ -179,18 +179,18 @@ def test_iterating_changes_nothing_where_the_linear_model_was_right():
 def test_iterating_finds_the_point_that_one_linearisation_misses():
     """An attitude that is off by half a radian, and a map that is known: the residuals tell how far each got."""
     recorded = recording()
-    frame = recorded.timeline[0]
+    epoch = recorded.timeline[0]
     sums = []
     for iterations in (1, 6):
         estimator = started(iteration=IterationOptions(iterations))
         estimator.start(Gaussian(LAYOUT, recorded.states[0], np.diag(1e-7 * np.ones(20))))
-        estimator.update(frame.measurements[0])
+        estimator.update(epoch.measurements[0])
         known = estimator.landmark_belief
         off = LAYOUT.retract(known.mean, np.r_[0, 0, 0, 0.3, -0.3, 0.3, np.zeros(14)])
         std = np.r_[np.full(3, 1e-3), np.full(3, 0.5), np.full(14, 1e-4), np.ones(len(known.factor) - 20)]
         roots = np.tile(1e-4 * np.eye(3), (len(known.ids), 1, 1))
         estimator.start(replace(known, mean=off, factor=np.diag(std), modes=0 * known.modes, roots=roots))
-        estimator.update(frame.measurements[0])
+        estimator.update(epoch.measurements[0])
         sums.append(np.abs(LAYOUT.local(estimator.belief.mean, recorded.states[0])[3:6]).max())
     assert sums[1] < 0.2 * sums[0]
 
@@ -236,10 +236,10 @@ def test_the_map_never_holds_more_than_its_largest_size():
     recorded = recording(landmarks=400)
     estimator = started(landmarks=LandmarkOptions(largest_map=120))
     estimator.start(first_belief(recorded.states))
-    for k, frame in enumerate(recorded.timeline):
+    for k, epoch in enumerate(recorded.timeline):
         if k:
             estimator.predict(0.5)
-        report = estimator.update(frame.measurements[0])
+        report = estimator.update(epoch.measurements[0])
         assert len(estimator.held) <= 120
         assert report.map_change is not None
         assert set(estimator.held.tolist()).isdisjoint(report.map_change.removed.tolist())

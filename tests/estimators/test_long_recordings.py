@@ -7,14 +7,16 @@ from typing import TypeVar
 import numpy as np
 import pytest
 
+from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.estimators.estimator import UpdateReport
 from spinfilters.estimators.history import GrowingHistory
-from spinfilters.estimators.smoothing import marginals, motion, problem, reduced
-from spinfilters.estimators.smoothing.batch import BatchSmoothing, smooth_recording
-from spinfilters.estimators.smoothing.robust_kernels import Gate
+from spinfilters.estimators.robust.losses import Gate
+from spinfilters.estimators.smoothing.factors import motion_factors
+from spinfilters.estimators.smoothing.linear import marginals, schur_system
+from spinfilters.estimators.smoothing.problem import least_squares
+from spinfilters.estimators.smoothing.solver.batch_smoother import BatchSmoothing, smooth_recording
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import SensorNoise, Timeline, build_timeline, times_of
-from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
@@ -33,7 +35,7 @@ def gyro(count: int) -> MeasurementStream:
 
 
 def timeline(count: int) -> Timeline:
-    """Frames of the gyro alone."""
+    """Epochs of the gyro alone."""
     return build_timeline(MeasurementLog((gyro(count),)), LAYOUT, SensorNoise(gyro_noise_std=0.01))
 
 
@@ -48,29 +50,29 @@ def held(make: Callable[[], Made]) -> tuple[Made, int]:
 
 def test_a_timeline_holds_a_few_numbers_for_each_sample() -> None:
     log = MeasurementLog((gyro(MANY),))
-    frames, size = held(lambda: build_timeline(log, LAYOUT, SensorNoise()))
-    assert len(frames) == MANY
+    epochs, size = held(lambda: build_timeline(log, LAYOUT, SensorNoise()))
+    assert len(epochs) == MANY
     assert size < 100 * MANY
 
 
-def test_frames_are_cut_and_counted_like_a_tuple() -> None:
-    frames = timeline(10)
-    assert frames[-1].time == frames[9].time == tuple(frames)[-1].time
-    assert np.array_equal(times_of(frames[2:5]), [frame.time for frame in frames][2:5])
-    assert len(frames[7:][1:]) == 2
+def test_epochs_are_cut_and_counted_like_a_tuple() -> None:
+    epochs = timeline(10)
+    assert epochs[-1].time == epochs[9].time == tuple(epochs)[-1].time
+    assert np.array_equal(times_of(epochs[2:5]), [epoch.time for epoch in epochs][2:5])
+    assert len(epochs[7:][1:]) == 2
     with pytest.raises(IndexError):
-        frames[10]
+        epochs[10]
 
 
-def test_sensors_share_the_frames_of_their_common_times() -> None:
+def test_sensors_share_the_epochs_of_their_common_times() -> None:
     whole = gyro(6)
     pose = np.tile([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0], (3, 1))
     poses = MeasurementStream("pose", np.array([0.05, 0.06, 0.25]), pose)
     layout = StateLayout(("t", "a", "v", "w", "c", "s"))
-    frames = build_timeline(MeasurementLog((whole, poses)), layout, SensorNoise())
-    names = [[m.model.name for m in frame.measurements] for frame in frames]
+    epochs = build_timeline(MeasurementLog((whole, poses)), layout, SensorNoise())
+    names = [[m.model.name for m in epoch.measurements] for epoch in epochs]
     assert names == [["gyro"], ["gyro", "pose"], ["pose"], ["gyro"], ["gyro"], ["gyro"], ["gyro", "pose"]]
-    assert np.array_equal(frames[3].measurements[0].values, whole.values[2:3])
+    assert np.array_equal(epochs[3].measurements[0].values, whole.values[2:3])
 
 
 def test_a_history_holds_little_more_than_its_arrays() -> None:
@@ -87,7 +89,7 @@ def test_a_history_holds_little_more_than_its_arrays() -> None:
     assert size < 1.1 * sum(array.nbytes for array in rows.arrays().values())
 
 
-def test_a_history_takes_frames_in_front_without_touching_its_own() -> None:
+def test_a_history_takes_epochs_in_front_without_touching_its_own() -> None:
     belief = Gaussian(LAYOUT, LAYOUT.origin(), np.eye(LAYOUT.error_dim))
     rows = GrowingHistory(LAYOUT, 0.0)
     rows.reserve(3, before=2)
@@ -106,7 +108,7 @@ def test_a_chain_is_smoothed_to_the_same_numbers_stretch_by_stretch(
     monkeypatch: pytest.MonkeyPatch, length: int
 ) -> None:
     whole = smoothed()
-    for module in (marginals, motion, problem, reduced):
+    for module in (marginals, motion_factors, least_squares, schur_system):
         monkeypatch.setattr(module, "STRETCH", length)
     cut = smoothed()
     deviations = np.sqrt(np.einsum("kij,kij->ki", whole.factor, whole.factor))
@@ -115,12 +117,12 @@ def test_a_chain_is_smoothed_to_the_same_numbers_stretch_by_stretch(
     assert np.all(np.abs(cut.factor - whole.factor) <= 1e-6 * deviations[..., None])
     assert np.array_equal(cut.accepted, whole.accepted)
     assert np.array_equal(cut.rejected, whole.rejected)
-    assert cut.undetermined == whole.undetermined
+    assert cut.unobservable == whole.unobservable
     assert np.allclose(cut.solved.costs, whole.solved.costs, rtol=1e-8)
 
 
 def smoothed() -> BatchSmoothing:
-    """60 frames from a poor trajectory; the gate refuses some."""
+    """60 epochs from a poor trajectory; the gate refuses some."""
     process = TorqueFreeProcess(LAYOUT, ProcessNoise(0.0, 1e-6))
     first = LAYOUT.origin()
     first[LAYOUT.mean_slice("w")] = 0.5, 0.1, 0.0

@@ -5,46 +5,51 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from delayed_samples import arrivals
+from out_of_sequence_samples import arrivals
 from smoothing_samples import LAYOUT, LONG, PROCESS, SOON, STD, sample
 
 from spinfilters.errors import InputError
-from spinfilters.estimators.delayed import DelayedUpdates, Outcome
+from spinfilters.estimators.online.out_of_sequence import Outcome, OutOfSequenceUpdates
 from spinfilters.estimators.run import advance, run
-from spinfilters.estimators.smoothing.modes import FixedLag, FrozenVision, Full, Mode
-from spinfilters.estimators.smoothing.problem import Trial
-from spinfilters.estimators.smoothing.recursive import RecursiveSmoother
-from spinfilters.estimators.smoothing.sliding_records import SlidingOptions
+from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess
+from spinfilters.estimators.smoothing.window.recursive_smoother import RecursiveSmoother
+from spinfilters.estimators.smoothing.window.smoother_records import SmootherOptions
+from spinfilters.estimators.smoothing.window.window_policy import (
+    FixedLag,
+    FullSmoothing,
+    LandmarkMarginalization,
+    WindowPolicy,
+)
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.status import Verdict
 
-MODES = (Full(), FixedLag(8, SOON), FrozenVision(0.5, 12, SOON))
+MODES = (FullSmoothing(), FixedLag(8, SOON), LandmarkMarginalization(0.5, 12, SOON))
 BEGUN = 6
 
 
-def _begun(mode: Mode) -> RecursiveSmoother:
+def _begun(mode: WindowPolicy) -> RecursiveSmoother:
     here = sample(LONG)
-    models = tuple(measurement.model for measurement in here.frames[0].measurements)
-    smoother = RecursiveSmoother(PROCESS, SlidingOptions(mode), models)
+    models = tuple(measurement.model for measurement in here.epochs[0].measurements)
+    smoother = RecursiveSmoother(PROCESS, SmootherOptions(mode), models)
     smoother.begin(
-        here.prior, here.frames[:BEGUN], Trial(here.truth[:BEGUN], here.known.ids, here.known.points)
+        here.prior, here.epochs[:BEGUN], InitialGuess(here.truth[:BEGUN], here.known.ids, here.known.points)
     )
     return smoother
 
 
 def _driven(smoother: RecursiveSmoother, first: int, last: int) -> RecursiveSmoother:
-    for before, frame in pairwise(sample(LONG).frames[first - 1 : last]):
-        advance(smoother, frame, frame.time - before.time)
+    for before, epoch in pairwise(sample(LONG).epochs[first - 1 : last]):
+        advance(smoother, epoch, epoch.time - before.time)
     return smoother
 
 
 @pytest.mark.parametrize("mode", MODES, ids=str)
-def test_the_one_loop_over_time_drives_it(mode: Mode) -> None:
+def test_the_one_loop_over_time_drives_it(mode: WindowPolicy) -> None:
     here, smoother = sample(LONG), _begun(mode)
-    history = run(smoother, here.frames[BEGUN - 1].time, here.frames[BEGUN:])
-    assert len(history.time) == len(here.frames) - BEGUN
+    history = run(smoother, here.epochs[BEGUN - 1].time, here.epochs[BEGUN:])
+    assert len(history.time) == len(here.epochs) - BEGUN
     rows = smoother.smoothed()
-    np.testing.assert_allclose([row.time for row in rows], [frame.time for frame in here.frames])
+    np.testing.assert_allclose([row.time for row in rows], [epoch.time for epoch in here.epochs])
     whitened = [
         np.linalg.solve(row.factor, LAYOUT.local(row.mean, x))
         for row, x in zip(rows, here.truth, strict=True)
@@ -54,7 +59,7 @@ def test_the_one_loop_over_time_drives_it(mode: Mode) -> None:
 
 @pytest.mark.parametrize("mode", MODES, ids=str)
 @pytest.mark.parametrize("halt", [BEGUN, 15, 26])
-def test_a_snapshot_leads_on_to_the_same_bits(mode: Mode, halt: int) -> None:
+def test_a_snapshot_leads_on_to_the_same_bits(mode: WindowPolicy, halt: int) -> None:
     halted, whole = _driven(_begun(mode), BEGUN, halt), _driven(_begun(mode), BEGUN, 30)
     kept = {name: array.copy() for name, array in halted.snapshot().items()}
     again = _begun(mode)
@@ -71,26 +76,26 @@ def test_a_snapshot_leads_on_to_the_same_bits(mode: Mode, halt: int) -> None:
 
 def test_a_snapshot_of_sensors_that_nobody_named_is_refused() -> None:
     with pytest.raises(InputError, match="sensors of its run"):
-        RecursiveSmoother(PROCESS).restore(_begun(Full()).snapshot())
+        RecursiveSmoother(PROCESS).restore(_begun(FullSmoothing()).snapshot())
 
 
 @pytest.mark.parametrize("dt", [0.0, -0.1, np.nan])
 def test_time_does_not_stand_still_or_go_backwards(dt: float) -> None:
     with pytest.raises(InputError, match="ahead"):
-        _begun(Full()).predict(dt)
+        _begun(FullSmoothing()).predict(dt)
 
 
-def _online(mode: Mode) -> DelayedUpdates:
+def _online(mode: WindowPolicy) -> OutOfSequenceUpdates:
     """From a belief of the first state, whose pose defines g."""
-    smoother = RecursiveSmoother(PROCESS, SlidingOptions(mode))
+    smoother = RecursiveSmoother(PROCESS, SmootherOptions(mode))
     smoother.start(Gaussian(LAYOUT, sample(LONG).truth[0], np.diag(STD)))
-    return DelayedUpdates(smoother, 0.0, horizon_s=2.0)
+    return OutOfSequenceUpdates(smoother, 0.0, horizon_s=2.0)
 
 
 @pytest.mark.parametrize("mode", MODES, ids=str)
-def test_observations_of_unknown_landmarks_may_come_late(mode: Mode) -> None:
+def test_observations_of_unknown_landmarks_may_come_late(mode: WindowPolicy) -> None:
     here, one, other = sample(LONG), _online(mode), _online(mode)
-    stamps = [(frame.time, frame.measurements[0]) for frame in here.frames]
+    stamps = [(epoch.time, epoch.measurements[0]) for epoch in here.epochs]
     order = np.argsort(np.arange(len(stamps)) + np.random.default_rng(2).uniform(0.0, 2.5, len(stamps)))
     for time, measurement in stamps:
         assert one.receive(time, measurement).outcome in {Outcome.TAKEN, Outcome.INSERTED}
@@ -104,17 +109,17 @@ def test_observations_of_unknown_landmarks_may_come_late(mode: Mode) -> None:
 
 
 def test_what_is_not_determined_yet_is_told_on_line() -> None:
-    here, updates = sample(LONG), _online(Full())
-    for frame in here.frames[:3]:
-        updates.receive(frame.time, frame.measurements[0])
+    here, updates = sample(LONG), _online(FullSmoothing())
+    for epoch in here.epochs[:3]:
+        updates.receive(epoch.time, epoch.measurements[0])
     assert updates.status.verdict is Verdict.DEGRADED
     assert "not determined yet" in updates.status.reasons[0]
 
 
-def test_two_packets_of_one_camera_at_one_instant_make_one_frame() -> None:
-    here, whole, parts = sample(LONG), _begun(Full()), _begun(Full())
-    frame = here.frames[BEGUN]
-    (m,) = frame.measurements
+def test_two_packets_of_one_camera_at_one_instant_make_one_epoch() -> None:
+    here, whole, parts = sample(LONG), _begun(FullSmoothing()), _begun(FullSmoothing())
+    epoch = here.epochs[BEGUN]
+    (m,) = epoch.measurements
     assert m.ids is not None
     half = len(m.values) // 2
     for smoother in (whole, parts):
@@ -127,7 +132,7 @@ def test_two_packets_of_one_camera_at_one_instant_make_one_frame() -> None:
     reports = [parts.update(packet) for packet in packets]
     assert [r.accepted + r.rejected for r in reports] == [half, len(m.values) - half]
     assert abs(sum(r.accepted for r in reports) - report.accepted) <= 2
-    assert len(parts.sliding.window.frames) == BEGUN + 1
+    assert len(parts.sliding.window.epochs) == BEGUN + 1
     away = LAYOUT.local(whole.belief.mean, parts.belief.mean)
     assert np.abs(away / whole.belief.std).max() < 0.2
 

@@ -8,8 +8,8 @@ from filter_samples import FULL, PROCESS, START, embedded, started
 
 from spinfilters.errors import InputError, ShapeError
 from spinfilters.estimators.estimator import Estimator, Measurement, UpdateReport
-from spinfilters.estimators.history import FRAME_ARRAYS, GrowingHistory
-from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
+from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
+from spinfilters.estimators.history import EPOCH_ARRAYS, GrowingHistory
 from spinfilters.estimators.run import run
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.state.status import Verdict
@@ -18,17 +18,17 @@ COUNT = 12
 
 
 def rest() -> Timeline:
-    """A few frames after the start."""
-    return embedded(0).timeline[START.frames : START.frames + COUNT]
+    """A few epochs after the start."""
+    return embedded(0).timeline[START.epochs : START.epochs + COUNT]
 
 
 def begin() -> float:
-    """Time of the start's last frame, s."""
-    return embedded(0).timeline[START.frames - 1].time
+    """Time of the start's last epoch, s."""
+    return embedded(0).timeline[START.epochs - 1].time
 
 
 def ekf() -> Estimator:
-    """At the start's last frame."""
+    """At the start's last epoch."""
     estimator = MultiplicativeEkf(PROCESS)
     estimator.start(started(0).belief)
     return estimator
@@ -52,11 +52,11 @@ def test_a_run_in_two_parts_is_the_run_in_one() -> None:
     again = GrowingHistory.from_arrays(FULL, begin(), rows.arrays())
     assert (len(again), again.time, again.begin) == (5, rest()[4].time, begin())
     both = run(estimator, again.time, rest()[5:], None, again)
-    for name in set(FRAME_ARRAYS) - {"runtime"}:
+    for name in set(EPOCH_ARRAYS) - {"runtime"}:
         np.testing.assert_array_equal(getattr(both, name), getattr(whole, name), strict=True)
 
 
-def test_on_frame_finds_the_frame_among_the_rows() -> None:
+def test_on_epoch_finds_the_epoch_among_the_rows() -> None:
     rows, seen = GrowingHistory(FULL, begin()), []
     assert rows.belief is None
     run(ekf(), begin(), rest(), lambda index: seen.append((index, len(rows), rows.time)), rows)
@@ -64,7 +64,7 @@ def test_on_frame_finds_the_frame_among_the_rows() -> None:
     assert rows.belief is not None
 
 
-def test_ctrl_c_counts_the_frames_done_before_too() -> None:
+def test_ctrl_c_counts_the_epochs_done_before_too() -> None:
     def press(index: int) -> None:
         if index == 2:
             raise KeyboardInterrupt
@@ -73,7 +73,7 @@ def test_ctrl_c_counts_the_frames_done_before_too() -> None:
     run(estimator, begin(), rest()[:4], None, rows)
     history = run(estimator, rows.time, rest()[4:], press, rows)
     assert history.status.verdict is Verdict.DEGRADED
-    assert history.status.reasons == ("interrupted after 7 of 12 frames",)
+    assert history.status.reasons == ("interrupted after 7 of 12 epochs",)
     assert len(history.time) == 7
 
 
@@ -82,22 +82,22 @@ def test_a_likelihood_that_is_not_finite_fails_the_run() -> None:
     estimator.start(started(0).belief)
     history = run(estimator, begin(), rest())
     assert history.status.verdict is Verdict.FAILED
-    assert "stopped being finite at frame 2, t = " in history.status.reasons[0]
+    assert "stopped being finite at epoch 2, t = " in history.status.reasons[0]
     assert len(history.time) == 2
     assert np.isfinite(history.log_likelihood).all()
 
 
-def test_a_frame_beyond_the_integrator_s_budget_fails_the_run_and_keeps_what_was_before() -> None:
-    frames = rest()
-    late = (*frames[:3], replace(frames[3], time=frames[3].time + 1e6))
+def test_an_epoch_beyond_the_integrator_s_budget_fails_the_run_and_keeps_what_was_before() -> None:
+    epochs = rest()
+    late = (*epochs[:3], replace(epochs[3], time=epochs[3].time + 1e6))
     history = run(ekf(), begin(), late)
     assert history.status.verdict is Verdict.FAILED
-    assert "could not be integrated to frame 3" in history.status.reasons[0]
+    assert "could not be integrated to epoch 3" in history.status.reasons[0]
     assert len(history.time) == 3
 
 
 def test_nothing_to_do_is_refused_unless_all_is_done() -> None:
-    with pytest.raises(InputError, match="no frame is left"):
+    with pytest.raises(InputError, match="no epoch is left"):
         run(ekf(), begin(), ())
     rows = GrowingHistory(FULL, begin())
     run(ekf(), begin(), rest(), None, rows)
@@ -105,12 +105,12 @@ def test_nothing_to_do_is_refused_unless_all_is_done() -> None:
 
 
 @pytest.mark.parametrize("time", [1e9, np.nan])
-def test_frames_before_the_belief_are_refused(time: float) -> None:
+def test_epochs_before_the_belief_are_refused(time: float) -> None:
     with pytest.raises(InputError):
         run(ekf(), time, rest())
 
 
-def test_a_frame_whose_time_is_no_number_is_refused() -> None:
+def test_an_epoch_whose_time_is_no_number_is_refused() -> None:
     with pytest.raises(InputError, match="nan"):
         run(ekf(), begin(), (replace(rest()[0], time=np.nan),))
     with pytest.raises(InputError, match="order of time"):

@@ -1,4 +1,4 @@
-"""The sliding smoother end to end: as good as the batch, honest, and undisturbed by frames that say nothing or nonsense."""
+"""The sliding smoother end to end: as good as the batch, honest, and undisturbed by epochs that say nothing or nonsense."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,47 +10,52 @@ from smoothing_samples import LAYOUT, LONG, PROCESS, SOON, STD, optimum, run, sa
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.smoothing.modes import FixedLag, FrozenVision, Full, Mode
-from spinfilters.estimators.smoothing.problem import Stage
-from spinfilters.estimators.smoothing.robust_kernels import Gate, LeastSquares
-from spinfilters.estimators.smoothing.sliding import SlidingSmoother
-from spinfilters.estimators.smoothing.sliding_records import SlidingOptions, Taken
-from spinfilters.estimators.smoothing.solver import Plain, SolverOptions, solve
+from spinfilters.estimators.robust.losses import Gate, LeastSquares
+from spinfilters.estimators.smoothing.problem.least_squares import Stage
+from spinfilters.estimators.smoothing.solver.iterations import ConstantSchedule, SolverOptions, solve
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
-from spinfilters.estimators.timeline import Frame, SensorNoise, build_timeline
+from spinfilters.estimators.smoothing.window.sliding_smoother import SlidingSmoother
+from spinfilters.estimators.smoothing.window.smoother_records import SmootherOptions, UpdateResult
+from spinfilters.estimators.smoothing.window.window_policy import (
+    FixedLag,
+    FullSmoothing,
+    LandmarkMarginalization,
+    WindowPolicy,
+)
+from spinfilters.estimators.timeline import Epoch, SensorNoise, build_timeline
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensors.pose import Pose, pose_parameters
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 
 GATE = Gate(5.0, 5.0)
-MODES = (Full(), FixedLag(10, SOON), FrozenVision())
+MODES = (FullSmoothing(), FixedLag(10, SOON), LandmarkMarginalization())
 
 
 @cache
-def _finished(mode: Mode) -> tuple[SlidingSmoother, tuple[Taken, ...]]:
+def _finished(mode: WindowPolicy) -> tuple[SlidingSmoother, tuple[UpdateResult, ...]]:
     sliding = smoother(sample(LONG), mode)
-    return sliding, tuple(sliding.add(frame) for frame in sample(LONG).frames)
+    return sliding, tuple(sliding.add(epoch) for epoch in sample(LONG).epochs)
 
 
-def test_smoothing_everything_after_every_frame_ends_at_the_cost_of_the_batch() -> None:
-    sliding, _ = _finished(Full())
+def test_smoothing_everything_after_every_epoch_ends_at_the_cost_of_the_batch() -> None:
+    sliding, _ = _finished(FullSmoothing())
     problem = sliding.problem()
     here = problem.at(sliding.window.trajectory, sliding.window.points)
     last = problem.normal(here, Stage(GATE))
-    batch = solve(problem, here, SolverOptions(40, 1e-6), Plain(GATE))
+    batch = solve(problem, here, SolverOptions(40, 1e-6), ConstantSchedule(GATE))
     assert batch.converged
     assert here.cost(last.used, last.stage) - batch.costs[-1] < 0.5
 
 
-def test_smoothing_everything_after_every_frame_ends_where_the_batch_from_the_truth_ends() -> None:
-    sliding, _ = _finished(Full())
+def test_smoothing_everything_after_every_epoch_ends_where_the_batch_from_the_truth_ends() -> None:
+    sliding, _ = _finished(FullSmoothing())
     away = LAYOUT.local(optimum(LONG).point.trajectory[-1], sliding.belief.mean)
     assert np.abs(away / sliding.belief.std).max() < 1.0
 
 
 @pytest.mark.parametrize("mode", MODES, ids=str)
-def test_the_estimate_is_within_its_own_uncertainty_of_the_truth(mode: Mode) -> None:
+def test_the_estimate_is_within_its_own_uncertainty_of_the_truth(mode: WindowPolicy) -> None:
     belief = _finished(mode)[0].belief
     assert np.isfinite(belief.factor).all()
     error = LAYOUT.local(belief.mean, sample(LONG).truth[-1])
@@ -58,18 +63,18 @@ def test_the_estimate_is_within_its_own_uncertainty_of_the_truth(mode: Mode) -> 
 
 
 @pytest.mark.parametrize("mode", MODES, ids=str)
-def test_every_frame_is_accounted_for(mode: Mode) -> None:
+def test_every_epoch_is_accounted_for(mode: WindowPolicy) -> None:
     sliding, taken = _finished(mode)
-    counts = [sum(len(m.values) for m in frame.measurements) for frame in sample(LONG).frames]
+    counts = [sum(len(m.values) for m in epoch.measurements) for epoch in sample(LONG).epochs]
     assert [t.accepted + t.rejected for t in taken] == counts
-    gone = [row.time for t in taken for row in t.retired]
-    left = [frame.time for frame in sliding.window.frames]
-    assert gone + left == [frame.time for frame in sample(LONG).frames]
+    gone = [row.time for t in taken for row in t.marginalized]
+    left = [epoch.time for epoch in sliding.window.epochs]
+    assert gone + left == [epoch.time for epoch in sample(LONG).epochs]
 
 
 @pytest.mark.parametrize("mode", MODES, ids=str)
-def test_smoothed_frames_are_within_their_own_uncertainty_of_the_truth(mode: Mode) -> None:
-    truth = sample(LONG).truth[-len(_finished(mode)[0].window.frames) :]
+def test_smoothed_epochs_are_within_their_own_uncertainty_of_the_truth(mode: WindowPolicy) -> None:
+    truth = sample(LONG).truth[-len(_finished(mode)[0].window.epochs) :]
     rows = _finished(mode)[0].smoothed()
     assert len(rows) == len(truth)
     for row, x in zip(rows[1:], truth[1:], strict=True):
@@ -79,82 +84,82 @@ def test_smoothed_frames_are_within_their_own_uncertainty_of_the_truth(mode: Mod
 
 def test_the_mass_distribution_becomes_known() -> None:
     here = sample(LONG)
-    sliding = run(smoother(here, Full()), here.frames[:2])
+    sliding = run(smoother(here, FullSmoothing()), here.epochs[:2])
     early = sliding.mass_std
     assert early > 0.4
-    assert _finished(Full())[0].mass_std < early / 2
+    assert _finished(FullSmoothing())[0].mass_std < early / 2
 
 
-def _blind(frame: Frame) -> Frame:
-    return Frame(frame.time, ())
+def _blind(epoch: Epoch) -> Epoch:
+    return Epoch(epoch.time, ())
 
 
 @pytest.mark.parametrize("mode", MODES, ids=str)
-def test_frames_without_a_sighting_are_bridged(mode: Mode) -> None:
+def test_epochs_without_an_observation_are_bridged(mode: WindowPolicy) -> None:
     here = sample(LONG)
-    frames = tuple(_blind(f) if 12 <= k < 18 else f for k, f in enumerate(here.frames))
-    sliding = run(smoother(here, mode), frames[:12])
+    epochs = tuple(_blind(f) if 12 <= k < 18 else f for k, f in enumerate(here.epochs))
+    sliding = run(smoother(here, mode), epochs[:12])
     known = sliding.belief.std
-    run(sliding, frames[12:18])
+    run(sliding, epochs[12:18])
     lost = sliding.belief.std
     assert (lost[:6] > known[:6]).all()
-    run(sliding, frames[18:])
+    run(sliding, epochs[18:])
     error = LAYOUT.local(sliding.belief.mean, here.truth[-1])
     assert np.abs(error / sliding.belief.std).max() < 5.0
 
 
-def _nonsense(frame: Frame, generator: np.random.Generator) -> Frame:
-    """Every sighting of a landmark at another one's place."""
-    (m,) = frame.measurements
-    return Frame(frame.time, (replace(m, values=generator.permutation(m.values)),))
+def _nonsense(epoch: Epoch, generator: np.random.Generator) -> Epoch:
+    """Every observation of a landmark at another one's place."""
+    (m,) = epoch.measurements
+    return Epoch(epoch.time, (replace(m, values=generator.permutation(m.values)),))
 
 
 @cache
-def _after_nonsense(mode: Mode) -> tuple[SlidingSmoother, Taken, np.ndarray]:
-    """After a run in which frame 20 holds wrong sightings alone; what that frame did, and its error in standard deviations."""
+def _after_nonsense(mode: WindowPolicy) -> tuple[SlidingSmoother, UpdateResult, np.ndarray]:
+    """After a run in which epoch 20 holds wrong observations alone; what that epoch did, and its error in standard deviations."""
     here = sample(LONG)
-    sliding = run(smoother(here, mode), here.frames[:20])
-    taken = sliding.add(_nonsense(here.frames[20], np.random.default_rng(0)))
+    sliding = run(smoother(here, mode), here.epochs[:20])
+    taken = sliding.add(_nonsense(here.epochs[20], np.random.default_rng(0)))
     away = LAYOUT.local(sliding.belief.mean, here.truth[20]) / sliding.belief.std
-    return run(sliding, here.frames[21:]), taken, away
+    return run(sliding, here.epochs[21:]), taken, away
 
 
 @pytest.mark.parametrize("mode", MODES, ids=str)
-def test_a_frame_of_wrong_sightings_alone_leaves_the_end_of_the_run_as_it_was(mode: Mode) -> None:
+def test_a_frame_of_wrong_observations_alone_leaves_the_end_of_the_run_as_it_was(mode: WindowPolicy) -> None:
     clean = _finished(mode)[0].belief
     away = LAYOUT.local(clean.mean, _after_nonsense(mode)[0].belief.mean)
     assert np.abs(away / clean.std).max() < 3.0
 
 
 @pytest.mark.parametrize("mode", MODES, ids=str)
-def test_wrong_sightings_alone_are_rejected(mode: Mode) -> None:
+def test_wrong_observations_alone_are_rejected(mode: WindowPolicy) -> None:
     taken = _after_nonsense(mode)[1]
     assert taken.rejected > 0.5 * (taken.accepted + taken.rejected)
 
 
 @pytest.mark.parametrize("mode", MODES, ids=str)
-def test_wrong_sightings_alone_do_not_mislead_the_frame_that_holds_them(mode: Mode) -> None:
+def test_wrong_observations_alone_do_not_mislead_the_epoch_that_holds_them(mode: WindowPolicy) -> None:
     assert np.abs(_after_nonsense(mode)[2]).max() < 6.0
 
 
 def test_a_share_of_wrong_associations_does_little_harm() -> None:
     here = sample(LONG, wrong=0.1)
-    belief = run(smoother(here, Full()), here.frames).belief
+    belief = run(smoother(here, FullSmoothing()), here.epochs).belief
     error = LAYOUT.local(belief.mean, here.truth[-1])
     assert np.abs(error / belief.std).max() < 6.0
 
 
 def _earlier(sliding: SlidingSmoother) -> None:
-    sliding.add(sample(LONG).frames[1])
+    sliding.add(sample(LONG).epochs[1])
 
 
 def _again(sliding: SlidingSmoother) -> None:
-    sliding.add(sample(LONG).frames[2])
+    sliding.add(sample(LONG).epochs[2])
 
 
 @pytest.mark.parametrize("attempt", [_earlier, _again])
 def test_time_that_does_not_go_forwards_is_refused(attempt: Callable[[SlidingSmoother], None]) -> None:
-    sliding = run(smoother(sample(LONG), Full()), sample(LONG).frames[:3])
+    sliding = run(smoother(sample(LONG), FullSmoothing()), sample(LONG).epochs[:3])
     before = sliding.belief
     with pytest.raises(InputError, match="order of time"):
         attempt(sliding)
@@ -165,11 +170,11 @@ def test_time_that_does_not_go_forwards_is_refused(attempt: Callable[[SlidingSmo
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: SlidingOptions(iterations=0),
-        lambda: SlidingOptions(gate=0.0),
+        lambda: SmootherOptions(iterations=0),
+        lambda: SmootherOptions(gate=0.0),
         lambda: FixedLag(1),
-        lambda: FrozenVision(0.0),
-        lambda: FrozenVision(frames=1),
+        lambda: LandmarkMarginalization(0.0),
+        lambda: LandmarkMarginalization(epochs=1),
     ],
 )
 def test_options_without_a_meaning_are_refused(make: Callable[[], object]) -> None:
@@ -177,17 +182,17 @@ def test_options_without_a_meaning_are_refused(make: Callable[[], object]) -> No
         make()
 
 
-def _with_pose(frame: Frame, x: np.ndarray, std: float, generator: np.random.Generator) -> Frame:
+def _with_pose(epoch: Epoch, x: np.ndarray, std: float, generator: np.random.Generator) -> Epoch:
     noise = np.concatenate([std * generator.standard_normal(6), np.zeros(14)])
     values = LAYOUT.retract(x, noise)[None, :7]
     parameters = pose_parameters(std**2 * np.eye(6)[None])
-    return Frame(frame.time, (*frame.measurements, Measurement(Pose(LAYOUT), values, parameters)))
+    return Epoch(epoch.time, (*epoch.measurements, Measurement(Pose(LAYOUT), values, parameters)))
 
 
 @pytest.mark.parametrize("mode", MODES, ids=str)
-def test_a_second_sensor_sharpens_the_estimate(mode: Mode) -> None:
+def test_a_second_sensor_sharpens_the_estimate(mode: WindowPolicy) -> None:
     here, generator = sample(LONG), np.random.default_rng(3)
-    pairs = zip(here.frames, here.truth, strict=True)
+    pairs = zip(here.epochs, here.truth, strict=True)
     both = run(smoother(here, mode), tuple(_with_pose(f, x, 0.002, generator) for f, x in pairs)).belief
     alone = _finished(mode)[0].belief
     assert (both.std[:6] < alone.std[:6]).all()
@@ -195,20 +200,20 @@ def test_a_second_sensor_sharpens_the_estimate(mode: Mode) -> None:
     assert np.abs(error / both.std).max() < 5.0
 
 
-def _gyro_run(mode: Mode) -> tuple[SlidingSmoother, float]:
+def _gyro_run(mode: WindowPolicy) -> tuple[SlidingSmoother, float]:
     """A rotation alone, seen by a gyro; and its true speed at the end."""
     layout = StateLayout(ROTATION_BLOCKS)
-    dataset = simulate(Scenario(kind="gyro", rate_rpm=RICH_RPM, frames=25))
+    dataset = simulate(Scenario(kind="gyro", rate_rpm=RICH_RPM, epochs=25))
     assert dataset.truth is not None
-    frames = build_timeline(dataset.log, layout, SensorNoise(gyro_noise_std=0.002))
+    epochs = build_timeline(dataset.log, layout, SensorNoise(gyro_noise_std=0.002))
     prior = FirstStatePrior(layout.origin(), np.repeat([1e-6, 1.0, 0.5], [3, 3, 5]))
     process = TorqueFreeProcess(layout, ProcessNoise())
-    sliding = run(SlidingSmoother(process, prior, SlidingOptions(mode), tied=False), frames)
+    sliding = run(SlidingSmoother(process, prior, SmootherOptions(mode), has_landmarks=False), epochs)
     return sliding, float(np.linalg.norm(dataset.truth.rate_i[-1]))
 
 
 @pytest.mark.parametrize("mode", MODES, ids=str)
-def test_a_gyro_alone_can_be_smoothed(mode: Mode) -> None:
+def test_a_gyro_alone_can_be_smoothed(mode: WindowPolicy) -> None:
     sliding, speed = _gyro_run(mode)
     belief = sliding.belief
     assert np.isfinite(belief.factor).all()
@@ -216,29 +221,29 @@ def test_a_gyro_alone_can_be_smoothed(mode: Mode) -> None:
     assert belief.std[belief.layout.slice("w")].max() < 0.002
 
 
-def test_a_guessed_pose_is_where_a_frame_begins() -> None:
-    """One that is nonsense is overcome by the sightings."""
+def test_a_guessed_pose_is_where_an_epoch_begins() -> None:
+    """One that is nonsense is overcome by the observations."""
     here = sample(LONG)
-    sliding = run(smoother(here, Full()), here.frames[:14])
+    sliding = run(smoother(here, FullSmoothing()), here.epochs[:14])
     guess = LAYOUT.retract(here.truth[14], np.concatenate([np.full(3, 0.01), np.full(3, 0.1), np.zeros(14)]))
-    sliding.add(here.frames[14], guess[:7])
-    expected = run(smoother(here, Full()), here.frames[:15]).belief
+    sliding.add(here.epochs[14], guess[:7])
+    expected = run(smoother(here, FullSmoothing()), here.epochs[:15]).belief
     away = LAYOUT.local(expected.mean, sliding.belief.mean)
     assert np.abs(away / expected.std).max() < 0.5
 
 
 def test_least_squares_as_the_kernel_rejects_nothing() -> None:
-    options = SlidingOptions(Full(), kernel=LeastSquares())
+    options = SmootherOptions(FullSmoothing(), loss=LeastSquares())
     prior = FirstStatePrior(sample(LONG).truth[0], STD)
-    sliding = SlidingSmoother(PROCESS, prior, options, tied=True)
-    frames = [
-        _nonsense(f, np.random.default_rng(k)) if k == 5 else f for k, f in enumerate(sample(LONG).frames)
+    sliding = SlidingSmoother(PROCESS, prior, options, has_landmarks=True)
+    epochs = [
+        _nonsense(f, np.random.default_rng(k)) if k == 5 else f for k, f in enumerate(sample(LONG).epochs)
     ]
-    assert sum(sliding.add(frame).rejected for frame in frames[:8]) == 0
+    assert sum(sliding.add(epoch).rejected for epoch in epochs[:8]) == 0
 
 
 @pytest.mark.parametrize(
-    ("mode", "frames", "std", "leaving"),
+    ("mode", "epochs", "std", "removed"),
     [
         (FixedLag(20), 20, 0.01, 0),
         (FixedLag(20), 23, 0.01, 0),
@@ -252,13 +257,13 @@ def test_least_squares_as_the_kernel_rejects_nothing() -> None:
         (FixedLag(8), 9, 0.01, 1),
         (FixedLag(10), 11, 0.01, 0),
         (FixedLag(10), 12, 0.01, 2),
-        (FrozenVision(frames=150), 165, np.inf, 0),
-        (FrozenVision(frames=150), 166, np.inf, 16),
-        (Full(), 10_000, 0.001, 0),
+        (LandmarkMarginalization(epochs=150), 165, np.inf, 0),
+        (LandmarkMarginalization(epochs=150), 166, np.inf, 16),
+        (FullSmoothing(), 10_000, 0.001, 0),
     ],
     ids=str,
 )
-def test_frames_leave_together_when_there_are_enough_of_them(
-    mode: Mode, frames: int, std: float, leaving: int
+def test_epochs_leave_together_when_there_are_enough_of_them(
+    mode: WindowPolicy, epochs: int, std: float, removed: int
 ) -> None:
-    assert mode.leaving(frames, std) == leaving
+    assert mode.batch_size(epochs, std) == removed

@@ -20,26 +20,37 @@ from smoothing_samples import (
     solved,
 )
 
-from spinfilters.estimators.smoothing.modes import DETERMINED, FixedLag, FrozenVision, Full, Mode
-from spinfilters.estimators.smoothing.newest import newest_factor
-from spinfilters.estimators.smoothing.problem import Stage, problem_of
-from spinfilters.estimators.smoothing.robust_kernels import Gate
-from spinfilters.estimators.smoothing.sliding import SlidingSmoother
-from spinfilters.estimators.smoothing.sliding_records import SlidingOptions
-from spinfilters.estimators.smoothing.solver import SolverOptions, solve
+from spinfilters.estimators.robust.losses import Gate
+from spinfilters.estimators.smoothing.linear.latest_marginal import latest_factor
+from spinfilters.estimators.smoothing.problem.least_squares import Stage, problem_of
+from spinfilters.estimators.smoothing.solver.iterations import SolverOptions, solve
+from spinfilters.estimators.smoothing.solver.step_rules import (
+    Dogleg,
+    GaussNewton,
+    LevenbergMarquardt,
+    StepRule,
+)
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
-from spinfilters.estimators.smoothing.step_rules import Dogleg, GaussNewton, LevenbergMarquardt, StepRule
-from spinfilters.estimators.timeline import Frame, Timeline
+from spinfilters.estimators.smoothing.window.sliding_smoother import SlidingSmoother
+from spinfilters.estimators.smoothing.window.smoother_records import SmootherOptions
+from spinfilters.estimators.smoothing.window.window_policy import (
+    DETERMINED,
+    FixedLag,
+    FullSmoothing,
+    LandmarkMarginalization,
+    WindowPolicy,
+)
+from spinfilters.estimators.timeline import Epoch, Timeline
 from spinfilters.simulation.scenario import Scenario
 
-MODES = (Full(), FixedLag(4, SOON), FrozenVision())
+MODES = (FullSmoothing(), FixedLag(4, SOON), LandmarkMarginalization())
 NO_IDS, NO_POINTS = np.zeros(0, dtype=int), np.zeros((0, 3))
 RULES = (GaussNewton(), LevenbergMarquardt(), Dogleg())
 
 
 @pytest.mark.parametrize("mode", MODES, ids=str)
-def test_one_frame_alone_is_its_prior(mode: Mode) -> None:
-    sliding = run(smoother(sample(LONG), mode), sample(LONG).frames[:1])
+def test_one_epoch_alone_is_its_prior(mode: WindowPolicy) -> None:
+    sliding = run(smoother(sample(LONG), mode), sample(LONG).epochs[:1])
     belief = sliding.belief
     np.testing.assert_allclose(belief.mean, sample(LONG).truth[0], atol=1e-12)
     np.testing.assert_allclose(belief.factor @ belief.factor.T, np.diag(STD**2), rtol=1e-6, atol=1e-16)
@@ -47,10 +58,10 @@ def test_one_frame_alone_is_its_prior(mode: Mode) -> None:
     assert len(sliding.smoothed()) == 1
 
 
-def test_one_frame_in_a_batch_takes_no_sightings() -> None:
+def test_one_epoch_in_a_batch_takes_no_observations() -> None:
     here = sample(SMALL)
-    problem = problem_of(PROCESS, here.frames[:1], here.known.ids, here.prior, 2)
-    assert problem.sightings is None
+    problem = problem_of(PROCESS, here.epochs[:1], here.known.ids, here.prior, 2)
+    assert problem.observations is None
     found = solve(problem, problem.at(here.truth[:1], here.known.points), SolverOptions())
     assert found.converged
     assert found.costs[-1] == pytest.approx(0.0, abs=1e-9)
@@ -59,11 +70,11 @@ def test_one_frame_in_a_batch_takes_no_sightings() -> None:
 @pytest.mark.parametrize("mode", MODES, ids=str)
 @pytest.mark.parametrize("rate", [(0.0, 10.0, 0.0), (0.0, 0.0, 0.0), (0.0, 1e-6, 0.0)], ids=str)
 def test_a_body_that_does_not_tumble_keeps_its_inertia_unknown(
-    mode: Mode, rate: tuple[float, float, float]
+    mode: WindowPolicy, rate: tuple[float, float, float]
 ) -> None:
-    scenario = Scenario(rate_rpm=rate, frames=12, landmarks=120, axes_euler_g=(0.0, 0.0, 0.0))
+    scenario = Scenario(rate_rpm=rate, epochs=12, landmarks=120, axes_euler_g=(0.0, 0.0, 0.0))
     here = sample(scenario)
-    sliding = run(smoother(here, mode), here.frames)
+    sliding = run(smoother(here, mode), here.epochs)
     belief = sliding.belief
     assert np.isfinite(belief.mean).all()
     assert np.isfinite(belief.factor).all()
@@ -72,17 +83,19 @@ def test_a_body_that_does_not_tumble_keeps_its_inertia_unknown(
     assert np.abs(error / belief.std).max() < 6.0
 
 
-def _blind(frames: Timeline) -> Timeline:
-    return tuple(Frame(frame.time, ()) for frame in frames)
+def _blind(epochs: Timeline) -> Timeline:
+    return tuple(Epoch(epoch.time, ()) for epoch in epochs)
 
 
 @pytest.mark.parametrize("mode", MODES, ids=str)
-@pytest.mark.parametrize("tied", [True, False])
-def test_nothing_measured_at_all_is_the_prediction(mode: Mode, tied: bool) -> None:
+@pytest.mark.parametrize("has_landmarks", [True, False])
+def test_nothing_measured_at_all_is_the_prediction(mode: WindowPolicy, has_landmarks: bool) -> None:
     here = sample(LONG)
     std = np.repeat([0.01, 0.01, 0.01, 0.02, 0.01, 0.02], [3, 3, 3, 3, 3, 5])
-    sliding = SlidingSmoother(PROCESS, FirstStatePrior(here.truth[0], std), SlidingOptions(mode), tied)
-    run(sliding, _blind(here.frames[:8]))
+    sliding = SlidingSmoother(
+        PROCESS, FirstStatePrior(here.truth[0], std), SmootherOptions(mode), has_landmarks
+    )
+    run(sliding, _blind(here.epochs[:8]))
     x, P = here.truth[0], np.diag(std**2)
     for _ in range(7):
         x, transition, noise = PROCESS.linearise(x, 0.5)
@@ -95,7 +108,9 @@ def test_nothing_measured_at_all_is_the_prediction(mode: Mode, tied: bool) -> No
 @pytest.mark.parametrize("rule", RULES, ids=str)
 def test_weights_that_are_all_zero_leave_the_prior_and_the_dynamics(rule: StepRule) -> None:
     here, trial = sample(MIDDLE), perturbed(sample(MIDDLE), 0)
-    found = solved(here, trial, rule, Gate(5.0, 5.0, np.zeros(len(here.problem.sightings or ()), dtype=bool)))
+    found = solved(
+        here, trial, rule, Gate(5.0, 5.0, np.zeros(len(here.problem.observations or ()), dtype=bool))
+    )
     assert found.normal.used is not None
     assert not found.normal.used.any()
     np.testing.assert_array_equal(found.point.points, trial.points)
@@ -110,23 +125,23 @@ def test_no_prior_leaves_the_frame_undetermined() -> None:
     found = solve(problem, point, SolverOptions(3))
     assert np.isfinite(found.point.trajectory).all()
     solution = found.normal.solution
-    assert isinstance(solution, int) or np.linalg.norm(newest_factor(solution), axis=1).max() > 1.0
+    assert isinstance(solution, int) or np.linalg.norm(latest_factor(solution), axis=1).max() > 1.0
 
 
-def test_no_prior_and_no_sightings_are_not_solved() -> None:
+def test_no_prior_and_no_observations_are_not_solved() -> None:
     here = sample(MIDDLE)
-    problem = problem_of(PROCESS, _blind(here.frames), NO_IDS, None, 2)
+    problem = problem_of(PROCESS, _blind(here.epochs), NO_IDS, None, 2)
     for rule in RULES:
         found = solve(problem, problem.at(here.truth, NO_POINTS), SolverOptions(5, rule=rule))
         assert np.isfinite(found.point.trajectory).all()
 
 
 @pytest.mark.parametrize("mode", MODES, ids=str)
-def test_a_prior_that_is_not_a_number_gives_a_belief_that_is_not_finite(mode: Mode) -> None:
+def test_a_prior_that_is_not_a_number_gives_a_belief_that_is_not_finite(mode: WindowPolicy) -> None:
     here = sample(LONG)
     sliding = smoother(here, mode, np.where(np.arange(20) == 7, np.nan, STD))
-    for frame in here.frames[:8]:
-        sliding.add(frame)
+    for epoch in here.epochs[:8]:
+        sliding.add(epoch)
     assert not np.isfinite(sliding.belief.factor).any()
     assert sliding.mass_std == np.inf
     assert all(not np.isfinite(row.factor).any() for row in sliding.smoothed())
@@ -144,27 +159,27 @@ def test_a_trial_that_is_not_finite_is_reported_and_not_raised(rule: StepRule, v
 
 def test_measured_values_that_are_not_numbers_do_not_count() -> None:
     here = sample(MIDDLE)
-    (m,) = here.frames[4].measurements
+    (m,) = here.epochs[4].measurements
     values = m.values.copy()
     values[::2] = np.nan
-    frames = (*here.frames[:4], Frame(here.frames[4].time, (replace(m, values=values),)), *here.frames[5:])
-    problem = problem_of(PROCESS, frames, here.known.ids, here.prior, 2)
+    epochs = (*here.epochs[:4], Epoch(here.epochs[4].time, (replace(m, values=values),)), *here.epochs[5:])
+    problem = problem_of(PROCESS, epochs, here.known.ids, here.prior, 2)
     point = problem.at(here.truth, here.known.points)
     normal = problem.normal(point, PLAIN)
-    assert problem.sightings is not None
+    assert problem.observations is not None
     assert normal.solved
     assert normal.used is not None
-    assert np.count_nonzero(normal.used) < len(problem.sightings)
+    assert np.count_nonzero(normal.used) < len(problem.observations)
     assert np.isfinite(point.cost(normal.used, PLAIN))
 
 
 @pytest.mark.parametrize("mode", MODES, ids=str)
-def test_a_frame_of_values_that_are_not_numbers_is_as_good_as_blind(mode: Mode) -> None:
-    here, frames = sample(LONG), list(sample(LONG).frames[:12])
-    (m,) = frames[7].measurements
-    frames[7] = Frame(frames[7].time, (replace(m, values=np.full_like(m.values, np.nan)),))
+def test_a_frame_of_values_that_are_not_numbers_is_as_good_as_blind(mode: WindowPolicy) -> None:
+    here, epochs = sample(LONG), list(sample(LONG).epochs[:12])
+    (m,) = epochs[7].measurements
+    epochs[7] = Epoch(epochs[7].time, (replace(m, values=np.full_like(m.values, np.nan)),))
     sliding = smoother(here, mode)
-    taken = [sliding.add(frame) for frame in frames]
+    taken = [sliding.add(epoch) for epoch in epochs]
     assert taken[7].accepted == 0
     assert np.isfinite(sliding.belief.factor).all()
     error = LAYOUT.local(sliding.belief.mean, here.truth[11])
@@ -178,4 +193,4 @@ def test_landmarks_that_are_all_unbelieved_are_not_told() -> None:
     normal = problem.normal(point, Stage(Gate(5.0, 5.0)))
     assert normal.solved
     assert normal.eliminated is not None
-    assert not normal.eliminated.told.any()
+    assert not normal.eliminated.is_constrained.any()

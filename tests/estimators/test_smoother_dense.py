@@ -9,45 +9,50 @@ from jaxtyping import Float
 from smoothing_samples import LAYOUT, PROCESS, SMALL, Sample, perturbed, sample
 
 from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.smoothing.marginals import Marginals
-from spinfilters.estimators.smoothing.newest import newest_factor
-from spinfilters.estimators.smoothing.problem import Normal, Problem, Stage, Trial
-from spinfilters.estimators.smoothing.reduced import Reduced
-from spinfilters.estimators.smoothing.robust_kernels import LeastSquares, PseudoHuber, RobustKernel
-from spinfilters.estimators.timeline import Frame
+from spinfilters.estimators.robust.losses import LeastSquares, PseudoHuber, RobustLoss
+from spinfilters.estimators.smoothing.linear.latest_marginal import latest_factor
+from spinfilters.estimators.smoothing.linear.marginals import Marginals
+from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
+from spinfilters.estimators.smoothing.problem.least_squares import (
+    InitialGuess,
+    NormalEquations,
+    Problem,
+    Stage,
+)
+from spinfilters.estimators.timeline import Epoch
 from spinfilters.models.sensors.pose import Pose, pose_parameters
 
 STEP = 1e-6
 MOVING, CONSTANT = 12, 8
-KERNELS = (LeastSquares(), PseudoHuber(1.5))
+LOSSES = (LeastSquares(), PseudoHuber(1.5))
 TOLERANCE = 5e-5
 """Of correlations; what finite differences of that step give."""
 
 
 @cache
 def _sample() -> Sample:
-    """Five frames, with a measured pose in one of them."""
+    """Five epochs, with a measured pose in one of them."""
     here = sample(SMALL)
     off = LAYOUT.retract(here.truth[2], 0.01 * np.sin(np.arange(20.0)))
     pose = Measurement(Pose(LAYOUT), off[None, :7].copy(), pose_parameters(1e-4 * np.eye(6)[None]))
-    frames = list(here.frames)
-    frames[2] = Frame(frames[2].time, (*frames[2].measurements, pose))
-    return replace(here, frames=tuple(frames))
+    epochs = list(here.epochs)
+    epochs[2] = Epoch(epochs[2].time, (*epochs[2].measurements, pose))
+    return replace(here, epochs=tuple(epochs))
 
 
 @cache
-def _trial() -> Trial:
+def _trial() -> InitialGuess:
     """Off the truth in all that may be; the first pose defines g."""
     return perturbed(_sample(), 7, scale=0.3)
 
 
 @dataclass(frozen=True)
 class Dense:
-    """Rows J e = y over moving errors by frame, constants, and told landmarks."""
+    """Rows J e = y over moving errors by epoch, constants, and told landmarks."""
 
     J: Float[np.ndarray, "r n"]
     y: Float[np.ndarray, " r"]
-    told: np.ndarray
+    is_constrained: np.ndarray
 
     @property
     def covariance(self) -> Float[np.ndarray, "n n"]:
@@ -57,62 +62,65 @@ class Dense:
     def step(self) -> Float[np.ndarray, " n"]:
         return np.linalg.lstsq(self.J, self.y)[0]
 
-    def frame(self, k: int) -> np.ndarray:
-        """Where a frame's state stands."""
-        first = MOVING * len(_sample().frames)
+    def epoch(self, k: int) -> np.ndarray:
+        """Where an epoch's state stands."""
+        first = MOVING * len(_sample().epochs)
         return np.r_[MOVING * k : MOVING * (k + 1), first : first + CONSTANT]
 
 
 @cache
-def _linear(kernel: RobustKernel) -> tuple[Problem, Normal]:
+def _linear(loss: RobustLoss) -> tuple[Problem, NormalEquations]:
     problem = _sample().problem
     here = problem.at(_trial().trajectory, _trial().points)
-    return problem, problem.normal(here, Stage(kernel))
+    return problem, problem.normal(here, Stage(loss))
 
 
-def _solution(kernel: RobustKernel) -> Reduced:
-    solution = _linear(kernel)[1].solution
-    assert isinstance(solution, Reduced)
+def _solution(loss: RobustLoss) -> SchurSystem:
+    solution = _linear(loss)[1].solution
+    assert isinstance(solution, SchurSystem)
     return solution
 
 
 @cache
-def _dense(kernel: RobustKernel) -> Dense:
-    eliminated = _linear(kernel)[1].eliminated
+def _dense(loss: RobustLoss) -> Dense:
+    eliminated = _linear(loss)[1].eliminated
     assert eliminated is not None
-    size = MOVING * len(_sample().frames) + CONSTANT + 3 * int(eliminated.told.sum())
-    weights = _weights(kernel, eliminated.told)
+    size = MOVING * len(_sample().epochs) + CONSTANT + 3 * int(eliminated.is_constrained.sum())
+    weights = _weights(loss, eliminated.is_constrained)
     columns = [
-        _residual(STEP * e, eliminated.told) - _residual(-STEP * e, eliminated.told) for e in np.eye(size)
+        _residual(STEP * e, eliminated.is_constrained) - _residual(-STEP * e, eliminated.is_constrained)
+        for e in np.eye(size)
     ]
     J = weights[:, None] * np.stack(columns, axis=1) / (2 * STEP)
-    return Dense(J, -weights * _residual(np.zeros(size), eliminated.told), eliminated.told)
+    return Dense(
+        J, -weights * _residual(np.zeros(size), eliminated.is_constrained), eliminated.is_constrained
+    )
 
 
-def _parts(step: np.ndarray, told: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Whitened residuals of the motion, and of the sightings of told landmarks, after a step."""
-    here, trial, count = _sample(), _trial(), len(_sample().frames)
+def _parts(step: np.ndarray, is_constrained: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Whitened residuals of the motion, and of the observations of told landmarks, after a step."""
+    here, trial, count = _sample(), _trial(), len(_sample().epochs)
     moving, constant = step[: MOVING * count].reshape(count, MOVING), step[MOVING * count :][:CONSTANT]
     errors = np.concatenate([moving, np.tile(constant, (count, 1))], axis=1)
     points = trial.points.copy()
-    points[told] += step[MOVING * count + CONSTANT :].reshape(-1, 3)
+    points[is_constrained] += step[MOVING * count + CONSTANT :].reshape(-1, 3)
     x = LAYOUT.retract(trial.trajectory, errors)
     motion, seen = [LAYOUT.local(here.prior.mean, x[0]) / here.prior.std], []
-    for k, frame in enumerate(here.frames):
-        for m in frame.measurements:
+    for k, epoch in enumerate(here.epochs):
+        for m in epoch.measurements:
             if m.ids is None:
                 motion.append(-m.model.linearise(x[k], m.parameters, m.values).innovation.reshape(-1))
             else:
-                seen.append(_sighting(m, x[k], points, told))
+                seen.append(_observation(m, x[k], points, is_constrained))
     for k in range(count - 1):
         defect = LAYOUT.local(trial.trajectory[k + 1], PROCESS.step(x[k], 0.5))[:MOVING] - moving[k + 1]
         motion.append(np.linalg.solve(_noise_root(k), defect))
     return motion, seen
 
 
-def _sighting(m: Measurement, x: np.ndarray, points: np.ndarray, told: np.ndarray) -> np.ndarray:
+def _observation(m: Measurement, x: np.ndarray, points: np.ndarray, is_constrained: np.ndarray) -> np.ndarray:
     assert m.ids is not None
-    keep = told[m.ids]
+    keep = is_constrained[m.ids]
     parameters = m.parameters[keep].copy()
     parameters[:, :3] = points[m.ids[keep]]
     return m.model.predict(x, parameters) - m.values[keep]
@@ -131,17 +139,17 @@ def _noise_root(k: int) -> np.ndarray:
     return np.linalg.cholesky(factor @ factor.T)
 
 
-def _residual(step: np.ndarray, told: np.ndarray) -> np.ndarray:
-    motion, seen = _parts(step, told)
+def _residual(step: np.ndarray, is_constrained: np.ndarray) -> np.ndarray:
+    motion, seen = _parts(step, is_constrained)
     return np.concatenate([*motion, *(part.reshape(-1) for part in seen)])
 
 
-def _weights(kernel: RobustKernel, told: np.ndarray) -> np.ndarray:
+def _weights(loss: RobustLoss, is_constrained: np.ndarray) -> np.ndarray:
     """Square roots of the weights of the rows at the trial; those of the motion count in full."""
-    count = len(_sample().frames)
-    motion, seen = _parts(np.zeros(MOVING * count + CONSTANT + 3 * int(told.sum())), told)
+    count = len(_sample().epochs)
+    motion, seen = _parts(np.zeros(MOVING * count + CONSTANT + 3 * int(is_constrained.sum())), is_constrained)
     square = np.concatenate([np.square(part).sum(axis=1) for part in seen])
-    return np.concatenate([np.ones(sum(map(len, motion))), np.repeat(np.sqrt(kernel.weight(square)), 3)])
+    return np.concatenate([np.ones(sum(map(len, motion))), np.repeat(np.sqrt(loss.weight(square)), 3)])
 
 
 def _scaled(P: np.ndarray, reference: np.ndarray) -> np.ndarray:
@@ -153,24 +161,24 @@ def _same(found: np.ndarray, expected: np.ndarray) -> None:
     np.testing.assert_allclose(_scaled(found, expected), _scaled(expected, expected), atol=TOLERANCE)
 
 
-@pytest.mark.parametrize("kernel", KERNELS, ids=str)
-def test_a_step_is_that_of_the_dense_problem(kernel: RobustKernel) -> None:
-    dense, solution = _dense(kernel), _solution(kernel)
+@pytest.mark.parametrize("loss", LOSSES, ids=str)
+def test_a_step_is_that_of_the_dense_problem(loss: RobustLoss) -> None:
+    dense, solution = _dense(loss), _solution(loss)
     std = np.sqrt(np.diag(dense.covariance))
     for k, error in enumerate(solution.errors):
-        at = dense.frame(k)
+        at = dense.epoch(k)
         np.testing.assert_allclose(error / std[at], dense.step[at] / std[at], atol=1e-3)
 
 
-@pytest.mark.parametrize("kernel", KERNELS, ids=str)
-def test_landmarks_step_as_in_the_dense_problem(kernel: RobustKernel) -> None:
-    dense, eliminated = _dense(kernel), _linear(kernel)[1].eliminated
+@pytest.mark.parametrize("loss", LOSSES, ids=str)
+def test_landmarks_step_as_in_the_dense_problem(loss: RobustLoss) -> None:
+    dense, eliminated = _dense(loss), _linear(loss)[1].eliminated
     assert eliminated is not None
-    expected = dense.step[-3 * int(dense.told.sum()) :].reshape(-1, 3)
-    found = eliminated.points_step(_solution(kernel).poses)
-    std = np.sqrt(np.diag(dense.covariance))[-3 * int(dense.told.sum()) :].reshape(-1, 3)
-    np.testing.assert_allclose(found[dense.told] / std, expected / std, atol=1e-3)
-    assert not found[~dense.told].any()
+    expected = dense.step[-3 * int(dense.is_constrained.sum()) :].reshape(-1, 3)
+    found = eliminated.points_step(_solution(loss).poses)
+    std = np.sqrt(np.diag(dense.covariance))[-3 * int(dense.is_constrained.sum()) :].reshape(-1, 3)
+    np.testing.assert_allclose(found[dense.is_constrained] / std, expected / std, atol=1e-3)
+    assert not found[~dense.is_constrained].any()
 
 
 def test_the_cost_is_that_of_the_dense_problem() -> None:
@@ -180,47 +188,49 @@ def test_the_cost_is_that_of_the_dense_problem() -> None:
     assert here.cost(normal.used, normal.stage) == pytest.approx(y @ y, rel=1e-6)
 
 
-@pytest.mark.parametrize("kernel", KERNELS, ids=str)
-def test_the_promised_fall_of_the_cost_is_that_of_the_dense_problem(kernel: RobustKernel) -> None:
-    dense = _dense(kernel)
+@pytest.mark.parametrize("loss", LOSSES, ids=str)
+def test_the_promised_fall_of_the_cost_is_that_of_the_dense_problem(loss: RobustLoss) -> None:
+    dense = _dense(loss)
     rest = dense.y - dense.J @ dense.step
     fall = dense.y @ dense.y - rest @ rest
-    assert _linear(kernel)[1].decrement == pytest.approx(fall, rel=1e-5)
+    assert _linear(loss)[1].predicted_reduction == pytest.approx(fall, rel=1e-5)
 
 
-@pytest.mark.parametrize("kernel", KERNELS, ids=str)
-def test_the_covariance_of_every_frame_is_that_of_the_dense_problem(kernel: RobustKernel) -> None:
-    dense = _dense(kernel)
-    for k, factor in enumerate(Marginals(_solution(kernel), None).factors):
-        _same(factor @ factor.T, dense.covariance[np.ix_(dense.frame(k), dense.frame(k))])
+@pytest.mark.parametrize("loss", LOSSES, ids=str)
+def test_the_covariance_of_every_epoch_is_that_of_the_dense_problem(loss: RobustLoss) -> None:
+    dense = _dense(loss)
+    for k, factor in enumerate(Marginals(_solution(loss), None).factors):
+        _same(factor @ factor.T, dense.covariance[np.ix_(dense.epoch(k), dense.epoch(k))])
         assert not np.triu(factor, 1).any()
 
 
 def test_the_covariance_of_landmarks_is_that_of_the_dense_problem() -> None:
     dense, (_, normal) = _dense(LeastSquares()), _linear(LeastSquares())
-    told = np.flatnonzero(dense.told)
-    first = MOVING * len(_sample().frames) + CONSTANT
-    found = Marginals(_solution(LeastSquares()), normal.eliminated).landmark_covariance(told[[6, 2, 9]])
+    is_constrained = np.flatnonzero(dense.is_constrained)
+    first = MOVING * len(_sample().epochs) + CONSTANT
+    found = Marginals(_solution(LeastSquares()), normal.eliminated).landmark_covariance(
+        is_constrained[[6, 2, 9]]
+    )
     for covariance, k in zip(found, (6, 2, 9), strict=True):
         at = first + 3 * k + np.arange(3)
         _same(covariance, dense.covariance[np.ix_(at, at)])
 
 
-def test_frames_and_landmarks_are_correlated_as_in_the_dense_problem() -> None:
+def test_epochs_and_landmarks_are_correlated_as_in_the_dense_problem() -> None:
     dense, (_, normal) = _dense(LeastSquares()), _linear(LeastSquares())
     marginals = Marginals(_solution(LeastSquares()), normal.eliminated)
-    told, r = np.flatnonzero(dense.told), _solution(LeastSquares()).unknowns.kept
-    found = marginals.frame_rows(3)[:, :r] @ marginals.landmark_rows(told[[4]])[0][0].T
-    at = MOVING * len(_sample().frames) + CONSTANT + 12 + np.arange(3)
+    is_constrained, r = np.flatnonzero(dense.is_constrained), _solution(LeastSquares()).ordering.separator_dim
+    found = marginals.epoch_rows(3)[:, :r] @ marginals.landmark_rows(is_constrained[[4]])[0][0].T
+    at = MOVING * len(_sample().epochs) + CONSTANT + 12 + np.arange(3)
     std = np.sqrt(np.diag(dense.covariance))
-    expected = dense.covariance[np.ix_(dense.frame(3), at)]
-    scale = np.outer(std[dense.frame(3)], std[at])
+    expected = dense.covariance[np.ix_(dense.epoch(3), at)]
+    scale = np.outer(std[dense.epoch(3)], std[at])
     np.testing.assert_allclose(found / scale, expected / scale, atol=TOLERANCE)
 
 
-@pytest.mark.parametrize("kernel", KERNELS, ids=str)
-def test_the_factor_of_the_newest_frame_alone_is_the_same(kernel: RobustKernel) -> None:
-    factor = newest_factor(_solution(kernel))
-    every = Marginals(_solution(kernel), None).factors[-1]
+@pytest.mark.parametrize("loss", LOSSES, ids=str)
+def test_the_factor_of_the_newest_epoch_alone_is_the_same(loss: RobustLoss) -> None:
+    factor = latest_factor(_solution(loss))
+    every = Marginals(_solution(loss), None).factors[-1]
     _same(factor @ factor.T, every @ every.T)
     assert not np.triu(factor, 1).any()

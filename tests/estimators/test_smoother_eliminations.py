@@ -7,22 +7,32 @@ import numpy as np
 import pytest
 from smoothing_samples import LAYOUT, MIDDLE, perturbed, sample, solved
 
-from spinfilters.estimators.smoothing import chain as chain_file
-from spinfilters.estimators.smoothing import elimination as elimination_file
-from spinfilters.estimators.smoothing import motion as motion_file
-from spinfilters.estimators.smoothing import reduced as reduced_file
-from spinfilters.estimators.smoothing.chain import Chain, eliminate_chain
-from spinfilters.estimators.smoothing.elimination import Eliminated, eliminate, eliminate_in_numpy
-from spinfilters.estimators.smoothing.marginals import Marginals
-from spinfilters.estimators.smoothing.motion import whitened_steps, whitened_steps_in_numpy
-from spinfilters.estimators.smoothing.native import kernels
-from spinfilters.estimators.smoothing.reduced import Reduced
-from spinfilters.estimators.smoothing.sightings import LinearSightings, Sightings
-from spinfilters.estimators.smoothing.unknowns import Unknowns
+from spinfilters.estimators.smoothing.factors import motion_factors as motion_file
+from spinfilters.estimators.smoothing.factors.landmark_observations import (
+    LandmarkObservations,
+    LinearObservations,
+)
+from spinfilters.estimators.smoothing.factors.motion_factors import whitened_steps, whitened_steps_in_numpy
+from spinfilters.estimators.smoothing.factors.variable_ordering import VariableOrdering
+from spinfilters.estimators.smoothing.kernels.compiled_kernels import kernels
+from spinfilters.estimators.smoothing.linear import landmark_elimination as elimination_file
+from spinfilters.estimators.smoothing.linear import schur_system as reduced_file
+from spinfilters.estimators.smoothing.linear import velocity_elimination as chain_file
+from spinfilters.estimators.smoothing.linear.landmark_elimination import (
+    Eliminated,
+    eliminate,
+    eliminate_in_numpy,
+)
+from spinfilters.estimators.smoothing.linear.marginals import Marginals
+from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
+from spinfilters.estimators.smoothing.linear.velocity_elimination import (
+    VelocityElimination,
+    eliminate_velocities,
+)
 
 FRAMES, KEPT = 7, 6 * 7 + 8
 ALONE, UNSEEN, FLAT, UNBELIEVED, TWICE = range(5)
-"""Landmarks with one sighting, none, no depth, no weight, and several sightings in one frame."""
+"""Landmarks with one observation, none, no depth, no weight, and several observations in one epoch."""
 LANDMARKS = 30
 
 
@@ -38,63 +48,66 @@ def _needs_kernels() -> None:
         pytest.skip("no C compiler on this machine")
 
 
-def _random(seed: int) -> tuple[Sightings, LinearSightings, np.ndarray]:
-    """Sightings of ordinary landmarks and of all that are not, with rows that are any numbers and weights of which a fifth is 0."""
+def _random(seed: int) -> tuple[LandmarkObservations, LinearObservations, np.ndarray]:
+    """Observations of ordinary landmarks and of all that are not, with rows that are any numbers and weights of which a fifth
+    is 0."""
     generator = np.random.default_rng(seed)
     pairs = [
-        (landmark, frame)
+        (landmark, epoch)
         for landmark in range(FLAT, LANDMARKS)
-        for frame in range(FRAMES)
+        for epoch in range(FRAMES)
         if generator.random() < 0.5
     ]
     pairs += [(ALONE, 3), (FLAT, 2), (FLAT, 4), (TWICE, 1), (TWICE, 1), (TWICE, 1), (TWICE, 5), (TWICE, 5)]
-    landmark, frame = np.array(sorted(pairs)).T.copy()
-    rows = generator.standard_normal((len(frame), 3, 10))
+    landmark, epoch = np.array(sorted(pairs)).T.copy()
+    rows = generator.standard_normal((len(epoch), 3, 10))
     rows[landmark == FLAT, :, 8] = 0.5 * rows[landmark == FLAT, :, 7]
-    weight = np.where(generator.random(len(frame)) < 0.2, 0.0, 0.1 + generator.random(len(frame)))
+    weight = np.where(generator.random(len(epoch)) < 0.2, 0.0, 0.1 + generator.random(len(epoch)))
     weight[landmark == UNBELIEVED] = 0.0
     weight[(landmark == TWICE) | (landmark == FLAT)] = 0.7
-    counts = np.bincount(frame, minlength=FRAMES)
-    sightings = Sightings(frame, landmark, np.zeros_like(frame), counts, LANDMARKS, ())
-    return sightings, LinearSightings(rows, np.square(rows[:, :, -1]).sum(axis=1)), weight
+    counts = np.bincount(epoch, minlength=FRAMES)
+    observations = LandmarkObservations(epoch, landmark, np.zeros_like(epoch), counts, LANDMARKS, ())
+    return observations, LinearObservations(rows, np.square(rows[:, :, -1]).sum(axis=1)), weight
 
 
 def _both(seed: int) -> tuple[Eliminated, Eliminated]:
     _needs_kernels()
-    sightings, linear, weight = _random(seed)
+    observations, linear, weight = _random(seed)
     return (
-        eliminate(sightings, linear, weight, KEPT, FRAMES),
-        eliminate_in_numpy(sightings, linear, weight, KEPT, FRAMES),
+        eliminate(observations, linear, weight, KEPT, FRAMES),
+        eliminate_in_numpy(observations, linear, weight, KEPT, FRAMES),
     )
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_landmarks_are_eliminated_in_c_as_in_numpy(seed: int) -> None:
     fast, plain = _both(seed)
-    told = plain.told
-    np.testing.assert_array_equal(fast.told, told)
+    told = plain.is_constrained
+    np.testing.assert_array_equal(fast.is_constrained, told)
     np.testing.assert_array_equal(fast.used, plain.used)
-    np.testing.assert_allclose(fast.root[told], plain.root[told], rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(
+        fast.information_sqrt[told], plain.information_sqrt[told], rtol=1e-10, atol=1e-12
+    )
     np.testing.assert_allclose(fast.gradient[told], plain.gradient[told], rtol=1e-9, atol=1e-10)
     np.testing.assert_allclose(fast.coupling, plain.coupling, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(fast.pose_gradient, plain.pose_gradient, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(np.tril(fast.information), plain.information, rtol=1e-9, atol=1e-9)
 
 
-def test_landmarks_that_are_not_told_are_those_without_two_sightings_or_without_depth() -> None:
+def test_landmarks_that_are_not_told_are_those_without_two_observations_or_without_depth() -> None:
     for found in _both(0):
-        assert not found.told[[ALONE, UNSEEN, FLAT, UNBELIEVED]].any()
-        assert found.told[TWICE]
-        assert np.count_nonzero(found.told) > 20
-        assert not found.used[np.isin(found.sightings.landmark, [ALONE, FLAT, UNBELIEVED])].any()
+        assert not found.is_constrained[[ALONE, UNSEEN, FLAT, UNBELIEVED]].any()
+        assert found.is_constrained[TWICE]
+        assert np.count_nonzero(found.is_constrained) > 20
+        assert not found.used[np.isin(found.observations.landmark, [ALONE, FLAT, UNBELIEVED])].any()
 
 
-def test_several_sightings_in_one_frame_count_in_the_coupling_of_the_first() -> None:
+def test_several_observations_in_one_epoch_count_in_the_coupling_of_the_first() -> None:
     for found in _both(0):
-        rows = np.flatnonzero(found.sightings.landmark == TWICE)
-        frame = found.sightings.frame[rows]
-        for k in np.unique(frame):
-            first, *others = rows[frame == k]
+        rows = np.flatnonzero(found.observations.landmark == TWICE)
+        epoch = found.observations.epoch[rows]
+        for k in np.unique(epoch):
+            first, *others = rows[epoch == k]
             assert np.abs(found.coupling[first]).max() > 0
             assert not found.coupling[others].any()
 
@@ -106,16 +119,16 @@ def test_landmarks_follow_the_poses_in_c_as_in_numpy(seed: int) -> None:
     expected = plain._points_step(poses)
     np.testing.assert_allclose(fast.points_step(poses), expected, rtol=1e-8, atol=1e-9)
     np.testing.assert_allclose(fast.points_step(np.asfortranarray(poses)), expected, rtol=1e-8, atol=1e-9)
-    assert not fast.points_step(poses)[~fast.told].any()
+    assert not fast.points_step(poses)[~fast.is_constrained].any()
 
 
 def _stacked(seed: int, told: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """All used rows over poses and told landmarks, and the right-hand side."""
-    sightings, linear, weight = _random(seed)
+    observations, linear, weight = _random(seed)
     number = np.cumsum(told) - 1
     J = np.zeros((int(used.sum()), 3, 6 * FRAMES + 3 * int(told.sum())))
     for row, k in enumerate(np.flatnonzero(used)):
-        pose, point = 6 * sightings.frame[k], 6 * FRAMES + 3 * number[sightings.landmark[k]]
+        pose, point = 6 * observations.epoch[k], 6 * FRAMES + 3 * number[observations.landmark[k]]
         scaled = np.sqrt(weight[k]) * linear.rows[k]
         J[row, :, pose : pose + 6], J[row, :, point : point + 3] = scaled[:, :6], scaled[:, 6:9]
     y = np.sqrt(weight[used])[:, None] * linear.rows[used, :, 9]
@@ -125,7 +138,7 @@ def _stacked(seed: int, told: np.ndarray, used: np.ndarray) -> tuple[np.ndarray,
 @pytest.mark.parametrize("which", [0, 1], ids=["C", "NumPy"])
 def test_what_is_left_to_the_poses_is_the_dense_schur_complement(which: int) -> None:
     found, size = _both(1)[which], 6 * FRAMES
-    J, y = _stacked(1, found.told, found.used)
+    J, y = _stacked(1, found.is_constrained, found.used)
     H, g = J.T @ J, J.T @ y
     gain = np.linalg.solve(H[size:, size:], H[size:, :size]).T
     np.testing.assert_allclose(
@@ -138,24 +151,24 @@ def test_what_is_left_to_the_poses_is_the_dense_schur_complement(which: int) -> 
     assert not found.pose_gradient[size:].any()
 
 
-def _system(seed: int, pose: int, reach: int, frames: int = 40) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _system(seed: int, pose: int, reach: int, epochs: int = 40) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A positive definite chain D, E, and its coupling G to poses (up to the next, the first up to ``reach``) and the rest."""
     generator, v, rest = np.random.default_rng(seed), 6, 9
-    rows = generator.standard_normal((frames - 1, 2 * v + 3, 2 * v))
-    grams = rows.swapaxes(1, 2) @ rows
-    D, E = np.tile(np.eye(v), (frames, 1, 1)), grams[:, :v, v:].copy()
-    D[:-1] += grams[:, :v, :v]
-    D[1:] += grams[:, v:, v:]
-    G = generator.standard_normal((frames, v, frames * pose + rest))
-    for k in range(frames):
+    rows = generator.standard_normal((epochs - 1, 2 * v + 3, 2 * v))
+    blocks = rows.swapaxes(1, 2) @ rows
+    D, E = np.tile(np.eye(v), (epochs, 1, 1)), blocks[:, :v, v:].copy()
+    D[:-1] += blocks[:, :v, :v]
+    D[1:] += blocks[:, v:, v:]
+    G = generator.standard_normal((epochs, v, epochs * pose + rest))
+    for k in range(epochs):
         G[k, :, : max(k - 1, 0) * pose] = 0.0
-        G[k, :, max(k + 2, reach if k == 0 else 0) * pose : frames * pose] = 0.0
+        G[k, :, max(k + 2, reach if k == 0 else 0) * pose : epochs * pose] = 0.0
     return D, E, G
 
 
-def _reduced(chain: Chain, size: int) -> np.ndarray:
+def _reduced(tridiagonal: VelocityElimination, size: int) -> np.ndarray:
     M = np.zeros((size + 1, size))
-    chain.reduce(M)
+    tridiagonal.reduce(M)
     return np.tril(M)
 
 
@@ -164,13 +177,15 @@ def test_a_chain_is_eliminated_in_c_as_in_numpy(
     pose: int, reach: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _needs_kernels()
-    fast = eliminate_chain(*_system(3, pose, reach), pose, reach)
+    fast = eliminate_velocities(*_system(3, pose, reach), pose, reach)
     kept = np.random.default_rng(4).standard_normal(fast.coupling.shape[2] - 1)
     errors, reduced = fast.back(kept), _reduced(fast, len(kept))
     monkeypatch.setattr(chain_file, "kernels", lambda: None)
-    plain = eliminate_chain(*_system(3, pose, reach), pose, reach)
+    plain = eliminate_velocities(*_system(3, pose, reach), pose, reach)
     assert fast.failed == plain.failed == -1
-    np.testing.assert_allclose(np.tril(fast.roots), np.tril(plain.roots), rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(
+        np.tril(fast.information_sqrts), np.tril(plain.information_sqrts), rtol=1e-10, atol=1e-12
+    )
     np.testing.assert_allclose(fast.next, plain.next, rtol=1e-9, atol=1e-11)
     np.testing.assert_allclose(fast.coupling, plain.coupling, rtol=1e-8, atol=1e-11)
     np.testing.assert_allclose(errors, plain.back(kept), rtol=1e-8, atol=1e-10)
@@ -185,18 +200,18 @@ def test_a_chain_leaves_the_dense_schur_complement(
     if library == "NumPy":
         request.getfixturevalue("no_kernels")
     D, E, G = _system(5, pose, reach)
-    frames, v, width = G.shape
-    H = np.zeros((frames, v, frames, v))
-    H[np.arange(frames), :, np.arange(frames)] = D
-    H[np.arange(frames - 1), :, np.arange(1, frames)] = E
-    H[np.arange(1, frames), :, np.arange(frames - 1)] = E.swapaxes(1, 2)
-    whole, coupling = H.reshape(frames * v, -1), G.reshape(frames * v, width).copy()
+    epochs, v, width = G.shape
+    H = np.zeros((epochs, v, epochs, v))
+    H[np.arange(epochs), :, np.arange(epochs)] = D
+    H[np.arange(epochs - 1), :, np.arange(1, epochs)] = E
+    H[np.arange(1, epochs), :, np.arange(epochs - 1)] = E.swapaxes(1, 2)
+    whole, coupling = H.reshape(epochs * v, -1), G.reshape(epochs * v, width).copy()
     expected = -coupling.T @ np.linalg.solve(whole, coupling[:, :-1])
-    chain = eliminate_chain(D, E, G, pose, reach)
-    np.testing.assert_allclose(_reduced(chain, width - 1), np.tril(expected), atol=1e-8)
+    tridiagonal = eliminate_velocities(D, E, G, pose, reach)
+    np.testing.assert_allclose(_reduced(tridiagonal, width - 1), np.tril(expected), atol=1e-8)
     kept = np.random.default_rng(6).standard_normal(width - 1)
     behind = np.linalg.solve(whole, coupling[:, -1] - coupling[:, :-1] @ kept)
-    np.testing.assert_allclose(chain.back(kept).reshape(-1), behind, rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(tridiagonal.back(kept).reshape(-1), behind, rtol=1e-8, atol=1e-9)
 
 
 @pytest.mark.parametrize("library", ["C", "NumPy"])
@@ -209,48 +224,53 @@ def test_the_first_block_that_is_not_positive_definite_is_reported(
         request.getfixturevalue("no_kernels")
     D, E, G = _system(3, 6, 0)
     D[wrong, 2, 2] = value
-    assert eliminate_chain(D, E, G, 6, 0).failed == wrong
+    assert eliminate_velocities(D, E, G, 6, 0).failed == wrong
 
 
-def _steps(seed: int, count: int, tied: bool) -> tuple[Unknowns, np.ndarray, np.ndarray, np.ndarray]:
+def _steps(
+    seed: int, count: int, has_landmarks: bool
+) -> tuple[VariableOrdering, np.ndarray, np.ndarray, np.ndarray]:
     """Defects, transitions and noise factors of any numbers."""
     random, n = np.random.default_rng(seed).standard_normal, LAYOUT.error_dim
-    unknowns = Unknowns(LAYOUT, count + 1, tied)
-    return unknowns, random((count, n)), random((count, n, n)), random((count, n, 12))
+    ordering = VariableOrdering(LAYOUT, count + 1, has_landmarks)
+    return ordering, random((count, n)), random((count, n, n)), random((count, n, 12))
 
 
 @pytest.mark.parametrize("count", [0, 1, 5])
-@pytest.mark.parametrize("tied", [True, False])
-def test_steps_are_whitened_in_c_as_in_numpy(count: int, tied: bool) -> None:
+@pytest.mark.parametrize("has_landmarks", [True, False])
+def test_steps_are_whitened_in_c_as_in_numpy(count: int, has_landmarks: bool) -> None:
     _needs_kernels()
-    steps = _steps(count, count, tied)
+    steps = _steps(count, count, has_landmarks)
     for fast, plain in zip(whitened_steps(*steps), whitened_steps_in_numpy(*steps), strict=True):
         assert fast.shape == plain.shape
         np.testing.assert_allclose(fast, plain, rtol=1e-9, atol=1e-9)
 
 
 def test_whitened_steps_have_the_information_that_their_noise_leaves() -> None:
-    unknowns, defect, transition, noise = _steps(3, 4, True)
-    rows, grams = whitened_steps(unknowns, defect, transition, noise)
-    d, c, moving = len(unknowns.moving), len(unknowns.constant), unknowns.moving
+    ordering, defect, transition, noise = _steps(3, 4, True)
+    rows, blocks = whitened_steps(ordering, defect, transition, noise)
+    d, c, moving = len(ordering.moving), len(ordering.constant), ordering.moving
     assert rows.shape == (4, d, 2 * d + c + 1)
     for k in range(4):
         spread = noise[k][moving] @ noise[k][moving].T
         told = transition[k][moving]
-        plain = np.hstack([-told[:, moving], np.eye(d), -told[:, unknowns.constant], defect[k, moving, None]])
+        plain = np.hstack([-told[:, moving], np.eye(d), -told[:, ordering.constant], defect[k, moving, None]])
         np.testing.assert_allclose(
-            grams[k], plain.T @ np.linalg.solve(spread, plain), rtol=1e-6, atol=1e-6 * np.abs(grams[k]).max()
+            blocks[k],
+            plain.T @ np.linalg.solve(spread, plain),
+            rtol=1e-6,
+            atol=1e-6 * np.abs(blocks[k]).max(),
         )
 
 
 def test_a_step_that_is_not_finite_spoils_no_other() -> None:
     _needs_kernels()
-    unknowns, defect, transition, noise = _steps(4, 3, True)
-    expected = whitened_steps(unknowns, defect, transition, noise)[1]
+    ordering, defect, transition, noise = _steps(4, 3, True)
+    expected = whitened_steps(ordering, defect, transition, noise)[1]
     noise[1] = np.nan
-    grams = whitened_steps(unknowns, defect, transition, noise)[1]
-    assert np.isnan(grams[1]).all()
-    np.testing.assert_array_equal(grams[[0, 2]], expected[[0, 2]])
+    blocks = whitened_steps(ordering, defect, transition, noise)[1]
+    assert np.isnan(blocks[1]).all()
+    np.testing.assert_array_equal(blocks[[0, 2]], expected[[0, 2]])
 
 
 def test_a_solve_without_a_compiler_is_that_with_one(
@@ -266,16 +286,16 @@ def test_a_solve_without_a_compiler_is_that_with_one(
     np.testing.assert_allclose(fast.point.trajectory, plain.point.trajectory, atol=1e-8)
     factors = []
     for found in (fast, plain):
-        assert isinstance(found.normal.solution, Reduced)
+        assert isinstance(found.normal.solution, SchurSystem)
         factors.append(Marginals(found.normal.solution, found.normal.eliminated).factors)
     np.testing.assert_allclose(factors[0], factors[1], rtol=1e-5, atol=1e-9)
 
 
 def test_weights_that_are_all_zero_leave_nothing() -> None:
-    sightings, linear, weight = _random(0)
+    observations, linear, weight = _random(0)
     for how in (eliminate, eliminate_in_numpy):
-        found = how(sightings, linear, np.zeros_like(weight), KEPT, FRAMES)
-        assert not found.told.any()
+        found = how(observations, linear, np.zeros_like(weight), KEPT, FRAMES)
+        assert not found.is_constrained.any()
         assert not found.used.any()
         assert not found.information.any()
         assert not found.points_step(np.ones((FRAMES, 6))).any()
@@ -283,13 +303,13 @@ def test_weights_that_are_all_zero_leave_nothing() -> None:
 
 @pytest.mark.parametrize("how", [eliminate, eliminate_in_numpy])
 def test_a_row_without_weight_says_nothing_even_where_it_is_not_a_number(
-    how: Callable[[Sightings, LinearSightings, np.ndarray, int, int], Eliminated],
+    how: Callable[[LandmarkObservations, LinearObservations, np.ndarray, int, int], Eliminated],
 ) -> None:
-    sightings, linear, weight = _random(2)
-    expected = how(sightings, linear, weight, KEPT, FRAMES)
+    observations, linear, weight = _random(2)
+    expected = how(observations, linear, weight, KEPT, FRAMES)
     rows = linear.rows.copy()
     rows[weight == 0] = np.nan
-    found = how(sightings, replace(linear, rows=rows), weight, KEPT, FRAMES)
-    np.testing.assert_array_equal(found.told, expected.told)
+    found = how(observations, replace(linear, rows=rows), weight, KEPT, FRAMES)
+    np.testing.assert_array_equal(found.is_constrained, expected.is_constrained)
     np.testing.assert_array_equal(found.pose_gradient, expected.pose_gradient)
     np.testing.assert_array_equal(found.information, expected.information)

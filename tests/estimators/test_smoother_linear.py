@@ -11,18 +11,27 @@ from linear_samples import LAYOUT, LinearProcess, LinearSensor, N, linear_sensor
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.smoothing.marginals import Marginals
-from spinfilters.estimators.smoothing.modes import FixedLag, FrozenVision, Full
-from spinfilters.estimators.smoothing.newest import newest_factor
-from spinfilters.estimators.smoothing.problem import problem_of
-from spinfilters.estimators.smoothing.reduced import Reduced
-from spinfilters.estimators.smoothing.robust_kernels import PseudoHuber
-from spinfilters.estimators.smoothing.sliding import SlidingSmoother
-from spinfilters.estimators.smoothing.sliding_records import SlidingOptions
-from spinfilters.estimators.smoothing.solver import SolverOptions, solve
+from spinfilters.estimators.robust.losses import PseudoHuber
+from spinfilters.estimators.smoothing.linear.latest_marginal import latest_factor
+from spinfilters.estimators.smoothing.linear.marginals import Marginals
+from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
+from spinfilters.estimators.smoothing.problem.least_squares import problem_of
+from spinfilters.estimators.smoothing.solver.iterations import SolverOptions, solve
+from spinfilters.estimators.smoothing.solver.step_rules import (
+    Dogleg,
+    GaussNewton,
+    LevenbergMarquardt,
+    StepRule,
+)
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
-from spinfilters.estimators.smoothing.step_rules import Dogleg, GaussNewton, LevenbergMarquardt, StepRule
-from spinfilters.estimators.timeline import Frame, Timeline
+from spinfilters.estimators.smoothing.window.sliding_smoother import SlidingSmoother
+from spinfilters.estimators.smoothing.window.smoother_records import SmootherOptions
+from spinfilters.estimators.smoothing.window.window_policy import (
+    FixedLag,
+    FullSmoothing,
+    LandmarkMarginalization,
+)
+from spinfilters.estimators.timeline import Epoch, Timeline
 
 NO_IDS = np.zeros(0, dtype=int)
 NO_POINTS = np.zeros((0, 3))
@@ -31,24 +40,24 @@ MOVING = LAYOUT.slice("c").start
 
 @dataclass(frozen=True)
 class Case:
-    """A linear model whose block c is constant, its frames, and a prior."""
+    """A linear model whose block c is constant, its epochs, and a prior."""
 
     process: LinearProcess
-    frames: Timeline
+    epochs: Timeline
     prior: FirstStatePrior
 
 
 def _frames(sensors: list[LinearSensor], dt: np.ndarray, counts: np.ndarray, seed: int) -> Timeline:
-    """Frames with so many values of each sensor; none at all where both counts are 0."""
-    generator, time, frames = np.random.default_rng(seed), np.cumsum([0.0, *dt]), []
+    """Epochs with so many values of each sensor; none at all where both counts are 0."""
+    generator, time, epochs = np.random.default_rng(seed), np.cumsum([0.0, *dt]), []
     for stamp, here in zip(time, counts, strict=True):
         every = [
             sensor.measurement(generator.standard_normal((count, sensor.dim)))
             for sensor, count in zip(sensors, here, strict=True)
             if count
         ]
-        frames.append(Frame(float(stamp), tuple(every)))
-    return tuple(frames)
+        epochs.append(Epoch(float(stamp), tuple(every)))
+    return tuple(epochs)
 
 
 @cache
@@ -66,7 +75,7 @@ def _case(name: str) -> Case:
         counts = generator.integers(0, 4, (25, 2))
     if name == "uneven time":
         dt = 0.02 + generator.random(24)
-    if name == "one frame":
+    if name == "one epoch":
         dt, counts = dt[:0], np.array([[2, 1]])
     if name == "nothing measured":
         counts[:] = 0
@@ -74,12 +83,12 @@ def _case(name: str) -> Case:
     return Case(LinearProcess(A, noise), _frames(sensors, dt, counts, 9), prior)
 
 
-CASES = ("one sensor", "gaps", "several at once", "uneven time", "one frame")
+CASES = ("one sensor", "gaps", "several at once", "uneven time", "one epoch")
 
 
 @dataclass(frozen=True)
 class Textbook:
-    """Filtered and smoothed moments, frame by frame."""
+    """Filtered and smoothed moments, epoch by epoch."""
 
     filtered: list[tuple[np.ndarray, np.ndarray]]
     smoothed: list[tuple[np.ndarray, np.ndarray]]
@@ -97,13 +106,13 @@ def _updated(mean: np.ndarray, P: np.ndarray, m: Measurement) -> tuple[np.ndarra
 def _textbook(case: Case) -> Textbook:
     mean, P = case.prior.mean, np.diag(case.prior.std**2)
     filtered, predicted = [], []
-    for k, frame in enumerate(case.frames):
+    for k, epoch in enumerate(case.epochs):
         if k:
-            dt = frame.time - case.frames[k - 1].time
+            dt = epoch.time - case.epochs[k - 1].time
             F, Q = case.process.transition(dt), dt * case.process.noise @ case.process.noise.T
             mean, P = F @ mean, F @ P @ F.T + Q
             predicted.append((F, mean, P))
-        for m in frame.measurements:
+        for m in epoch.measurements:
             mean, P = _updated(mean, P, m)
         filtered.append((mean, P))
     smoothed = [filtered[-1]]
@@ -114,14 +123,14 @@ def _textbook(case: Case) -> Textbook:
     return Textbook(filtered, smoothed)
 
 
-def _solved(case: Case, rule: StepRule) -> tuple[Float[np.ndarray, "k n"], Reduced]:
-    """From a trial that is anywhere, but whose constants are the same in all frames."""
-    problem = problem_of(case.process, case.frames, NO_IDS, case.prior, 2)
-    trial = np.random.default_rng(10).standard_normal((len(case.frames), N))
+def _solved(case: Case, rule: StepRule) -> tuple[Float[np.ndarray, "k n"], SchurSystem]:
+    """From a trial that is anywhere, but whose constants are the same in all epochs."""
+    problem = problem_of(case.process, case.epochs, NO_IDS, case.prior, 2)
+    trial = np.random.default_rng(10).standard_normal((len(case.epochs), N))
     trial[:, MOVING:] = trial[0, MOVING:]
     found = solve(problem, problem.at(trial, NO_POINTS), SolverOptions(60, 1e-9, rule))
     assert found.converged
-    assert isinstance(found.normal.solution, Reduced)
+    assert isinstance(found.normal.solution, SchurSystem)
     return found.point.trajectory, found.normal.solution
 
 
@@ -132,8 +141,8 @@ def test_means_and_covariances_are_the_textbooks(name: str) -> None:
     for x, factor, (mean, P) in zip(trajectory, Marginals(solution, None).factors, expected, strict=True):
         np.testing.assert_allclose(x, mean, rtol=0, atol=1e-10)
         np.testing.assert_allclose(factor @ factor.T, P, rtol=0, atol=1e-10)
-    newest = newest_factor(solution)
-    np.testing.assert_allclose(newest @ newest.T, expected[-1][1], rtol=0, atol=1e-10)
+    latest = latest_factor(solution)
+    np.testing.assert_allclose(latest @ latest.T, expected[-1][1], rtol=0, atol=1e-10)
 
 
 def test_without_a_measurement_the_covariance_is_what_the_dynamics_make_of_the_prior() -> None:
@@ -151,60 +160,62 @@ def test_other_rules_end_at_the_same_means(rule: StepRule) -> None:
     np.testing.assert_allclose(trajectory, expected, atol=1e-5)
 
 
-def _sliding(case: Case, mode: FixedLag | Full | FrozenVision) -> SlidingSmoother:
-    return SlidingSmoother(case.process, case.prior, SlidingOptions(mode), tied=False)
+def _sliding(case: Case, mode: FixedLag | FullSmoothing | LandmarkMarginalization) -> SlidingSmoother:
+    return SlidingSmoother(case.process, case.prior, SmootherOptions(mode), has_landmarks=False)
 
 
 @pytest.mark.parametrize("name", CASES)
-@pytest.mark.parametrize("mode", [Full(), FixedLag(2), FixedLag(5), FrozenVision(frames=4)], ids=str)
+@pytest.mark.parametrize(
+    "mode", [FullSmoothing(), FixedLag(2), FixedLag(5), LandmarkMarginalization(epochs=4)], ids=str
+)
 def test_the_newest_state_is_the_kalman_filters_whatever_is_kept(
-    name: str, mode: FixedLag | Full | FrozenVision
+    name: str, mode: FixedLag | FullSmoothing | LandmarkMarginalization
 ) -> None:
     case = _case(name)
     smoother = _sliding(case, mode)
-    for frame, (mean, P) in zip(case.frames, _textbook(case).filtered, strict=True):
-        smoother.add(frame)
+    for epoch, (mean, P) in zip(case.epochs, _textbook(case).filtered, strict=True):
+        smoother.add(epoch)
         belief = smoother.belief
         np.testing.assert_allclose(belief.mean, mean, rtol=0, atol=1e-9)
         np.testing.assert_allclose(belief.factor @ belief.factor.T, P, rtol=1e-10, atol=1e-9)
 
 
-@pytest.mark.parametrize("mode", [Full(), FixedLag(6)], ids=str)
-def test_the_window_is_the_textbooks_smoothing(mode: FixedLag | Full) -> None:
+@pytest.mark.parametrize("mode", [FullSmoothing(), FixedLag(6)], ids=str)
+def test_the_window_is_the_textbooks_smoothing(mode: FixedLag | FullSmoothing) -> None:
     case = _case("several at once")
     smoother = _sliding(case, mode)
-    for frame in case.frames:
-        smoother.add(frame)
+    for epoch in case.epochs:
+        smoother.add(epoch)
     rows = smoother.smoothed()
-    assert len(rows) == min(len(case.frames), 6 if isinstance(mode, FixedLag) else 99)
+    assert len(rows) == min(len(case.epochs), 6 if isinstance(mode, FixedLag) else 99)
     for row, (mean, P) in zip(rows, _textbook(case).smoothed[-len(rows) :], strict=True):
         np.testing.assert_allclose(row.mean, mean, rtol=0, atol=1e-9)
         np.testing.assert_allclose(row.factor @ row.factor.T, P, rtol=0, atol=1e-9)
 
 
-def test_a_frame_that_leaves_is_smoothed_over_the_lag() -> None:
-    """The last that is said of it knows all frames that came before it left."""
+def test_an_epoch_that_leaves_is_smoothed_over_the_lag() -> None:
+    """The last that is said of it knows all epochs that came before it left."""
     case = _case("uneven time")
     smoother, gone = _sliding(case, FixedLag(4)), 0
-    for k, frame in enumerate(case.frames):
-        for row in smoother.add(frame).retired:
-            mean, P = _textbook(Case(case.process, case.frames[: k + 1], case.prior)).smoothed[gone]
-            assert row.time == case.frames[gone].time
+    for k, epoch in enumerate(case.epochs):
+        for row in smoother.add(epoch).marginalized:
+            mean, P = _textbook(Case(case.process, case.epochs[: k + 1], case.prior)).smoothed[gone]
+            assert row.time == case.epochs[gone].time
             np.testing.assert_allclose(row.mean, mean, rtol=0, atol=1e-9)
             np.testing.assert_allclose(row.factor @ row.factor.T, P, rtol=0, atol=1e-9)
             gone += 1
-    assert gone == len(case.frames) - 4
+    assert gone == len(case.epochs) - 4
 
 
 def test_a_robust_kernel_keeps_a_wrong_value_from_pulling() -> None:
     case = _case("one sensor")
-    frames = list(case.frames)
-    wrong = frames[9].measurements[0]
-    frames[9] = Frame(frames[9].time, (Measurement(wrong.model, wrong.values + 1e4, wrong.parameters),))
+    epochs = list(case.epochs)
+    wrong = epochs[9].measurements[0]
+    epochs[9] = Epoch(epochs[9].time, (Measurement(wrong.model, wrong.values + 1e4, wrong.parameters),))
     trial = np.array([mean for mean, _ in _textbook(case).smoothed])
     away = []
-    for kernel in (None, PseudoHuber()):
-        problem = problem_of(case.process, tuple(frames), NO_IDS, case.prior, 2, kernel)
+    for loss in (None, PseudoHuber()):
+        problem = problem_of(case.process, tuple(epochs), NO_IDS, case.prior, 2, loss)
         found = solve(problem, problem.at(trial, NO_POINTS), SolverOptions(60))
         away.append(np.abs(found.point.trajectory - trial).max())
     assert away[0] > 1e2
@@ -212,19 +223,19 @@ def test_a_robust_kernel_keeps_a_wrong_value_from_pulling() -> None:
 
 
 def _backwards(smoother: SlidingSmoother, case: Case) -> None:
-    smoother.add(case.frames[3])
-    smoother.add(case.frames[2])
+    smoother.add(case.epochs[3])
+    smoother.add(case.epochs[2])
 
 
 def _twice(smoother: SlidingSmoother, case: Case) -> None:
-    smoother.add(case.frames[3])
-    smoother.add(case.frames[3])
+    smoother.add(case.epochs[3])
+    smoother.add(case.epochs[3])
 
 
 @pytest.mark.parametrize("attempt", [_backwards, _twice])
 def test_time_that_does_not_go_forwards_is_refused(attempt: Callable[[SlidingSmoother, Case], None]) -> None:
     case = _case("one sensor")
-    smoother = _sliding(case, Full())
+    smoother = _sliding(case, FullSmoothing())
     with pytest.raises(InputError, match="order of time"):
         attempt(smoother, case)
-    assert len(smoother.window.frames) == 1
+    assert len(smoother.window.epochs) == 1

@@ -7,18 +7,18 @@ import pytest
 from smoothing_samples import LAYOUT, MIDDLE, PLAIN, Sample, optimum, perturbed, sample, solved, whitened
 
 from spinfilters.errors import InputError
-from spinfilters.estimators.smoothing.marginals import Marginals
-from spinfilters.estimators.smoothing.problem import Normal, Trial
-from spinfilters.estimators.smoothing.reduced import Reduced
-from spinfilters.estimators.smoothing.robust_kernels import (
+from spinfilters.estimators.robust.losses import (
     Barron,
     Graduated,
     LeastSquares,
     PseudoHuber,
-    RobustKernel,
+    RobustLoss,
 )
-from spinfilters.estimators.smoothing.solver import COST_SLACK, Solved, SolverOptions, solve
-from spinfilters.estimators.smoothing.step_rules import (
+from spinfilters.estimators.smoothing.linear.marginals import Marginals
+from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
+from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess, NormalEquations
+from spinfilters.estimators.smoothing.solver.iterations import COST_SLACK, Solved, SolverOptions, solve
+from spinfilters.estimators.smoothing.solver.step_rules import (
     Dogleg,
     GaussNewton,
     LevenbergMarquardt,
@@ -44,12 +44,12 @@ def test_no_step_raises_the_cost(rule: StepRule) -> None:
     assert np.diff(costs).max() <= COST_SLACK
 
 
-def _heavy_on_one_side(here: Sample) -> Trial:
+def _heavy_on_one_side(here: Sample) -> InitialGuess:
     """The mass distribution off by a factor of e^4 and more."""
     trial = perturbed(here, 4)
     trajectory = trial.trajectory.copy()
     trajectory[:, LAYOUT.mean_slice("s")] += [4.0, -3.0, 2.0, 2.0, -2.0]
-    return Trial(trajectory, trial.ids, trial.points)
+    return InitialGuess(trajectory, trial.ids, trial.points)
 
 
 @pytest.mark.parametrize("rule", RULES, ids=str)
@@ -58,12 +58,12 @@ def test_steps_are_capped_where_a_linear_model_tells_nothing(rule: StepRule) -> 
     here = whole.at(trial.trajectory, trial.points)
     normal = whole.normal(here, PLAIN)
 
-    def again(damping: float) -> Normal:
+    def again(damping: float) -> NormalEquations:
         return whole.normal(here, PLAIN, damping)
 
     step = rule.propose(again, LAYOUT, rule.first)
     assert step is not None
-    assert isinstance(normal.solution, Reduced)
+    assert isinstance(normal.solution, SchurSystem)
     assert np.abs(normal.solution.errors[:, LAYOUT.slice("s")]).max() > MASS_DISTRIBUTION.largest_step
     assert np.abs(step.errors[:, LAYOUT.slice("s")]).max() <= MASS_DISTRIBUTION.largest_step * (1 + 1e-12)
     assert np.abs(step.errors[:, LAYOUT.slice("a")]).max() <= ATTITUDE.largest_step * (1 + 1e-12)
@@ -116,16 +116,16 @@ def test_numbers_without_a_meaning_are_refused(make: Callable[[], object]) -> No
 
 
 def _off_the_clean_optimum(found: Solved) -> float:
-    """Root mean square over the newest state's directions, in the clean problem's standard deviations."""
+    """Root mean square over the latest state's directions, in the clean problem's standard deviations."""
     clean = optimum(MIDDLE)
-    assert isinstance(clean.normal.solution, Reduced)
+    assert isinstance(clean.normal.solution, SchurSystem)
     factor = Marginals(clean.normal.solution, clean.normal.eliminated).factors[-1]
     error = LAYOUT.local(clean.point.trajectory[-1], found.point.trajectory[-1])
     return float(np.sqrt(np.mean(whitened(factor, error) ** 2)))
 
 
 @pytest.mark.parametrize(
-    ("wrong", "kernel", "most"),
+    ("wrong", "loss", "most"),
     [
         (0.5, Graduated(), 3.0),
         (0.3, Graduated(), 2.0),
@@ -136,12 +136,12 @@ def _off_the_clean_optimum(found: Solved) -> float:
     ],
     ids=str,
 )
-def test_robust_kernels_end_near_the_clean_optimum(wrong: float, kernel: RobustKernel, most: float) -> None:
+def test_robust_kernels_end_near_the_clean_optimum(wrong: float, loss: RobustLoss, most: float) -> None:
     here = sample(MIDDLE, wrong)
-    found = solved(here, perturbed(sample(MIDDLE), 3, scale=0.5), kernel=kernel)
+    found = solved(here, perturbed(sample(MIDDLE), 3, scale=0.5), loss=loss)
     assert _off_the_clean_optimum(found) < most
 
 
 def test_least_squares_does_not_end_near_the_clean_optimum() -> None:
-    found = solved(sample(MIDDLE, 0.1), perturbed(sample(MIDDLE), 3, scale=0.5), kernel=LeastSquares())
+    found = solved(sample(MIDDLE, 0.1), perturbed(sample(MIDDLE), 3, scale=0.5), loss=LeastSquares())
     assert _off_the_clean_optimum(found) > 10.0

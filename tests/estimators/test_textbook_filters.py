@@ -8,12 +8,12 @@ import pytest
 from filterpy.kalman import KalmanFilter
 from linear_samples import LinearProcess, N, linear_belief, linear_process, linear_sensor, log_density
 
+from spinfilters.estimators.baselines.filterpy_filters import FilterpyEkf, FilterpyUkf
 from spinfilters.estimators.estimator import Estimator, ProcessModel
-from spinfilters.estimators.filterpy_baselines import FilterpyEkf, FilterpyUkf
-from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.multiplicative_filter import MultiplicativeFilter
-from spinfilters.estimators.multiplicative_ukf import MultiplicativeUkf
-from spinfilters.estimators.robustness import RobustOptions
+from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
+from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeFilter
+from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
+from spinfilters.estimators.robust.outlier_rejection import RobustOptions
 from spinfilters.state.gaussian import Gaussian
 
 UNGATED = RobustOptions(gate_probability=1.0)
@@ -86,11 +86,11 @@ def test_values_given_together_or_one_after_the_other_come_to_the_same(build: Bu
     generator = np.random.default_rng(5)
     process, belief = linear_process(generator), linear_belief(generator)
     sensor, values = linear_sensor(2, generator), generator.standard_normal((6, 2))
-    together, apart = build(process), build(process)
-    together.start(belief)
+    smallest_batch, apart = build(process), build(process)
+    smallest_batch.start(belief)
     apart.start(belief)
-    whole = together.update(sensor.measurement(values))
+    whole = smallest_batch.update(sensor.measurement(values))
     parts = [apart.update(sensor.measurement(row[np.newaxis])) for row in values]
-    np.testing.assert_allclose(together.belief.mean, apart.belief.mean, atol=1e-11)
-    np.testing.assert_allclose(together.belief.covariance, apart.belief.covariance, atol=1e-11)
+    np.testing.assert_allclose(smallest_batch.belief.mean, apart.belief.mean, atol=1e-11)
+    np.testing.assert_allclose(smallest_batch.belief.covariance, apart.belief.covariance, atol=1e-11)
     assert whole.log_likelihood == pytest.approx(sum(p.log_likelihood for p in parts), rel=1e-10)

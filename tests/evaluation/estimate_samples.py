@@ -3,10 +3,10 @@
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.data.truth import Truth
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.consistency import true_states
-from spinfilters.logs.truth import Truth
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 from spinfilters.state.status import EstimatorStatus
 

@@ -14,9 +14,9 @@ from spinfilters.errors import InputError
 from spinfilters.evaluation.comparison import comparison_table
 from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
+from spinfilters.evaluation.formatting import with_uncertainty
 from spinfilters.evaluation.metrics import numbers
 from spinfilters.evaluation.rates import estimated_rates, true_rates
-from spinfilters.evaluation.rounding import with_uncertainty
 
 TRUTH = sample_truth(np.random.default_rng(0), 40)
 HISTORY = consistent_history(TRUTH, np.random.default_rng(1))
@@ -65,7 +65,7 @@ def test_nees_is_left_out_when_the_frames_g_differ() -> None:
     assert aligned.body_errors.center_of_mass_g is None
 
 
-def test_a_run_that_left_no_frame_is_refused_with_its_reason() -> None:
+def test_a_run_that_left_no_epoch_is_refused_with_its_reason() -> None:
     empty = {name: value[:0] for name, value in vars(HISTORY).items() if isinstance(value, np.ndarray)}
     status = HISTORY.status.failed("the estimate stopped being finite")
     failed = replace(HISTORY, status=status, **empty)
@@ -73,7 +73,7 @@ def test_a_run_that_left_no_frame_is_refused_with_its_reason() -> None:
         evaluate(failed)
 
 
-def test_frames_of_the_start_do_not_count_as_fast_frames() -> None:
+def test_epochs_of_the_start_do_not_count_as_fast_epochs() -> None:
     runtime = np.where(np.arange(40) < 30, 0.0, 2e-3)
     assert evaluate(replace(HISTORY, runtime=runtime)).milliseconds_per_frame == pytest.approx(2.0)
     assert evaluate(replace(HISTORY, runtime=np.zeros(40))).milliseconds_per_frame is None

@@ -96,7 +96,7 @@ def test_a_truth_that_does_not_tell_the_body_gives_no_state() -> None:
         true_states(bodiless, FULL)
 
 
-def test_the_ratio_of_nis_counts_measurements_not_frames() -> None:
+def test_the_ratio_of_nis_counts_measurements_not_epochs() -> None:
     history = replace(HISTORY, nis=np.arange(COUNT, dtype=float), dof=np.full(COUNT, 3))
     assert nis_ratio(history) == pytest.approx((COUNT - 1) / 2 / 3)
     assert nis_ratio(replace(HISTORY, dof=np.zeros(COUNT, dtype=int))) is None

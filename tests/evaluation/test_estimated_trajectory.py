@@ -7,6 +7,8 @@ import pytest
 from estimate_samples import FULL, history_of, sample_factor, sample_point
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
+from spinfilters.data.pose_files import read_tum
+from spinfilters.data.table_files import read_csv
 from spinfilters.errors import InputError, ShapeError
 from spinfilters.evaluation.trajectory import (
     TRAJECTORY_COLUMNS,
@@ -16,8 +18,6 @@ from spinfilters.evaluation.trajectory import (
     write_trajectory_csv,
     write_trajectory_tum,
 )
-from spinfilters.logs.pose_files import read_tum
-from spinfilters.logs.table_files import read_csv
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 
 SAMPLES = 20000

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from spinfilters.attitude.conversions import inverse, multiply, quaternion_from_rotation_vector, rotate
+from spinfilters.data.truth import Truth, read_truth
 from spinfilters.evaluation.truth_consistency import contradictions
-from spinfilters.logs.truth import Truth, read_truth
 from spinfilters.simulation.scenario import Scenario, simulate
 
 RECORDINGS = Path(__file__).parents[2] / "../shared/data/disam115"

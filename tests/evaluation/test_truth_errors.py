@@ -13,6 +13,7 @@ from spinfilters.attitude.conversions import (
     quaternion_from_rotation_vector,
     rotate,
 )
+from spinfilters.data.truth import Truth
 from spinfilters.errors import InputError
 from spinfilters.evaluation.body import body_estimate
 from spinfilters.evaluation.consistency import true_states
@@ -24,7 +25,6 @@ from spinfilters.evaluation.errors import (
     truth_errors,
 )
 from spinfilters.evaluation.trajectory import Trajectory, trajectory_of
-from spinfilters.logs.truth import Truth
 from spinfilters.state.gaussian import Gaussian
 
 TRUTH = sample_truth(np.random.default_rng(0), 12)

@@ -17,7 +17,7 @@ from experiments.bound_monte_carlo import (
 )
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 
-SCENARIO = Scenario(rate_rpm=RICH_RPM, frames=40, landmarks=60)
+SCENARIO = Scenario(rate_rpm=RICH_RPM, epochs=40, landmarks=60)
 
 
 def test_the_smoother_scatters_by_the_bound_in_a_few_runs() -> None:
@@ -39,7 +39,7 @@ def test_a_smoother_that_is_told_half_the_noise_scatters_by_more_than_its_bound(
 
 
 def test_no_error_is_made_where_nothing_is_wrong() -> None:
-    """The prior's mean at the truth, and pixels as the truth foretells them but for their noise: the first pose is exact."""
+    """The prior's mean at the truth, and pixels as the truth predicts them but for their noise: the first pose is exact."""
     recording = recorded(simulate(SCENARIO), SCENARIO)
     errors = smoothed_errors(recording, recording.states[0])
     assert np.abs(errors[0, :6]).max() < 1e-7

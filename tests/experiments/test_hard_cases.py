@@ -3,11 +3,11 @@
 import numpy as np
 
 from experiments.hard_cases import CASES, FewAtFirst, NewNumbers
-from spinfilters.logs.dataset import Dataset
+from spinfilters.data.dataset import Dataset
 from spinfilters.simulation.faults import with_faults
 from spinfilters.simulation.scenario import Scenario, simulate
 
-RECORDING = simulate(Scenario(frames=20, landmarks=100))
+RECORDING = simulate(Scenario(epochs=20, landmarks=100))
 
 
 def _ids(dataset: Dataset, begin: float, end: float) -> set[int]:

@@ -21,7 +21,7 @@ def test_what_is_called_ok_is_within_four_standard_deviations(name: str) -> None
 
 
 def test_a_well_determined_motion_is_called_ok() -> None:
-    outcomes = list(outcomes_of(replace(BY_NAME["gyro rich"], frames=100), 2))
+    outcomes = list(outcomes_of(replace(BY_NAME["gyro rich"], epochs=100), 2))
     assert {o.verdict for o in outcomes} == {Verdict.OK}
 
 

@@ -17,7 +17,7 @@ FRAMES = 12
 def workload() -> Workload:
     """Some frames of a rich motion with a few landmarks."""
     return simulated_workload(
-        Scenario(rate_rpm=RICH_RPM, frames=FRAMES, landmarks=80, fewest_sightings=2, seed=4)
+        Scenario(rate_rpm=RICH_RPM, epochs=FRAMES, landmarks=80, fewest_observations=2, seed=4)
     )
 
 
@@ -25,8 +25,8 @@ def result(seconds: float) -> PeerResult:
     return PeerResult("", np.zeros((0, 0)), np.zeros((0, 3)), 0.0, seconds, 0.0)
 
 
-def test_solving_again_after_every_frame_ends_near_the_batch() -> None:
-    """One step per frame leaves the newest frames of a short recording a little above the optimum."""
+def test_solving_again_after_every_epoch_ends_near_the_batch() -> None:
+    """One step per frame leaves the latest frames of a short recording a little above the optimum."""
     best = own_batch(workload()).cost
     assert best - 1e-3 < own_resolved(workload()).cost < 1.01 * best
 
@@ -65,15 +65,15 @@ def test_solvers_take_turns_forwards_and_backwards() -> None:
 
 def test_an_endless_scene_goes_on_over_its_pieces() -> None:
     scene = EndlessScene(0)
-    frames = [*scene.frames(PIECE + 2), *scene.frames(2)]
-    times = [frame.time for frame in frames]
+    epochs = [*scene.epochs(PIECE + 2), *scene.epochs(2)]
+    times = [frame.time for frame in epochs]
     np.testing.assert_allclose(times, SCENARIO.interval * np.arange(PIECE + 4), atol=1e-9)
-    assert all(50 < len(frame.measurements[0].values) < 500 for frame in frames)
+    assert all(50 < len(frame.measurements[0].values) < 500 for frame in epochs)
 
 
 def test_a_landmark_of_an_endless_scene_keeps_its_number_from_piece_to_piece() -> None:
-    frames = list(EndlessScene(0).frames(PIECE + 1))
-    before, after = frames[PIECE - 1].measurements[0].ids, frames[PIECE].measurements[0].ids
+    epochs = list(EndlessScene(0).epochs(PIECE + 1))
+    before, after = epochs[PIECE - 1].measurements[0].ids, epochs[PIECE].measurements[0].ids
     assert before is not None
     assert after is not None
     assert len(np.intersect1d(before, after)) > 0.3 * len(after)

@@ -19,14 +19,14 @@ from spinfilters.estimators.initialisation.initialiser import SmoothingOptions, 
 from spinfilters.simulation.scenario import RICH_RPM, Scenario
 
 NO_GATE = 1e3
-"""Standard deviations: the peers believe every sighting."""
+"""Standard deviations: the peers believe every observation."""
 needs_gtsam = pytest.mark.skipif(gtsam is None, reason="the optional peer GTSAM is not installed")
 
 
 @cache
 def workload() -> Workload:
     """Eight frames of a rich motion with a few landmarks."""
-    return simulated_workload(Scenario(rate_rpm=RICH_RPM, frames=8, landmarks=60, seed=3))
+    return simulated_workload(Scenario(rate_rpm=RICH_RPM, epochs=8, landmarks=60, seed=3))
 
 
 @cache
@@ -55,7 +55,7 @@ def test_rows_of_the_motion_have_the_gram_matrices_of_the_project() -> None:
     motion = problem.problem().motion
     n = problem.layout.error_dim
     of_prior = prior_rows(problem.layout, trajectory[0], problem.prior)
-    check_gram(motion.measurements(trajectory).frames[0], of_prior, np.arange(n))
+    check_gram(motion.measurements(trajectory).epochs[0], of_prior, np.arange(n))
     here, there, constant = np.arange(MOVING), n + np.arange(MOVING), np.arange(MOVING, n)
     expected = motion.dynamics(trajectory).steps
     for k, (before, after) in enumerate(pairwise(problem.timeline)):
@@ -159,5 +159,5 @@ def test_a_window_as_long_as_the_recording_is_isam2() -> None:
 @needs_gtsam
 def test_iterations_of_gtsam_are_timed_in_every_ordering() -> None:
     times = linear_times(workload(), (4, 8), repeats=1)
-    assert [time.frames for time in times] == [4, 4, 4, 8, 8, 8]
+    assert [time.epochs for time in times] == [4, 4, 4, 8, 8, 8]
     assert all(0 < time.python < time.linearise < time.total for time in times)

@@ -60,7 +60,7 @@ def test_modes_that_let_nothing_go_yet_are_full_smoothing() -> None:
     }
 
 
-def test_every_frame_is_told_when_it_comes() -> None:
+def test_every_epoch_is_told_when_it_comes() -> None:
     for mode in MODES:
         assert sliding()[f"{mode}/nees"].shape == (FRAMES,)
         assert (sliding()[f"{mode}/linearisations"] >= 1).all()

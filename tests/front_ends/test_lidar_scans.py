@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from spinfilters.data.dataset import Dataset, read_dataset
 from spinfilters.errors import InputError
 from spinfilters.lidar.mesh import box
 from spinfilters.lidar.ray_pattern import RayPattern
 from spinfilters.lidar.scan_errors import rvs_noise
 from spinfilters.lidar.scanner import LidarSettings, Scanner
 from spinfilters.lidar.sequence import Initial, scan_sequence, scan_times, truth_of, tumble_of, write_sequence
-from spinfilters.logs.dataset import Dataset, read_dataset
-from spinfilters.workflow.estimation import compare_estimators
-from spinfilters.workflow.preparation import prepare
-from spinfilters.workflow.settings import Settings
+from spinfilters.pipeline.estimation import compare_estimators
+from spinfilters.pipeline.setup import prepare
+from spinfilters.settings.run_settings import Settings
 
 
 @pytest.fixture(scope="module")

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from spinfilters.cli.main import main
-from spinfilters.logs.atomic_write import write_toml
-from spinfilters.logs.covariance_files import write_covariance
-from spinfilters.logs.dataset_writing import write_dataset
-from spinfilters.logs.measurement_log import MeasurementStream
+from spinfilters.data.atomic_write import write_toml
+from spinfilters.data.covariance_files import write_covariance
+from spinfilters.data.dataset_writing import write_dataset
+from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
-from spinfilters.workflow.settings import Settings
 
 KINDS = {"stereo": "stereo-tracks", "unmapped": "stereo-tracks", "gyro": "gyro", "pose": "pose"}
 COVARIANCES = {
@@ -29,9 +29,9 @@ def make_originals(folder: Path) -> None:
     every setting in ``config.toml``.
     """
     for name, kind in KINDS.items():
-        frames, interval = (40, 0.1) if kind == "gyro" else (14, 0.5)
+        epochs, interval = (40, 0.1) if kind == "gyro" else (14, 0.5)
         scenario = Scenario(
-            kind=kind, rate_rpm=RICH_RPM, frames=frames, interval=interval, landmarks=60, seed=3
+            kind=kind, rate_rpm=RICH_RPM, epochs=epochs, interval=interval, landmarks=60, seed=3
         )
         write_dataset(simulate(scenario), folder / name)
     (folder / "unmapped" / "landmarks.csv").unlink()
@@ -42,7 +42,7 @@ def make_originals(folder: Path) -> None:
     _write_phone(folder / "phone")
     _write_run(folder / "run")
     write_dataset(
-        simulate(Scenario(kind="gyro", rate_rpm=RICH_RPM, frames=40, interval=0.1)), folder / "settings/data"
+        simulate(Scenario(kind="gyro", rate_rpm=RICH_RPM, epochs=40, interval=0.1)), folder / "settings/data"
     )
     write_toml(
         folder / "settings/config.toml", {**Settings().document, "estimators": ["mekf", "ukf", "smoother"]}
@@ -62,7 +62,7 @@ def _add_covariances(folder: Path) -> None:
 
 def _write_phone(folder: Path) -> None:
     """A phyphox export of two kept segments and one that is no trial."""
-    gyro = simulate(Scenario(kind="gyro", rate_rpm=(40.0, 90.0, 30.0), frames=80, interval=0.02)).log.streams[
+    gyro = simulate(Scenario(kind="gyro", rate_rpm=(40.0, 90.0, 30.0), epochs=80, interval=0.02)).log.streams[
         0
     ]
     (folder / "meta").mkdir(parents=True)
@@ -78,7 +78,7 @@ def _write_phone(folder: Path) -> None:
 
 
 def _write_run(folder: Path) -> None:
-    data = simulate(Scenario(kind="gyro", rate_rpm=RICH_RPM, frames=40, interval=0.1))
+    data = simulate(Scenario(kind="gyro", rate_rpm=RICH_RPM, epochs=40, interval=0.1))
     write_dataset(data, folder / "data")
     made = [
         "compare",

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 
-from spinfilters.workflow.settings import Settings
+from spinfilters.settings.run_settings import Settings
 
 from .case import Case
 from .changes import content

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.special import chdtri
 
-from spinfilters.live.executive import Executive, LiveOptions, Setup
+from spinfilters.live.executive import Executive, LiveOptions, LiveSetup
 from spinfilters.live.line_format import ArrivedEpoch
 from spinfilters.live.supervisor import SupervisionOptions
 from tests.live.test_executive import LAYOUT, MODEL, PROCESS, bind, epochs, started, truth
@@ -29,7 +29,7 @@ class FaultyRun:
     def __init__(self, times: int) -> None:
         self._given = epochs((times + 1) * EPOCHS_OF_A_FAULT)
         supervision = SupervisionOptions(patience=0.3, pause=0.0)
-        setup = Setup(PROCESS, started(), 0.0, {"gyro": MODEL}, bind)
+        setup = LiveSetup(PROCESS, started(), 0.0, {"gyro": MODEL}, bind)
         self.executive = Executive(setup, LiveOptions(supervision=supervision, history=200))
         self.faults: Counter[str] = Counter()
         self.back: list[float] = []

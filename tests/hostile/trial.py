@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from spinfilters.cli.main import main
-from spinfilters.workflow import figures
+from spinfilters.pipeline import figures
 
 from .case import Case
 

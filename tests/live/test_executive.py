@@ -9,15 +9,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.multiplicative_ekf import MultiplicativeEkf
+from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.live.answer import Answer, json_line, tum_line
-from spinfilters.live.executive import Executive, LiveOptions, Setup
+from spinfilters.live.executive import Executive, LiveOptions, LiveSetup
 from spinfilters.live.filter_track import FilterTrack
 from spinfilters.live.line_format import ArrivedEpoch
 from spinfilters.live.rebase import HandOver
 from spinfilters.live.supervisor import SupervisionOptions
-from spinfilters.logs.measurement_log import MeasurementStream
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
 from spinfilters.state.gaussian import Gaussian
@@ -59,7 +59,7 @@ def started() -> MultiplicativeEkf:
 
 
 def executive(**options: object) -> Executive:
-    setup = Setup(PROCESS, started(), 0.0, {"gyro": MODEL}, bind)
+    setup = LiveSetup(PROCESS, started(), 0.0, {"gyro": MODEL}, bind)
     supervision = SupervisionOptions(patience=1.0, pause=0.0)
     chosen: dict = {"smoother": False, "supervision": supervision, **options}
     return Executive(setup, LiveOptions(**chosen))

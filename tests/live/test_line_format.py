@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.live.line_format import ArrivedEpoch, LineReader, lines_of
-from spinfilters.logs.measurement_log import MeasurementStream
 
 
 def fed(reader: LineReader, *lines: str) -> list[ArrivedEpoch]:

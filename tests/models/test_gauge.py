@@ -1,4 +1,4 @@
-"""Moving the frame g changes no sighting and no motion, and its directions are exactly those."""
+"""Moving the frame g changes no observation and no motion, and its directions are exactly those."""
 
 import numpy as np
 import pytest
@@ -51,7 +51,7 @@ def test_the_bias_of_a_gyro_turns_with_g_as_the_rate_does():
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_no_sighting_sees_a_gauge_direction(seed):
+def test_no_observation_sees_a_gauge_direction(seed):
     sensor, x = StereoLandmark(LAYOUT), state(seed)
     points = 0.2 * np.random.default_rng(seed).standard_normal((5, 3))
     at = sensor.linearise_landmarks(x, stereo_parameters(points, CALIBRATION, 1.0), np.zeros((5, 3)))

@@ -6,7 +6,7 @@ from process_samples import random_point
 
 from spinfilters.errors import InputError
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.rotation_steps import IntegrationError
+from spinfilters.models.rotation_integrator import IntegrationError
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
 PROCESS = TorqueFreeProcess(StateLayout(FULL_BLOCKS), ProcessNoise(), tolerance=1e-8)

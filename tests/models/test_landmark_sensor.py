@@ -31,7 +31,7 @@ def test_derivative_by_the_landmark_is_the_finite_difference(scene):
         np.testing.assert_allclose(1.3 * by_landmark[:, :, k], slope, atol=1e-4)
 
 
-def test_a_new_landmark_is_where_the_sighting_says_and_moves_as_its_derivative_says(scene):
+def test_a_new_landmark_is_where_the_observation_says_and_moves_as_its_derivative_says(scene):
     x, parameters = scene
     measured = SENSOR.predict(x, parameters)
     found = SENSOR.new_landmarks(x, parameters, measured)

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from observability.bounds.flight import Flight, Watch, free_flight
+from observability.bounds.reference_trajectory import ReferenceTrajectory, SensorSchedule, free_reference
+from observability.canonical_motions import Motion, landmarks, point_of
 from observability.charts.filter_state import FilterChart
-from observability.motions import Motion, landmarks, point_of
 from observability.rational import as_floats
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
@@ -15,14 +15,14 @@ CALIBRATION = np.array([466.7, 470.0, 320.0, 240.0, 0.09])
 MODEL = StereoLandmark(LAYOUT)
 
 
-def flight_of(motion: Motion, frames: int, interval: float, noise: ProcessNoise) -> Flight:
+def flight_of(motion: Motion, frames: int, interval: float, noise: ProcessNoise) -> ReferenceTrajectory:
     """A free motion over frames."""
     process = TorqueFreeProcess(LAYOUT, noise, tolerance=1e-13)
-    return free_flight(process, as_floats(point_of(FilterChart(LAYOUT), motion)), frames, interval)
+    return free_reference(process, as_floats(point_of(FilterChart(LAYOUT), motion)), frames, interval)
 
 
-def stereo_watch(count: int, frames: int, pixel_std: float = 1.0) -> Watch:
+def stereo_watch(count: int, frames: int, pixel_std: float = 1.0) -> SensorSchedule:
     """Unknown landmarks, of which each is missed now and then."""
     points = np.stack([as_floats(point) for point in landmarks(count)])
     seen = (np.arange(frames)[:, np.newaxis] + np.arange(count)) % 5 > 0
-    return Watch(MODEL, stereo_parameters(points, CALIBRATION, pixel_std), 3, seen)
+    return SensorSchedule(MODEL, stereo_parameters(points, CALIBRATION, pixel_std), 3, seen)

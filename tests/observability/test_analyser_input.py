@@ -8,12 +8,12 @@ import pytest
 from analyser_samples import EULER, LOG_RATIOS, TUMBLE
 
 from observability import sensors
+from observability.branch_decisions import branch_decisions
+from observability.canonical_motions import landmarks, motion, point_of
 from observability.certificate import certify
 from observability.charts.principal import PrincipalChart
 from observability.codistribution import codistribution
 from observability.elimination import FIELD
-from observability.guide import guide
-from observability.motions import landmarks, motion, point_of
 from observability.rational import rational, rationals, unit_quaternion
 from observability.system import Input, Sensor, System
 from observability.tape import tape_of
@@ -153,4 +153,4 @@ def test_an_exponent_that_is_not_rational_is_refused() -> None:
     x = ca.SX.sym("x", 3)
     tape = tape_of("the expression", [x], ca.SX(ca.exp(ca.sqrt(x[0]))))
     with pytest.raises(InputError, match="the argument of exp contains sqrt"):
-        guide(tape, [[rationals((1.0, 2.0, 3.0))]])
+        branch_decisions(tape, [[rationals((1.0, 2.0, 3.0))]])

@@ -7,13 +7,13 @@ from bound_samples import LAYOUT, flight_of, stereo_watch
 
 from observability import sensors
 from observability.bounds.cramer_rao import cramer_rao_bound
-from observability.bounds.quantities import PLACE, bounded_quantities, ratio_slopes, weak_direction_in_words
+from observability.bounds.quantities import PLACE, bounded_quantities, ratio_jacobian, weak_direction_in_words
+from observability.canonical_motions import landmarks, point_of
 from observability.cases import Case
 from observability.certificate import certify
 from observability.charts.principal import PrincipalChart
-from observability.motions import landmarks, point_of
+from observability.report_text import document, sentences
 from observability.system import System
-from observability.wording import document, sentences
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.dynamics.mass_distribution import from_inertia, inertia_matrix
 from spinfilters.models.process import ProcessNoise
@@ -37,27 +37,29 @@ def test_slopes_of_the_ratios_are_finite_differences() -> None:
     x = LAYOUT.retract(LAYOUT.origin(), 0.3 * np.random.default_rng(0).standard_normal(LAYOUT.error_dim))
     eye = STEP * np.eye(LAYOUT.error_dim)[LAYOUT.slice("s")]
     differences = [(ratios(LAYOUT.retract(x, d)) - ratios(LAYOUT.retract(x, -d))) / (2 * STEP) for d in eye]
-    np.testing.assert_allclose(ratio_slopes(x[LAYOUT.mean_slice("s")]), np.transpose(differences), atol=1e-9)
+    np.testing.assert_allclose(
+        ratio_jacobian(x[LAYOUT.mean_slice("s")]), np.transpose(differences), atol=1e-9
+    )
 
 
 def test_slopes_of_the_ratios_of_a_sphere_are_finite() -> None:
-    assert np.isfinite(ratio_slopes(from_inertia(np.eye(3)))).all()
+    assert np.isfinite(ratio_jacobian(from_inertia(np.eye(3)))).all()
 
 
 def test_the_place_of_the_centre_of_mass_has_the_bound_of_its_slope_by_finite_differences() -> None:
-    flight = flight_of(TUMBLE, 6, 0.5, ProcessNoise())
-    bound = cramer_rao_bound(flight, [stereo_watch(4, 6)])
-    eye, x = STEP * np.eye(LAYOUT.error_dim), flight.states[-1]
+    reference = flight_of(TUMBLE, 6, 0.5, ProcessNoise())
+    bound = cramer_rao_bound(reference, [stereo_watch(4, 6)])
+    eye, x = STEP * np.eye(LAYOUT.error_dim), reference.states[-1]
     slope = np.stack(
         [(centre(LAYOUT.retract(x, d)) - centre(LAYOUT.retract(x, -d))) / (2 * STEP) for d in eye], axis=1
     )
     expected = np.sqrt(np.trace(slope @ bound.covariances[-1] @ slope.T) / 3)
-    assert bounded_quantities(bound, flight)[PLACE][-1] == pytest.approx(expected, rel=1e-7)
+    assert bounded_quantities(bound, reference)[PLACE][-1] == pytest.approx(expected, rel=1e-7)
 
 
 def test_a_weak_direction_is_named_by_its_largest_components() -> None:
-    flight = flight_of(MOTIONS["spin about the minor axis"], 12, 0.5, ProcessNoise(0.0, 0.0))
-    text = weak_direction_in_words(cramer_rao_bound(flight, [stereo_watch(4, 12)]))
+    reference = flight_of(MOTIONS["spin about the minor axis"], 12, 0.5, ProcessNoise(0.0, 0.0))
+    text = weak_direction_in_words(cramer_rao_bound(reference, [stereo_watch(4, 12)]))
     assert "; 100 % of the prior's deviation remains" in text
     assert (
         "(s: mass distribution; principal axes)" in text or "(c: centre of mass in g; principal axes)" in text
@@ -79,6 +81,6 @@ def test_an_open_certificate_says_that_its_rank_is_a_lower_bound_and_what_has_no
 @pytest.mark.parametrize("sensor", ["stereo", "monocular", "lidar", "pose", "attitude", "gyro"])
 def test_every_sensor_has_a_bound_that_falls(sensor: str) -> None:
     case = Case(sensors=(sensor,))
-    flight = case.flight(20, 0.5)
-    found = bounded_quantities(case.bound(flight), flight)
+    reference = case.reference(20, 0.5)
+    found = bounded_quantities(case.bound(reference), reference)
     assert found["inertia ratios", "1"][-1] < 0.8 * found["inertia ratios", "1"][0]

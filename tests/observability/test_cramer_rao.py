@@ -8,7 +8,7 @@ from analyser_samples import MOTIONS, TUMBLE, Z_SPIN
 from bound_samples import CALIBRATION, LAYOUT, MODEL, flight_of, stereo_watch
 
 from observability.bounds.cramer_rao import cramer_rao_bound, observability_gramian, prior_deviations
-from observability.bounds.flight import Flight, Watch, rows_at
+from observability.bounds.reference_trajectory import ReferenceTrajectory, SensorSchedule, rows_at
 from observability.sensors import analysed
 from spinfilters.errors import InputError, ShapeError
 from spinfilters.models.process import ProcessNoise
@@ -38,102 +38,104 @@ def slopes(outputs: Callable[[np.ndarray], np.ndarray], size: int) -> np.ndarray
 
 
 def flown(
-    flight: Flight, watch: Watch, unknowns: np.ndarray, noise: np.ndarray
+    reference: ReferenceTrajectory, schedule: SensorSchedule, unknowns: np.ndarray, noise: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Whitened outputs over a flight whose start, landmarks and disturbances are moved, and the last state."""
     layout, n = LAYOUT, LAYOUT.error_dim
-    x = layout.retract(flight.states[0], unknowns[:n])
-    parameters = watch.parameters.copy()
+    x = layout.retract(reference.states[0], unknowns[:n])
+    parameters = schedule.parameters.copy()
     parameters[:, :3] += unknowns[n:].reshape(-1, 3)
     found = []
-    for frame in range(len(flight.time)):
+    for frame in range(len(reference.time)):
         if frame:
-            dt = float(flight.time[frame] - flight.time[frame - 1])
-            entry = flight.process.linearise(flight.states[frame - 1], dt)[2]
-            x = flight.process.step(x, dt)
+            dt = float(reference.time[frame] - reference.time[frame - 1])
+            entry = reference.process.linearise(reference.states[frame - 1], dt)[2]
+            x = reference.process.step(x, dt)
             if noise.size:
                 x = layout.retract(x, entry @ noise[frame - 1])
-        items = watch.seen[frame]
-        found.append(watch.model.predict(x, parameters[items]).ravel() / watch.parameters[0, -1])
+        items = schedule.seen[frame]
+        found.append(schedule.model.predict(x, parameters[items]).ravel() / schedule.parameters[0, -1])
     return np.concatenate(found), x
 
 
 def test_without_process_noise_the_bound_equals_finite_differences_of_the_whole_flight() -> None:
-    flight, watch = flight_of(TUMBLE, 12, 0.3, QUIET), stereo_watch(4, 12)
+    reference, schedule = flight_of(TUMBLE, 12, 0.3, QUIET), stereo_watch(4, 12)
     size = LAYOUT.error_dim + 12
-    outputs = slopes(lambda moved: flown(flight, watch, moved, np.zeros(0))[0], size)
-    gramian = observability_gramian(flight, [watch])
+    outputs = slopes(lambda moved: flown(reference, schedule, moved, np.zeros(0))[0], size)
+    gramian = observability_gramian(reference, [schedule])
     np.testing.assert_allclose(gramian, outputs.T @ outputs, atol=1e-8 * np.abs(gramian).max())
     prior = prior_deviations(LAYOUT, size, WIDE, 0.1)
     first = np.linalg.inv(outputs.T @ outputs + np.diag(prior**-2))
     last = slopes(
-        lambda moved: LAYOUT.local(flight.states[-1], flown(flight, watch, moved, np.zeros(0))[1]),
+        lambda moved: LAYOUT.local(reference.states[-1], flown(reference, schedule, moved, np.zeros(0))[1]),
         LAYOUT.error_dim + 12,
     )
     carried = np.concatenate([last, np.eye(12, size, LAYOUT.error_dim)])
-    bound = cramer_rao_bound(flight, [watch], WIDE, 0.1)
+    bound = cramer_rao_bound(reference, [schedule], WIDE, 0.1)
     np.testing.assert_allclose(bound.std[-1], np.sqrt(np.diag(carried @ first @ carried.T)), rtol=1e-8)
 
 
 def test_with_process_noise_the_bound_is_that_of_one_large_least_squares_problem() -> None:
     frames = 5
-    flight, watch = flight_of(TUMBLE, frames, 0.3, ProcessNoise(1e-4, 1e-3)), stereo_watch(3, frames)
+    reference, schedule = flight_of(TUMBLE, frames, 0.3, ProcessNoise(1e-4, 1e-3)), stereo_watch(3, frames)
     size, kicks = LAYOUT.error_dim + 9, (frames - 1, 12)
 
     def split(moved: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return flown(flight, watch, moved[:size], moved[size:].reshape(kicks))
+        return flown(reference, schedule, moved[:size], moved[size:].reshape(kicks))
 
     total = size + kicks[0] * kicks[1]
     outputs = slopes(lambda moved: split(moved)[0], total)
-    last = slopes(lambda moved: LAYOUT.local(flight.states[-1], split(moved)[1]), total)
+    last = slopes(lambda moved: LAYOUT.local(reference.states[-1], split(moved)[1]), total)
     prior = np.concatenate([prior_deviations(LAYOUT, size, WIDE, 0.1), np.ones(total - size)])
     covariance = last @ np.linalg.solve(outputs.T @ outputs + np.diag(prior**-2), last.T)
-    bound = cramer_rao_bound(flight, [watch], WIDE, 0.1)
+    bound = cramer_rao_bound(reference, [schedule], WIDE, 0.1)
     np.testing.assert_allclose(bound.std[-1, : LAYOUT.error_dim], np.sqrt(np.diag(covariance)), rtol=1e-8)
 
 
 @pytest.mark.parametrize(
-    "watch",
+    "schedule",
     [
-        Watch(Gyro(LAYOUT), gyro_parameters(1, 0.01, 0.0), 0, np.ones((3, 1), dtype=bool)),
-        Watch(Pose(LAYOUT), pose_parameters(1e-4 * np.eye(6)[np.newaxis]), 0, np.ones((3, 1), dtype=bool)),
-        Watch(
+        SensorSchedule(Gyro(LAYOUT), gyro_parameters(1, 0.01, 0.0), 0, np.ones((3, 1), dtype=bool)),
+        SensorSchedule(
+            Pose(LAYOUT), pose_parameters(1e-4 * np.eye(6)[np.newaxis]), 0, np.ones((3, 1), dtype=bool)
+        ),
+        SensorSchedule(
             MonocularLandmark(LAYOUT),
             monocular_parameters(np.array([[0.05, 0.02, -0.03], [0.01, -0.04, 0.02]]), CALIBRATION[:4], 0.7),
             3,
             np.ones((3, 2), dtype=bool),
         ),
     ],
-    ids=lambda watch: watch.model.name,
+    ids=lambda schedule: schedule.model.name,
 )
-def test_rows_of_every_sensor_are_whitened_derivatives_of_its_innovation(watch: Watch) -> None:
-    flight = flight_of(TUMBLE, 3, 0.4, QUIET)
-    n, x = LAYOUT.error_dim, flight.states[1]
-    total = n + watch.own
-    exact = watch.model.predict(x, watch.parameters)
-    whitening = watch.model.whitening(x, watch.parameters)
+def test_rows_of_every_sensor_are_whitened_derivatives_of_its_innovation(schedule: SensorSchedule) -> None:
+    reference = flight_of(TUMBLE, 3, 0.4, QUIET)
+    n, x = LAYOUT.error_dim, reference.states[1]
+    total = n + schedule.own
+    exact = schedule.model.predict(x, schedule.parameters)
+    whitening = schedule.model.whitening(x, schedule.parameters)
 
     def innovation(moved: np.ndarray) -> np.ndarray:
-        parameters = watch.parameters.copy()
-        parameters[:, : watch.unknown] += moved[n:].reshape(len(parameters), -1)
-        there = watch.model.predict(LAYOUT.retract(x, moved[:n]), parameters)
-        found = watch.model.innovations(x, watch.parameters, there)[0]
+        parameters = schedule.parameters.copy()
+        parameters[:, : schedule.unknown] += moved[n:].reshape(len(parameters), -1)
+        there = schedule.model.predict(LAYOUT.retract(x, moved[:n]), parameters)
+        found = schedule.model.innovations(x, schedule.parameters, there)[0]
         return np.einsum("kij,kj->ki", whitening, found).ravel()
 
     assert np.abs(innovation(np.zeros(total))).max() < 1e-12
-    assert exact.shape == (len(watch.parameters), watch.model.value_dim)
-    rows = rows_at(watch, 1, x, n, total)
+    assert exact.shape == (len(schedule.parameters), schedule.model.value_dim)
+    rows = rows_at(schedule, 1, x, n, total)
     np.testing.assert_allclose(rows, slopes(innovation, total), atol=1e-8 * np.abs(rows).max())
 
 
 def test_estimates_scatter_by_the_bound() -> None:
     """200 runs of an iterated least-squares fit that starts at the truth."""
     frames, runs = 12, 200
-    flight, watch = flight_of(TUMBLE, frames, 0.6, QUIET), stereo_watch(6, frames, 0.5)
+    reference, schedule = flight_of(TUMBLE, frames, 0.6, QUIET), stereo_watch(6, frames, 0.5)
     generator = np.random.default_rng(4)
     tight = {**WIDE, "t": 1e-6, "a": 1e-6}
-    bound = cramer_rao_bound(flight, [watch], tight, 0.1)
-    errors = np.stack([_fitted_error(flight, watch, tight, generator) for _ in range(runs)])
+    bound = cramer_rao_bound(reference, [schedule], tight, 0.1)
+    errors = np.stack([_fitted_error(reference, schedule, tight, generator) for _ in range(runs)])
     ratio = np.sqrt((errors[:, 6:] ** 2).mean(axis=0)) / bound.std[-1, 6 : LAYOUT.error_dim]
     for block in "vwcs":
         where = LAYOUT.slice(block)
@@ -141,52 +143,58 @@ def test_estimates_scatter_by_the_bound() -> None:
 
 
 def _fitted_error(
-    flight: Flight, watch: Watch, prior: dict[str, float], generator: np.random.Generator
+    reference: ReferenceTrajectory,
+    schedule: SensorSchedule,
+    prior: dict[str, float],
+    generator: np.random.Generator,
 ) -> np.ndarray:
     """Error of the last state of a fit, the truth being drawn from the prior about the flight's start."""
-    n, items = LAYOUT.error_dim, len(watch.parameters)
+    n, items = LAYOUT.error_dim, len(schedule.parameters)
     deviations = prior_deviations(LAYOUT, n + 3 * items, prior, 0.1)
     pixels = [
-        watch.model.predict(x, watch.parameters[seen])
-        + watch.parameters[0, -1] * generator.standard_normal((seen.sum(), 3))
-        for x, seen in zip(flight.states, watch.seen, strict=True)
+        schedule.model.predict(x, schedule.parameters[seen])
+        + schedule.parameters[0, -1] * generator.standard_normal((seen.sum(), 3))
+        for x, seen in zip(reference.states, schedule.seen, strict=True)
     ]
     offset = deviations * generator.standard_normal(
         n + 3 * items
     )  # where the prior's mean lies from the truth
-    start, points, total = flight.states[0], watch.parameters.copy(), np.zeros(n + 3 * items)
+    start, points, total = reference.states[0], schedule.parameters.copy(), np.zeros(n + 3 * items)
     for _ in range(3):
-        rows, residuals, _ = _linearised(flight, watch, (start, points), pixels)
+        rows, residuals, _ = _linearised(reference, schedule, (start, points), pixels)
         information = rows.T @ rows + np.diag(deviations**-2)
         step = np.linalg.solve(information, rows.T @ residuals + (offset - total) / deviations**2)
         total += step
         start = LAYOUT.retract(start, step[:n])
         points[:, :3] += step[n:].reshape(-1, 3)
-    return LAYOUT.local(flight.states[-1], _linearised(flight, watch, (start, points), pixels)[2])
+    return LAYOUT.local(reference.states[-1], _linearised(reference, schedule, (start, points), pixels)[2])
 
 
 def _linearised(
-    flight: Flight, watch: Watch, at: tuple[np.ndarray, np.ndarray], pixels: list[np.ndarray]
+    reference: ReferenceTrajectory,
+    schedule: SensorSchedule,
+    at: tuple[np.ndarray, np.ndarray],
+    pixels: list[np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     start, points = at
     n, total = LAYOUT.error_dim, LAYOUT.error_dim + 3 * len(points)
     x, transition, rows, residuals = start, np.eye(total), [], []
-    here = Watch(MODEL, points, 3, watch.seen)
-    for frame in range(len(flight.time)):
+    here = SensorSchedule(MODEL, points, 3, schedule.seen)
+    for frame in range(len(reference.time)):
         if frame:
-            dt = float(flight.time[frame] - flight.time[frame - 1])
-            x, step, _ = flight.process.linearise(x, dt)
+            dt = float(reference.time[frame] - reference.time[frame - 1])
+            x, step, _ = reference.process.linearise(x, dt)
             transition[:n] = step @ transition[:n]
         rows.append(rows_at(here, frame, x, n, total) @ transition)
-        expected = watch.model.predict(x, points[watch.seen[frame]])
+        expected = schedule.model.predict(x, points[schedule.seen[frame]])
         residuals.append((pixels[frame] - expected).ravel() / points[0, -1])
     return np.concatenate(rows), np.concatenate(residuals), x
 
 
-def test_more_noise_less_bound_is_impossible_and_every_frame_adds() -> None:
-    watch = stereo_watch(4, 20)
+def test_more_noise_less_bound_is_impossible_and_every_epoch_adds() -> None:
+    schedule = stereo_watch(4, 20)
     quiet, noisy = (
-        cramer_rao_bound(flight_of(TUMBLE, 20, 0.3, noise), [watch])
+        cramer_rao_bound(flight_of(TUMBLE, 20, 0.3, noise), [schedule])
         for noise in (QUIET, ProcessNoise(1e-5, 1e-4))
     )
     assert (noisy.std[-1] > quiet.std[-1]).all()
@@ -195,20 +203,20 @@ def test_more_noise_less_bound_is_impossible_and_every_frame_adds() -> None:
 
 def test_the_gramian_of_stereo_leaves_the_gauge_and_a_spin_leaves_more() -> None:
     for motion, missing in ((TUMBLE, 6), (Z_SPIN, 10)):
-        flight, watch = flight_of(motion, 30, 0.5, QUIET), stereo_watch(4, 30)
-        gramian = observability_gramian(flight, [watch])
+        reference, schedule = flight_of(motion, 30, 0.5, QUIET), stereo_watch(4, 30)
+        gramian = observability_gramian(reference, [schedule])
         scale = 1 / np.sqrt(np.diag(gramian).clip(min=1e-12))
         values = np.linalg.eigvalsh(gramian * np.outer(scale, scale))
         assert (values < 1e-9 * values[-1]).sum() == missing
 
 
 def test_the_weak_direction_of_a_spin_is_one_that_it_cannot_show() -> None:
-    flight, watch = flight_of(Z_SPIN, 30, 0.5, QUIET), stereo_watch(4, 30)
-    direction, remains = cramer_rao_bound(flight, [watch]).weak_direction
+    reference, schedule = flight_of(Z_SPIN, 30, 0.5, QUIET), stereo_watch(4, 30)
+    direction, remains = cramer_rao_bound(reference, [schedule]).weak_direction
     assert remains == pytest.approx(1.0, abs=1e-3)
     constants = np.abs(np.concatenate([direction[LAYOUT.slice("c")], direction[LAYOUT.slice("s")]]))
     assert np.linalg.norm(constants) > 0.99
-    _, of_tumble = cramer_rao_bound(flight_of(TUMBLE, 30, 0.5, QUIET), [watch]).weak_direction
+    _, of_tumble = cramer_rao_bound(flight_of(TUMBLE, 30, 0.5, QUIET), [schedule]).weak_direction
     assert of_tumble < 0.1
 
 
@@ -223,11 +231,19 @@ def test_the_weak_direction_of_a_spin_is_one_that_it_cannot_show() -> None:
         ),
         (lambda f, w: cramer_rao_bound(f, [w], {"t": 1.0}), InputError, "not block a"),
         (lambda f, w: cramer_rao_bound(f, [w], {**WIDE, "v": 0.0}), InputError, "must be positive"),
-        (lambda f, w: Flight(f.process, f.time[:3], f.states), ShapeError, "a flight over 3 frames"),
-        (lambda f, w: Flight(f.process, f.time * 0, f.states), InputError, "at ascending times"),
-        (lambda f, w: Watch(MODEL, w.parameters[:, :5], 3, w.seen), ShapeError, "stereo takes parameters"),
         (
-            lambda f, w: Watch(MODEL, w.parameters, 3, w.seen & False),
+            lambda f, w: ReferenceTrajectory(f.process, f.time[:3], f.states),
+            ShapeError,
+            "a flight over 3 frames",
+        ),
+        (lambda f, w: ReferenceTrajectory(f.process, f.time * 0, f.states), InputError, "at ascending times"),
+        (
+            lambda f, w: SensorSchedule(MODEL, w.parameters[:, :5], 3, w.seen),
+            ShapeError,
+            "stereo takes parameters",
+        ),
+        (
+            lambda f, w: SensorSchedule(MODEL, w.parameters, 3, w.seen & False),
             InputError,
             "measures nothing over the whole flight",
         ),

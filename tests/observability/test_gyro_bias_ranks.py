@@ -3,9 +3,9 @@
 import pytest
 from analyser_samples import MOTIONS
 
+from observability.canonical_motions import point_of
 from observability.certificate import certify
 from observability.charts.filter_state import FilterChart
-from observability.motions import point_of
 from observability.rational import rationals
 from observability.system import Sensor, System
 from spinfilters.models.sensors.gyro import Gyro

@@ -5,11 +5,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from observability.bounds.cramer_rao import cramer_rao_bound
-from observability.bounds.flight import Watch, driven_flight
 from observability.bounds.known_inputs import DrivenMotion, KnownInput
 from observability.bounds.quantities import EACH_MOMENT, bounded_quantities
+from observability.bounds.reference_trajectory import SensorSchedule, driven_reference
+from observability.canonical_motions import motion
 from observability.cases import Case, InputSizes
-from observability.motions import motion
 from observability.system import Input
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.dynamics.mass_distribution import from_inertia
@@ -87,20 +87,20 @@ def test_its_transition_is_the_finite_difference_by_the_state_and_by_the_scale_o
 def test_the_bound_with_a_torque_is_that_of_finite_differences_of_the_whole_flight() -> None:
     driven, x, scale = driven_motion(ROTATION)
     time = 0.5 * np.arange(15)
-    flight = driven_flight(TorqueFreeProcess(ROTATION, ProcessNoise(0.0, 0.0)), x, time, driven)
-    watch = Watch(Gyro(ROTATION), gyro_parameters(1, 0.01, 0.0), 0, np.ones((15, 1), dtype=bool))
+    reference = driven_reference(TorqueFreeProcess(ROTATION, ProcessNoise(0.0, 0.0)), x, time, driven)
+    schedule = SensorSchedule(Gyro(ROTATION), gyro_parameters(1, 0.01, 0.0), 0, np.ones((15, 1), dtype=bool))
     prior = {"a": 0.1, "w": 0.1, "s": 0.3, "n": 0.2}
 
     def rates(moved: np.ndarray) -> np.ndarray:
         other = DrivenMotion(driven._process, ACTING[:2], scale * np.exp(moved[-1]))
-        states = driven_flight(flight.process, ROTATION.retract(x, moved[:-1]), time, other).states
+        states = driven_reference(reference.process, ROTATION.retract(x, moved[:-1]), time, other).states
         return states[:, ROTATION.mean_slice("w")].ravel() / 0.01
 
     size = ROTATION.error_dim + 1
     slopes = np.stack([(rates(d) - rates(-d)) / (2 * STEP) for d in STEP * np.eye(size)], axis=1)
     deviations = np.repeat([0.1, 0.1, 0.3, 0.2], [3, 3, 5, 1])
     covariance = np.linalg.inv(slopes.T @ slopes + np.diag(deviations**-2))
-    bound = cramer_rao_bound(flight, [watch], prior)
+    bound = cramer_rao_bound(reference, [schedule], prior)
     constants = np.r_[6:12]
     np.testing.assert_allclose(
         bound.covariances[-1][np.ix_(constants, constants)],
@@ -113,8 +113,10 @@ def test_a_manoeuvre_gives_one_camera_its_scale_and_the_bound_shows_it() -> None
     found = {}
     for inputs in ((), (Input.INSPECTOR_X,)):
         case = Case(sensors=("monocular",), inputs=inputs)
-        flight = case.flight(60, 0.5)
-        found[len(inputs)] = bounded_quantities(case.bound(flight), flight)["centre of mass in g", "m"][-1]
+        reference = case.reference(60, 0.5)
+        found[len(inputs)] = bounded_quantities(case.bound(reference), reference)["centre of mass in g", "m"][
+            -1
+        ]
     assert found[1] < 0.05 * found[0]
 
 
@@ -122,7 +124,9 @@ def test_a_larger_manoeuvre_tells_more() -> None:
     case = Case(sensors=("monocular",), inputs=(Input.INSPECTOR_X,))
     large = Case(sensors=("monocular",), inputs=(Input.INSPECTOR_X,), sizes=InputSizes(manoeuvre=0.02))
     small, more = (
-        bounded_quantities(each.bound(flight := each.flight(60, 0.5)), flight)["centre of mass in g", "m"][-1]
+        bounded_quantities(each.bound(reference := each.reference(60, 0.5)), reference)[
+            "centre of mass in g", "m"
+        ][-1]
         for each in (case, large)
     )
     assert more < 0.8 * small
@@ -132,9 +136,9 @@ def test_a_torque_about_the_spin_axis_tells_that_moment_and_no_other() -> None:
     case = Case(
         sensors=("gyro",), inputs=(Input.TORQUE_Z,), motion=motion("spin", (0, 0, 1.0), (1.2, 1.0, 0.85))
     )
-    flight = case.flight(60, 0.5)
-    bound = case.bound(flight)
-    assert bounded_quantities(bound, flight)[EACH_MOMENT][-1] > 1.0
+    reference = case.reference(60, 0.5)
+    bound = case.bound(reference)
+    assert bounded_quantities(bound, reference)[EACH_MOMENT][-1] > 1.0
     slopes = np.zeros(bound.covariances.shape[1])
     slopes[-1] = 1.0
     assert (
@@ -153,11 +157,11 @@ def test_six_known_inputs_together_are_analysed() -> None:
         (lambda: KnownInput(Input.TORQUE_X, 0.0, 1.0), "a known input of size 0"),
         (lambda: KnownInput(Input.TORQUE_X, 1.0, -1.0), "period -1 s"),
         (
-            lambda: Case(inputs=(Input.INSPECTOR_Z,), sizes=InputSizes(manoeuvre=1.0)).flight(60, 0.5),
+            lambda: Case(inputs=(Input.INSPECTOR_Z,), sizes=InputSizes(manoeuvre=1.0)).reference(60, 0.5),
             "carries the camera past the body",
         ),
         (
-            lambda: Case(sensors=("gyro",), inputs=(Input.TORQUE_X,)).flight(3, 1e4),
+            lambda: Case(sensors=("gyro",), inputs=(Input.TORQUE_X,)).reference(3, 1e4),
             "too many for a bound with a known input",
         ),
     ],

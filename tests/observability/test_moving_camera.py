@@ -6,8 +6,8 @@ from bound_samples import CALIBRATION, LAYOUT, flight_of
 from jaxtyping import Float
 
 from observability.bounds.cramer_rao import cramer_rao_bound, observability_gramian
-from observability.bounds.flight import Flight, Watch
-from observability.motions import TEN, landmarks
+from observability.bounds.reference_trajectory import ReferenceTrajectory, SensorSchedule
+from observability.canonical_motions import CANONICAL_MOTIONS, landmarks
 from observability.rational import as_floats
 from spinfilters.errors import ShapeError
 from spinfilters.geometry.cameras import monocular_camera, stereo_pair
@@ -26,27 +26,27 @@ POINTS = np.stack([as_floats(point) for point in landmarks(5)])
 SEEN = np.ones((FRAMES, len(POINTS)), dtype=bool)
 
 
-def flight() -> Flight:
+def reference() -> ReferenceTrajectory:
     """A tumble."""
-    return flight_of(TEN[0], FRAMES, INTERVAL, ProcessNoise())
+    return flight_of(CANONICAL_MOTIONS[0], FRAMES, INTERVAL, ProcessNoise())
 
 
-def watch(name: str, poses: Float[np.ndarray, "k 7"] | None) -> Watch:
+def schedule(name: str, poses: Float[np.ndarray, "k 7"] | None) -> SensorSchedule:
     """Unknown landmarks before a camera at rest or at these poses."""
     pose = () if poses is None else (MOVING,)
     if name == "stereo":
         camera = stereo_pair(CALIBRATION)
         model: MeasurementModel = StereoLandmark(LAYOUT, IsotropicNoise(3), camera, *pose)
-        return Watch(model, stereo_parameters(POINTS, CALIBRATION, 1.0), 3, SEEN, poses)
+        return SensorSchedule(model, stereo_parameters(POINTS, CALIBRATION, 1.0), 3, SEEN, poses)
     one = CALIBRATION[:4]
     model = MonocularLandmark(LAYOUT, IsotropicNoise(2), monocular_camera(one), *pose)
-    return Watch(model, monocular_parameters(POINTS, one, 1.0), 3, SEEN, poses)
+    return SensorSchedule(model, monocular_parameters(POINTS, one, 1.0), 3, SEEN, poses)
 
 
 def circle() -> Float[np.ndarray, "k 7"]:
     """About the first place of the body."""
-    centre = flight().states[0, LAYOUT.mean_slice("t")]
-    return circling(flight().time, centre).poses
+    centre = reference().states[0, LAYOUT.mean_slice("t")]
+    return circling(reference().time, centre).poses
 
 
 def identities() -> Float[np.ndarray, "k 7"]:
@@ -56,7 +56,7 @@ def identities() -> Float[np.ndarray, "k 7"]:
 
 def rank(name: str, poses: Float[np.ndarray, "k 7"] | None) -> int:
     """Directions of the first state and the map that the recording determines."""
-    gramian = observability_gramian(flight(), [watch(name, poses)])
+    gramian = observability_gramian(reference(), [schedule(name, poses)])
     scale = np.sqrt(np.diag(gramian))
     values = np.linalg.eigvalsh(gramian / np.outer(scale, scale))
     return int((values > TOLERANCE * values[-1]).sum())
@@ -71,10 +71,10 @@ def test_a_circling_camera_determines_no_less_and_one_camera_the_scale_besides(
 
 @pytest.mark.parametrize("name", ["stereo", "monocular"])
 def test_the_bound_of_a_camera_that_stays_is_that_of_one_at_rest(name: str) -> None:
-    bounds = [cramer_rao_bound(flight(), [watch(name, poses)]).std for poses in (identities(), None)]
+    bounds = [cramer_rao_bound(reference(), [schedule(name, poses)]).std for poses in (identities(), None)]
     np.testing.assert_allclose(*bounds, rtol=1e-9)
 
 
-def test_a_trajectory_over_other_frames_is_refused() -> None:
+def test_a_trajectory_over_other_epochs_is_refused() -> None:
     with pytest.raises(ShapeError, match="poses"):
-        watch("stereo", identities()[1:])
+        schedule("stereo", identities()[1:])

@@ -10,10 +10,10 @@ from analyser_samples import CHARTS, TUMBLE, stereo_system
 
 from observability import sensors
 from observability.arithmetic import Reals
+from observability.branch_decisions import branch_decisions
+from observability.canonical_motions import landmarks, point_of
 from observability.charts.chart import Chart
 from observability.codistribution import codistribution
-from observability.guide import guide
-from observability.motions import landmarks, point_of
 from observability.prime_field import PrimeField
 from observability.rational import Rationals, as_floats, rationals
 from observability.series import Series
@@ -38,7 +38,7 @@ EXPRESSIONS = {
 def pushed(expression: ca.SX, x: ca.SX, rate: Rationals, arithmetic: Reals | PrimeField) -> np.ndarray:
     """Series of an expression along x + t rate with tangents by x: (orders, 4)."""
     tape = tape_of("the expression", [x], expression)
-    series = Series(tape, guide(tape, [[POINT]]), arithmetic, (ORDERS, 1, 4))
+    series = Series(tape, branch_decisions(tape, [[POINT]]), arithmetic, (ORDERS, 1, 4))
     found = []
     for order in range(ORDERS):
         values = np.zeros((3, 1, 4), dtype=arithmetic.dtype)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from observability.bounds.cramer_rao import observability_gramian, prior_share
-from observability.bounds.flight import Watch
 from observability.bounds.prior_dependence import (
     HALVED,
     PRIOR_ONLY,
@@ -14,21 +13,22 @@ from observability.bounds.prior_dependence import (
     undetermined_directions,
 )
 from observability.bounds.quantities import MOMENTS, PLACE
+from observability.bounds.reference_trajectory import SensorSchedule
+from observability.canonical_motions import CANONICAL_MOTIONS, motion
 from observability.cases import Case
-from observability.motions import TEN, motion
 from observability.rational import as_floats
 from observability.system import Input
 from spinfilters.models.process import ProcessNoise
 
 CENTRE, ATTITUDE = ("centre of mass in g", "m"), ("attitude", "rad")
-MOTIONS = {each.name: each for each in TEN}
+MOTIONS = {each.name: each for each in CANONICAL_MOTIONS}
 Y_SPIN = MOTIONS["spin about the intermediate axis"]
 
 
 def bounds_of(case: Case, frames: int = 60) -> dict[tuple[str, str], QuantityBound]:
     """After so many frames at 0.5 s."""
-    flight = case.flight(frames, 0.5)
-    return quantity_bounds(case, flight, case.bound(flight))
+    reference = case.reference(frames, 0.5)
+    return quantity_bounds(case, reference, case.bound(reference))
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 1.0])
@@ -112,13 +112,13 @@ CASES = {
 def test_the_exact_null_space_is_that_of_a_gramian_without_prior_and_noise(name: str) -> None:
     """Numerically: the Gramian of a flight, without the components that are definitions."""
     case = CASES[name]
-    flight = case.flight(40, 0.5, ProcessNoise(0.0, 0.0))
-    watches = []
+    reference = case.reference(40, 0.5, ProcessNoise(0.0, 0.0))
+    schedules = []
     for sensor in case.system.sensors:
         items = np.stack([as_floats(item) for item in sensor.parameters])
-        model = type(sensor.model)(flight.process.layout)
-        watches.append(Watch(model, items, sensor.unknown, np.ones((40, len(items)), dtype=bool)))
-    gramian = observability_gramian(flight, watches)
+        model = type(sensor.model)(reference.process.layout)
+        schedules.append(SensorSchedule(model, items, sensor.unknown, np.ones((40, len(items)), dtype=bool)))
+    gramian = observability_gramian(reference, schedules)
     kept = np.setdiff1d(np.arange(len(gramian)), case.defined)
     gramian = gramian[np.ix_(kept, kept)]
     scale = 1 / np.sqrt(np.diag(gramian).clip(min=1e-9))

@@ -5,12 +5,12 @@ import pytest
 from analyser_samples import CHARTS, EULER, LOG_RATIOS, MOTIONS, TUMBLE, Z_SPIN, stereo_system
 
 from observability import sensors
+from observability.canonical_motions import landmarks, motion, point_of
 from observability.certificate import Certificate, certify
 from observability.charts.chart import Chart
 from observability.charts.principal import RATIOS, PrincipalChart
 from observability.charts.tensor import TensorChart
 from observability.float_rank import float_rank
-from observability.motions import landmarks, motion, point_of
 from observability.rational import rationals
 from observability.system import Input, Sensor, System
 

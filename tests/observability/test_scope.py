@@ -4,14 +4,14 @@ import itertools
 
 import pytest
 
+from observability.canonical_motions import CANONICAL_MOTIONS, motion
 from observability.cases import Case
-from observability.motions import TEN, motion
 from observability.report import analyse
 from observability.scope import axes_in_words, close_moments, scope
 from observability.sensors import analysed_sensors
 from observability.system import Input
 
-MOTIONS = {each.name: each for each in TEN}
+MOTIONS = {each.name: each for each in CANONICAL_MOTIONS}
 
 
 @pytest.mark.parametrize("sensor", analysed_sensors())

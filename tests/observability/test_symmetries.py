@@ -6,6 +6,7 @@ import pytest
 from analyser_samples import CHARTS, EULER, MOTIONS, TUMBLE, Z_SPIN, stereo_system
 
 from observability import sensors
+from observability.canonical_motions import CANONICAL_MOTIONS, landmarks, point_of
 from observability.certificate import Proof, certify
 from observability.charts.filter_state import FilterChart
 from observability.charts.principal import PrincipalChart
@@ -13,7 +14,6 @@ from observability.codistribution import codistribution
 from observability.elimination import FIELD
 from observability.explanation import explained, tangent_symmetries
 from observability.float_rank import float_rank
-from observability.motions import TEN, landmarks, point_of
 from observability.rational import as_floats, rationals
 from observability.simulation import Trajectories, simulate
 from observability.symmetries.candidates import candidates
@@ -74,7 +74,7 @@ def test_a_direction_that_is_null_to_first_order_only_is_told_from_a_symmetry() 
     assert infinitesimal.change > 1e-3
 
 
-@pytest.mark.parametrize("motion", TEN, ids=lambda motion: motion.name)
+@pytest.mark.parametrize("motion", CANONICAL_MOTIONS, ids=lambda motion: motion.name)
 def test_every_candidate_leaves_the_state_where_it_is_at_amount_zero(motion) -> None:
     for chart in CHARTS:
         system = stereo_system(chart, 2)

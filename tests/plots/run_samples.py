@@ -5,19 +5,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spinfilters.attitude.conversions import integrate_gyro, rotate
+from spinfilters.data.truth import Truth
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.dynamics.torque_free import torque_free_motion
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
-from spinfilters.logs.truth import Truth
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 from spinfilters.state.status import EstimatorStatus
 
 MOMENTS = np.array([0.6, 0.85, 1.0])
-FRAMES, START_FRAMES = 60, 20
+FRAMES, INITIALISATION_EPOCHS = 60, 20
 INTERVAL = 0.25
-START_END = INTERVAL * (START_FRAMES - 1)
+START_END = INTERVAL * (INITIALISATION_EPOCHS - 1)
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def _history(name: str, layout: StateLayout, truth: Truth, seed: int) -> Estimat
     states = true_states(truth, layout)
     factor = np.tile(1e-3 * np.eye(layout.error_dim), (FRAMES, 1, 1))
     errors = 1e-3 * generator.standard_normal((FRAMES, layout.error_dim))
-    started = np.arange(FRAMES) < START_FRAMES
+    started = np.arange(FRAMES) < INITIALISATION_EPOCHS
     return EstimateHistory(
         name=name,
         layout=layout,
@@ -83,7 +83,7 @@ def _history(name: str, layout: StateLayout, truth: Truth, seed: int) -> Estimat
         rejected=np.zeros(FRAMES, dtype=int),
         runtime=np.where(started, 0.0, 1e-3),
         status=EstimatorStatus(),
-        initialisation=START_FRAMES,
+        initialisation=INITIALISATION_EPOCHS,
         observations=np.full(FRAMES, 5),
     )
 

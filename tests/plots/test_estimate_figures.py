@@ -14,21 +14,21 @@ from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from run_samples import (
     FRAMES,
+    INITIALISATION_EPOCHS,
     INTERVAL,
     MOMENTS,
     START_END,
-    START_FRAMES,
     SampleRuns,
     full_runs,
     nearly_spherical,
     rotation_runs,
 )
 
+from spinfilters.data.camera import StereoRig
 from spinfilters.errors import InputError
 from spinfilters.evaluation.evaluation import evaluate
 from spinfilters.evaluation.flips import count_flips
 from spinfilters.evaluation.rates import BodyRates, estimated_rates, true_rates
-from spinfilters.logs.camera import StereoRig
 from spinfilters.plots.consistency import consistency_figure
 from spinfilters.plots.error_bands import error_bands_figure
 from spinfilters.plots.inertia import inertia_figure
@@ -54,16 +54,22 @@ def estimates(runs: SampleRuns) -> list[BodyRates]:
 MAKERS: dict[str, Maker] = {
     "error bands": lambda runs: error_bands_figure(runs.with_truth[0]),
     "estimate bands": lambda runs: error_bands_figure(runs.without_truth[0]),
-    "rates": lambda runs: rates_figure(estimates(runs), true_rates(runs.truth), start_end=START_END),
+    "rates": lambda runs: rates_figure(
+        estimates(runs), true_rates(runs.truth), end_of_initialisation=START_END
+    ),
     "inertia": lambda runs: inertia_figure(runs.with_truth, MOMENTS),
     "consistency": lambda runs: consistency_figure(runs.with_truth),
     "summary": lambda runs: summary_figure(runs.with_truth, true_rates(runs.truth), MOMENTS, CONDITIONS),
     "summary without truth": lambda runs: summary_figure(runs.without_truth),
     "polhode": lambda runs: estimated_polhode_figure(
-        estimates(runs)[0], runs.with_truth[0].body, START_FRAMES
+        estimates(runs)[0], runs.with_truth[0].body, INITIALISATION_EPOCHS
     ),
     "scene": lambda runs: scene_figure(
-        runs.with_truth[0].trajectory, runs.with_truth[0].body, DrawnCamera(RIG), POINTS, START_FRAMES
+        runs.with_truth[0].trajectory,
+        runs.with_truth[0].body,
+        DrawnCamera(RIG),
+        POINTS,
+        INITIALISATION_EPOCHS,
     ),
     "scene of a moving inspector": lambda runs: scene_figure(
         runs.with_truth[0].trajectory, runs.with_truth[0].body, DrawnCamera(RIG, CIRCLE), POINTS
@@ -170,11 +176,11 @@ def test_the_summary_shows_what_each_used_of_the_observations_after_the_initiali
 def test_the_share_inside_the_bands_is_of_the_estimators_own_epochs() -> None:
     evaluation = FULL.with_truth[0]
     mean = evaluation.history.mean.copy()
-    mean[:START_FRAMES] = mean[0]
+    mean[:INITIALISATION_EPOCHS] = mean[0]
     spoilt = evaluate(replace(evaluation.history, mean=mean), FULL.truth)
     titles = [error_bands_figure(each).get_suptitle() for each in (evaluation, spoilt)]
     assert titles[0] == titles[1]
-    assert f"in its own {len(evaluation.history.time) - START_FRAMES} epochs" in titles[0]
+    assert f"in its own {len(evaluation.history.time) - INITIALISATION_EPOCHS} epochs" in titles[0]
 
 
 def test_the_headline_counts_the_flips_of_the_intermediate_axis() -> None:

@@ -1,4 +1,4 @@
-"""The picture of a prediction: standard deviations and rates over the time ahead, continuous at the last frame."""
+"""The picture of a prediction: standard deviations and rates over the time ahead, continuous at the last epoch."""
 
 from io import BytesIO
 
@@ -15,13 +15,13 @@ LAST = 40
 
 
 def cut(trajectory: Trajectory, rows: slice) -> Trajectory:
-    """Some frames of it."""
+    """Some epochs of it."""
     arrays = {name: value[rows] for name, value in vars(trajectory).items() if isinstance(value, np.ndarray)}
     return Trajectory(**arrays, sees_position=trajectory.sees_position)
 
 
 def part(rates: BodyRates, rows: slice) -> BodyRates:
-    """Some frames of them."""
+    """Some epochs of them."""
     assert rates.covariance is not None
     return BodyRates(rates.label, rates.time[rows], rates.rate[rows], rates.covariance[rows])
 

@@ -11,15 +11,15 @@ import pytest
 from contracts.sensor import check_sensor
 
 from spinfilters.cli.main import main
+from spinfilters.data.dataset_writing import write_dataset
+from spinfilters.data.measurement_log import MeasurementLog
+from spinfilters.data.noise_levels import SensorNoise
+from spinfilters.data.sensor_format import SENSORS, dataset_kinds, noise_options
 from spinfilters.errors import InputError
-from spinfilters.logs.dataset_writing import write_dataset
-from spinfilters.logs.measurement_log import MeasurementLog
-from spinfilters.logs.noise_levels import SensorNoise
-from spinfilters.logs.sensor_format import SENSORS, dataset_kinds, noise_options
+from spinfilters.runs.run_summary import read_summary
 from spinfilters.sensors.registry import all_sensors, sensor_of
 from spinfilters.sensors.sensor import Sensor
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
-from spinfilters.workflow.run_summary import read_summary
 
 HOW_TO = Path(__file__).parents[2] / "docs" / "how-to" / "add-a-sensor.md"
 STORED = [sensor for sensor in all_sensors() if sensor.format is not None]
@@ -69,8 +69,8 @@ def test_the_sensor_of_the_how_to_page_keeps_the_contract(distribution: Path, tm
 
 def test_a_data_set_of_a_sensor_from_outside_is_compared(distribution: Path, tmp_path: Path) -> None:
     installed(distribution, how_to_module())
-    ranges = simulate(Scenario(kind="range", rate_rpm=RICH_RPM, frames=80, seed=2))
-    poses = simulate(Scenario(kind="pose", rate_rpm=RICH_RPM, frames=80, seed=2))
+    ranges = simulate(Scenario(kind="range", rate_rpm=RICH_RPM, epochs=80, seed=2))
+    poses = simulate(Scenario(kind="pose", rate_rpm=RICH_RPM, epochs=80, seed=2))
     both = replace(ranges, log=MeasurementLog((*poses.log.streams, *ranges.log.streams)))
     write_dataset(both, tmp_path / "data")
     assert main(["compare", str(tmp_path / "data"), "-o", str(tmp_path / "run")]) == 0
@@ -86,7 +86,7 @@ def test_a_sensor_that_tells_no_motion_is_refused_alone(
     distribution: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     installed(distribution, how_to_module())
-    write_dataset(simulate(Scenario(kind="range", frames=20)), tmp_path / "data")
+    write_dataset(simulate(Scenario(kind="range", epochs=20)), tmp_path / "data")
     assert main(["compare", str(tmp_path / "data"), "-o", str(tmp_path / "run")]) == 2
     assert "range measurements do not tell how the body moves at first" in capsys.readouterr().err
 

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spinfilters.data.dataset import Dataset, read_dataset
+from spinfilters.data.dataset_writing import write_dataset
+from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.data.sensor_format import dataset_kinds
 from spinfilters.errors import InputError
-from spinfilters.logs.dataset import Dataset, read_dataset
-from spinfilters.logs.dataset_writing import write_dataset
-from spinfilters.logs.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.logs.sensor_format import dataset_kinds
 from spinfilters.sensors.feature_tracks import RIG
 from spinfilters.sensors.gyro import GYRO_FULL_SCALE
 from spinfilters.sensors.pose import POSE_REACH_M
@@ -25,7 +25,7 @@ from spinfilters.simulation.faults import (
 )
 from spinfilters.simulation.scenario import Scenario, simulate
 
-DATASETS = {kind: simulate(Scenario(kind=kind, frames=20)) for kind in dataset_kinds()}
+DATASETS = {kind: simulate(Scenario(kind=kind, epochs=20)) for kind in dataset_kinds()}
 TRACKS = DATASETS["stereo-tracks"]
 STEREO_FAULTS = (
     WrongAssociations(0.3),
@@ -44,9 +44,9 @@ def stereo(dataset: Dataset) -> tuple[MeasurementStream, np.ndarray]:
 
 
 def rows_at(dataset: Dataset, frame: int) -> tuple[np.ndarray, np.ndarray]:
-    """Ids and values of the frame of this index."""
+    """Ids and values of the epoch of this index."""
     stream, ids = stereo(dataset)
-    rows = np.s_[stream.frame_offsets[frame] : stream.frame_offsets[frame + 1]]
+    rows = np.s_[stream.epoch_offsets[frame] : stream.epoch_offsets[frame + 1]]
     return ids[rows], stream.values[rows]
 
 
@@ -76,7 +76,7 @@ def test_another_seed_draws_another_fault(fault: Fault) -> None:
     assert not same(with_faults(TRACKS, [fault], 1), with_faults(TRACKS, [fault], 2))
 
 
-def test_wrong_associations_exchange_landmarks_of_a_fraction_of_every_frame() -> None:
+def test_wrong_associations_exchange_landmarks_of_a_fraction_of_every_epoch() -> None:
     hit = with_faults(TRACKS, [WrongAssociations(0.3)], 0)
     for frame in range(20):
         (ids, values), (wrong, same_values) = rows_at(TRACKS, frame), rows_at(hit, frame)
@@ -118,15 +118,15 @@ def test_gyros_and_poses_have_outliers_too(sensor: str, limit: float) -> None:
 def test_a_dropout_takes_every_measurement_of_its_stretch_and_no_other(kind: str) -> None:
     hit = with_faults(DATASETS[kind], [Dropout(2.0, 4.0)], 0)
     before, after = DATASETS[kind].log.streams[0], hit.log.streams[0]
-    np.testing.assert_array_equal(after.frame_times, [t for t in before.frame_times if t < 2.0 or t > 4.0])
+    np.testing.assert_array_equal(after.epoch_times, [t for t in before.epoch_times if t < 2.0 or t > 4.0])
     kept = (before.time < 2.0) | (before.time > 4.0)
     np.testing.assert_array_equal(after.values, before.values[kept])
     assert hit.truth is DATASETS[kind].truth
 
 
-def test_a_frozen_camera_shows_one_frame_under_new_stamps() -> None:
+def test_a_frozen_camera_shows_one_epoch_under_new_stamps() -> None:
     hit = with_faults(TRACKS, [FrozenFrames(5, 3)], 0)
-    np.testing.assert_array_equal(stereo(hit)[0].frame_times, stereo(TRACKS)[0].frame_times)
+    np.testing.assert_array_equal(stereo(hit)[0].epoch_times, stereo(TRACKS)[0].epoch_times)
     for frame in range(20):
         (ids, values), (shown_ids, shown) = (
             rows_at(TRACKS, 5 if 5 <= frame <= 8 else frame),
@@ -149,7 +149,7 @@ def test_points_at_infinity_stand_still_without_disparity_under_ids_of_their_own
     far = all_ids > ids.max()
     np.testing.assert_array_equal(after.values[~far], before.values)
     np.testing.assert_array_equal(all_ids[~far], ids)
-    np.testing.assert_array_equal(after.time[far], before.frame_times.repeat(3))
+    np.testing.assert_array_equal(after.time[far], before.epoch_times.repeat(3))
     assert np.unique(all_ids[far]).tolist() == [ids.max() + 1, ids.max() + 2, ids.max() + 3]
     pixels = after.values[far].reshape(20, 3, 3)
     noise = pixels - pixels.mean(axis=0)

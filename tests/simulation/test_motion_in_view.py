@@ -13,7 +13,7 @@ from spinfilters.simulation.scenario import Scenario, first_state
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 LAYOUT = StateLayout(FULL_BLOCKS)
-SCENARIO = replace(Scenario.disam115(), frames=60)
+SCENARIO = replace(Scenario.common_workload(), epochs=60)
 
 
 def test_the_motion_stays_in_view_and_comes_again_from_its_seed() -> None:

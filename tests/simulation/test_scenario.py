@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.sensor_format import dataset_kinds
 from spinfilters.dynamics.mass_distribution import inertia_matrix
 from spinfilters.errors import InputError
 from spinfilters.evaluation.consistency import true_states
-from spinfilters.logs.dataset import Dataset
-from spinfilters.logs.sensor_format import dataset_kinds
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.sensors.feature_tracks import RIG, EveryAppearance, SomeAppearances, stays_in_view
@@ -19,7 +19,7 @@ from spinfilters.simulation.scenario import RICH_RPM, THESIS_RPM, Scenario, simu
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 FULL = StateLayout(FULL_BLOCKS)
-SHORT = Scenario(frames=20)
+SHORT = Scenario(epochs=20)
 
 
 def _states(dataset: Dataset) -> np.ndarray:
@@ -61,9 +61,9 @@ def _whitened_noise(dataset: Dataset, scenario: Scenario) -> np.ndarray:
 @pytest.mark.parametrize(
     "scenario",
     [
-        Scenario(frames=40, pixel_std=0.6),
-        Scenario(kind="pose", frames=400, position_std=0.002, rotation_std=0.03),
-        Scenario(kind="gyro", frames=400, gyro_std=0.01),
+        Scenario(epochs=40, pixel_std=0.6),
+        Scenario(kind="pose", epochs=400, position_std=0.002, rotation_std=0.03),
+        Scenario(kind="gyro", epochs=400, gyro_std=0.01),
     ],
     ids=lambda scenario: scenario.kind,
 )
@@ -178,7 +178,7 @@ def test_the_truth_says_the_inertia_that_was_asked_for() -> None:
         {"landmarks": 3},
         {"candidates": 0},
         {"facing_cosine": 1.0},
-        {"fewest_sightings": -1},
+        {"fewest_observations": -1},
         {"range_m": 0.1},
         {"principal_moments": (3.0, 1.0, 1 / 3)},
     ],
@@ -191,38 +191,38 @@ def test_a_scenario_that_cannot_be_is_refused(wrong: dict[str, object]) -> None:
 
 def test_a_recording_in_which_nothing_is_ever_seen_is_refused() -> None:
     with pytest.raises(InputError, match="ever visible"):
-        simulate(replace(SHORT, frames=2, landmarks=4, detection=1e-9))
+        simulate(replace(SHORT, epochs=2, landmarks=4, detection=1e-9))
 
 
 @pytest.mark.parametrize("rate_rpm", [THESIS_RPM, RICH_RPM], ids=["thesis", "rich"])
 def test_a_recording_like_disam115_has_its_statistics(rate_rpm: tuple[float, float, float]) -> None:
-    dataset = simulate(Scenario.disam115(rate_rpm, seed=4))
+    dataset = simulate(Scenario.common_workload(rate_rpm, seed=4))
     stream = dataset.log.stream("stereo")
     assert stream.ids is not None
     assert dataset.known_map is not None
-    sightings, per_frame = np.bincount(stream.ids), np.diff(stream.frame_offsets)
+    observations, per_frame = np.bincount(stream.ids), np.diff(stream.epoch_offsets)
     assert len(stream) == pytest.approx(24723, rel=0.1)
-    assert len(dataset.known_map.ids) == len(sightings) == pytest.approx(2447, rel=0.1)
-    assert sightings.min() == 2
+    assert len(dataset.known_map.ids) == len(observations) == pytest.approx(2447, rel=0.1)
+    assert observations.min() == 2
     assert len(per_frame) == 115
     assert np.median(per_frame) == pytest.approx(215, rel=0.1)
     assert per_frame.min() > 150
-    np.testing.assert_allclose(np.percentile(sightings, [10, 50, 90, 99]), [2.5, 8, 22, 36], rtol=0.25)
+    np.testing.assert_allclose(np.percentile(observations, [10, 50, 90, 99]), [2.5, 8, 22, 36], rtol=0.25)
 
 
 def runs_and_gaps(dataset: Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Lengths in frames of the contiguous sightings of a landmark, and of what lies between two of them."""
+    """Lengths in epochs of the contiguous observations of a landmark, and of what lies between two of them."""
     stream = dataset.log.stream("stereo")
     assert stream.ids is not None
-    frame = np.searchsorted(stream.frame_times, stream.time)
+    frame = np.searchsorted(stream.epoch_times, stream.time)
     order = np.lexsort((frame, stream.ids))
     step, landmark = np.diff(frame[order]), np.diff(stream.ids[order])
     ends = np.append(np.flatnonzero((step != 1) | (landmark != 0)), len(frame) - 1)
     return np.diff(ends, prepend=-1), step[(landmark == 0) & (step > 1)] - 1
 
 
-def test_landmarks_of_disam115_stay_for_a_few_frames_and_come_back_after_a_revolution() -> None:
-    runs, gaps = runs_and_gaps(simulate(Scenario.disam115(seed=2)))
+def test_landmarks_of_disam115_stay_for_a_few_epochs_and_come_back_after_a_revolution() -> None:
+    runs, gaps = runs_and_gaps(simulate(Scenario.common_workload(seed=2)))
     assert runs.max() <= 6
     np.testing.assert_allclose(np.bincount(runs)[1:5] / len(runs), 0.25, atol=0.08)
     assert np.mean((gaps > 1) & (gaps < 6)) < 0.05
@@ -230,7 +230,7 @@ def test_landmarks_of_disam115_stay_for_a_few_frames_and_come_back_after_a_revol
 
 
 def test_the_body_of_disam115_stays_in_view_though_its_force_would_take_it_out() -> None:
-    scenario = Scenario.disam115(seed=5)
+    scenario = Scenario.common_workload(seed=5)
     for candidates, expected in ((scenario.candidates, True), (1, False)):
         states = _states(simulate(replace(scenario, candidates=candidates)))
         motion = Motion(FULL, np.arange(115.0), states)
@@ -256,7 +256,7 @@ def test_shapes_of_recognition_are_positive(shapes: tuple[float, float]) -> None
 
 
 def test_landmarks_seen_too_rarely_are_left_out_and_the_map_still_fits_the_tracks() -> None:
-    scenario = replace(SHORT, landmarks=300, fewest_sightings=9)
+    scenario = replace(SHORT, landmarks=300, fewest_observations=9)
     dataset = simulate(scenario)
     stream = dataset.log.stream("stereo")
     assert stream.ids is not None
@@ -277,7 +277,7 @@ def test_a_data_set_without_its_map_is_otherwise_the_same() -> None:
 
 def test_the_rich_motion_is_the_default_one_with_other_rates() -> None:
     assert Scenario.rich(7) == Scenario(rate_rpm=(4.0, 9.0, 3.0), seed=7)
-    truth = simulate(replace(Scenario.rich(), frames=2)).truth
+    truth = simulate(replace(Scenario.rich(), epochs=2)).truth
     assert truth is not None
     turning = np.linalg.norm(truth.rate_i[0])
     assert turning == pytest.approx(np.linalg.norm(RICH_RPM) * 2 * np.pi / 60)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from spinfilters.logs.camera import StereoRig
+from spinfilters.data.camera import StereoRig
 from spinfilters.vision.features import Features
 from spinfilters.vision.stereo_matching import StereoFeatures
 

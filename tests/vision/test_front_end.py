@@ -10,9 +10,9 @@ import pytest
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.cli.main import main
+from spinfilters.data.dataset import Dataset, read_dataset
 from spinfilters.errors import InputError
 from spinfilters.geometry.cameras import stereo_pair
-from spinfilters.logs.dataset import Dataset, read_dataset
 from spinfilters.vision.features import DETECTORS
 from spinfilters.vision.front_end import FrontEndOptions
 from spinfilters.vision.image_folder import STAGE

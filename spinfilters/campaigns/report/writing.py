@@ -26,8 +26,8 @@ from spinfilters.campaigns.report.page import (
 from spinfilters.campaigns.report.statistics import QUANTITIES, CellSummary, cell_summaries
 from spinfilters.campaigns.rows_folder import read_rows
 from spinfilters.campaigns.study import Study
-from spinfilters.logs.atomic_write import make_folder, write_bytes, write_text
-from spinfilters.logs.input_file import read_settings_text
+from spinfilters.data.atomic_write import make_folder, write_bytes, write_text
+from spinfilters.data.input_file import read_settings_text
 
 REPORT: Final = "report"
 PAGE: Final = "index.html"

@@ -69,7 +69,7 @@ def _add_run_options(parser: argparse.ArgumentParser) -> None:
         "--predict",
         type=number(SECONDS_AHEAD),
         metavar="SECONDS",
-        help="go on for so long after the last frame: <estimator>/prediction.csv and .npz, prediction.png",
+        help="go on for so long after the last epoch: <estimator>/prediction.csv and .npz, prediction.png",
     )
     parser.add_argument(
         "--convergence",

@@ -5,7 +5,7 @@ import argparse
 from spinfilters.api.argument_ranges import LANDMARKS
 from spinfilters.cli.arguments import add_motion, number
 from spinfilters.cli.command import Command, Subparsers
-from spinfilters.logs.number_range import NumberRange
+from spinfilters.data.number_range import NumberRange
 
 
 def add_observe(commands: Subparsers) -> argparse.ArgumentParser:
@@ -23,7 +23,7 @@ def add_observe(commands: Subparsers) -> argparse.ArgumentParser:
     _add_question(observe)
     _add_known_inputs(observe)
     observe.add_argument(
-        "--study", action="store_true", help="maps of the bound against motion, duration, frames, landmarks"
+        "--study", action="store_true", help="maps of the bound against motion, duration, epochs, landmarks"
     )
     add_motion(observe)
     return observe
@@ -62,7 +62,7 @@ def _add_question(observe: argparse.ArgumentParser) -> None:
 
 def _add_known_inputs(observe: argparse.ArgumentParser) -> None:
     body = "the body's principal axes, fixed in the body and known in frame g"
-    camera = "the camera's axes at the first frame (x right, y down, z forward)"
+    camera = "the camera's axes at the first epoch (x right, y down, z forward)"
     for name, what, axes in (
         ("--torque", "known torques about", body),
         ("--manoeuvre", "known accelerations of the inspector along", camera),

@@ -6,7 +6,7 @@ from typing import Final
 from spinfilters.api.argument_ranges import FRAMES, INTERVAL, RATE_RPM, SEED
 from spinfilters.cli.arguments import number
 from spinfilters.cli.command import Command, Subparsers
-from spinfilters.logs.number_range import LENGTH, NumberRange
+from spinfilters.data.number_range import LENGTH, NumberRange
 
 ANGLE: Final = NumberRange(-3600.0, 3600.0, "deg")
 FIELD: Final = NumberRange(1e-6, 179.0, "deg")
@@ -25,7 +25,7 @@ def add_lidar(commands: Subparsers) -> argparse.ArgumentParser:
         "scan",
         help="scan a mesh with a simulated lidar",
         description="Writes scan.ply, scan.png and metadata; with --scans a data set of scans of the tumbling body, with truth, "
-        "for 'spinfilters compare'. Frame of the lidar: x along its axis, y towards elevation, z towards azimuth.",
+        "for 'spinfilters compare'. Epoch of the lidar: x along its axis, y towards elevation, z towards azimuth.",
     )
     scan.add_argument(
         "mesh",

@@ -59,7 +59,8 @@ static void forward3(const sf_real *root, sf_real *right, int columns) /* right 
   }
 }
 
-static void linearise(const sf_real *x, const sf_landmark *landmark, const sf_real *parameters, const sf_real *pixels, linearised *o)
+static void linearise(const sf_real *x, const sf_landmark *landmark, const sf_real *parameters, const sf_real *pixels,
+linearised *o)
 {
   const sf_real *c = landmark->covariance;
   const sf_real full[9] = {c[0], c[1], c[3], c[1], c[2], c[4], c[3], c[4], c[5]};
@@ -125,7 +126,8 @@ static void move_landmark(sf_landmark *landmark, linearised *o, const sf_real *f
 SF_QUICK_END
 
 /* A landmark from its first observation. */
-static int make_landmark(const sf_real *x, sf_landmark *landmark, const sf_real *parameters, const sf_real *pixels, const sf_real *factor)
+static int make_landmark(const sf_real *x, sf_landmark *landmark, const sf_real *parameters, const sf_real *pixels, const
+sf_real *factor)
 {
   sf_real point[3], by_pose[3 * POSE], spread[9], by[3 * POSE], told[1], *c = landmark->covariance;
   sf_model_new_stereo(x, parameters, pixels, point, by_pose, spread, told);
@@ -173,7 +175,8 @@ static void gather(information *sum, sf_real *rows, const sf_real *innovation)
 
 SF_QUICK_END
 
-static void mean_lever(const sf_filter *f, const sf_landmark *map, const sf_observation *observations, uint16_t count, sf_real *lever)
+static void mean_lever(const sf_filter *f, const sf_landmark *map, const sf_observation *observations, uint16_t count, sf_real
+*lever)
 {
   sf_real mean[3] = {SF_R(0.0), SF_R(0.0), SF_R(0.0)}, known = SF_R(0.0);
   for (uint16_t k = 0; k < count; ++k) {
@@ -186,7 +189,8 @@ static void mean_lever(const sf_filter *f, const sf_landmark *map, const sf_obse
   sf_model_lever(f->x, mean, lever);
 }
 
-static void observe(const sf_filter *f, const sf_landmark *map, sf_observation *o, sf_real *parameters, const sf_real *factor, information *sum)
+static void observe(const sf_filter *f, const sf_landmark *map, sf_observation *o, sf_real *parameters, const sf_real *factor,
+information *sum)
 {
   const sf_landmark *landmark = map + o->landmark;
   linearised at;

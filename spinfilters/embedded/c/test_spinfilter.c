@@ -74,7 +74,8 @@ int test_spinfilter(sf_real *worst)
     sf_deviations(&f, deviations);
     for (int k = 0; k < SF_N; ++k) {
       const sf_real std = expected[SF_NX + k];
-      const sf_real off = absolute(f.x[k < SF_X_Q ? k : k + (k >= SF_X_Q + 3)] - expected[k < SF_X_Q ? k : k + (k >= SF_X_Q + 3)]) / std;
+      const sf_real off = absolute(f.x[k < SF_X_Q ? k : k + (k >= SF_X_Q + 3)] - expected[k < SF_X_Q ? k : k + (k >= SF_X_Q +
+      3)]) / std;
       const sf_real spread = absolute(deviations[k] / std - (sf_real)1);
       if (!(off <= *worst)) *worst = off;
       if (!(spread <= *worst)) *worst = spread;

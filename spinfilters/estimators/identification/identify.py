@@ -21,16 +21,21 @@ from scipy.stats import chi2
 
 from spinfilters.estimators.identification.components import ComponentRows, VarianceComponent
 from spinfilters.estimators.identification.residuals import Residuals, WhitenedRows, residuals_of
-from spinfilters.estimators.smoothing.annealing import GATE
-from spinfilters.estimators.smoothing.problem import Normal, Point, Problem, Stage
-from spinfilters.estimators.smoothing.robust_kernels import Gate
-from spinfilters.estimators.smoothing.solver import advanced
-from spinfilters.estimators.smoothing.step_rules import GaussNewton
+from spinfilters.estimators.robust.losses import Gate
+from spinfilters.estimators.smoothing.problem.least_squares import (
+    LinearizationPoint,
+    NormalEquations,
+    Problem,
+    Stage,
+)
+from spinfilters.estimators.smoothing.solver.annealing import GATE
+from spinfilters.estimators.smoothing.solver.iterations import advanced
+from spinfilters.estimators.smoothing.solver.step_rules import GaussNewton
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 
 POSE_ONLY_GATE: Final[float] = 6.3
 """As `GATE` for measurements of up to six components, whose whitened length is greater."""
-STAGE: Final = Stage(Gate(GATE, GATE), loss=Gate(POSE_ONLY_GATE, POSE_ONLY_GATE))
+STAGE: Final = Stage(Gate(GATE, GATE), pose_only_loss=Gate(POSE_ONLY_GATE, POSE_ONLY_GATE))
 ITERATIONS: Final[int] = 15
 SETTLED: Final[float] = 0.05
 """Share of its standard deviation that a component still moves by when the iteration ends."""
@@ -74,7 +79,7 @@ class NoiseModel:
 
     def scaled(self, log_variance: Float[np.ndarray, " c"]) -> Problem:
         """The problem with variances of exp(log_variance) times those stated."""
-        motion, sightings = self.problem.motion, self.problem.sightings
+        motion, observations = self.problem.motion, self.problem.observations
         scales: list[Float[np.ndarray, " i"] | None] = [each.scale for each in motion.sensors]
         for each, scale in zip(self.components, np.exp(0.5 * log_variance).tolist(), strict=False):
             for k, rows in each.sensors.items():
@@ -82,13 +87,13 @@ class NoiseModel:
                 changed = np.ones(motion.sensors[k].model.dim) if stated is None else stated.copy()
                 changed[list(rows)] *= scale
                 scales[k] = changed
-            if each.landmarks and sightings is not None:
-                sightings = replace(sightings, scale=sightings.scale * scale)
+            if each.landmarks and observations is not None:
+                observations = replace(observations, scale=observations.scale * scale)
         sensors = tuple(replace(s, scale=scale) for s, scale in zip(motion.sensors, scales, strict=True))
         motion = replace(motion, sensors=sensors, process=self._process(log_variance))
-        return replace(self.problem, motion=motion, sightings=sightings)
+        return replace(self.problem, motion=motion, observations=observations)
 
-    def first(self, here: Point) -> Float[np.ndarray, " c"]:
+    def first(self, here: LinearizationPoint) -> Float[np.ndarray, " c"]:
         """ln variances at which the median residual of every component is the expected one; those of disturbances as stated."""
         found = np.zeros(len(self.components) + len(self.densities))
         for k, each in enumerate(self.components):
@@ -99,8 +104,8 @@ class NoiseModel:
                 for s, rows in each.sensors.items()
             ]
             ratio = [np.nanmedian(part**2) / chi2.median(1) for part in squares if part.size]
-            if each.landmarks and here.linear is not None and self.problem.sightings is not None:
-                dim = max(group.model.dim for group in self.problem.sightings.groups)
+            if each.landmarks and here.linear is not None and self.problem.observations is not None:
+                dim = max(group.model.dim for group in self.problem.observations.groups)
                 ratio.append(float(np.median(here.linear.square)) / chi2.median(dim))
             good = [value for value in ratio if np.isfinite(value) and value > 0]
             found[k] = np.log(max(good)) if good else 0.0
@@ -140,7 +145,7 @@ def identify(
     rule = GaussNewton()
     for iteration in range(1, ITERATIONS + 1):
         problem = model.scaled(theta)
-        here = problem.at(trajectory, points, STAGE.loss)
+        here = problem.at(trajectory, points, STAGE.pose_only_loss)
         normal = problem.normal(here, STAGE)
         if not normal.solved:
             return None
@@ -166,7 +171,7 @@ def _components(
 
 
 def average_information(
-    problem: Problem, here: Point, normal: Normal, sources: Sequence[WhitenedRows]
+    problem: Problem, here: LinearizationPoint, normal: NormalEquations, sources: Sequence[WhitenedRows]
 ) -> Float[np.ndarray, "c c"]:
     """F_ij = u_i' (I - J P J') u_j / 2.
 
@@ -183,28 +188,32 @@ def average_information(
     return F / 2
 
 
-def _fall(problem: Problem, here: Point, normal: Normal, right: WhitenedRows) -> float:
+def _fall(problem: Problem, here: LinearizationPoint, normal: NormalEquations, right: WhitenedRows) -> float:
     """Of the cost, in the linear problem about a point with another right-hand side."""
     rows = here.dynamics.rows.copy()
     rows[:, :, -1] = right.steps
     dynamics = replace(here.dynamics, steps=np.swapaxes(rows, 1, 2) @ rows)
-    frames, gradient = here.sensors.frames.copy(), np.zeros(here.sensors.frames.shape[:2])
+    epochs, gradient = here.sensors.epochs.copy(), np.zeros(here.sensors.epochs.shape[:2])
     for sensor, u in zip(problem.motion.sensors, right.sensors, strict=True):
-        J = problem.motion.sensor_rows(sensor, here.trajectory, here.loss)[0][:, :, :-1]
+        J = problem.motion.sensor_rows(sensor, here.trajectory, here.pose_only_loss)[0][:, :, :-1]
         columns = problem.motion.sensor_columns(sensor)[:-1]
-        np.add.at(gradient, (sensor.frame[:, None], columns), np.einsum("ric,ri->rc", J, u))
-    frames[:, :, -1] = frames[:, -1, :] = gradient
+        np.add.at(gradient, (sensor.epoch[:, None], columns), np.einsum("ric,ri->rc", J, u))
+    epochs[:, :, -1] = epochs[:, -1, :] = gradient
     linear = here.linear
     if linear is not None and right.observations is not None:
         seen = linear.rows.copy()
         seen[:, :, -1] = right.observations
         linear = replace(linear, rows=seen)
-    other = replace(here, dynamics=dynamics, sensors=replace(here.sensors, frames=frames), linear=linear)
-    return problem.normal(other, normal.stage).decrement
+    other = replace(here, dynamics=dynamics, sensors=replace(here.sensors, epochs=epochs), linear=linear)
+    return problem.normal(other, normal.stage).predicted_reduction
 
 
 def _step(
-    problem: Problem, here: Point, normal: Normal, residuals: Residuals, slope: Float[np.ndarray, " c"]
+    problem: Problem,
+    here: LinearizationPoint,
+    normal: NormalEquations,
+    residuals: Residuals,
+    slope: Float[np.ndarray, " c"],
 ) -> tuple[Float[np.ndarray, " c"], bool]:
     """Of ln variances, and whether it is negligible."""
     lengths = np.array([u.dot(u) - _fall(problem, here, normal, u) for u in residuals.sources])

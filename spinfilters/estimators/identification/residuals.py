@@ -16,10 +16,14 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.estimators.identification.components import FORCE_PSD, TORQUE_PSD, ComponentRows
-from spinfilters.estimators.smoothing.marginals import Marginals
-from spinfilters.estimators.smoothing.motion import NOISE_FLOOR, prior_rows
-from spinfilters.estimators.smoothing.problem import Normal, Point, Problem
-from spinfilters.estimators.smoothing.reduced import Reduced
+from spinfilters.estimators.smoothing.factors.motion_factors import NOISE_FLOOR, prior_rows
+from spinfilters.estimators.smoothing.linear.marginals import Marginals
+from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
+from spinfilters.estimators.smoothing.problem.least_squares import (
+    LinearizationPoint,
+    NormalEquations,
+    Problem,
+)
 
 ENTRIES = 6
 """Columns of a step's noise factor that belong to the torque (attitude and rate); those of the force follow."""
@@ -71,8 +75,8 @@ class WhitenedRows:
 
 def residuals_of(
     problem: Problem,
-    here: Point,
-    normal: Normal,
+    here: LinearizationPoint,
+    normal: NormalEquations,
     components: Sequence[ComponentRows],
     densities: Sequence[str],
 ) -> Residuals:
@@ -83,7 +87,7 @@ def residuals_of(
     densities: names of the disturbances wanted.   normal: solved, its rows in memory (`Problem.is_long` is false).
     """
     solution = normal.solution
-    assert isinstance(solution, Reduced)
+    assert isinstance(solution, SchurSystem)
     marginals = Marginals(solution, normal.eliminated)
     steps = _steps_after(problem, here, marginals)
     sensors = [_sensor_after(problem, here, marginals, k) for k in range(len(problem.motion.sensors))]
@@ -142,60 +146,68 @@ class _SensorAfter:
     leverage: float
 
 
-def _steps_after(problem: Problem, here: Point, marginals: Marginals) -> _StepsAfter:
-    unknowns, errors = problem.unknowns, marginals.solution.errors
+def _steps_after(problem: Problem, here: LinearizationPoint, marginals: Marginals) -> _StepsAfter:
+    ordering, errors = problem.ordering, marginals.solution.errors
     J, y = here.dynamics.rows[:, :, :-1], here.dynamics.rows[:, :, -1]
-    moving = errors[:, unknowns.moving]
-    both = np.concatenate([moving[:-1], moving[1:], errors[:-1, unknowns.constant]], axis=1)
+    moving = errors[:, ordering.moving]
+    both = np.concatenate([moving[:-1], moving[1:], errors[:-1, ordering.constant]], axis=1)
     return _StepsAfter(y - np.einsum("kdc,kc->kd", J, both), J @ marginals.step_rows())
 
 
-def _sensor_after(problem: Problem, here: Point, marginals: Marginals, number: int) -> _SensorAfter:
+def _sensor_after(
+    problem: Problem, here: LinearizationPoint, marginals: Marginals, number: int
+) -> _SensorAfter:
     sensor = problem.motion.sensors[number]
-    rows, _, _ = problem.motion.sensor_rows(sensor, here.trajectory, here.loss)
+    rows, _, _ = problem.motion.sensor_rows(sensor, here.trajectory, here.pose_only_loss)
     J, y, columns = rows[:, :, :-1], rows[:, :, -1], sensor.model.columns
-    errors = marginals.solution.errors[sensor.frame][:, columns]
+    errors = marginals.solution.errors[sensor.epoch][:, columns]
     used = (np.abs(rows).max(axis=2) > 0).astype(float)
-    leverage = ((J @ marginals.factors[sensor.frame][:, columns]) ** 2).sum(axis=2)
+    leverage = ((J @ marginals.factors[sensor.epoch][:, columns]) ** 2).sum(axis=2)
     return _SensorAfter(y - np.einsum("ric,rc->ri", J, errors), used - leverage, float(leverage.sum()))
 
 
-def _prior_leverage(problem: Problem, here: Point, marginals: Marginals) -> float:
+def _prior_leverage(problem: Problem, here: LinearizationPoint, marginals: Marginals) -> float:
     if problem.motion.prior is None:
         return 0.0
-    J = prior_rows(problem.unknowns, here.trajectory[0], problem.motion.prior)[:, :-1]
-    spread = J @ marginals.factors[0][problem.unknowns.order]
+    J = prior_rows(problem.ordering, here.trajectory[0], problem.motion.prior)[:, :-1]
+    spread = J @ marginals.factors[0][problem.ordering.order]
     return float(np.vdot(spread, spread))
 
 
-def _observations_after(problem: Problem, here: Point, normal: Normal) -> Float[np.ndarray, "N 3"]:
+def _observations_after(
+    problem: Problem, here: LinearizationPoint, normal: NormalEquations
+) -> Float[np.ndarray, "N 3"]:
     """Whitened residuals of the observations that count."""
     fit, linear, solution = normal.eliminated, here.linear, normal.solution
     assert fit is not None
     assert linear is not None
-    assert isinstance(solution, Reduced)
+    assert isinstance(solution, SchurSystem)
     poses, points = (
-        solution.poses[fit.sightings.frame],
-        fit.points_step(solution.poses)[fit.sightings.landmark],
+        solution.poses[fit.observations.epoch],
+        fit.points_step(solution.poses)[fit.observations.landmark],
     )
     moved = np.einsum("nic,nc->ni", linear.rows[:, :, :-1], np.concatenate([poses, points], axis=1))
     return np.where(fit.used[:, None], linear.innovation - moved, 0.0)
 
 
-def _free_observations(problem: Problem, normal: Normal, spent: float) -> float:
+def _free_observations(problem: Problem, normal: NormalEquations, spent: float) -> float:
     """Redundancy of all observations: the traces of all rows' leverages sum up to the number of unknowns."""
-    fit, unknowns = normal.eliminated, problem.unknowns
+    fit, ordering = normal.eliminated, problem.ordering
     assert fit is not None
-    values = sum(int(np.count_nonzero(fit.used[g.rows])) * g.model.dim for g in fit.sightings.groups)
-    count = unknowns.kept + unknowns.frames * len(unknowns.chain) + 3 * int(np.count_nonzero(fit.told))
+    values = sum(int(np.count_nonzero(fit.used[g.rows])) * g.model.dim for g in fit.observations.groups)
+    count = (
+        ordering.separator_dim
+        + ordering.epochs * len(ordering.tridiagonal)
+        + 3 * int(np.count_nonzero(fit.is_constrained))
+    )
     return values - (count - spent)
 
 
 def _source_factors(
-    problem: Problem, here: Point, densities: Sequence[str]
+    problem: Problem, here: LinearizationPoint, densities: Sequence[str]
 ) -> list[Float[np.ndarray, "k d i"]]:
     """W = L^-1 G of disturbances, for every step."""
-    motion, moving = problem.motion, problem.unknowns.moving
+    motion, moving = problem.motion, problem.ordering.moving
     _, _, noise = motion.process.linearise_steps(here.trajectory[:-1], here.trajectory[1:], motion.dt)
     G = noise[:, moving]
     Q = G @ np.swapaxes(G, 1, 2) + NOISE_FLOOR**2 * np.eye(len(moving))

@@ -1,1 +1,1 @@
-"""Initialisation from the first epochs: an initial guess from motion samples, refined by the batch smoother."""
+"""Initial estimates from the first epochs of a recording."""

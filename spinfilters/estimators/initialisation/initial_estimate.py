@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.estimators.landmarks.shared_modes import HeldErrors, SharedErrors, shared_modes
-from spinfilters.estimators.smoothing.marginals import Marginals
+from spinfilters.estimators.smoothing.linear.marginals import Marginals
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.models.gauge import GAUGE_DIM
 from spinfilters.state.gaussian import Gaussian
@@ -62,7 +62,7 @@ class InitialEstimate:
         mean = np.full((epochs, layout.mean_dim), np.nan)
         prior = FirstStatePrior(mean[0], np.full(layout.error_dim, np.nan))
         factor = np.full((epochs, layout.error_dim, layout.error_dim), np.nan)
-        status = EstimatorStatus().failed(f"the first frames could not be smoothed ({reason})")
+        status = EstimatorStatus().failed(f"the first epochs could not be smoothed ({reason})")
         return cls(layout, prior, mean, factor, np.nan, 0, 0, 0, 0, converged=False, status=status)
 
     @property
@@ -112,7 +112,7 @@ class InitialEstimate:
             nothing = np.full((len(self.ids), 3, 3), np.nan)
             return HeldErrors(nothing[:, :, :1], nothing, np.full((n + 1, n + 1), np.nan))
         assert self.marginals.eliminated is not None
-        rows = self.marginals.frame_rows(len(self.mean) - 1)
-        told = np.flatnonzero(self.marginals.eliminated.told)
+        rows = self.marginals.epoch_rows(len(self.mean) - 1)
+        told = np.flatnonzero(self.marginals.eliminated.is_constrained)
         landmarks = self.marginals.landmark_rows(told)
         return shared_modes(SharedErrors(self.layout, self.mean[-1], self.points, rows, *landmarks), options)

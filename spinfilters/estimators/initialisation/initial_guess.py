@@ -4,9 +4,9 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.dynamics.mass_distribution import from_inertia
-from spinfilters.estimators.initialisation.options import StartOptions
-from spinfilters.estimators.momentum_start import fit_momentum
-from spinfilters.estimators.motion_evidence import MotionEvidence
+from spinfilters.estimators.initialisation.initial_motion import InitialMotion
+from spinfilters.estimators.initialisation.momentum_inertia import fit_momentum
+from spinfilters.estimators.initialisation.options import InitialisationOptions
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.models.gauge import GAUGE_STD
@@ -14,7 +14,7 @@ from spinfilters.state.blocks.drag import DRAG
 from spinfilters.state.blocks.rigid_body import ATTITUDE, CENTRE_OF_MASS, MASS_DISTRIBUTION, RATE, VELOCITY
 from spinfilters.state.layout import POSE_BLOCKS, StateLayout
 
-CLOSED_FORM_BLOCKS = (CENTRE_OF_MASS, MASS_DISTRIBUTION, DRAG, VELOCITY)
+MOMENTUM_BLOCKS = (CENTRE_OF_MASS, MASS_DISTRIBUTION, DRAG, VELOCITY)
 """What conserved momentum and a straight path tell beyond what was seen."""
 MASS_SHARES = (1.0, 0.3, 0.0)
 """Shares of the closed form's departure from a sphere from which a fit is tried, in this order."""
@@ -22,7 +22,7 @@ DEFINED_ATTITUDE_STD = 1e-9
 """Of an attitude that defines a frame rather than being measured, rad."""
 
 
-def closed_form(layout: StateLayout, evidence: MotionEvidence) -> tuple[Float[np.ndarray, " m"], float]:
+def initial_state(layout: StateLayout, evidence: InitialMotion) -> tuple[Float[np.ndarray, " m"], float]:
     """First state from conserved momentum (and a straight path of the centre of mass), and how constant momentum was."""
     fit = fit_momentum(evidence.rotations, evidence.rates, evidence.time, layout.has(DRAG))
     x = layout.origin()
@@ -38,7 +38,7 @@ def closed_form(layout: StateLayout, evidence: MotionEvidence) -> tuple[Float[np
     return x, fit.residual
 
 
-def _straight_centre(evidence: MotionEvidence) -> tuple[np.ndarray, np.ndarray]:
+def _straight_centre(evidence: InitialMotion) -> tuple[np.ndarray, np.ndarray]:
     """(c, v) by linear least squares of t_k + R_k c = r_0 + v (t_k - t_0)."""
     assert evidence.positions is not None
     elapsed, rotations = evidence.time - evidence.time[0], evidence.rotations
@@ -48,12 +48,12 @@ def _straight_centre(evidence: MotionEvidence) -> tuple[np.ndarray, np.ndarray]:
     return solution[:3], solution[6:]
 
 
-def trial_trajectory(
-    layout: StateLayout, frames: Timeline, first: np.ndarray, evidence: MotionEvidence
+def guessed_trajectory(
+    layout: StateLayout, epochs: Timeline, first: np.ndarray, evidence: InitialMotion
 ) -> Float[np.ndarray, "k m"]:
-    """One point per frame: what was seen nearest to its time, with the constants of the first state."""
-    trajectory = np.tile(first, (len(frames), 1))
-    nearest = [int(np.argmin(np.abs(evidence.time - frame.time))) for frame in frames]
+    """One point per epoch: what was seen nearest to its time, with the constants of the first state."""
+    trajectory = np.tile(first, (len(epochs), 1))
+    nearest = [int(np.argmin(np.abs(evidence.time - epoch.time))) for epoch in epochs]
     trajectory[:, layout.mean_slice("a")] = evidence.attitude[nearest]
     trajectory[:, layout.mean_slice("w")] = evidence.rates[nearest]
     if evidence.positions is not None and layout.translates:
@@ -62,9 +62,9 @@ def trial_trajectory(
 
 
 def wide_prior(
-    layout: StateLayout, first: np.ndarray, options: StartOptions, evidence: MotionEvidence
+    layout: StateLayout, first: np.ndarray, options: InitialisationOptions, evidence: InitialMotion
 ) -> FirstStatePrior:
-    """Wide prior: spheres, at the pose and rate that were seen; tight only where the first frame defines a frame."""
+    """Wide prior: spheres, at the pose and rate that were seen; tight only where the first epoch defines a frame."""
     mean, std = first.copy(), np.zeros(layout.error_dim)
     for block in layout.members:
         std[layout.slice(block.name)] = options.prior_std(block)

@@ -17,25 +17,25 @@ from spinfilters.estimators.estimator import ProcessModel
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
 from spinfilters.estimators.initialisation.initial_guess import (
     MASS_SHARES,
-    closed_form,
     defining_g,
-    trial_trajectory,
+    guessed_trajectory,
+    initial_state,
     wide_prior,
 )
-from spinfilters.estimators.initialisation.options import StartOptions
-from spinfilters.estimators.motion_evidence import motion_evidence
-from spinfilters.estimators.smoothing.annealing import GATE, Annealed
-from spinfilters.estimators.smoothing.batch import NO_LANDMARKS, NO_POINTS
-from spinfilters.estimators.smoothing.marginals import Marginals
-from spinfilters.estimators.smoothing.problem import (
+from spinfilters.estimators.initialisation.initial_motion import initial_motion
+from spinfilters.estimators.initialisation.options import InitialisationOptions
+from spinfilters.estimators.robust.losses import LeastSquares
+from spinfilters.estimators.smoothing.factors.landmark_observations import NOTHING_TWICE, OBSERVATIONS_NEEDED
+from spinfilters.estimators.smoothing.linear.marginals import Marginals
+from spinfilters.estimators.smoothing.problem.least_squares import (
+    InitialGuess,
     Problem,
-    Trial,
     problem_of,
     with_common_constants,
 )
-from spinfilters.estimators.smoothing.robust_kernels import LeastSquares
-from spinfilters.estimators.smoothing.sightings import NOTHING_TWICE, SIGHTINGS_NEEDED
-from spinfilters.estimators.smoothing.solver import Solved, SolverOptions, solve
+from spinfilters.estimators.smoothing.solver.annealing import GATE, AnnealedSchedule
+from spinfilters.estimators.smoothing.solver.batch_smoother import NO_LANDMARKS, NO_POINTS
+from spinfilters.estimators.smoothing.solver.iterations import Solved, SolverOptions, solve
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.sensors.sensor import MotionSamples
@@ -77,7 +77,7 @@ class SmoothingOptions:
 
 
 def initialise(
-    process: InitialisableProcess, timeline: Timeline, samples: MotionSamples, options: StartOptions
+    process: InitialisableProcess, timeline: Timeline, samples: MotionSamples, options: InitialisationOptions
 ) -> InitialEstimate:
     """Smooth the first epochs of a timeline, for any estimator over ``process.layout`` to continue from.
 
@@ -90,15 +90,15 @@ def initialise(
     InputError: fewer than 4 samples, a body that does not rotate, landmarks of which none is observed twice.
     """
     epochs = timeline[: options.count(timeline)]
-    evidence = motion_evidence(samples, len(epochs))
+    evidence = initial_motion(samples, len(epochs))
     process.require_steps(evidence.time, evidence.rates)
-    first, momentum_residual = closed_form(process.layout, evidence)
-    trajectory = trial_trajectory(process.layout, epochs, first, evidence)
+    first, momentum_residual = initial_state(process.layout, evidence)
+    trajectory = guessed_trajectory(process.layout, epochs, first, evidence)
     prior = wide_prior(process.layout, first, options, evidence)
-    guess = Trial(trajectory, NO_LANDMARKS, NO_POINTS)
+    guess = InitialGuess(trajectory, NO_LANDMARKS, NO_POINTS)
     if samples.landmarks is not None:
         prior = defining_g(process.layout, prior, trajectory[0])
-        guess = Trial(trajectory, samples.landmarks.ids, samples.landmarks.points)
+        guess = InitialGuess(trajectory, samples.landmarks.ids, samples.landmarks.points)
     found = _likeliest(process, epochs, guess, prior, SmoothingOptions(options.iterations))
     status = found.status
     if not found.converged:
@@ -107,7 +107,11 @@ def initialise(
 
 
 def smooth_first_epochs(
-    process: ProcessModel, epochs: Timeline, guess: Trial, prior: FirstStatePrior, options: SmoothingOptions
+    process: ProcessModel,
+    epochs: Timeline,
+    guess: InitialGuess,
+    prior: FirstStatePrior,
+    options: SmoothingOptions,
 ) -> InitialEstimate:
     """Iterate from a guess to the most probable motion and map, robust to wrong observations.
 
@@ -122,18 +126,22 @@ def smooth_first_epochs(
     """
     order = np.argsort(guess.ids)
     ids, points = guess.ids[order], guess.points[order]
-    problem = problem_of(process, epochs, ids, prior, SIGHTINGS_NEEDED)
-    if len(ids) and problem.sightings is None:
+    problem = problem_of(process, epochs, ids, prior, OBSERVATIONS_NEEDED)
+    if len(ids) and problem.observations is None:
         raise InputError(NOTHING_TWICE)
     here = problem.at(with_common_constants(process.layout, guess.trajectory), points)
-    schedule = Annealed(problem, min(options.annealed, options.iterations), options.gate)
+    schedule = AnnealedSchedule(problem, min(options.annealed, options.iterations), options.gate)
     solved = solve(problem, here, SolverOptions(options.iterations), schedule)
     found = _with_map(_estimate(problem, solved, prior), problem, solved, options.gate)
     return replace(found, ids=ids[found.ids])
 
 
 def _likeliest(
-    process: ProcessModel, epochs: Timeline, guess: Trial, prior: FirstStatePrior, options: SmoothingOptions
+    process: ProcessModel,
+    epochs: Timeline,
+    guess: InitialGuess,
+    prior: FirstStatePrior,
+    options: SmoothingOptions,
 ) -> InitialEstimate:
     """The likeliest of the fits from the guess and from bodies nearer to a sphere.
 
@@ -171,8 +179,8 @@ def _estimate(problem: Problem, solved: Solved, prior: FirstStatePrior) -> Initi
     nothing = np.full((len(here.trajectory), n, n), np.nan)
     cost, dof, accepted, rejected = here.sensors.cost + here.dynamics.cost, 0, 0, 0
     for sensor in problem.motion.sensors:
-        _, costs, square = problem.motion.sensor_rows(sensor, here.trajectory, here.loss)
-        inliers = (here.loss or LeastSquares()).weight(square) > 0
+        _, costs, square = problem.motion.sensor_rows(sensor, here.trajectory, here.pose_only_loss)
+        inliers = (here.pose_only_loss or LeastSquares()).weight(square) > 0
         cost += float(square[inliers].sum() - costs.sum())
         accepted += int(np.count_nonzero(inliers))
         dof += int(np.count_nonzero(inliers)) * sensor.model.dim
@@ -194,18 +202,20 @@ def _estimate(problem: Problem, solved: Solved, prior: FirstStatePrior) -> Initi
 
 def _with_map(found: InitialEstimate, problem: Problem, solved: Solved, gate: float) -> InitialEstimate:
     """With the landmarks that were found, and how their observations fit."""
-    here, fit, sightings = solved.point, solved.normal.eliminated, problem.sightings
-    if fit is None or sightings is None or here.linear is None:
+    here, fit, observations = solved.point, solved.normal.eliminated, problem.observations
+    if fit is None or observations is None or here.linear is None:
         return found
     inliers = int(np.count_nonzero(fit.used))
     return replace(
         found,
         cost=found.cost + float(here.linear.square[fit.used].sum()),
-        dof=found.dof + here.linear.rows.shape[1] * inliers - 3 * int(np.count_nonzero(fit.told)),
+        dof=found.dof + here.linear.rows.shape[1] * inliers - 3 * int(np.count_nonzero(fit.is_constrained)),
         accepted=found.accepted + inliers,
         rejected=found.rejected + int(np.count_nonzero(here.linear.size >= gate)),
-        used=sightings.by_frame(fit.used),
-        ids=np.flatnonzero(fit.told),
-        points=here.points[fit.told],
-        counts=np.bincount(sightings.landmark[fit.used], minlength=sightings.landmarks)[fit.told],
+        used=observations.by_epoch(fit.used),
+        ids=np.flatnonzero(fit.is_constrained),
+        points=here.points[fit.is_constrained],
+        counts=np.bincount(observations.landmark[fit.used], minlength=observations.landmarks)[
+            fit.is_constrained
+        ],
     )

@@ -5,9 +5,9 @@ from typing import Annotated
 
 import numpy as np
 
+from spinfilters.data.number_range import NumberRange
 from spinfilters.errors import InputError
 from spinfilters.estimators.timeline import Timeline
-from spinfilters.logs.number_range import NumberRange
 from spinfilters.state.block import StateBlock
 from spinfilters.state.blocks.drag import DRAG
 from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
@@ -18,12 +18,12 @@ PRIOR_STD = NumberRange(1e-9, 1e9)
 
 
 @dataclass(frozen=True)
-class StartOptions:
+class InitialisationOptions:
     """How a start is made.
 
     Attributes
     ----------
-    frames: how many frames it looks at, at most.   share: of the recording, at most.
+    epochs: how many epochs it looks at, at most.   share: of the recording, at most.
     duration: how many seconds it looks at, at most.
     iterations: of the smoother, at most.
     mass_std: of the prior of the mass distribution about the sphere, in the logarithm of second moments (a phone lies at 2).
@@ -32,7 +32,7 @@ class StartOptions:
     gyro_bias_std: of the prior of a gyro's bias, rad/s; 0 for a gyro without one.
     """
 
-    frames: Annotated[int, NumberRange(1, 100_000, whole=True)] = 60
+    epochs: Annotated[int, NumberRange(1, 100_000, whole=True)] = 60
     share: Annotated[float, NumberRange(1e-6, 1e6)] = 0.6
     duration: Annotated[float, NumberRange(1e-6, 1e11, "s")] = 60.0
     iterations: Annotated[int, NumberRange(1, 10_000, whole=True)] = 40
@@ -46,7 +46,7 @@ class StartOptions:
         for name, value in vars(self).items():
             allowed = value >= 0 if name == GYRO_BIAS.prior_option else value > 0
             if not (np.isfinite(value) and allowed):
-                raise InputError(f"start.{name} is {value}; it must be positive")
+                raise InputError(f"initialisation.{name} is {value}; it must be positive")
 
     def states_prior(self, block: StateBlock) -> bool:
         """Whether the option that a block names for its prior is set."""
@@ -57,7 +57,7 @@ class StartOptions:
         return (getattr(self, block.prior_option) if block.prior_option else 0.0) or block.prior_std
 
     def count(self, timeline: Timeline) -> int:
-        """How many frames of a timeline belong to the start."""
+        """How many epochs of a timeline belong to the start."""
         end = timeline[0].time + self.duration
-        inside = sum(frame.time <= end for frame in timeline)
-        return max(4, min(self.frames, inside, round(self.share * len(timeline))))
+        inside = sum(epoch.time <= end for epoch in timeline)
+        return max(4, min(self.epochs, inside, round(self.share * len(timeline))))

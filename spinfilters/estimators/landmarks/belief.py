@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 
 from spinfilters.attitude.expressions import quaternion_from_mrp, rotate
 from spinfilters.errors import InputError, ShapeError
-from spinfilters.estimators.gain import triangular_factor
+from spinfilters.estimators.filters.square_root_update import triangular_factor
 from spinfilters.models.gauge import GAUGE_DIM, gauge_directions, gauge_move, gauge_of_points
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout

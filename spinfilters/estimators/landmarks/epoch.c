@@ -1,5 +1,7 @@
-/* The steps of an epoch's observations of landmarks; `steps.py` says what they compute, `reference.py` computes it in NumPy where there
- * is no compiler. D components of an observation, C columns of the state that it depends on, M modes, N rows of the factor, LANES, and `stored`,
+/* The steps of an epoch's observations of landmarks; `steps.py` says what they compute, `reference.py` computes it in NumPy
+where there
+ * is no compiler. D components of an observation, C columns of the state that it depends on, M modes, N rows of the factor,
+ LANES, and `stored`,
  * float or double, are defined in front of this text. Matrices are row by row.
  *
  * The small matrices of LANES landmarks are handled side by side: a `lane` holds one entry of each. A group that is not full is
@@ -22,7 +24,8 @@ typedef struct {
   stored *modes, *roots;
 } Map;
 
-/* LANES observations of `WhitenedRows`: rows (D x W), in their place at last what they make of their landmarks (3 x W), X and H_p L. */
+/* LANES observations of `WhitenedRows`: rows (D x W), in their place at last what they make of their landmarks (3 x W), X and
+H_p L. */
 typedef struct {
   loose rows[D * W], spread[D * 3], gram[D * 3];
 } Group;
@@ -40,7 +43,8 @@ static inline lane with_sign(lane x, lane y) {
   return (lane)(((mask)x & ~sign) | ((mask)y & sign));
 }
 
-/* Lower triangular L (3 x 3) with L L' = X X', X (3 x count) overwritten, by reflections: squares of what is wide apart would be lost
+/* Lower triangular L (3 x 3) with L L' = X X', X (3 x count) overwritten, by reflections: squares of what is wide apart would
+be lost
  * to rounding. */
 static inline __attribute__((always_inline)) void lower_root(lane* X, const int count, lane* L) {
   for (int j = 0; j < 3; ++j) {
@@ -206,7 +210,8 @@ double whiten(integer count, const double* linear, const double* weights, const 
   return log_noise;
 }
 
-/* Householder reflections take columns `first` to `last` of `count` rows into the upper triangle R; what lies left of `from` is zero.
+/* Householder reflections take columns `first` to `last` of `count` rows into the upper triangle R; what lies left of `from`
+is zero.
  * Each reflection finds the products of the next column on its way. All lengths are known to the compiler. */
 static inline __attribute__((always_inline)) void absorb_columns(double* restrict R, double* restrict rows, int count, int first,
                                                                  int last, const int from, const int pitch) {
@@ -308,10 +313,11 @@ double correct(integer count, integer n, const Group* g, const integer* columns,
   return nis;
 }
 
-/* `lanes.Lanes` of `sighting_rows`. */
+/* `lanes.Lanes` of `observation_rows`. */
 typedef void Sighted(integer count, const double* const* from, const integer* pitch, const integer* const* rows, double* const* to);
 
-/* `solved_rows`: 1 where no innovation is longer than the limit, and else 0, with nothing done. said: log determinant of what whitens
+/* `solved_rows`: 1 where no innovation is longer than the limit, and else 0, with nothing done. said: log determinant of what
+whitens
  * all, by which it grows, and the normalised innovation squared. */
 int solve_rows(integer count, const double* linear, const double* weights, const integer* at, double limit, const Map* map,
                double* said, Group* g, integer n, const integer* columns, double* factor, double* root, double* shift,
@@ -349,7 +355,8 @@ int solve(integer count, Sighted* sighted, const double* x, const double* parame
   return solve_rows(count, linear, valid, at, limit, map, said, g, n, columns, factor, root, shift, error);
 }
 
-/* A set of sigma points: the centre, a step along each of AXES coordinates, and a step back; weights in a mean and square roots of those
+/* A set of sigma points: the centre, a step along each of AXES coordinates, and a step back; weights in a mean and square
+roots of those
  * in a covariance, of the centre and of any other. */
 enum { AXES = C + 3, POINTS = 2 * AXES + 1, ITEMS = POINTS * LANES };
 typedef struct {
@@ -363,7 +370,8 @@ typedef struct {
 
 /* Whitened innovations of LANES landmarks at all sigma points (D x POINTS), 0 in `good` where one is not valid, and the log
  * determinants of the noise at the centre. */
-static void sight_points(Sighted* sighted, const double* const* from, const integer* pitch, const lane* places, const integer* which,
+static void sight_points(Sighted* sighted, const double* const* from, const integer* pitch, const lane* places, const integer*
+which,
                          lane* away, double* good, double* noise) {
   double here[ITEMS * 3], out[ITEMS * D], valid[ITEMS], logs[ITEMS];
   integer point[ITEMS], each[ITEMS];
@@ -408,7 +416,8 @@ static inline lane fit(const Sigma* set, const lane* away, lane* slope, lane* le
   return mean;
 }
 
-/* Slopes by coordinates become those by the pose's errors and by the landmark, which moves by `moves` (3 x AXES): 0 by what no coordinate
+/* Slopes by coordinates become those by the pose's errors and by the landmark, which moves by `moves` (3 x AXES): 0 by what no
+coordinate
  * moves. */
 static inline void by_errors(const double* pose, const lane* moves, lane* slope) {
   for (int c = 2; c >= 0; --c) {
@@ -455,7 +464,8 @@ static inline void move_landmarks(const Spread* spread, const Map* map, const in
   }
 }
 
-/* `regressed`: linear [count][D][LINEAR], valid [count] and noise [count]. States [POINTS] have rows of so many numbers; parameters are
+/* `regressed`: linear [count][D][LINEAR], valid [count] and noise [count]. States [POINTS] have rows of so many numbers;
+parameters are
  * those behind the point. */
 void regress(integer count, Sighted* sighted, const Spread* spread, integer numbers, const double* parameters, integer width,
              const double* values, integer components, const integer* at, const Sigma* set, const Map* map, double* linear,
@@ -510,7 +520,8 @@ static inline void turn(double* restrict a, double* restrict b, double c, double
   }
 }
 
-/* Eigenvalues d of a symmetric A (order Q, overwritten), eigenvectors in the rows of V: Householder's reflections to three diagonals,
+/* Eigenvalues d of a symmetric A (order Q, overwritten), eigenvectors in the rows of V: Householder's reflections to three
+diagonals,
  * then QL with implicit shifts (Wilkinson and Reinsch, 1971). */
 static void eigenvectors(double* A, double* d, double* V) {
   double e[Q] = {0};
@@ -630,7 +641,8 @@ static void pull(Group* g, integer groups, double* G) {
     }
 }
 
-/* `compress`: turned [Q][Q] of kept and dropped side by side, mode_rows [M][n], explained [M] (in: what is remembered). G: what pose and
+/* `compress`: turned [Q][Q] of kept and dropped side by side, mode_rows [M][n], explained [M] (in: what is remembered). G:
+what pose and
  * modes of all observed landmarks explain. */
 static void compress(double* G, integer n, const double* both, double* explained, double* turned, double* mode_rows) {
   double R[Q * Q], A[Q * Q] = {0}, d[Q], V[Q * Q], T[Q * Q] = {0}, reflect[Q * N];
@@ -737,7 +749,8 @@ static void observe(integer count, const Group* g, const integer* at, const doub
 }
 
 /* New landmarks, which depend on the pose by [count][3][C] and have their own roots. */
-static void settle_new(integer count, const double* by_pose, const double* own, const double* turned, stored* modes, stored* roots) {
+static void settle_new(integer count, const double* by_pose, const double* own, const double* turned, stored* modes, stored*
+roots) {
   for (integer first = 0; first < count; first += LANES) {
     const int some = (int)(count - first < LANES ? count - first : LANES);
     lane both[3 * C], L[9], A[3 * M], root[9];
@@ -757,7 +770,8 @@ static void settle_new(integer count, const double* by_pose, const double* own, 
 /* `Steps.close`: everything after the correction of an epoch, in the order of its NumPy reference. fresh: new landmarks, by_pose
  * [fresh][3][C] and own [fresh][3][3]; begin and end of the rows whose turn it is. */
 void close_epoch(integer count, Group* groups, const integer* at, const double* error, integer fresh, const double* by_pose,
-                 const double* own, double share, integer n, const double* both, double* explained, double* turned, double* mode_rows,
+                 const double* own, double share, integer n, const double* both, double* explained, double* turned, double*
+                 mode_rows,
                  stored* new_modes, stored* new_roots, integer total, integer begin, integer end, integer slots, integer now,
                  const Map* map) {
   double G[Q * Q] = {0}, wide[Q * PITCH] = {0};

@@ -1,7 +1,7 @@
 """An update by observations of landmarks that is iterated where they are far from linear.
 
 What the landmarks' own errors make of the observations is noise, whitened as at the point before the update; see
-`spinfilters.estimators.iterated`.
+`spinfilters.estimators.filters.iterated_update`.
 """
 
 from dataclasses import dataclass, replace
@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.estimators.iterated import IterationOptions, agrees, iterate
+from spinfilters.estimators.filters.iterated_update import IterationOptions, agrees, iterate
 from spinfilters.estimators.landmarks.observations import LinearRows, Observations, Solved, corrected
 
 
@@ -36,7 +36,7 @@ class IteratedObservations:
         return last._replace(correction=replace(last.correction, error=self.factor @ y))
 
     def _is_good(self, options: IterationOptions) -> bool:
-        """Whether the innovations at the first solution are what the linear model foretold."""
+        """Whether the innovations at the first solution are what the linear model predicted."""
         rows, error = self.first.whitened.rows, self.first.correction.error
         found = self._linear(error)
         residual = self._whitened(found)

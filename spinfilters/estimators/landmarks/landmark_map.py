@@ -16,10 +16,10 @@ from typing import Annotated
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinfilters.data.number_range import NumberRange
 from spinfilters.errors import InputError
-from spinfilters.estimators.landmarks.native import steps_of
-from spinfilters.estimators.landmarks.reference import next_epoch
-from spinfilters.logs.number_range import NumberRange
+from spinfilters.estimators.landmarks.compiled_steps import steps_of
+from spinfilters.estimators.landmarks.numpy_steps import next_epoch
 
 SLOTS = 24
 """Epochs that a landmark may fall behind; less would touch more landmarks, more would keep more transformations."""

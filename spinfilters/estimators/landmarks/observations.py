@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinfilters.estimators.gain import Correction
+from spinfilters.estimators.filters.square_root_update import Correction
 from spinfilters.estimators.landmarks.landmark_map import LandmarkMap
 from spinfilters.estimators.landmarks.steps import WhitenedRows
-from spinfilters.estimators.robustness import SensorGuard
+from spinfilters.estimators.robust.outlier_rejection import SensorOutlierRejection
 from spinfilters.models.landmark_sensor import LandmarkSensor
 from spinfilters.state.layout import StateLayout
 
@@ -73,7 +73,7 @@ class Observations:
         """First derivatives at a state and at points, those of the map where none are given."""
         k, d = len(self.values), self.sensor.dim
         places = (self.landmarks.points, self.at) if points is None else (points, None)
-        made, valid, square, log_noise = self.sensor.sighting_rows(
+        made, valid, square, log_noise = self.sensor.observation_rows(
             x[None], places[0], self.parameters[:, 3:], self.values, rows=(None, places[1], None, None)
         )
         rows = made.reshape(k, d, len(self.sensor.columns) + 4)
@@ -101,7 +101,7 @@ class Solved(NamedTuple):
         return self.correction.coordinates
 
     def length(self, step: Float[np.ndarray, " N"]) -> float:
-        """See `spinfilters.estimators.iterated.Solution`."""
+        """See `spinfilters.estimators.filters.iterated_update.Solution`."""
         return self.correction.length(step)
 
 
@@ -109,7 +109,7 @@ def solve_at(
     observations: Observations,
     x: Float[np.ndarray, " m"],
     factor: Float[np.ndarray, "N N"],
-    guard: SensorGuard,
+    guard: SensorOutlierRejection,
 ) -> Solved:
     """What `solve` says with first derivatives at a state; at once, where all are valid and pass whatever the covariance."""
     o = observations
@@ -118,7 +118,10 @@ def solve_at(
 
 
 def solve(
-    observations: Observations, linear: LinearRows, factor: Float[np.ndarray, "N N"], guard: SensorGuard
+    observations: Observations,
+    linear: LinearRows,
+    factor: Float[np.ndarray, "N N"],
+    guard: SensorOutlierRejection,
 ) -> Solved:
     """The correction by all valid observations that the guard lets pass; at once, as `solve_at`."""
     o, found = observations, None
@@ -129,7 +132,7 @@ def solve(
 
 
 def _accepted(
-    observations: Observations, found: tuple[Correction, WhitenedRows], guard: SensorGuard
+    observations: Observations, found: tuple[Correction, WhitenedRows], guard: SensorOutlierRejection
 ) -> Solved:
     """The correction by all observations, each of full weight."""
     guard.accept()
@@ -138,7 +141,10 @@ def _accepted(
 
 
 def _weighed(
-    observations: Observations, linear: LinearRows, factor: Float[np.ndarray, "N N"], guard: SensorGuard
+    observations: Observations,
+    linear: LinearRows,
+    factor: Float[np.ndarray, "N N"],
+    guard: SensorOutlierRejection,
 ) -> Solved:
     """The correction by valid observations with the weights that the guard gives them."""
     o, steps, valid = observations, observations.landmarks.steps, np.flatnonzero(linear.valid)

@@ -12,9 +12,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg.lapack import dtrtrs
 
-from spinfilters.estimators.gain import is_lower, last_nonzero, lower_roots, triangular_factor
+from spinfilters.estimators.filters.sigma_points import SigmaPointOptions, SigmaPoints, sigma_points
+from spinfilters.estimators.filters.square_root_update import (
+    is_lower,
+    last_nonzero,
+    lower_roots,
+    triangular_factor,
+)
 from spinfilters.estimators.landmarks.observations import LinearRows, Observations
-from spinfilters.estimators.sigma_points import SigmaPointOptions, SigmaPoints, sigma_points
 
 
 @dataclass(frozen=True)
@@ -84,7 +89,7 @@ class Spread:
         k, p = len(o.values), len(points.offsets)
         moved = points.offsets @ moves.reshape(3 * k, moves.shape[2]).T
         places, each = o.points + moved.reshape(p, k, 3), np.tile(np.arange(k), p)
-        away, valid, log_noise = o.sensor.sighting_innovations(
+        away, valid, log_noise = o.sensor.observation_innovations(
             self.states,
             places.reshape(-1, 3),
             o.parameters[:, 3:],

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.estimators.gain import lower_roots, triangular_factor
+from spinfilters.estimators.filters.square_root_update import lower_roots, triangular_factor
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.models.gauge import GAUGE_DIM, GAUGE_STD, gauge_directions, gauge_of_points

@@ -58,7 +58,7 @@ def transition_errors(
     measured: Float[np.ndarray, "n 3 3"], true: Float[np.ndarray, "n 3 3"]
 ) -> Float[np.ndarray, "m 3"]:
     """Angles, deg, between the rows of measured and true transition matrices M = DCM(t + 1) DCM(t)' (section 4.4)."""
-    ours, theirs = (frames[1:] @ np.swapaxes(frames[:-1], 1, 2) for frames in (measured, true))
+    ours, theirs = (epochs[1:] @ np.swapaxes(epochs[:-1], 1, 2) for epochs in (measured, true))
     sines = np.linalg.norm(np.cross(ours, theirs), axis=2)
     return np.rad2deg(np.arctan2(sines, np.einsum("nij,nij->ni", ours, theirs)))
 

@@ -56,11 +56,11 @@ class ProcessedSequence:
     def transition_errors(self, boundary: int) -> Float[np.ndarray, "m 3"]:
         """Angles of the x, y and z axes, deg, with the frame of one boundary corner; NaN where a snapshot lacks it."""
         found = self.corners, self.boundary_corners[:, boundary]
-        frames = [
+        epochs = [
             np.array([reference_frame(PLACE, *pair) for pair in zip(*points, strict=True)])
             for points in (found, tuple(map(self.nearest_vertices, found)))
         ]
-        return transition_errors(frames[0], frames[1])
+        return transition_errors(epochs[0], epochs[1])
 
 
 def processed_sequence(

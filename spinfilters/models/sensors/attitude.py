@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.attitude.expressions import Expression, conjugate, product, short_mrp_from_quaternion
-from spinfilters.models.covariance_parameters import factor_of, parameters_of
+from spinfilters.models.cholesky_parameters import factor_of, parameters_of
 from spinfilters.models.measurement import MeasurementModel
 
 

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
-from spinfilters.logs.atomic_write import make_folder, write_bytes, write_text, write_toml
-from spinfilters.logs.truth import Truth, write_truth
+from spinfilters.data.atomic_write import make_folder, write_bytes, write_text, write_toml
+from spinfilters.data.truth import Truth, write_truth
 from spinfilters.vision.raw_rig import RawCamera, RawRig, write_raw_rig
 from spinfilters.vision.rendering.body_view import Appearance, View, body_image
 from spinfilters.vision.rendering.imaging import Imaging, add_stars, ideal_matrix, photograph

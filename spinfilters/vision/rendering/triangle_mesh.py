@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import ConvexHull
 
+from spinfilters.data.input_file import path_text, require_file, value_text
 from spinfilters.errors import InputError
-from spinfilters.logs.input_file import named, require_file, shown
 
 LARGEST_MESH_FILE: Final = 64_000_000
 """Bytes."""
@@ -63,7 +63,7 @@ def named_mesh(shape: str, radius: float) -> TriangleMesh:
     path = Path(shape)
     if path.suffix.lower() not in _READERS:
         raise InputError(
-            f"shape {shown(shape)} is unknown; use {', '.join(POLYHEDRA)} or a file {', '.join(_READERS)}"
+            f"shape {value_text(shape)} is unknown; use {', '.join(POLYHEDRA)} or a file {', '.join(_READERS)}"
         )
     require_file(path, LARGEST_MESH_FILE)
     try:
@@ -73,7 +73,7 @@ def named_mesh(shape: str, radius: float) -> TriangleMesh:
         )
     except (ValueError, IndexError, struct.error):
         raise InputError(
-            f"{named(path)}: is no mesh of triangles; give an OBJ, a binary STL or 'v'/'f' rows"
+            f"{path_text(path)}: is no mesh of triangles; give an OBJ, a binary STL or 'v'/'f' rows"
         ) from None
     _check(path, mesh)
     return _outward(mesh).scaled_to(radius)
@@ -83,14 +83,14 @@ def _check(path: Path, mesh: TriangleMesh) -> None:
     count, faces = len(mesh.vertices), mesh.faces
     if not 4 <= len(faces) <= MOST_FACES or count < 4:
         raise InputError(
-            f"{named(path)}: has {count} vertices and {len(faces)} faces; give 4 to {MOST_FACES} triangles"
+            f"{path_text(path)}: has {count} vertices and {len(faces)} faces; give 4 to {MOST_FACES} triangles"
         )
     if faces.min() < 0 or faces.max() >= count or not np.isfinite(mesh.vertices).all():
         raise InputError(
-            f"{named(path)}: a face names a vertex that is not there, or a vertex is not finite; export it again"
+            f"{path_text(path)}: a face names a vertex that is not there, or a vertex is not finite; export it again"
         )
     if not np.ptp(mesh.vertices, axis=0).max() > 0:
-        raise InputError(f"{named(path)}: all vertices are at one place; export it again")
+        raise InputError(f"{path_text(path)}: all vertices are at one place; export it again")
 
 
 def _outward(mesh: TriangleMesh) -> TriangleMesh:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from spinfilters.api.image_recordings import ImageScenario, example_rig, render
-from spinfilters.logs.truth import read_truth
+from spinfilters.data.truth import read_truth
 from spinfilters.vision.raw_rig import read_raw_rig
 from spinfilters.vision.rendering.image_sequence import rendered_pairs
 from spinfilters.vision.rendering.imaging import Imaging, add_stars, ideal_matrix, photograph

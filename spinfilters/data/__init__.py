@@ -1,0 +1,1 @@
+"""Measurement logs, data sets and truths; their files."""

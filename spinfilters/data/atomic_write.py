@@ -1,0 +1,106 @@
+"""A file that appears complete or not at all: every writer of the project goes through here."""
+
+import json
+import math
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import tomli_w
+
+from spinfilters.data.input_file import path_text, reason
+from spinfilters.errors import InputError
+
+
+@contextmanager
+def atomic_file(path: Path) -> Iterator[BinaryIO]:
+    """A binary stream that becomes `path` when the block ends well, and vanishes when it does not.
+
+    The bytes go to a hidden name in the same folder, reach the disk (fsync), and then replace the target in
+    one step, so a reader sees the old file or the new one.
+
+    Raises
+    ------
+    InputError: disk full, no permission, no such folder, or a folder in the way; the target is untouched.
+    """
+    temporary = path.with_name(f".{secrets.token_hex(8)}.part")
+    try:
+        with open(temporary, "xb") as stream:
+            yield stream
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(temporary, path)
+    except OSError as error:
+        if error.filename not in (None, os.fspath(temporary)):
+            raise  # the caller's block failed on a file of its own
+        raise InputError(
+            f"{path_text(path)}: cannot be written ({reason(error)}); free disk space or choose another folder"
+        ) from None
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def write_bytes(path: Path, data: bytes) -> None:
+    """Write the bytes (a PNG, for instance) atomically; errors as `atomic_file`."""
+    with atomic_file(path) as stream:
+        stream.write(data)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write the text as UTF-8 with line feeds, atomically; errors as `atomic_file`."""
+    write_bytes(path, text.encode("utf-8"))
+
+
+def write_json(path: Path, document: object) -> None:
+    """Write a document of dicts, lists, strings, numbers and None as indented JSON, atomically; `null` for what is not finite.
+
+    Raises
+    ------
+    InputError: as `atomic_file`, or a document that JSON cannot hold (an array).
+    """
+    try:
+        text = json.dumps(_with_null(document), indent=2, allow_nan=False, ensure_ascii=False)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"{path_text(path)}: JSON cannot hold this ({reason(error)}); pass plain Python values"
+        ) from None
+    write_text(path, text + "\n")
+
+
+def _with_null(document: object) -> object:
+    """The document with None for every number that is not finite."""
+    if isinstance(document, dict):
+        return {key: _with_null(value) for key, value in document.items()}
+    if isinstance(document, list | tuple):
+        return [_with_null(value) for value in document]
+    return None if isinstance(document, float) and not math.isfinite(document) else document
+
+
+def write_toml(path: Path, document: dict[str, Any]) -> None:
+    """Write a document of tables, lists, strings, numbers and booleans as TOML, atomically.
+
+    Raises
+    ------
+    InputError: as `atomic_file`, or a value that TOML cannot hold (None, an array).
+    """
+    try:
+        text = tomli_w.dumps(document)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"{path_text(path)}: TOML cannot hold this ({reason(error)}); pass plain Python values"
+        ) from None
+    write_text(path, text)
+
+
+def make_folder(path: Path) -> None:
+    """Create the folder and its parents; one that is there already is kept. InputError if refused."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"{path_text(path)}: cannot be made a folder ({reason(error)}); choose another folder"
+        ) from None

@@ -1,0 +1,142 @@
+"""A data set: measurements of one body with what is known about them, read from a folder or a file.
+
+A folder holds `dataset.toml` (kind, description, noise) and the tables of its sensors; an export of the
+phyphox app and a single gyro or TUM file are read as they are.
+"""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from spinfilters.data.camera import Rig
+from spinfilters.data.dataset_options import DatasetOptions
+from spinfilters.data.dataset_reader import OnRefused, reader_of
+from spinfilters.data.gyro_files import Segment
+from spinfilters.data.input_file import path_text, printable, value_text
+from spinfilters.data.inspector_files import require_cover
+from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.data.sensor_format import (
+    CalibrationFiles,
+    dataset_kinds,
+    sensor_format,
+)
+from spinfilters.data.track_files import KnownMap
+from spinfilters.data.truth import Truth
+from spinfilters.errors import InputError
+
+DATASET_FILE: Final[str] = "dataset.toml"
+LANDMARK_FILE: Final[str] = "landmarks.csv"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Dataset:
+    """Measurements with what is known about them.
+
+    Parameters
+    ----------
+    kind: of `dataset_kinds`.   log: with the sensor of that kind; other sensors may be there too.
+    path: where it was read, None when made in memory.
+    truth, rig, known_map: None where not known; measurements of a camera need its rig.
+    inspector: poses of cam0 in i over the time of all measurements of cameras; None where frame i is that of cam0.
+    segment: the marked stretch of a phyphox recording that this is, None otherwise.
+
+    Raises
+    ------
+    InputError: unknown kind, a log without its sensor, measurements of a camera without its rig, an inspector without a camera
+    or of a shorter time.
+    """
+
+    kind: str
+    log: MeasurementLog
+    path: Path | None = None
+    description: str = ""
+    truth: Truth | None = None
+    rig: Rig | None = None
+    known_map: KnownMap | None = None
+    inspector: MeasurementStream | None = None
+    options: DatasetOptions = field(default_factory=DatasetOptions)
+    segment: Segment | None = None
+
+    def __post_init__(self) -> None:
+        kinds = dataset_kinds()
+        if self.kind not in kinds:
+            raise InputError(f"kind {value_text(self.kind)} is unknown; use {', '.join(kinds)}")
+        self.log.stream(self.sensor)
+        for sensor in self.log.sensors:
+            calibration = sensor_format(sensor).calibration
+            if calibration is not None and not isinstance(self.rig, calibration.kind):
+                raise InputError(
+                    f"{sensor} measurements need a rig ({calibration.kind.__name__}); give the camera's calibration"
+                )
+
+        if self.inspector is not None:
+            require_cover(self.inspector, self.log)
+
+    @property
+    def sensor(self) -> str:
+        """The sensor that its kind says it must have."""
+        return dataset_kinds()[self.kind].name
+
+    @property
+    def calibrations(self) -> tuple[CalibrationFiles, ...]:
+        """Files of the rig."""
+        return calibrations_of(self.log)
+
+    @property
+    def name(self) -> str:
+        """Where it was read, with the segment, or what it is: how an error names it."""
+        place = printable(self.description) or "the data set" if self.path is None else path_text(self.path)
+        return place if self.segment is None else f"{place}, segment {self.segment.number}"
+
+    @contextmanager
+    def naming(self) -> Iterator[None]:
+        """Put `name` in front of every InputError about the measurements, which do not know where they come from."""
+        try:
+            yield
+        except InputError as error:
+            raise InputError(f"{self.name}: {error}") from None
+
+
+def read_dataset(path: str | os.PathLike[str], segment: int | None = None) -> Dataset:
+    """The data set of a path, by the reader that recognises it (`spinfilters.data.dataset_reader`).
+
+    Parameters
+    ----------
+    segment: number of a kept segment of a phyphox recording; None where there is only one.
+
+    Raises
+    ------
+    InputError: an unusable file (see the readers), several segments and none chosen, a segment that is not a
+    trial, a kind whose front end is not part of this version. The text names file, line or value, and the
+    cure.
+    """
+    place = Path(path)
+    reader = reader_of(place)
+    if segment is not None and not reader.has_segments:
+        raise InputError(f"{path_text(place)}: has no segments; leave out --segment {segment}")
+    return reader.read(place, segment)
+
+
+def has_images(path: str | os.PathLike[str]) -> bool:
+    """Whether a path is a folder of stereo images without tracks of them, which a front end must follow first."""
+    folder = Path(path)
+    return os.path.isdir(folder / "cam0" / "data") and not os.path.lexists(folder / "tracks.csv")
+
+
+def read_segments(path: str | os.PathLike[str], on_refused: OnRefused | None = None) -> list[Dataset]:
+    """Every kept segment of a phyphox folder; of any other path its one data set. Errors: `read_dataset`.
+
+    Parameters
+    ----------
+    on_refused: called with the number of a segment that is no trial, and why, instead of raising InputError for it.
+    """
+    return reader_of(Path(path)).segments(Path(path), on_refused)
+
+
+def calibrations_of(log: MeasurementLog) -> tuple[CalibrationFiles, ...]:
+    """Of the cameras in a log."""
+    formats = [sensor_format(sensor) for sensor in log.sensors]
+    return tuple(form.calibration for form in formats if form.calibration is not None)

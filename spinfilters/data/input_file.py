@@ -1,0 +1,136 @@
+"""A file from a stranger: is it there, is it text, is it of a size that a measurement can have.
+
+Every error of the readers is one line that names the file, the line or value, and the cure; `named` and
+`shown` keep it one printable line whatever a file name or a cell contains.
+"""
+
+import os
+import reprlib
+import stat
+from pathlib import Path
+from typing import Final
+
+from spinfilters.errors import InputError
+
+MAX_TABLE_BYTES: Final[int] = 2 * 1024**3
+"""Largest table that is read (2 GiB): an hour of stereo tracks is a tenth of it."""
+MAX_TABLE_ROWS: Final[int] = 20_000_000
+"""Most lines of a table that are read: above it the numbers alone would take gigabytes."""
+MAX_SETTINGS_BYTES: Final[int] = 1024**2
+"""Largest TOML, YAML or segment file that is read (1 MiB)."""
+MAX_LINE_BYTES: Final[int] = 1024**2
+"""A table whose line is longer is no table of measurements."""
+
+_REPR = reprlib.Repr()
+_REPR.maxstring = _REPR.maxother = _REPR.maxlong = 60
+_REPR.maxlevel = 3
+
+
+def path_text(path: Path) -> str:
+    """The path as one printable line: control characters and undecodable bytes are escaped."""
+    return printable(str(path))
+
+
+def printable(text: str) -> str:
+    """A text as one line that every terminal and file can hold."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def value_text(value: object) -> str:
+    """The value as it appears in an error: its representation, shortened to about 60 characters, one line."""
+    try:
+        return "".join(c if c.isprintable() else " " for c in _REPR.repr(value))
+    except ValueError:  # an integer of more digits than Python prints
+        return "a number too long to show"
+
+
+def require_file(path: Path, max_bytes: int) -> int:
+    """Size of a regular, readable, non-empty file in bytes.
+
+    Raises
+    ------
+    InputError: missing, a directory, a device or pipe, not readable, empty, or larger than `max_bytes`.
+    """
+    try:
+        status = os.stat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError(f"{path_text(path)}: no such file; check the path") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path_text(path)}: cannot be opened ({reason(error)}); check the path") from None
+    if stat.S_ISDIR(status.st_mode):
+        raise InputError(f"{path_text(path)}: is a directory, expected a file; give the file inside it")
+    if not stat.S_ISREG(status.st_mode):
+        raise InputError(
+            f"{path_text(path)}: is a device or pipe, expected a file; copy its content to a file"
+        )
+    if not os.access(path, os.R_OK):
+        raise InputError(f"{path_text(path)}: permission denied; make the file readable (chmod u+r)")
+    if status.st_size == 0:
+        raise InputError(f"{path_text(path)}: is empty (0 bytes); export or copy it again")
+    if status.st_size > max_bytes:
+        raise InputError(
+            f"{path_text(path)}: has {status.st_size} bytes, at most {max_bytes} are read; "
+            "cut it into smaller files"
+        )
+    return status.st_size
+
+
+def require_folder(path: Path) -> None:
+    """Raise InputError unless the path is a directory whose files can be listed and opened."""
+    if not os.path.isdir(path):
+        raise InputError(f"{path_text(path)}: no such folder; check the path")
+    if not os.access(path, os.R_OK | os.X_OK):
+        raise InputError(f"{path_text(path)}: permission denied; make the folder readable (chmod u+rx)")
+
+
+def read_settings_text(path: Path) -> str:
+    """Text of a small settings file (TOML, YAML, segments), UTF-8 with or without byte order mark.
+
+    Raises
+    ------
+    InputError: as `require_file` with 1 MiB, or a file that is not UTF-8 text.
+    """
+    require_file(path, MAX_SETTINGS_BYTES)
+    try:
+        raw = path.read_bytes()
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        byte, line = error.object[error.start], error.object.count(b"\n", 0, error.start) + 1
+        raise InputError(
+            f"{path_text(path)}: line {line}: byte 0x{byte:02x} is not UTF-8; save it as UTF-8 text"
+        ) from None
+    except OSError as error:
+        raise InputError(f"{path_text(path)}: cannot be read ({reason(error)}); copy it again") from None
+
+
+def require_text_table(path: Path) -> None:
+    """Raise InputError unless it can be a table: `require_file`, no NUL byte, rows and lines bounded."""
+    require_file(path, MAX_TABLE_BYTES)
+    rows = 0
+    try:
+        with open(path, "rb") as stream:
+            while chunk := stream.read(MAX_LINE_BYTES):
+                breaks = max(chunk.count(b"\n"), chunk.count(b"\r"))
+                rows += breaks
+                _check_chunk(path, chunk, breaks, rows)
+    except OSError as error:
+        raise InputError(f"{path_text(path)}: cannot be read ({reason(error)}); copy it again") from None
+
+
+def _check_chunk(path: Path, chunk: bytes, breaks: int, rows: int) -> None:
+    if b"\0" in chunk:
+        raise InputError(
+            f"{path_text(path)}: holds NUL bytes, so it is not UTF-8 text; export it as UTF-8 text"
+        )
+    if breaks == 0 and len(chunk) == MAX_LINE_BYTES:
+        raise InputError(
+            f"{path_text(path)}: has a line of more than {MAX_LINE_BYTES} bytes; give a table of numbers"
+        )
+    if rows > MAX_TABLE_ROWS:
+        raise InputError(f"{path_text(path)}: has more than {MAX_TABLE_ROWS} rows; cut it into smaller files")
+
+
+def reason(error: Exception) -> str:
+    """The words of the system or of a parser for an error ('Permission denied'): one line of at most 200."""
+    text = (error.strerror if isinstance(error, OSError) else None) or str(error)
+    return "".join(c if c.isprintable() else " " for c in " ".join(text.split())[:200])

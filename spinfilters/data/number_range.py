@@ -1,0 +1,76 @@
+"""Ranges of the numbers that people give: in settings, on the command line and in the small files of a data set."""
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+from spinfilters.data.input_file import value_text
+from spinfilters.errors import InputError
+
+
+@dataclass(frozen=True)
+class NumberRange:
+    """Finite numbers from ``smallest`` to ``largest``, and zero where that is apart from them.
+
+    Attributes
+    ----------
+    unit: for messages, may be empty.   zero: whether 0 is allowed too.   whole: whether only whole numbers are.
+    """
+
+    smallest: float
+    largest: float
+    unit: str = ""
+    zero: bool = False
+    whole: bool = False
+
+    def __contains__(self, value: object) -> bool:
+        """Whether a value is a number of the range; truth values are none."""
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return False
+        if self.whole and not isinstance(value, int):
+            return False
+        return self.smallest <= value <= self.largest or (self.zero and value == 0)
+
+    def __str__(self) -> str:
+        kind = "a whole number" if self.whole else "a number"
+        zero = "0 or " if self.zero and self.smallest > 0 else ""
+        return f"{zero}{kind} from {self.smallest:.6g} to {self.largest:.6g} {self.unit}".rstrip()
+
+    def require(self, name: str, value: object) -> None:
+        """Raise InputError, which names what it is, its value and the range, for a value outside."""
+        if value not in self:
+            raise InputError(f"{name} is {value_text(value)}; give {self}")
+
+    def __get_pydantic_core_schema__(self, _source: object, _handler: object) -> Any:
+        """How pydantic validates a field whose type is annotated with the range: no truth value, no text, no other number."""
+        from pydantic_core import core_schema  # only settings need it
+
+        number = core_schema.int_schema(strict=True) if self.whole else core_schema.float_schema(strict=True)
+        return core_schema.no_info_after_validator_function(self._checked, number)
+
+    def _checked(self, value: float) -> float:
+        if value not in self:
+            raise ValueError(f"give {self}")
+        return value
+
+    def parsed(self, text: str) -> float | int:
+        """The number that a text tells.
+
+        Raises
+        ------
+        ValueError: the text is no number of the range, with what to give.
+        """
+        try:
+            value: float | int = int(text) if self.whole else float(text)
+        except ValueError:
+            value = math.nan
+        if value not in self:
+            raise ValueError(f"{value_text(text)} is not allowed; give {self}")
+        return value
+
+
+LENGTH: Final = NumberRange(-1e9, 1e9, "m")
+SPEED: Final = NumberRange(-1e9, 1e9, "m/s")
+RATE: Final = NumberRange(-1e4, 1e4, "rad/s")
+"""Of a component of a body rate: a hundred times what gyros measure."""
+PIXEL: Final = NumberRange(-1e7, 1e7, "px")

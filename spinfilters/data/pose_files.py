@@ -1,0 +1,65 @@
+"""Trajectories in the TUM format: `timestamp tx ty tz qx qy qz qw`, blank separated, '#' for comments."""
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.data.atomic_write import atomic_file
+from spinfilters.data.measurement_log import MeasurementStream, first_not_unit
+from spinfilters.data.number_range import LENGTH
+from spinfilters.data.table_files import Table, read_blank_separated
+from spinfilters.data.time_stamps import require_times
+
+TUM_COLUMNS: Final[tuple[str, ...]] = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
+"""s, m (origin of g in i), unit quaternion q_ig, scalar last."""
+_DECIMALS = 9
+
+
+def read_tum(path: Path) -> MeasurementStream:
+    """Pose stream of a TUM file: origin of g in i (m) and q_ig.
+
+    Raises
+    ------
+    InputError: as `read_blank_separated` and `require_times`, a position beyond `LENGTH`, or a quaternion that is not a unit one.
+    """
+    table = read_blank_separated(path, TUM_COLUMNS)
+    require_times(table, repeats=False)
+    table.require(slice(1, 4), LENGTH)
+    require_unit_quaternions(table, 4)
+    return MeasurementStream("pose", table.values[:, 0], table.values[:, 1:])
+
+
+def write_tum(path: Path, stream: MeasurementStream) -> None:
+    """Write a pose stream with at least 9 decimals and as many as give the same bits when read. Atomic."""
+    write_poses(path, stream.time, stream.values[:, :3], stream.values[:, 3:])
+
+
+def write_poses(
+    path: Path,
+    time: Float[np.ndarray, " n"],
+    position: Float[np.ndarray, "n 3"],
+    quaternion: Float[np.ndarray, "n 4"],
+) -> None:
+    """Write times (s), positions (m) and unit quaternions as `write_tum` does."""
+    with atomic_file(path) as file:
+        file.write(f"# {' '.join(TUM_COLUMNS)}\n".encode())
+        for row in zip(time, position, quaternion, strict=True):
+            file.write((" ".join(map(_decimal, np.hstack(row))) + "\n").encode())
+
+
+def require_unit_quaternions(table: Table, column: int) -> None:
+    """Raise InputError unless the four columns from `column` on are unit quaternions (scalar last)."""
+    quaternion: Float[np.ndarray, "n 4"] = table.values[:, column : column + 4]
+    row = first_not_unit(quaternion)
+    if row is not None:
+        norm = float(np.linalg.norm(quaternion[row]))
+        raise table.error(
+            row,
+            f"quaternion {quaternion[row].tolist()} has norm {norm:.6g}, not 1; correct or delete the line",
+        )
+
+
+def _decimal(number: float) -> str:
+    return np.format_float_positional(number, unique=True, trim="k", min_digits=_DECIMALS)

@@ -1,0 +1,141 @@
+"""Folder with dataset.toml and a table per sensor."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+from spinfilters.data.covariance_files import with_covariance
+from spinfilters.data.dataset import DATASET_FILE, LANDMARK_FILE, Dataset, calibrations_of
+from spinfilters.data.dataset_options import DatasetOptions, options_from_toml
+from spinfilters.data.dataset_reader import DatasetReader
+from spinfilters.data.input_file import path_text, require_folder, value_text
+from spinfilters.data.inspector_files import read_inspector
+from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.data.raw_data import RawDataReader, raw_data_reader
+from spinfilters.data.sensor_files import read_sensor_file
+from spinfilters.data.sensor_format import SensorFormat, dataset_kinds, sensor_formats
+from spinfilters.data.settings_files import read_toml
+from spinfilters.data.table_files import read_header
+from spinfilters.data.track_files import read_landmarks
+from spinfilters.data.truth import read_truth
+from spinfilters.errors import InputError
+
+_FRONT_ENDS = {
+    "stereo-images": "tracks.csv with kind = 'stereo-tracks' ('spinfilters track' makes it of images in cam0/data and cam1/data)",
+    "lidar-scans": "poses.tum of the registered scans with kind = 'pose'",
+}
+
+
+class DatasetFolderReader(DatasetReader):
+    """Any folder that no other reader recognises."""
+
+    name, order = "folder", 90
+    words = "a folder"
+
+    def recognises(self, path: Path) -> bool:
+        return os.path.isdir(path)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        return _read_folder(path)
+
+
+def _read_folder(folder: Path) -> Dataset:
+    require_folder(folder)
+    kinds = dataset_kinds()
+    path = folder / DATASET_FILE
+    if not os.path.lexists(path):
+        if os.path.isfile(folder / "cam0" / "data.csv"):
+            raise _no_front_end(folder, "stereo-images")
+        raise InputError(
+            f"{path_text(path)}: no such file; write it with a line kind = '...' ({', '.join(kinds)}), or check "
+            "the path"
+        )
+    document = read_toml(path)
+    kind, description = _text(path, document, "kind"), _text(path, document, "description", "")
+    reader = raw_data_reader(kind) if kind in _FRONT_ENDS else None
+    if reader is not None:
+        return _read_raw(folder, reader, description, options_from_toml(path, document))
+    if kind in _FRONT_ENDS:
+        raise _no_front_end(path, kind)
+    if kind not in kinds:
+        raise InputError(
+            f"{path_text(path)}: kind is {value_text(kind)}, expected one of {', '.join(kinds)}; correct it"
+        )
+    log = _read_log(folder, kinds[kind])
+    landmarks, cameras = folder / LANDMARK_FILE, calibrations_of(log)
+    return Dataset(
+        kind=kind,
+        log=log,
+        path=folder,
+        description=description,
+        truth=read_truth(folder),
+        rig=cameras[0].read(folder) if cameras else None,
+        known_map=read_landmarks(landmarks) if os.path.lexists(landmarks) else None,
+        inspector=read_inspector(folder, log),
+        options=options_from_toml(path, document),
+    )
+
+
+def _read_raw(folder: Path, reader: RawDataReader, description: str, options: DatasetOptions) -> Dataset:
+    """Measurements made from raw data, with those of other sensors in the folder."""
+    stream, truth, remarks = reader.read(folder, read_truth(folder))
+    read = [_with_own_covariance(form, folder) for form in _stored(folder, None)]
+    log = MeasurementLog((stream, *read))
+    cameras = calibrations_of(log)
+    return Dataset(
+        kind=reader.made,
+        log=log,
+        path=folder,
+        description="; ".join(words for words in (description, remarks) if words),
+        truth=truth,
+        rig=cameras[0].read(folder) if cameras else None,
+        inspector=read_inspector(folder, log) if cameras else None,
+        options=options,
+    )
+
+
+def _read_log(folder: Path, required: SensorFormat) -> MeasurementLog:
+    return MeasurementLog(tuple(_with_own_covariance(form, folder) for form in _stored(folder, required)))
+
+
+def _with_own_covariance(form: SensorFormat, folder: Path) -> MeasurementStream:
+    """Stream of a sensor in a folder, with the covariances of its rows where there are any."""
+    stream, covariance = read_sensor_file(form, folder / form.file), folder / form.covariance_file
+    return with_covariance(stream, covariance) if os.path.lexists(covariance) else stream
+
+
+def _stored(folder: Path, required: SensorFormat | None) -> list[SensorFormat]:
+    """The formats whose files a folder holds. Of formats with the same file it is the required one's, or has the header of one."""
+    by_file: dict[str, list[SensorFormat]] = {}
+    for form in sensor_formats().values():
+        by_file.setdefault(form.file, []).append(form)
+    found = []
+    for file, formats in by_file.items():
+        if required is not None and required in formats:
+            found.append(required)
+        elif os.path.lexists(folder / file):
+            fits = [
+                form for form in formats if len(formats) == 1 or read_header(folder / file) == form.header
+            ]
+            found.append([*formats, *fits][-1])
+    return found
+
+
+def _no_front_end(path: Path, kind: str) -> InputError:
+    return InputError(
+        f"{path_text(path)}: kind '{kind}' needs a front end that is not part of this version; supply "
+        f"{_FRONT_ENDS[kind]}"
+    )
+
+
+def _text(path: Path, document: dict[str, Any], key: str, default: str | None = None) -> str:
+    value = document.get(key, default)
+    if value is None:
+        kinds = ", ".join(dataset_kinds())
+        raise InputError(f"{path_text(path)}: has no {key}; add {key} = '...', one of {kinds}")
+    if not isinstance(value, str):
+        raise InputError(f"{path_text(path)}: {key} is {value_text(value)}, expected text; put it in quotes")
+    return value
+
+
+READER = DatasetFolderReader()

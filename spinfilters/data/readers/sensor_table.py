@@ -1,0 +1,56 @@
+"""Single file of one sensor: a gyro table, TUM poses, whatever sensors say they read."""
+
+from functools import partial
+from pathlib import Path
+
+from spinfilters.data.dataset import DATASET_FILE, LANDMARK_FILE, Dataset
+from spinfilters.data.dataset_reader import DatasetReader, dataset_readers
+from spinfilters.data.input_file import path_text, printable, require_file, value_text
+from spinfilters.data.inspector_files import INSPECTOR_FILE
+from spinfilters.data.measurement_log import MeasurementLog
+from spinfilters.data.sensor_files import read_sensor_file
+from spinfilters.data.sensor_format import sensor_formats
+from spinfilters.data.truth import TRUTH_TABLE
+from spinfilters.errors import InputError
+
+_LARGEST_FILE = 2**63  # the reader that follows has its own limit
+
+
+class SensorTableReader(DatasetReader):
+    """Any path that no other reader recognises."""
+
+    name, order = "sensor-table", 100
+    words = ""
+
+    def recognises(self, path: Path) -> bool:
+        return True
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        return _read_file(path)
+
+
+def _read_file(path: Path) -> Dataset:
+    require_file(path, _LARGEST_FILE)
+    formats = sensor_formats().values()
+    parts = [form.file for form in formats if not form.suffixes]
+    if path.name in (DATASET_FILE, LANDMARK_FILE, INSPECTOR_FILE, TRUTH_TABLE, *parts):
+        raise InputError(f"{path_text(path)}: is one part of a data set; give the folder that holds it")
+    form = next((form for form in formats if path.suffix.lower() in form.suffixes), None)
+    if form is None:
+        raise InputError(
+            f"{path_text(path)}: {value_text(path.suffix)} is no known kind of file; "
+            f"give {_readable()}, and unpack archives first"
+        )
+    read = form.read_alone or partial(read_sensor_file, form)
+    log = MeasurementLog((read(path),))
+    return Dataset(kind=form.kind, log=log, path=path, description=printable(path.name))
+
+
+def _readable() -> str:
+    """What can be given, as a list."""
+    singles = [form.suffix_words for form in sensor_formats().values() if form.suffixes]
+    *others, last = [*(reader.words for reader in dataset_readers() if reader.words), *singles]
+    return f"{', '.join(others)} or {last}"
+
+
+READER = SensorTableReader()

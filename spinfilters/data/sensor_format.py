@@ -1,0 +1,144 @@
+"""How the measurements of a sensor are stored: columns, files, noise levels; the registry fills it, the readers iterate it."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Final
+
+from spinfilters.data.number_range import NumberRange
+from spinfilters.errors import InputError
+from spinfilters.plugins import PluginGroup
+
+if TYPE_CHECKING:
+    from spinfilters.data.measurement_log import MeasurementStream
+
+ANY_NUMBER: Final = NumberRange(-1e18, 1e18)
+
+
+@dataclass(frozen=True)
+class NoiseOption:
+    """One number of a sensor's noise: a key of dataset.toml and of the settings' table [sensors].
+
+    Attributes
+    ----------
+    name: the key.   words: what it is called in a sentence.   allowed: its range, with its unit.
+    default: where neither settings nor data set state it.
+    components: of the covariance of a row that it is the standard deviation of; None for what no covariance tells.
+    in_dataset: whether dataset.toml may state it.
+    """
+
+    name: str
+    words: str
+    allowed: NumberRange
+    default: float
+    components: tuple[int, ...] | None = None
+    in_dataset: bool = True
+
+
+@dataclass(frozen=True)
+class CalibrationFiles:
+    """The calibration that a data set with a camera needs.
+
+    Attributes
+    ----------
+    kind: class of the calibration.   files: relative to the folder.   read: of the folder.   write: into the folder.
+    """
+
+    kind: type
+    files: tuple[Path, ...]
+    read: Callable[[Path], Any]
+    write: Callable[[Any, Path], None]
+
+
+@dataclass(frozen=True)
+class SensorFormat:
+    """Format of a sensor's measurements.
+
+    Attributes
+    ----------
+    name: of the sensor, as in a `MeasurementStream`.   kind: of data sets that must have it, in dataset.toml.
+    file: its table in a data set folder.   columns: of the values, behind time_s (and landmark_id).
+    dimension: of the covariance of a row.   noise: its standard deviations.
+    allowed: range of the values.   has_landmarks: whether every row has a landmark id, and time stamps repeat.
+    quaternion: first of four columns that hold a unit quaternion, scalar last.
+    calibration: of the camera.
+    read, write: where the table is not a CSV of these columns.   suffixes: of single files that are read as this sensor's.
+    read_alone: such a file, where it may differ from the table of a folder.
+    suffix_words: what such files are called.
+    """
+
+    name: str
+    kind: str
+    file: str
+    columns: tuple[str, ...]
+    dimension: int
+    noise: tuple[NoiseOption, ...]
+    allowed: NumberRange = ANY_NUMBER
+    has_landmarks: bool = False
+    quaternion: int | None = None
+    calibration: CalibrationFiles | None = None
+    read: "Callable[[Path], MeasurementStream] | None" = None
+    write: "Callable[[Path, MeasurementStream], None] | None" = None
+    suffixes: tuple[str, ...] = ()
+    read_alone: "Callable[[Path], MeasurementStream] | None" = None
+    suffix_words: str = ""
+
+    @property
+    def covariance_file(self) -> str:
+        """Table of the covariances of the rows, beside that of the measurements."""
+        return f"{Path(self.file).stem}_covariance.csv"
+
+    @property
+    def header(self) -> tuple[str, ...]:
+        """Columns of the table."""
+        return ("time_s", *(("landmark_id",) if self.has_landmarks else ()), *self.columns)
+
+
+class StoredSensor:
+    """A sensor as the logs know it.
+
+    Attributes
+    ----------
+    format: None for a sensor that no data set holds.
+    """
+
+    format: SensorFormat | None = None
+
+
+SENSORS: Final = PluginGroup("spinfilters.sensors", "SENSOR", StoredSensor)
+"""All sensors: one per module of `spinfilters.sensors`, and those of the entry points of that group."""
+
+
+def sensor_formats() -> Mapping[str, SensorFormat]:
+    """Formats of all sensors that data sets hold, by name of the sensor. InputError: `PluginGroup.entries`."""
+    return _by_name(SENSORS.entries)
+
+
+def sensor_format(sensor: str) -> SensorFormat:
+    """Format of a sensor. InputError: an unknown one."""
+    formats = sensor_formats()
+    if sensor not in formats:
+        raise InputError(f"sensor {sensor!r} is unknown; use one of {', '.join(formats)}")
+    return formats[sensor]
+
+
+def dataset_kinds() -> Mapping[str, SensorFormat]:
+    """Formats by kind of data set."""
+    return {each.kind: each for each in sensor_formats().values()}
+
+
+def noise_options() -> Mapping[str, NoiseOption]:
+    """Noise options of all sensors, by name; sensors may share one."""
+    return {option.name: option for each in sensor_formats().values() for option in each.noise}
+
+
+@lru_cache(maxsize=1)
+def _by_name(sensors: tuple[StoredSensor, ...]) -> Mapping[str, SensorFormat]:
+    formats = sorted((each.format for each in sensors if each.format is not None), key=lambda each: each.name)
+    for values, what in (([f.name for f in formats], "sensor"), ([f.kind for f in formats], "kind")):
+        twice = next((value for value in values if values.count(value) > 1), None)
+        if twice is not None:
+            raise InputError(f"{what} {twice!r} is registered twice; uninstall one of the plug-ins")
+    return MappingProxyType({each.name: each for each in formats})

@@ -1,0 +1,1 @@
+"""Estimators of other packages, to compare with."""

@@ -1,0 +1,168 @@
+"""Textbook additive EKF and UKF, straight from filterpy, on the same process and sensors: a measure for the multiplicative ones.
+
+Their state is one vector of plain numbers (`spinfilters.estimators.filters.global_coordinates`), their measurement all rows of
+an epoch stacked,
+with a dense innovation covariance of that size. Rows are whitened, so the measurement noise is the identity. Nothing is repaired:
+a covariance that stops being positive definite ends the run.
+"""
+
+from abc import abstractmethod
+
+import numpy as np
+from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
+from jaxtyping import Float
+
+from spinfilters.errors import InputError
+from spinfilters.estimators.estimator import Estimator, Measurement, ProcessModel, Snapshot, UpdateReport
+from spinfilters.estimators.filters.global_coordinates import global_coordinates
+from spinfilters.estimators.filters.linear_prediction import usable
+from spinfilters.estimators.filters.sigma_points import SigmaPointOptions
+from spinfilters.models.measurement import Linearisation
+from spinfilters.state.gaussian import Gaussian
+
+LOG_2_PI = float(np.log(2 * np.pi))
+
+
+class FilterpyFilter(Estimator):
+    """What both baselines share: the chart, and the choice of usable values.
+
+    A value is left out where it is not finite or the sensor is not valid at the mean.
+    """
+
+    def __init__(self, process: ProcessModel, wrapped: ExtendedKalmanFilter | UnscentedKalmanFilter) -> None:
+        super().__init__(process)
+        self._chart = global_coordinates(self.layout)
+        self._filter = wrapped
+
+    def start(self, belief: Gaussian) -> None:
+        if belief.layout != self.layout:
+            raise InputError(
+                f"belief has the blocks {belief.layout.blocks}, the process has {self.layout.blocks}"
+            )
+        self._filter.x, self._filter.P = self._chart.from_belief(belief)
+
+    @property
+    def belief(self) -> Gaussian:
+        return self._chart.to_belief(self._filter.x, self._filter.P)
+
+    def predict(self, dt: float) -> None:
+        xi = self._filter.x
+        moved, transition, noise = self.process.linearise(self._chart.point(xi), dt)
+        after = self._chart.coordinates(moved)
+        C = self._chart.derivative(after)
+        factor = C @ noise
+        self._filter.Q = factor @ factor.T
+        self._advance(dt, after, C @ transition)
+        self._filter.x, self._filter.P = self._chart.shortened(self._filter.x, self._filter.P)
+
+    def update(self, measurement: Measurement) -> UpdateReport:
+        model, count = measurement.model, len(measurement.values)
+        about = model.linearise(self._chart.point(self._filter.x), measurement.parameters, measurement.values)
+        keep = usable(about.innovation, about.valid)
+        used = int(np.count_nonzero(keep))
+        if not used:
+            return UpdateReport(0.0, 0, 0, count)
+        kept = Measurement(model, measurement.values[keep], measurement.parameters[keep])
+        log_root = self._correct(kept, Linearisation(*[part[keep] for part in about]))
+        innovation, dof = self._filter.y, used * model.dim
+        nis = float(innovation @ self._filter.SI @ innovation)
+        log_noise = float(about.log_noise[keep].sum())
+        return UpdateReport(
+            nis, dof, used, count - used, -0.5 * (nis + dof * LOG_2_PI) - log_root - log_noise
+        )
+
+    def snapshot(self) -> Snapshot:
+        return {"mean": np.array(self._filter.x), "covariance": np.array(self._filter.P)}
+
+    def restore(self, snapshot: Snapshot) -> None:
+        self._filter.x, self._filter.P = snapshot["mean"].copy(), snapshot["covariance"].copy()
+
+    @abstractmethod
+    def _advance(
+        self, dt: float, after: Float[np.ndarray, " n"], half_transition: Float[np.ndarray, "n n"]
+    ) -> None:
+        """Filterpy's prediction to the coordinates ``after``; its Q is set; ``half_transition`` is C(after) Phi."""
+
+    @abstractmethod
+    def _correct(self, measurement: Measurement, about: Linearisation) -> float:
+        """Filterpy's update with usable values, linearised at the mean; returns half the log determinant of S."""
+
+
+class FilterpyEkf(FilterpyFilter):
+    """filterpy's extended Kalman filter: transition C(x') Phi C(x)^-1, Jacobian H C(x)^-1."""
+
+    name = "filterpy-ekf"
+
+    def __init__(self, process: ProcessModel) -> None:
+        self._ekf = _ChartEkf(dim_x=process.layout.error_dim, dim_z=1)
+        super().__init__(process, self._ekf)
+
+    def _advance(
+        self, dt: float, after: Float[np.ndarray, " n"], half_transition: Float[np.ndarray, "n n"]
+    ) -> None:
+        self._ekf.F = half_transition @ np.linalg.inv(self._chart.derivative(self._ekf.x))
+        self._ekf.after = after
+        self._ekf.predict()
+
+    def _correct(self, measurement: Measurement, about: Linearisation) -> float:
+        inverse = np.linalg.inv(self._chart.derivative(self._ekf.x))
+        rows = about.jacobian.reshape(-1, about.jacobian.shape[-1])
+        H, covariance = rows @ inverse[measurement.model.columns], self._ekf.P
+        expected = -about.innovation.reshape(-1)
+        self._ekf.update(np.zeros(len(H)), lambda _: H, lambda _: expected, R=np.eye(len(H)))
+        return _half_log_determinant(covariance @ (H.T @ H))
+
+
+class _ChartEkf(ExtendedKalmanFilter):
+    """filterpy's filter with a nonlinear prediction of the mean, by the overriding that filterpy documents for it."""
+
+    after: Float[np.ndarray, " n"]
+
+    def predict_x(self, u: object = 0) -> None:
+        self.x = self.after
+
+
+class FilterpyUkf(FilterpyFilter):
+    """filterpy's unscented Kalman filter with Van der Merwe's scaled points, the same set as the multiplicative UKF's."""
+
+    name = "filterpy-ukf"
+
+    def __init__(self, process: ProcessModel, options: SigmaPointOptions | None = None) -> None:
+        options, n = options or SigmaPointOptions(), process.layout.error_dim
+        self._points = MerweScaledSigmaPoints(n, options.alpha, options.beta, options.kappa, _upper_root)
+        self._ukf = UnscentedKalmanFilter(n, 1, 0.0, hx=None, fx=self._moved, points=self._points)
+        super().__init__(process, self._ukf)
+
+    def _moved(self, xi: Float[np.ndarray, " n"], dt: float) -> Float[np.ndarray, " n"]:
+        """One sigma point dt seconds later, on the branch that it reaches continuously, as the mean does."""
+        return self._chart.coordinates(self.process.step(self._chart.point(xi), dt))
+
+    def _advance(
+        self, dt: float, after: Float[np.ndarray, " n"], half_transition: Float[np.ndarray, "n n"]
+    ) -> None:
+        self._ukf.predict(dt=dt)
+
+    def _correct(self, measurement: Measurement, about: Linearisation) -> float:
+        model, parameters, values = measurement.model, measurement.parameters, measurement.values
+        whitening = model.whitening(self._chart.point(self._ukf.x), parameters)
+
+        def expected(xi: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
+            innovation, _ = model.innovations(self._chart.point(xi), parameters, values)
+            return -np.einsum("kij,kj->ki", whitening, innovation).reshape(-1)
+
+        # filterpy keeps the points of its last prediction: a second sensor at one time needs those of the present belief.
+        self._ukf.sigmas_f = self._points.sigma_points(self._ukf.x, self._ukf.P)
+        size = values.shape[0] * model.dim
+        self._ukf.update(np.zeros(size), R=np.eye(size), hx=expected)
+        deviations = self._ukf.sigmas_h - self._points.Wm @ self._ukf.sigmas_h
+        return _half_log_determinant((self._points.Wc[:, None] * deviations) @ deviations.T)
+
+
+def _upper_root(P: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+    """U with U'U = P; numpy's, because SciPy's meets NaN with a ValueError that `run` would not take for a failed filter."""
+    return np.linalg.cholesky(P).T
+
+
+def _half_log_determinant(A: Float[np.ndarray, "r r"]) -> float:
+    """log det(I + A) / 2, which is that of S = I + H P H' for A = P H'H (Sylvester)."""
+    return float(np.linalg.slogdet(np.eye(len(A)) + A)[1]) / 2

@@ -1,0 +1,1 @@
+"""Recursive filters in square-root form."""

@@ -1,0 +1,111 @@
+"""The iterated update: Gauss-Newton on the most probable state, with a line search.
+
+In the coordinates y of the predicted belief (error = F y, y standard normal) the state sought is the least of
+
+    |y|^2 + |r(y)|^2,   r the whitened residual of the measurement at retract(mean, F y).
+
+About a trial y the residual is linear in y; the least of that model is the next trial, taken in full, or halved until the objective
+falls. Every model holds the one prior and the one measurement, so that however often it iterates the measurement counts once (Bell
+and Cathey 1993); the covariance is that of the last model. See Skoglund, Hendeby, Axehill (2015) for the line search.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Protocol, TypeVar
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.data.number_range import NumberRange
+from spinfilters.errors import InputError
+
+HALVINGS = 6
+"""Of a step at most: a 64th that still does not fall says that the trial is the least there is, to rounding."""
+
+
+@dataclass(frozen=True)
+class IterationOptions:
+    """How an update iterates.
+
+    Attributes
+    ----------
+    iterations: linearisations at most; 1 is the plain update.
+    tolerance: standard deviations; an update is done when what is left to move is smaller, and needs no second linearisation when
+        its residual is nowhere so far, in all, from what was expected to be left.
+    """
+
+    iterations: Annotated[int, NumberRange(1, 1000, whole=True)] = 4
+    tolerance: Annotated[float, NumberRange(1e-15, 1e9)] = 0.1
+
+    def __post_init__(self) -> None:
+        if self.iterations < 1:
+            raise InputError(f"iterations is {self.iterations}; give at least 1, which is the plain update")
+        if not (np.isfinite(self.tolerance) and self.tolerance > 0):
+            raise InputError(f"tolerance is {self.tolerance}; give a positive number of standard deviations")
+
+
+class Solution(Protocol):
+    """The least of the objective's model about a trial."""
+
+    @property
+    def coordinates(self) -> Float[np.ndarray, " r"]:
+        """y where the model is least."""
+        ...
+
+    def length(self, step: Float[np.ndarray, " r"]) -> float:
+        """A step of y in standard deviations of what the model leaves uncertain."""
+        ...
+
+
+Found = TypeVar("Found", bound=Solution)
+Objective = Callable[[Float[np.ndarray, " r"]], float]
+"""|y|^2 + |r(y)|^2, infinite where the measurement is impossible."""
+
+
+def iterate(
+    first: Found,
+    solve: Callable[[Float[np.ndarray, " r"]], Found],
+    objective: Objective,
+    options: IterationOptions,
+) -> tuple[Float[np.ndarray, " r"], Found]:
+    """The most probable y, and the solution of the last model.
+
+    Parameters
+    ----------
+    first: the solution about y = 0.   solve: gives the solution about a trial.
+    """
+    y = np.zeros(len(first.coordinates))
+    value, solution = objective(y), first
+    for _ in range(options.iterations - 1):
+        trial, after = _searched(objective, y, value, solution.coordinates)
+        if not after < value:
+            return y, solution
+        y, value, solution = trial, after, solve(trial)
+        if solution.length(solution.coordinates - y) <= options.tolerance:
+            return solution.coordinates, solution
+    return _searched(objective, y, value, solution.coordinates)[0], solution
+
+
+def agrees(
+    residual: Float[np.ndarray, " k"], expected: Float[np.ndarray, " k"], options: IterationOptions
+) -> bool:
+    """Whether a residual is what its linear model expected, so that the model's least is the objective's.
+
+    A residual that is off by e moves the least by |U^-T H' e| <= |e| standard deviations of what is left.
+    """
+    off = residual - expected
+    return float(off @ off) <= options.tolerance**2
+
+
+def _searched(
+    objective: Objective, y: Float[np.ndarray, " r"], value: float, target: Float[np.ndarray, " r"]
+) -> tuple[Float[np.ndarray, " r"], float]:
+    """A point on the way to the target where the objective has fallen, and its value; y itself where none is found."""
+    share = 1.0
+    for _ in range(HALVINGS + 1):
+        trial = target if share == 1.0 else y + share * (target - y)
+        after = objective(trial)
+        if after < value:
+            return trial, after
+        share /= 2
+    return y, value

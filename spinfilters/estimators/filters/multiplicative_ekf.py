@@ -1,0 +1,174 @@
+"""The multiplicative extended Kalman filter in square-root form."""
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.estimators.estimator import Measurement, ProcessModel
+from spinfilters.estimators.filters.iterated_update import IterationOptions, agrees, iterate
+from spinfilters.estimators.filters.linear_prediction import LinearRows, linear_rows
+from spinfilters.estimators.filters.multiplicative_filter import Corrected, MultiplicativeFilter, propagated
+from spinfilters.estimators.filters.noise_adaptation import AdaptationOptions, PredictedMotion
+from spinfilters.estimators.filters.square_root_update import Correction, square_root_update
+from spinfilters.estimators.landmarks.iterated_observations import IteratedObservations
+from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.landmarks.observations import Observations, Solved, solve_at
+from spinfilters.estimators.robust.outlier_rejection import RobustOptions, SensorOutlierRejection
+from spinfilters.state.blocks.rigid_body import ATTITUDE
+from spinfilters.state.layout import StateLayout
+
+SMALLEST_RANGE = 1e-3
+"""Of a body, m: divides its displacement."""
+SAMPLE = 16
+"""Values at which an update's linear model is checked, spread over all."""
+
+
+class MultiplicativeEkf(MultiplicativeFilter):
+    """First-order filter: the error's transition and the sensors' Jacobians are exact derivatives at the mean.
+
+    Parameters
+    ----------
+    process, robust, adaptation, landmarks: see `MultiplicativeFilter`.
+    iteration: of an update whose measurement is far from linear.
+    """
+
+    name = "mekf"
+
+    def __init__(
+        self,
+        process: ProcessModel,
+        robust: RobustOptions | None = None,
+        adaptation: AdaptationOptions | None = None,
+        iteration: IterationOptions | None = None,
+        landmarks: LandmarkOptions | None = None,
+    ) -> None:
+        super().__init__(process, robust, adaptation, landmarks)
+        self._iteration = iteration or IterationOptions()
+
+    def _moved(self, dt: float) -> PredictedMotion:
+        mean, transition, noise = self.process.linearise(self._mean, dt)
+        noise = self._adaptation.scaled(noise)
+        factor = propagated(self._factor, transition @ self._factor[: self._n], noise)
+        return PredictedMotion(mean, factor, transition, noise)
+
+    def _corrected(
+        self, measurement: Measurement, guard: SensorOutlierRejection, scale: float
+    ) -> Corrected | None:
+        rows = linear_rows(measurement, self._mean)
+        if rows.dof and scale != 1:
+            rows = rows.weighted(np.full(len(rows.innovation), 1 / scale))
+        weights = guard.weights(rows.innovation, lambda chosen: rows.deviations(self._factor, chosen))
+        weighted = rows if weights is None else rows.weighted(weights)
+        if not weighted.dof:
+            return None
+        correction = square_root_update(weighted.predicted(self._factor))
+        mean = self.layout.retract(self._mean, correction.error[: self._n])
+        if self._is_good(weighted, mean, correction):
+            return Corrected(mean, correction)
+        return IteratedUpdate(self.layout, self._mean, self._factor, weighted).solved(
+            correction, self._iteration
+        )
+
+    def _solved(self, observations: Observations, guard: SensorOutlierRejection) -> Solved:
+        first = solve_at(observations, self._mean, self._factor, guard)
+        if self._is_small(first.correction):
+            return first
+        problem = IteratedObservations(observations, self._mean, self._factor, first)
+        return problem.solution(self._iteration)
+
+    def _is_small(self, correction: Correction) -> bool:
+        """Whether the linear model cannot but have proved right."""
+        length = math.sqrt(correction.shift @ correction.shift)
+        return length * _curvature(self.layout, self._mean, correction.error) <= self._iteration.tolerance
+
+    def _is_good(self, rows: LinearRows, mean: Float[np.ndarray, " m"], correction: Correction) -> bool:
+        """Whether the linear model has proved right, or cannot but do so, or no other is wanted."""
+        if self._iteration.iterations == 1 or self._is_small(correction):
+            return True
+        spacing = -(-len(rows.innovation) // SAMPLE)
+        chosen = slice(None, None, spacing)
+        expected = rows.innovation[chosen] - rows.jacobian[chosen] @ correction.error[rows.columns]
+        m = rows.measurement
+        found = m.model.linearise(mean, m.parameters[chosen], m.values[chosen])
+        residual = found.innovation
+        if rows.root_weights is not None:
+            residual = residual * rows.root_weights[chosen, np.newaxis]
+        root = np.sqrt(spacing)
+        good = agrees(root * residual.reshape(-1), root * expected.reshape(-1), self._iteration)
+        return good and bool(found.valid.all())
+
+
+def _curvature(layout: StateLayout, mean: Float[np.ndarray, " m"], error: Float[np.ndarray, " n"]) -> float:
+    """By how much of itself a predicted change of a residual is wrong, in order of magnitude: the turn, and the share of the range.
+
+    A correction moves a residual by |H y| <= |U y| deviations; where that times this is small, a second look is not worth its time.
+    """
+    if not layout.has(ATTITUDE):
+        return math.inf
+    curvature = math.hypot(*error[layout.slice("a")].tolist())
+    if layout.translates:
+        away = math.hypot(*mean[layout.mean_slice("t")].tolist())
+        curvature += math.hypot(*error[layout.slice("t")].tolist()) / max(away, SMALLEST_RANGE)
+    return curvature
+
+
+@dataclass(frozen=True)
+class IteratedUpdate:
+    """An update in the coordinates of a predicted belief: error = factor @ y about its mean.
+
+    Attributes
+    ----------
+    rows: linearised at the mean; the noise is what it is there.
+    """
+
+    layout: StateLayout
+    mean: Float[np.ndarray, " m"]
+    factor: Float[np.ndarray, "n n"]
+    rows: LinearRows
+
+    def solved(self, first: Correction, options: IterationOptions) -> Corrected:
+        """The most probable point, from the correction about the mean."""
+        y, correction = iterate(first, self.solution, self.objective, options)
+        correction = replace(correction, error=self.factor @ y)
+        return Corrected(self._point(y), correction)
+
+    def objective(self, y: Float[np.ndarray, " n"]) -> float:
+        """|y|^2 + |r|^2, infinite where a value is impossible."""
+        m = self.rows.measurement
+        away, valid = m.model.innovations(self._point(y), m.parameters, m.values)
+        if not (valid.all() and np.isfinite(away).all()):
+            return np.inf
+        residual = self._weighing @ away[..., np.newaxis]
+        return float(y @ y) + float(np.sum(residual * residual))
+
+    def solution(self, y: Float[np.ndarray, " n"]) -> Correction:
+        """The correction, in error about the mean, of the model linearised at a point where the objective is finite."""
+        point = self._point(y)
+        m = self.rows.measurement
+        rows = linear_rows(m, point)
+        back = np.swapaxes(m.model.whitening(point, m.parameters), 1, 2)
+        turn = np.swapaxes(np.linalg.solve(back, np.swapaxes(self._weighing, 1, 2)), 1, 2)
+        innovation = (turn @ rows.innovation[..., np.newaxis])[..., 0]
+        moved = self.layout.reset_jacobian(self._rows @ y) @ self._rows
+        rows = replace(
+            rows, innovation=innovation, jacobian=turn @ rows.jacobian, log_noise=self.rows.log_noise
+        )
+        return square_root_update(replace(rows.predicted(moved, -(moved @ y)), state_factor=self.factor))
+
+    def _point(self, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
+        return self.layout.retract(self.mean, self._rows @ y)
+
+    @property
+    def _rows(self) -> Float[np.ndarray, "n N"]:
+        """Of the state."""
+        return self.factor[: self.layout.error_dim]
+
+    @cached_property
+    def _weighing(self) -> Float[np.ndarray, "k d d"]:
+        """What whitens a residual and gives it its weight."""
+        m, root = self.rows.measurement, self.rows.root_weights
+        whitening = m.model.whitening(self.mean, m.parameters)
+        return whitening if root is None else whitening * root[:, np.newaxis, np.newaxis]

@@ -1,0 +1,236 @@
+"""What the multiplicative EKF and UKF share: everything but how they predict a measurement and move a belief."""
+
+from abc import abstractmethod
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.errors import InputError
+from spinfilters.estimators.estimator import (
+    NO_IDS,
+    Estimator,
+    MapChange,
+    Measurement,
+    ProcessModel,
+    Snapshot,
+    UpdateReport,
+)
+from spinfilters.estimators.filters.noise_adaptation import (
+    AdaptationOptions,
+    NoiseAdaptation,
+    PredictedMotion,
+)
+from spinfilters.estimators.filters.square_root_update import Correction, triangular_factor
+from spinfilters.estimators.landmarks.belief import LandmarkBelief, state_in_g
+from spinfilters.estimators.landmarks.held_map import HeldMap
+from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.landmarks.observations import Observations, Solved
+from spinfilters.estimators.landmarks.shared_modes import anchored_at_pose
+from spinfilters.estimators.robust.outlier_rejection import (
+    OutlierRejection,
+    RobustOptions,
+    SensorOutlierRejection,
+)
+from spinfilters.models.gauge import GAUGE_DIM
+from spinfilters.state.gaussian import Gaussian
+from spinfilters.state.layout import StateLayout
+
+NOTHING_CHANGED = MapChange(NO_IDS, np.zeros(0), NO_IDS, NO_IDS)
+"""What an update that could not be made did to the map."""
+
+
+class Corrected(NamedTuple):
+    """A point (m,) and the correction that leads to it."""
+
+    mean: Float[np.ndarray, " m"]
+    correction: Correction
+
+
+class MultiplicativeFilter(Estimator):
+    """A filter on the error state: mean on the manifold, square root of the error covariance in its tangent space.
+
+    After an update the error is folded into the mean (4 x MRP on the body side) and the covariance moves with the derivative of
+    that reset, so that it always refers to the mean it stands beside.
+
+    Where landmarks are not known, the factor goes on behind the state's n rows: with r modes of error that all landmarks share, and
+    with the move from the map's frame to frame g (`spinfilters.estimators.landmarks`). Neither changes with time, and no sensor
+    without landmarks sees them; what the state learns, they learn by correlation.
+
+    Parameters
+    ----------
+    process: the process model.
+    robust: gate and weights of measured values.
+    adaptation: of stated noise to what is seen.
+    landmarks: how those of an unknown map are held.
+    """
+
+    def __init__(
+        self,
+        process: ProcessModel,
+        robust: RobustOptions | None = None,
+        adaptation: AdaptationOptions | None = None,
+        landmarks: LandmarkOptions | None = None,
+    ) -> None:
+        super().__init__(process)
+        self._mean = np.zeros(0)
+        self._factor = np.zeros((0, 0))
+        self._guards = OutlierRejection(robust or RobustOptions())
+        self._adaptation = NoiseAdaptation(adaptation or AdaptationOptions())
+        self._options = landmarks or LandmarkOptions()
+        self._held: HeldMap | None = None
+
+    def start(self, belief: Gaussian | LandmarkBelief) -> None:
+        if belief.layout != self.layout:
+            raise InputError(
+                f"belief has the blocks {belief.layout.blocks}, the process has {self.layout.blocks}"
+            )
+        self._mean, self._factor = belief.mean.copy(), belief.factor.copy()
+        self._held = HeldMap.of(belief, self._options) if isinstance(belief, LandmarkBelief) else None
+        self._guards = OutlierRejection(self._guards.options)
+        self._adaptation = NoiseAdaptation(self._adaptation.options)
+
+    @property
+    def belief(self) -> Gaussian:
+        if self._held is None:
+            return Gaussian(self.layout, self._mean, self._factor)
+        if not self._held.has_move(self._factor, self.layout):
+            return Gaussian(self.layout, self._mean, triangular_factor(self._factor[: self._n].T))
+        mean, rows = state_in_g(self.layout, self._mean, self._factor, self._held.move)
+        return Gaussian(self.layout, mean, triangular_factor(rows.T))
+
+    @property
+    def landmark_belief(self) -> LandmarkBelief:
+        """State and landmarks together."""
+        return self._with_map().belief(self.layout, self._mean, self._factor)
+
+    @property
+    def held(self) -> Int[np.ndarray, " k"]:
+        """Ids of the landmarks in the map."""
+        return NO_IDS if self._held is None else self._held.ids
+
+    def predict(self, dt: float) -> None:
+        self._guards.pass_time()
+        self._adaptation.observe_motion(self.layout, self._mean, self._factor[: self._n])
+        motion = self._moved(dt)
+        self._mean, self._factor = motion.mean, motion.factor
+        self._adaptation.expect_motion(motion)
+
+    def update(self, measurement: Measurement) -> UpdateReport:
+        """Take in one sensor's values; those that only repeat the latest ones count as rejected."""
+        name, count, ids = measurement.model.name, len(measurement.values), measurement.ids
+        guard = self._guards.of(name)
+        unchanged = None if ids is None else NOTHING_CHANGED
+        keys = measurement.parameters[:, : measurement.model.known_by] if ids is None else ids
+        if guard.epochs.is_duplicate(keys, measurement.values):
+            return UpdateReport(0.0, 0, 0, count, map_change=unchanged)
+        scale = self._adaptation.measurement_scale(name)
+        if ids is not None:
+            return self._observed(measurement, ids, guard, scale)
+        corrected = self._corrected(measurement, guard, scale)
+        if corrected is None:
+            return UpdateReport(0.0, 0, 0, count)
+        correction = corrected.correction
+        self._mean = corrected.mean
+        self._factor = reset_factor(self.layout, correction.error, correction.factor)
+        if self._held is not None:
+            self._held.follow(correction.error[self._n :])
+        self._adaptation.observe_measurement(name, correction)
+        used = correction.dof // measurement.model.dim
+        return UpdateReport(correction.nis, correction.dof, used, count - used, correction.log_likelihood)
+
+    def snapshot(self) -> Snapshot:
+        beliefs = {"mean": self._mean.copy(), "factor": self._factor.copy()}
+        landmarks = {} if self._held is None else self._held.snapshot()
+        return {**beliefs, **landmarks, **self._guards.snapshot(), **self._adaptation.snapshot()}
+
+    def restore(self, snapshot: Snapshot) -> None:
+        self._mean, self._factor = snapshot["mean"].copy(), snapshot["factor"].copy()
+        self._held = HeldMap.restored(snapshot, self._options)
+        self._guards.restore(snapshot)
+        self._adaptation.restore(snapshot)
+
+    @property
+    def _n(self) -> int:
+        return self.layout.error_dim
+
+    def _with_map(self) -> HeldMap:
+        """The map; before the first landmark it gets modes that nothing depends on yet."""
+        if self._held is None:
+            self._held, size = HeldMap.empty(self._options), len(self._factor)
+            factor = np.eye(size + self._options.modes)
+            factor[:size, :size] = self._factor
+            self._factor = factor
+        return self._held
+
+    def _anchored(self, dim: int, rows: Int[np.ndarray, " k"]) -> HeldMap:
+        """The map; in the frame of the present pose where new landmarks alone are seen, but for so few that they tell no pose."""
+        held, known = self._with_map(), int(np.count_nonzero(rows >= 0))
+        if len(held.landmarks) == 0 or dim * known >= GAUGE_DIM or dim * (len(rows) - known) < GAUGE_DIM:
+            return held
+        belief = anchored_at_pose(self.landmark_belief, self._options)
+        self._factor, self._held = belief.factor, HeldMap.of(belief, self._options)
+        return self._held
+
+    def _observed(
+        self,
+        measurement: Measurement,
+        ids: Int[np.ndarray, " k"],
+        guard: SensorOutlierRejection,
+        scale: float,
+    ) -> UpdateReport:
+        """Landmarks of the map seen, and new ones."""
+        rows = self._with_map().landmarks.locate(ids)
+        held = self._anchored(measurement.model.dim, rows)
+        observations = held.observations(self.layout, measurement, rows, scale)
+        solved = self._solved(observations, guard)
+        correction = solved.correction
+        mean = self.layout.retract(self._mean, correction.error[: self._n])
+        if not (np.isfinite(mean).all() and np.isfinite(correction.factor).all()):
+            return UpdateReport(0.0, 0, 0, len(ids), map_change=NOTHING_CHANGED)
+        self._mean = mean
+        self._factor, change = held.after(observations, measurement, solved, mean)
+        self._adaptation.observe_measurement(measurement.model.name, correction)
+        used = len(solved.used) + len(change.added)  # a landmark's first observation makes it
+        return UpdateReport(
+            correction.nis, correction.dof, used, len(ids) - used, correction.log_likelihood, change
+        )
+
+    @abstractmethod
+    def _moved(self, dt: float) -> PredictedMotion:
+        """The belief dt seconds later."""
+
+    @abstractmethod
+    def _corrected(
+        self, measurement: Measurement, guard: SensorOutlierRejection, scale: float
+    ) -> Corrected | None:
+        """The mean after a measurement whose noise covariance is ``scale`` times the stated one; None when no value is usable."""
+
+    @abstractmethod
+    def _solved(self, observations: Observations, guard: SensorOutlierRejection) -> Solved:
+        """What observations of landmarks say."""
+
+
+def propagated(
+    factor: Float[np.ndarray, "N N"], moved: Float[np.ndarray, "n N"], noise: Float[np.ndarray, "n k"]
+) -> Float[np.ndarray, "N N"]:
+    """Lower triangular factor when the state's rows have become ``moved`` and noise has come in; rows behind them stay."""
+    n, size = moved.shape
+    rows = np.zeros((size, size + noise.shape[1]))
+    rows[:n, :size], rows[:n, size:] = moved, noise
+    rows[n:, :size] = factor[n:]
+    return triangular_factor(rows.T)
+
+
+def reset_factor(
+    layout: StateLayout, error: Float[np.ndarray, " N"], factor: Float[np.ndarray, "N N"]
+) -> Float[np.ndarray, "N N"]:
+    """Covariance factor after the state's error, the first n components, has been folded into the mean."""
+    if not layout.curved:
+        return factor
+    n = layout.error_dim
+    if len(factor) == n:
+        return layout.reset_jacobian(error) @ factor
+    result = factor.copy()
+    result[:n] = layout.reset_jacobian(error[:n]) @ factor[:n]
+    return result

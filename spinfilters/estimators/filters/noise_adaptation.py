@@ -1,0 +1,216 @@
+"""Noise densities that follow what is seen: scale factors of each sensor's covariance and of the disturbances' densities.
+
+For the logarithm of a scale that the covariance of the innovations depends on, the derivative of their log-likelihood is half of
+
+    y'Dy - tr D K,   its Fisher information half of tr (D K)^2,   cov y = K,
+
+y what the update found of a unit normal quantity, K the share of its covariance that was explained, D what the scale adds to that
+covariance. Log scale moves by log(1 + (y'Dy - tr D K) / I) with I the sum of tr (D K)^2 so far, forgotten over a horizon.
+
+    sensor       y = residual after the update, K = S^-1, D = 1: the form R = E[r r'] + H P+ H' of Mohamed and Schwarz (1999)
+    disturbance  F y = the correction, K = 1 - F^-1 P+ F^-T, P- = F F', F D F' = dP-/d log scale, which grows by
+                 Phi . Phi' + G G' in a prediction and shrinks by P+ P-^-1 . P-^-1 P+ in an update (Mehra 1970 for the idea): the
+                 noise of one step is hardly seen at once, but what all of them have left in the belief is.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple, Protocol
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg.lapack import dtrtri, dtrtrs
+
+from spinfilters.data.number_range import NumberRange
+from spinfilters.errors import InputError
+from spinfilters.state.layout import StateLayout
+
+SOURCES = {"torque": slice(0, 6), "force": slice(6, None)}
+"""Columns of a process' noise factor by their cause (`spinfilters.models.rotation_integrator`)."""
+LARGEST_SCALE = 1000.0
+"""Of a covariance or density, and the inverse of the smallest: beyond it the model is wrong, not its noise."""
+FIRST_INFORMATION = 2.0
+"""In scalar measurements, added to what is known: bounds the first steps, and those of a source hardly ever seen."""
+SMALLEST_FACTOR = 0.1
+"""By which one step multiplies a scale."""
+
+
+HORIZON = NumberRange(1, 1e9, "updates", zero=True)
+
+
+@dataclass(frozen=True)
+class AdaptationOptions:
+    """How fast noise follows what is seen.
+
+    Attributes
+    ----------
+    measurement: horizon of the sensors' scales, in updates of the sensor; 0 keeps the stated noise.
+    process: horizon of the disturbances' scales, in predictions; 0 keeps the stated densities.
+    """
+
+    measurement: Annotated[float, HORIZON] = 0.0
+    process: Annotated[float, HORIZON] = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("measurement", "process"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and (value == 0 or value >= 1)):
+                raise InputError(f"adaptation.{name} is {value}; give 0 for none or a horizon of at least 1")
+
+
+@dataclass(frozen=True)
+class NoiseEvidence:
+    """What an update says of a scale: y'Dy, tr D K and tr (D K)^2 (see the module's docstring)."""
+
+    squared: float
+    expected: float
+    information: float
+
+
+@dataclass(frozen=True)
+class NoiseScale:
+    """Logarithm of a scale of a covariance, and the information that it rests on."""
+
+    logarithm: float = 0.0
+    information: float = 0.0
+
+    def after(self, evidence: NoiseEvidence, horizon: float) -> "NoiseScale":
+        """The scale that follows from further evidence, what came before forgotten over this horizon."""
+        information = (1 - 1 / horizon) * self.information + evidence.information
+        excess = (evidence.squared - evidence.expected) / (information + FIRST_INFORMATION)
+        step = np.log(max(1 + excess, SMALLEST_FACTOR)) if np.isfinite(excess) else 0.0
+        limit = np.log(LARGEST_SCALE)
+        return NoiseScale(float(np.clip(self.logarithm + step, -limit, limit)), information)
+
+
+class Explained(Protocol):
+    """What an update says, in the coordinates y of the belief before it
+    (`spinfilters.estimators.filters.square_root_update.Correction`)."""
+
+    @property
+    def coordinates(self) -> Float[np.ndarray, " n"]: ...
+
+    @property
+    def root(self) -> Float[np.ndarray, "r r"]: ...
+
+    @property
+    def nis(self) -> float: ...
+
+    @property
+    def dof(self) -> int: ...
+
+
+class PredictedMotion(NamedTuple):
+    """A predicted belief and how it came about: mean (m,), covariance factor (N, N) lower triangular, of its first n rows the
+    transition (n, n) of the error, and factor (n, k) of the noise that came in, as scaled."""
+
+    mean: Float[np.ndarray, " m"]
+    factor: Float[np.ndarray, "N N"]
+    transition: Float[np.ndarray, "n n"]
+    noise: Float[np.ndarray, "n k"]
+
+
+class NoiseAdaptation:
+    """The scales of all sources of noise of one filter, and what it needs to learn the disturbances'."""
+
+    def __init__(self, options: AdaptationOptions) -> None:
+        self.options = options
+        self._scales: dict[str, NoiseScale] = {}
+        self._known: dict[str, np.ndarray] = {}
+
+    def measurement_scale(self, sensor: str) -> float:
+        """Of the sensor's noise covariance; 1 without adaptation."""
+        return self._scale(f"sensor.{sensor}")
+
+    def process_scale(self, source: str) -> float:
+        """Of the density of a disturbance, "torque" or "force"; 1 without adaptation."""
+        return self._scale(f"process.{source}")
+
+    def scaled(self, noise: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
+        """A process' noise factor with its columns scaled."""
+        if not self.options.process:
+            return noise
+        result = noise.copy()
+        for source, columns in SOURCES.items():
+            result[:, columns] *= np.sqrt(self.process_scale(source))
+        return result
+
+    def observe_measurement(self, sensor: str, correction: Explained) -> None:
+        """Learn a sensor's scale from its update, which was made with `measurement_scale`."""
+        if self.options.measurement:
+            self._learn(f"sensor.{sensor}", residual_evidence(correction), self.options.measurement)
+
+    def expect_motion(self, motion: "PredictedMotion") -> None:
+        """Keep a prediction, to compare with what the updates make of it."""
+        if not self.options.process:
+            return
+        n = len(motion.transition)
+        kept = {"mean": motion.mean, "factor": motion.factor[:n, :n]}
+        for source, columns in SOURCES.items():
+            entered = motion.noise[:, columns]
+            if entered.size:
+                kept[source] = entered @ entered.T
+                if source in self._known:
+                    kept[source] += motion.transition @ self._known[source] @ motion.transition.T
+        self._known = kept
+
+    def observe_motion(
+        self, layout: StateLayout, mean: Float[np.ndarray, " m"], factor: Float[np.ndarray, "n r"]
+    ) -> None:
+        """Learn the disturbances' scales from how all updates since `expect_motion` changed the belief."""
+        if not self._known:
+            return
+        predicted = self._known["factor"]
+        error = layout.local(self._known["mean"], mean)
+        solved, failed = dtrtrs(predicted, np.column_stack([factor, error]), lower=1)
+        sources = {source: self._known[source] for source in SOURCES if source in self._known}
+        self._known = {}
+        if failed:
+            return
+        left, y = solved[:, :-1] @ solved[:, :-1].T, solved[:, -1]
+        for source, sensitivity in sources.items():
+            half = dtrtrs(predicted, sensitivity, lower=1)[0]
+            D = dtrtrs(predicted, half.T, lower=1)[0]
+            self._learn(f"process.{source}", motion_evidence(D, left, y), self.options.process)
+            shrunk = predicted @ left
+            self._known[source] = shrunk @ D @ shrunk.T
+
+    def snapshot(self) -> dict[str, np.ndarray]:
+        """Everything learned, as arrays named ``noise.<what>``."""
+        scales = {
+            f"noise.{name}": np.array([scale.logarithm, scale.information])
+            for name, scale in self._scales.items()
+        }
+        return scales | {f"noise.known.{name}": array.copy() for name, array in self._known.items()}
+
+    def restore(self, snapshot: dict[str, np.ndarray]) -> None:
+        """Go on from the `snapshot` among these arrays."""
+        self._scales, self._known = {}, {}
+        for key, array in snapshot.items():
+            name = key.removeprefix("noise.")
+            if name.startswith("known."):
+                self._known[name.removeprefix("known.")] = array.copy()
+            elif name != key:
+                self._scales[name] = NoiseScale(*array.tolist())
+
+    def _scale(self, name: str) -> float:
+        return float(np.exp(self._scales[name].logarithm)) if name in self._scales else 1.0
+
+    def _learn(self, name: str, evidence: NoiseEvidence, horizon: float) -> None:
+        self._scales[name] = self._scales.get(name, NoiseScale()).after(evidence, horizon)
+
+
+def residual_evidence(correction: Explained) -> NoiseEvidence:
+    """Of a sensor's noise: |r|^2 = nis - |y|^2, and S^-1 has r eigenvalues of (U'U)^-1 and else ones."""
+    y, inverse = correction.coordinates, np.triu(dtrtri(correction.root)[0])
+    left = inverse @ inverse.T
+    free = correction.dof - len(left)
+    squared = max(correction.nis - float(y @ y), 0.0)
+    return NoiseEvidence(squared, free + float(np.trace(left)), free + float(np.sum(left * left)))
+
+
+def motion_evidence(
+    sensitivity: Float[np.ndarray, "n n"], left: Float[np.ndarray, "n n"], y: Float[np.ndarray, " n"]
+) -> NoiseEvidence:
+    """Of a disturbance, from D, the covariance 1 - K of y that is left, and y."""
+    share = sensitivity - sensitivity @ left
+    return NoiseEvidence(float(y @ sensitivity @ y), float(np.trace(share)), float(np.sum(share * share.T)))

@@ -1,0 +1,227 @@
+"""The steps of an epoch in the C of `epoch.c`, which is compiled once for every number of modes and precision."""
+
+import ctypes
+from functools import cache
+from importlib.resources import files
+from operator import is_
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.estimators.filters.sigma_points import SigmaPoints
+from spinfilters.estimators.filters.square_root_update import LOG_2_PI, Correction
+from spinfilters.estimators.landmarks.numpy_steps import NEW_LANDMARK_SHARE, NumpySteps
+from spinfilters.estimators.landmarks.steps import Closing, NewModes, WhitenedRows
+from spinfilters.estimators.smoothing.kernels.compiled_kernels import KERNEL_FLAGS
+from spinfilters.symbolic.c_library import load_text
+from spinfilters.symbolic.compiled import address
+
+if TYPE_CHECKING:
+    from spinfilters.estimators.landmarks.landmark_map import LandmarkMap
+    from spinfilters.estimators.landmarks.observations import Observations
+    from spinfilters.estimators.landmarks.regression import Spread
+
+LOOSE_SUMS = ("-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math")
+FLAGS = (*KERNEL_FLAGS, *LOOSE_SUMS, "-fno-strict-aliasing", "-Wno-psabi")
+"""Sums may be taken in any order, so that they are vectorised; what is not finite stays so."""
+SHAPE = (3, 6)
+"""Components of an observation, and columns of the state that it depends on: of a stereo pair; others go through NumPy."""
+LARGEST_STATE = 32
+"""Rows of the factor beside the modes: state and move."""
+LANES = 8
+"""Landmarks side by side (`epoch.c`)."""
+_TYPES = {"i": ctypes.c_longlong, "d": ctypes.c_double, "p": ctypes.c_void_p}
+_SIGNATURES = {
+    "refresh": ("ipiiiip", None),
+    "whiten": ("ippppp", ctypes.c_double),
+    "correct": ("iipp" + "pppp", ctypes.c_double),
+    "solve": ("ippp" + "ipip" + "ddpppp" + "ip" + "pppp", ctypes.c_int),
+    "solve_rows": ("ipppd" + "ppp" + "ip" + "pppp", ctypes.c_int),
+    "regress": ("ippi" + "pipi" + "ppp" + "ppp", None),
+    "close_epoch": ("ippp" + "ippd" + "ip" + "ppppp" + "iiiiip", None),
+}
+_STORED = ("epoch", "hits", "wrong", "last", "transform", "spread", "shift", "points", "modes", "roots")
+
+
+def steps_of(modes: int, precision: str) -> "NumpySteps | CompiledSteps":
+    """The steps for so many modes, kept in this precision: in C where there is a compiler."""
+    library = _library(modes, precision)
+    return NumpySteps() if library is None else CompiledSteps(library, modes, precision)
+
+
+@cache
+def _library(modes: int, precision: str) -> ctypes.PyDLL | None:
+    kind = {"float64": "double", "float32": "float"}[precision]
+    sizes = (
+        f"enum {{ D = {SHAPE[0]}, C = {SHAPE[1]}, M = {modes}, N = M + {LARGEST_STATE}, LANES = {LANES} }};\n"
+    )
+    body = files("spinfilters.estimators.landmarks").joinpath("epoch.c").read_text()
+    library = load_text(f"landmark_epoch_{modes}", f"typedef {kind} stored;\n{sizes}{body}", FLAGS)
+    if library is not None:
+        for name, (arguments, result) in _SIGNATURES.items():
+            function = getattr(library, name)
+            function.argtypes, function.restype = [_TYPES[letter] for letter in arguments], result
+    return library
+
+
+class CompiledSteps:
+    """See `reference.NumpySteps`, which says what is computed."""
+
+    def __init__(self, library: ctypes.PyDLL, modes: int, precision: str) -> None:
+        self._c, self._modes, self._kept = library, modes, np.dtype(precision)
+        self._reference = NumpySteps()
+        self._known: tuple[np.ndarray, ...] = ()
+        self._places = (ctypes.c_void_p * len(_STORED))()
+
+    def refresh(self, stored: "LandmarkMap", rows: Int[np.ndarray, " q"]) -> None:
+        rows = np.ascontiguousarray(rows)
+        self._c.refresh(len(rows), address(rows), 0, 0, stored.now, len(stored.shift), self._map(stored))
+
+    def whitened(
+        self,
+        stored: "LandmarkMap",
+        at: Int[np.ndarray, " k"],
+        linear: Float[np.ndarray, "k d w"],
+        weights: Float[np.ndarray, " k"],
+    ) -> WhitenedRows:
+        k, d, width = linear.shape
+        if (d, width - 4) != SHAPE:
+            return self._reference.whitened(stored, at, linear, weights)
+        width, groups = width - 3 + self._modes, -(-k // LANES)
+        kept = np.empty((groups, d * (width + 6), LANES))
+        given = [np.ascontiguousarray(array) for array in (linear, weights, at)]
+        log_noise = self._c.whiten(k, *map(address, given), self._map(stored), address(kept))
+        return WhitenedRows(kept, (k, d, width), log_noise)
+
+    def corrected(
+        self,
+        white: WhitenedRows,
+        factor: Float[np.ndarray, "N N"],
+        columns: Int[np.ndarray, " q"],
+        log_noise: float,
+    ) -> Correction:
+        n, (k, d, _) = len(factor), white.shape
+        if (d, len(columns) - self._modes) != SHAPE:
+            return self._reference.corrected(white, factor, columns, log_noise)
+        made = _made(factor)
+        nis = self._c.correct(k, n, *map(address, (white.kept, columns, *made)))
+        return _correction(made, nis, k * d, white.log_noise + log_noise)
+
+    def solved(
+        self,
+        observations: "Observations",
+        x: Float[np.ndarray, " m"],
+        factor: Float[np.ndarray, "N N"],
+        limit: float,
+    ) -> tuple[Correction, WhitenedRows] | None:
+        o, n, d, c = observations, len(factor), *SHAPE
+        k, loop, width = len(o.at), o.sensor.observation_rows.loop, c + self._modes + 1
+        if not (k and loop) or (o.sensor.dim, len(o.columns) - self._modes) != SHAPE:
+            return None
+        kept, room = np.empty((-(-k // LANES), d * (width + 6), LANES)), np.empty(k * (d * (c + 4) + 3))
+        made, said, given = _made(factor), np.empty(2), (x, o.parameters, o.values, o.at)
+        x, parameters, values, at = (np.ascontiguousarray(array) for array in given)
+        behind_points = address(parameters) + 3 * parameters.itemsize
+        if not self._c.solve(
+            *(k, loop, address(x), behind_points, parameters.shape[1], address(values), values.shape[1]),
+            *(address(at), 1 / o.scale, limit, self._map(o.landmarks)),
+            *map(address, (room, said, kept)),
+            n,
+            *map(address, (o.columns, *made)),
+        ):
+            return None
+        log_noise, nis = said.tolist()
+        return _correction(made, nis, k * d, log_noise), WhitenedRows(kept, (k, d, width), log_noise)
+
+    def solved_rows(
+        self,
+        observations: "Observations",
+        linear: Float[np.ndarray, "k d w"],
+        log_noise: float,
+        factor: Float[np.ndarray, "N N"],
+        limit: float,
+    ) -> tuple[Correction, WhitenedRows] | None:
+        o, n, (k, d, width) = observations, len(factor), linear.shape
+        if k == 0 or (d, width - 4) != SHAPE or limit < 0:
+            return None
+        width += self._modes - 3
+        kept, made = np.empty((-(-k // LANES), d * (width + 6), LANES)), _made(factor)
+        said, weights = np.array([log_noise, 0.0]), np.full(k, 1 / o.scale)
+        given = [np.ascontiguousarray(array) for array in (linear, weights, o.at)]
+        if not self._c.solve_rows(
+            *(k, *map(address, given), limit, self._map(o.landmarks), address(said), address(kept), n),
+            *map(address, (o.columns, *made)),
+        ):
+            return None
+        log_noise, nis = said.tolist()
+        return _correction(made, nis, k * d, log_noise), WhitenedRows(kept, (k, d, width), log_noise)
+
+    def regressed(
+        self, observations: "Observations", spread: "Spread", points: SigmaPoints
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        o, (d, c) = observations, SHAPE
+        k, loop, pose = len(o.at), o.sensor.observation_innovations.loop, spread.pose
+        if not (k and loop) or o.sensor.dim != d or pose.shape != (c, c) or not spread.is_solvable:
+            return None
+        step, mean, root = points.offsets[1, 0], points.mean_weights[:2], points.root_weights[:2]
+        weights, parts = np.array([step, *mean, *root]), (spread.states, pose, spread.modes, spread.late)
+        parts = [np.ascontiguousarray(array) for array in parts]
+        x, parameters, values, at = parts[0], *map(np.ascontiguousarray, (o.parameters, o.values, o.at))
+        behind_points = address(parameters) + 3 * parameters.itemsize
+        rows, valid, log_noise = np.empty((k, d, c + 4)), np.empty(k), np.empty(k)
+        self._c.regress(
+            *(k, loop, (ctypes.c_void_p * len(parts))(*map(address, parts)), x.shape[1]),
+            *(behind_points, parameters.shape[1], address(values), values.shape[1]),
+            *(address(at), address(weights), self._map(o.landmarks)),
+            *map(address, (rows, valid, log_noise)),
+        )
+        return rows, valid > 0, log_noise
+
+    def close(
+        self, stored: "LandmarkMap", closing: Closing
+    ) -> tuple[NewModes, Float[np.ndarray, "q 3 r"], Float[np.ndarray, "q 3 3"]]:
+        r, n, (k, _, c) = len(closing.remembered), closing.factor.shape[1], closing.by_pose.shape
+        if (closing.white.shape[1], c) != SHAPE:
+            return self._reference.close(stored, closing)
+        new = NewModes(np.empty((c + r, c + r)), np.empty((r, n)), closing.remembered.copy())
+        modes, roots = np.empty((k, 3, r), self._kept), np.empty((k, 3, 3), self._kept)
+        at, by_pose, own = map(np.ascontiguousarray, (closing.at, closing.by_pose, closing.roots))
+        places = [address(array) if k else None for array in (by_pose, own, modes, roots)]
+        self._c.close_epoch(
+            len(at),
+            *map(address, (closing.white.kept, at, closing.error)),
+            k,
+            *places[:2],
+            NEW_LANDMARK_SHARE,
+            n,
+            *map(address, (closing.factor, new.explained, new.turned, new.rows)),
+            *places[2:],
+            stored.count,
+            *closing.behind,
+            len(stored.shift),
+            stored.now,
+            self._map(stored),
+        )
+        stored.now += 1
+        return new, modes, roots
+
+    def _map(self, stored: "LandmarkMap") -> int:
+        """Address of those of the map's arrays, looked up when they are other arrays."""
+        arrays = tuple([getattr(stored, name) for name in _STORED])
+        if not (self._known and all(map(is_, arrays, self._known))):
+            self._known = arrays
+            self._places[:] = list(map(address, arrays))
+        return ctypes.addressof(self._places)
+
+
+def _made(factor: Float[np.ndarray, "N N"]) -> tuple[np.ndarray, ...]:
+    """Room for a correction: the factor, which is corrected in place, root, shift and error."""
+    n = len(factor)
+    return np.array(factor, order="C"), np.empty((n, n)), np.empty(n + 1), np.empty(n)
+
+
+def _correction(made: tuple[np.ndarray, ...], nis: float, dof: int, log_noise: float) -> Correction:
+    after, root, shift, error = made
+    likelihood = -0.5 * (nis + dof * LOG_2_PI) - float(shift[-1]) - log_noise
+    return Correction(error, after, nis, likelihood, dof, root, shift[:-1])

@@ -1,0 +1,287 @@
+"""On-line use: measurements that come late, twice or out of order, put where they belong.
+
+The state before each of the last epochs is kept with the epoch's measurements. One that comes late goes to its place: back to the
+state before it, and forward again through everything after it. An epoch's measurements are taken in in an order of their own,
+not of
+arrival. So whatever the order of arrival within the horizon, the numbers are those of arrival in the order of time, bit for bit.
+"""
+
+import hashlib
+from bisect import bisect_left
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from spinfilters.errors import InputError
+from spinfilters.estimators.estimator import Estimator, Measurement, Snapshot, UpdateReport
+from spinfilters.estimators.run import advance, finite
+from spinfilters.estimators.timeline import Epoch
+from spinfilters.state.gaussian import Gaussian
+from spinfilters.state.status import EstimatorStatus
+
+
+class Outcome(StrEnum):
+    """What became of a measurement."""
+
+    TAKEN = "taken"
+    """In, as the latest."""
+    INSERTED = "inserted"
+    """In, at its place among or beside epochs that were there before it."""
+    DUPLICATE = "duplicate"
+    """Left out: it is there already, bit for bit."""
+    TOO_LATE = "too late"
+    """Left out: older than what can be gone back to."""
+    UNUSABLE = "unusable"
+    """Left out: the estimate would not have stayed finite with it."""
+
+
+@dataclass(frozen=True)
+class OutOfSequenceResult:
+    """What became of a measurement.
+
+    Attributes
+    ----------
+    reason: in words, empty where it went in.
+    report: of its update, None where it was left out.
+    replayed: how many epochs after it were done again.
+    """
+
+    outcome: Outcome
+    reason: str = ""
+    report: UpdateReport | None = None
+    replayed: int = 0
+
+
+@dataclass(frozen=True)
+class _KeptEpoch:
+    """An epoch with the state before it, and the time of that state, s; ``keys`` name and order its measurements."""
+
+    epoch: Epoch
+    keys: tuple[tuple[str, bytes], ...]
+    before: Snapshot
+    time_before: float
+
+    @property
+    def time(self) -> float:
+        return self.epoch.time
+
+
+class OutOfSequenceUpdates:
+    """A started estimator that takes measurements as they come.
+
+    Parameters
+    ----------
+    estimator: started at ``time`` (s); it belongs to this object from now on.
+    horizon_s: how much older than the latest epoch a measurement may be.
+    capacity: epochs that are kept at most, at least 1; where they span less than the horizon, that is what can be gone back to.
+    """
+
+    def __init__(
+        self, estimator: Estimator, time: float, horizon_s: float = 2.0, capacity: int = 256
+    ) -> None:
+        if not np.isfinite(time):
+            raise InputError(f"the estimator's time is {time} s; give a finite one")
+        if not (np.isfinite(horizon_s) and horizon_s >= 0):
+            raise InputError(f"horizon_s is {horizon_s}; give a finite number of seconds of at least 0")
+        if capacity < 1:
+            raise InputError(f"capacity is {capacity}; keep at least 1 epoch")
+        self._estimator, self._horizon, self._capacity = estimator, horizon_s, capacity
+        self._time, self._begin, self._closed = time, time, -np.inf
+        self._epochs: list[_KeptEpoch] = []
+        self._counts = dict.fromkeys(Outcome, 0)
+        self._replayed = 0
+        self._last_unusable = ""
+
+    @property
+    def time(self) -> float:
+        """Of the latest epoch, s."""
+        return self._time
+
+    @property
+    def belief(self) -> Gaussian:
+        """The belief at the latest epoch, after everything that came."""
+        return self._estimator.belief
+
+    @property
+    def counts(self) -> dict[Outcome, int]:
+        """How many measurements came to each outcome."""
+        return dict(self._counts)
+
+    @property
+    def kept_epochs(self) -> int:
+        """How many epochs can be gone back to."""
+        return len(self._epochs)
+
+    @property
+    def replayed_epochs(self) -> int:
+        """How many epochs were done again because of late measurements."""
+        return self._replayed
+
+    @property
+    def status(self) -> EstimatorStatus:
+        """The estimator's own; ``degraded`` when measurements were left out as too late or unusable."""
+        status, late = self._estimator.status, self._counts[Outcome.TOO_LATE]
+        if late:
+            status = status.degraded(f"{late} measurements came too late and were left out")
+        if self._last_unusable:
+            count = self._counts[Outcome.UNUSABLE]
+            status = status.degraded(
+                f"{count} measurements broke the estimate and were taken back, the last {self._last_unusable}"
+            )
+        return status
+
+    def receive(self, time: float, measurement: Measurement) -> OutOfSequenceResult:
+        """Take in one sensor's values of the time ``time`` (s), which may lie before that of others that came already.
+
+        Raises
+        ------
+        InputError: a time that is not finite.
+        """
+        if not np.isfinite(time):
+            raise InputError(
+                f"a measurement of {measurement.model.name} has the time {time} s; give a finite one"
+            )
+        receipt = self._received(float(time), _copied(measurement))
+        self._counts[receipt.outcome] += 1
+        self._replayed += receipt.replayed
+        return receipt
+
+    def belief_at(self, time: float) -> Gaussian:
+        """The belief predicted to a time (s) at or after the latest epoch; nothing changes by asking.
+
+        Raises
+        ------
+        InputError: a time before the latest epoch, or not finite.
+        """
+        if not (np.isfinite(time) and time >= self._time):
+            raise InputError(
+                f"the belief at {time} s was asked for, the latest epoch is at {self._time} s; ask for a time from there on"
+            )
+        if time == self._time:
+            return self.belief
+        now = self._estimator.snapshot()
+        try:
+            self._estimator.predict(time - self._time)
+            return self._estimator.belief
+        finally:
+            self._estimator.restore(now)
+
+    def _received(self, time: float, measurement: Measurement) -> OutOfSequenceResult:
+        if reason := self._too_late(time):
+            return OutOfSequenceResult(Outcome.TOO_LATE, reason)
+        key, index = _key(measurement), bisect_left(self._epochs, time, key=lambda kept: kept.time)
+        there = (
+            self._epochs[index] if index < len(self._epochs) and self._epochs[index].time == time else None
+        )
+        if there is not None and key in there.keys:
+            return OutOfSequenceResult(
+                Outcome.DUPLICATE, f"the same {key[0]} measurement of {time} s is there already"
+            )
+        after = self._epochs[index + (there is not None) :]
+        epoch, keys = _joined(there, time, measurement, key)
+        outcome = Outcome.INSERTED if there is not None or after else Outcome.TAKEN
+        return self._placed(index, _Placing(epoch, keys, keys.index(key), after, outcome))
+
+    def _too_late(self, time: float) -> str:
+        """Why a time cannot be gone back to; empty where it can."""
+        if time < self._begin:
+            return f"it is of {time} s, the estimate begins at {self._begin} s"
+        if time < self._time - self._horizon:
+            return f"it is {self._time - time:.3f} s older than the latest epoch, the horizon is {self._horizon} s"
+        if time <= self._closed:
+            return f"it is of {time} s, and only the {len(self._epochs)} epochs after {self._closed} s are kept (capacity)"
+        return ""
+
+    def _placed(self, index: int, placing: "_Placing") -> OutOfSequenceResult:
+        """Go back to the state before an epoch, do it and all that come after it; take everything back if that breaks."""
+        now = self._estimator.snapshot()
+        before, time_before = now, self._time
+        if index < len(self._epochs):
+            before, time_before = self._epochs[index].before, self._epochs[index].time_before
+            self._estimator.restore(before)
+        try:
+            report, done = self._replay(placing, before, time_before)
+        except (np.linalg.LinAlgError, _NotFiniteError) as error:
+            self._estimator.restore(now)
+            self._last_unusable = f"{placing.keys[placing.position][0]} at {placing.epoch.time} s"
+            return OutOfSequenceResult(
+                Outcome.UNUSABLE, f"the estimate does not stay finite with it ({error})"
+            )
+        except (
+            BaseException
+        ):  # Ctrl-C, or a measurement that does not suit the estimator: the caller's, and nothing has changed
+            self._estimator.restore(now)
+            raise
+        self._epochs[index:] = done
+        self._time = done[-1].time
+        self._forget()
+        return OutOfSequenceResult(placing.outcome, report=report, replayed=len(placing.after))
+
+    def _replay(
+        self, placing: "_Placing", before: Snapshot, time_before: float
+    ) -> tuple[UpdateReport, list[_KeptEpoch]]:
+        """Do epochs from the present state; the report of the placed measurement, and the epochs with the states before them."""
+        first = _KeptEpoch(placing.epoch, placing.keys, before, time_before)
+        reports = self._advance(first)
+        done = [first]
+        for kept in placing.after:
+            done.append(replace(kept, before=self._estimator.snapshot(), time_before=done[-1].time))
+            self._advance(done[-1])
+        return reports[placing.position], done
+
+    def _advance(self, kept: _KeptEpoch) -> list[UpdateReport]:
+        reports = advance(self._estimator, kept.epoch, kept.time - kept.time_before)
+        if not finite(self._estimator.belief, reports):
+            raise _NotFiniteError(f"epoch at {kept.time} s")
+        return reports
+
+    def _forget(self) -> None:
+        """Drop epochs beyond the horizon or the capacity, but for the latest."""
+        oldest = self._time - self._horizon
+        count = bisect_left(self._epochs, oldest, key=lambda kept: kept.time)
+        count = max(count, len(self._epochs) - self._capacity)
+        if count > 0:
+            self._closed = self._epochs[count - 1].time
+            del self._epochs[:count]
+
+
+@dataclass(frozen=True)
+class _Placing:
+    """An epoch with a new measurement at this position of its, the epochs after it, and what that is called."""
+
+    epoch: Epoch
+    keys: tuple[tuple[str, bytes], ...]
+    position: int
+    after: Sequence[_KeptEpoch]
+    outcome: Outcome
+
+
+class _NotFiniteError(Exception):
+    """The estimate stopped being finite."""
+
+
+def _copied(measurement: Measurement) -> Measurement:
+    """With arrays of its own: on line, buffers are used again."""
+    ids = None if measurement.ids is None else measurement.ids.copy()
+    return Measurement(measurement.model, measurement.values.copy(), measurement.parameters.copy(), ids)
+
+
+def _key(measurement: Measurement) -> tuple[str, bytes]:
+    """Sensor and digest of all numbers: the same for the same bits only, and an order that arrival has no part in."""
+    digest = hashlib.blake2b(digest_size=16)
+    for array in (measurement.values, measurement.parameters, measurement.ids):
+        digest.update(b"none" if array is None else f"{array.shape}".encode() + array.tobytes())
+    return measurement.model.name, digest.digest()
+
+
+def _joined(
+    there: _KeptEpoch | None, time: float, measurement: Measurement, key: tuple[str, bytes]
+) -> tuple[Epoch, tuple[tuple[str, bytes], ...]]:
+    """An epoch with one more measurement, in the order of the keys, and those keys."""
+    if there is None:
+        return Epoch(time, (measurement,)), (key,)
+    pairs = [*zip(there.keys, there.epoch.measurements, strict=True), (key, measurement)]
+    pairs.sort(key=lambda pair: pair[0])
+    return Epoch(time, tuple(m for _, m in pairs)), tuple(k for k, _ in pairs)

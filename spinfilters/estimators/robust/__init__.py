@@ -1,0 +1,1 @@
+"""Robust losses and rejection of outliers."""

@@ -1,0 +1,188 @@
+"""Robust losses: what a whitened residual costs, and with which weight its square then enters a least-squares problem.
+
+With s = |y|^2 the squared length of a whitened residual, a loss is rho(s) and its weight rho'(s) (iteratively reweighted least
+squares; Triggs et al. 1999). Every loss is s for small s.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.errors import InputError
+
+LARGEST = 1e300
+"""A squared length that stands for infinity where a ratio of two is taken."""
+
+Squares = Float[np.ndarray, " N"]
+
+
+class RobustLoss(ABC):
+    """rho(s) and rho'(s), elementwise; s is infinite where a sensor's model does not apply, and the weight is then 0."""
+
+    @abstractmethod
+    def cost(self, square: Squares) -> Squares: ...
+
+    @abstractmethod
+    def weight(self, square: Squares) -> Squares: ...
+
+    def at_stage(self, stage: int) -> "RobustLoss":
+        """The loss of an iteration: the same in all, unless it is graduated."""
+        return self
+
+    @property
+    def stages(self) -> int:
+        """Iterations before the loss is what it says."""
+        return 0
+
+
+@dataclass(frozen=True)
+class LeastSquares(RobustLoss):
+    """rho = s: for measurements that are all what they claim."""
+
+    def cost(self, square: Squares) -> Squares:
+        return square
+
+    def weight(self, square: Squares) -> Squares:
+        return np.isfinite(square).astype(float)
+
+
+@dataclass(frozen=True)
+class Huber(RobustLoss):
+    """Squares up to ``threshold`` standard deviations, a straight line beyond (Huber 1964)."""
+
+    threshold: float = 2.0
+
+    def __post_init__(self) -> None:
+        _positive("huber threshold", self.threshold)
+
+    def cost(self, square: Squares) -> Squares:
+        size = np.sqrt(square)
+        return np.where(size <= self.threshold, square, self.threshold * (2 * size - self.threshold))
+
+    def weight(self, square: Squares) -> Squares:
+        return self.threshold / np.maximum(np.sqrt(square), self.threshold)
+
+
+@dataclass(frozen=True)
+class PseudoHuber(RobustLoss):
+    """rho = 2 b^2 (sqrt(1 + s / b^2) - 1), smooth (Tweddle 2013, sec. 4.7.4; Hartley and Zisserman 2003, A6.8)."""
+
+    threshold: float = 2.0
+
+    def __post_init__(self) -> None:
+        _positive("pseudo-huber threshold", self.threshold)
+
+    def cost(self, square: Squares) -> Squares:
+        b2 = self.threshold**2
+        return 2 * b2 * (np.sqrt(1 + square / b2) - 1)
+
+    def weight(self, square: Squares) -> Squares:
+        return 1 / np.sqrt(1 + square / self.threshold**2)
+
+
+@dataclass(frozen=True)
+class Barron(RobustLoss):
+    """Barron's (2019) family, scaled so that rho'(0) = 1.
+
+    Attributes
+    ----------
+    shape: alpha: 2 is least squares, 1 pseudo-Huber, 0 Cauchy, -2 Geman-McClure.   scale: c, standard deviations.
+    """
+
+    shape: float = 0.0
+    scale: float = 2.0
+
+    def __post_init__(self) -> None:
+        _positive("barron scale", self.scale)
+        if not (np.isfinite(self.shape) and self.shape <= 2):
+            raise InputError(f"barron shape is {self.shape}; give a number of at most 2")
+
+    def cost(self, square: Squares) -> Squares:
+        z, c2 = square / self.scale**2, self.scale**2
+        if self.shape == 2:
+            return z * c2
+        if self.shape == 0:
+            return 2 * c2 * np.log1p(z / 2)
+        width = abs(self.shape - 2)
+        return 2 * c2 * width / self.shape * np.expm1(self.shape / 2 * np.log1p(z / width))
+
+    def weight(self, square: Squares) -> Squares:
+        if self.shape == 2:
+            return np.isfinite(square).astype(float)
+        z = square / self.scale**2
+        return (1 + z / abs(self.shape - 2)) ** (self.shape / 2 - 1)
+
+
+@dataclass(frozen=True)
+class Gate(RobustLoss):
+    """Squares up to ``inner`` standard deviations, a straight line up to ``outer``, constant beyond: what is out pulls at nothing.
+
+    Attributes
+    ----------
+    among: (N,) residuals that count at all, or None for all.
+    """
+
+    inner: float
+    outer: float
+    among: np.ndarray | None = None
+
+    def cost(self, square: Squares) -> Squares:
+        size = np.minimum(np.sqrt(square), self.outer)
+        costs = np.where(size <= self.inner, size**2, self.inner * (2 * size - self.inner))
+        return costs if self.among is None else costs * self.among
+
+    def weight(self, square: Squares) -> Squares:
+        slope = self.inner / np.maximum(np.sqrt(square), self.inner)
+        weight = np.where(square < self.outer**2, slope, 0.0)
+        return weight if self.among is None else weight * self.among
+
+
+@dataclass(frozen=True)
+class Graduated(RobustLoss):
+    """Geman-McClure's loss reached from least squares by graduated non-convexity (Yang et al. 2020), for half of all wrong.
+
+    rho = m b^2 s / (m b^2 + s) with m falling from ``first`` to 1 by ``rate`` per iteration: at first all residuals pull, at last
+    those of many times b hardly do.
+
+    Attributes
+    ----------
+    threshold: b, standard deviations.   first, rate: of m, greater than 1.   stage: iterations so far.
+    """
+
+    threshold: float = 3.0
+    first: float = 1e4
+    rate: float = 4.0
+    stage: int = 0
+
+    def __post_init__(self) -> None:
+        _positive("graduated threshold", self.threshold)
+        for name in ("first", "rate"):
+            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 1):
+                raise InputError(f"graduated {name} is {getattr(self, name)}; give a number above 1")
+
+    @property
+    def stages(self) -> int:
+        """Iterations until m is 1."""
+        return int(np.ceil(np.log(self.first) / np.log(self.rate)))
+
+    def at_stage(self, stage: int) -> "Graduated":
+        """The loss of an iteration."""
+        return Graduated(self.threshold, self.first, self.rate, stage)
+
+    def cost(self, square: Squares) -> Squares:
+        finite = np.minimum(square, LARGEST)
+        return self._width * finite / (self._width + finite)
+
+    def weight(self, square: Squares) -> Squares:
+        return (self._width / (self._width + square)) ** 2
+
+    @property
+    def _width(self) -> float:
+        return self.threshold**2 * max(self.first / self.rate**self.stage, 1.0)
+
+
+def _positive(name: str, value: float) -> None:
+    if not (np.isfinite(value) and value > 0):
+        raise InputError(f"{name} is {value}; give a positive number of standard deviations")

@@ -1,0 +1,1 @@
+"""Terms of the cost: dynamics, sensors, landmark observations, priors."""

@@ -1,0 +1,216 @@
+"""Observations of landmarks over many epochs as one flat list, landmark after landmark, and their linearisation.
+
+The rows of all observations are evaluated side by side from the expression of their sensor (`LandmarkSensor.observation_rows`).
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from spinfilters.errors import InputError
+from spinfilters.estimators.robust.losses import RobustLoss
+from spinfilters.estimators.timeline import Epoch, Timeline
+from spinfilters.models.landmark_sensor import LandmarkSensor
+from spinfilters.state.layout import POSE_BLOCKS
+
+ROWS = 3
+"""Components of an observation's innovation, at most; a sensor with fewer leaves rows of zeros."""
+COLUMNS = 10
+"""Of a row: six by the pose, three by the landmark, and the innovation."""
+OBSERVATIONS_NEEDED = 2
+"""Of one landmark: a single observation by a stereo pair says where the landmark is and nothing else."""
+
+NOTHING_TWICE = "no landmark of the map is seen twice in these epochs; check the landmark ids"
+
+
+@dataclass(frozen=True)
+class SensorGroup:
+    """Observations by one sensor: which of the flat list, what was measured, and its parameters without the point."""
+
+    model: LandmarkSensor
+    rows: Int[np.ndarray, " g"]
+    values: Float[np.ndarray, "g v"]
+    parameters: Float[np.ndarray, "g p"]
+
+
+@dataclass(frozen=True)
+class LandmarkObservations:
+    """N observations, sorted by landmark, then by epoch.
+
+    Attributes
+    ----------
+    epoch, landmark: (N,) number of the epoch and of the landmark.
+    place: (N,) where an observation stands among all of its epoch.   counts: (k,) how many observations each epoch has.
+    landmarks: how many landmarks there are.
+    """
+
+    epoch: Int[np.ndarray, " N"]
+    landmark: Int[np.ndarray, " N"]
+    place: Int[np.ndarray, " N"]
+    counts: Int[np.ndarray, " k"]
+    landmarks: int
+    groups: tuple[SensorGroup, ...]
+    scale: float = 1.0
+    """Of the standard deviations that the models state."""
+
+    def __len__(self) -> int:
+        return len(self.epoch)
+
+    @cached_property
+    def start(self) -> Int[np.ndarray, " l"]:
+        """Where each landmark's observations begin, and the end of the last."""
+        count = np.bincount(self.landmark, minlength=self.landmarks)
+        return np.concatenate([[0], np.cumsum(count)])
+
+    def by_epoch(self, chosen: Bool[np.ndarray, " N"]) -> tuple[Bool[np.ndarray, " _"], ...]:
+        """A choice as one array per epoch, over all observations of the epoch."""
+        flags = np.zeros(int(self.counts.sum()), dtype=bool)
+        ends = np.cumsum(self.counts)
+        flags[(ends - self.counts)[self.epoch[chosen]] + self.place[chosen]] = True
+        return tuple(np.split(flags, ends[:-1]))
+
+
+@dataclass(frozen=True)
+class LinearObservations:
+    """Whitened about a trial.
+
+    Attributes
+    ----------
+    rows: (N, 3, 10), see `COLUMNS`.
+    square: (N,) squared length of the innovation, infinite where the sensor's model does not apply.
+    """
+
+    rows: Float[np.ndarray, "N 3 10"]
+    square: Float[np.ndarray, " N"]
+
+    @property
+    def innovation(self) -> Float[np.ndarray, "N 3"]:
+        """Whitened."""
+        return self.rows[:, :, -1]
+
+    @property
+    def size(self) -> Float[np.ndarray, " N"]:
+        """Length of the innovation in standard deviations."""
+        return np.sqrt(self.square)
+
+    def cost(self, loss: RobustLoss, used: Bool[np.ndarray, " N"]) -> float:
+        """Of those that are used."""
+        return float(loss.cost(self.square)[used].sum())
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """Observations as they lie in the epochs."""
+
+    epoch: Int[np.ndarray, " s"]
+    place: Int[np.ndarray, " s"]
+    ids: Int[np.ndarray, " s"]
+    counts: Int[np.ndarray, " k"]
+    groups: tuple[SensorGroup, ...]
+
+
+def collect_observations(epochs: Timeline, ids: Int[np.ndarray, " L"], needed: int) -> LandmarkObservations:
+    """Observations of the landmarks of these ids (ascending) that occur at least ``needed`` times.
+
+    Raises
+    ------
+    InputError: when a sensor of landmarks sees more than the pose.
+    """
+    seen = _seen(epochs)
+    row = np.clip(np.searchsorted(ids, seen.ids), 0, max(len(ids) - 1, 0))
+    known = ids[row] == seen.ids if len(ids) else np.zeros(len(row), dtype=bool)
+    landmark = np.where(known, row, -1)
+    count = np.bincount(landmark[known], minlength=len(ids))
+    keep = known.copy()
+    keep[known] = count[landmark[known]] >= needed
+    kept = np.flatnonzero(keep)
+    order = kept[np.lexsort((seen.epoch[kept], landmark[kept]))]
+    groups = tuple(_chosen(group, order, len(keep)) for group in seen.groups)
+    return LandmarkObservations(
+        seen.epoch[order],
+        landmark[order],
+        seen.place[order],
+        seen.counts,
+        len(ids),
+        tuple(group for group in groups if len(group.rows)),
+    )
+
+
+def seen_ids(epochs: Timeline) -> Int[np.ndarray, " s"]:
+    """Ids of all observations of some epochs, one after the other."""
+    found = [m.ids for epoch in epochs for m in epoch.measurements if m.ids is not None]
+    return np.concatenate([np.zeros(0, dtype=int), *found])
+
+
+def _chosen(group: SensorGroup, order: Int[np.ndarray, " N"], count: int) -> SensorGroup:
+    """A group's part of a choice, in the order of the choice."""
+    inside = np.full(count, -1)
+    inside[group.rows] = np.arange(len(group.rows))
+    taken = inside[order]
+    rows = np.flatnonzero(taken >= 0)
+    return replace(
+        group, rows=rows, values=group.values[taken[rows]], parameters=group.parameters[taken[rows]]
+    )
+
+
+def _seen(epochs: Timeline) -> _Seen:
+    epoch: list[np.ndarray] = [np.zeros(0, dtype=int)]
+    place, ids = [np.zeros(0, dtype=int)], [np.zeros(0, dtype=int)]
+    counts = np.zeros(len(epochs), dtype=int)
+    parts: dict[int, tuple[LandmarkSensor, list[np.ndarray], list[np.ndarray], list[np.ndarray]]] = {}
+    done = 0
+    for k, here in enumerate(epochs):
+        for model, values, parameters, of in _landmark_measurements(here):
+            count = len(of)
+            epoch.append(np.full(count, k))
+            place.append(counts[k] + np.arange(count))
+            ids.append(of)
+            counts[k] += count
+            group = parts.setdefault(id(model), (model, [], [], []))
+            group[1].append(np.arange(done, done + count))
+            group[2].append(values)
+            group[3].append(parameters[:, 3:])
+            done += count
+    groups = tuple(SensorGroup(model, *map(np.concatenate, lists)) for model, *lists in parts.values())
+    return _Seen(np.concatenate(epoch), np.concatenate(place), np.concatenate(ids), counts, groups)
+
+
+def _landmark_measurements(epoch: Epoch) -> list[tuple[LandmarkSensor, np.ndarray, np.ndarray, np.ndarray]]:
+    found = []
+    for m in epoch.measurements:
+        if m.ids is None:
+            continue
+        if not isinstance(m.model, LandmarkSensor) or m.model.needs != POSE_BLOCKS or m.model.dim > ROWS:
+            raise InputError(
+                f"sensor {m.model.name} sees {m.model.needs}; a smoother takes a LandmarkSensor of (t, a) with at most "
+                f"{ROWS} components"
+            )
+        found.append((m.model, m.values, m.parameters, m.ids))
+    return found
+
+
+def linearise_observations(
+    observations: LandmarkObservations, trajectory: Float[np.ndarray, "k m"], points: Float[np.ndarray, "L 3"]
+) -> LinearObservations:
+    """All observations about a trajectory and points (m, frame g)."""
+    whole = len(observations.groups) == 1 and observations.groups[0].model.dim == ROWS
+    rows = np.empty((0, ROWS, COLUMNS)) if whole else np.zeros((len(observations), ROWS, COLUMNS))
+    square = np.full(len(observations), np.inf)
+    for group in observations.groups:
+        every = slice(None) if whole else group.rows
+        epoch, landmark = observations.epoch[every], observations.landmark[every]
+        made, positive, length, _ = group.model.observation_rows(
+            trajectory, points, group.parameters, group.values, rows=(epoch, landmark, None, None)
+        )
+        made = made.reshape(len(made), group.model.dim, COLUMNS)
+        if whole:
+            rows = made
+        else:
+            rows[every, : group.model.dim] = made
+        good = (positive[:, 0] > 0) & np.isfinite(length[:, 0])
+        square[every] = np.where(good, length[:, 0], np.inf)
+    if observations.scale != 1.0:
+        rows, square = rows / observations.scale, square / observations.scale**2
+    return LinearObservations(rows, square)

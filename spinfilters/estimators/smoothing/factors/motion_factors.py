@@ -1,0 +1,306 @@
+"""Whitened rows of a motion: its dynamics, the prior of its first state, and every sensor that sees no landmark.
+
+About a trial trajectory x_0 .. x_K-1 the errors obey, with the defect b_k by which the trial misses its own dynamics,
+
+    e_k+1 = Phi e_k + b_k + G n,     (e_0 about x_0) = (prior mean [-] x_0) + std n.
+
+Each line divided by its noise is a row of a least-squares problem (Bell 1994). What is kept of the rows is their Gram matrix
+with the right-hand side as last column, one per epoch and one per step.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from spinfilters.estimators.estimator import ProcessModel
+from spinfilters.estimators.robust.losses import LeastSquares, RobustLoss
+from spinfilters.estimators.smoothing.factors.variable_ordering import VariableOrdering
+from spinfilters.estimators.smoothing.kernels.compiled_kernels import kernels
+from spinfilters.estimators.smoothing.state_prior import StatePrior
+from spinfilters.estimators.timeline import Timeline, times_of
+from spinfilters.models.measurement import MeasurementModel
+from spinfilters.symbolic.compiled import address
+
+NOTHING = np.zeros((0, 1, 1))
+STRETCH = 2048
+"""Epochs whose rows are in memory together: rows of an epoch take ten times the room of what they add to the linear problem."""
+NOISE_FLOOR = 1e-8
+"""Of every moving component per step (m, rad, m/s, rad/s): far below any sensor, it stands in where a disturbance is zero."""
+
+
+@dataclass(frozen=True)
+class InformationBlocks:
+    """Gram matrices of rows [J | y] and how much they cost.
+
+    Attributes
+    ----------
+    epochs: (k, n + 1, n + 1) of each epoch alone, components in `VariableOrdering.order`, then the right-hand side.
+    steps: (k - 1, 2 d + c + 1, ...) of each step: moving here, moving there, constants, right-hand side.
+    cost: sum of (robust) squares.   rows: (k - 1, d, 2 d + c + 1) of the steps, whitened.
+    mean_squares: (r,) squared length of each observation's whitened innovation over its dimension; infinite where the model does
+        not apply.
+    """
+
+    epochs: Float[np.ndarray, "k n1 n1"]
+    steps: Float[np.ndarray, "j s1 s1"]
+    cost: float
+    rows: Float[np.ndarray, "j d s1"]
+    mean_squares: Float[np.ndarray, " r"] = field(default_factory=lambda: np.zeros(0))
+
+
+@dataclass(frozen=True)
+class SensorRows:
+    """All measurements of one sensor that sees no landmark."""
+
+    model: MeasurementModel
+    epoch: Int[np.ndarray, " r"]
+    values: Float[np.ndarray, "r v"]
+    parameters: Float[np.ndarray, "r p"]
+    scale: Float[np.ndarray, " i"] | None = None
+    """Of the standard deviations that the model states, by component of the innovation; None for 1."""
+
+    @classmethod
+    def joined(cls, parts: Sequence["SensorRows"]) -> "SensorRows":
+        """Parts of one sensor, one after the other."""
+        columns = ([getattr(part, name) for part in parts] for name in ("epoch", "values", "parameters"))
+        return cls(parts[0].model, *map(np.concatenate, columns))
+
+    def part(self, rows: slice, first: int = 0) -> "SensorRows":
+        """Some of the measurements, their frames counted from epoch ``first`` on."""
+        epoch = self.epoch[rows] - first
+        return SensorRows(self.model, epoch, self.values[rows], self.parameters[rows], self.scale)
+
+    def within(self, begin: int, end: int) -> "SensorRows":
+        """The measurements of the epochs from ``begin`` to before ``end``, counted from ``begin`` on."""
+        first, last = np.searchsorted(self.epoch, (begin, end))
+        return self.part(slice(int(first), int(last)), begin)
+
+
+def collect_sensors(epochs: Timeline) -> tuple[SensorRows, ...]:
+    """Measurements without ids, by sensor; of a long timeline one stretch after the other."""
+    parts: dict[int, list[SensorRows]] = {}
+    for begin in range(0, len(epochs), STRETCH):
+        for rows in _collected(epochs[begin : begin + STRETCH], begin):
+            parts.setdefault(id(rows.model), []).append(rows)
+    return tuple(map(SensorRows.joined, parts.values()))
+
+
+def _collected(epochs: Timeline, begin: int) -> list[SensorRows]:
+    """Those of a stretch whose first epoch has the number ``begin``."""
+    found: dict[int, list[SensorRows]] = {}
+    for k, epoch in enumerate(epochs, start=begin):
+        for m in epoch.measurements:
+            if m.ids is None and len(m.values):
+                rows = SensorRows(m.model, np.full(len(m.values), k), m.values, m.parameters)
+                found.setdefault(id(m.model), []).append(rows)
+    return [SensorRows.joined(rows) for rows in found.values()]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The dynamics, prior and sensors of some epochs.
+
+    Attributes
+    ----------
+    dt: (k - 1,) s.   prior: of the first state, or None where something else holds it.
+    loss: of each measurement's whitened length.   first: (m,) whose constants the steps are linearised about, or None for
+    their own.
+    """
+
+    process: ProcessModel
+    ordering: VariableOrdering
+    dt: Float[np.ndarray, " j"]
+    sensors: tuple[SensorRows, ...]
+    prior: StatePrior | None = None
+    loss: RobustLoss = field(default_factory=LeastSquares)
+    first: Float[np.ndarray, " m"] | None = None
+
+    @cached_property
+    def measured(self) -> int:
+        """Scalar measurements of sensors that see no landmark."""
+        return sum(rows.values.shape[0] * rows.model.dim for rows in self.sensors)
+
+    def dynamics(self, trajectory: Float[np.ndarray, "k m"]) -> InformationBlocks:
+        """The steps from epoch to epoch, about a trajectory whose constants are the same in every epoch."""
+        if not len(self.dt):
+            return InformationBlocks(NOTHING, NOTHING, 0.0, NOTHING)
+        about = None if self.first is None else self._at_first_constants(trajectory[:-1])
+        steps = self.process.linearise_steps(trajectory[:-1], trajectory[1:], self.dt, about)
+        rows, blocks = whitened_steps(self.ordering, *map(np.ascontiguousarray, steps))
+        return InformationBlocks(NOTHING, blocks, float(blocks[:, -1, -1].sum()), rows)
+
+    def _at_first_constants(self, trajectory: Float[np.ndarray, "k m"]) -> Float[np.ndarray, "k m"]:
+        """With the constants at which something is carried already: other slopes would claim to know what nothing has told."""
+        assert self.first is not None
+        at, constant = trajectory.copy(), self.process.layout.constant_indices
+        at[:, constant] = self.first[constant]
+        return at
+
+    def measurements(
+        self, trajectory: Float[np.ndarray, "k m"], pose_only_loss: RobustLoss | None = None
+    ) -> InformationBlocks:
+        """The prior, and every sensor that sees no landmark.
+
+        Parameters
+        ----------
+        pose_only_loss: of each measurement in place of `loss`.
+        """
+        squares = [np.zeros(0)]
+        n = self.process.layout.error_dim
+        blocks, cost = np.zeros((len(trajectory), n + 1, n + 1)), 0.0
+        if self.prior is not None:
+            rows = prior_rows(self.ordering, trajectory[0], self.prior)
+            blocks[0] += rows.T @ rows
+            cost += float(rows[:, -1] @ rows[:, -1])
+        for sensor in self.sensors:
+            rows, costs, square = self.sensor_rows(sensor, trajectory, pose_only_loss)
+            squares.append(square / sensor.model.dim)
+            epochs, own = _blocks_by_epoch(rows, sensor.epoch)
+            columns = self.sensor_columns(sensor)
+            blocks[epochs[:, None, None], columns[:, None], columns] += own
+            cost += float(costs.sum())
+        return InformationBlocks(blocks, NOTHING, cost, NOTHING, np.concatenate(squares))
+
+    def sensor_columns(self, sensor: SensorRows) -> Int[np.ndarray, " c1"]:
+        """Places of `sensor_rows`' columns among the components in `VariableOrdering.order` and the right-hand side."""
+        return np.append(_inverse(self.ordering.order)[sensor.model.columns], self.process.layout.error_dim)
+
+    def sensor_rows(
+        self,
+        sensor: SensorRows,
+        trajectory: Float[np.ndarray, "k m"],
+        pose_only_loss: RobustLoss | None = None,
+    ) -> tuple[Float[np.ndarray, "r i c1"], Float[np.ndarray, " r"], Float[np.ndarray, " r"]]:
+        """Weighted whitened rows by the model's columns and the right-hand side, costs, and squared lengths of the innovations."""
+        loss = self.loss if pose_only_loss is None else pose_only_loss
+        innovation, jacobian, valid, _ = sensor.model.linearise(
+            trajectory[sensor.epoch], sensor.parameters, sensor.values
+        )
+        if sensor.scale is not None:
+            innovation, jacobian = innovation / sensor.scale, jacobian / sensor.scale[:, None]
+        with np.errstate(invalid="ignore", over="ignore"):
+            square = np.einsum("nr,nr->n", innovation, innovation)
+        good = valid & np.isfinite(square)
+        square = np.where(good, square, np.inf)
+        weight = np.where(good, np.sqrt(loss.weight(square)), 0.0)
+        rows = np.concatenate([jacobian, innovation[..., None]], axis=2)
+        if not np.all(weight == 1.0):
+            rows *= weight[:, None, None]
+            rows[~good] = 0.0
+        return rows, np.where(good, loss.cost(square), 0.0), square
+
+    def inliers(
+        self,
+        sensor: SensorRows,
+        trajectory: Float[np.ndarray, "k m"],
+        pose_only_loss: RobustLoss | None = None,
+    ) -> Bool[np.ndarray, " r"]:
+        """Which of a sensor's measurements have a weight."""
+        result = np.empty(len(sensor.epoch), dtype=bool)
+        for first in range(0, len(result), STRETCH):
+            rows = slice(first, first + STRETCH)
+            result[rows] = (
+                np.abs(self.sensor_rows(sensor.part(rows), trajectory, pose_only_loss)[0]).max(axis=(1, 2))
+                > 0
+            )
+        return result
+
+    def stretch(self, begin: int, end: int) -> "Motion":
+        """Epochs from ``begin`` to before ``end``, and the steps from them; the prior belongs to the first epoch of all."""
+        return replace(
+            self,
+            ordering=replace(self.ordering, epochs=min(end, self.ordering.epochs) - begin),
+            dt=self.dt[begin:end],
+            sensors=tuple(sensor.within(begin, end) for sensor in self.sensors),
+            prior=None if begin else self.prior,
+        )
+
+
+def motion_of(process: ProcessModel, epochs: Timeline, has_landmarks: bool) -> Motion:
+    """The dynamics and sensors of some epochs, without a prior.
+
+    Parameters
+    ----------
+    has_landmarks: whether there are observations of landmarks.
+    """
+    dt = np.diff(times_of(epochs))
+    return Motion(
+        process, VariableOrdering(process.layout, len(epochs), has_landmarks), dt, collect_sensors(epochs)
+    )
+
+
+def whitened_steps(
+    ordering: VariableOrdering,
+    defect: Float[np.ndarray, "k n"],
+    transition: Float[np.ndarray, "k n n"],
+    noise: Float[np.ndarray, "k n q"],
+) -> tuple[Float[np.ndarray, "k d w"], Float[np.ndarray, "k w w"]]:
+    """Rows of steps divided by the root of noise noise' + floor^2, and their grams; not a number where it has no root."""
+    library = kernels()
+    if library is None:
+        return whitened_steps_in_numpy(ordering, defect, transition, noise)
+    (k, n, q), d, c = noise.shape, len(ordering.moving), len(ordering.constant)
+    width = 2 * d + c + 1
+    rows, blocks = np.empty((k, d, width)), np.empty((k, width, width))
+    failed = library.step_rows(
+        *(k, n, d, c, q),
+        *map(address, (ordering.moving, ordering.constant)),
+        NOISE_FLOOR,
+        *map(address, (defect, transition, noise, rows, blocks)),
+    )
+    if failed:
+        raise MemoryError("no memory to whiten the steps")
+    return rows, blocks
+
+
+def whitened_steps_in_numpy(
+    ordering: VariableOrdering, defect: np.ndarray, transition: np.ndarray, noise: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """`whitened_steps` for machines without a compiler."""
+    d, moving, constant = len(ordering.moving), ordering.moving, ordering.constant
+    rows = np.zeros((len(defect), d, 2 * d + len(constant) + 1))
+    rows[:, :, :d] = -transition[:, moving][:, :, moving]
+    rows[:, :, d : 2 * d] = np.eye(d)
+    rows[:, :, 2 * d : -1] = -transition[:, moving][:, :, constant]
+    rows[:, :, -1] = defect[:, moving]
+    spread = noise[:, moving] @ noise[:, moving].swapaxes(1, 2)
+    spread[:, np.arange(d), np.arange(d)] += NOISE_FLOOR**2
+    try:
+        rows = np.linalg.solve(np.linalg.cholesky(spread), rows)
+    except np.linalg.LinAlgError:  # a trial that is not finite: its cost says so
+        rows = np.full_like(rows, np.nan)
+    with np.errstate(invalid="ignore", over="ignore"):
+        return rows, rows.swapaxes(1, 2) @ rows
+
+
+def prior_rows(
+    ordering: VariableOrdering, first: Float[np.ndarray, " m"], prior: StatePrior
+) -> Float[np.ndarray, "n n1"]:
+    """The error about the prior's mean, where the prior is Gaussian, by the error about the trial."""
+    layout = ordering.layout
+    away = layout.local(prior.mean, first)
+    by_trial = np.linalg.inv(layout.reset_jacobian(away))[:, ordering.order]
+    return np.linalg.solve(prior.factor, np.concatenate([by_trial, -away[:, None]], axis=1))
+
+
+def _blocks_by_epoch(
+    rows: Float[np.ndarray, "r i c1"], epoch: Int[np.ndarray, " r"]
+) -> tuple[Int[np.ndarray, " f"], Float[np.ndarray, "f c1 c1"]]:
+    """Epochs (ascending in ``epoch``), and the Gram matrix of all rows of each.
+
+    Products of whole epochs: those of single landmarks, added up afterwards, take fifty times as long.
+    """
+    first = np.flatnonzero(np.diff(epoch, prepend=-1))
+    if len(first) == len(rows):
+        return epoch, rows.swapaxes(1, 2) @ rows
+    parts = [part.reshape(-1, rows.shape[2]) for part in np.split(rows, first[1:])]
+    return epoch[first], np.array([part.T @ part for part in parts])
+
+
+def _inverse(order: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+    result = np.empty(len(order), dtype=int)
+    result[order] = np.arange(len(order))
+    return result

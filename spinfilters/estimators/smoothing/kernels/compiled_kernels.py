@@ -1,0 +1,61 @@
+"""The loops of `landmarks.c` and `tridiagonal.c`, compiled once, or nothing where there is no compiler: NumPy then does the
+same."""
+
+import ctypes
+from collections.abc import Callable
+from functools import cache
+from importlib.resources import files
+
+import numpy as np
+from scipy.linalg import cython_blas
+
+from spinfilters.symbolic.c_library import FLAGS, NATIVE, load_text
+
+SOURCES = ("kernels.h", "landmarks.c", "velocities.c")
+KERNEL_FLAGS = (*(flag for flag in FLAGS if "contract" not in flag), "-O3", NATIVE, "-fno-math-errno")
+_TYPES = {"i": ctypes.c_longlong, "d": ctypes.c_double, "p": ctypes.c_void_p}
+_SIGNATURES = {
+    "eliminate_landmarks": ("ii" + "pppp" + "d" + "pppppp", ctypes.c_int),
+    "spread_blocks": ("ii" + "pp", None),
+    "follow_poses": ("i" + "pppppppp", None),
+    "step_rows": ("iiiii" + "pp" + "d" + "ppppp", ctypes.c_int),
+    "add_information_blocks": ("iiiiii" + "ppppp", ctypes.c_int),
+    "eliminate_velocities": ("iiiiii" + "d" + "pppp", ctypes.c_longlong),
+    "solve_velocities": ("ii" + "ppp", None),
+}
+"""Arguments of each loop (integers, numbers, addresses of contiguous arrays) and what it returns."""
+
+
+@cache
+def kernels() -> ctypes.PyDLL | None:
+    """The library, or None."""
+    folder = files("spinfilters.estimators.smoothing.kernels")
+    text = "".join(folder.joinpath(name).read_text() for name in SOURCES)
+    library = load_text("smoother_kernels", text, KERNEL_FLAGS)
+    if library is not None:
+        for name, (arguments, result) in _SIGNATURES.items():
+            loop = getattr(library, name)
+            loop.argtypes, loop.restype = [_TYPES[letter] for letter in arguments], result
+    return library
+
+
+def take_products(rows: np.ndarray, matrix: np.ndarray) -> None:
+    """matrix -= rows' rows in the lower triangle (BLAS dsyrk); both may be parts of larger arrays, row by row in memory."""
+    width, pitch = rows.strides[0] // rows.itemsize, matrix.strides[0] // matrix.itemsize
+    count, order = ctypes.c_int(len(rows)), ctypes.c_int(rows.shape[1])
+    sizes = [ctypes.byref(number) for number in (order, count, ctypes.c_int(width), ctypes.c_int(pitch))]
+    _dsyrk()(b"U", b"N", *sizes[:2], _MINUS, rows.ctypes.data, sizes[2], _ONE, matrix.ctypes.data, sizes[3])
+
+
+_MINUS, _ONE = (ctypes.byref(ctypes.c_double(number)) for number in (-1.0, 1.0))
+
+
+@cache
+def _dsyrk() -> Callable[..., None]:
+    """SciPy's own BLAS, which takes parts of matrices as they lie."""
+    capsule = cython_blas.__pyx_capi__["dsyrk"]
+    name, place = ctypes.pythonapi.PyCapsule_GetName, ctypes.pythonapi.PyCapsule_GetPointer
+    name.restype, name.argtypes = ctypes.c_char_p, [ctypes.py_object]
+    place.restype, place.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
+    signature = ctypes.PYFUNCTYPE(None, *[ctypes.c_char_p] * 2, *[ctypes.c_void_p] * 8)
+    return signature(place(capsule, name(capsule)))

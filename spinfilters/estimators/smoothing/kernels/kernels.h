@@ -1,0 +1,27 @@
+/* What the loops of `landmarks.c` and `velocities.c` share. `elimination.py`, `motion.py`, `reduced.py` and `chain.py` say
+what the loops
+ * compute, and say it again in NumPy for machines without a compiler. Matrices are row by row. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { R = 3, POSE = 6, WIDE = 8, ROW = POSE + 3 + 1 };
+typedef long long integer;
+typedef double wide __attribute__((vector_size(8 * WIDE), aligned(8 * WIDE)));
+typedef double unaligned_wide __attribute__((vector_size(8 * WIDE), aligned(8)));
+typedef double four __attribute__((vector_size(32), aligned(8)));
+typedef double two __attribute__((vector_size(16), aligned(8)));
+
+static int cholesky(double* a, int n) {
+  for (int j = 0; j < n; ++j) {
+    for (int k = 0; k < j; ++k) a[j * n + j] -= a[j * n + k] * a[j * n + k];
+    if (!(a[j * n + j] > 0)) return 0;
+    a[j * n + j] = sqrt(a[j * n + j]);
+    for (int i = j + 1; i < n; ++i) {
+      for (int k = 0; k < j; ++k) a[i * n + j] -= a[i * n + k] * a[j * n + k];
+      a[i * n + j] /= a[j * n + j];
+      a[j * n + i] = 0;
+    }
+  }
+  return 1;
+}

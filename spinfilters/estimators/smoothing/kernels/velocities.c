@@ -1,0 +1,196 @@
+/* Loops over time; types and roots are those of `kernels.h`. */
+
+/* to -= factor * from, over the columns low .. high and tail .. width. */
+static void subtract_row(double* to, const double* from, double factor, integer low, integer high, integer tail, integer width) {
+  for (integer j = low; j < high; ++j) to[j] -= factor * from[j];
+  for (integer j = tail; j < width; ++j) to[j] -= factor * from[j];
+}
+
+/* Rows [d] of vectors [wides] divided by the root of what spreads them, noise noise' + floor^2 I with noise [d][q]; NaN where
+it has
+ * none. */
+static void whiten(integer d, integer wides, integer q, double floor, const double* noise, wide* rows, double* root) {
+  for (integer a = 0; a < d; ++a)
+    for (integer b = 0; b <= a; ++b) {
+      double sum = a == b ? floor * floor : 0;
+      for (integer c = 0; c < q; ++c) sum += noise[a * q + c] * noise[b * q + c];
+      root[a * d + b] = root[b * d + a] = sum;
+    }
+  int good = cholesky(root, (int)d);
+  for (integer a = 0; a < d; ++a) {
+    double scale = good ? 1 / root[a * d + a] : NAN;
+    for (integer j = 0; j < wides; ++j) {
+      wide x = rows[a * wides + j];
+      for (integer b = 0; b < a; ++b) x -= root[a * d + b] * rows[b * wides + j];
+      rows[a * wides + j] = scale * x;
+    }
+  }
+}
+
+/* rows' rows of rows [d] of vectors [wides], as grams [w][w]. */
+static void gram(integer d, integer wides, integer w, const wide* rows, double* grams) {
+  const double* numbers = (const double*)rows;
+  for (integer i = 0; i < w; ++i)
+    for (integer j = 0; j < wides; ++j) {
+      wide sum = {0};
+      for (integer a = 0; a < d; ++a) sum += numbers[a * wides * WIDE + i] * rows[a * wides + j];
+      integer left = w - j * WIDE;
+      memcpy(grams + i * w + j * WIDE, &sum, (left < WIDE ? left : WIDE) * sizeof(double));
+    }
+}
+
+/* Whitened rows of K steps, [K][d][w]: errors of the d moving components here and there, of the c constants, and the defect; and
+ * their grams [K][w][w]. Components are numbered in `moving` and `constant` among the n of defect [K][n], transition [K][n][n] and
+ * noise [K][n][q]. */
+int step_rows(integer K, integer n, integer d, integer c, integer q, const integer* moving, const integer* constant, double floor,
+              const double* defect, const double* transition, const double* noise, double* rows, double* grams) {
+  integer w = 2 * d + c + 1, wides = (w + WIDE - 1) / WIDE;
+  void* raw = malloc(d * wides * sizeof(wide) + d * (d + q) * sizeof(double) + 64);
+  if (raw == 0) return 1;
+  wide* padded = (wide*)(((size_t)raw + 63) & ~(size_t)63);
+  double *root = (double*)(padded + d * wides), *spread = root + d * d;
+  memset(padded, 0, d * wides * sizeof(wide));
+  for (integer k = 0; k < K; ++k, defect += n, transition += n * n, noise += n * q, rows += d * w, grams += w * w) {
+    for (integer a = 0; a < d; ++a) {
+      const double* T = transition + moving[a] * n;
+      double* row = (double*)(padded + a * wides);
+      for (integer b = 0; b < d; ++b) {
+        row[b] = -T[moving[b]];
+        row[d + b] = a == b;
+      }
+      for (integer b = 0; b < c; ++b) row[2 * d + b] = -T[constant[b]];
+      row[w - 1] = defect[moving[a]];
+      memcpy(spread + a * q, noise + moving[a] * q, q * sizeof(double));
+    }
+    whiten(d, wides, q, floor, spread, padded, root);
+    for (integer a = 0; a < d; ++a) memcpy(rows + a * w, padded + a * wides, w * sizeof(double));
+    gram(d, wides, w, padded, grams);
+  }
+  free(raw);
+  return 0;
+}
+
+/* Where a component of a gram goes: poses, constants and the right-hand side by their place in what remains, chained errors by
+ * -1 - epoch, with their place in `at`. An epoch's gram has pose, chain, constants, right-hand side; a step's has pose and
+ chain twice. */
+static integer place_components(integer k, integer both, integer K, integer p, integer v, integer c, integer* to, integer* at) {
+  integer n = 0;
+  for (integer f = k; f <= k + both; ++f) {
+    for (integer a = 0; a < p; ++a) to[n++] = f * p + a;
+    for (integer a = 0; a < v; ++a) {
+      to[n] = -1 - f;
+      at[n++] = a;
+    }
+  }
+  for (integer a = 0; a <= c; ++a) to[n++] = K * p + a;
+  return n;
+}
+
+/* Grams of epochs (both = 0, count = K) or of steps (both = 1, count = K - 1) into M [kept + 1][kept], lower triangle and
+right-hand
+ * side, and into D, E, G of the chain. */
+int add_information_blocks(integer count, integer both, integer K, integer p, integer v, integer c, const double* grams,
+double* M, double* D,
+               double* E, double* G) {
+  integer kept = K * p + c, width = kept + 1, most = 2 * (p + v) + c + 1;
+  integer* to = (integer*)malloc(2 * most * sizeof(integer));
+  if (to == 0) return 1;
+  integer* at = to + most;
+  for (integer k = 0; k < count; ++k) {
+    integer n = place_components(k, both, K, p, v, c, to, at);
+    const double* g = grams + k * n * n;
+    for (integer i = 0; i < n; ++i, g += n) {
+      if (to[i] >= 0) {
+        for (integer j = 0; j < n; ++j)
+          if (to[j] >= 0 && to[j] <= to[i] && to[j] < kept) M[to[i] * kept + to[j]] += g[j];
+        continue;
+      }
+      integer f = -1 - to[i];
+      double *row = G + (f * v + at[i]) * width, *own = D + (f * v + at[i]) * v, *next = E + (f * v + at[i]) * v;
+      for (integer j = 0; j < n; ++j) {
+        if (to[j] >= 0) row[to[j]] += g[j];
+        else if (to[j] == to[i]) own[at[j]] += g[j];
+        else if (to[j] < to[i]) next[at[j]] += g[j];
+      }
+    }
+  }
+  free(to);
+  return 0;
+}
+
+/* First block of p columns of X that has not faded below `faded` of its largest element so far, counted from `low` on. */
+static integer not_faded(const double* X, double* largest, double faded, integer v, integer p, integer low, integer last,
+                         integer high, integer width) {
+  int fading = 1;
+  for (integer m = low; m < high; ++m) {
+    double most = 0;
+    for (integer a = 0; a < v; ++a)
+      for (integer j = m * p; j < (m + 1) * p; ++j) most = fmax(most, fabs(X[a * width + j]));
+    if (most > largest[m]) largest[m] = most;
+    if (fading && m < last && most <= faded * largest[m]) low = m + 1;
+    else fading = 0;
+  }
+  return low;
+}
+
+/* Block-tridiagonal elimination: D [K][v][v], E [K-1][v][v] (row k, column k + 1), G [K][v][width] (its coupling to what
+remains) in
+ * place: G becomes X = L^-1 (G - F' X_before), D becomes L, E becomes F = L^-1 E. The first `blocks` blocks of p columns are poses;
+ * row k knows those up to k + 1 and up to `reach`, and forgets those on the left that have faded: begin[k] is the first it feels.
+ * Returns the number of a block that is not positive definite plus 1, or 0. */
+integer eliminate_velocities(integer K, integer v, integer p, integer blocks, integer width, integer reach, double faded, double* D,
+                        double* E, double* G, integer* begin) {
+  double* largest = (double*)calloc(blocks + 1, sizeof(double));
+  if (largest == 0) return -1;
+  integer low = 0, failed = 0, tail = blocks * p;
+  for (integer k = 0; k < K; ++k) {
+    double *T = D + k * v * v, *X = G + k * v * width;
+    integer end = k + 2 > reach ? k + 2 : reach;
+    integer last = end < blocks ? end : blocks;
+    if (k > 0) {
+      const double *F = E + (k - 1) * v * v, *before = X - v * width;
+      for (integer c = 0; c < v; ++c)
+        for (integer a = 0; a < v; ++a) {
+          for (integer b = 0; b < v; ++b) T[a * v + b] -= F[c * v + a] * F[c * v + b];
+          subtract_row(X + a * width, before + c * width, F[c * v + a], low * p, last * p, tail, width);
+        }
+    }
+    if (!cholesky(T, (int)v)) {
+      failed = k + 1;
+      break;
+    }
+    for (integer a = 0; a < v; ++a) {
+      double *x = X + a * width, d = 1 / T[a * v + a];
+      for (integer b = 0; b < a; ++b) subtract_row(x, X + b * width, T[a * v + b], low * p, last * p, tail, width);
+      for (integer j = low * p; j < last * p; ++j) x[j] *= d;
+      for (integer j = tail; j < width; ++j) x[j] *= d;
+    }
+    if (k + 1 < K) {
+      double* e = E + k * v * v;
+      for (integer a = 0; a < v; ++a) {
+        for (integer b = 0; b < a; ++b)
+          for (integer j = 0; j < v; ++j) e[a * v + j] -= T[a * v + b] * e[b * v + j];
+        for (integer j = 0; j < v; ++j) e[a * v + j] /= T[a * v + a];
+      }
+    }
+    begin[k] = low;
+    low = not_faded(X, largest, faded, v, p, low, k, last, width);
+  }
+  free(largest);
+  return failed;
+}
+
+/* Behind a solution of what remains: right [K][v] becomes L_k^-T (right_k - F_k out_k+1). */
+void solve_velocities(integer K, integer v, const double* L, const double* F, double* right) {
+  for (integer k = K - 1; k >= 0; --k) {
+    const double *T = L + k * v * v, *f = F + k * v * v, *after = right + (k + 1) * v;
+    double* x = right + k * v;
+    if (k + 1 < K)
+      for (integer a = 0; a < v; ++a)
+        for (integer b = 0; b < v; ++b) x[a] -= f[a * v + b] * after[b];
+    for (integer a = v - 1; a >= 0; --a) {
+      for (integer b = a + 1; b < v; ++b) x[a] -= T[b * v + a] * x[b];
+      x[a] /= T[a * v + a];
+    }
+  }
+}

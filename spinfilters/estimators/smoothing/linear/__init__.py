@@ -1,0 +1,1 @@
+"""Elimination, solution and marginals of the linear problem."""

@@ -1,0 +1,52 @@
+"""Room for large arrays that come and go with every iteration: what was given back is lent again.
+
+A fresh array of megabytes costs more in page faults than the work that is done in it. An array from here returns by itself when
+nothing refers to it or to any view of it.
+"""
+
+import weakref
+from math import prod
+
+import numpy as np
+
+LARGE = 1 << 15
+"""Numbers from which an array is lent."""
+KEPT = 6
+"""Arrays that are kept at most."""
+ALIGNMENT = 8
+"""Numbers in a vector of the machine, at whose multiples an array begins."""
+
+_pool: list[np.ndarray] = []
+
+
+def pooled_zeros(*shape: int) -> np.ndarray:
+    """An array of zeros, aligned to vectors."""
+    array = pooled_array(*shape)
+    array[...] = 0.0
+    return array
+
+
+def pooled_array(*shape: int) -> np.ndarray:
+    """An array of any numbers, aligned to vectors."""
+    count = prod(shape)
+    raw = _taken(count) if count >= LARGE else None
+    if raw is None:
+        raw = np.empty(count + ALIGNMENT)
+    first = (-raw.ctypes.data // raw.itemsize) % ALIGNMENT
+    array = np.frombuffer(raw.data, count=count, offset=first * raw.itemsize)
+    if count >= LARGE:
+        weakref.finalize(array, _give_back, raw).atexit = False
+    return array.reshape(shape)
+
+
+def _taken(count: int) -> np.ndarray | None:
+    """A spare array that is long enough and not much too long."""
+    for place, raw in enumerate(_pool):
+        if count + ALIGNMENT <= len(raw) <= 2 * (count + ALIGNMENT):
+            return _pool.pop(place)
+    return None
+
+
+def _give_back(raw: np.ndarray) -> None:
+    _pool.append(raw)
+    del _pool[:-KEPT]

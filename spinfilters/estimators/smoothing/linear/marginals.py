@@ -1,0 +1,151 @@
+"""Covariances of everything that a smoother estimated, from the factors that its last linear problem left behind.
+
+With C the inverse of the reduced root, transposed, the errors of poses and constants are C n. Chained errors follow by the
+recursion of the elimination backwards in time,
+
+    e_k = L_k^-T (n_k - X_k e - F_k e_k+1) = A_k e + own noise,   A_k = -L_k^-T (X_k + F_k A_k+1),
+
+which gives their blocks of the covariance one after the other (Takahashi et al. 1973); nothing of the order of all unknowns is
+formed.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.linalg.lapack import dtrtri
+from scipy.sparse import bsr_array
+
+from spinfilters.estimators.filters.square_root_update import triangular_factor
+from spinfilters.estimators.smoothing.factors.motion_factors import STRETCH
+from spinfilters.estimators.smoothing.linear.landmark_elimination import Eliminated
+from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
+
+
+@dataclass(frozen=True)
+class Marginals:
+    """Covariance factors on demand.
+
+    Attributes
+    ----------
+    solution: of the linear problem at the estimate.   eliminated: its landmarks, or None.
+    """
+
+    solution: SchurSystem
+    eliminated: Eliminated | None
+
+    @cached_property
+    def information_sqrt(self) -> Float[np.ndarray, "r r"]:
+        """C with covariance C C' of poses and constants."""
+        lower = self.solution.information_sqrt
+        return np.triu(dtrtri(lower.T, lower=0)[0]) if lower.size else lower
+
+    @cached_property
+    def factors(self) -> Float[np.ndarray, "k n n"]:
+        """Lower triangular factor of every epoch's covariance, components in the order of the layout."""
+        return self.first_factors(self.solution.ordering.epochs)
+
+    def first_factors(self, count: int) -> Float[np.ndarray, "k n n"]:
+        """Those of the first epochs."""
+        n = self.solution.ordering.layout.error_dim
+        factors = np.empty((count, n, n))
+        for first in range(0, count, STRETCH):
+            last = min(first + STRETCH, count)
+            factors[first:last] = _triangles(np.array([self.epoch_rows(k) for k in range(first, last)]))
+        return factors
+
+    def epoch_rows(self, epoch: int) -> Float[np.ndarray, "n w"]:
+        """Errors of an epoch by the noise of what remains and by v own numbers; products of rows are covariances."""
+        ordering = self.solution.ordering
+        size, p = ordering.epochs * len(ordering.pose), len(ordering.pose)
+        r, v = len(self.information_sqrt), len(ordering.tridiagonal)
+        rows = np.zeros((ordering.layout.error_dim, r + v))
+        rows[ordering.pose, :r] = self.information_sqrt[epoch * p : (epoch + 1) * p]
+        rows[ordering.tridiagonal, :r] = self._tridiagonal_rows[epoch]
+        rows[ordering.tridiagonal, r:] = self._information_sqrts[epoch]
+        rows[ordering.constant, :r] = self.information_sqrt[size:]
+        return rows
+
+    def step_rows(self) -> Float[np.ndarray, "j s w"]:
+        """Errors of every step's ends, as `epoch_rows`: moving components here, moving components there, constants.
+
+        The chained errors here follow those there: e_k = A_k e + L_k^-T (n_k - F_k own_k+1).
+        """
+        ordering, tridiagonal, r = (
+            self.solution.ordering,
+            self.solution.tridiagonal,
+            len(self.information_sqrt),
+        )
+        K, p, v = ordering.epochs, len(ordering.pose), len(ordering.tridiagonal)
+        d, size = p + v, ordering.epochs * len(ordering.pose)
+        poses = self.information_sqrt[:size].reshape(K, p, r)
+        out = np.swapaxes(np.linalg.inv(tridiagonal.information_sqrts[:-1]), 1, 2)
+        rows = np.zeros((K - 1, 2 * d + len(ordering.constant), r + 2 * v))
+        rows[:, :p, :r], rows[:, p:d, :r] = poses[:-1], self._tridiagonal_rows[:-1]
+        rows[:, d : d + p, :r], rows[:, d + p : 2 * d, :r] = poses[1:], self._tridiagonal_rows[1:]
+        rows[:, 2 * d :, :r] = self.information_sqrt[size:]
+        rows[:, p:d, r : r + v] = out
+        rows[:, p:d, r + v :] = -out @ tridiagonal.next @ self._information_sqrts[1:]
+        rows[:, d + p : 2 * d, r + v :] = self._information_sqrts[1:]
+        return rows
+
+    def landmark_rows(self, landmarks: Int[np.ndarray, " q"]) -> tuple[np.ndarray, np.ndarray]:
+        """Errors of landmarks by the noise of what remains (q, 3, r), and roots (q, 3, 3) of what is their own.
+
+        Landmarks must be told.
+        """
+        assert self.eliminated is not None
+        if not len(landmarks):
+            return np.zeros((0, 3, len(self.information_sqrt))), np.zeros((0, 3, 3))
+        ordering, e = self.solution.ordering, self.eliminated
+        out = np.swapaxes(e.information_sqrt[landmarks], 1, 2)
+        size = ordering.epochs * len(ordering.pose)
+        start = e.observations.start
+        every = [np.arange(int(start[k]), int(start[k + 1])) for k in landmarks]
+        pick = np.concatenate([np.arange(0), *every])
+        count = (start[1:] - start[:-1])[landmarks]
+        index = np.concatenate([[0], np.cumsum(count)])
+        blocks = bsr_array(
+            (e.coupling[pick], e.observations.epoch[pick], index), shape=(3 * len(landmarks), size)
+        )
+        pull = (blocks @ self.information_sqrt[:size]).reshape(len(landmarks), 3, -1)
+        return -np.linalg.solve(out, pull), np.linalg.inv(out)
+
+    def landmark_covariance(self, landmarks: Int[np.ndarray, " q"]) -> Float[np.ndarray, "q 3 3"]:
+        """Of told landmarks, m^2."""
+        rows, own = self.landmark_rows(landmarks)
+        return rows @ rows.swapaxes(1, 2) + own @ own.swapaxes(1, 2)
+
+    @cached_property
+    def _tridiagonal_rows(self) -> Float[np.ndarray, "k v r"]:
+        return self._chained[0]
+
+    @cached_property
+    def _information_sqrts(self) -> Float[np.ndarray, "k v v"]:
+        return self._chained[1]
+
+    @cached_property
+    def _chained(self) -> tuple[np.ndarray, np.ndarray]:
+        """A_k C, and roots of the covariances of what is the chained errors' own."""
+        tridiagonal = self.solution.tridiagonal
+        K, v, width = tridiagonal.coupling.shape
+        follow, own = np.empty((K, v, width - 1)), np.empty((K, v, v))
+        after, after_own = np.zeros((v, width - 1)), np.zeros((v, v))
+        for k in range(K - 1, -1, -1):
+            out = np.linalg.inv(tridiagonal.information_sqrts[k]).T
+            pull, noise = tridiagonal.coupling[k, :, :-1], [np.eye(v)]
+            if k + 1 < K:
+                pull = pull + tridiagonal.next[k] @ after
+                noise.append((tridiagonal.next[k] @ after_own).T)
+            after = follow[k] = -out @ pull
+            after_own = own[k] = out @ triangular_factor(np.concatenate(noise))
+        return (follow.reshape(K * v, -1) @ self.information_sqrt).reshape(K, v, -1), own
+
+
+def _triangles(rows: Float[np.ndarray, "k n w"]) -> Float[np.ndarray, "k n n"]:
+    """Lower triangular factors of rows rows'."""
+    try:
+        return np.linalg.cholesky(rows @ rows.swapaxes(1, 2))
+    except np.linalg.LinAlgError:
+        return np.array([triangular_factor(each.T) for each in rows])

@@ -1,0 +1,1 @@
+"""The nonlinear least-squares problem."""

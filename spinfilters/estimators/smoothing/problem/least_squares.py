@@ -1,0 +1,249 @@
+"""The least-squares problem of a motion with landmarks: factors from the filters' own models, about a point."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from spinfilters.estimators.estimator import ProcessModel
+from spinfilters.estimators.robust.losses import LeastSquares, RobustLoss
+from spinfilters.estimators.smoothing.factors.landmark_observations import (
+    LandmarkObservations,
+    LinearObservations,
+    collect_observations,
+    linearise_observations,
+)
+from spinfilters.estimators.smoothing.factors.marginalization_prior import (
+    LinearizedPrior,
+    MarginalizationPrior,
+)
+from spinfilters.estimators.smoothing.factors.motion_factors import (
+    STRETCH,
+    InformationBlocks,
+    Motion,
+    motion_of,
+)
+from spinfilters.estimators.smoothing.factors.variable_ordering import VariableOrdering
+from spinfilters.estimators.smoothing.linear.landmark_elimination import Eliminated, eliminate
+from spinfilters.estimators.smoothing.linear.schur_system import (
+    LinearSystem,
+    SchurSystem,
+    assembled,
+    assembled_by_stretches,
+    solve_schur_system,
+)
+from spinfilters.estimators.smoothing.state_prior import StatePrior
+from spinfilters.estimators.timeline import Timeline
+from spinfilters.state.layout import StateLayout
+
+
+@dataclass(frozen=True)
+class InitialGuess:
+    """Where a smoother sets out from: a point per epoch (its constants are those of the first), and a map in frame g.
+
+    Attributes
+    ----------
+    ids: (L,) ascending.   points: (L, 3) m.
+    """
+
+    trajectory: Float[np.ndarray, "k m"]
+    ids: Int[np.ndarray, " L"]
+    points: Float[np.ndarray, "L 3"]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """How strict an iteration is: what an observation's residual costs, and by how much larger disturbances are taken than
+    they are.
+
+    Attributes
+    ----------
+    pose_only_loss: of pose-only observations; None for that of the problem.
+    """
+
+    loss: RobustLoss
+    inflation: float = 1.0
+    pose_only_loss: RobustLoss | None = None
+
+
+@dataclass(frozen=True)
+class LinearizationPoint:
+    """A trajectory and landmarks, with everything linearised about them.
+
+    Attributes
+    ----------
+    sensors, dynamics: their grams; of a long chain the costs alone, and the linear system in ``assembled``.
+    pose_only_loss: of pose-only observations, as in the `Stage` that it belongs to.
+    """
+
+    trajectory: Float[np.ndarray, "k m"]
+    points: Float[np.ndarray, "L 3"]
+    sensors: InformationBlocks
+    dynamics: InformationBlocks
+    linear: LinearObservations | None
+    marginal_prior: LinearizedPrior | None
+    assembled: LinearSystem | None = None
+    pose_only_loss: RobustLoss | None = None
+
+    def cost(self, used: Bool[np.ndarray, " N"] | None, stage: Stage) -> float:
+        """Of the motion and of the observations that a step was made from: the others' landmarks did not move with it."""
+        cost = self.sensors.cost + self.dynamics.cost / stage.inflation**2
+        cost += 0.0 if self.marginal_prior is None else self.marginal_prior.cost
+        if self.linear is None or used is None:
+            return cost
+        return cost + self.linear.cost(stage.loss, used)
+
+    def robust_cost(self, stage: Stage) -> float:
+        """Of everything, so that a fit gains nothing by rejecting: an outlier costs what the loss says, whoever rejects it."""
+        return self.cost(None if self.linear is None else np.ones(len(self.linear.square), dtype=bool), stage)
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """The linear problem about a point; the number of its first undetermined unknown where it has no solution."""
+
+    stage: Stage
+    eliminated: Eliminated | None
+    solution: SchurSystem | int
+
+    @property
+    def used(self) -> Bool[np.ndarray, " N"] | None:
+        """Observations that it was made from."""
+        return None if self.eliminated is None else self.eliminated.used
+
+    @property
+    def solved(self) -> bool:
+        """Whether it has a solution."""
+        return not isinstance(self.solution, int)
+
+    @property
+    def predicted_reduction(self) -> float:
+        """By how much the linear problem's cost falls; infinite without a solution."""
+        if isinstance(self.solution, int):
+            return np.inf
+        e = self.eliminated
+        return self.solution.predicted_reduction + (
+            0.0 if e is None else float((e.gradient[e.is_constrained] ** 2).sum())
+        )
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Frames, models and prior; see `problem_of`."""
+
+    motion: Motion
+    observations: LandmarkObservations | None
+    marginal_prior: MarginalizationPrior | None = None
+
+    @property
+    def layout(self) -> StateLayout:
+        """Of every epoch's state."""
+        return self.motion.process.layout
+
+    @property
+    def ordering(self) -> VariableOrdering:
+        """How errors are split."""
+        return self.motion.ordering
+
+    @property
+    def is_long(self) -> bool:
+        """Whether it is a mere chain, of so many epochs that their rows are not to be in memory together."""
+        return (
+            not self.ordering.has_landmarks and self.marginal_prior is None and self.ordering.epochs > STRETCH
+        )
+
+    def at(
+        self,
+        trajectory: Float[np.ndarray, "k m"],
+        points: Float[np.ndarray, "L 3"],
+        pose_only_loss: RobustLoss | None = None,
+    ) -> LinearizationPoint:
+        """Everything linearised about a trajectory, whose constants are the same in every epoch, and landmarks."""
+        if self.is_long:
+            motion = self.motion if pose_only_loss is None else replace(self.motion, loss=pose_only_loss)
+            sensors, dynamics, system = assembled_by_stretches(motion, trajectory)
+            return LinearizationPoint(
+                trajectory, points, sensors, dynamics, None, None, system, pose_only_loss
+            )
+        linear = (
+            None
+            if self.observations is None
+            else linearise_observations(self.observations, trajectory, points)
+        )
+        return LinearizationPoint(
+            trajectory,
+            points,
+            self.motion.measurements(trajectory, pose_only_loss),
+            self.motion.dynamics(trajectory),
+            linear,
+            None if self.marginal_prior is None else self.marginal_prior.at(trajectory),
+            pose_only_loss=pose_only_loss,
+        )
+
+    def staged(self, here: LinearizationPoint, stage: Stage) -> LinearizationPoint:
+        """The point with the loss of a stage."""
+        if here.pose_only_loss == stage.pose_only_loss:
+            return here
+        if self.is_long:
+            return self.at(here.trajectory, here.points, stage.pose_only_loss)
+        return replace(
+            here,
+            sensors=self.motion.measurements(here.trajectory, stage.pose_only_loss),
+            pose_only_loss=stage.pose_only_loss,
+        )
+
+    def normal(self, here: LinearizationPoint, stage: Stage, damping: float = 0.0) -> NormalEquations:
+        """The linear problem about a point, solved."""
+        eliminated = None
+        if here.assembled is not None:
+            assert stage.inflation == 1.0, "disturbances are inflated where there are landmarks alone"
+            return NormalEquations(
+                stage, None, solve_schur_system(self.ordering, here.assembled.copy(), None, damping)
+            )
+        if self.observations is not None:
+            assert here.linear is not None
+            weight = stage.loss.weight(here.linear.square)
+            eliminated = eliminate(
+                self.observations, here.linear, weight, self.ordering.separator_dim, self.ordering.epochs
+            )
+        steps = here.dynamics
+        if stage.inflation != 1.0:
+            steps = replace(steps, steps=steps.steps / stage.inflation**2)
+        blocks = (here.sensors, steps)
+        system = assembled(self.ordering, blocks, eliminated)
+        solution = solve_schur_system(self.ordering, system, here.marginal_prior, damping)
+        return NormalEquations(stage, eliminated, solution)
+
+
+def problem_of(
+    process: ProcessModel,
+    epochs: Timeline,
+    ids: Int[np.ndarray, " L"],
+    prior: StatePrior | None,
+    needed: int,
+    loss: RobustLoss | None = None,
+) -> Problem:
+    """The problem of some epochs.
+
+    Parameters
+    ----------
+    ids: landmarks that are unknowns, ascending; observations of others are left out.   needed: observations of one, at least.
+    loss: of every other sensor's measurements.
+
+    Raises
+    ------
+    InputError: when the layout has no place and there are observations.
+    """
+    observations = collect_observations(epochs, ids, needed)
+    has_landmarks = bool(len(observations))
+    motion = replace(motion_of(process, epochs, has_landmarks), prior=prior, loss=loss or LeastSquares())
+    return Problem(motion, observations if has_landmarks else None)
+
+
+def with_common_constants(
+    layout: StateLayout, trajectory: Float[np.ndarray, "k m"]
+) -> Float[np.ndarray, "k m"]:
+    """The trajectory with the constants of its first epoch in all."""
+    common = trajectory.copy()
+    common[:, layout.constant_indices] = trajectory[0, layout.constant_indices]
+    return common

@@ -1,0 +1,1 @@
+"""Iterations to the minimum: schedules and step rules."""

@@ -1,0 +1,122 @@
+"""Annealed schedule: process noise inflated and gates wide at first, both down to what they are."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import chdtrc, chdtri
+
+from spinfilters.estimators.robust.losses import Gate, LeastSquares
+from spinfilters.estimators.smoothing.factors.landmark_observations import ROWS, linearise_observations
+from spinfilters.estimators.smoothing.factors.motion_factors import Motion
+from spinfilters.estimators.smoothing.problem.landmark_reinitialisation import reinitialised
+from spinfilters.estimators.smoothing.problem.least_squares import (
+    LinearizationPoint,
+    NormalEquations,
+    Problem,
+    Stage,
+)
+
+GATE = 5.0
+"""Whitened length of an innovation of three components beyond which an observation counts as wrong."""
+TIGHTENING = 4.0
+"""By which the inflation falls at least from one iteration to the next."""
+SMALLEST_INFLATION = 3.0
+"""Of the standard deviation of the process noise; less is as good as none."""
+WIDER_GATES = (4.0, 2.0)
+"""Of the gate in the first iterations."""
+FREE_ITERATIONS = 15
+"""Iterations in which landmark observations may still come and go."""
+FAR = 1e6
+"""Standard deviations: no residual is as long."""
+NOMINAL_MEDIAN = 1.1
+"""Root of the median of the squared innovations per component from which the noise counts as larger than stated: 0.9 where all
+observations are right, 1.1 where 30 % are wrong."""
+
+
+def process_noise_inflation(
+    motion: Motion, here: LinearizationPoint, before: NormalEquations | None
+) -> float:
+    """Factor of the process noise's standard deviation at which the trajectory obeys its dynamics; 1 where it nearly does.
+
+    Enforcing the dynamics from the first iteration, about a trajectory that breaks them by hundreds of standard deviations,
+    moves it far from where the linear models hold.
+    """
+    steps = max(len(motion.ordering.moving) * len(motion.dt), 1)
+    inflation = float(np.sqrt(here.dynamics.cost / steps))
+    if before is not None:
+        inflation = min(inflation, before.stage.inflation / TIGHTENING)
+    return inflation if inflation > SMALLEST_INFLATION else 1.0
+
+
+def residual_scale(here: LinearizationPoint) -> float:
+    """Robust scale of the innovations in standard deviations, at least 1: more where the noise is larger than stated."""
+    squares = [here.sensors.mean_squares]
+    if here.linear is not None:
+        squares.append(here.linear.square / ROWS)
+    every = np.concatenate(squares)
+    scale = np.sqrt(np.median(every)) / NOMINAL_MEDIAN if len(every) else 1.0
+    return float(np.clip(np.nan_to_num(scale, nan=1.0), 1.0, FAR))
+
+
+@dataclass(frozen=True)
+class AnnealedSchedule:
+    """Inflated process noise and wide gates until the trajectory obeys its dynamics, or iterations run out.
+
+    Attributes
+    ----------
+    iterations: in which the process noise may be inflated, and gates wide.
+    gate: length of a whitened innovation of three components beyond which an observation counts as wrong (of others the length of
+        the same probability); None for the losses that the problem has.
+    """
+
+    problem: Problem
+    iterations: int
+    gate: float | None = None
+
+    def stage(self, iteration: int, here: LinearizationPoint, before: NormalEquations | None) -> Stage:
+        """Which observations count, and by how much larger the process noise is taken than it is."""
+        inflated = iteration < self.iterations and not self.problem.is_long
+        inflation = process_noise_inflation(self.problem.motion, here, before) if inflated else 1.0
+        if self.gate is None:
+            return Stage(LeastSquares(), inflation)
+        opened, width = self.gate * residual_scale(here), self._width(iteration)
+        inner = opened * self._pose_only_gate / self.gate
+        pose_only_loss = Gate(inner, inner * width)
+        if (
+            before is not None
+            and before.used is not None
+            and iteration >= FREE_ITERATIONS
+            and inflation == 1.0
+        ):
+            return Stage(Gate(FAR, FAR, before.used), inflation, pose_only_loss)
+        return Stage(Gate(self.gate, max(self.gate * width, opened)), inflation, pose_only_loss)
+
+    def last(self, iteration: int, stage: Stage) -> bool:
+        """Whether the stage was as strict as any."""
+        return stage.inflation == 1.0 and self._width(iteration) == 1.0
+
+    def repaired(self, here: LinearizationPoint, stage: Stage) -> LinearizationPoint:
+        """With landmarks placed anew that no two believed observations tell."""
+        observations = self.problem.observations
+        if observations is None or here.linear is None or self.gate is None:
+            return here
+        believed = stage.loss.weight(here.linear.square) > 0
+        points = reinitialised(observations, here.trajectory, here.points, believed, self.gate)
+        if points is None:
+            return here
+        return replace(
+            here, points=points, linear=linearise_observations(observations, here.trajectory, points)
+        )
+
+    @property
+    def _pose_only_gate(self) -> float:
+        """Of the observation with the most components: the length that the gate's probability belongs to."""
+        assert self.gate is not None
+        components = max((sensor.model.dim for sensor in self.problem.motion.sensors), default=ROWS)
+        same = np.sqrt(chdtri(components, max(chdtrc(ROWS, self.gate**2), np.finfo(float).tiny)))
+        return max(self.gate, float(same))
+
+    def _width(self, iteration: int) -> float:
+        """Of the gate: strict from the first where there are too few iterations to tighten it in."""
+        wide = self.gate is not None and iteration < len(WIDER_GATES) < self.iterations
+        return WIDER_GATES[iteration] if wide else 1.0

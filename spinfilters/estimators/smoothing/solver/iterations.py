@@ -1,0 +1,160 @@
+"""Iterations to the most probable trajectory and map."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from spinfilters.errors import InputError
+from spinfilters.estimators.robust.losses import LeastSquares, RobustLoss
+from spinfilters.estimators.smoothing.problem.least_squares import (
+    LinearizationPoint,
+    NormalEquations,
+    Problem,
+    Stage,
+)
+from spinfilters.estimators.smoothing.solver.step_rules import GaussNewton, Step, StepRule
+
+COST_SLACK = 1e-3
+"""By which the cost may rise: chi-square numbers differ by far more, rounding by far less."""
+
+
+class Schedule(Protocol):
+    """What changes from one iteration to the next."""
+
+    def stage(self, iteration: int, here: LinearizationPoint, before: NormalEquations | None) -> Stage:
+        """How strict an iteration is."""
+        ...
+
+    def last(self, iteration: int, stage: Stage) -> bool:
+        """Whether no stricter stage follows, so that the iteration may end."""
+        ...
+
+    def repaired(self, here: LinearizationPoint, stage: Stage) -> LinearizationPoint:
+        """The point with what an iteration cannot reach put right."""
+        ...
+
+
+@dataclass(frozen=True)
+class ConstantSchedule:
+    """One loss for all iterations, or one that is graduated."""
+
+    loss: RobustLoss = field(default_factory=LeastSquares)
+
+    def stage(self, iteration: int, here: LinearizationPoint, before: NormalEquations | None) -> Stage:
+        """The loss at its own stage."""
+        return Stage(self.loss.at_stage(iteration))
+
+    def last(self, iteration: int, stage: Stage) -> bool:
+        """Whether the loss is what it says."""
+        return iteration >= self.loss.stages
+
+    def repaired(self, here: LinearizationPoint, stage: Stage) -> LinearizationPoint:
+        """As it is."""
+        return here
+
+
+@dataclass(frozen=True)
+class SolverOptions:
+    """How a problem is solved.
+
+    Attributes
+    ----------
+    iterations: steps at most; 0 linearises and takes none.
+    settled: fall of the cost that the linear problem promises below which one more step ends the iteration.
+    rule: how far a step goes.
+    """
+
+    iterations: int = 40
+    settled: float = 1e-2
+    rule: StepRule = field(default_factory=GaussNewton)
+
+    def __post_init__(self) -> None:
+        if self.iterations < 0 or not self.settled > 0:
+            raise InputError(
+                f"iterations is {self.iterations}, settled {self.settled}; give at least 0 and more than 0"
+            )
+
+
+@dataclass(frozen=True)
+class Solved:
+    """Where iterations ended.
+
+    Attributes
+    ----------
+    normal: the linear problem there, which holds the covariance.
+    linearisations: how often everything was linearised.   costs: before each step, and at the end.
+    """
+
+    point: LinearizationPoint
+    normal: NormalEquations
+    iterations: int
+    linearisations: int
+    converged: bool
+    costs: tuple[float, ...]
+
+
+OnIteration = Callable[[LinearizationPoint, NormalEquations], None]
+"""Called with every linear problem and the point it is about."""
+
+
+def solve(
+    problem: Problem,
+    here: LinearizationPoint,
+    options: SolverOptions,
+    schedule: Schedule | None = None,
+    on_iteration: OnIteration | None = None,
+) -> Solved:
+    """Iterate from a point until the cost stays; nothing is raised for a system that does not determine everything."""
+    plan = ConstantSchedule() if schedule is None else schedule
+    number, used, evaluated, converged = options.rule.first, 0, 1, False
+    stage = plan.stage(0, here, None)
+    here = problem.staged(here, stage)
+    normal = problem.normal(here, stage)
+    costs = [here.cost(normal.used, normal.stage)]
+    while used < options.iterations and not converged:
+        if on_iteration is not None:
+            on_iteration(here, normal)
+        there, number, tries = advanced(problem, here, normal, (options.rule, number))
+        used, evaluated = used + 1, evaluated + tries
+        if there is None:
+            break
+        converged = normal.predicted_reduction <= options.settled and plan.last(used - 1, normal.stage)
+        stage = plan.stage(used, there, normal)
+        here = problem.staged(plan.repaired(there, stage), stage)
+        normal = problem.normal(here, stage)
+        costs.append(here.cost(normal.used, stage))
+    if on_iteration is not None:
+        on_iteration(here, normal)
+    return Solved(here, normal, used, evaluated, converged, tuple(costs))
+
+
+def advanced(
+    problem: Problem, here: LinearizationPoint, normal: NormalEquations, control: tuple[StepRule, float]
+) -> tuple[LinearizationPoint | None, float, int]:
+    """A point that fits no worse, the rule's number after it, and how many points were tried; None where there is none."""
+    rule, number = control
+    allowed = here.cost(normal.used, normal.stage)
+
+    def again(damping: float) -> NormalEquations:
+        return normal if damping == 0.0 else problem.normal(here, normal.stage, damping)
+
+    for tried in range(1, rule.tries + 1):
+        step = rule.propose(again, problem.layout, number)
+        if step is None:
+            number = rule.adapted(number, -1.0, Step(np.zeros((0, 0)), None, normal, 0.0, number))
+            continue
+        there = problem.at(*moved(problem, here, step), normal.stage.pose_only_loss)
+        fallen = allowed - there.cost(normal.used, normal.stage)
+        if fallen >= -COST_SLACK:
+            gain = (fallen + COST_SLACK) / (step.predicted + COST_SLACK)
+            return there, rule.adapted(number, gain, step), tried
+        number = rule.adapted(number, -1.0, step)
+    return None, number, rule.tries
+
+
+def moved(problem: Problem, here: LinearizationPoint, step: Step) -> tuple[np.ndarray, np.ndarray]:
+    """Trajectory and landmarks after a step."""
+    points = here.points if step.points is None else here.points + step.points
+    return problem.layout.retract(here.trajectory, step.errors), points

@@ -1,0 +1,1 @@
+"""Incremental smoothing over a sliding window."""

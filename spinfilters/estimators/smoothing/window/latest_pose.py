@@ -1,0 +1,121 @@
+"""Pose of the latest epoch that most of its landmark observations agree on, whatever was predicted.
+
+Each observation tells a point by itself, in the epoch that poses are told in; the landmarks seen before are known in frame g. The
+predicted pose is refitted to what agrees with it; where that is less than half, rigid motions of random triples are tried (RANSAC,
+Fischler and Bolles 1981, with the cost of Torr and Zisserman 2000: squared distance up to a bound).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from spinfilters.attitude.conversions import matrix_from_quaternion, quaternion_from_matrix
+from spinfilters.errors import InputError
+from spinfilters.estimators.smoothing.problem.least_squares import Problem
+from spinfilters.geometry.absolute_orientation import absolute_orientation, rigid_motions
+
+AGREEMENT, ROUGH_AGREEMENT = 5.0, 15.0
+"""Mahalanobis distance within which a point agrees with a fitted pose, and with that of three points alone."""
+FEWEST, SMALLEST_SHARE, CLEAR_SHARE = 6, 0.2, 0.5
+"""Points that must agree with a pose: so many, and such a share. From the last share on no other pose can have more."""
+TRIPLES, REFITS, SEED = 200, 3, 0
+"""Of random points, from a seed of their own, so that the same observations give the same pose."""
+
+
+@dataclass(frozen=True)
+class _Matches:
+    """Points in the frame of poses, the landmarks in g, and what their distance (m) is divided by: (k, 3, 3)."""
+
+    seen: Float[np.ndarray, "k 3"]
+    landmarks: Float[np.ndarray, "k 3"]
+    whitening: Float[np.ndarray, "k 3 3"]
+
+    def distance(
+        self, R: Float[np.ndarray, "h 3 3"], t: Float[np.ndarray, "h 3"]
+    ) -> Float[np.ndarray, "h k"]:
+        """Mahalanobis distance of every match under h motions."""
+        away = self.seen - (self.landmarks @ R.swapaxes(1, 2) + t[:, None])
+        return np.sqrt(np.square(np.einsum("kab,hkb->hka", self.whitening, away)).sum(axis=2))
+
+    def agreeing(self, pose: Float[np.ndarray, " 7"], bound: float) -> Bool[np.ndarray, " k"]:
+        """Which are within a distance of a pose."""
+        return self.distance(matrix_from_quaternion(pose[3:])[None], pose[None, :3])[0] < bound
+
+
+def latest_pose(
+    problem: Problem, trajectory: Float[np.ndarray, "k m"], points: Float[np.ndarray, "L 3"]
+) -> Float[np.ndarray, " 7"] | None:
+    """Pose (t m, q_ig) of the last epoch; None where too few landmarks that were seen before agree on any."""
+    matches = _matches(problem, trajectory, points)
+    if len(matches.seen) < FEWEST:
+        return None
+    layout = problem.layout
+    state = trajectory[-1]
+    predicted = np.concatenate([state[layout.mean_slice("t")], state[layout.mean_slice("a")]])
+    pose = _refitted(matches, predicted)
+    if pose is None or matches.agreeing(pose, AGREEMENT).mean() < CLEAR_SHARE:
+        other = _refitted(matches, _best_of_triples(matches))
+        pose = _better(matches, pose, other)
+    return pose
+
+
+def _better(matches: _Matches, one: np.ndarray | None, other: np.ndarray | None) -> np.ndarray | None:
+    """The pose that more matches agree with."""
+    if one is None or other is None:
+        return other if one is None else one
+    return max((one, other), key=lambda pose: np.count_nonzero(matches.agreeing(pose, AGREEMENT)))
+
+
+def _matches(problem: Problem, trajectory: np.ndarray, points: np.ndarray) -> _Matches:
+    """Observations of the last epoch that tell a point, of landmarks that were observed before."""
+    observations = problem.observations
+    assert observations is not None
+    last = problem.ordering.epochs - 1
+    before = np.zeros(observations.landmarks, dtype=bool)
+    before[observations.landmark[observations.epoch < last]] = True
+    rows = (observations.epoch == last) & before[observations.landmark]
+    origin = problem.layout.origin()
+    found = [(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3, 3)))]
+    for group in observations.groups:
+        at = np.flatnonzero(rows[group.rows])
+        if not len(at):
+            continue
+        parameters = np.concatenate([np.zeros((len(at), 3)), group.parameters[at]], axis=1)
+        made = group.model.new_landmarks(origin, parameters, group.values[at])
+        good = made.determined & np.isfinite(made.points).all(axis=1)
+        at, here = at[good], made.points[good]
+        whitening = np.linalg.inv(
+            np.sqrt(2) * made.root[good]
+        )  # the landmark is about as uncertain as the observation
+        found.append((here, points[observations.landmark[group.rows[at]]], whitening))
+    return _Matches(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+
+
+def _refitted(matches: _Matches, pose: Float[np.ndarray, " 7"]) -> Float[np.ndarray, " 7"] | None:
+    """Fitted again and again to what agrees with it; None where too little does."""
+    weight = np.square(matches.whitening).sum(axis=(1, 2))
+    for bound in np.linspace(ROUGH_AGREEMENT, AGREEMENT, REFITS):
+        good = matches.agreeing(pose, bound)
+        if not _require_a_step(good):
+            return None
+        try:
+            q, t = absolute_orientation(matches.seen[good], matches.landmarks[good], weight[good])
+        except InputError:  # on one line
+            return None
+        pose = np.concatenate([t, q])
+    return pose if _require_a_step(matches.agreeing(pose, AGREEMENT)) else None
+
+
+def _require_a_step(good: Bool[np.ndarray, " k"]) -> bool:
+    return bool(good.sum() >= FEWEST and good.mean() >= SMALLEST_SHARE)
+
+
+def _best_of_triples(matches: _Matches) -> Float[np.ndarray, " 7"]:
+    """The motion of three points that all others fit best."""
+    generator = np.random.default_rng(SEED)
+    chosen = generator.random((TRIPLES, len(matches.seen))).argpartition(2, axis=1)[:, :3]
+    R, t = rigid_motions(matches.seen[chosen], matches.landmarks[chosen])
+    cost = np.square(np.minimum(matches.distance(R, t), ROUGH_AGREEMENT)).sum(axis=1)
+    best = int(np.argmin(cost))
+    return np.concatenate([t[best], quaternion_from_matrix(R[best])])

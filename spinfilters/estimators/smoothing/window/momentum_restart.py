@@ -1,0 +1,91 @@
+"""A better place to go on from while the inertia is hardly known: what conserved angular momentum says of the poses so far."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.errors import InputError
+from spinfilters.estimators.initialisation.initial_guess import MASS_SHARES, MOMENTUM_BLOCKS, initial_state
+from spinfilters.estimators.initialisation.initial_motion import initial_motion
+from spinfilters.estimators.smoothing.problem.least_squares import (
+    LinearizationPoint,
+    NormalEquations,
+    Problem,
+    Stage,
+)
+from spinfilters.estimators.smoothing.solver.annealing import GATE, AnnealedSchedule
+from spinfilters.estimators.smoothing.solver.iterations import SolverOptions, solve
+from spinfilters.sensors.sensor import MotionSamples
+from spinfilters.state.layout import POSE_BLOCKS
+
+FIRST, GROWTH, RETRY = 4, 1.5, 1.2
+"""Number of epochs at which it is first asked, and by how much more before it is asked again: where all fits, and where not."""
+GOOD_FIT, INLIER_SHARE = 1.5, 0.4
+"""Cost per degree of freedom, and share of the observations, from which a fit is not in doubt."""
+ITERATIONS = 15
+"""From where it points to, with an annealed schedule."""
+
+
+@dataclass
+class RetrySchedule:
+    """When to ask again: at a number of epochs where all fits, or where it does not."""
+
+    next: float = FIRST
+    retry: float = FIRST
+
+    def is_due(self, epochs: int, good: bool) -> bool:
+        """Whether there are enough epochs; the next time there must be more."""
+        if epochs < (self.next if good else self.retry):
+            return False
+        self.next, self.retry = GROWTH * epochs, RETRY * epochs
+        return True
+
+
+def fits(here: LinearizationPoint, normal: NormalEquations) -> bool:
+    """Whether a point fits as well as noise allows; the cost that its linear problem promises is not trusted."""
+    if not normal.solved:
+        return False
+    if normal.eliminated is None or here.linear is None:
+        return True
+    used = int(np.count_nonzero(normal.eliminated.used))
+    dof = here.linear.rows.shape[1] * used - 3 * int(np.count_nonzero(normal.eliminated.is_constrained))
+    every = int(np.count_nonzero(normal.eliminated.is_constrained[normal.eliminated.observations.landmark]))
+    return used >= INLIER_SHARE * every and here.cost(normal.used, normal.stage) <= GOOD_FIT * max(dof, 1)
+
+
+def restarted_from_momentum(
+    problem: Problem, here: LinearizationPoint, stage: Stage, times: Float[np.ndarray, " k"]
+) -> tuple[LinearizationPoint | None, int]:
+    """A point that fits better than ``here``, reached from the closed form, or None; and linearisations."""
+    layout = problem.layout
+    if not layout.translates or problem.observations is None:
+        return None, 0
+    poses = np.concatenate([here.trajectory[:, layout.mean_slice(b)] for b in POSE_BLOCKS], axis=1)
+    try:
+        evidence = initial_motion(MotionSamples(times, poses[:, 3:], positions=poses[:, :3]), len(times))
+        first, _ = initial_state(layout, evidence)
+    except InputError:  # no rotation yet, or too few poses: nothing better is known
+        return None, 0
+    trajectory = here.trajectory.copy()
+    for block in MOMENTUM_BLOCKS:
+        if layout.has(block):
+            trajectory[:, layout.mean_slice(block.name)] = first[layout.mean_slice(block.name)]
+    trajectory[:, layout.mean_slice("w")] = evidence.rates
+    best, least, count = None, here.robust_cost(stage) - 1, 0
+    for share in MASS_SHARES:
+        start = trajectory.copy()
+        start[:, layout.mean_slice("s")] *= share
+        found = solve(
+            problem,
+            problem.at(start, here.points),
+            SolverOptions(ITERATIONS),
+            AnnealedSchedule(problem, ITERATIONS, GATE),
+        )
+        count += found.linearisations
+        cost = found.point.robust_cost(stage)
+        if cost < least:
+            best, least = found.point, cost
+        if fits(found.point, found.normal):
+            break
+    return best, count

@@ -1,0 +1,327 @@
+"""A smoother that takes one epoch after the other and re-solves what it keeps after each."""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.errors import InputError
+from spinfilters.estimators.estimator import Measurement, ProcessModel
+from spinfilters.estimators.robust.losses import RobustLoss
+from spinfilters.estimators.smoothing.factors.motion_factors import StatePrior
+from spinfilters.estimators.smoothing.linear.latest_marginal import latest_factor
+from spinfilters.estimators.smoothing.linear.marginals import Marginals
+from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
+from spinfilters.estimators.smoothing.problem.least_squares import (
+    LinearizationPoint,
+    NormalEquations,
+    Problem,
+    Stage,
+)
+from spinfilters.estimators.smoothing.problem.unobservable_directions import unobservable_directions
+from spinfilters.estimators.smoothing.solver.iterations import (
+    ConstantSchedule,
+    SolverOptions,
+    advanced,
+    moved,
+    solve,
+)
+from spinfilters.estimators.smoothing.solver.step_rules import GaussNewton
+from spinfilters.estimators.smoothing.window.latest_observations import (
+    is_poor_guess,
+    with_landmarks_put_right,
+)
+from spinfilters.estimators.smoothing.window.latest_pose import latest_pose
+from spinfilters.estimators.smoothing.window.marginalization import without_landmarks, without_oldest
+from spinfilters.estimators.smoothing.window.momentum_restart import fits, restarted_from_momentum
+from spinfilters.estimators.smoothing.window.smoother_records import (
+    TRUSTED,
+    MarginalizedState,
+    SmootherOptions,
+    SmootherState,
+    UpdateResult,
+)
+from spinfilters.estimators.smoothing.window.smoother_window import Window
+from spinfilters.estimators.smoothing.window.window_policy import DETERMINED
+from spinfilters.estimators.timeline import Epoch, Timeline
+from spinfilters.state.gaussian import Gaussian
+from spinfilters.state.status import EstimatorStatus
+
+COST_THRESHOLD = 10.0
+"""Fall of the cost per scalar measurement of the latest epoch from which a step is checked and followed by another."""
+LOOSE, SETTLED_COST = 0.05, 1.0
+"""Standard deviation of the mass distribution above which an epoch is iterated until the cost falls by less than the second number:
+what is believed of a body hardly known is curved, and a covariance from one step before would lie."""
+SETTLED = 3
+"""Epochs in a row after which the inertia must have been determined before an epoch leaves."""
+
+
+class SlidingSmoother:
+    """Smoothing after every epoch.
+
+    Parameters
+    ----------
+    process: of the motion.   prior: of the first epoch's state; its pose says where g is.
+    has_landmarks: whether there are observations of landmarks.
+    """
+
+    def __init__(
+        self, process: ProcessModel, prior: StatePrior, options: SmootherOptions, has_landmarks: bool
+    ) -> None:
+        self.process, self.options, self._tied = process, options, has_landmarks
+        self._prior, self.state = prior, SmootherState()
+        self._linear: tuple[LinearizationPoint, NormalEquations] | None = None
+        self.window = Window.empty(process.layout.mean_dim)
+
+    def resume(self, window: Window, state: SmootherState) -> None:
+        """Go on from a window that was taken in before; it is linearised where it is when that is asked for."""
+        self.window, self.state, self._linear = window, state, None
+
+    def begin(
+        self,
+        epochs: Timeline,
+        trajectory: Float[np.ndarray, "k m"],
+        ids: Int[np.ndarray, " L"],
+        points: Float[np.ndarray, "L 3"],
+    ) -> list[UpdateResult]:
+        """Take in the first epochs at once, with states and landmarks (m, frame g) that a start has found for them."""
+        ends = []
+        for epoch, state in zip(epochs, trajectory, strict=True):
+            self.window = self.window.opened(epoch.time, state)
+            ends.append(self._extended(epoch.measurements))
+        self.window = self.window.placed(ids, points)
+        _, problem = self._solved(epochs[-1].measurements)
+        self._remember(problem)
+        every = zip(epochs, ends, strict=True)
+        return [
+            UpdateResult.counted(f.measurements, self._weights(k, end), 1) for k, (f, end) in enumerate(every)
+        ]
+
+    def add(self, epoch: Epoch, guess: Float[np.ndarray, " 7"] | None = None) -> UpdateResult:
+        """Take in an epoch.
+
+        Parameters
+        ----------
+        guess: pose (t m, q_ig) to begin from; without it the last state is predicted.
+
+        Raises
+        ------
+        InputError: when time does not go forwards.
+        """
+        self.window = self.window.opened(epoch.time, self._guess(epoch.time, guess))
+        return self.extend(epoch.measurements)
+
+    def extend(self, measurements: tuple[Measurement, ...]) -> UpdateResult:
+        """Take in measurements of the latest epoch, beside those it has; solve, and let go what the mode lets go."""
+        ends = self._extended(measurements)
+        count, problem = self._solved(measurements)
+        self._remember(problem)
+        count += self._restarted_from_momentum(problem)
+        taken = UpdateResult.counted(measurements, self._weights(len(self.window.epochs) - 1, ends), count)
+        return replace(taken, marginalized=self._slide(problem))
+
+    def problem(self) -> Problem:
+        """The least-squares problem of the window."""
+        prior = self._prior if self.state.prior_alive else None
+        return self.window.problem(self.process, prior, self._tied)
+
+    @property
+    def belief(self) -> Gaussian:
+        """Of the latest epoch; its factor is not finite where something is not determined."""
+        return Gaussian(self.process.layout, self.window.trajectory[-1], self._latest_factor())
+
+    @property
+    def mass_std(self) -> float:
+        """Largest standard deviation of the mass distribution (logarithm of second moments)."""
+        return self.state.mass_std
+
+    @property
+    def status(self) -> EstimatorStatus:
+        """Whether the belief of the latest epoch can be relied upon already, and if not, why."""
+        return self.state.status
+
+    def smoothed(self, epochs: int | None = None) -> list[MarginalizedState]:
+        """Epochs of the window with their covariances: all, or so many of the oldest."""
+        solution, n = self._linearised()[1].solution, self.process.layout.error_dim
+        count = len(self.window.epochs) if epochs is None else epochs
+        if isinstance(solution, int):
+            factors = np.full((count, n, n), np.nan)
+        else:
+            gone = solution.ordering.epochs - len(self.window.epochs)
+            factors = Marginals(solution, None).first_factors(gone + count)[gone:]
+        rows = zip(self.window.epochs[:count], self.window.trajectory, factors, strict=False)
+        return [MarginalizedState(epoch.time, mean, factor) for epoch, mean, factor in rows]
+
+    def settle(self) -> None:
+        """Iterate on what the window holds until nothing moves: one step per epoch leaves a little to be gained."""
+        problem = self.problem()
+        here = problem.at(self.window.trajectory, self.window.points)
+        solved = solve(problem, here, SolverOptions(), ConstantSchedule(self.options.observation_loss))
+        here = solved.point
+        self.window = replace(self.window, trajectory=here.trajectory, points=here.points)
+        self._linear = (here, solved.normal)
+        self._remember(problem)
+
+    def counts(self) -> Int[np.ndarray, "k 2"] | None:
+        """Values of every epoch that count, and that do not; None where a part of them has been marginalized."""
+        if self.window.marginal_prior is not None:
+            return None
+        found = []
+        for k, epoch in enumerate(self.window.epochs):
+            ends = np.searchsorted(self.window.seen.epoch, [k, k + 1])
+            (weight,) = self._weights(k, ends.tolist())
+            good, beside = int(np.count_nonzero(weight > 0)), sum(len(m.values) for m in epoch.measurements)
+            found.append((beside + good, len(weight) - good))
+        return np.array(found)
+
+    def unobservable(self) -> list[str]:
+        """What the measurements so far do not determine, in words; only while the first epoch is in the window."""
+        here, normal = self._linearised()
+        if len(here.trajectory) != len(self.window.epochs):
+            return []
+        return unobservable_directions(self.problem(), here, normal)
+
+    def _guess(self, time: float, guess: np.ndarray | None) -> Float[np.ndarray, " m"]:
+        """A first state for a new epoch: predicted, at the guessed pose."""
+        if self.window.epochs:
+            dt = time - self.window.epochs[-1].time
+            if not dt > 0:
+                raise InputError(
+                    f"time goes from {self.window.epochs[-1].time} s to {time} s; epochs must be in the order of time"
+                )
+            state = self.process.step(self.window.trajectory[-1], dt)
+        else:
+            state = self._prior.mean.copy()
+        if guess is not None:
+            layout = self.process.layout
+            state[layout.mean_slice("t")], state[layout.mean_slice("a")] = guess[:3], guess[3:]
+        return state
+
+    def _solved(self, measurements: tuple[Measurement, ...]) -> tuple[int, Problem]:
+        """Linearise, and bring the window's states one step beyond the last linearisation; and how many there were."""
+        problem, loss = self.problem(), self.options.observation_loss
+        here = self._found_back(problem, problem.at(self.window.trajectory, self.window.points), loss)
+        here, normal = _linear_problem(problem, here, loss)
+        cost_threshold = (
+            COST_THRESHOLD * self._measured(measurements) if self.mass_std <= LOOSE else SETTLED_COST
+        )
+        count = 1
+        while (
+            count < self.options.iterations and normal.solved and normal.predicted_reduction > cost_threshold
+        ):
+            there, _, _ = advanced(problem, here, normal, (GaussNewton(), 1.0))
+            if there is None:
+                break
+            here, normal = _linear_problem(problem, there, loss)
+            count += 1
+        step = GaussNewton().propose(lambda _: normal, problem.layout, 1.0) if normal.solved else None
+        trajectory, points = (here.trajectory, here.points) if step is None else moved(problem, here, step)
+        self.window = replace(self.window, trajectory=trajectory, points=points)
+        self._linear = (here, normal)
+        return count, problem
+
+    def _remember(self, problem: Problem) -> None:
+        """What the last linear problem says of the whole."""
+        here, normal = self._linearised(problem)
+        solution = normal.solution
+        self.state.mass_std = np.inf if isinstance(solution, int) else solution.mass_std
+        self.state.fits = fits(here, normal)
+
+    def _linearised(self, problem: Problem | None = None) -> tuple[LinearizationPoint, NormalEquations]:
+        """The last linear problem; after `resume` about where the window is."""
+        if self._linear is None:
+            problem = problem or self.problem()
+            here = problem.at(self.window.trajectory, self.window.points)
+            self._linear = _linear_problem(problem, here, self.options.observation_loss)
+        return self._linear
+
+    def _found_back(self, problem: Problem, here: LinearizationPoint, loss: RobustLoss) -> LinearizationPoint:
+        """With the latest epoch where its observations agree, if its guess was so poor that the loss would reject them."""
+        self.state.poor_guess = False
+        if not is_poor_guess(problem, here, loss):
+            return here
+        pose = latest_pose(problem, here.trajectory, here.points)
+        self.state.poor_guess = pose is None
+        if pose is None:
+            return here
+        self.window = self.window.latest_at(pose)
+        return problem.at(self.window.trajectory, self.window.points)
+
+    def _measured(self, measurements: tuple[Measurement, ...]) -> int:
+        """Scalar measurements that are new, and unknowns of a state."""
+        return sum(m.values.size for m in measurements) + self.process.layout.error_dim
+
+    def _restarted_from_momentum(self, problem: Problem) -> int:
+        """While the inertia is not determined, the closed form of the momentum may know a better place to go on from.
+
+        Returns how many linearisations it took to see.
+        """
+        if self.mass_std <= (TRUSTED if self.state.fits else DETERMINED):
+            return 0
+        if not self.state.retry_schedule.is_due(len(self.window.epochs), self.state.fits):
+            return 0
+        stage, times = self._linearised()[1].stage, np.array([epoch.time for epoch in self.window.epochs])
+        now = problem.at(self.window.trajectory, self.window.points)
+        found, tries = restarted_from_momentum(problem, now, stage, times)
+        if found is not None:
+            here, normal = _linear_problem(problem, found, stage.loss)
+            self._linear = (here, normal)
+            self.window = replace(self.window, trajectory=here.trajectory, points=here.points)
+            self._remember(problem)
+        return tries + 1
+
+    def _extended(self, measurements: tuple[Measurement, ...]) -> list[int]:
+        """Put measurements into the latest epoch; where their observations begin and end in the window."""
+        ends = [len(self.window.seen.epoch)]
+        for measurement in measurements:
+            self.window = self.window.extended(measurement)
+            ends.append(len(self.window.seen.epoch))
+        return ends
+
+    def _weights(self, epoch: int, ends: list[int]) -> list[Float[np.ndarray, " n"]]:
+        """Of the observations of an epoch between these ends; zero where there is no solution."""
+        seen, fit = self.window.seen, self._linearised()[1].eliminated
+        landmark = seen.landmark[seen.epoch == epoch]
+        weight = np.zeros(len(landmark))
+        if fit is not None:
+            weight[np.argsort(landmark, kind="stable")] = fit.weight[fit.observations.epoch == epoch]
+        first = int(np.searchsorted(seen.epoch, epoch))
+        return np.split(weight, np.array(ends) - first)[1:-1]
+
+    def _slide(self, problem: Problem) -> tuple[MarginalizedState, ...]:
+        """Let go what the mode lets go."""
+        at = self._linearised()
+        window, policy, std = self.window, self.options.policy, self.mass_std
+        self.state.determined = (
+            self.state.determined + 1 if std <= policy.determined and not self.state.poor_guess else 0
+        )
+        landmarks = policy.marginalized_landmarks(window, self.process.layout)
+        over = policy.batch_size(len(window.epochs), std if self.state.determined >= SETTLED else np.inf)
+        if over < 1 or not at[1].solved:
+            if landmarks.any() and at[1].solved:
+                self.window = without_landmarks(window, problem, at, landmarks)
+            return ()
+        landmarks[window.seen.landmark[window.seen.epoch < over]] = True
+        marginalized = self._marginalized(over)
+        self.window = without_oldest(window, problem, at, landmarks, over)
+        self.state.prior_alive = False
+        return marginalized
+
+    def _marginalized(self, count: int) -> tuple[MarginalizedState, ...]:
+        return tuple(self.smoothed(count)) if self.options.marginalized else ()
+
+    def _latest_factor(self) -> Float[np.ndarray, "n n"]:
+        solution = self._linearised()[1].solution
+        if isinstance(solution, SchurSystem):
+            return latest_factor(solution)
+        n = self.process.layout.error_dim
+        return np.full((n, n), np.nan)
+
+
+def _linear_problem(
+    problem: Problem, here: LinearizationPoint, loss: RobustLoss
+) -> tuple[LinearizationPoint, NormalEquations]:
+    """About the point, or one at which misplaced landmarks have been put right."""
+    stage = Stage(loss)
+    here = with_landmarks_put_right(problem, here, stage)
+    return here, problem.normal(here, stage)

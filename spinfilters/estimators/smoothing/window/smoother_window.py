@@ -1,0 +1,187 @@
+"""The epochs of a window with all that was measured in them, as arrays that grow at one end and shrink at the other."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from spinfilters.estimators.estimator import Measurement, ProcessModel
+from spinfilters.estimators.smoothing.factors.landmark_observations import LandmarkObservations, SensorGroup
+from spinfilters.estimators.smoothing.factors.marginalization_prior import MarginalizationPrior
+from spinfilters.estimators.smoothing.factors.motion_factors import StatePrior, motion_of
+from spinfilters.estimators.smoothing.problem.least_squares import Problem
+from spinfilters.estimators.timeline import Epoch
+from spinfilters.models.landmark_sensor import LandmarkSensor
+
+
+@dataclass(frozen=True)
+class WindowObservations:
+    """Observations that still count, in the order of time.
+
+    Attributes
+    ----------
+    epoch: (N,) number in the window.   landmark: (N,) number among the window's.   sensor: (N,) number of the sensor.   values:
+    (N, v).   parameters: (N, p), without the landmark's point.
+    """
+
+    epoch: Int[np.ndarray, " N"]
+    landmark: Int[np.ndarray, " N"]
+    sensor: Int[np.ndarray, " N"]
+    values: Float[np.ndarray, "N v"]
+    parameters: Float[np.ndarray, "N p"]
+
+    def chosen(self, rows: Bool[np.ndarray, " N"]) -> "WindowObservations":
+        """Some of them."""
+        taken = np.flatnonzero(rows)
+        return WindowObservations(*(array.take(taken, axis=0) for array in vars(self).values()))
+
+    def plus(self, other: "WindowObservations") -> "WindowObservations":
+        """Others behind them."""
+        if not len(self.epoch):
+            return other
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return WindowObservations(*(np.concatenate(pair) for pair in pairs))
+
+
+@dataclass(frozen=True)
+class Window:
+    """Frames, their states, and landmarks.
+
+    A landmark whose observations have been used up is a new one when it is seen again: the old one's position is not
+    forgotten, it has
+    become part of what is carried.
+
+    Attributes
+    ----------
+    epochs: k of them, with what was measured beside landmarks.   trajectory: (k, m).   seen: their observations.
+    models: sensors of landmarks, by number.
+    ids: (L,) of the landmarks, each once.   points: (L, 3) m, frame g.   marginal_prior: what is left of those that have gone.
+    """
+
+    epochs: tuple[Epoch, ...]
+    trajectory: Float[np.ndarray, "k m"]
+    seen: WindowObservations
+    models: tuple[LandmarkSensor, ...]
+    ids: Int[np.ndarray, " L"]
+    points: Float[np.ndarray, "L 3"]
+    marginal_prior: MarginalizationPrior | None = None
+
+    @classmethod
+    def empty(cls, mean_dim: int) -> "Window":
+        """Without an epoch."""
+        none = np.zeros(0, dtype=int)
+        seen = WindowObservations(none, none, none, np.zeros((0, 3)), np.zeros((0, 6)))
+        return cls((), np.zeros((0, mean_dim)), seen, (), none, np.zeros((0, 3)))
+
+    @cached_property
+    def observations(self) -> LandmarkObservations:
+        """As the elimination wants them: landmark after landmark."""
+        s, many = self.seen, len(self.ids) > np.iinfo(np.uint16).max
+        order = np.argsort(s.landmark if many else s.landmark.astype(np.uint16), kind="stable")
+        groups, every = [], np.arange(len(order))
+        for number, model in enumerate(self.models):
+            rows = every if len(self.models) == 1 else np.flatnonzero(s.sensor[order] == number)
+            at = order[rows]
+            groups.append(SensorGroup(model, rows, s.values.take(at, axis=0), s.parameters.take(at, axis=0)))
+        counts = np.bincount(s.epoch, minlength=len(self.epochs))
+        place = np.zeros(len(order), dtype=int)
+        chosen = tuple(group for group in groups if len(group.rows))
+        return LandmarkObservations(s.epoch[order], s.landmark[order], place, counts, len(self.ids), chosen)
+
+    def problem(self, process: ProcessModel, prior: StatePrior | None, has_landmarks: bool) -> Problem:
+        """The least-squares problem of the window."""
+        known = self.marginal_prior is not None and self.marginal_prior.knows_constants
+        first = self.marginal_prior.first[0] if self.marginal_prior is not None and known else None
+        motion = replace(motion_of(process, self.epochs, has_landmarks), prior=prior, first=first)
+        return Problem(motion, self.observations if has_landmarks else None, self.marginal_prior)
+
+    def last_seen(self) -> Int[np.ndarray, " L"]:
+        """The last epoch in which each landmark has an observation that counts."""
+        last = np.full(len(self.ids), -1)
+        np.maximum.at(last, self.seen.landmark, self.seen.epoch)
+        return last
+
+    def opened(self, time: float, state: Float[np.ndarray, " m"]) -> "Window":
+        """With one more epoch (s) at a first guess of its state, in which nothing is measured yet."""
+        trajectory = np.concatenate([self.trajectory, state[None]])
+        return replace(self, epochs=(*self.epochs, Epoch(time, ())), trajectory=trajectory)
+
+    def extended(self, m: Measurement) -> "Window":
+        """With one more measurement in the latest epoch; landmarks that are new begin where this epoch puts them."""
+        if m.ids is None:
+            latest = self.epochs[-1]
+            latest = Epoch(latest.time, (*latest.measurements, m))
+            return replace(self, epochs=(*self.epochs[:-1], latest))
+        if not len(m.ids):
+            return self
+        assert isinstance(m.model, LandmarkSensor)
+        return _with_observations(self, m.model, (m.ids, m.values, m.parameters))
+
+    def placed(self, ids: Int[np.ndarray, " k"], points: Float[np.ndarray, "k 3"]) -> "Window":
+        """With those of its landmarks that have these ids at these points (m, frame g)."""
+        at, moved = _numbers(self.ids, ids), self.points.copy()
+        moved[at[at >= 0]] = points[at >= 0]
+        return replace(self, points=moved)
+
+    def latest_at(self, pose: Float[np.ndarray, " 7"]) -> "Window":
+        """With the latest epoch at a pose (t m, q_ig), and with it the landmarks that no other epoch saw."""
+        seen, latest = self.seen, len(self.epochs) - 1
+        trajectory, points = self.trajectory.copy(), self.points.copy()
+        trajectory[-1, :7] = pose
+        only = np.ones(len(self.ids), dtype=bool)
+        only[seen.landmark[seen.epoch < latest]] = False
+        for number, model in enumerate(self.models):
+            rows = np.flatnonzero((seen.epoch == latest) & (seen.sensor == number) & only[seen.landmark])
+            parameters = np.concatenate([np.zeros((len(rows), 3)), seen.parameters[rows]], axis=1)
+            made = model.new_landmarks(trajectory[-1], parameters, seen.values[rows])
+            points[seen.landmark[rows]] = made.points
+        return replace(self, trajectory=trajectory, points=points)
+
+    def without(self, landmarks: Bool[np.ndarray, " L"]) -> "Window":
+        """Without some landmarks and their observations."""
+        number = np.cumsum(~landmarks) - 1
+        seen = self.seen.chosen(~landmarks[self.seen.landmark])
+        seen = replace(seen, landmark=number[seen.landmark])
+        return replace(self, seen=seen, ids=self.ids[~landmarks], points=self.points[~landmarks])
+
+    def shifted(self, count: int, marginal_prior: MarginalizationPrior) -> "Window":
+        """Without the oldest epochs, of which no observation may be left."""
+        seen = replace(self.seen, epoch=self.seen.epoch - count)
+        epochs, trajectory = self.epochs[count:], self.trajectory[count:]
+        return replace(self, epochs=epochs, trajectory=trajectory, seen=seen, marginal_prior=marginal_prior)
+
+
+def _with_observations(
+    window: Window, model: LandmarkSensor, measured: tuple[np.ndarray, np.ndarray, np.ndarray]
+) -> Window:
+    """With one sensor's observations in the latest epoch; those that tell no landmark and are not of a known one are left out."""
+    ids, values, parameters = measured
+    if not any(known is model for known in window.models):
+        window = replace(window, models=(*window.models, model))
+    landmark = _numbers(window.ids, ids)
+    fresh = np.flatnonzero(landmark < 0)
+    if len(fresh):
+        made = model.new_landmarks(window.trajectory[-1], parameters[fresh], values[fresh])
+        good = np.flatnonzero(made.determined & np.isfinite(made.points).all(axis=1))
+        good = good[np.sort(np.unique(ids[fresh[good]], return_index=True)[1])]
+        landmark[fresh[good]] = len(window.ids) + np.arange(len(good))
+        window = replace(
+            window,
+            ids=np.concatenate([window.ids, ids[fresh[good]]]),
+            points=np.concatenate([window.points, made.points[good]]),
+        )
+    use = np.flatnonzero(landmark >= 0)
+    epoch = np.full(len(use), len(window.epochs) - 1)
+    sensor = np.full(len(use), next(k for k, known in enumerate(window.models) if known is model))
+    here = WindowObservations(epoch, landmark[use], sensor, values[use], parameters[use, 3:])
+    return replace(window, seen=window.seen.plus(here))
+
+
+def _numbers(known: Int[np.ndarray, " L"], ids: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
+    """Which of the known ids each is, or -1."""
+    if not len(known):
+        return np.full(len(ids), -1)
+    order = np.argsort(known, kind="stable")  # ids in runs that ascend, which a stable sort is quick with
+    at = order[np.minimum(np.searchsorted(known.take(order), ids), len(order) - 1)]
+    return np.where(known[at] == ids, at, -1)

@@ -1,1 +1,0 @@
-"""Measurements as arrays, and the files they come from."""

@@ -1,0 +1,174 @@
+"""The steps of a whole trajectory linearised side by side: what `RotationIntegrator.linearise` gives, for many states at once.
+
+A smoother linearises the dynamics about every frame in every iteration. The substeps here are those of the integrator, from the
+same expressions and with the same control of their number, evaluated in lanes.
+"""
+
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.attitude.expressions import (
+    Expression,
+    conjugate,
+    product,
+    quaternion_from_mrp,
+    short_mrp_from_quaternion,
+)
+from spinfilters.errors import InputError
+from spinfilters.models.rotation_integrator import IntegrationError, RotationIntegrator, rotation_difference
+from spinfilters.models.rotation_parameters import rotation_parameters
+from spinfilters.models.step_count import FEWEST, boole_weights
+from spinfilters.state.layout import StateLayout
+from spinfilters.symbolic import Scan, building
+
+ROTATION = 7
+"""Numbers of (q, w)."""
+ALIKE = 8.0
+"""Ratio of turns whose steps are integrated side by side."""
+SMALLEST_TURN = 1e-3
+"""Rad in a step, for which the fewest substeps are enough."""
+
+
+@dataclass(frozen=True)
+class StepBatch:
+    """Steps of ``dt`` seconds from ``here`` to about ``there``, with slopes taken ``about`` points with other constants."""
+
+    here: Float[np.ndarray, "k m"]
+    there: Float[np.ndarray, "k m"]
+    about: Float[np.ndarray, "k m"]
+    dt: Float[np.ndarray, " k"]
+
+    def chosen(self, rows: Int[np.ndarray, " r"]) -> "StepBatch":
+        """Some of them."""
+        return StepBatch(self.here[rows], self.there[rows], self.about[rows], self.dt[rows])
+
+
+class BatchedLinearisation:
+    """Linearised steps from many states; see `RotationIntegrator`."""
+
+    def __init__(self, layout: StateLayout, integrator: RotationIntegrator) -> None:
+        self._layout = layout
+        self._integrator = integrator
+
+    def linearise(
+        self,
+        here: Float[np.ndarray, "k m"],
+        there: Float[np.ndarray, "k m"],
+        dt: Float[np.ndarray, " k"],
+        densities: Float[np.ndarray, " 2"],
+        about: Float[np.ndarray, "k m"] | None = None,
+    ) -> tuple[Float[np.ndarray, "k n"], Float[np.ndarray, "k n n"], Float[np.ndarray, "k n q"]]:
+        """Defects, error transitions and noise factors of steps; see `TorqueFreeProcess.linearise_steps`.
+
+        Raises
+        ------
+        InputError: when a time step is not positive and finite. Steps beyond the integrator's budget are NaN: a trial that turns
+        so fast is refused by its cost.
+        """
+        wrong = dt[~(np.isfinite(dt) & (dt > 0))]
+        if len(wrong):
+            raise InputError(f"time step is {wrong[0]} s; it must be positive and finite")
+        steps = StepBatch(here, there, here if about is None else about, dt)
+        n, q = self._layout.error_dim, self._integrator.noise_dim
+        shapes = ((len(dt), n), (len(dt), n, n), (len(dt), n, q))
+        defect, transition, noise = (np.full(shape, np.nan) for shape in shapes)
+        for rows in _alike(self._integrator.turns(here, dt)):
+            with suppress(IntegrationError):
+                defect[rows], transition[rows], noise[rows] = self._linearised(steps.chosen(rows), densities)
+        return defect, transition, noise
+
+    def _linearised(
+        self, steps: "StepBatch", densities: Float[np.ndarray, " 2"]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """`linearise` with as many substeps for all as the longest turn needs."""
+        here, dt = steps.here, steps.dt[:, None]
+        count = self._integrator.first_count(here, float(dt.max())) if len(here) else 0
+        while True:
+            error, defect, transition, noise = self._scan(
+                here, steps.there, steps.about, dt, dt / max(count, 1), densities[None], each=_numbers(count)
+            )
+            if self._integrator.good(error, count):
+                break
+            count *= 2
+        k, n = defect.shape
+        return defect, transition.reshape(k, n, n), noise.reshape(k, n, noise.shape[1] // n)
+
+    @cached_property
+    @building()
+    def _scan(self) -> Scan:
+        """The state of the fold: the rotation, the same in substeps twice as long, and the sums of the linearisation."""
+        inputs = self._inputs()
+        begin = ca.Function("begin_steps", inputs, [*self._begin(inputs[0], inputs[2]), inputs[4]])
+        state = ca.SX.sym("state", 2 * ROTATION + self._integrator.linear_substep().numel_in(0))
+        end = ca.Function("end_steps", [*inputs, state], self._end(inputs, state))
+        return Scan(begin, self._turn(state), end)
+
+    def _inputs(self) -> list[Expression]:
+        points = [ca.SX.sym(name, self._layout.mean_dim) for name in ("here", "there", "about")]
+        return [*points, ca.SX.sym("dt"), ca.SX.sym("h"), ca.SX.sym("psd", 2)]
+
+    def _begin(self, here: Expression, about: Expression) -> list[Expression]:
+        """The first state, and the constants of the rotation of both."""
+        own, slopes = self._layout.unpack(here), self._layout.unpack(about)
+        p, rotation = rotation_parameters(self._layout, own), ca.vertcat(own["q"], own["w"])
+        rest = ca.vertcat(ca.SX.eye(6)[:], ca.SX.zeros(6 * p.numel() + 36))
+        first = ca.vertcat(rotation, rotation, slopes["q"], slopes["w"], rest)
+        return [first, p, rotation_parameters(self._layout, slopes)]
+
+    def _turn(self, state: Expression) -> ca.Function:
+        substep, linear = self._integrator.substep(), self._integrator.linear_substep()
+        p, slopes = ca.SX.sym("p", substep.numel_in(1)), ca.SX.sym("slopes", substep.numel_in(1))
+        h, numbers = ca.SX.sym("h"), ca.SX.sym("numbers", 2)
+        fine, coarse, sums = ca.vertsplit(state, [0, ROTATION, 2 * ROTATION, state.numel()])
+        after = ca.vertcat(
+            substep(fine, p, h), substep(coarse, p, numbers[1] * h), linear(sums, slopes, h, numbers[0])
+        )
+        return ca.Function("many_steps", [state, p, slopes, h, numbers], [after])
+
+    def _end(self, inputs: list[Expression], state: Expression) -> list[Expression]:
+        """Error of the integration, defect, transition and noise factor, the last two row by row."""
+        here, there, about, dt, h, psd = inputs
+        layout, n = self._layout, state.numel()
+        fine, coarse, sums, noise = ca.vertsplit(state, [0, ROTATION, 2 * ROTATION, n - 36, n])
+        error = rotation_difference(coarse, fine) / 15
+        after = self._integrator.translated(layout.unpack(here), fine[:4], fine[4:], dt)
+        last = ca.diagcat(ca.SX.zeros(3, 3), ca.SX.eye(3)) * h * boole_weights(FEWEST)[-1]
+        _, transition, factor = self._integrator.assemble()(
+            about, dt, psd, sums, ca.reshape(noise, 6, 6) + last
+        )
+        turn, a = _turn_between(layout.unpack(there)["q"], layout.unpack(after)["q"]), layout.slice("a")
+        transition[a, :], factor[a, :] = turn @ transition[a, :], turn @ factor[a, :]
+        defect = layout.near_local_expression(there, after)  # of a body that is the same at both ends
+        return [ca.densify(part) for part in (error, defect, transition.T[:], factor.T[:])]
+
+
+def _alike(turns: Float[np.ndarray, " k"]) -> list[Int[np.ndarray, " r"]]:
+    """Steps by the size of their turns (rad): one long turn among short ones must not make all of them fine.
+
+    Up to `ALIKE` times the median turn all belong together, which is every step of an ordinary recording.
+    """
+    if not len(turns) or not np.isfinite(turns).all():
+        return [np.arange(len(turns))]
+    relative = np.maximum(turns / max(float(np.median(turns)), SMALLEST_TURN), 1.0)
+    size = np.floor(np.log(relative) / np.log(ALIKE)).astype(int)
+    return [np.flatnonzero(size == each) for each in np.unique(size)]
+
+
+def _turn_between(there: Expression, after: Expression) -> Expression:
+    """Derivative of an attitude error about ``there`` by that about ``after``, 3 x 3."""
+    e = ca.SX.sym("e", 3)
+    error = short_mrp_from_quaternion(product(conjugate(there), product(after, quaternion_from_mrp(e))))
+    return ca.substitute(ca.jacobian(error, e), e, 0)
+
+
+def _numbers(count: int) -> Float[np.ndarray, "c 2"]:
+    """Of every substep: the weight of its noise, and how long that of the coarser run is in its place."""
+    numbers = np.zeros((count, 2))
+    if count:
+        numbers[:, 0], numbers[::2, 1] = boole_weights(count)[:count], 2.0
+    return numbers

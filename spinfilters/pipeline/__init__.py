@@ -1,0 +1,1 @@
+"""A comparison step by step: set up, estimate, assess, draw."""

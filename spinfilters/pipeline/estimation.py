@@ -1,0 +1,255 @@
+"""Every estimator on one prepared data set."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.data.input_file import reason
+from spinfilters.errors import NUMERICAL_ERRORS, InputError
+from spinfilters.estimators.estimator import Estimator
+from spinfilters.estimators.history import EPOCH_ARRAYS, EstimateHistory, GrowingHistory
+from spinfilters.estimators.run import NO_EPOCH_LEFT, rehearse, run
+from spinfilters.estimators.timeline import Timeline, times_of
+from spinfilters.evaluation.errors import Alignment
+from spinfilters.evaluation.evaluation import Evaluation, evaluate
+from spinfilters.pipeline.diagnostics import filter_diagnostics, shared_diagnostics, with_verdict
+from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries
+from spinfilters.pipeline.recording_bound import Bounding, with_bounds
+from spinfilters.pipeline.setup import Setup
+from spinfilters.runs.checkpoint_store import StoreOf, no_checkpoints
+from spinfilters.settings.run_settings import Settings
+from spinfilters.state.status import EstimatorStatus, Verdict
+
+Progress = Callable[[str, int, int], None]
+"""Called with the estimator's name, epochs done and epochs in all."""
+Rehearsing = Callable[[Estimator, float, Timeline], None]
+"""Takes a twin of an estimator, begun at a time (s), through the first of its epochs, as `spinfilters.estimators.run.rehearse`."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All evaluations of a run, in the order asked for, and whether Ctrl-C cut it short.
+
+    Attributes
+    ----------
+    maps: by estimator, the landmarks (k, 3) m in g that it ended with, or the map that all were given; empty without any.
+    """
+
+    setup: Setup
+    evaluations: tuple[Evaluation, ...]
+    interrupted: bool
+    maps: Mapping[str, Float[np.ndarray, "k 3"]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ComparisonExtent:
+    """What a comparison does beside running and judging.
+
+    Attributes
+    ----------
+    bounding: puts the bound beside the errors.   rehearsing: builds what an estimator needs before its clock runs, by a twin.
+    """
+
+    bounding: Bounding = with_bounds
+    rehearsing: Rehearsing = rehearse
+
+
+@dataclass(frozen=True)
+class _Company:
+    """Who follows an estimator's run."""
+
+    progress: Progress
+    store_of: StoreOf
+    rehearsing: Rehearsing
+
+
+def build_estimator(name: str, setup: Setup, settings: Settings) -> Estimator:
+    """The estimator of a name that takes this data set epoch by epoch.
+
+    Raises
+    ------
+    InputError: one that takes it at once.
+    """
+    entry = estimator_entries()[name]
+    if entry.batch(setup, settings) is not None:
+        raise InputError(f"{name} takes this data set at once; choose another estimator")
+    return entry.build(setup, settings)
+
+
+def compare_estimators(
+    setup: Setup,
+    settings: Settings,
+    progress: Progress,
+    store_of: StoreOf = no_checkpoints,
+    extent: ComparisonExtent = ComparisonExtent(),
+) -> Comparison:
+    """Run, evaluate and judge; Ctrl-C keeps what is done and leaves out the rest.
+
+    Parameters
+    ----------
+    store_of: gives each estimator's name what keeps its run, `spinfilters.runs.checkpoint_store.checkpoint_stores` for instance.
+    extent: what is done beside.
+
+    Raises
+    ------
+    InputError: an estimator that holds no landmarks, for tracks without a known map; no epoch is left after the start; what was
+        kept is damaged or of another run; it cannot be written.
+    """
+    evaluations: list[Evaluation] = []
+    maps: dict[str, np.ndarray] = {}
+    interrupted = False
+    _check(settings, setup)
+    entries = estimator_entries()
+    try:
+        for name in settings.estimators:
+            with np.errstate(all="ignore"):  # what is not finite becomes a status
+                history, points = _estimated(
+                    entries[name], setup, settings, _Company(progress, store_of, extent.rehearsing)
+                )
+            evaluations.append(_evaluated(history, setup))
+            maps |= _maps(name, points)
+            interrupted = _is_cut_short(history, len(setup.timeline))
+            if interrupted:
+                break
+    except KeyboardInterrupt:
+        if not evaluations:
+            raise
+        interrupted = True
+    judged_ones = _judge(evaluations, setup, settings)
+    bounded = judged_ones if interrupted else extent.bounding(judged_ones, setup)
+    return Comparison(setup, tuple(bounded), interrupted, maps)
+
+
+def _estimated(
+    entry: AnyEntry, setup: Setup, settings: Settings, company: "_Company"
+) -> tuple[EstimateHistory, Float[np.ndarray, "k 3"] | None]:
+    """One estimator's history of all epochs, and its landmarks if it has any; numbers that lead nowhere are its failure."""
+    progress = company.progress
+    try:
+        batch = entry.batch(setup, settings)
+        if batch is not None:
+            on_epoch = lambda done, every: progress(entry.name, done, every)  # noqa: E731
+            return batch.smooth(setup.timeline, setup.initial, on_epoch), setup.map_points
+        estimator, twin = (entry.build(setup, settings) for _ in range(2))
+        passed, rows = _run(entry, estimator, twin, setup, company)
+        history = _final(entry, estimator, passed, rows, setup)
+        return history, entry.points(estimator, history, setup)
+    except NUMERICAL_ERRORS as error:
+        nothing = GrowingHistory(setup.process.layout, setup.end_of_initialisation)
+        failed = EstimatorStatus().failed(f"the estimator could not be run ({reason(error)})")
+        return _with_initialisation(nothing.ended(entry.name, failed), nothing, setup), setup.map_points
+
+
+def _final(
+    entry: AnyEntry,
+    estimator: Estimator,
+    passed: EstimateHistory,
+    rows: GrowingHistory,
+    setup: Setup,
+) -> EstimateHistory:
+    """What the estimator says in the end; where that cannot be computed, what it said of each epoch as it came, as ``failed``."""
+    try:
+        history = entry.final(estimator, passed, setup)
+    except NUMERICAL_ERRORS as error:
+        status = passed.status.failed(f"the smoothed epochs could not be computed ({reason(error)})")
+        return _with_initialisation(replace(passed, status=status), rows, setup)
+    return _with_initialisation(passed, rows, setup) if history is None else history
+
+
+def _maps(name: str, points: Float[np.ndarray, "k 3"] | None) -> dict[str, Float[np.ndarray, "k 3"]]:
+    """An estimator's landmarks by its name, those that are finite; nothing where it has none."""
+    if points is None:
+        return {}
+    return {name: points[np.isfinite(points).all(axis=1)]}
+
+
+def _check(settings: Settings, setup: Setup) -> None:
+    entries = estimator_entries()
+    without = [name for name in settings.estimators if not entries[name].holds_landmarks]
+    if without and setup.initial.has_landmarks:
+        holding = [name for name, entry in entries.items() if entry.holds_landmarks]
+        raise InputError(
+            f"{', '.join(without)}: holds no landmarks; give the tracks' map (landmarks.csv, for the bundled example "
+            f"--known-map), or choose among {', '.join(holding)}"
+        )
+
+
+def _run(
+    entry: AnyEntry,
+    estimator: Estimator,
+    twin: Estimator,
+    setup: Setup,
+    company: "_Company",
+) -> tuple[EstimateHistory, GrowingHistory]:
+    """From where the keeper left off, or from the start; a run that had ended is not made again.
+
+    Its rows have room for those of the start in front.
+
+    Parameters
+    ----------
+    twin: built alike; what it needs is built before the clock of the other runs.
+    """
+    rest = setup.timeline[len(setup.initial.mean) :]
+    if not len(rest):
+        raise InputError(f"{setup.dataset.name}: {NO_EPOCH_LEFT}")
+    progress, store = company.progress, company.store_of(entry.name)
+    entry.begin(estimator, setup)
+    kept = store.resume(estimator)
+    rows = GrowingHistory(estimator.layout, setup.end_of_initialisation) if kept is None else kept.rows
+    rows.reserve(len(rest), len(setup.initial.mean))
+    name = entry.name
+    progress(name, len(rows), len(rest))
+    if kept is not None and kept.status is not None:
+        return rows.ended(name, kept.status), rows
+    if len(rows) < len(rest):
+        entry.begin(twin, setup)
+        company.rehearsing(twin, setup.end_of_initialisation, rest)
+    with store.running(estimator, rows) as keep:
+
+        def on_epoch(_: int) -> None:
+            progress(name, len(rows), len(rest))
+            keep()
+
+        history = replace(run(estimator, rows.time, rest[len(rows) :], on_epoch, rows), name=name)
+        if not _is_cut_short(history, len(rest)):
+            store.end(estimator, history, rows)
+    return history, rows
+
+
+def _is_cut_short(history: EstimateHistory, epochs: int) -> bool:
+    """Whether Ctrl-C ended it: it neither failed nor did all its epochs."""
+    return history.status.verdict is not Verdict.FAILED and len(history.time) < epochs
+
+
+def _with_initialisation(history: EstimateHistory, rows: GrowingHistory, setup: Setup) -> EstimateHistory:
+    """A filter's history with its initialisation in front: smoothed epochs, of which nothing is counted."""
+    start = setup.initial
+    count = len(start.mean)
+    before = dict.fromkeys(EPOCH_ARRAYS, np.zeros(count)) | {
+        "time": times_of(setup.timeline[:count]),
+        "mean": start.mean,
+        "factor": start.factor,
+    }
+    return rows.ended(history.name, history.status, before)
+
+
+def _evaluated(history: EstimateHistory, setup: Setup) -> Evaluation:
+    alignment = Alignment.NONE if setup.known_frames else Alignment.FIRST_FRAME
+    observed = replace(history, observations=setup.observations[: len(history.time)])
+    return evaluate(observed, setup.dataset.truth, alignment)
+
+
+def _judge(evaluations: list[Evaluation], setup: Setup, settings: Settings) -> list[Evaluation]:
+    diagnostics, of_filters = shared_diagnostics(setup), filter_diagnostics(setup)
+    entries = estimator_entries()
+    peers = [evaluation for evaluation in evaluations if not entries[evaluation.name].is_baseline]
+    judged_ones = []
+    for evaluation in evaluations:
+        entry = entries[evaluation.name]
+        others = [peer for peer in peers if peer.history.status.verdict is not Verdict.FAILED]
+        own = [*diagnostics, *of_filters] if entry.continues else diagnostics
+        status = with_verdict(evaluation, own, others, entry.false_alarm_probability(setup, settings))
+        judged_ones.append(evaluation.with_status(status))
+    return judged_ones

@@ -1,0 +1,85 @@
+"""What an estimator is to a comparison, and the table of all of them."""
+
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.plugins import PluginGroup, by_name
+
+if TYPE_CHECKING:
+    from spinfilters.estimators.contracts import BatchEstimator
+    from spinfilters.estimators.estimator import Estimator
+    from spinfilters.estimators.history import EstimateHistory
+    from spinfilters.pipeline.setup import Setup
+    from spinfilters.settings.run_settings import Settings
+
+Built = TypeVar("Built", bound="Estimator")
+
+
+class EstimatorEntry(ABC, Generic[Built]):
+    """An estimator of the table. A subclass states its attributes and writes `build`; what else it does differently it overrides.
+
+    It is recursive (a `LatestBelief`, or an `Estimator` with a state of its own), or for some data sets batch.
+
+    Attributes
+    ----------
+    name: as in ``--estimators``; also its folder in a run.
+    order: of the table and of messages.   is_default: whether a comparison has it where nobody names estimators.
+    holds_landmarks: whether tracks without a known map are something for it.
+    is_baseline: another's estimator to compare with, whose disagreement says nothing of ours.
+    continues: whether it continues from the initialisation, so that doubts about that are doubts about it.
+    """
+
+    name: str
+    order: int = 100
+    is_default: bool = False
+    holds_landmarks: bool = False
+    is_baseline: bool = False
+    continues: bool = True
+
+    @abstractmethod
+    def build(self, setup: "Setup", settings: "Settings") -> Built:
+        """The recursive estimator, not begun."""
+
+    def batch(self, setup: "Setup", settings: "Settings") -> "BatchEstimator | None":
+        """The batch estimator of a data set; None where it is taken epoch by epoch."""
+        return None
+
+    def begin(self, estimator: Built, setup: "Setup") -> None:
+        """Let it begin at the end of the initialisation."""
+        estimator.start(setup.initial.belief)
+
+    def final(self, estimator: Built, passed: "EstimateHistory", setup: "Setup") -> "EstimateHistory | None":
+        """What it says in the end of all epochs, those of the initialisation among them; None where that is what it said of each
+        as it came. ``passed`` holds the epochs behind the initialisation."""
+        return None
+
+    def points(
+        self, estimator: Built, history: "EstimateHistory", setup: "Setup"
+    ) -> Float[np.ndarray, "k 3"] | None:
+        """Landmarks that it ended with, m, frame g; None without any."""
+        return setup.map_points
+
+    def false_alarm_probability(self, setup: "Setup", settings: "Settings") -> float:
+        """That it leaves a measurement out although its noise is what it is said to be."""
+        return 0.0
+
+
+AnyEntry = EstimatorEntry[Any]
+
+TABLE: Final[PluginGroup[AnyEntry]] = PluginGroup(
+    "spinfilters.pipeline.estimators", "ESTIMATOR", EstimatorEntry, group="spinfilters.estimators"
+)
+"""All estimators: one per module of that package, and those of the entry points ``spinfilters.estimators``."""
+
+
+def estimator_entries() -> dict[str, AnyEntry]:
+    """Entries by name, in their order. InputError: a plug-in that cannot be loaded, a name that stands twice."""
+    return by_name(TABLE, "estimator")
+
+
+def estimator_names() -> tuple[str, ...]:
+    """Of all estimators."""
+    return tuple(estimator_entries())

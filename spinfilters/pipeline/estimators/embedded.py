@@ -1,0 +1,68 @@
+"""The embedded filter's C in float, as it flies."""
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.errors import InputError
+from spinfilters.estimators.estimator import Estimator
+from spinfilters.estimators.history import EstimateHistory
+from spinfilters.estimators.timeline import times_of
+from spinfilters.models.step_count import substeps, turns
+from spinfilters.pipeline.estimator_entry import EstimatorEntry
+from spinfilters.pipeline.setup import Setup
+from spinfilters.settings.run_settings import Settings
+
+LARGEST_MAP = 16_384
+"""Landmarks that the map holds: 48 bytes each."""
+
+
+class EmbeddedEntry(EstimatorEntry):
+    """See `spinfilters.embedded.estimator.EmbeddedFilter`."""
+
+    name, order, real = "embedded", 5, "float"
+    holds_landmarks = True
+
+    def build(self, setup: Setup, settings: Settings) -> Estimator:
+        from spinfilters.embedded.estimator import EmbeddedFilter  # builds expressions, rarely asked for
+        from spinfilters.embedded.options import SENSORS, EmbedOptions
+
+        sensors = setup.dataset.log.sensors
+        sensor = "stereo" if "stereo" in sensors else sensors[0]
+        taken = EmbedOptions(sensor).sensors if sensor in SENSORS else ()
+        for other in sensors:
+            if other not in taken:
+                raise InputError(
+                    f"the embedded filter takes stereo tracks and poses, poses, or a gyro, not {' and '.join(sensors)}; leave it "
+                    "out of --estimators"
+                )
+        count = _substeps(setup, settings.process.tolerance)
+        options = EmbedOptions(sensor, LARGEST_MAP, self.real, count)
+        return EmbeddedFilter(setup.process, options)
+
+    def begin(self, estimator: Estimator, setup: Setup) -> None:
+        from spinfilters.embedded.estimator import EmbeddedFilter
+
+        assert isinstance(estimator, EmbeddedFilter)
+        estimator.start(setup.belief)
+
+    def points(
+        self, estimator: Estimator, history: EstimateHistory, setup: Setup
+    ) -> Float[np.ndarray, "k 3"] | None:
+        from spinfilters.embedded.estimator import EmbeddedFilter
+
+        assert isinstance(estimator, EmbeddedFilter)
+        return setup.map_points if setup.dataset.known_map is not None else estimator.points
+
+    def false_alarm_probability(self, setup: Setup, settings: Settings) -> float:
+        return 1e-4
+
+
+def _substeps(setup: Setup, tolerance: float) -> int:
+    """As many as the Python filter begins with in the longest step at the initialisation's rate."""
+    longest = np.diff(times_of(setup.timeline)).max(initial=0.0)
+    rates = setup.initial.mean[:, setup.process.layout.mean_slice("w")]
+    turn = float(np.nanmax(turns(rates, np.array(longest)), initial=0.0))
+    return min(max(substeps(turn, tolerance), 4), 64) if np.isfinite(turn) else 4
+
+
+ESTIMATOR = EmbeddedEntry()

@@ -1,0 +1,47 @@
+"""The multiplicative EKF."""
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
+from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeFilter
+from spinfilters.estimators.history import EstimateHistory
+from spinfilters.pipeline.estimator_entry import EstimatorEntry
+from spinfilters.pipeline.setup import Setup
+from spinfilters.settings.run_settings import Settings
+from spinfilters.state.status import Verdict
+
+
+class MultiplicativeEntry(EstimatorEntry[MultiplicativeFilter]):
+    """A multiplicative filter: it continues with the landmarks of the initialisation."""
+
+    is_default = True
+    holds_landmarks = True
+
+    def begin(self, estimator: MultiplicativeFilter, setup: Setup) -> None:
+        estimator.start(setup.belief)
+
+    def points(
+        self, estimator: MultiplicativeFilter, history: EstimateHistory, setup: Setup
+    ) -> Float[np.ndarray, "k 3"] | None:
+        """Those of the initialisation where it failed or the map was known."""
+        if history.status.verdict is Verdict.FAILED or not setup.initial.has_landmarks:
+            return setup.map_points
+        return estimator.landmark_belief.points_in_g
+
+    def false_alarm_probability(self, setup: Setup, settings: Settings) -> float:
+        return 1.0 - settings.robust.gate_probability
+
+
+class MekfEntry(MultiplicativeEntry):
+    """See `MultiplicativeEkf`."""
+
+    name, order = "mekf", 0
+
+    def build(self, setup: Setup, settings: Settings) -> MultiplicativeEkf:
+        return MultiplicativeEkf(
+            setup.process, settings.robust, settings.adaptation, settings.iteration, settings.landmarks
+        )
+
+
+ESTIMATOR = MekfEntry()

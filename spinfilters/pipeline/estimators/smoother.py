@@ -1,0 +1,72 @@
+"""The smoother: epoch by epoch for tracks without a map, all epochs at once for everything else."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import chdtrc
+
+from spinfilters.data.sensor_format import sensor_format
+from spinfilters.estimators.contracts import OnEpoch
+from spinfilters.estimators.history import EstimateHistory
+from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
+from spinfilters.estimators.smoothing.window.recursive_smoother import RecursiveSmoother
+from spinfilters.estimators.timeline import Timeline
+from spinfilters.pipeline.estimator_entry import EstimatorEntry
+from spinfilters.pipeline.setup import Setup
+from spinfilters.pipeline.smoother_run import (
+    NAME,
+    begin_after_initialisation,
+    sliding_smoother,
+    smooth_at_once,
+    smoothed_history,
+)
+from spinfilters.settings.run_settings import Settings
+
+
+@dataclass(frozen=True)
+class BatchSmoother:
+    """See `smooth_at_once`."""
+
+    setup: Setup
+    settings: Settings
+
+    def smooth(self, timeline: Timeline, initial: InitialEstimate, on_epoch: OnEpoch) -> EstimateHistory:
+        """From where the filter of first order passes, which goes on from the initialisation."""
+        own = replace(self.setup, timeline=timeline, start=initial)
+        return smooth_at_once(own, self.settings, on_epoch)
+
+
+class SmootherEntry(EstimatorEntry[RecursiveSmoother]):
+    """Recursive for tracks without a map (`RecursiveSmoother`), batch for everything else (`BatchSmoother`)."""
+
+    name, order = NAME, 2
+    is_default = True
+    holds_landmarks = True
+    continues = False
+
+    def batch(self, setup: Setup, settings: Settings) -> BatchSmoother | None:
+        return None if setup.initial.has_landmarks else BatchSmoother(setup, settings)
+
+    def build(self, setup: Setup, settings: Settings) -> RecursiveSmoother:
+        return sliding_smoother(setup, settings)
+
+    def begin(self, estimator: RecursiveSmoother, setup: Setup) -> None:
+        begin_after_initialisation(estimator, setup)
+
+    def final(self, estimator: RecursiveSmoother, passed: EstimateHistory, setup: Setup) -> EstimateHistory:
+        return smoothed_history(estimator, passed, setup)
+
+    def points(
+        self, estimator: RecursiveSmoother, history: EstimateHistory, setup: Setup
+    ) -> Float[np.ndarray, "k 3"] | None:
+        return estimator.sliding.window.points
+
+    def false_alarm_probability(self, setup: Setup, settings: Settings) -> float:
+        if settings.smoother.loss != "gate":
+            return 0.0
+        dimension = max(sensor_format(sensor).dimension for sensor in setup.dataset.log.sensors)
+        return float(chdtrc(dimension, settings.smoother.width**2))
+
+
+ESTIMATOR = SmootherEntry()

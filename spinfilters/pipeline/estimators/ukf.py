@@ -1,0 +1,20 @@
+"""The multiplicative UKF."""
+
+from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
+from spinfilters.pipeline.estimators.mekf import MultiplicativeEntry
+from spinfilters.pipeline.setup import Setup
+from spinfilters.settings.run_settings import Settings
+
+
+class UkfEntry(MultiplicativeEntry):
+    """See `MultiplicativeUkf`."""
+
+    name, order = "ukf", 1
+
+    def build(self, setup: Setup, settings: Settings) -> MultiplicativeUkf:
+        return MultiplicativeUkf(
+            setup.process, settings.ukf, settings.robust, settings.adaptation, settings.landmarks
+        )
+
+
+ESTIMATOR = UkfEntry()

@@ -1,0 +1,25 @@
+"""NEES and NIS of every estimator with their chi-square bands."""
+
+from typing import TYPE_CHECKING
+
+from spinfilters.pipeline.figure_entry import FigureEntry
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from spinfilters.pipeline.figures import FigureData
+
+
+class ConsistencyFigure(FigureEntry):
+    """See `spinfilters.plots.consistency`."""
+
+    name, order = "consistency", 5
+    caption = "NEES and NIS of every estimator with their chi-square bands."
+
+    def draw(self, shown: "FigureData", name: str) -> "Figure":
+        from spinfilters.plots.consistency import consistency_figure  # matplotlib is slow to import
+
+        return consistency_figure(shown.evaluations)
+
+
+FIGURE = ConsistencyFigure()

@@ -1,0 +1,68 @@
+"""How wrong a gyro is, from the recording itself.
+
+The error of a consumer gyro in a fast spin grows with the rate and is slow (scale, cross-axis, timing): white noise of the same
+size would be averaged away far too quickly. What a whole torque-free recording leaves unexplained gives its size relative to |w|
+and its integrated correlation time; an error correlated over tau samples weighs on slow states like white noise sqrt(tau) times as
+large (Sokal 1997), so the filters are given that. Their innovations are then about 1 / tau of what they are told to expect.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
+
+FIRST_SCALE = 0.01
+"""Relative error from which the identification begins: a per cent is what phones do."""
+SMALLEST_SCALE = 1e-5
+DISTURBANCE = 0.01
+"""Angular acceleration noise of a body that a phone rides on, relative to |w|, in (rad/s^2)/sqrt(Hz) per rad/s: air, straps and
+what the gyro's slow errors look like, one per cent of the rate in a second. Without it the clean phone tosses are predicted 0.3 s
+ahead to 6 % of the rate at worst, with it to 4 % (``python -m experiments.gyro_throws``)."""
+
+
+@dataclass(frozen=True)
+class GyroNoise:
+    """Identified gyro error.
+
+    Attributes
+    ----------
+    relative_error: rms per axis relative to |w|.   correlation_time: tau, in samples, at least 1.
+    """
+
+    relative_error: float
+    correlation_time: float
+
+    @property
+    def scale_std(self) -> float:
+        """Standard deviation relative to |w| of the white noise that weighs as much."""
+        return max(self.relative_error, SMALLEST_SCALE) * float(np.sqrt(self.correlation_time))
+
+
+def disturbance_psd(gyro: MeasurementStream) -> float:
+    """Density of the angular acceleration of a recording whose gyro is of unknown error, (rad/s^2)^2/Hz."""
+    return float(DISTURBANCE * np.mean(np.linalg.norm(gyro.values, axis=1))) ** 2
+
+
+def identify_gyro_noise(gyro: MeasurementStream, fitted: InitialEstimate) -> GyroNoise:
+    """From the smoothed trajectory of a recording and the gyro samples it was fitted to."""
+    rates = fitted.mean[:, fitted.layout.mean_slice("w")]
+    measured = gyro.values[: len(rates)]
+    residual = (measured - rates) / np.linalg.norm(rates, axis=1, keepdims=True)
+    return GyroNoise(float(np.sqrt(np.mean(residual**2))), _correlation_time(residual))
+
+
+def _correlation_time(residual: Float[np.ndarray, "n 3"]) -> float:
+    """1 + 2 sum of the autocorrelation up to where it first reaches zero, in samples."""
+    n = len(residual)
+    products = np.array(
+        [float(np.sum(residual[lag:] * residual[: n - lag])) for lag in range(max(n // 2, 1))]
+    )
+    if products[0] <= 0:
+        return 1.0
+    correlation = products / products[0]
+    crossing = np.flatnonzero(correlation <= 0)
+    last = int(crossing[0]) if crossing.size else len(correlation)
+    return max(1.0, 1.0 + 2.0 * float(correlation[1:last].sum()))

@@ -1,0 +1,19 @@
+"""Motion that the measurements of a whole recording say directly."""
+
+from spinfilters.data.sensor_format import sensor_format
+from spinfilters.estimators.initialisation.initial_motion import InitialMotion, initial_motion
+from spinfilters.pipeline.setup import Setup, camera_view, initial_samples
+
+
+def measured_motion(setup: Setup) -> InitialMotion:
+    """Attitudes, rates and places that the whole recording says directly, without any estimator.
+
+    Raises
+    ------
+    InputError: when it does not say them: too few poses, or too large turns between them.
+    """
+    dataset = setup.dataset
+    known = dataset.known_map is not None
+    streams = [s for s in dataset.log.streams if known or not sensor_format(s.sensor).has_landmarks]
+    samples = initial_samples(streams, setup.noise, camera_view(dataset))
+    return initial_motion(samples, len(setup.timeline))

@@ -1,0 +1,122 @@
+"""What a run writes only when asked to: a prediction ahead, and how the smoother's estimates settle."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.truth import Truth
+from spinfilters.errors import InputError
+from spinfilters.estimators.history import EstimateHistory
+from spinfilters.pipeline import convergence, predictions
+from spinfilters.pipeline.estimation import Comparison
+from spinfilters.pipeline.setup import Setup, prepare
+from spinfilters.plots.convergence import convergence_figure
+from spinfilters.plots.prediction import prediction_figure
+from spinfilters.plots.style import draw_figure
+from spinfilters.runs.run_folder import CONVERGENCE_PICTURE, PREDICTION_PICTURE, read_histories
+from spinfilters.runs.run_summary import read_process
+from spinfilters.settings.run_settings import Settings
+
+
+@dataclass(frozen=True)
+class OptionalOutputs:
+    """Seconds to predict ahead, None for none; whether to show convergence."""
+
+    predict_s: float | None = None
+    convergence: bool = False
+
+    def require_one_run(self) -> None:
+        """Refuse what a run of many segments does not make."""
+        if self.predict_s is not None or self.convergence:
+            raise InputError(
+                "--predict and --convergence are for one recording; choose a segment with --segment N"
+            )
+
+    def check(self, setup: Setup, settings: Settings) -> None:
+        """Refuse what cannot be made, before the estimators run. Raises InputError."""
+        if self.predict_s is not None:
+            predictions.times_ahead(np.array([epoch.time for epoch in setup.timeline]), self.predict_s)
+        if self.convergence:
+            convergence.require_convergence(setup, settings)
+
+    def write(
+        self, folder: Path, comparison: Comparison, settings: Settings, on_epoch: Callable[[int, int], None]
+    ) -> None:
+        """Into the folder of a run that was written; `lacking` tells what came to nothing. Raises InputError."""
+        if self.predict_s is not None:
+            histories = [evaluation.history for evaluation in comparison.evaluations]
+            process = comparison.setup.process
+            predictions.write_predictions(folder, process, histories, self.predict_s)
+        if self.convergence:
+            convergence.write_convergence(folder, comparison.setup, settings, on_epoch)
+
+    def complete(
+        self, folder: Path, dataset: Dataset, settings: Settings, on_epoch: Callable[[int, int], None]
+    ) -> list[str]:
+        """For a finished run (`finished_run`), no estimator running again; returns the names of the pictures made.
+
+        Convergence is made where it is not whole. A prediction, which goes on from the last beliefs of the histories, is always
+        made: its seconds may be others than before.
+
+        Raises
+        ------
+        InputError: as `check`; a file of the run is damaged.
+        """
+        made = []
+        if self.convergence and not convergence.is_whole(folder):
+            setup = prepare(dataset, settings)
+            self.check(setup, settings)
+            convergence.write_convergence(folder, setup, settings, on_epoch)
+            made.append(CONVERGENCE_PICTURE)
+        if self.predict_s is not None:
+            histories = read_histories(folder, settings.estimators)
+            process = read_process(folder, settings.process.tolerance)
+            if predictions.write_predictions(folder, process, histories, self.predict_s):
+                made.append(PREDICTION_PICTURE)
+        return made
+
+    def lacking(self, folder: Path) -> str | None:
+        """What was asked for and yet is not in a folder, and why; None where nothing is missing."""
+        if self.predict_s is None or (folder / PREDICTION_PICTURE).exists():
+            return None
+        return "no prediction was made: every estimator failed, or what follows from its last epoch is not finite"
+
+
+def draw_optional_outputs(
+    folder: Path, histories: Sequence[EstimateHistory], truth: Truth | None
+) -> list[str]:
+    """Draw the additions of a run folder again; returns the names of the pictures.
+
+    Raises
+    ------
+    InputError: a file that one is drawn from is missing or damaged; what else there is has been drawn.
+    """
+    drawn: list[str] = []
+    faults: list[InputError] = []
+    for draw in (lambda: _draw_prediction(folder, histories), lambda: _draw_convergence(folder, truth)):
+        try:
+            drawn += draw()
+        except InputError as error:
+            faults.append(error)
+    if faults:
+        raise faults[0]
+    return drawn
+
+
+def _draw_prediction(folder: Path, histories: Sequence[EstimateHistory]) -> list[str]:
+    foretold = predictions.read_predictions(folder, histories)
+    if not foretold:
+        return []
+    draw_figure(lambda: prediction_figure(foretold), folder / PREDICTION_PICTURE)
+    return [PREDICTION_PICTURE]
+
+
+def _draw_convergence(folder: Path, truth: Truth | None) -> list[str]:
+    settled = convergence.read_convergence(folder, truth)
+    if settled is None:
+        return []
+    draw_figure(lambda: convergence_figure(settled), folder / CONVERGENCE_PICTURE)
+    return [CONVERGENCE_PICTURE]

@@ -1,0 +1,69 @@
+"""The motions whose convergence is shown: what each is called, and where it is found in estimates and truth."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.data.truth import Truth
+from spinfilters.evaluation.rates import BodyRates, true_rates
+from spinfilters.evaluation.trajectory import Trajectory
+
+ATTITUDE = "attitude"
+"""The one of `MOTIONS` whose values are quaternions q_ig."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A motion of k epochs, SI.
+
+    Attributes
+    ----------
+    label, unit: in the picture.   scale: what SI is multiplied by for that unit.   size: components of the values.
+    estimate: values (k, size) and their standard deviations (k, 3).   true: values of a truth.
+    """
+
+    label: str
+    unit: str
+    scale: float
+    size: int
+    estimate: Callable[[Trajectory, BodyRates], tuple[Float[np.ndarray, "k q"], Float[np.ndarray, "k 3"]]]
+    true: Callable[[Truth], Float[np.ndarray, "k q"]]
+
+
+def _rates(rates: BodyRates) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
+    """Of estimates, which have a covariance."""
+    std = rates.std
+    assert std is not None
+    return rates.rate, std
+
+
+MOTIONS = {
+    "position": Motion(
+        *("position", "mm", 1e3, 3),
+        estimate=lambda trajectory, _: (trajectory.position, trajectory.std_position),
+        true=lambda truth: truth.center_of_mass,
+    ),
+    ATTITUDE: Motion(
+        *("attitude", "deg", float(np.rad2deg(1.0)), 4),
+        estimate=lambda trajectory, _: (trajectory.q_ig, trajectory.std_attitude),
+        true=lambda truth: truth.q_ig,
+    ),
+    "velocity": Motion(
+        *("velocity", "mm/s", 1e3, 3),
+        estimate=lambda trajectory, _: (trajectory.velocity, trajectory.std_velocity),
+        true=lambda truth: truth.velocity,
+    ),
+    "body_rate": Motion(
+        *("body rate", "deg/s", float(np.rad2deg(1.0)), 3),
+        estimate=lambda _, rates: _rates(rates),
+        true=lambda truth: true_rates(truth).rate,
+    ),
+}
+"""By the names of their surfaces; position and velocity are the centre of mass' in i."""
+
+
+def deviations_of(name: str) -> str:
+    """The name of the surface of a motion's standard deviations."""
+    return f"std_{name}"

@@ -1,0 +1,169 @@
+"""The Cramer-Rao bound of a recording with a truth: the smoother's linear problem where the body really was.
+
+It takes the noise as the estimators are told it, and the measurements that are what they claim to be. Where the landmarks are
+not known, their true points are not either: one step at the true poses settles them.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from spinfilters.data.truth import Truth
+from spinfilters.errors import NUMERICAL_ERRORS, InputError
+from spinfilters.estimators.history import EstimateHistory
+from spinfilters.estimators.robust.losses import Gate
+from spinfilters.estimators.smoothing.factors.landmark_observations import (
+    OBSERVATIONS_NEEDED,
+    collect_observations,
+    seen_ids,
+)
+from spinfilters.estimators.smoothing.linear.marginals import Marginals
+from spinfilters.estimators.smoothing.problem.landmark_reinitialisation import reinitialised
+from spinfilters.estimators.smoothing.problem.least_squares import (
+    LinearizationPoint,
+    Problem,
+    Stage,
+    problem_of,
+)
+from spinfilters.estimators.smoothing.solver.batch_smoother import NO_LANDMARKS
+from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
+from spinfilters.evaluation.consistency import finite_epochs, true_states
+from spinfilters.evaluation.error_bound import error_bound
+from spinfilters.evaluation.errors import Alignment, common_stamps
+from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.truth_frames import truth_in_first_frame, truth_in_inertial_frame
+from spinfilters.pipeline.setup import Setup
+from spinfilters.state.layout import POSE_BLOCKS
+
+GATE: Final = 5.0
+"""Standard deviations from what the truth predicts: a measurement beyond is no measurement of it."""
+ROUGH_GATE: Final = 4 * GATE
+"""The same before the landmarks are settled."""
+INLIERS_NEEDED: Final = 0.5
+"""Share of the measurements below which their noise is not what the estimators are told, and the bound says nothing."""
+MOST_TIED, MOST_CHAINED = 200, 4000
+"""Epochs beyond which the bound is left out, with unknown landmarks and without: it would take longer than it is worth."""
+
+Bounding = Callable[[Sequence[Evaluation], Setup], list[Evaluation]]
+"""Puts the bound beside the errors of evaluations, as `with_bounds` does."""
+
+
+def with_bounds(evaluations: Sequence[Evaluation], setup: Setup) -> list[Evaluation]:
+    """Evaluations with the bound beside their errors, where there is one.
+
+    There is none without a truth at all epochs, where the truth is told in epochs that nothing relates to those of the estimate,
+    where it does not tell the whole state, where it or the estimate does not go on to the end, and for long recordings.
+    """
+    truth, epochs = setup.dataset.truth, len(setup.timeline)
+    whole = [each for each in evaluations if each.errors is not None and _is_whole(each.history, epochs)]
+    limits = None if truth is None or not whole else cramer_rao_bound(setup, truth, whole[0])
+    if limits is None:
+        return list(evaluations)
+    return [
+        each.with_fields(bound=error_bound(limits, each.errors, each.alignment is Alignment.BODY_FRAME))
+        if each.errors is not None and _is_whole(each.history, epochs)
+        else each
+        for each in evaluations
+    ]
+
+
+def without_bounds(evaluations: Sequence[Evaluation], setup: Setup) -> list[Evaluation]:
+    """Evaluations as they are."""
+    return list(evaluations)
+
+
+def _is_whole(history: EstimateHistory, epochs: int) -> bool:
+    return len(history.time) == epochs and bool(finite_epochs(history).all())
+
+
+def cramer_rao_bound(setup: Setup, truth: Truth, evaluation: Evaluation) -> EstimateHistory | None:
+    """The true states with the least covariance that all measurements leave, or None; see `with_bounds`.
+
+    Parameters
+    ----------
+    evaluation: of all epochs, whose frames i and g are those of the bound.
+    """
+    if len(setup.timeline) > (MOST_TIED if _is_separator(setup) else MOST_CHAINED):
+        return None
+    try:
+        states = _states(setup, truth, evaluation)
+        if states is None:
+            return None
+        factors = _factors(setup, states)
+    except (InputError, *NUMERICAL_ERRORS):  # the truth, or the problem at it, is not one to be bounded
+        return None
+    if factors is None or not np.isfinite(factors).all():
+        return None
+    return replace(evaluation.history, name="bound", mean=states, factor=factors)
+
+
+def _states(setup: Setup, truth: Truth, evaluation: Evaluation) -> Float[np.ndarray, "k m"] | None:
+    """The truth at every epoch in the frames of the estimate; None where it does not tell all of them."""
+    history = evaluation.history
+    if evaluation.alignment is Alignment.BODY_FRAME and history.layout.translates:
+        return None
+    if evaluation.alignment is Alignment.FIRST_FRAME:
+        truth = truth_in_first_frame(history, truth)
+    if evaluation.alignment is Alignment.INERTIAL_FRAME:
+        truth = truth_in_inertial_frame(history, truth)
+    rows, true_rows = common_stamps(history.time, truth.time)
+    return true_states(truth, history.layout)[true_rows] if len(rows) == len(setup.timeline) else None
+
+
+def _factors(setup: Setup, states: Float[np.ndarray, "k m"]) -> Float[np.ndarray, "k n n"] | None:
+    """Of every epoch's covariance given all; None where something is undetermined or the noise is not as it is told."""
+    ids, points = _landmarks(setup, states)
+    problem = _problem(setup, states, ids)
+    here = problem.at(states, points)
+    rough = problem.normal(here, Stage(Gate(GATE, ROUGH_GATE))).eliminated if len(ids) else None
+    if rough is not None:
+        here = problem.at(states, points + rough.points_step(np.zeros((len(states), 6))))
+    normal = problem.normal(here, Stage(Gate(GATE, GATE)))
+    if isinstance(normal.solution, int) or _inliers(problem, here, normal.used) < INLIERS_NEEDED:
+        return None
+    return Marginals(normal.solution, normal.eliminated).factors
+
+
+def _problem(setup: Setup, states: Float[np.ndarray, "k m"], ids: Int[np.ndarray, " L"]) -> Problem:
+    """With the estimators' own prior, whose pose is the true one."""
+    layout, prior = setup.process.layout, setup.initial.prior
+    mean = prior.mean.copy()
+    for block in set(layout.blocks).intersection(POSE_BLOCKS):
+        mean[layout.mean_slice(block)] = states[0, layout.mean_slice(block)]
+    loss, own = Gate(GATE, GATE), FirstStatePrior(mean, prior.std)
+    return problem_of(setup.process, setup.timeline, ids, own, OBSERVATIONS_NEEDED, loss)
+
+
+def _landmarks(
+    setup: Setup, states: Float[np.ndarray, "k m"]
+) -> tuple[Int[np.ndarray, " L"], Float[np.ndarray, "L 3"]]:
+    """Ids and first guesses in g: of the start, or where most of a landmark's observations agree from the true poses."""
+    if not setup.initial.has_landmarks:
+        return NO_LANDMARKS, np.zeros((0, 3))
+    started = setup.initial
+    ids = np.unique(seen_ids(setup.timeline))
+    points = np.full((len(ids), 3), np.nan)
+    points[np.searchsorted(ids, started.ids)] = started.points
+    new = ids[np.isnan(points[:, 0])]
+    observations = collect_observations(setup.timeline, new, OBSERVATIONS_NEEDED)
+    nothing = np.zeros(len(observations), dtype=bool)
+    found = reinitialised(observations, states, np.full((len(new), 3), np.nan), nothing, GATE)
+    if found is not None:
+        points[np.searchsorted(ids, new)] = found
+    placed = np.isfinite(points).all(axis=1)
+    return ids[placed], points[placed]
+
+
+def _inliers(problem: Problem, here: LinearizationPoint, used: Bool[np.ndarray, " N"] | None) -> float:
+    """Share of the measurements that count; 0 where there are none."""
+    flags = [problem.motion.inliers(sensor, here.trajectory) for sensor in problem.motion.sensors]
+    flags += [] if used is None else [used]
+    counts = np.concatenate([np.zeros(0, dtype=bool), *flags])
+    return float(counts.mean()) if len(counts) else 0.0
+
+
+def _is_separator(setup: Setup) -> bool:
+    return setup.initial.has_landmarks

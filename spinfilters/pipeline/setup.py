@@ -1,0 +1,258 @@
+"""A data set and settings made ready for any estimator: process, timeline, start."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.input_file import reason
+from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.data.sensor_format import sensor_format
+from spinfilters.errors import NUMERICAL_ERRORS, InputError
+from spinfilters.estimators.identification.components import VarianceComponent
+from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
+from spinfilters.estimators.initialisation.initialiser import initialise
+from spinfilters.estimators.initialisation.options import InitialisationOptions
+from spinfilters.estimators.landmarks.belief import LandmarkBelief
+from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
+from spinfilters.geometry.camera_trajectory import CameraTrajectory
+from spinfilters.models.process import TorqueFreeProcess
+from spinfilters.pipeline.gyro_noise import FIRST_SCALE, GyroNoise, identify_gyro_noise
+from spinfilters.pipeline.identified_noise import NoisyModels, with_identified_noise
+from spinfilters.pipeline.initialisation_length import Make, long_enough_initialisation
+from spinfilters.pipeline.stated_noise import (
+    disturbances,
+    log_with_noise,
+    sensor_noise,
+    sensor_of_unknown_noise,
+    unstated_names,
+    unstated_noise,
+)
+from spinfilters.sensors.registry import sensor_of, sensors_in
+from spinfilters.sensors.sensor import MotionSamples, Sensor
+from spinfilters.settings.run_settings import Settings
+from spinfilters.state.blocks.drag import DRAG
+from spinfilters.state.gaussian import Gaussian
+from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
+
+WHOLE_RECORDING = 400
+"""Samples, at most, from which the error of a rate sensor is identified."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What every estimator of a run shares.
+
+    Attributes
+    ----------
+    timeline: all epochs.   start: of which the first have been smoothed.
+    belief: what every filter begins from at the end of the start, with landmarks where the map is not known.
+    map_points: (k, 3) m in g: the known map or that of the start, or None.
+    gyro_noise: identified, or None when it was stated.   identified: other noise that nobody states.
+    unstated: names of all noise that nobody states.
+    """
+
+    dataset: Dataset
+    process: TorqueFreeProcess
+    timeline: Timeline
+    noise: SensorNoise
+    initial: InitialEstimate
+    belief: Gaussian | LandmarkBelief
+    map_points: Float[np.ndarray, "k 3"] | None
+    gyro_noise: GyroNoise | None
+    identified: tuple[VarianceComponent, ...] = ()
+    unstated: frozenset[str] = frozenset()
+
+    @property
+    def end_of_initialisation(self) -> float:
+        """Time of the last epoch that the start looked at, s."""
+        return self.timeline[len(self.initial.mean) - 1].time
+
+    @property
+    def observations(self) -> Int[np.ndarray, " n"]:
+        """How many rows of the log each epoch has, those of landmarks that a known map lacks among them."""
+        stamps, counts = np.unique(
+            np.concatenate([stream.time for stream in self.dataset.log.streams]), return_counts=True
+        )
+        return counts[np.searchsorted(stamps, [epoch.time for epoch in self.timeline])]
+
+    @property
+    def known_frames(self) -> bool:
+        """Whether the estimate's frames are the truth's."""
+        return knows_frames(self.dataset)
+
+
+def knows_frames(dataset: Dataset) -> bool:
+    """Whether a data set tells frames i and g: by a known map or by its kind's sensor."""
+    return dataset.known_map is not None or sensor_of(dataset.sensor).tells_frames
+
+
+Given = Callable[[StateLayout], InitialEstimate]
+"""Gives the initialisation over a layout, in place of one that is made from data."""
+
+
+def prepare(dataset: Dataset, settings: Settings, initial: Given | None = None) -> Setup:
+    """Join a data set with models and smooth its first epochs.
+
+    Parameters
+    ----------
+    initial: gives the initialisation where the first epochs are not to be smoothed.
+
+    Raises
+    ------
+    InputError: too few epochs, no rotation, tracks that no pose can be found from. The text names the data set.
+    """
+    with dataset.naming():
+        return _setup(dataset, settings, initial)
+
+
+def _setup(dataset: Dataset, settings: Settings, initial: Given | None) -> Setup:
+    log, view = log_with_noise(dataset.log, settings), camera_view(dataset)
+    layout = _layout(log, settings)
+    unknown = sensor_of_unknown_noise(log, dataset, settings)
+    automatic = disturbances(dataset, unknown)
+    process = TorqueFreeProcess(layout, settings.process.noise(automatic), settings.process.tolerance)
+    noise, gyro_noise = sensor_noise(dataset, settings), None
+    for stream in log.streams:
+        rates = sensor_of(stream.sensor).measured_rates(stream)
+        if rates is not None:
+            process.require_steps(stream.time, rates)
+    if unknown is not None:
+        gyro_noise, option = _identify(unknown, process, noise, settings.initialisation)
+        noise = replace(noise, **{option: gyro_noise.scale_std})
+    silent = unstated_noise(log, dataset, settings, unknown)
+
+    def bound(process: TorqueFreeProcess, noise: SensorNoise) -> NoisyModels:
+        timeline = build_timeline(log, layout, noise, view)
+        if len(timeline) < 5:
+            raise InputError(f"{len(timeline)} epoch(s) are too few for a motion; give at least 5")
+        if initial is not None:
+            return NoisyModels(process, noise, timeline, initial(layout))
+        make = _initialiser(replace(dataset, log=log), process, timeline, noise)
+        return NoisyModels(process, noise, timeline, _start(process, timeline, make, settings.initialisation))
+
+    if initial is not None:
+        made, components = bound(process, noise), ()
+    else:
+        made, components = with_identified_noise(bound, process, noise, silent)
+    start, points = made.start, None if dataset.known_map is None else dataset.known_map.points
+    if start.has_landmarks:
+        points = start.points
+    belief = start.joint_belief(settings.landmarks)
+    return Setup(
+        dataset,
+        made.process,
+        made.timeline,
+        made.noise,
+        start,
+        belief,
+        points,
+        gyro_noise,
+        components,
+        unstated_names(dataset, settings),
+    )
+
+
+def _layout(log: MeasurementLog, settings: Settings) -> StateLayout:
+    """What the sensors can see of a state, with the constants that the settings ask for."""
+    sensors = sensors_in(log)
+    layout = StateLayout(FULL_BLOCKS if any(sensor.sees_place for sensor in sensors) else ROTATION_BLOCKS)
+    if settings.process.drag:
+        layout = layout.joined(DRAG)
+    for block in (block for sensor in sensors for block in sensor.error_blocks):
+        if settings.initialisation.states_prior(block):
+            layout = layout.joined(block)
+    return layout
+
+
+def _start(
+    process: TorqueFreeProcess, timeline: Timeline, make: Make, options: InitialisationOptions
+) -> InitialEstimate:
+    """The smoothed first epochs; where their numbers lead nowhere none of them is finite, and its status says why."""
+    try:
+        with np.errstate(all="ignore"):  # what is not finite becomes a status
+            return long_enough_initialisation(process, timeline, make, options)
+    except NUMERICAL_ERRORS as error:
+        return InitialEstimate.failed(process.layout, options.count(timeline), reason(error))
+
+
+def camera_view(dataset: Dataset) -> CameraView | None:
+    """What rows of landmarks are measured against, None without any."""
+    if dataset.rig is None:
+        return None
+    return CameraView(dataset.known_map, dataset.rig.calibration, CameraTrajectory.of(dataset.inspector))
+
+
+def initial_samples(
+    streams: Sequence[MeasurementStream], noise: SensorNoise, view: CameraView | None
+) -> MotionSamples:
+    """Initial motion samples of the stream that tells most of the motion.
+
+    Landmarks are asked before places, these before attitudes, these before rates.
+
+    Raises
+    ------
+    InputError: streams that do not tell a motion.
+    """
+
+    def told(stream: MeasurementStream) -> tuple[bool, ...]:
+        sensor = sensor_of(stream.sensor)
+        return sensor_format(stream.sensor).has_landmarks, sensor.sees_place, sensor.tells_frames
+
+    for stream in sorted(streams, key=told, reverse=True):
+        samples = sensor_of(stream.sensor).initial_motion(stream, noise, view)
+        if samples is not None:
+            return samples
+    raise InputError(
+        f"{' and '.join(s.sensor for s in streams)} measurements do not tell how the body moves at first; "
+        "give those of another sensor too"
+    )
+
+
+def _initialiser(
+    dataset: Dataset, process: TorqueFreeProcess, timeline: Timeline, noise: SensorNoise
+) -> Make:
+    """What makes an initialisation of this data set: nothing of landmarks after its last epoch is looked at."""
+    view = camera_view(dataset)
+
+    def make(options: InitialisationOptions) -> InitialEstimate:
+        end = timeline[options.count(timeline) - 1].time
+        streams = [
+            stream.slice(timeline[0].time, end) if sensor_format(stream.sensor).has_landmarks else stream
+            for stream in dataset.log.streams
+        ]
+        samples = initial_samples([stream for stream in streams if stream is not None], noise, view)
+        return initialise(process, timeline, samples, options)
+
+    return make
+
+
+def _identify(
+    stream: MeasurementStream, process: TorqueFreeProcess, noise: SensorNoise, options: InitialisationOptions
+) -> tuple[GyroNoise, str]:
+    """The error of a rate sensor from the whole recording, and the option that it is the value of."""
+    sensor = sensor_of(stream.sensor)
+    option, rates = sensor.identified_option, sensor.measured_rates(stream)
+    assert option is not None
+    assert rates is not None  # what is identified is an error of rates
+    layout = process.layout.without_translation
+    rotation = process if layout == process.layout else TorqueFreeProcess(layout, process.noise)
+    whole = replace(options, epochs=WHOLE_RECORDING, share=1.0)
+    timeline = build_timeline(MeasurementLog((stream,)), layout, replace(noise, **{option: FIRST_SCALE}))
+    samples = MotionSamples(stream.time, rates=rates)
+    try:
+        found = identify_gyro_noise(stream, initialise(rotation, timeline, samples, whole))
+    except NUMERICAL_ERRORS as error:
+        raise _unidentified(sensor, reason(error)) from None
+    if not np.isfinite(found.scale_std):
+        raise _unidentified(sensor, "what is left of its rates is not finite")
+    return found, option
+
+
+def _unidentified(sensor: Sensor, why: str) -> InputError:
+    options = " and ".join(f"sensors.{option.name}" for option in sensor_format(sensor.name).noise)
+    return InputError(
+        f"the {sensor.name}'s noise cannot be identified from the recording ({why}); state {options} in a config file"
+    )

@@ -1,0 +1,163 @@
+"""The smoother on a prepared data set: every epoch's state given all measurements, the start's frames among them."""
+
+from collections.abc import Callable
+from contextlib import suppress
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.errors import NUMERICAL_ERRORS, InputError
+from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
+from spinfilters.estimators.history import EstimateHistory
+from spinfilters.estimators.initialisation.initial_guess import guessed_trajectory
+from spinfilters.estimators.run import rehearse, run
+from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess
+from spinfilters.estimators.smoothing.solver.batch_smoother import BatchSmoothing, smooth_recording
+from spinfilters.estimators.smoothing.window.recursive_smoother import RecursiveSmoother
+from spinfilters.estimators.smoothing.window.smoother_records import UpdateResult
+from spinfilters.estimators.timeline import times_of
+from spinfilters.pipeline.measured_motion import measured_motion
+from spinfilters.pipeline.setup import Setup
+from spinfilters.settings.run_settings import Settings
+from spinfilters.state.layout import StateLayout
+from spinfilters.state.status import EstimatorStatus, Verdict
+from spinfilters.symbolic import working_seconds
+
+NAME = "smoother"
+NO_FILTER = (
+    "the filter that the smoother sets out from failed: it began from what the measurements say directly"
+)
+ANNEALED_ITERATIONS = 30
+"""At most, from a trajectory that no filter has made."""
+
+OnEpoch = Callable[[int, int], None]
+"""Called with epochs done and epochs in all."""
+
+
+def sliding_smoother(setup: Setup, settings: Settings) -> RecursiveSmoother:
+    """The smoother of tracks without a map; for sensors that tie nothing together see `smooth_at_once`."""
+    timeline = setup.timeline
+    every = (measurement.model for epoch in timeline for measurement in epoch.measurements)
+    options = settings.smoother.options(len(timeline))
+    return RecursiveSmoother(setup.process, options, tuple(dict.fromkeys(every)))
+
+
+def begin_after_initialisation(smoother: RecursiveSmoother, setup: Setup) -> list[UpdateResult]:
+    """Take in the epochs of the start with what it found."""
+    start = setup.initial
+    first = InitialGuess(start.mean, start.ids, start.points)
+    return smoother.begin(start.prior, setup.timeline[: len(first.trajectory)], first)
+
+
+def smoothed_history(smoother: RecursiveSmoother, passed: EstimateHistory, setup: Setup) -> EstimateHistory:
+    """Every epoch given all measurements; ``passed`` are those behind the initialisation, as they came."""
+    first = len(setup.initial.mean)
+    rows, status = smoother.smoothed()[: first + len(passed.time)], passed.status
+    for doubt in smoother.sliding.unobservable():
+        status = status.degraded(doubt)
+    factor = np.array([row.factor for row in rows])
+    if not np.isfinite(factor).all():
+        status = status.failed("; ".join(status.reasons) or "some directions are not determined")
+    accepted, rejected = _counts(smoother, passed)
+    nothing = np.zeros(len(rows))
+    return EstimateHistory(
+        name=NAME,
+        layout=setup.process.layout,
+        time=np.array([epoch.time for epoch in setup.timeline[: len(rows)]]),
+        mean=np.array([row.mean for row in rows]),
+        factor=factor,
+        nis=nothing,
+        dof=nothing.astype(int),
+        log_likelihood=nothing,
+        accepted=accepted,
+        rejected=rejected,
+        runtime=np.concatenate([np.zeros(first), passed.runtime]),
+        status=status,
+    )
+
+
+def _counts(
+    smoother: RecursiveSmoother, passed: EstimateHistory
+) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+    """Observations of every epoch that count in the end and that do not; where epochs have left, as they were when they came."""
+    first = np.array([(taken.accepted, taken.rejected) for taken in smoother.begun]).reshape(-1, 2)
+    came = np.concatenate([first, np.stack([passed.accepted, passed.rejected], axis=1)])
+    counts = smoother.sliding.counts()
+    accepted, rejected = (came if counts is None else counts[: len(came)]).T
+    return accepted.astype(int), rejected.astype(int)
+
+
+def smooth_at_once(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> EstimateHistory:
+    """All at once, from where the filter of first order passes."""
+    start, timeline = setup.initial, setup.timeline
+    first = len(start.mean)
+    _rehearse_at_once(setup, settings)
+    begin = working_seconds()
+    ekf = _initialised_ekf(setup, settings)
+    passed = run(
+        ekf, setup.end_of_initialisation, timeline[first:], lambda k: on_epoch(k + 1, len(timeline) - first)
+    )
+    trajectory, status = np.concatenate([start.mean, passed.mean]), passed.status
+    del passed  # its covariances are as large as those to come
+    annealed = 0
+    if status.verdict is Verdict.FAILED:
+        with suppress(InputError, *NUMERICAL_ERRORS):
+            trajectory = _measured_trajectory(setup)
+            annealed, status = ANNEALED_ITERATIONS, EstimatorStatus().degraded(NO_FILTER)
+    epochs = timeline[: len(trajectory)]
+    found = smooth_recording(
+        setup.process, epochs, trajectory, start.prior, settings.smoother.robust_loss, annealed
+    )
+    if not found.solved.converged:
+        status = status.degraded(f"the smoother did not settle in {found.solved.iterations} iterations")
+    share = (working_seconds() - begin) / len(epochs)
+    return _batch_history(found, setup.process.layout, status, (times_of(epochs), share))
+
+
+def _measured_trajectory(setup: Setup) -> Float[np.ndarray, "k m"]:
+    """States that the measurements say directly, for a recording that no filter comes through."""
+    layout, epochs = setup.process.layout, setup.timeline
+    return guessed_trajectory(layout, epochs, setup.initial.mean[-1], measured_motion(setup))
+
+
+def _rehearse_at_once(setup: Setup, settings: Settings) -> None:
+    """What the epochs of the start need to be smoothed, built before the clock runs."""
+    start, timeline = setup.initial, setup.timeline
+    trajectory = start.mean
+    rehearse(_initialised_ekf(setup, settings), setup.end_of_initialisation, timeline[len(trajectory) :])
+    with suppress(np.linalg.LinAlgError):
+        loss = settings.smoother.robust_loss
+        smooth_recording(setup.process, timeline[: len(trajectory)], trajectory, start.prior, loss)
+
+
+def _initialised_ekf(setup: Setup, settings: Settings) -> MultiplicativeEkf:
+    ekf = MultiplicativeEkf(setup.process, settings.robust)
+    ekf.start(setup.initial.belief)
+    return ekf
+
+
+def _batch_history(
+    found: BatchSmoothing, layout: StateLayout, status: EstimatorStatus, clock: tuple[np.ndarray, float]
+) -> EstimateHistory:
+    """Of the smoothed epochs; a filter that did not come through says so, in its status, for the smoother too."""
+    time, share = clock
+    count = len(time)
+    for doubt in found.unobservable:
+        status = status.degraded(doubt)
+    if not np.isfinite(found.factor).all():
+        status = status.failed("some directions are not determined")
+    nothing = np.zeros(count)
+    return EstimateHistory(
+        name=NAME,
+        layout=layout,
+        time=time,
+        mean=found.mean,
+        factor=found.factor,
+        nis=nothing,
+        dof=nothing.astype(int),
+        log_likelihood=nothing,
+        accepted=found.accepted,
+        rejected=found.rejected,
+        runtime=np.full(count, share),
+        status=status,
+    )

@@ -1,0 +1,104 @@
+"""A checkpoint: the state of an estimator and the epochs it has done, as one file from which its run goes on bit for bit."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spinfilters.errors import InputError
+from spinfilters.estimators.estimator import Estimator
+from spinfilters.estimators.history import EPOCH_ARRAYS, EstimateHistory, GrowingHistory
+from spinfilters.data.input_file import path_text
+from spinfilters.state.status import EstimatorStatus, Verdict
+from spinfilters.runs.npz_file import DAMAGED, read_arrays, unusable, write_arrays
+from spinfilters.runs.fingerprint import ANEW, RunFingerprint
+
+FORMAT = 1
+_STATE, _ROWS, _META = "state.", "rows.", "meta"
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """What a checkpoint held: the epochs done, and how the run ended if it has."""
+
+    rows: GrowingHistory
+    status: EstimatorStatus | None
+
+
+def save_checkpoint(path: Path, estimator: Estimator, rows: GrowingHistory, fingerprint: RunFingerprint) -> None:
+    """Write the state of an estimator that stands where its rows end; the file is there whole or not at all.
+
+    On line, where no history is wanted, rows may be ``GrowingHistory(estimator.layout, time)``.
+
+    Raises
+    ------
+    InputError: as `spinfilters.data.atomic_write.atomic_file`.
+    """
+    state = {_STATE + name: array for name, array in estimator.snapshot().items()}
+    _write(path, {**state, **_named_rows(rows)}, {"begin": rows.begin, "ended": None}, fingerprint)
+
+
+def save_ended(path: Path, history: EstimateHistory, begin: float, fingerprint: RunFingerprint) -> None:
+    """Write a run that has come to an end by itself and began at ``begin`` (s). Errors: `save_checkpoint`."""
+    rows = {_ROWS + name: getattr(history, name) for name in EPOCH_ARRAYS}
+    ended = {"verdict": str(history.status.verdict), "reasons": list(history.status.reasons)}
+    _write(path, rows, {"begin": begin, "ended": ended}, fingerprint)
+
+
+def load_checkpoint(path: Path, estimator: Estimator, fingerprint: RunFingerprint) -> Checkpoint:
+    """Bring an estimator that was built alike to the state of a file, and return the epochs that led there.
+
+    An estimator whose run has ended is left as it is.
+
+    Raises
+    ------
+    InputError: missing, damaged, of another format, or of another run: the text names the first difference and the cure.
+    """
+    try:
+        arrays = read_arrays(path)
+        meta = json.loads(str(arrays[_META]))
+        if meta["format"] != FORMAT:
+            raise ValueError(f"format {meta['format']!r}, expected {FORMAT}")
+        difference = fingerprint.difference(meta["identity"])
+        checkpoint = _checkpoint(arrays, meta, estimator) if difference is None else None
+    except (*DAMAGED, AttributeError, np.linalg.LinAlgError) as error:
+        raise unusable(path, "whole checkpoint", error, f"delete it, {ANEW}") from None
+    if checkpoint is None:
+        raise InputError(f"{path_text(path)}: {difference}")
+    return checkpoint
+
+
+def _write(path: Path, arrays: dict[str, np.ndarray], meta: dict[str, Any], fingerprint: RunFingerprint) -> None:
+    text = json.dumps({"format": FORMAT, **meta, "identity": fingerprint.document})
+    write_arrays(path, {_META: np.array(text), **arrays})
+
+
+def _named_rows(rows: GrowingHistory) -> dict[str, np.ndarray]:
+    return {_ROWS + name: array for name, array in rows.arrays().items()}
+
+
+def _checkpoint(arrays: dict[str, np.ndarray], meta: dict[str, Any], estimator: Estimator) -> Checkpoint:
+    held = {name.removeprefix(_ROWS): a for name, a in arrays.items() if name.startswith(_ROWS)}
+    rows = GrowingHistory.from_arrays(estimator.layout, float(meta["begin"]), held)
+    for name, array in {"begin": np.array(rows.begin), **rows.arrays()}.items():
+        if not np.isfinite(array).all():
+            raise ValueError(f"{name} is not finite")
+    if meta["ended"] is not None:
+        status = EstimatorStatus(Verdict(meta["ended"]["verdict"]), tuple(map(str, meta["ended"]["reasons"])))
+        return Checkpoint(rows, status)
+    _restore(estimator, {n.removeprefix(_STATE): a for n, a in arrays.items() if n.startswith(_STATE)}, rows)
+    return Checkpoint(rows, None)
+
+
+def _restore(estimator: Estimator, state: dict[str, np.ndarray], rows: GrowingHistory) -> None:
+    """Restore, and hold the belief that comes out against the last one that was noted."""
+    estimator.restore(state)
+    belief, noted = estimator.belief, rows.belief
+    if not (np.isfinite(belief.mean).all() and np.isfinite(belief.factor).all()):
+        raise ValueError("the state is not finite")
+    if noted is not None and not (
+        np.array_equal(belief.mean, noted.mean) and np.array_equal(belief.factor, noted.factor)
+    ):
+        raise ValueError("the state is not the one that its last epoch ended with")

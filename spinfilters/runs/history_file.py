@@ -1,0 +1,89 @@
+"""Histories as files, so that figures can be drawn again without running anything."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from zipfile import ZIP_DEFLATED
+
+import numpy as np
+from jaxtyping import Int
+
+from spinfilters.errors import ShapeError
+from spinfilters.estimators.history import EPOCH_ARRAYS, EstimateHistory, checked_epochs
+from spinfilters.state.layout import StateLayout
+from spinfilters.state.status import EstimatorStatus, Verdict
+from spinfilters.runs.npz_file import DAMAGED, read_arrays, unusable, write_arrays
+
+INITIALISATION, OBSERVATIONS = "initialisation", "observations"
+"""Keys that files of older versions do not have."""
+
+
+def write_history(path: Path, history: EstimateHistory) -> None:
+    """Write a history as an .npz of plain arrays, atomically."""
+    arrays = {name: getattr(history, name) for name in EPOCH_ARRAYS}
+    words = {
+        "name": np.array(history.name),
+        "blocks": np.array(history.layout.blocks),
+        "verdict": np.array(str(history.status.verdict)),
+        "reasons": np.array(history.status.reasons, dtype=str),
+    }
+    epochs = {INITIALISATION: np.array(history.initialisation)}
+    if history.observations is not None:
+        epochs[OBSERVATIONS] = history.observations
+    write_arrays(path, {**arrays, **epochs, **words}, ZIP_DEFLATED)
+
+
+def read_history(path: Path, cure: str = "make the run again") -> EstimateHistory:
+    """Read what `write_history` wrote; nothing in the file is evaluated.
+
+    Parameters
+    ----------
+    cure: what to do about a file that cannot be used.
+
+    Raises
+    ------
+    InputError: missing, too large, damaged, or arrays that do not fit together.
+    """
+    try:
+        arrays = read_arrays(path)
+        layout = StateLayout(tuple(map(str, arrays["blocks"])))
+        status = EstimatorStatus(Verdict(str(arrays["verdict"])), tuple(map(str, arrays["reasons"])))
+        numbers, name = checked_epochs(layout, arrays), str(arrays["name"])
+        if not (np.isfinite(numbers["time"]).all() and (np.diff(numbers["time"]) > 0).all()):
+            raise ValueError("its time does not run forwards")
+        initialisation, observations = _initialisation(arrays, numbers), _observations(arrays, numbers)
+    except DAMAGED as error:
+        raise unusable(path, "history of a run", error, cure) from None
+    return EstimateHistory(
+        name=name,
+        layout=layout,
+        status=status,
+        initialisation=initialisation,
+        observations=observations,
+        **numbers,
+    )
+
+
+def _initialisation(arrays: Mapping[str, np.ndarray], numbers: Mapping[str, np.ndarray]) -> int:
+    """How many epochs it has. A file that does not tell: those of a filter that took no time. Raises ShapeError."""
+    epochs = len(numbers["time"])
+    if INITIALISATION not in arrays:
+        timed = np.flatnonzero(numbers["runtime"] > 0)
+        return int(timed[0]) if timed.size and numbers["dof"].any() else 0
+    told = arrays[INITIALISATION]
+    if told.shape or told.dtype.kind != "i" or not 0 <= int(told) <= epochs:
+        raise ShapeError(
+            f"{INITIALISATION} is {told.dtype} of shape {told.shape}, not one of {epochs} epochs"
+        )
+    return int(told)
+
+
+def _observations(
+    arrays: Mapping[str, np.ndarray], numbers: Mapping[str, np.ndarray]
+) -> Int[np.ndarray, " n"] | None:
+    """Of every epoch; None where the file does not tell. Raises ShapeError."""
+    told = arrays.get(OBSERVATIONS)
+    if told is not None and (told.shape != numbers["time"].shape or told.dtype.kind != "i"):
+        raise ShapeError(
+            f"{OBSERVATIONS} is {told.dtype} of shape {told.shape}, expected a whole number per epoch"
+        )
+    return told

@@ -1,0 +1,247 @@
+"""The run folder: what others read (trajectories, maps, summary.json) and what the figures are drawn from."""
+
+import os
+import re
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spinfilters.errors import InputError
+from spinfilters.estimators.history import EstimateHistory
+from spinfilters.evaluation.trajectory import write_map_ply, write_trajectory_csv, write_trajectory_tum
+from spinfilters.data.atomic_write import make_folder, write_json, write_toml
+from spinfilters.data.camera import RIG_FILES
+from spinfilters.data.dataset import Dataset, read_dataset
+from spinfilters.data.dataset_writing import dataset_files, write_dataset
+from spinfilters.data.input_file import path_text, value_text
+from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.data.pose_files import write_tum
+from spinfilters.data.settings_files import read_toml
+from spinfilters.state.status import Verdict
+from spinfilters.runs.checkpoint_store import remove_checkpoints
+from spinfilters.pipeline.estimation import Comparison
+from spinfilters.pipeline.estimator_entry import estimator_names
+from spinfilters.pipeline.figure_entry import picture_files
+from spinfilters.runs.history_file import read_history, write_history
+from spinfilters.pipeline.setup import Setup
+from spinfilters.runs.provenance import provenance
+from spinfilters.runs.run_lock import LOCK_FILE
+from spinfilters.runs.run_summary import SUMMARY_FILE, read_summary, summary
+from spinfilters.settings.run_settings import Settings
+
+CONFIG_FILE, DATASET_FOLDER, TRUTH_FILE = "config.toml", "dataset", "truth.tum"
+HISTORY_FILE, MAP_FILE = "history.npz", "map.ply"
+PREDICTION_PICTURE, CONVERGENCE_PICTURE = "prediction.png", "convergence.png"
+PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS = (
+    *("prediction.csv", "prediction.npz"),
+    "convergence.npz",
+)
+"""Files that a run has where they were asked for (`spinfilters.pipeline.optional_outputs`); all but pictures by estimator."""
+ESTIMATOR_FILES = (
+    *("trajectory.csv", "trajectory.tum", MAP_FILE, HISTORY_FILE),
+    *(PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS),
+)
+"""Everything that a run writes into the folder of an estimator, besides its checkpoint."""
+SEGMENTS_FOLDER = "segments"
+_UNFINISHED = re.compile(r"\.[0-9a-f]{16}\.part")
+"""Names of what was being written when a run was killed (`spinfilters.data.atomic_write`)."""
+
+DECISIVE = ("kind", "log", "truth", "rig", "known_map", "inspector")
+"""Parts of a data set that decide the numbers of a run, with the noise among its options."""
+
+
+def open_run_folder(folder: Path) -> None:
+    """Make the folder; refuse one that holds something else than a run.
+
+    Raises
+    ------
+    InputError: as `refuse_foreign_run`, or it cannot be written.
+    """
+    refuse_foreign_run(folder)
+    make_folder(folder)
+
+
+def refuse_foreign_run(folder: Path) -> None:
+    """Refuse a folder that holds something else than a run, or leads out of itself.
+
+    Raises
+    ------
+    InputError: it holds foreign files, or a link in the place of a folder that a run writes into.
+    """
+    if folder.is_dir() and any(each.name != LOCK_FILE for each in folder.iterdir()) and not _is_run(folder):
+        raise InputError(f"{path_text(folder)}: is not empty and not a run folder; choose another folder with -o")
+    cameras = [f"{DATASET_FOLDER}/{file.parent}" for file in RIG_FILES]
+    segments = folder / SEGMENTS_FOLDER
+    inner = [folder / name for name in (*estimator_names(), DATASET_FOLDER, *cameras, SEGMENTS_FOLDER)]
+    for path in (*inner, *(segments.iterdir() if segments.is_dir() else ())):
+        if path.is_symlink():
+            raise InputError(
+                f"{path_text(path)}: is a symbolic link, and a run writes into its own folder only; remove the link or choose "
+                "another "
+                "folder with -o"
+            )
+
+
+def write_configuration(folder: Path, settings: Settings) -> None:
+    """config.toml: the settings and what the run was made with. It comes first and marks the folder as a run's.
+
+    Numbers of an earlier run that was made otherwise do not outlive its configuration.
+    """
+    document = configuration(settings)
+    if not _is_configured(folder, document):
+        (folder / SUMMARY_FILE).unlink(missing_ok=True)
+    write_toml(folder / CONFIG_FILE, document)
+
+
+def configuration(settings: Settings) -> dict[str, Any]:
+    """The content of config.toml."""
+    return {**settings.document, "provenance": provenance()}
+
+
+def mark_run_folder(folder: Path, settings: Settings) -> None:
+    """Mark a folder that holds no run yet as that of one, before anything is kept in it."""
+    if not _is_run(folder):
+        write_configuration(folder, settings)
+
+
+def write_run(folder: Path, comparison: Comparison, settings: Settings) -> None:
+    """Everything but the figures, in place of an earlier run; summary.json comes last, so that a folder with one is whole.
+
+    Checkpoints stay until then, and beyond where Ctrl-C cut the run short.
+    """
+    open_run_folder(folder)
+    source = comparison.setup.dataset.path
+    refuse_source_within(folder, source)
+    write_configuration(folder, settings)
+    _clear(folder, source)
+    _write_measurements(folder, comparison.setup)
+    for evaluation in comparison.evaluations:
+        part = folder / evaluation.name
+        make_folder(part)
+        write_trajectory_csv(part / "trajectory.csv", evaluation.trajectory)
+        write_trajectory_tum(part / "trajectory.tum", evaluation.trajectory)
+        write_history(part / HISTORY_FILE, evaluation.history)
+        if evaluation.name in comparison.maps:
+            write_map_ply(part / MAP_FILE, comparison.maps[evaluation.name])
+    write_json(folder / SUMMARY_FILE, summary(comparison))
+    if not comparison.interrupted:
+        remove_checkpoints(folder)
+
+
+def read_histories(folder: Path, names: Sequence[str]) -> list[EstimateHistory]:
+    """Histories of estimators in a run folder.
+
+    Raises
+    ------
+    InputError: as `spinfilters.runs.history_file.read_history`, or a history of another estimator than its folder's.
+    """
+    paths = [folder / name / HISTORY_FILE for name in names]
+    histories = [read_history(path) for path in paths]
+    for path, name, history in zip(paths, names, histories, strict=True):
+        if history.name != name:
+            raise InputError(f"{path_text(path)}: is of {value_text(history.name)}, not of {name}; make the run again")
+    return histories
+
+
+def finished_run(folder: Path, dataset: Dataset, settings: Settings) -> dict[str, Any] | None:
+    """Summary of a whole run that was made of the same data set, settings and versions; None where there is none."""
+    try:
+        if not _is_configured(folder, configuration(settings)):
+            return None
+        earlier, document = read_dataset(folder / DATASET_FOLDER), read_summary(folder)
+        same = _equal(_decisive(earlier), _decisive(dataset))
+        return document if same and _is_whole(document, settings) else None
+    except InputError:
+        return None
+
+
+def _decisive(dataset: Dataset) -> tuple[Any, ...]:
+    return (*(getattr(dataset, part) for part in DECISIVE), dataset.options.noise)
+
+
+def _equal(one: Any, other: Any) -> bool:
+    """Dataclasses by their fields, sequences by their members, arrays by their elements."""
+    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
+        return np.array_equal(one, other)
+    if is_dataclass(one) and is_dataclass(other):
+        names = [each.name for each in fields(one)]
+        return type(one) is type(other) and all(_equal(getattr(one, n), getattr(other, n)) for n in names)
+    if isinstance(one, tuple) and isinstance(other, tuple):
+        return len(one) == len(other) and all(map(_equal, one, other))
+    return one == other
+
+
+def _is_whole(document: dict[str, Any], settings: Settings) -> bool:
+    """Whether every estimator did all epochs or failed."""
+    try:
+        total, made = document["dataset"]["frames"], [document["estimators"][n] for n in settings.estimators]
+        return all(each["frames"] == total or each["status"] == str(Verdict.FAILED) for each in made)
+    except (KeyError, TypeError):
+        return False
+
+
+def _is_configured(folder: Path, document: dict[str, Any]) -> bool:
+    """Whether what lies in a folder was made with the settings and versions of a `configuration`."""
+    try:
+        return read_toml(folder / CONFIG_FILE) == document
+    except InputError:
+        return False
+
+
+def _is_run(folder: Path) -> bool:
+    try:
+        return "provenance" in read_toml(folder / CONFIG_FILE)
+    except InputError:
+        return False
+
+
+def _clear(folder: Path, source: Path | None) -> None:
+    """Remove the files of an earlier run, but not its data set when that is what the new run was made from, and no checkpoint."""
+    pictures = (*picture_files(estimator_names()), PREDICTION_PICTURE, CONVERGENCE_PICTURE)
+    for name in (SUMMARY_FILE, TRUTH_FILE, *pictures):
+        (folder / name).unlink(missing_ok=True)
+    if not _is_own_dataset(folder, source):
+        _remove(folder / DATASET_FOLDER, dataset_files())
+    for name in estimator_names():
+        _remove(folder / name, ESTIMATOR_FILES)
+
+
+def _remove(place: Path, names: Sequence[str]) -> None:
+    """Remove these files from a folder, what was left unfinished, and then the folders in which nothing is left."""
+    for path in (*(place / name for name in names), *place.glob("**/.*.part")):
+        if path.name in map(os.path.basename, names) or _UNFINISHED.fullmatch(path.name):
+            with suppress(FileNotFoundError, NotADirectoryError):
+                path.unlink()
+    for each in (*(place / Path(name).parent for name in names), place):
+        with suppress(OSError):  # absent, or files of others are in it
+            each.rmdir()
+
+
+def refuse_source_within(folder: Path, source: Path | None) -> None:
+    """Refuse to make a run from a file that it would replace: inside its folder only its data set may be what it is made from."""
+    if source is None or _is_own_dataset(folder, source):
+        return
+    inner = [(folder / name).resolve() for name in (DATASET_FOLDER, *estimator_names())]
+    if any(source.resolve().is_relative_to(place) for place in inner):
+        raise InputError(
+            f"{path_text(source)}: is inside {path_text(folder)}, whose files the run replaces; choose another folder with -o"
+        )
+
+
+def _is_own_dataset(folder: Path, source: Path | None) -> bool:
+    """Whether a run is made from the data set that lies in its own folder."""
+    return source is not None and source.resolve() == (folder / DATASET_FOLDER).resolve()
+
+
+def _write_measurements(folder: Path, setup: Setup) -> None:
+    """The data set; and, where truth and estimates share their frames, the truth in the TUM format."""
+    dataset = setup.dataset
+    if not _is_own_dataset(folder, dataset.path):
+        write_dataset(dataset, folder / DATASET_FOLDER)
+    if setup.known_frames and dataset.truth is not None:
+        poses = np.hstack([dataset.truth.center_of_mass, dataset.truth.q_ig])
+        write_tum(folder / TRUTH_FILE, MeasurementStream("pose", dataset.truth.time, poses))

@@ -1,0 +1,166 @@
+"""summary.json: what a run was made of and what came out, in numbers."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spinfilters.errors import InputError
+from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.metrics import numbers, use_numbers
+from spinfilters.evaluation.reported_constants import constant_numbers
+from spinfilters.evaluation.span import shared_begin
+from spinfilters.evaluation.usage import on_identical_measurements
+from spinfilters.data.input_file import reason
+from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.state.layout import StateLayout
+from spinfilters.pipeline.conditions import conditions_of
+from spinfilters.pipeline.estimation import Comparison
+from spinfilters.pipeline.setup import Setup
+
+SUMMARY_FILE = "summary.json"
+SCHEMA = 1
+LARGEST_SUMMARY = 1 << 26
+
+
+def summary(comparison: Comparison) -> dict[str, Any]:
+    """The content of summary.json."""
+    setup, evaluations = comparison.setup, comparison.evaluations
+    shared, conditions = shared_begin(evaluations), conditions_of(setup)
+    told = (*conditions.sensors, *conditions.disturbances)
+    noise = {each.name: {"value": each.value, "std": each.std, "source": each.source} for each in told}
+    return {
+        "schema": SCHEMA,
+        "dataset": _dataset(setup),
+        "process": {"blocks": list(setup.process.layout.blocks), **vars(setup.process.noise)},
+        "sensors": dict(setup.noise.values),
+        "conditions": conditions.document,
+        "identical_measurements": on_identical_measurements(evaluations),
+        "start": _start(setup),
+        "estimators": {e.name: {**_estimator(e, shared), "noise": noise} for e in evaluations},
+    }
+
+
+def read_summary(folder: Path) -> dict[str, Any]:
+    """summary.json of a run folder.
+
+    Raises
+    ------
+    InputError: missing, too large, not JSON, another schema.
+    """
+    path = folder / SUMMARY_FILE
+    try:
+        if path.stat().st_size > LARGEST_SUMMARY:
+            raise InputError(
+                f"{path}: {path.stat().st_size} bytes is no summary of a run; make the run again"
+            )
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be read ({error.strerror}); give a folder made by 'spinfilters compare'"
+        ) from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: is not JSON ({reason(error)}); make the run again") from None
+    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
+        raise InputError(f"{path}: schema is not {SCHEMA}; make the run again with this version")
+    return document
+
+
+def read_process(folder: Path, tolerance: float) -> TorqueFreeProcess:
+    """The process model of a run folder's estimators, with a tolerance of its integration (rad and relative rate).
+
+    Raises
+    ------
+    InputError: as `read_summary`, or the summary does not tell it.
+    """
+    document = read_summary(folder)
+    try:
+        told = dict(document["process"])
+        layout = StateLayout(tuple(told.pop("blocks")))
+        return TorqueFreeProcess(layout, ProcessNoise(**told), tolerance)
+    except (KeyError, TypeError, ValueError, InputError) as error:
+        raise not_whole(folder, error) from None
+
+
+def not_whole(folder: Path, error: Exception) -> InputError:
+    """What to raise where a summary lacks something."""
+    return InputError(f"{folder}: {SUMMARY_FILE} is not whole ({error!r}); make the run again")
+
+
+def _dataset(setup: Setup) -> dict[str, Any]:
+    dataset = setup.dataset
+    return {
+        "kind": dataset.kind,
+        "description": dataset.description,
+        "sensors": list(dataset.log.sensors),
+        "frames": len(setup.timeline),
+        "start_s": setup.timeline[0].time,
+        "end_s": setup.timeline[-1].time,
+        "segment": None if dataset.segment is None else dataset.segment.number,
+    }
+
+
+def _start(setup: Setup) -> dict[str, Any]:
+    start, noise = setup.initial, setup.gyro_noise
+    return {
+        "frames": len(start.mean),
+        "end_s": setup.end_of_initialisation,
+        "iterations": start.iterations,
+        "converged": start.converged,
+        "fit": start.fit,
+        "momentum_residual": start.momentum_residual,
+        "rejected": start.rejected,
+        "noise_ratio": start.noise_ratio,
+        "gyro_relative_error": None if noise is None else noise.relative_error,
+        "gyro_correlation_samples": None if noise is None else noise.correlation_time,
+    }
+
+
+def _estimator(evaluation: Evaluation, shared: float) -> dict[str, Any]:
+    history, body = evaluation.history, evaluation.body
+    runtime = history.runtime[history.runtime > 0]
+    found = numbers(evaluation, shared)
+    errors = {key: value for key, value in found.items() if key.startswith(_ERROR_KEYS)}
+    return {
+        "status": str(history.status.verdict),
+        "reasons": list(history.status.reasons),
+        "frames": len(history.time),
+        "initialisation_epochs": history.initialisation,
+        "measurements": {"accepted": found["accepted"], "rejected": found["rejected"]},
+        "observations": use_numbers(evaluation, shared),
+        "runtime_s": {
+            "total": float(runtime.sum()),
+            "per_frame_median": float(np.median(runtime)) if runtime.size else None,
+            "per_frame_max": float(runtime.max()) if runtime.size else None,
+        },
+        "principal_moments": body.principal_moments.tolist(),
+        "principal_moments_std": body.principal_moments_std.tolist(),
+        "principal_moments_cov": body.principal_moments_cov.tolist(),
+        "principal_axes_g": body.principal_axes_g.tolist(),
+        "principal_axes_std_rad": body.principal_axes_std.tolist(),
+        "center_of_mass_g": None if body.center_of_mass_g is None else body.center_of_mass_g.tolist(),
+        "center_of_mass_std_m": None if body.center_of_mass_std is None else body.center_of_mass_std.tolist(),
+        "k1": body.k1,
+        "k1_std": body.k1_std,
+        "k2": body.k2,
+        "k2_std": body.k2_std,
+        **constant_numbers(evaluation.constants),
+        "nis_per_dof": evaluation.nis_ratio,
+        "errors": errors if evaluation.errors is not None else None,
+    }
+
+
+_ERROR_KEYS = (
+    "rms",
+    "ape",
+    "principal_moments_error",
+    "k1_error",
+    "k2_error",
+    "axes_angle",
+    "center_of_mass_error",
+    "nees",
+    "bound",
+    "shared_epochs",
+    "initialisation",
+)

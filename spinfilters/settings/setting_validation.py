@@ -1,0 +1,68 @@
+"""Validation of settings by pydantic; a fault is one line that names key, value and cure."""
+
+from collections.abc import Mapping
+from dataclasses import is_dataclass
+from functools import cache
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+
+from pydantic import BaseModel, ConfigDict, ValidationError, create_model
+
+from spinfilters.data.input_file import value_text
+from spinfilters.errors import InputError
+
+
+def validated(record: type, values: Mapping[str, object]) -> dict[str, Any]:
+    """Values of some fields of a dataclass as their types tell, tables given as mappings turned into their dataclasses.
+
+    Raises
+    ------
+    InputError: an unknown key in a table, a value of another type or out of its range.
+    """
+    try:
+        checked = _model(record).model_validate(dict(values))
+    except ValidationError as error:
+        raise InputError(_line(record, error)) from None
+    return {name: getattr(checked, name) for name in values}
+
+
+@cache
+def _model(record: type) -> type[BaseModel]:
+    """Model of a dataclass' fields; tables that are dataclasses already are validated again."""
+    config = ConfigDict(extra="forbid", revalidate_instances="always")
+    hints = get_type_hints(record, include_extras=True)
+    types: dict[str, Any] = {name: (kind, None) for name, kind in hints.items()}
+    return create_model(record.__name__, __config__=config, **types)
+
+
+def _line(record: type, error: ValidationError) -> str:
+    """The first fault: its key, its value, what to give."""
+    fault = error.errors(include_url=False, include_context=False)[0]
+    value = value_text(fault["input"])
+    table, *inner = map(str, fault["loc"])
+    kind = get_type_hints(record, include_extras=True)[table]
+    if not is_dataclass(kind):
+        return f"{table} {'holds' if inner else 'is'} {value}; give {_wanted(kind)}"
+    if not inner:
+        return f"{table} is {value}; it must be a table [{table}]"
+    key, keys = inner[0], get_type_hints(kind, include_extras=True)
+    if key not in keys:
+        return f"unknown key {table}.{value_text(key)[1:-1]}; known are {', '.join(keys)}"
+    return f"{table}.{key} is {value}; give {_wanted(keys[key])}"
+
+
+def _wanted(kind: Any) -> str:
+    """What a type admits, in words."""
+    origin, parts = get_origin(kind), get_args(kind)
+    if origin is Literal:
+        return " or ".join(f'"{part}"' for part in parts)
+    if origin is tuple and parts[0] is not str:
+        return (
+            f"{len(parts)} times {_wanted(parts[0])}"
+            if Ellipsis not in parts
+            else f"a list, each {_wanted(parts[0])}"
+        )
+    if origin is tuple:
+        return "a list of names"
+    if origin is Annotated:
+        return str(parts[1])
+    return "a name" if kind is str else " or ".join(map(_wanted, parts))

@@ -1,0 +1,1 @@
+"""Poses and maps from feature tracks."""

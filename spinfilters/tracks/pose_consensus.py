@@ -1,0 +1,212 @@
+"""First poses from matches of which many may be wrong: the rigid motion that most matches of an epoch agree on.
+
+A least-squares fit that is trimmed twice is tried first, for all epochs at once. Where too few matches agree with it, motions of
+random triples are tried (RANSAC, Fischler and Bolles 1981, with the cost of Torr and Zisserman 2000: squared pixels up to a bound).
+A triple of right matches lies so close together, and its depths are so poor, that it hardly ever shows which others are right; so
+the cheapest of every batch are fitted to all that agree with them before they are compared (Chum, Matas and Kittler 2003).
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from spinfilters.attitude.conversions import matrix_from_quaternion, quaternion_from_matrix
+from spinfilters.geometry.absolute_orientation import absolute_orientations, rigid_motions
+from spinfilters.geometry.cameras import stereo_pair
+from spinfilters.tracks.matches import MatchTable
+
+AGREEMENT_PX = 20.0
+"""Within which a match agrees with a rough pose: three triangulated points turn a body by some 0.1 rad, 10 px on its rim."""
+AGREEMENT = 6.0
+"""The same in standard deviations of a pixel, for images with more noise than that."""
+MAP_AGREEMENT = 4.0
+"""Standard deviations of a map's point that come to it: along the line of sight it was seen on, it may be off by its own size."""
+SMALLEST_SHARE = 0.2
+"""Of the matches that must agree with a pose: one in twenty does by chance."""
+CLEAR_SHARE = 0.6
+"""Of the matches: where so many agree with the trimmed fit, no other motion can have as many."""
+TRIPLES = 200
+"""In a batch."""
+RIGHT_TRIPLES = 20
+"""Expected among all that are tried: only some of them are spread well besides."""
+LARGEST_SEARCH = 10
+"""Batches: enough for `RIGHT_TRIPLES` where 22 % of the matches are right."""
+REFINED = 4
+"""Motions of a batch that are fitted to what agrees with them."""
+TRIMS = 2
+REFITS = 3
+SEED = 0
+"""Of the triples, so that the same matches give the same pose."""
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """Matches whose pixels tell a point before the camera.
+
+    Attributes
+    ----------
+    usable: (f, k) which do; elsewhere all else is finite and means nothing.   camera: (f, k, 3) triangulated points, m.
+    """
+
+    usable: Bool[np.ndarray, "f k"]
+    points: Float[np.ndarray, "f k 3"]
+    pixels: Float[np.ndarray, "f k 3"]
+    camera: Float[np.ndarray, "f k 3"]
+    tolerance: Float[np.ndarray, "f k"]
+    spread: Float[np.ndarray, "f k 3 3"] | None
+    calibration: Float[np.ndarray, " c"]
+
+    @classmethod
+    def of(cls, table: MatchTable, calibration: Float[np.ndarray, " c"]) -> "_Seen":
+        camera = stereo_pair(calibration).points_of(table.pixels, calibration)
+        usable = table.given & np.isfinite(camera).all(axis=2) & (camera[..., 2] > 0)
+        pixels, camera = (np.where(usable[..., None], array, 1.0) for array in (table.pixels, camera))
+        tolerance = np.maximum(AGREEMENT_PX, AGREEMENT * table.pixel_std)
+        return cls(usable, table.points, pixels, camera, tolerance, table.covariance, calibration)
+
+    @cached_property
+    def weights(self) -> Float[np.ndarray, "f k"]:
+        """They fall with depth, as its uncertainty grows."""
+        return self.camera[..., 2] ** -4
+
+    def epoch(self, number: int) -> "_Seen":
+        """The usable matches of one epoch."""
+        usable = self.usable[number]
+        names = ("points", "pixels", "camera", "tolerance", "spread")
+        given = {name: getattr(self, name) for name in names}
+        own = {name: None if a is None else a[number][usable][None] for name, a in given.items()}
+        return replace(self, usable=np.ones((1, np.count_nonzero(usable)), dtype=bool), **own)
+
+    def share(self, chosen: Bool[np.ndarray, "f k"]) -> Float[np.ndarray, " f"]:
+        """Of the usable matches."""
+        return np.count_nonzero(chosen, axis=1) / np.maximum(np.count_nonzero(self.usable, axis=1), 1)
+
+    def agreeing(self, poses: Float[np.ndarray, "h 7"]) -> Bool[np.ndarray, "h k"]:
+        """Matches near the pixels that a pose tells; poses are of all epochs, or h of one."""
+        return self.usable & (self.squared_distances(poses) < 1.0)
+
+    def cost(self, poses: Float[np.ndarray, "h 7"]) -> Float[np.ndarray, " h"]:
+        """Sum of squared distances up to a bound, under each of the poses."""
+        return np.minimum(self.squared_distances(poses), 1.0).sum(axis=1)
+
+    def fitted(
+        self, chosen: Bool[np.ndarray, "h k"]
+    ) -> tuple[Float[np.ndarray, "h 7"], Bool[np.ndarray, " h"]]:
+        """Absolute orientations of the chosen matches, and which they determine: four of them at least."""
+        enough = np.count_nonzero(chosen, axis=1) >= 4
+        weights = np.where(chosen | ~enough[:, None], self.weights, 0.0)
+        shape = (*chosen.shape, 3)
+        camera, points = np.broadcast_to(self.camera, shape), np.broadcast_to(self.points, shape)
+        q, t, determined = absolute_orientations(camera, points, weights)
+        return np.concatenate([t, q], axis=1), enough & determined
+
+    def squared_distances(self, poses: Float[np.ndarray, "h 7"]) -> Float[np.ndarray, "h k"]:
+        """Squared distance (u_left, v_left, u_right) of each match under each pose in tolerances, infinite behind the camera."""
+        camera, rotations = stereo_pair(self.calibration), matrix_from_quaternion(poses[:, 3:])
+        at = self.points @ np.swapaxes(rotations, 1, 2) + poses[:, None, :3]
+        away = camera.pixels_of(at, self.calibration) - self.pixels
+        with np.errstate(divide="ignore", invalid="ignore"):
+            squares = np.einsum("hki,hki->hk", away, away) / self.tolerance**2
+            if self.spread is not None:
+                by_point = camera.pixels_by_point(at, self.calibration) @ rotations[:, None]
+                squares = self._squares_in_spread(away, by_point)
+            return np.where(at[..., 2] > 0, squares, np.inf)
+
+    def _squares_in_spread(
+        self, away: Float[np.ndarray, "h k 3"], by_point: Float[np.ndarray, "h k 3 3"]
+    ) -> Float[np.ndarray, "h k"]:
+        """With what the map's points are off by: far along the line of sight they were seen on, little across it."""
+        assert self.spread is not None
+        spread = MAP_AGREEMENT**2 * by_point @ self.spread @ np.swapaxes(by_point, 2, 3)
+        spread += self.tolerance[..., None, None] ** 2 * np.eye(3)
+        return (away * np.linalg.solve(spread, away[..., None])[..., 0]).sum(axis=2)
+
+
+@dataclass(frozen=True)
+class Consensus:
+    """Rough poses (t, q_ig) of f epochs, where there is one, and which matches agree with it.
+
+    Attributes
+    ----------
+    poses: (f, 7).   found: (f,) where matches enough agree.   agreeing: (f, k).
+    """
+
+    poses: Float[np.ndarray, "f 7"]
+    found: Bool[np.ndarray, " f"]
+    agreeing: Bool[np.ndarray, "f k"]
+
+
+def consensus_poses(table: MatchTable, calibration: Float[np.ndarray, " c"]) -> Consensus:
+    """Rough poses of f epochs, those that most of their matches agree on."""
+    seen = _Seen.of(table, calibration)
+    poses, found = _trimmed(seen)
+    unclear = found & (seen.share(seen.agreeing(poses)) < CLEAR_SHARE)
+    for epoch in np.flatnonzero(unclear).tolist():
+        poses[epoch] = _best_of_triples(seen.epoch(epoch))
+    poses = _refined(seen, poses, found)
+    agreeing = seen.agreeing(poses) & found[:, None]
+    return Consensus(poses, found & (seen.share(agreeing) >= SMALLEST_SHARE), agreeing)
+
+
+def _refined(
+    seen: _Seen, poses: Float[np.ndarray, "h 7"], found: Bool[np.ndarray, " h"] | None = None
+) -> Float[np.ndarray, "h 7"]:
+    """Poses fitted again and again to what agrees with them; those that it does not determine stay."""
+    fitted = np.zeros((len(poses), seen.usable.shape[1]), dtype=bool)
+    for _ in range(REFITS):
+        agreeing = seen.agreeing(poses)
+        if found is not None:
+            agreeing &= found[:, None]
+        if np.array_equal(agreeing, fitted):
+            break
+        again, determined = seen.fitted(agreeing)
+        poses, fitted = np.where(determined[:, None], again, poses), agreeing
+    return poses
+
+
+def _trimmed(seen: _Seen) -> tuple[Float[np.ndarray, "f 7"], Bool[np.ndarray, " f"]]:
+    """Absolute orientations, repeated without what disagrees grossly."""
+    keep = seen.usable
+    poses, found = seen.fitted(keep)
+    for _ in range(TRIMS):
+        there = seen.points @ np.swapaxes(matrix_from_quaternion(poses[:, 3:]), 1, 2) + poses[:, None, :3]
+        error = np.linalg.norm(seen.camera - there, axis=2)
+        closer = keep & (error <= 4 * _medians(error, keep)[:, None] + 1e-12)
+        if np.array_equal(closer, keep):
+            break
+        keep = closer
+        poses, determined = seen.fitted(keep)
+        found = found & determined
+    return poses, found
+
+
+def _medians(values: Float[np.ndarray, "f k"], chosen: Bool[np.ndarray, "f k"]) -> Float[np.ndarray, " f"]:
+    """Of the chosen values of each row; infinite where none is."""
+    ordered, counts = np.sort(np.where(chosen, values, np.inf), axis=1), np.count_nonzero(chosen, axis=1)
+    middle = np.stack([np.maximum(counts - 1, 0) // 2, np.minimum(counts // 2, values.shape[1] - 1)], axis=1)
+    return np.take_along_axis(ordered, middle, axis=1).mean(axis=1)
+
+
+def _best_of_triples(seen: _Seen) -> Float[np.ndarray, " 7"]:
+    """The cheapest pose of one epoch, from as many triples as promise `RIGHT_TRIPLES` right ones at the share that agrees."""
+    generator = np.random.default_rng(SEED)
+    best, least = np.zeros(7), np.inf
+    for batch in range(1, LARGEST_SEARCH + 1):
+        poses = _refined(seen, _promising(seen, generator))
+        costs = seen.cost(poses)
+        cheapest = int(np.argmin(costs))
+        if costs[cheapest] < least:
+            best, least = poses[cheapest], float(costs[cheapest])
+        if batch * TRIPLES * float(seen.share(seen.agreeing(best[None]))[0]) ** 3 >= RIGHT_TRIPLES:
+            break
+    return best
+
+
+def _promising(seen: _Seen, generator: np.random.Generator) -> Float[np.ndarray, "r 7"]:
+    """The cheapest motions of a batch of triples."""
+    chosen = generator.random((TRIPLES, seen.points.shape[1])).argpartition(2, axis=1)[:, :3]
+    rotations, shifts = rigid_motions(seen.camera[0][chosen], seen.points[0][chosen])
+    poses = np.concatenate([shifts, quaternion_from_matrix(rotations)], axis=1)
+    return poses[np.argsort(seen.cost(poses))[:REFINED]]

@@ -1,0 +1,71 @@
+"""The table of readers: one file each; one from outside the package reads what the others do not know."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from contracts.plugin import installed_plugin, program_of
+
+import spinfilters
+from spinfilters.data.dataset_reader import TABLE, dataset_readers
+from spinfilters.errors import InputError
+
+DOCS = Path(__file__).parents[2] / "docs" / "how-to"
+PROGRAM = program_of(DOCS / "add-a-reader.md")
+
+
+@pytest.fixture
+def module(tmp_path: Path) -> Iterator[Path]:
+    """The module of the how-to page in an installed distribution, on the path."""
+    with installed_plugin(TABLE, "numpy-gyro = numpy_gyro:READER", PROGRAM, tmp_path) as file:
+        yield file
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    stream = spinfilters.simulate("gyro", seed=1, frames=40, interval=0.1).log.stream("gyro")
+    path = tmp_path / "toss.npy"
+    np.save(path, np.column_stack([stream.time, stream.values]))
+    return path
+
+
+def test_the_documentation_tells_the_order_of_the_readers() -> None:
+    assert [(reader.name, reader.order) for reader in dataset_readers()] == [
+        ("phyphox", 10),
+        ("folder", 90),
+        ("sensor-table", 100),
+    ]
+    page = (DOCS / "add-a-reader.md").read_text().replace("\n", " ")
+    assert "phyphox exports at 10, yours at 50" in page
+    assert "other folders at 90, other files at 100" in page
+
+
+def test_a_file_that_no_reader_recognises_is_refused_with_what_can_be_given(recording: Path) -> None:
+    with pytest.raises(InputError, match=r"give a phyphox export, a folder, a gyro \.csv or a TUM"):
+        spinfilters.load(recording)
+
+
+@pytest.mark.usefixtures("module")
+def test_a_format_from_outside_is_loaded_and_estimated(recording: Path) -> None:
+    dataset = spinfilters.load(recording)
+    assert dataset.kind == "gyro"
+    np.testing.assert_array_equal(dataset.log.stream("gyro").time, np.load(recording)[:, 0])
+    assert spinfilters.compare(recording, estimators="mekf")["mekf"].status != "failed"
+
+
+@pytest.mark.usefixtures("module")
+def test_what_a_format_from_outside_refuses_is_one_line(recording: Path) -> None:
+    np.save(recording, np.zeros((5, 3)))
+    with pytest.raises(InputError, match=r"toss.npy: is of shape \(5, 3\); give columns"):
+        spinfilters.load(recording)
+    with pytest.raises(InputError, match="has no segments"):
+        spinfilters.load(recording, segment=1)
+    with pytest.raises(InputError, match=r"a gyro \.npy"):
+        spinfilters.load(recording.rename(recording.with_suffix(".xyz")))
+
+
+def test_a_name_that_stands_twice_is_refused(module: Path) -> None:
+    module.write_text(PROGRAM.replace('"numpy-gyro"', '"folder"'))
+    with pytest.raises(InputError, match="'folder' is registered twice"):
+        dataset_readers()

@@ -1,0 +1,84 @@
+"""A program that runs all estimators on one kind of data, and prints what was built while a clock ran."""
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from types import ModuleType
+
+import casadi as ca
+
+from spinfilters.data.dataset import Dataset
+from spinfilters.estimators import run
+from spinfilters.pipeline import smoother_run
+from spinfilters.pipeline.estimation import compare_estimators
+from spinfilters.pipeline.estimator_entry import estimator_names
+from spinfilters.pipeline.setup import prepare
+from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
+from spinfilters.symbolic import Compiled, c_library
+from spinfilters.symbolic.c_library import load_loop
+from spinfilters.symbolic.compiled import Loader
+
+running: set[str] = set()
+"""Modules whose clock has been looked at once, and not yet again."""
+looks, built = [0], list[str]()
+
+
+def watch_clock(module: ModuleType) -> None:
+    """Two looks at a module's clock are the begin and the end of a time."""
+    clock: Callable[[], float] = module.working_seconds
+
+    def look() -> float:
+        looks[0] += 1
+        running.symmetric_difference_update({module.__name__})
+        return clock()
+
+    setattr(module, "working_seconds", look)  # noqa: B010
+
+
+def watch_building() -> None:
+    """Of expressions, and of libraries."""
+    construct, building = Compiled.__init__, c_library.building
+
+    def constructed(self: Compiled, function: ca.Function, load: Loader = load_loop) -> None:
+        noted(function.name())
+        construct(self, function, load)
+
+    @contextmanager
+    def watched() -> Iterator[None]:
+        noted("a library")
+        with building():
+            yield
+
+    Compiled.__init__ = constructed
+    c_library.building = watched
+
+
+def noted(name: str) -> None:
+    """Remember what is built at the wrong time."""
+    if running:
+        built.append(name)
+
+
+def dataset(kind: str) -> Dataset:
+    """Forty epochs; "map" and "tracks" are stereo tracks with a map and without."""
+    stereo = kind in {"map", "tracks"}
+    scenario = Scenario(kind="stereo-tracks" if stereo else kind, rate_rpm=RICH_RPM, epochs=40, landmarks=100)
+    found = simulate(scenario)
+    return replace(found, known_map=None) if kind == "tracks" else found
+
+
+def main(kind: str) -> None:
+    """Run, then print."""
+    names = estimator_names() if kind != "tracks" else ("mekf", "ukf", "smoother")
+    settings = Settings(estimators=tuple(names))
+    setup = prepare(dataset(kind), settings)
+    watch_clock(run)
+    watch_clock(smoother_run)
+    watch_building()
+    compare_estimators(setup, settings, lambda name, done, total: None)
+    print(f"{looks[0]} looks at clocks; built while they ran: {', '.join(built) or 'nothing'}")
+
+
+main(sys.argv[1])

@@ -1,0 +1,104 @@
+"""Verdicts on what gates refuse: nominal noise is never doubted for it, however long the recording; a fault is."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from jaxtyping import Bool
+
+from spinfilters.estimators.history import EstimateHistory
+from spinfilters.estimators.robust.outlier_rejection import RobustOptions
+from spinfilters.evaluation.evaluation import Evaluation, evaluate
+from spinfilters.pipeline.diagnostics import with_verdict
+from spinfilters.pipeline.estimation import compare_estimators
+from spinfilters.pipeline.setup import prepare
+from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
+from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
+from spinfilters.state.status import EstimatorStatus, Verdict
+
+LAYOUT = StateLayout(ROTATION_BLOCKS)
+FALSE_ALARM = 1e-4
+
+
+@cache
+def nominal(epochs: int) -> Evaluation:
+    """A run of a consistent filter that refused nothing."""
+    e, accepted = LAYOUT.error_dim, np.ones(epochs, dtype=int)
+    return evaluate(
+        EstimateHistory(
+            name="mekf",
+            layout=LAYOUT,
+            time=0.01 * np.arange(epochs),
+            mean=np.broadcast_to(LAYOUT.origin(), (epochs, LAYOUT.mean_dim)),
+            factor=np.broadcast_to(0.01 * np.eye(e), (epochs, e, e)),
+            nis=3.0 * accepted,
+            dof=3 * accepted,
+            log_likelihood=np.zeros(epochs),
+            accepted=accepted,
+            rejected=0 * accepted,
+            runtime=np.ones(epochs),
+            status=EstimatorStatus(),
+        )
+    )
+
+
+def verdict(refused: Bool[np.ndarray, " n"], values: int = 1, false_alarm: float = FALSE_ALARM) -> Verdict:
+    """On a run of a consistent filter some of whose epochs were refused as a whole."""
+    evaluation, accepted = nominal(len(refused)), np.where(refused, 0, values)
+    history = replace(
+        evaluation.history,
+        nis=3.0 * accepted,
+        dof=3 * accepted,
+        accepted=accepted,
+        rejected=values - accepted,
+    )
+    return with_verdict(replace(evaluation, history=history), [], [], false_alarm).verdict
+
+
+def chosen(epochs: int, *rows: int) -> Bool[np.ndarray, " n"]:
+    """Some of so many epochs."""
+    result = np.zeros(epochs, dtype=bool)
+    result[list(rows)] = True
+    return result
+
+
+@pytest.mark.parametrize("epochs", [100, 3000, 120_000])
+def test_the_gates_own_false_alarms_are_no_doubt_at_any_length(epochs: int) -> None:
+    for seed in range(8):
+        refused = np.random.default_rng(seed).random(epochs) < FALSE_ALARM
+        assert verdict(refused) is Verdict.OK
+
+
+@pytest.mark.parametrize("epochs", [3000, 120_000])
+def test_one_epoch_in_a_hundred_refused_is_doubted(epochs: int) -> None:
+    assert verdict(np.random.default_rng(0).random(epochs) < 0.01) is Verdict.DEGRADED
+
+
+def test_refusals_a_few_times_as_frequent_as_false_alarms_are_doubted_in_a_long_recording() -> None:
+    assert verdict(np.random.default_rng(0).random(120_000) < 4 * FALSE_ALARM) is Verdict.DEGRADED
+
+
+@pytest.mark.parametrize("epochs", [400, 120_000])
+def test_a_burst_of_three_refused_epochs_is_doubted(epochs: int) -> None:
+    assert verdict(chosen(epochs, 200, 201, 202)) is Verdict.DEGRADED
+
+
+def test_a_single_refused_frame_of_many_values_is_doubted() -> None:
+    assert verdict(chosen(120_000, 77), values=30) is Verdict.DEGRADED
+
+
+def test_any_refused_epoch_is_doubted_where_there_is_no_gate() -> None:
+    assert verdict(chosen(120_000, 77), false_alarm=0.0) is Verdict.DEGRADED
+
+
+@pytest.mark.parametrize("kind", ["gyro", "pose"])
+def test_nominal_data_are_not_doubted_for_what_a_narrow_gate_refuses(kind: str) -> None:
+    scenario = Scenario(kind=kind, rate_rpm=RICH_RPM, epochs=300, interval=0.2, seed=1)
+    settings = Settings(estimators=("mekf", "smoother"), robust=RobustOptions(gate_probability=0.97))
+    settings = replace(settings, smoother=replace(settings.smoother, width=3.5))
+    comparison = compare_estimators(prepare(simulate(scenario), settings), settings, lambda *_: None)
+    for evaluation in comparison.evaluations:
+        assert evaluation.history.rejected.sum() > 0
+        assert not [reason for reason in evaluation.history.status.reasons if "told nothing" in reason]

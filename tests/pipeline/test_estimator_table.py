@@ -1,0 +1,72 @@
+"""The table of estimators: one file each; one from outside the package joins comparisons."""
+
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from spinfilters.cli.main import main
+from spinfilters.errors import InputError
+from spinfilters.pipeline.estimator_entry import TABLE, estimator_entries, estimator_names
+from spinfilters.runs.run_summary import read_summary
+from spinfilters.settings.run_settings import DEFAULT_ESTIMATORS, Settings
+
+HOW_TO = Path(__file__).parents[2] / "docs" / "how-to" / "add-an-estimator.md"
+PROGRAM = re.findall(r"^```python\n(.*?)^```", HOW_TO.read_text(), re.MULTILINE | re.DOTALL)[0]
+
+
+@pytest.fixture
+def distribution(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """An installed distribution with the module of the how-to page, on the path."""
+    information = tmp_path / "site" / "open_loop-1.0.dist-info"
+    information.mkdir(parents=True)
+    (information / "METADATA").write_text("Metadata-Version: 2.1\nName: open-loop\nVersion: 1.0\n")
+    (information / "entry_points.txt").write_text(
+        "[spinfilters.estimators]\nopen-loop = open_loop:ESTIMATOR\n"
+    )
+    (information.parent / "open_loop.py").write_text(PROGRAM)
+    monkeypatch.syspath_prepend(str(information.parent))
+    TABLE.reload()
+    yield information
+    monkeypatch.undo()
+    sys.modules.pop("open_loop", None)
+    TABLE.reload()
+
+
+def test_the_table_has_ours_before_the_baselines_and_the_defaults_among_them() -> None:
+    ours, baselines = ("mekf", "ukf", "smoother"), ("filterpy-ekf", "filterpy-ukf")
+    assert estimator_names() == (*ours, *baselines, "embedded", "embedded-double")
+    assert tuple(n for n, entry in estimator_entries().items() if entry.is_default) == DEFAULT_ESTIMATORS
+
+
+@pytest.mark.usefixtures("distribution")
+def test_an_estimator_from_outside_is_compared_interrupted_and_resumed(tmp_path: Path) -> None:
+    data, run = str(tmp_path / "data"), tmp_path / "run"
+    assert main(["simulate", "-o", data, "--kind", "gyro", "--rate-rpm", "4", "9", "3"]) == 0
+    assert main(["compare", data, "-o", str(run), "--estimators", "mekf,open-loop"]) == 0
+    estimators = read_summary(run)["estimators"]
+    assert list(estimators) == ["mekf", "open-loop"]
+    assert estimators["mekf"]["status"] == "ok"
+    counts = estimators["open-loop"]["measurements"]
+    assert counts["accepted"] == 0 < counts["rejected"]
+    assert (run / "open-loop" / "trajectory.csv").is_file()
+    assert main(["compare", data, "-o", str(run), "--estimators", "mekf,open-loop", "--resume"]) == 0
+    assert read_summary(run)["estimators"]["open-loop"]["measurements"] == counts
+
+
+def test_an_estimator_that_is_not_installed_is_refused_with_the_names_of_all() -> None:
+    with pytest.raises(InputError, match=r"open-loop.*choose from mekf, ukf, smoother, filterpy-ekf"):
+        Settings(estimators=("open-loop",))
+
+
+def test_a_name_that_stands_twice_is_refused(distribution: Path) -> None:
+    module = distribution.parent / "open_loop.py"
+    module.write_text(
+        PROGRAM.replace('    name = "open-loop"\n    is_base', '    name = "mekf"\n    is_base')
+    )
+    sys.modules.pop("open_loop", None)
+    TABLE.reload()
+    with pytest.raises(InputError, match="'mekf' is registered twice"):
+        estimator_entries()

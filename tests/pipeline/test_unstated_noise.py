@@ -1,0 +1,77 @@
+"""Noise that nobody states is identified and said to be; what is stated is used as it is."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.measurement_log import MeasurementLog
+from spinfilters.models.process import ProcessNoise
+from spinfilters.pipeline.estimation import Comparison, compare_estimators
+from spinfilters.pipeline.setup import prepare
+from spinfilters.runs.run_summary import summary
+from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
+
+TRUE = {"pose_position_std": 0.002, "pose_rotation_std": 0.004, "force_psd": 1e-5, "torque_psd": 1e-5}
+
+
+@cache
+def recording(seed: int) -> Dataset:
+    """Poses that say nothing of their noise, five times smaller than the default, and disturbances of ten times."""
+    scenario = Scenario(
+        kind="pose",
+        rate_rpm=RICH_RPM,
+        epochs=100,
+        interval=0.5,
+        seed=seed,
+        position_std=TRUE["pose_position_std"],
+        rotation_std=TRUE["pose_rotation_std"],
+        noise=ProcessNoise(TRUE["force_psd"], TRUE["torque_psd"]),
+    )
+    dataset = simulate(scenario)
+    streams = tuple(replace(stream, covariance=None) for stream in dataset.log.streams)
+    options = replace(dataset.options, force_psd=None, torque_psd=None, sensor_noise={})
+    return replace(dataset, log=MeasurementLog(streams), options=options)
+
+
+def compared(dataset: Dataset, settings: Settings) -> Comparison:
+    """MEKF and smoother."""
+    settings = replace(settings, estimators=("mekf", "smoother"))
+    return compare_estimators(prepare(dataset, settings), settings, lambda *_: None)
+
+
+def test_the_summary_says_what_was_identified_with_its_deviation() -> None:
+    noise = summary(compared(recording(0), Settings()))["estimators"]["mekf"]["noise"]
+    for name, true in TRUE.items():
+        assert noise[name]["source"] == "identified"
+        assert abs(noise[name]["value"] - true) < 4 * noise[name]["std"] + 0.3 * true * name.endswith("psd")
+
+
+def test_estimates_with_identified_noise_are_consistent() -> None:
+    mean = np.zeros(2)
+    for seed in range(4):
+        for k, evaluation in enumerate(compared(recording(seed), Settings()).evaluations):
+            assert evaluation.history.status.verdict == "ok", evaluation.history.status.reasons
+            assert evaluation.nees is not None
+            own = evaluation.history.own
+            total = sum(block[own].mean() for block in evaluation.nees.blocks.values())
+            mean[k] += total / evaluation.history.layout.error_dim / 4
+    assert (mean > 0.6).all()
+    assert (mean < 1.6).all()
+
+
+@pytest.mark.parametrize("by", ["settings", "data set"])
+def test_what_is_stated_is_used_as_it_is(by: str) -> None:
+    dataset, settings = recording(0), Settings()
+    if by == "settings":
+        settings = Settings(sensors={"pose_position_std": 0.02}, process={"torque_psd": 3e-6})  # pyright: ignore[reportArgumentType]
+    else:
+        told = replace(dataset.options, sensor_noise={"pose_position_std": 0.02}, torque_psd=3e-6)
+        dataset = replace(dataset, options=told)
+    noise = summary(compared(dataset, settings))["estimators"]["smoother"]["noise"]
+    assert noise["pose_position_std"] == {"value": 0.02, "std": None, "source": "stated"}
+    assert noise["torque_psd"] == {"value": 3e-6, "std": None, "source": "stated"}
+    assert noise["pose_rotation_std"]["source"] == "identified"

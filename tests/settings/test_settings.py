@@ -1,0 +1,148 @@
+"""Settings and their TOML."""
+
+from pathlib import Path
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+import pytest
+
+from spinfilters.data.atomic_write import write_toml
+from spinfilters.data.number_range import NumberRange
+from spinfilters.errors import InputError
+from spinfilters.estimators.initialisation.options import InitialisationOptions
+from spinfilters.settings.run_settings import (
+    ProcessSettings,
+    SensorSettings,
+    Settings,
+    TruthValue,
+    read_settings,
+    settings_from,
+)
+
+TABLES = [name for name in Settings().document if name != "estimators"]
+
+
+def test_defaults_survive_their_file(tmp_path: Path) -> None:
+    write_toml(tmp_path / "config.toml", Settings().document)
+    assert read_settings(tmp_path / "config.toml") == Settings()
+
+
+def test_an_empty_document_is_the_defaults() -> None:
+    assert settings_from({}, "test") == Settings()
+
+
+OTHER_NAMES = {
+    "mode": "window",
+    "gauge": "standard",
+    "precision": "float32",
+    "loss": "huber",
+    "gate_probability": 0.99,
+    "shape": 1.0,
+    "tolerance": 1e-3,
+}
+"""Of settings that cannot take one more than their default."""
+
+
+def another(key: str, default: bool | float | str) -> bool | float | str:
+    if key in OTHER_NAMES:
+        return OTHER_NAMES[key]
+    if isinstance(default, bool):
+        return not default
+    return 0.5 if isinstance(default, str) else default + 1
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_every_setting_is_taken_from_its_table(table: str) -> None:
+    for key, default in Settings().document[table].items():
+        changed = another(key, default)
+        assert settings_from({table: {key: changed}}, "test").document[table][key] == changed
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "value"),
+    [
+        ("smoother", "width", -2.0),
+        ("smoother", "mode", "sliding"),
+        ("robust", "loss", "soft"),
+        ("landmarks", "gauge", 3),
+        ("landmarks", "modes", 2.5),
+    ],
+)
+def test_a_setting_that_cannot_be_is_named(table: str, key: str, value: object) -> None:
+    with pytest.raises(InputError, match=rf"test: .*{key}"):
+        settings_from({table: {key: value}}, "test")
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_an_unknown_key_is_named_with_those_that_exist(table: str) -> None:
+    with pytest.raises(
+        InputError,
+        match=rf"test: unknown key {table}\.speed; known are {next(iter(Settings().document[table]))}",
+    ):
+        settings_from({table: {"speed": 1.0}}, "test")
+
+
+def test_a_whole_number_is_good_for_a_real_one() -> None:
+    assert settings_from({"process": {"force_psd": 1}}, "test").process.force_psd == 1.0
+
+
+def test_provenance_of_another_run_is_not_a_setting() -> None:
+    assert settings_from({"provenance": {"python": "2.7"}}, "test") == Settings()
+
+
+def test_tables_may_be_mappings_of_their_keys() -> None:
+    given = Settings(sensors={"pixel_std": 0.5}, smoother={"mode": "window"})  # pyright: ignore[reportArgumentType]
+    assert given == settings_from({"sensors": {"pixel_std": 0.5}, "smoother": {"mode": "window"}}, "test")
+    assert given.sensors == SensorSettings(pixel_std=0.5)
+
+
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        (
+            {"sensors": {"pixel_std": -1.0}},
+            'sensors.pixel_std is -1.0; give "auto" or a number from 1e-12 to',
+        ),
+        ({"sensors": SensorSettings(pixel_std=-1.0)}, "sensors.pixel_std is -1.0; give"),
+        (
+            {"initialisation": InitialisationOptions(epochs=10**7)},
+            "initialisation.epochs is 10000000; give a whole number from 1 to 100000",
+        ),
+        ({"process": {"drag": 1}}, "process.drag is 1; give true or false"),
+        ({"process": 3}, r"process is 3; it must be a table \[process\]"),
+        ({"landmarks": {"precision": 3}}, "landmarks.precision is 3; give a name"),
+        ({"estimators": ("mekf", 1)}, "estimators holds 1; give a list of names"),
+        ({"estimators": "mekf"}, "estimators is 'mekf'; give a list of names"),
+        ({"ukf": {"gamma": 1}}, "unknown key ukf.gamma; known are alpha, beta, kappa"),
+    ],
+)
+def test_settings_made_in_python_are_validated_as_those_of_a_file(values: dict[str, Any], says: str) -> None:
+    with pytest.raises(InputError, match=f"^{says}"):
+        Settings(**values)
+
+
+@pytest.mark.parametrize("key", ["self", "__dataclass_self__", "kind", "a\nb"])
+def test_a_key_of_any_name_is_refused_in_one_line(key: str) -> None:
+    with pytest.raises(InputError, match=r"test: unknown key 'a?[^\n]*'; known are estimators"):
+        settings_from({key: 1}, "test")
+
+
+def test_every_number_of_the_settings_has_a_range() -> None:
+    for table, kind in get_type_hints(Settings, include_extras=True).items():
+        for key, hint in get_type_hints(kind, include_extras=True).items() if table != "estimators" else ():
+            members = (
+                get_args(hint) if get_origin(hint) is UnionType or get_origin(hint) is Union else (hint,)
+            )
+            for member in members:
+                told = any(isinstance(each, NumberRange | TruthValue) for each in get_args(member))
+                assert told or member is str or get_origin(member) is Literal, f"{table}.{key}"
+
+
+@pytest.mark.parametrize("default", [Settings(), Settings(process=ProcessSettings())])
+def test_defaults_need_no_validation(default: Settings) -> None:
+    assert default._validated() == {}
+
+
+def test_a_keyword_that_is_no_table_is_a_mistake_of_the_program() -> None:
+    with pytest.raises(TypeError, match="speed"):
+        Settings(speed=1)  # pyright: ignore[reportCallIssue]
