@@ -1,1 +1,1 @@
-"""What sensors can determine of a motion, proved exactly and said in words, and how well: see this folder's README."""
+"""Observability analysis, proved exactly and said in words. See this folder's README."""

@@ -1,4 +1,7 @@
-"""What is proved: an exact rank from below; from above the symmetries or, of a steady motion, the order of its linear equation."""
+"""Certificate of observability.
+
+An exact rank from below; from above the symmetries or, of a steady motion, the order of its linear equation.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""How well conditioned the covariance of process noise is, and by what to divide a state so that it is best.
+"""Condition number of the process-noise covariance, and the best scaling of a state.
 
 Noise that enters a velocity and is integrated once more gives position and velocity uncertainties whose ratio grows with the time
 step. With x1 = r, x2 = v / alpha the covariance after dt of unit noise is (Tweddle 2013, Eq. 4.118)

@@ -1,4 +1,4 @@
-"""The same power series as CasADi expressions: Lie derivatives and gradients to look at, to count, or to compile."""
+"""Lie derivatives and gradients as CasADi expressions. To look at, to count, or to compile."""
 
 from dataclasses import dataclass
 from typing import NamedTuple

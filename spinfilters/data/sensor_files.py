@@ -1,4 +1,4 @@
-"""The table of a sensor in a data set folder: read and written as its format says."""
+"""Sensor tables of a data set folder, read and written as their format says."""
 
 from pathlib import Path
 

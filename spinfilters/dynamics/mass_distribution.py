@@ -1,4 +1,6 @@
-"""Mass distribution: five numbers of which every value is a physical body, and what follows from them.
+"""Mass distribution of a rigid body in five unconstrained numbers.
+
+Every value is a physical body; moments and axes follow from them.
 
 The second-moment matrix about the centre of mass, S = integral of p p' dm, is L L' with L lower triangular and of unit
 determinant. ``s = (l_1, l_2, l_21, l_31, l_32)``: exp(l_1), exp(l_2), exp(-l_1 - l_2) stand on the diagonal of L and l_ij below

@@ -1,4 +1,4 @@
-"""Angle by which a torque-free body has turned about its angular momentum: the integral of the third kind.
+"""Rotation of a torque-free body about its angular momentum (elliptic integral of the third kind).
 
 Let e be the signed axis C of the polhode, h the momentum in body axes, and S the smallest rotation that takes
 e to h / |h|. Then R_ib(t) = M Rot(e, psi(t)) S(t)' with a constant M, and the twist psi obeys

@@ -1,4 +1,4 @@
-"""The polhode: the closed curve in body axes on which the rate of a torque-free body moves for ever.
+"""Polhode: the closed curve of a torque-free body's rate in body axes.
 
 It is the intersection of the momentum and energy ellipsoids (Tweddle 2013, Eqs 2.78-2.81). With axis C the
 one that the curve goes round, A the opposite extreme axis and B the intermediate one, it is

@@ -1,4 +1,4 @@
-"""Exact torque-free motion of a rigid body: rate and attitude in closed form, the oracle of every integrator.
+"""Exact torque-free motion of a rigid body in closed form. Rate and attitude, the reference of every integrator.
 
 Jacobi (1849); Landau and Lifshitz, Mechanics, section 37. The rate is in `euler_rates`, the turn about the
 angular momentum in `momentum_twist`; this file joins them into an attitude and treats the rates that stay

@@ -1,4 +1,4 @@
-"""What a belief says of the body: principal moments and axes, centre of mass, drag, with uncertainties.
+"""Body properties of a belief: moments, axes, centre of mass, drag, with uncertainties.
 
 The state holds the mass distribution in axes g (`spinfilters.dynamics.mass_distribution`); principal moments
 are the eigenvalues of J and principal axes its eigenvectors. Covariances of what is well known are of first order,

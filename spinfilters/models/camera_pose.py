@@ -1,4 +1,4 @@
-"""Pose of the camera in frame i at an epoch, as parameters of its measurements: none where it rests, seven where it moves."""
+"""Camera pose in frame i as parameters of a measurement. None where the camera rests, seven where it moves."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""A true motion from kick to kick: noise-free steps between white disturbances, many of them in one compiled call."""
+"""Simulated true motion under white disturbances. Noise-free steps between them, many in one compiled call."""
 
 from functools import lru_cache
 

@@ -1,4 +1,4 @@
-"""The gauge of the geometric frame: moving g against the body changes every number of the state and nothing that is measured.
+"""Gauge of the geometric frame g. Moving g against the body changes every number of the state and no measurement.
 
 A move (theta, rho) takes a point p_g to R(theta) p_g + rho. With it
 

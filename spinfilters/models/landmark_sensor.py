@@ -1,4 +1,4 @@
-"""A sensor that sees landmarks which an estimator holds in its state: also differentiated by, and solved for, the landmark."""
+"""Sensor model of landmarks that an estimator holds in its state. Also differentiated by, and solved for, the landmark."""
 
 from abc import abstractmethod
 from functools import cached_property

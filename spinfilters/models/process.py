@@ -1,4 +1,4 @@
-"""The process model: a torque-free rigid body seen through a geometric frame, with exact transition and noise.
+"""Process model of a torque-free rigid body with a geometric frame. With exact transition and noise.
 
 Continuous model (`spinfilters.conventions` defines the blocks), with white accelerations n_v, n_w of given densities:
 

@@ -1,4 +1,4 @@
-"""Runge-Kutta 4 of the rotation with its error transition and noise covariance, step-doubled until a tolerance is met.
+"""Rotation integrator: Runge-Kutta 4 with error transition and noise covariance. Step-doubled until a tolerance is met.
 
 Only attitude and rate need an integrator: the centre of mass moves in closed form. One substep, written in SX, advances
 (q, w), the transition Psi of the error (a, w) with respect to itself, its sensitivity Theta to the constants (inertia and
@@ -40,7 +40,7 @@ SHARED = {"cse": True}
 
 
 class IntegrationError(SpinfiltersError, np.linalg.LinAlgError):
-    """A step that the budget of substeps does not resolve: a matrix of it would be wrong, as one that cannot be factorised."""
+    """A step that the budget of substeps does not resolve. Its matrices would be wrong, like one that cannot be factorised."""
 
 
 class RotationIntegrator:

@@ -1,4 +1,4 @@
-"""The scene: the camera, the body with its landmarks and principal axes at some times, and its path."""
+"""Scene figure: camera, body with landmarks and principal axes, and its path."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""One figure that says how the body spins, how well that is known, and what it cost."""
+"""Summary figure: how the body spins, how well that is known, and the cost."""
 
 from collections.abc import Sequence
 from textwrap import wrap

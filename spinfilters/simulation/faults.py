@@ -1,4 +1,4 @@
-"""What goes wrong with measurements: seeded faults of a data set. The truth, the map and what was not hit stay as they are."""
+"""Seeded measurement faults of a data set. The truth, the map and what was not hit stay as they are."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence

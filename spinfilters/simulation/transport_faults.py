@@ -1,4 +1,4 @@
-"""In which order, and when, measurements reach an estimator that runs while they are taken: late, twice, out of order.
+"""Transport faults: late, duplicate and out-of-order measurements.
 
 A `MeasurementLog` is in the order of time stamps. A schedule is in the order of arrival, so it can hold what a log cannot.
 """

@@ -1,4 +1,4 @@
-"""Layout of a state: which blocks it holds in which order, and how its points and errors meet."""
+"""State layout: blocks in order, and the retraction of errors."""
 
 import builtins
 from dataclasses import dataclass

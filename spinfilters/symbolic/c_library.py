@@ -1,4 +1,4 @@
-"""C text, of CasADi functions above all, compiled once and cached by a hash of everything that shapes it."""
+"""Compiled C libraries, cached by a hash of everything that shapes them."""
 
 import ctypes
 import hashlib

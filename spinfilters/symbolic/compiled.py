@@ -1,4 +1,4 @@
-"""A CasADi function called on NumPy arrays, vectorised over leading axes, in C where a compiler is there."""
+"""CasADi functions called on NumPy arrays, vectorised over leading axes. In C where a compiler is there."""
 
 import ctypes
 import math

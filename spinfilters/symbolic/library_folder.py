@@ -1,4 +1,6 @@
-"""The folder of compiled libraries: whoever can write there runs code as its user, so it is the user's alone or not used.
+"""Private folder of compiled libraries.
+
+Whoever can write there runs code as its user, so it is the user's alone or not used.
 
 Nobody but the user (and root, who may do anything) can then put a file there or exchange one between a look at it and its use.
 """

@@ -1,4 +1,4 @@
-"""The instruction tape of a CasADi function written out as C whose inner loop runs over items, side by side."""
+"""SIMD code generator: a CasADi function's tape as C over items side by side."""
 
 from collections.abc import Callable, Iterable
 from itertools import accumulate, pairwise

@@ -1,4 +1,4 @@
-"""A CasADi function of scalars evaluated for many items side by side, in the lanes of vector instructions.
+"""Vectorised (SIMD) evaluation of CasADi functions of scalars.
 
 CasADi's own C handles one item after the other. Here the instruction tape of the same expression is written out as the body of a
 loop that a compiler turns into vector instructions: no formula is typed twice, and every operation rounds as in CasADi's virtual
@@ -90,7 +90,7 @@ class Vectorised:
 
 
 class Scan:
-    """A state that begins somewhere, is turned again and again, and is read at the end, for many items side by side.
+    """Scan: an initial state, a repeated body, and an output, for many items side by side.
 
     Every input and output is a column of numbers, of an item (k, n), or of all of them (1, n).
 

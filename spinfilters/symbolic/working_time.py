@@ -1,4 +1,4 @@
-"""Seconds of work, in which building a function does not count: a library is built once, and never by what is timed."""
+"""Working time without the building of functions. A library is built once, and never by what is timed."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,4 +1,7 @@
-"""Poses and a map from stereo tracks alone, by turns: an epoch's pose from the map so far, its observations into the map."""
+"""Poses and a map from stereo tracks alone, in alternation.
+
+An epoch's pose from the map so far, its observations into the map.
+"""
 
 from collections.abc import Sequence
 from typing import NamedTuple

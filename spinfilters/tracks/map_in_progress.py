@@ -12,7 +12,7 @@ CHOSEN, RIVAL = 0, 1
 
 @dataclass
 class MapInProgress:
-    """Sums of information of every landmark: its point is the information-weighted mean of the observations that agree.
+    """Information sums of every landmark. Its point is the information-weighted mean of the observations that agree.
 
     An observation is poor along its line of sight, so points seen from several sides are far better than any one observation. Each
     landmark has two candidates. An observation joins the chosen one if it agrees with it, else the rival, else it becomes the

@@ -1,4 +1,4 @@
-"""Points of a map and the pixels where they are taken to be seen, of one epoch and of many side by side."""
+"""Matches of map points with pixels, of one epoch or of many."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

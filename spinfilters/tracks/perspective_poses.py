@@ -1,4 +1,4 @@
-"""Perspective pose (PnP): the pose of a known map from one image, with wrong matches among them.
+"""Perspective pose (PnP) of a known map from one image with outliers.
 
 Hypotheses are the up to four poses of random triples (P3P after Grunert 1841, in the form of Haralick et al. 1994, Eqs 4-13), the
 best by the cost of Torr and Zisserman 2000 is refined by Gauss-Newton on the sensor's own model.

@@ -1,4 +1,4 @@
-"""Noise of the pixels of stereo tracks, from pairs of views: what a rigid motion between two of them leaves over."""
+"""Pixel noise of stereo tracks from pairs of views. From the residuals of the rigid motion between two of them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

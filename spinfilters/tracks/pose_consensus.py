@@ -1,4 +1,4 @@
-"""First poses from matches of which many may be wrong: the rigid motion that most matches of an epoch agree on.
+"""RANSAC poses: the rigid motion that most matches of an epoch agree on.
 
 A least-squares fit that is trimmed twice is tried first, for all epochs at once. Where too few matches agree with it, motions of
 random triples are tried (RANSAC, Fischler and Bolles 1981, with the cost of Torr and Zisserman 2000: squared pixels up to a bound).

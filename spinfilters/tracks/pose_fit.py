@@ -1,4 +1,4 @@
-"""Poses from a stereo pair's pixels and a map: what most matches of an epoch agree on, then Gauss-Newton, many epochs at once."""
+"""Pose fit of stereo pixels to a map: RANSAC, then Gauss-Newton, for many epochs at once."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

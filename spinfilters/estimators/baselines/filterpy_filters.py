@@ -1,4 +1,4 @@
-"""Textbook additive EKF and UKF, straight from filterpy, on the same process and sensors: a measure for the multiplicative ones.
+"""Additive EKF and UKF of filterpy as baselines. On the same process and sensors as the multiplicative filters.
 
 Their state is one vector of plain numbers (`spinfilters.estimators.filters.global_coordinates`), their measurement all rows of
 an epoch stacked,
@@ -114,7 +114,7 @@ class FilterpyEkf(FilterpyFilter):
 
 
 class _ChartEkf(ExtendedKalmanFilter):
-    """filterpy's filter with a nonlinear prediction of the mean, by the overriding that filterpy documents for it."""
+    """filterpy's EKF with a nonlinear prediction of the mean. By the override that filterpy documents for it."""
 
     after: Float[np.ndarray, " n"]
 
@@ -134,7 +134,7 @@ class FilterpyUkf(FilterpyFilter):
         super().__init__(process, self._ukf)
 
     def _moved(self, xi: Float[np.ndarray, " n"], dt: float) -> Float[np.ndarray, " n"]:
-        """One sigma point dt seconds later, on the branch that it reaches continuously, as the mean does."""
+        """One sigma point dt seconds later. On the branch that it reaches continuously, as the mean does."""
         return self._chart.coordinates(self.process.step(self._chart.point(xi), dt))
 
     def _advance(

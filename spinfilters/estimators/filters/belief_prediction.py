@@ -1,4 +1,4 @@
-"""A belief carried ahead of the last measurement, with the covariance that the motion and its disturbances give it.
+"""Prediction of a belief beyond the last measurement. The covariance grows by the motion and its disturbances.
 
 Step by step, with the transition F of the multiplicative error and the noise Q = G G' of `ProcessModel.linearise`,
 

@@ -1,4 +1,7 @@
-"""A state as one vector of plain numbers, the way a textbook filter holds it: attitude as its total 4 x MRP, the rest as it is."""
+"""Global coordinates of a state, as a textbook filter holds it.
+
+One vector of plain numbers: attitude as its total 4 x MRP, the rest as it is.
+"""
 
 from functools import cache, cached_property
 
@@ -23,7 +26,9 @@ def global_coordinates(layout: StateLayout) -> "GlobalCoordinates":
 
 
 class GlobalCoordinates:
-    """Coordinates xi (error_dim,) of the points of a layout: the 4 x MRP of q_ig, the numbers s, every other block itself.
+    """Global coordinates xi (error_dim,) of the states of a layout.
+
+    The 4 x MRP of q_ig, the numbers s, every other block itself.
 
     Errors of xi add; about a point they are C = d xi / d d times the layout's multiplicative error d, to first order. An attitude
     has two MRPs; which one is meant follows from the sign of the quaternion, which no step or sensor flips.
@@ -33,7 +38,10 @@ class GlobalCoordinates:
         self.layout = layout
 
     def coordinates(self, x: Float[np.ndarray, "*batch m"]) -> Float[np.ndarray, "*batch n"]:
-        """xi of points, on the MRP's branch of their quaternion's sign: |a| <= 4 where q_4 >= 0; singular at q_4 = -1."""
+        """Global coordinates of states.
+
+        On the MRP's branch of their quaternion's sign: |a| <= 4 where q_4 >= 0; singular at q_4 = -1.
+        """
         return self._coordinates(x)[0]
 
     def point(self, xi: Float[np.ndarray, "*batch n"]) -> Float[np.ndarray, "*batch m"]:
@@ -54,7 +62,10 @@ class GlobalCoordinates:
         return switched, jacobian @ covariance @ jacobian.T
 
     def from_belief(self, belief: Gaussian) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
-        """Mean and covariance of the coordinates, |a| <= 4. What a later switch to the shadow needs is built here."""
+        """Mean and covariance of a belief in global coordinates,
+
+        a| <= 4. | What a later switch to the shadow set needs is built here.
+        """
         if self.layout.has(ATTITUDE):
             self._shadow.build()
         x = belief.mean.copy()

@@ -89,7 +89,7 @@ def iterate(
 def agrees(
     residual: Float[np.ndarray, " k"], expected: Float[np.ndarray, " k"], options: IterationOptions
 ) -> bool:
-    """Whether a residual is what its linear model expected, so that the model's least is the objective's.
+    """Whether a residual is as small as its linear model predicted. The linear model's minimum is then the objective's.
 
     A residual that is off by e moves the least by |U^-T H' e| <= |e| standard deviations of what is left.
     """
@@ -100,7 +100,10 @@ def agrees(
 def _searched(
     objective: Objective, y: Float[np.ndarray, " r"], value: float, target: Float[np.ndarray, " r"]
 ) -> tuple[Float[np.ndarray, " r"], float]:
-    """A point on the way to the target where the objective has fallen, and its value; y itself where none is found."""
+    """Backtracking line search towards the target.
+
+    A point where the objective has fallen, and its value; y itself where none is found.
+    """
     share = 1.0
     for _ in range(HALVINGS + 1):
         trial = target if share == 1.0 else y + share * (target - y)

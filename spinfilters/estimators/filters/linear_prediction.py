@@ -11,7 +11,7 @@ from spinfilters.estimators.filters.square_root_update import MeasurementPredict
 
 @dataclass(frozen=True)
 class LinearRows:
-    """The usable values of a measurement about a point, whitened: innovation = jacobian @ error[columns] + unit noise.
+    """Whitened linearised innovations of a measurement's usable values. innovation = jacobian @ error[columns] + unit noise.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class LinearRows:
         )
 
     def weighted(self, weights: Float[np.ndarray, " k"]) -> "LinearRows":
-        """Rows as if the noise had a covariance of 1/weight; those of weight 0 are left out."""
+        """Rows with their noise covariance divided by the weights. Those of weight 0 are left out."""
         used = weights > 0
         rows = self if used.all() else self.only(used)
         root = np.sqrt(weights[used])
@@ -70,7 +70,7 @@ class LinearRows:
     def predicted(
         self, factor: Float[np.ndarray, "n r"], error: Float[np.ndarray, " n"] | None = None
     ) -> MeasurementPrediction:
-        """The prediction by a state whose error has a covariance factor and a mean, None for zero."""
+        """Predicted innovations of a state of uncertain error. The error has a covariance factor and a mean, None for zero."""
         rho, jacobian = self.innovation.reshape(-1), self.jacobian.reshape(-1, self.jacobian.shape[2])
         if error is not None:
             rho = rho - jacobian @ error[self.columns]
@@ -95,7 +95,7 @@ def linear_prediction(
     factor: Float[np.ndarray, "n r"],
     error: Float[np.ndarray, " n"] | None = None,
 ) -> tuple[MeasurementPrediction, int]:
-    """Whitened prediction linearised at ``x``, and how many of the values it uses (valid and finite ones).
+    """Whitened prediction linearised at ``x``, and its number of usable values. Usable are valid and finite ones.
 
     Parameters
     ----------
@@ -119,6 +119,6 @@ def usable(values: Float[np.ndarray, "k r"], valid: Bool[np.ndarray, " k"]) -> B
 
 
 def _sliced(columns: list[int]) -> list[int] | slice:
-    """Increasing columns as a slice where none is left out, which indexes in a third of the time."""
+    """Increasing columns, as a slice where none is left out. A slice indexes in a third of the time."""
     first, last = columns[0], columns[-1]
     return slice(first, last + 1) if last - first + 1 == len(columns) else columns

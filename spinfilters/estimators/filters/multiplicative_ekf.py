@@ -85,7 +85,7 @@ class MultiplicativeEkf(MultiplicativeFilter):
         return length * _curvature(self.layout, self._mean, correction.error) <= self._iteration.tolerance
 
     def _is_good(self, rows: LinearRows, mean: Float[np.ndarray, " m"], correction: Correction) -> bool:
-        """Whether the linear model has proved right, or cannot but do so, or no other is wanted."""
+        """Whether an iterated linearisation is accurate enough or not wanted."""
         if self._iteration.iterations == 1 or self._is_small(correction):
             return True
         spacing = -(-len(rows.innovation) // SAMPLE)
@@ -102,7 +102,9 @@ class MultiplicativeEkf(MultiplicativeFilter):
 
 
 def _curvature(layout: StateLayout, mean: Float[np.ndarray, " m"], error: Float[np.ndarray, " n"]) -> float:
-    """By how much of itself a predicted change of a residual is wrong, in order of magnitude: the turn, and the share of the range.
+    """Relative error of a linearly predicted change of residual, in order of magnitude.
+
+    From the rotation and the relative change of range.
 
     A correction moves a residual by |H y| <= |U y| deviations; where that times this is small, a second look is not worth its time.
     """
@@ -117,7 +119,7 @@ def _curvature(layout: StateLayout, mean: Float[np.ndarray, " m"], error: Float[
 
 @dataclass(frozen=True)
 class IteratedUpdate:
-    """An update in the coordinates of a predicted belief: error = factor @ y about its mean.
+    """Iterated update in the coordinates y of a predicted belief. error = factor @ y about its mean.
 
     Attributes
     ----------
@@ -145,7 +147,7 @@ class IteratedUpdate:
         return float(y @ y) + float(np.sum(residual * residual))
 
     def solution(self, y: Float[np.ndarray, " n"]) -> Correction:
-        """The correction, in error about the mean, of the model linearised at a point where the objective is finite."""
+        """Correction by the model linearised at a point, as error about the mean. The objective must be finite at the point."""
         point = self._point(y)
         m = self.rows.measurement
         rows = linear_rows(m, point)

@@ -1,4 +1,7 @@
-"""What the multiplicative EKF and UKF share: everything but how they predict a measurement and move a belief."""
+"""Multiplicative filter: what the EKF and the UKF share.
+
+They differ in how they predict a measurement and propagate a belief.
+"""
 
 from abc import abstractmethod
 from typing import NamedTuple
@@ -48,7 +51,9 @@ class Corrected(NamedTuple):
 
 
 class MultiplicativeFilter(Estimator):
-    """A filter on the error state: mean on the manifold, square root of the error covariance in its tangent space.
+    """Recursive filter on the error state.
+
+    The mean lies on the manifold, the square root of the error covariance in its tangent space.
 
     After an update the error is folded into the mean (4 x MRP on the body side) and the covariance moves with the derivative of
     that reset, so that it always refers to the mean it stands beside.
@@ -164,7 +169,10 @@ class MultiplicativeFilter(Estimator):
         return self._held
 
     def _anchored(self, dim: int, rows: Int[np.ndarray, " k"]) -> HeldMap:
-        """The map; in the frame of the present pose where new landmarks alone are seen, but for so few that they tell no pose."""
+        """The map, anchored at the present pose where only new landmarks are seen.
+
+        Not where those are so few that they tell no pose.
+        """
         held, known = self._with_map(), int(np.count_nonzero(rows >= 0))
         if len(held.landmarks) == 0 or dim * known >= GAUGE_DIM or dim * (len(rows) - known) < GAUGE_DIM:
             return held
@@ -204,7 +212,7 @@ class MultiplicativeFilter(Estimator):
     def _corrected(
         self, measurement: Measurement, guard: SensorOutlierRejection, scale: float
     ) -> Corrected | None:
-        """The mean after a measurement whose noise covariance is ``scale`` times the stated one; None when no value is usable."""
+        """Mean corrected by a measurement with ``scale`` times its noise covariance. None when no value is usable."""
 
     @abstractmethod
     def _solved(self, observations: Observations, guard: SensorOutlierRejection) -> Solved:
@@ -214,7 +222,10 @@ class MultiplicativeFilter(Estimator):
 def propagated(
     factor: Float[np.ndarray, "N N"], moved: Float[np.ndarray, "n N"], noise: Float[np.ndarray, "n k"]
 ) -> Float[np.ndarray, "N N"]:
-    """Lower triangular factor when the state's rows have become ``moved`` and noise has come in; rows behind them stay."""
+    """Lower triangular covariance factor after a prediction.
+
+    The state's rows have become ``moved`` and process noise is added; rows behind them stay.
+    """
     n, size = moved.shape
     rows = np.zeros((size, size + noise.shape[1]))
     rows[:n, :size], rows[:n, size:] = moved, noise

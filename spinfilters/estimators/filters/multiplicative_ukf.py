@@ -146,14 +146,17 @@ class MultiplicativeUkf(MultiplicativeFilter):
 
 @dataclass(frozen=True)
 class _SeenPoints:
-    """Whitened innovations of k values: their mean (k, d), at each of the p points (k, d, p), and log determinants of the noise."""
+    """Whitened innovations of k values at the sigma points.
+
+    Their mean (k, d), at each of the p points (k, d, p), and log determinants of the noise.
+    """
 
     mean: Float[np.ndarray, "k d"]
     points: Float[np.ndarray, "k d p"]
     log_noise: Float[np.ndarray, " k"]
 
     def weighted(self, weights: Float[np.ndarray, " k"]) -> "_SeenPoints":
-        """Values as if the noise had a covariance of 1/weight; those of weight 0 are left out."""
+        """Values with their noise covariance divided by the weights. Those of weight 0 are left out."""
         used = weights > 0
         root = np.sqrt(weights[used])
         if (root == 1).all():
@@ -167,7 +170,9 @@ class _SeenPoints:
 
 @dataclass(frozen=True)
 class _SigmaSubset:
-    """The points of a set that differ in what a sensor sees, when that moves only with the first r columns of the factor L.
+    """Sigma points that differ in what a sensor measures.
+
+    The measurement moves only with the first r columns of the factor L.
 
     The other points coincide with the centre there. A pair of points at +- one column of L is turned into its sum and difference,
     an orthogonal change that leaves every covariance as it is: sums have nothing of the state, differences are that column. So

@@ -1,4 +1,6 @@
-"""Noise densities that follow what is seen: scale factors of each sensor's covariance and of the disturbances' densities.
+"""Adaptation of noise densities to the innovations.
+
+Scale factors of each sensor's covariance and of the disturbances' densities.
 
 For the logarithm of a scale that the covariance of the innovations depends on, the derivative of their log-likelihood is half of
 
@@ -59,7 +61,7 @@ class AdaptationOptions:
 
 @dataclass(frozen=True)
 class NoiseEvidence:
-    """What an update says of a scale: y'Dy, tr D K and tr (D K)^2 (see the module's docstring)."""
+    """What one update says of a scale factor. y'Dy, tr D K and tr (D K)^2; see the module's docstring."""
 
     squared: float
     expected: float
@@ -100,8 +102,11 @@ class Explained(Protocol):
 
 
 class PredictedMotion(NamedTuple):
-    """A predicted belief and how it came about: mean (m,), covariance factor (N, N) lower triangular, of its first n rows the
-    transition (n, n) of the error, and factor (n, k) of the noise that came in, as scaled."""
+    """A predicted belief with its transition and its process noise.
+
+    Mean (m,), covariance factor (N, N) lower triangular, of its first n rows the transition (n, n) of the error, and factor (n,
+    k) of the noise that was added, as scaled.
+    """
 
     mean: Float[np.ndarray, " m"]
     factor: Float[np.ndarray, "N N"]
@@ -110,7 +115,7 @@ class PredictedMotion(NamedTuple):
 
 
 class NoiseAdaptation:
-    """The scales of all sources of noise of one filter, and what it needs to learn the disturbances'."""
+    """Scale factors of all noise sources of one filter. With what it needs to learn those of the disturbances."""
 
     def __init__(self, options: AdaptationOptions) -> None:
         self.options = options
@@ -200,7 +205,7 @@ class NoiseAdaptation:
 
 
 def residual_evidence(correction: Explained) -> NoiseEvidence:
-    """Of a sensor's noise: |r|^2 = nis - |y|^2, and S^-1 has r eigenvalues of (U'U)^-1 and else ones."""
+    """Evidence on a sensor's noise. |r|^2 = nis - |y|^2, and S^-1 has r eigenvalues of (U'U)^-1 and else ones."""
     y, inverse = correction.coordinates, np.triu(dtrtri(correction.root)[0])
     left = inverse @ inverse.T
     free = correction.dof - len(left)
@@ -211,6 +216,6 @@ def residual_evidence(correction: Explained) -> NoiseEvidence:
 def motion_evidence(
     sensitivity: Float[np.ndarray, "n n"], left: Float[np.ndarray, "n n"], y: Float[np.ndarray, " n"]
 ) -> NoiseEvidence:
-    """Of a disturbance, from D, the covariance 1 - K of y that is left, and y."""
+    """Evidence on a disturbance. From D, the remaining covariance 1 - K of y, and y."""
     share = sensitivity - sensitivity @ left
     return NoiseEvidence(float(y @ sensitivity @ y), float(np.trace(share)), float(np.sum(share * share.T)))

@@ -16,7 +16,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SigmaPointOptions:
-    """Van der Merwe's scaled set; no covariance weight may be negative: with beta = 2 that asks for alpha >= 0.518."""
+    """Options of Van der Merwe's scaled sigma points.
+
+    No covariance weight may be negative: with beta = 2 that asks for alpha >= 0.518.
+    """
 
     alpha: Annotated[float, NumberRange(1e-3, 1e3)] = 0.6
     beta: Annotated[float, NumberRange(0, 1e6)] = 2.0
@@ -57,7 +60,10 @@ class SigmaPoints:
     def regressed(
         self, deviations: Float[np.ndarray, "*batch r p"]
     ) -> tuple[Float[np.ndarray, "*batch r n"], Float[np.ndarray, "*batch r p"]]:
-        """(A, B) with covariance A A' + B B' of the weighted deviations, A their regression on y, B what is left."""
+        """Statistical regression of weighted deviations on y.
+
+        (A, B) with covariance A A' + B B': A is the regression, B the residual.
+        """
         weighted = (deviations * self.root_weights).reshape(
             -1, len(self.root_weights)
         )  # one product is faster than many

@@ -64,7 +64,9 @@ class Correction:
 
     @property
     def coordinates(self) -> Float[np.ndarray, " n"]:
-        """y, of all columns of the state's factor, of which sigma points may have more than the state has numbers.
+        """Coordinates y of the correction, for all columns of the state's factor.
+
+        Sigma points may have more columns than the state has numbers.
 
         Those that the measurement does not see stay at zero.
         """
@@ -112,7 +114,7 @@ def is_lower(rows: Float[np.ndarray, "k n"]) -> bool:
 
 
 def triangular_factor(rows: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "n n"]:
-    """Lower triangular L with L L' = rows' rows, by QR; k may be less than n."""
+    """Lower triangular L with L L' = rows' rows, by QR. k may be less than n."""
     k, n = rows.shape
     if k < n:
         rows = np.concatenate([rows, np.zeros((n - k, n))])
@@ -121,14 +123,20 @@ def triangular_factor(rows: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "n n"
 
 
 def lower_roots(rows: Float[np.ndarray, "k r c"]) -> Float[np.ndarray, "k r r"]:
-    """Lower triangular L with L L' = rows rows' of every item, by QR: squares of what is wide apart would be lost to rounding."""
+    """Lower triangular L with L L' = rows rows' of every item, by QR.
+
+    Squaring would lose what is small beside the rest to rounding.
+    """
     return np.swapaxes(np.linalg.qr(np.swapaxes(rows, 1, 2), mode="r"), 1, 2)
 
 
 def compressed(
     innovation: Float[np.ndarray, " k"], jacobian: Float[np.ndarray, "k c"]
 ) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, "q c"], float]:
-    """Rotate a tall whitened measurement so that c rows hold all that depends on the state; returns those and the rest's |.|^2."""
+    """Rotate a tall whitened measurement into c informative rows.
+
+    Returns those, and the squared length of the rest, which does not depend on the state.
+    """
     k, c = jacobian.shape
     if k <= c:
         return innovation, jacobian, 0.0
@@ -141,5 +149,5 @@ def compressed(
 
 @cache
 def _lower_ones(n: int) -> Float[np.ndarray, "n n"]:
-    """Ones on and below the diagonal: clears what LAPACK leaves beside a triangle, in a tenth of the time of `numpy.tril`."""
+    """Ones on and below the diagonal. Clears what LAPACK leaves beside a triangle, in a tenth of the time of `numpy.tril`."""
     return np.tri(n)

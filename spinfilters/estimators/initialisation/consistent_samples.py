@@ -30,7 +30,7 @@ class _Sequence:
     has_signs: bool
 
     def distances(self, kept: Int[np.ndarray, " k"]) -> Float[np.ndarray, " d"]:
-        """Of each kept sample but the first and the last from the line through the kept ones beside it."""
+        """Distances of samples from the line through their kept neighbours. Of each kept sample but the first and the last."""
         time, values = self.time[kept], self.values[kept]
         before, here, after = values[:-2], values[1:-1], values[2:]
         if self.has_signs:
@@ -62,7 +62,10 @@ class _Sequence:
         return np.array(removed, dtype=int)
 
     def _explaining(self, kept: Int[np.ndarray, " k"], worst: int, allowed: float) -> int | None:
-        """Place in ``kept`` of the sample at or beside the worst without which its surroundings lie on lines; None without one."""
+        """Index in ``kept`` of the sample that explains the largest distance.
+
+        At or beside the worst: without it its surroundings lie on lines; None without one.
+        """
         left = {}
         for place in (worst, worst - 1, worst + 1):
             first = max(place - AROUND, 0)

@@ -1,4 +1,4 @@
-"""Initial guess of a trajectory: attitudes and rates as sampled, inertia from conserved angular momentum, a straight path."""
+"""Initial guess of a trajectory. Attitudes and rates as sampled, inertia from conserved angular momentum, a straight path."""
 
 import numpy as np
 from jaxtyping import Float
@@ -23,7 +23,7 @@ DEFINED_ATTITUDE_STD = 1e-9
 
 
 def initial_state(layout: StateLayout, evidence: InitialMotion) -> tuple[Float[np.ndarray, " m"], float]:
-    """First state from conserved momentum (and a straight path of the centre of mass), and how constant momentum was."""
+    """First state from conserved angular momentum, and how constant it was. With a straight path of the centre of mass."""
     fit = fit_momentum(evidence.rotations, evidence.rates, evidence.time, layout.has(DRAG))
     x = layout.origin()
     x[layout.mean_slice("a")] = evidence.attitude[0]
@@ -51,7 +51,7 @@ def _straight_centre(evidence: InitialMotion) -> tuple[np.ndarray, np.ndarray]:
 def guessed_trajectory(
     layout: StateLayout, epochs: Timeline, first: np.ndarray, evidence: InitialMotion
 ) -> Float[np.ndarray, "k m"]:
-    """One point per epoch: what was seen nearest to its time, with the constants of the first state."""
+    """Guessed state per epoch: the nearest sample with the constants of the first state."""
     trajectory = np.tile(first, (len(epochs), 1))
     nearest = [int(np.argmin(np.abs(evidence.time - epoch.time))) for epoch in epochs]
     trajectory[:, layout.mean_slice("a")] = evidence.attitude[nearest]
@@ -64,7 +64,7 @@ def guessed_trajectory(
 def wide_prior(
     layout: StateLayout, first: np.ndarray, options: InitialisationOptions, evidence: InitialMotion
 ) -> FirstStatePrior:
-    """Wide prior: spheres, at the pose and rate that were seen; tight only where the first epoch defines a frame."""
+    """Wide prior of the first state at the measured pose and rate. Tight only where the first epoch defines a frame."""
     mean, std = first.copy(), np.zeros(layout.error_dim)
     for block in layout.members:
         std[layout.slice(block.name)] = options.prior_std(block)
@@ -79,7 +79,7 @@ def wide_prior(
 def defining_g(
     layout: StateLayout, prior: FirstStatePrior, first: Float[np.ndarray, " m"]
 ) -> FirstStatePrior:
-    """The prior with the first pose held where a point has it, so that it defines frame g."""
+    """Prior whose first pose defines frame g. It is held where the state has a pose."""
     mean, std = prior.mean.copy(), prior.std.copy()
     for block in POSE_BLOCKS:
         mean[layout.mean_slice(block)] = first[layout.mean_slice(block)]

@@ -47,7 +47,9 @@ class InitialMotion:
 
 
 def initial_motion(samples: MotionSamples, epochs: int) -> InitialMotion:
-    """From the first ``epochs`` samples: attitudes integrated from rates, or rates differenced from attitudes, as is missing.
+    """Initial motion samples from the first ``epochs`` samples.
+
+    Attitudes integrated from rates, or rates differenced from attitudes, as is missing.
 
     The rate at an attitude is the slope of a polynomial through the rotation vectors around it.
 

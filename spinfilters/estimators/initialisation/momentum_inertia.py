@@ -1,4 +1,4 @@
-"""Inertia in closed form from conserved angular momentum: R_k J w_k = h is linear in J and h."""
+"""Inertia from conserved angular momentum in closed form. R_k J w_k = h is linear in J and h."""
 
 from dataclasses import dataclass
 

@@ -1,1 +1,1 @@
-"""Landmarks that nobody knew, beside the state of a filter: their shared modes, and each one's own error."""
+"""Landmarks of unknown position in a filter: shared error modes and own errors."""

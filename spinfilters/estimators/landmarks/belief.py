@@ -18,7 +18,9 @@ from spinfilters.symbolic import Compiled
 
 @dataclass(frozen=True)
 class LandmarkBelief:
-    """A state, r modes of error that all landmarks share, and each landmark's own error: d_i = modes_i m + roots_i e_i.
+    """Belief of a state, of r shared modes of the landmarks' errors, and of each landmark's own error.
+
+    d_i = modes_i m + roots_i e_i.
 
     All of it is told in the map's frame, in which no rigid motion of all landmarks together is uncertain. Frame g of the state that
     is asked for differs by a small move (theta, rho), whose error stands in the factor too: nothing observed depends on it.
@@ -90,7 +92,7 @@ def state_in_g(
     factor: Float[np.ndarray, "N N"],
     move: Float[np.ndarray, " 6"],
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "n N"]]:
-    """Point and factor rows of a state in frame g, from those in the map's frame; the move stands last in the factor.
+    """State and factor rows in frame g, from those in the map's frame. The gauge move stands last in the factor.
 
     The move is small: the derivative of the moved state by the state is taken for one.
     """

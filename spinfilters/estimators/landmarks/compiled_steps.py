@@ -1,4 +1,4 @@
-"""The steps of an epoch in the C of `epoch.c`, which is compiled once for every number of modes and precision."""
+"""Compiled steps of an epoch (`epoch.c`). Compiled once for every number of modes and precision."""
 
 import ctypes
 from functools import cache
@@ -45,7 +45,7 @@ _STORED = ("epoch", "hits", "wrong", "last", "transform", "spread", "shift", "po
 
 
 def steps_of(modes: int, precision: str) -> "NumpySteps | CompiledSteps":
-    """The steps for so many modes, kept in this precision: in C where there is a compiler."""
+    """Steps for a number of modes and a precision. In C where there is a compiler; kept."""
     library = _library(modes, precision)
     return NumpySteps() if library is None else CompiledSteps(library, modes, precision)
 

@@ -1,4 +1,4 @@
-"""The map of a filter: what observations do to it, and how its errors hang on those of the state."""
+"""The map of a filter: its updates, and its correlation with the state."""
 
 from functools import cache
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""The landmarks of a filter: where they are, how they depend on the shared modes, and their own covariance.
+"""Landmarks of a filter: positions, dependence on the shared modes, own covariances.
 
 Modes change in every epoch. Landmarks that are not observed are not touched: for each of the latest `SLOTS` epochs it is kept how
 the modes of then follow from those of now,
@@ -134,7 +134,7 @@ class LandmarkMap:
         return rows[(self.wrong[rows] >= WRONG_IN_A_ROW) | (self.hits[rows] < CONFIRMED)]
 
     def remove(self, rows: Int[np.ndarray, " q"]) -> Int[np.ndarray, " q"]:
-        """Ids of the landmarks in these rows, which are no more there; the last rows take their places."""
+        """Remove the landmarks of these rows, and return their ids. The last rows take their places."""
         removed = self.ids[rows]
         if not len(rows):
             return removed
@@ -154,7 +154,7 @@ class LandmarkMap:
         return removed
 
     def stalest(self, largest: int) -> Int[np.ndarray, " q"]:
-        """Rows observed longest ago, so many that a sixteenth is free again, where there are more than ``largest``."""
+        """Rows observed longest ago, where there are more than ``largest``. So many that a sixteenth is free again."""
         if self.count <= largest:
             return np.zeros(0, dtype=np.int64)
         going = self.count - largest + largest // 16
@@ -170,14 +170,17 @@ class LandmarkMap:
         dropped: Float[np.ndarray, "r c"],
         shift: Float[np.ndarray, " r"],
     ) -> None:
-        """Go on to the next epoch: m_before = shift + transform m + dropped f, f of unit covariance."""
+        """Advance to the next epoch. m_before = shift + transform m + dropped f, f of unit covariance."""
         begin, end = self.take_turn()
         late = np.flatnonzero(self.epoch[: self.count] < self.now - (SLOTS - 2))  # where the map has grown
         self.refresh(np.union1d(np.arange(begin, end), late))
         next_epoch(self, transform, dropped, shift)
 
     def take_turn(self) -> tuple[int, int]:
-        """First and last row of the share of the map whose turn it is: all of it in fewer epochs than there are slots."""
+        """First and last row of the share of the map to refresh next.
+
+        All of it is refreshed in fewer epochs than there are slots.
+        """
         begin = self.turn
         end = min(begin - (-self.count // (SLOTS - 4)), self.count)
         self.turn = 0 if end == self.count else end

@@ -1,4 +1,4 @@
-"""The steps of an epoch in NumPy: what defines them, and serves where there is no compiler."""
+"""Steps of an epoch in NumPy, the reference of the compiled ones. They serve where there is no compiler."""
 
 from typing import TYPE_CHECKING
 
@@ -95,7 +95,7 @@ class NumpySteps:
         factor: Float[np.ndarray, "N N"],
         limit: float,
     ) -> tuple[Correction, WhitenedRows] | None:
-        """What `whitened` and `corrected` give at a state, if no squared innovation is beyond the limit; here always None."""
+        """`whitened` and `corrected` at once, if no squared innovation exceeds the limit. Here always None."""
         return None
 
     def solved_rows(
@@ -118,7 +118,10 @@ class NumpySteps:
     def close(
         self, stored: "LandmarkMap", closing: Closing
     ) -> tuple[NewModes, Float[np.ndarray, "q 3 r"], Float[np.ndarray, "q 3 3"]]:
-        """Everything after the correction, which takes the map to the next epoch; new landmarks' modes and roots."""
+        """Finish an epoch after the correction.
+
+        The map moves to the next epoch; new landmarks' modes and roots are returned.
+        """
         c = closing.by_pose.shape[2]
         new = _new_modes(closing)
         late = np.flatnonzero(stored.epoch[: stored.count] < stored.now - (len(stored.shift) - 2))
@@ -146,7 +149,10 @@ def next_epoch(
 
 
 def _new_modes(closing: Closing) -> NewModes:
-    """The modes that explain most of what pose and modes make of the observations, and what becomes of them."""
+    """Modes that explain most of the landmarks' dependence on pose and modes.
+
+    With the transformation of the old ones to them.
+    """
     rows, X, r = closing.white.rows[..., :-1], _own_parts(closing.white)[0], len(closing.remembered)
     size = rows.shape[2]
     c = size - r

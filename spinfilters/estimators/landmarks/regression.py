@@ -1,4 +1,4 @@
-"""Observations of landmarks by statistical linear regression on sigma points of the pose and of each landmark.
+"""Statistical linear regression of landmark observations. On sigma points of the pose and of each landmark.
 
 (Lefebvre, Bruyninckx, De Schutter 2002.) The pose moves with the first s coordinates of the factor; a landmark with them, and with
 three coordinates of what else it depends on: later coordinates of the modes, and its own error. What the regression leaves is

@@ -29,7 +29,7 @@ class SharedErrors:
     own: Float[np.ndarray, "k 3 3"]
 
     def in_frame_of_map(self) -> tuple["SharedErrors", Float[np.ndarray, "6 R"]]:
-        """The same errors in the frame that the landmarks together define, and those of frame g in it.
+        """Errors in the frame that the landmarks together define. With the errors of frame g in it.
 
         The move gamma = sum of S_i follow_i y is the rigid motion nearest to what the landmarks share, each weighed by how well it
         is known; errors in the map's frame are those of g less what gamma makes of them.
@@ -58,12 +58,15 @@ class HeldErrors:
 
 
 def shared_modes(every: SharedErrors, options: LandmarkOptions) -> HeldErrors:
-    """The modes that explain most of what landmarks share, weighed by what is their own; what is left out becomes their own."""
+    """Modes that explain most of what the landmarks' errors share.
+
+    Weighed by the landmarks' own errors; what is left out is added to those.
+    """
     return _held(*every.in_frame_of_map(), options)
 
 
 def anchored_at_pose(belief: LandmarkBelief, options: LandmarkOptions) -> LandmarkBelief:
-    """The same belief in the map's frame that the present pose defines: its error is then that of the move alone.
+    """Belief in the map frame that the present pose defines. Its error is then that of the gauge move alone.
 
     Where no landmark is known again, new ones share the error of the pose that they are first seen from. In the old frame that
     error stays in the state; every epoch would linearise it anew and take the differences for information. The pose keeps the

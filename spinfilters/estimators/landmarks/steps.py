@@ -49,7 +49,7 @@ class WhitenedRows:
 
 
 class NewModes(NamedTuple):
-    """The next modes by the old: (x, m) = kept m' + dropped f, m' and f of unit covariance.
+    """Next modes by the old ones. (x, m) = kept m' + dropped f, m' and f of unit covariance.
 
     Attributes
     ----------

@@ -133,7 +133,7 @@ class OutOfSequenceUpdates:
         return status
 
     def receive(self, time: float, measurement: Measurement) -> OutOfSequenceResult:
-        """Take in one sensor's values of the time ``time`` (s), which may lie before that of others that came already.
+        """Process one sensor's values of ``time`` (s), which may be out of sequence.
 
         Raises
         ------
@@ -149,7 +149,7 @@ class OutOfSequenceUpdates:
         return receipt
 
     def belief_at(self, time: float) -> Gaussian:
-        """The belief predicted to a time (s) at or after the latest epoch; nothing changes by asking.
+        """Belief predicted to a time (s) at or after the latest epoch. The estimator is not changed.
 
         Raises
         ------
@@ -195,7 +195,7 @@ class OutOfSequenceUpdates:
         return ""
 
     def _placed(self, index: int, placing: "_Placing") -> OutOfSequenceResult:
-        """Go back to the state before an epoch, do it and all that come after it; take everything back if that breaks."""
+        """Roll back to the state before an epoch and replay from there. Everything is restored if that fails."""
         now = self._estimator.snapshot()
         before, time_before = now, self._time
         if index < len(self._epochs):
@@ -222,7 +222,10 @@ class OutOfSequenceUpdates:
     def _replay(
         self, placing: "_Placing", before: Snapshot, time_before: float
     ) -> tuple[UpdateReport, list[_KeptEpoch]]:
-        """Do epochs from the present state; the report of the placed measurement, and the epochs with the states before them."""
+        """Replay epochs from the present state.
+
+        The report of the inserted measurement, and the epochs with the states before them.
+        """
         first = _KeptEpoch(placing.epoch, placing.keys, before, time_before)
         reports = self._advance(first)
         done = [first]
@@ -249,7 +252,7 @@ class OutOfSequenceUpdates:
 
 @dataclass(frozen=True)
 class _Placing:
-    """An epoch with a new measurement at this position of its, the epochs after it, and what that is called."""
+    """Epoch with a newly inserted measurement, and the epochs after it."""
 
     epoch: Epoch
     keys: tuple[tuple[str, bytes], ...]
@@ -269,7 +272,10 @@ def _copied(measurement: Measurement) -> Measurement:
 
 
 def _key(measurement: Measurement) -> tuple[str, bytes]:
-    """Sensor and digest of all numbers: the same for the same bits only, and an order that arrival has no part in."""
+    """Sensor and digest of all numbers of a measurement.
+
+    The same for the same bits only, and an order that does not depend on arrival.
+    """
     digest = hashlib.blake2b(digest_size=16)
     for array in (measurement.values, measurement.parameters, measurement.ids):
         digest.update(b"none" if array is None else f"{array.shape}".encode() + array.tobytes())

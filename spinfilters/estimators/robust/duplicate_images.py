@@ -1,4 +1,4 @@
-"""A camera that has frozen sends its last image again, and a log may hold the same row twice: neither is news."""
+"""Detection of duplicate images and duplicate rows. A frozen camera sends its last image again; it holds no new information."""
 
 import numpy as np
 from jaxtyping import Float, Num

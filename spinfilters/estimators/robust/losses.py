@@ -1,4 +1,4 @@
-"""Robust losses: what a whitened residual costs, and with which weight its square then enters a least-squares problem.
+"""Robust losses of whitened residuals and their weights in least squares.
 
 With s = |y|^2 the squared length of a whitened residual, a loss is rho(s) and its weight rho'(s) (iteratively reweighted least
 squares; Triggs et al. 1999). Every loss is s for small s.
@@ -117,7 +117,9 @@ class Barron(RobustLoss):
 
 @dataclass(frozen=True)
 class Gate(RobustLoss):
-    """Squares up to ``inner`` standard deviations, a straight line up to ``outer``, constant beyond: what is out pulls at nothing.
+    """Hard-gated loss: quadratic, then linear, then constant.
+
+    Squares up to ``inner`` standard deviations, a straight line up to ``outer``; beyond, an observation has no weight.
 
     Attributes
     ----------
@@ -141,7 +143,9 @@ class Gate(RobustLoss):
 
 @dataclass(frozen=True)
 class Graduated(RobustLoss):
-    """Geman-McClure's loss reached from least squares by graduated non-convexity (Yang et al. 2020), for half of all wrong.
+    """Geman-McClure's loss by graduated non-convexity (Yang et al. 2020).
+
+    Reached from least squares; holds with half of all observations wrong.
 
     rho = m b^2 s / (m b^2 + s) with m falling from ``first`` to 1 by ``rate`` per iteration: at first all residuals pull, at last
     those of many times b hardly do.

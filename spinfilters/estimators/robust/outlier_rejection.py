@@ -1,4 +1,6 @@
-"""Values that cannot be true: a gate, weights of robust losses, repeated images, and the way back for a filter that went astray.
+"""Outlier rejection: gate, robust weights, duplicate images, recovery.
+
+Recovery follows repeated rejection of all measurements.
 
 All innovations rho_i (d) are whitened by their noise, so that their covariance is S_i = I + Y_i Y_i', Y_i the deviations that
 the predicted state causes. Each value is judged by its squared distance d2_i = rho_i' S_i^-1 rho_i, chi-square with d degrees of

@@ -1,1 +1,1 @@
-"""A smoother on the filters' own models: everything that was measured at once, or a window of it that slides along."""
+"""Smoothing on the filters' own models, in batch or over a sliding window."""

@@ -1,4 +1,4 @@
-"""A measured attitude of the geometric frame: a star tracker's, or a scan match of which only the turn is trusted."""
+"""Measured attitude of the geometric frame. From a star tracker, or a scan match of which only the rotation is trusted."""
 
 import numpy as np
 from jaxtyping import Float

@@ -1,4 +1,4 @@
-"""A measured pose of the geometric frame: from absolute orientation, a scan match or an external tracker."""
+"""Measured pose of the geometric frame. From absolute orientation, a scan match or an external tracker."""
 
 import casadi as ca
 import numpy as np

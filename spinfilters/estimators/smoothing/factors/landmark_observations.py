@@ -27,7 +27,10 @@ NOTHING_TWICE = "no landmark of the map is seen twice in these epochs; check the
 
 @dataclass(frozen=True)
 class SensorGroup:
-    """Observations by one sensor: which of the flat list, what was measured, and its parameters without the point."""
+    """Landmark observations of one sensor.
+
+    Their indices in the flat list, the measured values, and the parameters without the point.
+    """
 
     model: LandmarkSensor
     rows: Int[np.ndarray, " g"]

@@ -1,4 +1,4 @@
-"""What epochs and landmarks that have left still say of the epochs within: a square root, kept at first estimates.
+"""Marginalization prior of removed epochs and landmarks. A square-root information matrix, kept at first estimates.
 
 It is a quadratic |R e - y|^2 in the errors e of poses, constants and the oldest epoch's velocities about the points where each
 was when it was first carried. Its directions that a change of frame g moves along must stay those that it was made with, or

@@ -1,4 +1,4 @@
-"""Whitened rows of a motion: its dynamics, the prior of its first state, and every sensor that sees no landmark.
+"""Whitened factors of a motion: dynamics, prior, and pose-only observations.
 
 About a trial trajectory x_0 .. x_K-1 the errors obey, with the defect b_k by which the trial misses its own dynamics,
 
@@ -124,7 +124,7 @@ class Motion:
         return sum(rows.values.shape[0] * rows.model.dim for rows in self.sensors)
 
     def dynamics(self, trajectory: Float[np.ndarray, "k m"]) -> InformationBlocks:
-        """The steps from epoch to epoch, about a trajectory whose constants are the same in every epoch."""
+        """Steps from epoch to epoch, linearised about a trajectory. Its constants are the same in every epoch."""
         if not len(self.dt):
             return InformationBlocks(NOTHING, NOTHING, 0.0, NOTHING)
         about = None if self.first is None else self._at_first_constants(trajectory[:-1])
@@ -133,7 +133,10 @@ class Motion:
         return InformationBlocks(NOTHING, blocks, float(blocks[:, -1, -1].sum()), rows)
 
     def _at_first_constants(self, trajectory: Float[np.ndarray, "k m"]) -> Float[np.ndarray, "k m"]:
-        """With the constants at which something is carried already: other slopes would claim to know what nothing has told."""
+        """Trajectory at the constants of the marginalization prior's first estimates.
+
+        Jacobians at other constants would add information that no measurement has.
+        """
         assert self.first is not None
         at, constant = trajectory.copy(), self.process.layout.constant_indices
         at[:, constant] = self.first[constant]
@@ -174,7 +177,10 @@ class Motion:
         trajectory: Float[np.ndarray, "k m"],
         pose_only_loss: RobustLoss | None = None,
     ) -> tuple[Float[np.ndarray, "r i c1"], Float[np.ndarray, " r"], Float[np.ndarray, " r"]]:
-        """Weighted whitened rows by the model's columns and the right-hand side, costs, and squared lengths of the innovations."""
+        """Weighted whitened rows of one sensor.
+
+        Jacobian by the model's columns with the right-hand side, costs, and squared lengths of the innovations.
+        """
         loss = self.loss if pose_only_loss is None else pose_only_loss
         innovation, jacobian, valid, _ = sensor.model.linearise(
             trajectory[sensor.epoch], sensor.parameters, sensor.values
@@ -209,7 +215,7 @@ class Motion:
         return result
 
     def stretch(self, begin: int, end: int) -> "Motion":
-        """Epochs from ``begin`` to before ``end``, and the steps from them; the prior belongs to the first epoch of all."""
+        """Epochs from ``begin`` to before ``end``, and the steps from them. The prior belongs to the first epoch of all."""
         return replace(
             self,
             ordering=replace(self.ordering, epochs=min(end, self.ordering.epochs) - begin),
@@ -238,7 +244,10 @@ def whitened_steps(
     transition: Float[np.ndarray, "k n n"],
     noise: Float[np.ndarray, "k n q"],
 ) -> tuple[Float[np.ndarray, "k d w"], Float[np.ndarray, "k w w"]]:
-    """Rows of steps divided by the root of noise noise' + floor^2, and their grams; not a number where it has no root."""
+    """Dynamics rows whitened by noise noise' + floor^2, and their information blocks.
+
+    NaN where the covariance has no square root.
+    """
     library = kernels()
     if library is None:
         return whitened_steps_in_numpy(ordering, defect, transition, noise)
@@ -279,7 +288,7 @@ def whitened_steps_in_numpy(
 def prior_rows(
     ordering: VariableOrdering, first: Float[np.ndarray, " m"], prior: StatePrior
 ) -> Float[np.ndarray, "n n1"]:
-    """The error about the prior's mean, where the prior is Gaussian, by the error about the trial."""
+    """Jacobian of the prior's error by the error about the linearisation point. The prior is Gaussian about its own mean."""
     layout = ordering.layout
     away = layout.local(prior.mean, first)
     by_trial = np.linalg.inv(layout.reset_jacobian(away))[:, ordering.order]

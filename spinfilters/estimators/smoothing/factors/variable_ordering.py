@@ -1,4 +1,6 @@
-"""How the errors of many epochs are split: what observations tie together, what only the dynamics chain, and what is constant.
+"""Variable ordering of the errors of many epochs.
+
+Separator (poses that observations connect), block-tridiagonal part (velocities that only the dynamics connect), constants.
 
 Landmarks tie the poses of all epochs that saw them, so poses make a dense system. Velocities meet only their neighbours in time and
 are eliminated along the chain. Without observations nothing is tied, and whole states are chained.

@@ -1,5 +1,4 @@
-"""The loops of `landmarks.c` and `tridiagonal.c`, compiled once, or nothing where there is no compiler: NumPy then does the
-same."""
+"""Compiled kernels of the elimination, or none without a compiler. NumPy does the same then."""
 
 import ctypes
 from collections.abc import Callable
@@ -40,7 +39,10 @@ def kernels() -> ctypes.PyDLL | None:
 
 
 def take_products(rows: np.ndarray, matrix: np.ndarray) -> None:
-    """matrix -= rows' rows in the lower triangle (BLAS dsyrk); both may be parts of larger arrays, row by row in memory."""
+    """Subtract rows' rows from the lower triangle of a matrix (BLAS dsyrk).
+
+    Both may be parts of larger arrays, row by row in memory.
+    """
     width, pitch = rows.strides[0] // rows.itemsize, matrix.strides[0] // matrix.itemsize
     count, order = ctypes.c_int(len(rows)), ctypes.c_int(rows.shape[1])
     sizes = [ctypes.byref(number) for number in (order, count, ctypes.c_int(width), ctypes.c_int(pitch))]

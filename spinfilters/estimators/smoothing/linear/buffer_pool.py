@@ -1,4 +1,4 @@
-"""Room for large arrays that come and go with every iteration: what was given back is lent again.
+"""Buffer pool for large arrays that every iteration needs anew.
 
 A fresh array of megabytes costs more in page faults than the work that is done in it. An array from here returns by itself when
 nothing refers to it or to any view of it.

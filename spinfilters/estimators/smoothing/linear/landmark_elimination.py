@@ -96,7 +96,9 @@ def eliminate(
     kept: int,
     epochs: int,
 ) -> Eliminated:
-    """Take the landmarks out of weighted observations; observations of landmarks that are then not told do not count.
+    """Eliminate the landmarks from weighted observations.
+
+    Observations of landmarks that are then not well-constrained do not count.
 
     Parameters
     ----------
@@ -177,7 +179,10 @@ def eliminate_in_numpy(
 def _constrained(
     observations: LandmarkObservations, linear: LinearObservations, weight: Float[np.ndarray, " N"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Landmarks that can be eliminated, observations that count, and the roots of the landmarks' information (I where not told)."""
+    """Well-constrained landmarks, observations that count, and square-root information.
+
+    The latter is I where a landmark is not well-constrained.
+    """
     L, landmark = observations.landmarks, observations.landmark
     by_point = np.where((weight > 0)[:, None, None], linear.rows[:, :, POSE:-1], 0.0)
     information = np.zeros((L, 3, 3))

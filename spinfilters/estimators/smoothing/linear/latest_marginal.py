@@ -1,4 +1,4 @@
-"""The covariance of the latest epoch alone, in the time that the corner of a factor takes."""
+"""Marginal covariance of the latest epoch, from the corner of the factor."""
 
 import numpy as np
 from jaxtyping import Float

@@ -1,4 +1,4 @@
-"""Covariances of everything that a smoother estimated, from the factors that its last linear problem left behind.
+"""Marginal covariances of a smoother's estimates. From the factors of its last linear problem.
 
 With C the inverse of the reduced root, transposed, the errors of poses and constants are C n. Chained errors follow by the
 recursion of the elimination backwards in time,
@@ -56,7 +56,10 @@ class Marginals:
         return factors
 
     def epoch_rows(self, epoch: int) -> Float[np.ndarray, "n w"]:
-        """Errors of an epoch by the noise of what remains and by v own numbers; products of rows are covariances."""
+        """Errors of an epoch as rows over independent unit noise.
+
+        Columns: noise of the separator, then v numbers of its own; products of rows are covariances.
+        """
         ordering = self.solution.ordering
         size, p = ordering.epochs * len(ordering.pose), len(ordering.pose)
         r, v = len(self.information_sqrt), len(ordering.tridiagonal)
@@ -91,7 +94,9 @@ class Marginals:
         return rows
 
     def landmark_rows(self, landmarks: Int[np.ndarray, " q"]) -> tuple[np.ndarray, np.ndarray]:
-        """Errors of landmarks by the noise of what remains (q, 3, r), and roots (q, 3, 3) of what is their own.
+        """Errors of landmarks as rows (q, 3, r) over the separator's noise.
+
+        With square roots (q, 3, 3) of their own covariance.
 
         Landmarks must be told.
         """

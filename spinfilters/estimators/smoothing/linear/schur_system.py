@@ -91,7 +91,10 @@ class SchurSystem:
 
     @cached_property
     def mass_std(self) -> float:
-        """Largest standard deviation of the mass distribution, 0 of a layout without it: the constants come last in the root."""
+        """Largest standard deviation of the mass distribution.
+
+        0 of a layout without it; the constants come last in the square root.
+        """
         layout, constant = self.ordering.layout, self.ordering.constant
         if not layout.has(MASS_DISTRIBUTION):
             return 0.0
@@ -107,7 +110,9 @@ def solve_schur_system(
     marginal_prior: LinearizedPrior | None,
     damping: float = 0.0,
 ) -> SchurSystem | int:
-    """Solve, overwriting the system; the number of the first undetermined unknown where it is not positive definite.
+    """Solve the Schur system in place.
+
+    Returns the number of the first unobservable variable where it is not positive definite.
 
     Unknowns are numbered as in the elimination: chained errors epoch after epoch, then poses, then constants.
     """
@@ -154,7 +159,9 @@ def assembled(
 def assembled_by_stretches(
     motion: Motion, trajectory: Float[np.ndarray, "k m"]
 ) -> tuple[InformationBlocks, InformationBlocks, LinearSystem]:
-    """The system of a long chain of epochs, after the costs of sensors and dynamics (grams without rows).
+    """Linear system of a long chain of epochs, assembled part by part.
+
+    With the costs of sensors and dynamics, whose information blocks hold no rows.
 
     Never are the rows of more than `STRETCH` epochs in memory.
     """
@@ -185,7 +192,7 @@ def _add(ordering: VariableOrdering, system: LinearSystem, blocks: InformationBl
 def _in_c(
     M: np.ndarray, tridiagonal: Blocks, blocks: np.ndarray, sizes: tuple[int, int, int], both: int
 ) -> bool:
-    """Add grams of epochs, or of steps from one to the next (``both``), where there is a compiler."""
+    """Add information blocks of epochs, or of steps (``both``), by the compiled kernel."""
     library = kernels()
     if library is None:
         return False

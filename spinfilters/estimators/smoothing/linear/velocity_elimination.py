@@ -45,7 +45,10 @@ class VelocityElimination:
     failed: int
 
     def reduce(self, M: Float[np.ndarray, "w r"]) -> None:
-        """Take X'X from the lower triangle over poses and constants, and from the right-hand side in the last row, in place."""
+        """Subtract X'X of the eliminated velocities from the separator, in place.
+
+        From the lower triangle over poses and constants, and from the right-hand side in the last row.
+        """
         K, v, width = self.coupling.shape
         p, rest = self.pose, K * self.pose
         X = self.coupling.reshape(K * v, width)

@@ -20,7 +20,7 @@ def reinitialised(
     inliers: Bool[np.ndarray, " N"],
     gate: float,
 ) -> Float[np.ndarray, "L 3"] | None:
-    """Points (m, frame g) with those placed anew that have fewer than two believed observations; None when there are none.
+    """Points with those placed anew that have fewer than two inliers. (m, frame g); None when there are none.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def reinitialised(
 def _own_points(
     observations: LandmarkObservations, trajectory: Float[np.ndarray, "k m"], rows: Int[np.ndarray, " r"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Those of the rows that tell a point by themselves, the points, and factors of their covariances."""
+    """Rows that tell a point by themselves, with points and covariance square roots."""
     found, points, covariance_sqrts = [np.zeros(0, dtype=int)], [np.zeros((0, 3))], [np.zeros((0, 3, 3))]
     for group in observations.groups:
         at = np.flatnonzero(np.isin(group.rows, rows))

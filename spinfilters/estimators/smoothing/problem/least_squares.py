@@ -1,4 +1,4 @@
-"""The least-squares problem of a motion with landmarks: factors from the filters' own models, about a point."""
+"""Nonlinear least-squares problem of a motion with landmarks. Factors come from the filters' own models."""
 
 from dataclasses import dataclass, replace
 
@@ -39,7 +39,7 @@ from spinfilters.state.layout import StateLayout
 
 @dataclass(frozen=True)
 class InitialGuess:
-    """Where a smoother sets out from: a point per epoch (its constants are those of the first), and a map in frame g.
+    """Initial guess of a smoother: states and a map in frame g. One state per epoch; its constants are those of the first.
 
     Attributes
     ----------
@@ -53,8 +53,7 @@ class InitialGuess:
 
 @dataclass(frozen=True)
 class Stage:
-    """How strict an iteration is: what an observation's residual costs, and by how much larger disturbances are taken than
-    they are.
+    """Robust loss and process-noise inflation of an iteration.
 
     Attributes
     ----------
@@ -86,7 +85,10 @@ class LinearizationPoint:
     pose_only_loss: RobustLoss | None = None
 
     def cost(self, used: Bool[np.ndarray, " N"] | None, stage: Stage) -> float:
-        """Of the motion and of the observations that a step was made from: the others' landmarks did not move with it."""
+        """Cost of the motion and of the observations that a step used.
+
+        Landmarks of the other observations did not move with the step.
+        """
         cost = self.sensors.cost + self.dynamics.cost / stage.inflation**2
         cost += 0.0 if self.marginal_prior is None else self.marginal_prior.cost
         if self.linear is None or used is None:
@@ -94,13 +96,19 @@ class LinearizationPoint:
         return cost + self.linear.cost(stage.loss, used)
 
     def robust_cost(self, stage: Stage) -> float:
-        """Of everything, so that a fit gains nothing by rejecting: an outlier costs what the loss says, whoever rejects it."""
+        """Cost of all observations under the robust loss.
+
+        A fit gains nothing by rejecting: an outlier costs what the loss says, whoever rejects it.
+        """
         return self.cost(None if self.linear is None else np.ones(len(self.linear.square), dtype=bool), stage)
 
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """The linear problem about a point; the number of its first undetermined unknown where it has no solution."""
+    """Normal equations about a linearisation point, with their solution.
+
+    Without one, the number of the first unobservable variable.
+    """
 
     stage: Stage
     eliminated: Eliminated | None
@@ -147,7 +155,7 @@ class Problem:
 
     @property
     def is_long(self) -> bool:
-        """Whether it is a mere chain, of so many epochs that their rows are not to be in memory together."""
+        """Whether a problem without landmarks exceeds the epochs whose rows fit in memory together."""
         return (
             not self.ordering.has_landmarks and self.marginal_prior is None and self.ordering.epochs > STRETCH
         )

@@ -1,4 +1,4 @@
-"""What a system does not determine, in words: directions in which everything measured has added nothing to the prior.
+"""Unobservable directions of a linear problem, in words. Directions in which the measurements add nothing to the prior.
 
 A direction of the first state counts as undetermined when its standard deviation is still most of the prior's. The pose of the
 first

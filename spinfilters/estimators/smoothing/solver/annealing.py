@@ -36,7 +36,9 @@ observations are right, 1.1 where 30 % are wrong."""
 def process_noise_inflation(
     motion: Motion, here: LinearizationPoint, before: NormalEquations | None
 ) -> float:
-    """Factor of the process noise's standard deviation at which the trajectory obeys its dynamics; 1 where it nearly does.
+    """Inflation of the process noise at which the trajectory obeys its dynamics.
+
+    Factor of the standard deviation; 1 where the trajectory nearly obeys.
 
     Enforcing the dynamics from the first iteration, about a trajectory that breaks them by hundreds of standard deviations,
     moves it far from where the linear models hold.
@@ -49,7 +51,7 @@ def process_noise_inflation(
 
 
 def residual_scale(here: LinearizationPoint) -> float:
-    """Robust scale of the innovations in standard deviations, at least 1: more where the noise is larger than stated."""
+    """Robust scale of the innovations in standard deviations, at least 1. More where the noise is larger than stated."""
     squares = [here.sensors.mean_squares]
     if here.linear is not None:
         squares.append(here.linear.square / ROWS)
@@ -117,6 +119,6 @@ class AnnealedSchedule:
         return max(self.gate, float(same))
 
     def _width(self, iteration: int) -> float:
-        """Of the gate: strict from the first where there are too few iterations to tighten it in."""
+        """Relative width of the gate in an iteration. 1 from the first where there are too few iterations to tighten it in."""
         wide = self.gate is not None and iteration < len(WIDER_GATES) < self.iterations
         return WIDER_GATES[iteration] if wide else 1.0

@@ -1,5 +1,6 @@
-"""A whole recording smoothed at once, for sensors that tie nothing together: states are chained, and the cost grows with time
-alone.
+"""Batch smoother of a whole recording without landmarks.
+
+The system is block-tridiagonal, and the cost grows linearly with time.
 
 It sets out from a trajectory that a filter has found. Where observations of landmarks without a map tie poses together, see
 `sliding`.
@@ -50,7 +51,7 @@ def smooth_recording(
     loss: RobustLoss,
     annealed_iterations: int = 0,
 ) -> BatchSmoothing:
-    """Smooth measurements without landmark ids from a first trajectory (its constants are those of the last epoch).
+    """Smooth measurements without landmark ids from an initial trajectory. Its constants are those of the last epoch.
 
     Parameters
     ----------

@@ -106,7 +106,10 @@ def solve(
     schedule: Schedule | None = None,
     on_iteration: OnIteration | None = None,
 ) -> Solved:
-    """Iterate from a point until the cost stays; nothing is raised for a system that does not determine everything."""
+    """Iterate from a linearisation point until the cost converges.
+
+    Nothing is raised for a system that does not determine everything.
+    """
     plan = ConstantSchedule() if schedule is None else schedule
     number, used, evaluated, converged = options.rule.first, 0, 1, False
     stage = plan.stage(0, here, None)
@@ -133,7 +136,10 @@ def solve(
 def advanced(
     problem: Problem, here: LinearizationPoint, normal: NormalEquations, control: tuple[StepRule, float]
 ) -> tuple[LinearizationPoint | None, float, int]:
-    """A point that fits no worse, the rule's number after it, and how many points were tried; None where there is none."""
+    """Next linearisation point that fits no worse.
+
+    With the step rule's number after it and how many points were tried; None where there is none.
+    """
     rule, number = control
     allowed = here.cost(normal.used, normal.stage)
 

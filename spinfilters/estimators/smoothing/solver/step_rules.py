@@ -56,7 +56,10 @@ class StepRule(ABC):
 
     @abstractmethod
     def adapted(self, number: float, gain: float, step: Step) -> float:
-        """The number after a step whose cost fell by ``gain`` times what was predicted; not positive: the step is not taken."""
+        """Control parameter after a step with this gain ratio.
+
+        The cost fell by ``gain`` times the predicted reduction; not positive: the step is not taken.
+        """
 
 
 @dataclass(frozen=True)
@@ -80,7 +83,10 @@ class GaussNewton(StepRule):
 
 @dataclass(frozen=True)
 class LevenbergMarquardt(StepRule):
-    """Damped by a share of the diagonal that a good step lowers and a bad one raises (Marquardt 1963; Nielsen 1999)."""
+    """Levenberg-Marquardt damping by a share of the diagonal.
+
+    A good step lowers it, a bad one raises it (Marquardt 1963; Nielsen 1999).
+    """
 
     damping: float = 1e-4
     raised: float = 10.0
@@ -108,7 +114,10 @@ class LevenbergMarquardt(StepRule):
 
 @dataclass(frozen=True)
 class Dogleg(StepRule):
-    """Along steepest descent, then towards Gauss-Newton, within a radius in scaled units (Powell 1970; Rosen et al. 2014)."""
+    """Dogleg steps within a trust radius in scaled units.
+
+    Along steepest descent, then towards Gauss-Newton (Powell 1970; Rosen et al. 2014).
+    """
 
     radius: float = 1e4
 
@@ -176,7 +185,7 @@ def _solution(normal: NormalEquations) -> SchurSystem:
 
 
 def _cap(layout: StateLayout, errors: Float[np.ndarray, "k n"]) -> float:
-    """The share of a step that keeps every block within what a linear model tells anything of."""
+    """Share of a step within the range of validity of the linear model."""
     share = 1.0
     for block in layout.members:
         if np.isfinite(block.largest_step):

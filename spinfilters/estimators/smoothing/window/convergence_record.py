@@ -55,7 +55,7 @@ def record_convergence(
     quantities: SelectedQuantities = states,
     on_epoch: OnEpoch = lambda *_: None,
 ) -> ConvergenceRecord:
-    """Feed a smoother that has seen nothing epoch by epoch, and keep what it says after each.
+    """Convergence record of a smoother that is fed epoch by epoch. The smoother must have seen nothing before.
 
     After a solve whose numbers lead nowhere there is none: from there on nothing is a number.
     The error of a first solve is raised.

@@ -1,4 +1,4 @@
-"""What is believed of the latest epoch of a window, whose guess may be poor and whose landmarks may be wrong."""
+"""Inliers among the observations of the latest epoch. Its guess may be poor and its landmarks wrong."""
 
 from dataclasses import replace
 

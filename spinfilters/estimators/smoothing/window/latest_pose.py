@@ -25,7 +25,10 @@ TRIPLES, REFITS, SEED = 200, 3, 0
 
 @dataclass(frozen=True)
 class _Matches:
-    """Points in the frame of poses, the landmarks in g, and what their distance (m) is divided by: (k, 3, 3)."""
+    """Points in camera coordinates matched to landmarks in g.
+
+    With the factors (k, 3, 3) that their distance (m) is divided by.
+    """
 
     seen: Float[np.ndarray, "k 3"]
     landmarks: Float[np.ndarray, "k 3"]
@@ -46,7 +49,10 @@ class _Matches:
 def latest_pose(
     problem: Problem, trajectory: Float[np.ndarray, "k m"], points: Float[np.ndarray, "L 3"]
 ) -> Float[np.ndarray, " 7"] | None:
-    """Pose (t m, q_ig) of the last epoch; None where too few landmarks that were seen before agree on any."""
+    """Pose (t m, q_ig) of the latest epoch from its observations.
+
+    None where too few landmarks that were seen before agree on any.
+    """
     matches = _matches(problem, trajectory, points)
     if len(matches.seen) < FEWEST:
         return None

@@ -1,4 +1,4 @@
-"""Landmarks and epochs that leave: what they say of the rest goes, in square-root form, into what is carried.
+"""Marginalization of landmarks and epochs into a square-root prior.
 
 A landmark leaves with all its observations: a root of what they say of the poses is all that stays. The oldest epochs leave
 with their
@@ -63,7 +63,9 @@ def without_oldest(
     landmarks: Bool[np.ndarray, " L"],
     count: int = 1,
 ) -> Window:
-    """The window without its oldest epochs, and without some landmarks, among which are all that those saw.
+    """The window without its oldest epochs and their landmarks.
+
+    The removed landmarks must include all that those epochs observed.
 
     Parameters
     ----------
@@ -110,7 +112,7 @@ def _spread_poses(
 def landmark_rows(
     normal: NormalEquations, linear: LinearObservations, landmarks: Bool[np.ndarray, " L"], epochs: int
 ) -> Float[np.ndarray, "r w"]:
-    """What the observations of some landmarks say of the poses when those are unknown: a root of it, with the right-hand side.
+    """Information of landmarks' observations on the poses, landmarks unknown. As a square root with the right-hand side.
 
     The root is that of the information which elimination leaves to the poses, scaled and with pivots, for it lacks the rank that
     the gauge and unseen poses would need. Its last row holds what no pose can explain.
@@ -146,7 +148,7 @@ def landmark_rows(
 def _first_estimates(
     window: Window, ordering: VariableOrdering, now: Float[np.ndarray, "k m"]
 ) -> Float[np.ndarray, "k m"]:
-    """Of what is carried already the points at which it was, of the rest those of now."""
+    """Linearisation points: first estimates where a prior exists, else the current ones."""
     if window.marginal_prior is None:
         return now.copy()
     first, layout = (
@@ -167,7 +169,10 @@ def _handed_over(
     rest: Float[np.ndarray, "j m"],
     now: Float[np.ndarray, " m"],
 ) -> Float[np.ndarray, "j m"]:
-    """First estimates of the rest: the next epoch has the constants' of the oldest, and its own velocities as they are now."""
+    """First estimates of the remaining epochs.
+
+    The next epoch takes the constants of the oldest, and its own velocities as they are now.
+    """
     layout, after = ordering.layout, rest.copy()
     assembled = set(ordering.tridiagonal.tolist())
     after[0, layout.constant_indices] = oldest[layout.constant_indices]
@@ -184,7 +189,7 @@ def _at_first_estimates(
     here: Float[np.ndarray, "k m"],
     more: int = 0,
 ) -> Float[np.ndarray, "r w"]:
-    """Rows made about the points of now, about the first estimates, and blind to the same moves of frame g there.
+    """Rows of the current points, moved to the first estimates. They stay blind to the same gauge moves of frame g there.
 
     Parameters
     ----------
@@ -203,7 +208,10 @@ def _at_first_estimates(
 def _spread_step(
     rows: Float[np.ndarray, "d w"], k: int, count: int, ordering: VariableOrdering
 ) -> Float[np.ndarray, "d x"]:
-    """Rows of step k over poses, constants, the chains of ``count`` epochs and of the next, right-hand side."""
+    """Dynamics rows of step k over the columns of the marginalization.
+
+    Poses, constants, velocities of ``count`` epochs and of the next, right-hand side.
+    """
     p, c, v, K = len(ordering.pose), len(ordering.constant), len(ordering.tridiagonal), ordering.epochs
     d, tridiagonal = p + v, K * p + c
     out = np.zeros((len(rows), tridiagonal + (count + 1) * v + 1))
@@ -253,7 +261,7 @@ def _alone(motion: Motion, k: int, trajectory: Float[np.ndarray, "k m"]) -> list
 def _triangular(
     old: MarginalizationPrior | None, new: Float[np.ndarray, "r w"], ordering: VariableOrdering, removed: int
 ) -> Float[np.ndarray, "w w"]:
-    """Upper triangle of old and new rows together, columns in the order of elimination, right-hand side last.
+    """Upper triangle of old and new rows together. Columns in the order of elimination, right-hand side last.
 
     The old root is a triangle in that order already: only the new rows are turned into it.
     """
@@ -275,7 +283,10 @@ def _triangular(
 
 
 def _elimination_order(ordering: VariableOrdering, removed: int) -> Int[np.ndarray, " w"]:
-    """Columns of a carried quadratic, of the chains after that of its first epoch, and of the right-hand side, as epochs leave."""
+    """Columns of the marginalization prior in the order of elimination.
+
+    Velocities after that of its first epoch, then the rest and the right-hand side, as epochs are removed.
+    """
     p, v, K = len(ordering.pose), len(ordering.tridiagonal), ordering.epochs
     tridiagonal = K * p + len(ordering.constant)
     epochs = min(max(removed, 1) + 1, K)

@@ -1,4 +1,4 @@
-"""A better place to go on from while the inertia is hardly known: what conserved angular momentum says of the poses so far."""
+"""Restart from conserved angular momentum while the inertia is poorly known."""
 
 from dataclasses import dataclass
 
@@ -29,7 +29,7 @@ ITERATIONS = 15
 
 @dataclass
 class RetrySchedule:
-    """When to ask again: at a number of epochs where all fits, or where it does not."""
+    """Schedule of restart attempts by number of epochs. Sparser where everything fits."""
 
     next: float = FIRST
     retry: float = FIRST
@@ -43,7 +43,7 @@ class RetrySchedule:
 
 
 def fits(here: LinearizationPoint, normal: NormalEquations) -> bool:
-    """Whether a point fits as well as noise allows; the cost that its linear problem promises is not trusted."""
+    """Whether a point fits as well as the noise allows. By its own cost, not the one that its linear problem predicts."""
     if not normal.solved:
         return False
     if normal.eliminated is None or here.linear is None:

@@ -1,4 +1,7 @@
-"""The sliding smoother as a recursive estimator: time and belief move with every prediction, measurements come one by one."""
+"""Recursive estimator over the sliding-window smoother.
+
+Time and belief move with every prediction, measurements come one by one.
+"""
 
 from collections.abc import Sequence
 
@@ -54,7 +57,10 @@ class RecursiveSmoother(Estimator):
         self._begun(Gaussian(self.layout, self.layout.origin(), np.full((n, n), np.nan)))
 
     def start(self, belief: Gaussian) -> None:
-        """Begin from a belief at time 0, correlations and all; the pose of landmarks' frame g is as certain as it says."""
+        """Begin from a belief at time 0 with all its correlations.
+
+        The pose of the landmarks' frame g is as certain as the belief says.
+        """
         if belief.layout != self.layout:
             raise InputError(
                 f"belief has the blocks {belief.layout.blocks}, the process has {self.layout.blocks}"
@@ -64,7 +70,7 @@ class RecursiveSmoother(Estimator):
         self._time, self._belief = 0.0, belief
 
     def begin(self, prior: StatePrior, epochs: Timeline, first: InitialGuess) -> list[UpdateResult]:
-        """Begin with some epochs at once, from the states and landmarks that an initialisation found for them.
+        """Begin with the epochs of an initialisation. From the states and landmarks that it found for them.
 
         Parameters
         ----------
@@ -88,7 +94,7 @@ class RecursiveSmoother(Estimator):
         return self.sliding.status
 
     def predict(self, dt: float) -> None:
-        """Move time and belief dt > 0 seconds ahead; the window stays as it is until something is measured."""
+        """Predict dt > 0 seconds ahead. The window stays as it is until something is measured."""
         ahead = predict_ahead(self.process, self._belief, np.array([dt]))
         self._time, self._belief = self._time + dt, ahead.belief(0)
 
@@ -142,7 +148,7 @@ class RecursiveSmoother(Estimator):
         }
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Go on from a snapshot of a smoother that has met the same sensors in the same order."""
+        """Continue from a snapshot. The smoother must have met the same sensors in the same order."""
         window = window_of(self.layout, snapshot, self._sensors)
         self._begun(Gaussian(self.layout, snapshot["prior_mean"].copy(), snapshot["prior_factor"].copy()))
         self._time, alive, poor_guess, determined, is_due, retry, std, fits = map(float, snapshot["flags"])

@@ -74,7 +74,7 @@ class SlidingSmoother:
         self.window = Window.empty(process.layout.mean_dim)
 
     def resume(self, window: Window, state: SmootherState) -> None:
-        """Go on from a window that was taken in before; it is linearised where it is when that is asked for."""
+        """Continue from the window of a snapshot. It is linearised where it is when that is asked for."""
         self.window, self.state, self._linear = window, state, None
 
     def begin(
@@ -84,7 +84,7 @@ class SlidingSmoother:
         ids: Int[np.ndarray, " L"],
         points: Float[np.ndarray, "L 3"],
     ) -> list[UpdateResult]:
-        """Take in the first epochs at once, with states and landmarks (m, frame g) that a start has found for them."""
+        """Add the first epochs, with states and landmarks (m, frame g) of an initialisation."""
         ends = []
         for epoch, state in zip(epochs, trajectory, strict=True):
             self.window = self.window.opened(epoch.time, state)
@@ -112,7 +112,7 @@ class SlidingSmoother:
         return self.extend(epoch.measurements)
 
     def extend(self, measurements: tuple[Measurement, ...]) -> UpdateResult:
-        """Take in measurements of the latest epoch, beside those it has; solve, and let go what the mode lets go."""
+        """Add measurements of the latest epoch, solve, and marginalize by the window policy."""
         ends = self._extended(measurements)
         count, problem = self._solved(measurements)
         self._remember(problem)
@@ -153,7 +153,7 @@ class SlidingSmoother:
         return [MarginalizedState(epoch.time, mean, factor) for epoch, mean, factor in rows]
 
     def settle(self) -> None:
-        """Iterate on what the window holds until nothing moves: one step per epoch leaves a little to be gained."""
+        """Iterate on the window until it converges. One step per epoch leaves a little to be gained."""
         problem = self.problem()
         here = problem.at(self.window.trajectory, self.window.points)
         solved = solve(problem, here, SolverOptions(), ConstantSchedule(self.options.observation_loss))
@@ -163,7 +163,7 @@ class SlidingSmoother:
         self._remember(problem)
 
     def counts(self) -> Int[np.ndarray, "k 2"] | None:
-        """Values of every epoch that count, and that do not; None where a part of them has been marginalized."""
+        """Numbers of accepted and rejected values per epoch. None where a part of them has been marginalized."""
         if self.window.marginal_prior is not None:
             return None
         found = []
@@ -175,7 +175,7 @@ class SlidingSmoother:
         return np.array(found)
 
     def unobservable(self) -> list[str]:
-        """What the measurements so far do not determine, in words; only while the first epoch is in the window."""
+        """Unobservable directions so far, in words. Only while the first epoch is in the window."""
         here, normal = self._linearised()
         if len(here.trajectory) != len(self.window.epochs):
             return []
@@ -198,7 +198,7 @@ class SlidingSmoother:
         return state
 
     def _solved(self, measurements: tuple[Measurement, ...]) -> tuple[int, Problem]:
-        """Linearise, and bring the window's states one step beyond the last linearisation; and how many there were."""
+        """Relinearise and iterate; the number of iterations is returned too."""
         problem, loss = self.problem(), self.options.observation_loss
         here = self._found_back(problem, problem.at(self.window.trajectory, self.window.points), loss)
         here, normal = _linear_problem(problem, here, loss)
@@ -236,7 +236,7 @@ class SlidingSmoother:
         return self._linear
 
     def _found_back(self, problem: Problem, here: LinearizationPoint, loss: RobustLoss) -> LinearizationPoint:
-        """With the latest epoch where its observations agree, if its guess was so poor that the loss would reject them."""
+        """Latest epoch moved to where its observations agree. Only if its guess is so poor that the loss would reject them."""
         self.state.poor_guess = False
         if not is_poor_guess(problem, here, loss):
             return here
@@ -252,7 +252,7 @@ class SlidingSmoother:
         return sum(m.values.size for m in measurements) + self.process.layout.error_dim
 
     def _restarted_from_momentum(self, problem: Problem) -> int:
-        """While the inertia is not determined, the closed form of the momentum may know a better place to go on from.
+        """Restart from conserved angular momentum while the inertia is not determined.
 
         Returns how many linearisations it took to see.
         """

@@ -1,4 +1,4 @@
-"""The epochs of a window with all that was measured in them, as arrays that grow at one end and shrink at the other."""
+"""Arrays of the epochs of a window with their measurements. They grow at one end and shrink at the other."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -103,12 +103,12 @@ class Window:
         return last
 
     def opened(self, time: float, state: Float[np.ndarray, " m"]) -> "Window":
-        """With one more epoch (s) at a first guess of its state, in which nothing is measured yet."""
+        """With one more epoch (s) at an initial guess, without measurements yet."""
         trajectory = np.concatenate([self.trajectory, state[None]])
         return replace(self, epochs=(*self.epochs, Epoch(time, ())), trajectory=trajectory)
 
     def extended(self, m: Measurement) -> "Window":
-        """With one more measurement in the latest epoch; landmarks that are new begin where this epoch puts them."""
+        """With one more measurement in the latest epoch. New landmarks begin where this epoch puts them."""
         if m.ids is None:
             latest = self.epochs[-1]
             latest = Epoch(latest.time, (*latest.measurements, m))
@@ -125,7 +125,7 @@ class Window:
         return replace(self, points=moved)
 
     def latest_at(self, pose: Float[np.ndarray, " 7"]) -> "Window":
-        """With the latest epoch at a pose (t m, q_ig), and with it the landmarks that no other epoch saw."""
+        """With the latest epoch at a pose (t m, q_ig). Landmarks that no other epoch observed move with it."""
         seen, latest = self.seen, len(self.epochs) - 1
         trajectory, points = self.trajectory.copy(), self.points.copy()
         trajectory[-1, :7] = pose
@@ -155,7 +155,10 @@ class Window:
 def _with_observations(
     window: Window, model: LandmarkSensor, measured: tuple[np.ndarray, np.ndarray, np.ndarray]
 ) -> Window:
-    """With one sensor's observations in the latest epoch; those that tell no landmark and are not of a known one are left out."""
+    """With one sensor's observations in the latest epoch.
+
+    Those that tell no landmark and are not of a known one are left out.
+    """
     ids, values, parameters = measured
     if not any(known is model for known in window.models):
         window = replace(window, models=(*window.models, model))

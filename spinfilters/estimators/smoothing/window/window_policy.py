@@ -1,4 +1,4 @@
-"""How long a smoother keeps what: everything, everything but landmarks that went out of sight, or a window."""
+"""Window policies: full smoothing, landmark marginalization, fixed lag."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -58,7 +58,9 @@ class FullSmoothing(WindowPolicy):
 
 @dataclass(frozen=True)
 class LandmarkMarginalization(WindowPolicy):
-    """Landmarks unseen for some revolutions are eliminated once; every epoch's dynamics stay live, up to a longest window.
+    """Marginalize landmarks that were unobserved for some revolutions.
+
+    The dynamics of every epoch stay, up to a largest window.
 
     Attributes
     ----------
@@ -110,7 +112,7 @@ class FixedLag(WindowPolicy):
 
 
 def _batch_size(policy: WindowPolicy, kept: int, epochs: int, mass_std: float) -> int:
-    """Epochs beyond those that are kept, once there are enough of them; more are kept while the inertia is not determined."""
+    """Number of epochs to remove at once, 0 until there are enough. More are kept while the inertia is not determined."""
     over = epochs - (kept if mass_std <= policy.determined else max(kept, LONGEST_STARTUP))
     return min(over, LARGEST_BATCH) if over >= smallest_batch(kept) else 0
 
