@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from observability.bounds.cramer_rao import PRIOR_STD, Bound, Deviations, cramer_rao_bound
-from observability.bounds.known_inputs import DrivenMotion, KnownInput
+from observability.bounds.known_inputs import DrivenMotion, InputSizes, KnownInput
 from observability.bounds.reference_trajectory import (
     ReferenceTrajectory,
     SensorSchedule,
@@ -49,15 +49,6 @@ NEAREST_LANDMARK: Final = 0.05
 
 
 @dataclass(frozen=True)
-class InputSizes:
-    """Of known inputs in the bound: amplitudes in N m and m/s^2, and the period in s of the first (`KnownInput`)."""
-
-    torque: float = 0.1
-    manoeuvre: float = 0.01
-    period: float = 20.0
-
-
-@dataclass(frozen=True)
 class Case:
     """One question.
 
@@ -75,7 +66,7 @@ class Case:
     unknowns: str = "ratios"
     motion: Motion = CANONICAL_MOTIONS[0]
     inputs: Sequence[Input] = field(default_factory=tuple)
-    sizes: InputSizes = InputSizes()
+    sizes: InputSizes = field(default_factory=InputSizes)
 
     def __post_init__(self) -> None:
         named = [("sensor", each, tuple(analysed_sensors())) for each in self.sensors]

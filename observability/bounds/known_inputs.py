@@ -24,6 +24,15 @@ MOST_SUBSTEPS = 2000
 
 
 @dataclass(frozen=True)
+class InputSizes:
+    """Of known inputs in the bound: amplitudes in N m and m/s^2, and the period in s of the first (`KnownInput`)."""
+
+    torque: float = 0.1
+    manoeuvre: float = 0.01
+    period: float = 20.0
+
+
+@dataclass(frozen=True)
 class KnownInput:
     """size cos(2 pi t / period) along one axis: N m or m/s^2, s. Its mean is 0, so that it carries no body away."""
 

@@ -22,6 +22,7 @@ from spinfilters.estimators.smoothing.linear.latest_marginal import latest_facto
 from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
 from spinfilters.estimators.smoothing.problem.least_squares import (
     LinearizationPoint,
+    LinearProblem,
     NormalEquations,
     Problem,
 )
@@ -76,7 +77,7 @@ def _without(chosen: np.ndarray) -> tuple[Window, FirstStatePrior]:
     """The window without some landmarks; the prior is still that of its oldest epoch."""
     prior = FirstStatePrior(sample(LONG).truth[0], LOOSE)
     problem, here, normal = _linear(_window(), prior)
-    return without_landmarks(_window(), problem, (here, normal), chosen), prior
+    return without_landmarks(_window(), problem, LinearProblem(here, normal), chosen), prior
 
 
 def _seen_before(window: Window, epoch: int) -> np.ndarray:
@@ -116,7 +117,9 @@ def test_landmarks_that_leave_change_neither_covariance_nor_step_nor_cost(share:
 def _oldest_gone(window: Window, prior: FirstStatePrior | None, count: int) -> Window:
     """Without epochs whose landmarks have left."""
     problem, here, normal = _linear(window, prior)
-    return without_oldest(window, problem, (here, normal), np.zeros(len(window.ids), dtype=bool), count)
+    return without_oldest(
+        window, problem, LinearProblem(here, normal), np.zeros(len(window.ids), dtype=bool), count
+    )
 
 
 @pytest.mark.parametrize("count", [1, 2, 4, 8])
@@ -129,7 +132,7 @@ def test_the_oldest_epochs_that_leave_change_neither_covariance_nor_step_nor_cos
 
 def test_epochs_that_leave_with_their_landmarks_change_neither_covariance_nor_step_nor_cost() -> None:
     problem, here, normal = _linear(_window(), FirstStatePrior(sample(LONG).truth[0], LOOSE))
-    after = without_oldest(_window(), problem, (here, normal), _seen_before(_window(), 3), 3)
+    after = without_oldest(_window(), problem, LinearProblem(here, normal), _seen_before(_window(), 3), 3)
     _check_same(after, None, 3)
 
 
@@ -143,7 +146,9 @@ def test_landmarks_may_leave_in_two_parts() -> None:
     chosen = np.arange(len(_window().ids)) % 3 == 0
     window, prior = _without(chosen)
     problem, here, normal = _linear(window, prior)
-    again = without_landmarks(window, problem, (here, normal), np.arange(len(window.ids)) % 2 == 0)
+    again = without_landmarks(
+        window, problem, LinearProblem(here, normal), np.arange(len(window.ids)) % 2 == 0
+    )
     _check_same(again, prior, 0)
 
 

@@ -8,7 +8,6 @@ Each line divided by its noise is a row of a least-squares problem (Bell 1994). 
 with the right-hand side as last column, one per epoch and one per step.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -17,16 +16,14 @@ from jaxtyping import Bool, Float, Int
 
 from spinfilters.estimators.estimator import ProcessModel
 from spinfilters.estimators.robust.losses import LeastSquares, RobustLoss
+from spinfilters.estimators.smoothing.factors.sensor_rows import STRETCH, SensorRows, collect_sensors
 from spinfilters.estimators.smoothing.factors.variable_ordering import VariableOrdering
 from spinfilters.estimators.smoothing.kernels.compiled_kernels import kernels
 from spinfilters.estimators.smoothing.state_prior import StatePrior
 from spinfilters.estimators.timeline import Timeline, times_of
-from spinfilters.models.measurement import MeasurementModel
 from spinfilters.symbolic.compiled import address
 
 NOTHING = np.zeros((0, 1, 1))
-STRETCH = 2048
-"""Epochs whose rows are in memory together: rows of an epoch take ten times the room of what they add to the linear problem."""
 NOISE_FLOOR = 1e-8
 """Of every moving component per step (m, rad, m/s, rad/s): far below any sensor, it stands in where a disturbance is zero."""
 
@@ -49,54 +46,6 @@ class InformationBlocks:
     cost: float
     rows: Float[np.ndarray, "j d s1"]
     mean_squares: Float[np.ndarray, " r"] = field(default_factory=lambda: np.zeros(0))
-
-
-@dataclass(frozen=True)
-class SensorRows:
-    """All measurements of one sensor that sees no landmark."""
-
-    model: MeasurementModel
-    epoch: Int[np.ndarray, " r"]
-    values: Float[np.ndarray, "r v"]
-    parameters: Float[np.ndarray, "r p"]
-    scale: Float[np.ndarray, " i"] | None = None
-    """Of the standard deviations that the model states, by component of the innovation; None for 1."""
-
-    @classmethod
-    def joined(cls, parts: Sequence["SensorRows"]) -> "SensorRows":
-        """Parts of one sensor, one after the other."""
-        columns = ([getattr(part, name) for part in parts] for name in ("epoch", "values", "parameters"))
-        return cls(parts[0].model, *map(np.concatenate, columns))
-
-    def part(self, rows: slice, first: int = 0) -> "SensorRows":
-        """Some of the measurements, their frames counted from epoch ``first`` on."""
-        epoch = self.epoch[rows] - first
-        return SensorRows(self.model, epoch, self.values[rows], self.parameters[rows], self.scale)
-
-    def within(self, begin: int, end: int) -> "SensorRows":
-        """The measurements of the epochs from ``begin`` to before ``end``, counted from ``begin`` on."""
-        first, last = np.searchsorted(self.epoch, (begin, end))
-        return self.part(slice(int(first), int(last)), begin)
-
-
-def collect_sensors(epochs: Timeline) -> tuple[SensorRows, ...]:
-    """Measurements without ids, by sensor; of a long timeline one stretch after the other."""
-    parts: dict[int, list[SensorRows]] = {}
-    for begin in range(0, len(epochs), STRETCH):
-        for rows in _collected(epochs[begin : begin + STRETCH], begin):
-            parts.setdefault(id(rows.model), []).append(rows)
-    return tuple(map(SensorRows.joined, parts.values()))
-
-
-def _collected(epochs: Timeline, begin: int) -> list[SensorRows]:
-    """Those of a stretch whose first epoch has the number ``begin``."""
-    found: dict[int, list[SensorRows]] = {}
-    for k, epoch in enumerate(epochs, start=begin):
-        for m in epoch.measurements:
-            if m.ids is None and len(m.values):
-                rows = SensorRows(m.model, np.full(len(m.values), k), m.values, m.parameters)
-                found.setdefault(id(m.model), []).append(rows)
-    return [SensorRows.joined(rows) for rows in found.values()]
 
 
 @dataclass(frozen=True)

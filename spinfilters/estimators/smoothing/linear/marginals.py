@@ -18,7 +18,7 @@ from scipy.linalg.lapack import dtrtri
 from scipy.sparse import bsr_array
 
 from spinfilters.estimators.filters.square_root_update import triangular_factor
-from spinfilters.estimators.smoothing.factors.motion_factors import STRETCH
+from spinfilters.estimators.smoothing.factors.sensor_rows import STRETCH
 from spinfilters.estimators.smoothing.linear.landmark_elimination import Eliminated
 from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
 

@@ -12,12 +12,8 @@ from jaxtyping import Float
 from scipy.linalg.lapack import dpotrf, dtrtri, dtrtrs
 
 from spinfilters.estimators.smoothing.factors.marginalization_prior import LinearizedPrior
-from spinfilters.estimators.smoothing.factors.motion_factors import (
-    NOTHING,
-    STRETCH,
-    InformationBlocks,
-    Motion,
-)
+from spinfilters.estimators.smoothing.factors.motion_factors import NOTHING, InformationBlocks, Motion
+from spinfilters.estimators.smoothing.factors.sensor_rows import STRETCH
 from spinfilters.estimators.smoothing.factors.variable_ordering import VariableOrdering
 from spinfilters.estimators.smoothing.kernels.compiled_kernels import kernels
 from spinfilters.estimators.smoothing.linear.buffer_pool import pooled_zeros

@@ -17,12 +17,8 @@ from spinfilters.estimators.smoothing.factors.marginalization_prior import (
     LinearizedPrior,
     MarginalizationPrior,
 )
-from spinfilters.estimators.smoothing.factors.motion_factors import (
-    STRETCH,
-    InformationBlocks,
-    Motion,
-    motion_of,
-)
+from spinfilters.estimators.smoothing.factors.motion_factors import InformationBlocks, Motion, motion_of
+from spinfilters.estimators.smoothing.factors.sensor_rows import STRETCH
 from spinfilters.estimators.smoothing.factors.variable_ordering import VariableOrdering
 from spinfilters.estimators.smoothing.linear.landmark_elimination import Eliminated, eliminate
 from spinfilters.estimators.smoothing.linear.schur_system import (
@@ -133,6 +129,14 @@ class NormalEquations:
         return self.solution.predicted_reduction + (
             0.0 if e is None else float((e.gradient[e.is_constrained] ** 2).sum())
         )
+
+
+@dataclass(frozen=True)
+class LinearProblem:
+    """A linearisation point and the normal equations about it."""
+
+    point: LinearizationPoint
+    normal: NormalEquations
 
 
 @dataclass(frozen=True)

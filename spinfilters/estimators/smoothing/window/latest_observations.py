@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
 from spinfilters.estimators.robust.losses import RobustLoss
 from spinfilters.estimators.smoothing.factors.landmark_observations import (
@@ -10,7 +11,14 @@ from spinfilters.estimators.smoothing.factors.landmark_observations import (
     linearise_observations,
 )
 from spinfilters.estimators.smoothing.problem.landmark_reinitialisation import reinitialised
-from spinfilters.estimators.smoothing.problem.least_squares import LinearizationPoint, Problem, Stage
+from spinfilters.estimators.smoothing.problem.least_squares import (
+    LinearizationPoint,
+    LinearProblem,
+    NormalEquations,
+    Problem,
+    Stage,
+)
+from spinfilters.estimators.smoothing.window.smoother_window import Window
 
 POOR_GUESS_SHARE = 0.3
 """Share of the latest epoch's observations without weight from which the epoch's guess, not the observations, is taken to be
@@ -44,3 +52,23 @@ def with_landmarks_put_right(problem: Problem, here: LinearizationPoint, stage: 
         return here
     linear = linearise_observations(problem.observations, here.trajectory, points)
     return replace(here, points=points, linear=linear)
+
+
+def linear_problem(problem: Problem, here: LinearizationPoint, loss: RobustLoss) -> LinearProblem:
+    """Linear problem about a point, or one at which misplaced landmarks are re-initialised."""
+    stage = Stage(loss)
+    here = with_landmarks_put_right(problem, here, stage)
+    return LinearProblem(here, problem.normal(here, stage))
+
+
+def observation_weights(
+    window: Window, normal: NormalEquations, epoch: int, ends: list[int]
+) -> list[Float[np.ndarray, " n"]]:
+    """Weights of the observations of an epoch between these ends; zero where there is no solution."""
+    seen, fit = window.seen, normal.eliminated
+    landmark = seen.landmark[seen.epoch == epoch]
+    weight = np.zeros(len(landmark))
+    if fit is not None:
+        weight[np.argsort(landmark, kind="stable")] = fit.weight[fit.observations.epoch == epoch]
+    first = int(np.searchsorted(seen.epoch, epoch))
+    return np.split(weight, np.array(ends) - first)[1:-1]

@@ -10,7 +10,7 @@ become indefinite.
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from scipy.linalg.lapack import dpstrf, dtpqrt, dtrtrs
 
 from spinfilters.estimators.smoothing.factors.landmark_observations import LinearObservations
@@ -22,10 +22,13 @@ from spinfilters.estimators.smoothing.factors.marginalization_prior import (
 from spinfilters.estimators.smoothing.factors.motion_factors import Motion, prior_rows
 from spinfilters.estimators.smoothing.factors.variable_ordering import VariableOrdering
 from spinfilters.estimators.smoothing.linear.landmark_elimination import POSE, eliminate
-from spinfilters.estimators.smoothing.problem.least_squares import (
-    LinearizationPoint,
-    NormalEquations,
-    Problem,
+from spinfilters.estimators.smoothing.problem.least_squares import LinearProblem, NormalEquations, Problem
+from spinfilters.estimators.smoothing.window.marginalization_columns import (
+    columns_of,
+    elimination_order,
+    spread_epoch,
+    spread_poses,
+    spread_step,
 )
 from spinfilters.estimators.smoothing.window.smoother_window import Window
 
@@ -36,18 +39,18 @@ NARROW, WIDE, WIDE_ENOUGH = 8, 32, 300
 def without_landmarks(
     window: Window,
     problem: Problem,
-    at: tuple[LinearizationPoint, NormalEquations],
+    linear: LinearProblem,
     landmarks: Bool[np.ndarray, " L"],
 ) -> Window:
     """The window with some landmarks, numbered as in its observations, turned into what is carried.
 
     Parameters
     ----------
-    at: the linear problem in which they are eliminated, and the point it is about.
+    linear: the linear problem in which they are eliminated, and the point it is about.
     """
-    here, ordering = at[0].trajectory, problem.ordering
+    here, ordering = linear.point.trajectory, problem.ordering
     first = _first_estimates(window, ordering, here)
-    rows = _spread_poses(_of_landmarks(at, landmarks, ordering), ordering, 0)
+    rows = spread_poses(_of_landmarks(linear, landmarks, ordering), ordering, 0)
     new = _at_first_estimates(rows, ordering, first, here)
     root = _triangular(window.marginal_prior, new, ordering, 0)
     return replace(
@@ -59,7 +62,7 @@ def without_landmarks(
 def without_oldest(
     window: Window,
     problem: Problem,
-    at: tuple[LinearizationPoint, NormalEquations],
+    linear: LinearProblem,
     landmarks: Bool[np.ndarray, " L"],
     count: int = 1,
 ) -> Window:
@@ -69,15 +72,15 @@ def without_oldest(
 
     Parameters
     ----------
-    at: as for `without_landmarks`.   count: of the epochs that leave; one stays at least.
+    linear: as for `without_landmarks`.   count: of the epochs that leave; one stays at least.
     """
-    ordering, here = problem.ordering, at[0].trajectory
+    ordering, here = problem.ordering, linear.point.trajectory
     first, more = _first_estimates(window, ordering, here), count * len(ordering.tridiagonal)
-    rows = [_spread_step(at[0].dynamics.rows[k], k, count, ordering) for k in range(count)]
+    rows = [spread_step(linear.point.dynamics.rows[k], k, count, ordering) for k in range(count)]
     for k in range(count):
-        rows += [_spread_epoch(part, k, count, ordering) for part in _alone(problem.motion, k, here)]
+        rows += [spread_epoch(part, k, count, ordering) for part in _alone(problem.motion, k, here)]
     if landmarks.any():
-        rows.append(_spread_poses(_of_landmarks(at, landmarks, ordering), ordering, more))
+        rows.append(spread_poses(_of_landmarks(linear, landmarks, ordering), ordering, more))
     new = _at_first_estimates(np.concatenate(rows), ordering, first, here, more)
     gone = count * len(ordering.moving)
     root = _triangular(window.marginal_prior, new, ordering, count)[gone:, gone:]
@@ -89,24 +92,14 @@ def without_oldest(
 
 
 def _of_landmarks(
-    at: tuple[LinearizationPoint, NormalEquations],
+    linear: LinearProblem,
     landmarks: Bool[np.ndarray, " L"],
     ordering: VariableOrdering,
 ) -> Float[np.ndarray, "r w"]:
-    here, normal = at
+    here, normal = linear.point, linear.normal
     if normal.eliminated is None or here.linear is None:
         return np.zeros((0, ordering.epochs * len(ordering.pose) + 1))
     return landmark_rows(normal, here.linear, landmarks, ordering.epochs)
-
-
-def _spread_poses(
-    rows: Float[np.ndarray, "r w"], ordering: VariableOrdering, more: int
-) -> Float[np.ndarray, "r x"]:
-    """Rows over poses alone over a carried quadratic's columns and ``more``."""
-    size = rows.shape[1] - 1 + len(ordering.constant) + len(ordering.tridiagonal) + more
-    out = np.zeros((len(rows), size + 1))
-    out[:, : rows.shape[1] - 1], out[:, -1] = rows[:, :-1], rows[:, -1]
-    return out
 
 
 def landmark_rows(
@@ -205,38 +198,6 @@ def _at_first_estimates(
     return result
 
 
-def _spread_step(
-    rows: Float[np.ndarray, "d w"], k: int, count: int, ordering: VariableOrdering
-) -> Float[np.ndarray, "d x"]:
-    """Dynamics rows of step k over the columns of the marginalization.
-
-    Poses, constants, velocities of ``count`` epochs and of the next, right-hand side.
-    """
-    p, c, v, K = len(ordering.pose), len(ordering.constant), len(ordering.tridiagonal), ordering.epochs
-    d, tridiagonal = p + v, K * p + c
-    out = np.zeros((len(rows), tridiagonal + (count + 1) * v + 1))
-    for moving, epoch in ((0, k), (d, k + 1)):
-        out[:, epoch * p : (epoch + 1) * p] = rows[:, moving : moving + p]
-        out[:, tridiagonal + epoch * v : tridiagonal + (epoch + 1) * v] = rows[:, moving + p : moving + d]
-    out[:, K * p : tridiagonal], out[:, -1] = rows[:, 2 * d : -1], rows[:, -1]
-    return out
-
-
-def _spread_epoch(
-    rows: Float[np.ndarray, "r w"], k: int, count: int, ordering: VariableOrdering
-) -> Float[np.ndarray, "r x"]:
-    """Rows of epoch k alone over the same columns."""
-    p, c, v, K = len(ordering.pose), len(ordering.constant), len(ordering.tridiagonal), ordering.epochs
-    tridiagonal = K * p + c
-    out = np.zeros((len(rows), tridiagonal + (count + 1) * v + 1))
-    out[:, k * p : (k + 1) * p], out[:, tridiagonal + k * v : tridiagonal + (k + 1) * v] = (
-        rows[:, :p],
-        rows[:, p : p + v],
-    )
-    out[:, K * p : tridiagonal], out[:, -1] = rows[:, p + v : -1], rows[:, -1]
-    return out
-
-
 def _alone(motion: Motion, k: int, trajectory: Float[np.ndarray, "k m"]) -> list[Float[np.ndarray, "r w"]]:
     """Rows of epoch k's sensors, and of the prior for the first."""
     parts: list[np.ndarray] = []
@@ -265,13 +226,13 @@ def _triangular(
 
     The old root is a triangle in that order already: only the new rows are turned into it.
     """
-    order, width = _elimination_order(ordering, removed), new.shape[1]
+    order, width = elimination_order(ordering, removed), new.shape[1]
     root = np.zeros((width, width), order="F")
     if old is not None:
         place = np.empty(width, dtype=int)
         place[order] = np.arange(width)
-        to = place[_columns_of(old.ordering, ordering)][_elimination_order(old.ordering, 0)[:-1]]
-        within = _elimination_order(old.ordering, 0)[:-1]
+        to = place[columns_of(old.ordering, ordering)][elimination_order(old.ordering, 0)[:-1]]
+        within = elimination_order(old.ordering, 0)[:-1]
         root[np.ix_(to, to)] = old.information_sqrt[:, within]
         root[to, -1] = old.right
     if not len(new):
@@ -280,28 +241,6 @@ def _triangular(
     block = NARROW if width < WIDE_ENOUGH else WIDE
     turned, *_ = dtpqrt(0, block, root, rows, overwrite_a=1, overwrite_b=1)
     return turned  # what is below its diagonal stays zero
-
-
-def _elimination_order(ordering: VariableOrdering, removed: int) -> Int[np.ndarray, " w"]:
-    """Columns of the marginalization prior in the order of elimination.
-
-    Velocities after that of its first epoch, then the rest and the right-hand side, as epochs are removed.
-    """
-    p, v, K = len(ordering.pose), len(ordering.tridiagonal), ordering.epochs
-    tridiagonal = K * p + len(ordering.constant)
-    epochs = min(max(removed, 1) + 1, K)
-    parts: list[tuple[int, int]] = []
-    for k in range(epochs):
-        parts += [(k * p, (k + 1) * p)]
-        parts += [(tridiagonal + k * v, tridiagonal + (k + 1) * v)] if k <= removed else []
-    ends = (tridiagonal + (removed + 1) * v, tridiagonal + (removed + 1) * v + 1)
-    return np.concatenate([np.arange(*part) for part in (*parts, (epochs * p, tridiagonal), ends)])
-
-
-def _columns_of(old: VariableOrdering, now: VariableOrdering) -> Int[np.ndarray, " q"]:
-    """Where the columns of a quadratic over fewer epochs are among those over more."""
-    p, c, v = len(old.pose), len(old.constant), len(old.tridiagonal)
-    return np.concatenate([np.arange(old.epochs * p), now.epochs * p + np.arange(c + v)])
 
 
 def _marginal_prior(
@@ -313,5 +252,5 @@ def _marginal_prior(
     """From a triangle in the order of elimination."""
     constant_cost = float(root[-1, -1] ** 2) + (0.0 if before is None else before.constant_cost)
     columns = np.empty((len(root) - 1, len(root) - 1))
-    columns[:, _elimination_order(ordering, 0)[:-1]] = root[:-1, :-1]
+    columns[:, elimination_order(ordering, 0)[:-1]] = root[:-1, :-1]
     return MarginalizationPrior(ordering, first, columns, root[:-1, -1].copy(), constant_cost)

@@ -11,13 +11,7 @@ from spinfilters.estimators.robust.losses import RobustLoss
 from spinfilters.estimators.smoothing.factors.motion_factors import StatePrior
 from spinfilters.estimators.smoothing.linear.latest_marginal import latest_factor
 from spinfilters.estimators.smoothing.linear.marginals import Marginals
-from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
-from spinfilters.estimators.smoothing.problem.least_squares import (
-    LinearizationPoint,
-    NormalEquations,
-    Problem,
-    Stage,
-)
+from spinfilters.estimators.smoothing.problem.least_squares import LinearizationPoint, LinearProblem, Problem
 from spinfilters.estimators.smoothing.problem.unobservable_directions import unobservable_directions
 from spinfilters.estimators.smoothing.solver.iterations import (
     ConstantSchedule,
@@ -29,7 +23,8 @@ from spinfilters.estimators.smoothing.solver.iterations import (
 from spinfilters.estimators.smoothing.solver.step_rules import GaussNewton
 from spinfilters.estimators.smoothing.window.latest_observations import (
     is_poor_guess,
-    with_landmarks_put_right,
+    linear_problem,
+    observation_weights,
 )
 from spinfilters.estimators.smoothing.window.latest_pose import latest_pose
 from spinfilters.estimators.smoothing.window.marginalization import without_landmarks, without_oldest
@@ -70,7 +65,7 @@ class SlidingSmoother:
     ) -> None:
         self.process, self.options, self._tied = process, options, has_landmarks
         self._prior, self.state = prior, SmootherState()
-        self._linear: tuple[LinearizationPoint, NormalEquations] | None = None
+        self._linear: LinearProblem | None = None
         self.window = Window.empty(process.layout.mean_dim)
 
     def resume(self, window: Window, state: SmootherState) -> None:
@@ -92,10 +87,8 @@ class SlidingSmoother:
         self.window = self.window.placed(ids, points)
         _, problem = self._solved(epochs[-1].measurements)
         self._remember(problem)
-        every = zip(epochs, ends, strict=True)
-        return [
-            UpdateResult.counted(f.measurements, self._weights(k, end), 1) for k, (f, end) in enumerate(every)
-        ]
+        weights = [self._weights(k, end) for k, end in enumerate(ends)]
+        return [UpdateResult.counted(f.measurements, w, 1) for f, w in zip(epochs, weights, strict=True)]
 
     def add(self, epoch: Epoch, guess: Float[np.ndarray, " 7"] | None = None) -> UpdateResult:
         """Take in an epoch.
@@ -128,7 +121,9 @@ class SlidingSmoother:
     @property
     def belief(self) -> Gaussian:
         """Of the latest epoch; its factor is not finite where something is not determined."""
-        return Gaussian(self.process.layout, self.window.trajectory[-1], self._latest_factor())
+        solution, n = self._linearised().normal.solution, self.process.layout.error_dim
+        factor = np.full((n, n), np.nan) if isinstance(solution, int) else latest_factor(solution)
+        return Gaussian(self.process.layout, self.window.trajectory[-1], factor)
 
     @property
     def mass_std(self) -> float:
@@ -142,7 +137,7 @@ class SlidingSmoother:
 
     def smoothed(self, epochs: int | None = None) -> list[MarginalizedState]:
         """Epochs of the window with their covariances: all, or so many of the oldest."""
-        solution, n = self._linearised()[1].solution, self.process.layout.error_dim
+        solution, n = self._linearised().normal.solution, self.process.layout.error_dim
         count = len(self.window.epochs) if epochs is None else epochs
         if isinstance(solution, int):
             factors = np.full((count, n, n), np.nan)
@@ -157,9 +152,7 @@ class SlidingSmoother:
         problem = self.problem()
         here = problem.at(self.window.trajectory, self.window.points)
         solved = solve(problem, here, SolverOptions(), ConstantSchedule(self.options.observation_loss))
-        here = solved.point
-        self.window = replace(self.window, trajectory=here.trajectory, points=here.points)
-        self._linear = (here, solved.normal)
+        self._move_to(LinearProblem(solved.point, solved.normal))
         self._remember(problem)
 
     def counts(self) -> Int[np.ndarray, "k 2"] | None:
@@ -176,10 +169,10 @@ class SlidingSmoother:
 
     def unobservable(self) -> list[str]:
         """Unobservable directions so far, in words. Only while the first epoch is in the window."""
-        here, normal = self._linearised()
-        if len(here.trajectory) != len(self.window.epochs):
+        linear = self._linearised()
+        if len(linear.point.trajectory) != len(self.window.epochs):
             return []
-        return unobservable_directions(self.problem(), here, normal)
+        return unobservable_directions(self.problem(), linear.point, linear.normal)
 
     def _guess(self, time: float, guess: np.ndarray | None) -> Float[np.ndarray, " m"]:
         """A first state for a new epoch: predicted, at the guessed pose."""
@@ -201,38 +194,38 @@ class SlidingSmoother:
         """Relinearise and iterate; the number of iterations is returned too."""
         problem, loss = self.problem(), self.options.observation_loss
         here = self._found_back(problem, problem.at(self.window.trajectory, self.window.points), loss)
-        here, normal = _linear_problem(problem, here, loss)
-        cost_threshold = (
-            COST_THRESHOLD * self._measured(measurements) if self.mass_std <= LOOSE else SETTLED_COST
-        )
+        linear = linear_problem(problem, here, loss)
+        scalars = sum(m.values.size for m in measurements) + self.process.layout.error_dim
+        threshold = COST_THRESHOLD * scalars if self.mass_std <= LOOSE else SETTLED_COST
         count = 1
-        while (
-            count < self.options.iterations and normal.solved and normal.predicted_reduction > cost_threshold
-        ):
-            there, _, _ = advanced(problem, here, normal, (GaussNewton(), 1.0))
+        while count < self.options.iterations and linear.normal.solved:
+            if not linear.normal.predicted_reduction > threshold:
+                break
+            there, _, _ = advanced(problem, linear.point, linear.normal, (GaussNewton(), 1.0))
             if there is None:
                 break
-            here, normal = _linear_problem(problem, there, loss)
-            count += 1
-        step = GaussNewton().propose(lambda _: normal, problem.layout, 1.0) if normal.solved else None
-        trajectory, points = (here.trajectory, here.points) if step is None else moved(problem, here, step)
-        self.window = replace(self.window, trajectory=trajectory, points=points)
-        self._linear = (here, normal)
+            linear, count = linear_problem(problem, there, loss), count + 1
+        self.window = _stepped(self.window, problem, linear)
+        self._linear = linear
         return count, problem
+
+    def _move_to(self, linear: LinearProblem) -> None:
+        self.window = replace(self.window, trajectory=linear.point.trajectory, points=linear.point.points)
+        self._linear = linear
 
     def _remember(self, problem: Problem) -> None:
         """What the last linear problem says of the whole."""
-        here, normal = self._linearised(problem)
-        solution = normal.solution
+        linear = self._linearised(problem)
+        solution = linear.normal.solution
         self.state.mass_std = np.inf if isinstance(solution, int) else solution.mass_std
-        self.state.fits = fits(here, normal)
+        self.state.fits = fits(linear.point, linear.normal)
 
-    def _linearised(self, problem: Problem | None = None) -> tuple[LinearizationPoint, NormalEquations]:
+    def _linearised(self, problem: Problem | None = None) -> LinearProblem:
         """The last linear problem; after `resume` about where the window is."""
         if self._linear is None:
             problem = problem or self.problem()
             here = problem.at(self.window.trajectory, self.window.points)
-            self._linear = _linear_problem(problem, here, self.options.observation_loss)
+            self._linear = linear_problem(problem, here, self.options.observation_loss)
         return self._linear
 
     def _found_back(self, problem: Problem, here: LinearizationPoint, loss: RobustLoss) -> LinearizationPoint:
@@ -247,10 +240,6 @@ class SlidingSmoother:
         self.window = self.window.latest_at(pose)
         return problem.at(self.window.trajectory, self.window.points)
 
-    def _measured(self, measurements: tuple[Measurement, ...]) -> int:
-        """Scalar measurements that are new, and unknowns of a state."""
-        return sum(m.values.size for m in measurements) + self.process.layout.error_dim
-
     def _restarted_from_momentum(self, problem: Problem) -> int:
         """Restart from conserved angular momentum while the inertia is not determined.
 
@@ -260,13 +249,11 @@ class SlidingSmoother:
             return 0
         if not self.state.retry_schedule.is_due(len(self.window.epochs), self.state.fits):
             return 0
-        stage, times = self._linearised()[1].stage, np.array([epoch.time for epoch in self.window.epochs])
+        stage, times = self._linearised().normal.stage, np.array([epoch.time for epoch in self.window.epochs])
         now = problem.at(self.window.trajectory, self.window.points)
         found, tries = restarted_from_momentum(problem, now, stage, times)
         if found is not None:
-            here, normal = _linear_problem(problem, found, stage.loss)
-            self._linear = (here, normal)
-            self.window = replace(self.window, trajectory=here.trajectory, points=here.points)
+            self._move_to(linear_problem(problem, found, stage.loss))
             self._remember(problem)
         return tries + 1
 
@@ -279,49 +266,31 @@ class SlidingSmoother:
         return ends
 
     def _weights(self, epoch: int, ends: list[int]) -> list[Float[np.ndarray, " n"]]:
-        """Of the observations of an epoch between these ends; zero where there is no solution."""
-        seen, fit = self.window.seen, self._linearised()[1].eliminated
-        landmark = seen.landmark[seen.epoch == epoch]
-        weight = np.zeros(len(landmark))
-        if fit is not None:
-            weight[np.argsort(landmark, kind="stable")] = fit.weight[fit.observations.epoch == epoch]
-        first = int(np.searchsorted(seen.epoch, epoch))
-        return np.split(weight, np.array(ends) - first)[1:-1]
+        return observation_weights(self.window, self._linearised().normal, epoch, ends)
 
     def _slide(self, problem: Problem) -> tuple[MarginalizedState, ...]:
         """Let go what the mode lets go."""
-        at = self._linearised()
+        linear = self._linearised()
         window, policy, std = self.window, self.options.policy, self.mass_std
         self.state.determined = (
             self.state.determined + 1 if std <= policy.determined and not self.state.poor_guess else 0
         )
         landmarks = policy.marginalized_landmarks(window, self.process.layout)
         over = policy.batch_size(len(window.epochs), std if self.state.determined >= SETTLED else np.inf)
-        if over < 1 or not at[1].solved:
-            if landmarks.any() and at[1].solved:
-                self.window = without_landmarks(window, problem, at, landmarks)
+        if over < 1 or not linear.normal.solved:
+            if landmarks.any() and linear.normal.solved:
+                self.window = without_landmarks(window, problem, linear, landmarks)
             return ()
         landmarks[window.seen.landmark[window.seen.epoch < over]] = True
-        marginalized = self._marginalized(over)
-        self.window = without_oldest(window, problem, at, landmarks, over)
+        marginalized = tuple(self.smoothed(over)) if self.options.marginalized else ()
+        self.window = without_oldest(window, problem, linear, landmarks, over)
         self.state.prior_alive = False
         return marginalized
 
-    def _marginalized(self, count: int) -> tuple[MarginalizedState, ...]:
-        return tuple(self.smoothed(count)) if self.options.marginalized else ()
 
-    def _latest_factor(self) -> Float[np.ndarray, "n n"]:
-        solution = self._linearised()[1].solution
-        if isinstance(solution, SchurSystem):
-            return latest_factor(solution)
-        n = self.process.layout.error_dim
-        return np.full((n, n), np.nan)
-
-
-def _linear_problem(
-    problem: Problem, here: LinearizationPoint, loss: RobustLoss
-) -> tuple[LinearizationPoint, NormalEquations]:
-    """About the point, or one at which misplaced landmarks have been put right."""
-    stage = Stage(loss)
-    here = with_landmarks_put_right(problem, here, stage)
-    return here, problem.normal(here, stage)
+def _stepped(window: Window, problem: Problem, linear: LinearProblem) -> Window:
+    """The window one Gauss-Newton step beyond the last linearisation, if the linear problem has a solution."""
+    here, normal = linear.point, linear.normal
+    step = GaussNewton().propose(lambda _: normal, problem.layout, 1.0) if normal.solved else None
+    trajectory, points = (here.trajectory, here.points) if step is None else moved(problem, here, step)
+    return replace(window, trajectory=trajectory, points=points)

@@ -1,0 +1,61 @@
+"""Pose-only observations of a timeline, by sensor."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.estimators.timeline import Timeline
+from spinfilters.models.measurement import MeasurementModel
+
+STRETCH = 2048
+"""Epochs whose rows are in memory together: rows of an epoch take ten times the room of what they add to the linear problem."""
+
+
+@dataclass(frozen=True)
+class SensorRows:
+    """All measurements of one sensor that sees no landmark."""
+
+    model: MeasurementModel
+    epoch: Int[np.ndarray, " r"]
+    values: Float[np.ndarray, "r v"]
+    parameters: Float[np.ndarray, "r p"]
+    scale: Float[np.ndarray, " i"] | None = None
+    """Of the standard deviations that the model states, by component of the innovation; None for 1."""
+
+    @classmethod
+    def joined(cls, parts: Sequence["SensorRows"]) -> "SensorRows":
+        """Parts of one sensor, one after the other."""
+        columns = ([getattr(part, name) for part in parts] for name in ("epoch", "values", "parameters"))
+        return cls(parts[0].model, *map(np.concatenate, columns))
+
+    def part(self, rows: slice, first: int = 0) -> "SensorRows":
+        """Some of the measurements, their frames counted from epoch ``first`` on."""
+        epoch = self.epoch[rows] - first
+        return SensorRows(self.model, epoch, self.values[rows], self.parameters[rows], self.scale)
+
+    def within(self, begin: int, end: int) -> "SensorRows":
+        """The measurements of the epochs from ``begin`` to before ``end``, counted from ``begin`` on."""
+        first, last = np.searchsorted(self.epoch, (begin, end))
+        return self.part(slice(int(first), int(last)), begin)
+
+
+def collect_sensors(epochs: Timeline) -> tuple[SensorRows, ...]:
+    """Measurements without ids, by sensor; of a long timeline one stretch after the other."""
+    parts: dict[int, list[SensorRows]] = {}
+    for begin in range(0, len(epochs), STRETCH):
+        for rows in _collected(epochs[begin : begin + STRETCH], begin):
+            parts.setdefault(id(rows.model), []).append(rows)
+    return tuple(map(SensorRows.joined, parts.values()))
+
+
+def _collected(epochs: Timeline, begin: int) -> list[SensorRows]:
+    """Those of a stretch whose first epoch has the number ``begin``."""
+    found: dict[int, list[SensorRows]] = {}
+    for k, epoch in enumerate(epochs, start=begin):
+        for m in epoch.measurements:
+            if m.ids is None and len(m.values):
+                rows = SensorRows(m.model, np.full(len(m.values), k), m.values, m.parameters)
+                found.setdefault(id(m.model), []).append(rows)
+    return [SensorRows.joined(rows) for rows in found.values()]
