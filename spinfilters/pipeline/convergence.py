@@ -25,10 +25,10 @@ from spinfilters.evaluation.errors import attitude_alignment, common_stamps
 from spinfilters.evaluation.rates import estimated_rates
 from spinfilters.evaluation.trajectory import trajectory_of
 from spinfilters.evaluation.truth_frames import tells_first_frame, truth_in_first_frame
-from spinfilters.pipeline.plotted_quantities import ATTITUDE, MOTIONS, deviations_of
+from spinfilters.pipeline.plotted_quantities import ATTITUDE, QUANTITIES, deviations_of
 from spinfilters.pipeline.setup import Setup
 from spinfilters.pipeline.smoother_run import NAME
-from spinfilters.plots.convergence import Convergence, Settling, convergence_figure
+from spinfilters.plots.convergence import Convergence, ConvergingQuantity, convergence_figure
 from spinfilters.plots.style import draw_figure
 from spinfilters.runs.convergence_file import (
     empty_convergence_record,
@@ -76,7 +76,7 @@ def write_convergence(
     options = settings.smoother.options(len(setup.timeline))
     smoother = SlidingSmoother(setup.process, start.prior, options, has_landmarks=True)
     try:
-        found = record_convergence(smoother, setup.timeline, partial(_motions, layout), on_epoch)
+        found = record_convergence(smoother, setup.timeline, partial(_quantities, layout), on_epoch)
     except NUMERICAL_ERRORS:
         found = empty_convergence_record(layout, np.array([epoch.time for epoch in setup.timeline]))
     make_folder(folder / NAME)
@@ -111,11 +111,13 @@ def read_convergence(folder: Path, truth: Truth | None) -> Convergence | None:
     return _convergence(found, latest_epochs(layout, found), truth)
 
 
-def _motions(layout: StateLayout, window: Sequence[MarginalizedState]) -> dict[str, Float[np.ndarray, "k q"]]:
-    """What is kept of a solve, SI: every one of `MOTIONS`, and their standard deviations."""
+def _quantities(
+    layout: StateLayout, window: Sequence[MarginalizedState]
+) -> dict[str, Float[np.ndarray, "k q"]]:
+    """What is kept of a solve, SI: every one of `QUANTITIES`, and their standard deviations."""
     history = smoothed_epochs(layout, window)
     trajectory, rates = trajectory_of(history), estimated_rates(history)
-    told = {name: motion.estimate(trajectory, rates) for name, motion in MOTIONS.items()}
+    told = {name: quantity.estimate(trajectory, rates) for name, quantity in QUANTITIES.items()}
     values = {name: value for name, (value, _) in told.items()}
     return values | {deviations_of(name): std for name, (_, std) in told.items()}
 
@@ -123,25 +125,25 @@ def _motions(layout: StateLayout, window: Sequence[MarginalizedState]) -> dict[s
 def _convergence(found: ConvergenceRecord, latest: EstimateHistory, truth: Truth | None) -> Convergence:
     """With errors where there is a truth, with distances from the last solve otherwise."""
     if truth is None:
-        reference = {name: found.values[name][-1] for name in MOTIONS}
+        reference = {name: found.values[name][-1] for name in QUANTITIES}
     else:
         truth = _in_estimated_frame(found, latest, truth)
-        reference = _true_motions(found.time, truth)
-    motions = [
-        Settling(
-            motion.label,
-            motion.unit,
-            motion.scale * _distance(name, found.values[name], reference[name]),
-            motion.scale * np.linalg.norm(found.values[deviations_of(name)], axis=2),
+        reference = _true_quantities(found.time, truth)
+    quantities = [
+        ConvergingQuantity(
+            quantity.label,
+            quantity.unit,
+            quantity.scale * _distance(name, found.values[name], reference[name]),
+            quantity.scale * np.linalg.norm(found.values[deviations_of(name)], axis=2),
         )
-        for name, motion in MOTIONS.items()
+        for name, quantity in QUANTITIES.items()
     ]
     ratios = (
         None if truth is None or truth.principal_moments is None else _log_ratios(truth.principal_moments)
     )
     centre = None if truth is None else truth.center_of_mass_g
     known = truth is not None
-    return Convergence(found.time, motions, body_history(latest), found.trusted, known, ratios, centre)
+    return Convergence(found.time, quantities, body_history(latest), found.trusted, known, ratios, centre)
 
 
 def _in_estimated_frame(found: ConvergenceRecord, latest: EstimateHistory, truth: Truth) -> Truth:
@@ -155,13 +157,13 @@ def _in_estimated_frame(found: ConvergenceRecord, latest: EstimateHistory, truth
     return replace(truth, q_ig=multiply(truth.q_ig, turn), principal_axes_g=None, center_of_mass_g=None)
 
 
-def _true_motions(time: np.ndarray, truth: Truth) -> dict[str, Float[np.ndarray, "f q"]]:
-    """By the names of `MOTIONS`, not a number in epochs without a truth."""
+def _true_quantities(time: np.ndarray, truth: Truth) -> dict[str, Float[np.ndarray, "f q"]]:
+    """By the names of `QUANTITIES`, not a number in epochs without a truth."""
     rows, true_rows = common_stamps(time, truth.time)
-    motions = {name: np.full((len(time), motion.size), np.nan) for name, motion in MOTIONS.items()}
-    for name, motion in MOTIONS.items():
-        motions[name][rows] = motion.true(truth)[true_rows]
-    return motions
+    quantities = {name: np.full((len(time), quantity.size), np.nan) for name, quantity in QUANTITIES.items()}
+    for name, quantity in QUANTITIES.items():
+        quantities[name][rows] = quantity.true(truth)[true_rows]
+    return quantities
 
 
 def _log_ratios(moments: Float[np.ndarray, "3"]) -> Float[np.ndarray, "2"]:

@@ -107,10 +107,10 @@ def draw_optional_outputs(
 
 
 def _draw_prediction(folder: Path, histories: Sequence[EstimateHistory]) -> list[str]:
-    foretold = predictions.read_predictions(folder, histories)
-    if not foretold:
+    predicted_motions = predictions.read_predictions(folder, histories)
+    if not predicted_motions:
         return []
-    draw_figure(lambda: prediction_figure(foretold), folder / PREDICTION_PICTURE)
+    draw_figure(lambda: prediction_figure(predicted_motions), folder / PREDICTION_PICTURE)
     return [PREDICTION_PICTURE]
 
 

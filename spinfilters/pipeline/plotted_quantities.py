@@ -1,4 +1,4 @@
-"""The motions whose convergence is shown: what each is called, and where it is found in estimates and truth."""
+"""Quantities whose convergence is plotted: labels, units, and where estimates and truth hold them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,12 +11,12 @@ from spinfilters.evaluation.rates import BodyRates, true_rates
 from spinfilters.evaluation.trajectory import Trajectory
 
 ATTITUDE = "attitude"
-"""The one of `MOTIONS` whose values are quaternions q_ig."""
+"""The one of `QUANTITIES` whose values are quaternions q_ig."""
 
 
 @dataclass(frozen=True)
-class Motion:
-    """A motion of k epochs, SI.
+class PlottedQuantity:
+    """A quantity of k epochs whose convergence is plotted, SI.
 
     Attributes
     ----------
@@ -39,23 +39,23 @@ def _rates(rates: BodyRates) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray
     return rates.rate, std
 
 
-MOTIONS = {
-    "position": Motion(
+QUANTITIES = {
+    "position": PlottedQuantity(
         *("position", "mm", 1e3, 3),
         estimate=lambda trajectory, _: (trajectory.position, trajectory.std_position),
         true=lambda truth: truth.center_of_mass,
     ),
-    ATTITUDE: Motion(
+    ATTITUDE: PlottedQuantity(
         *("attitude", "deg", float(np.rad2deg(1.0)), 4),
         estimate=lambda trajectory, _: (trajectory.q_ig, trajectory.std_attitude),
         true=lambda truth: truth.q_ig,
     ),
-    "velocity": Motion(
+    "velocity": PlottedQuantity(
         *("velocity", "mm/s", 1e3, 3),
         estimate=lambda trajectory, _: (trajectory.velocity, trajectory.std_velocity),
         true=lambda truth: truth.velocity,
     ),
-    "body_rate": Motion(
+    "body_rate": PlottedQuantity(
         *("body rate", "deg/s", float(np.rad2deg(1.0)), 3),
         estimate=lambda _, rates: _rates(rates),
         true=lambda truth: true_rates(truth).rate,
@@ -65,5 +65,5 @@ MOTIONS = {
 
 
 def deviations_of(name: str) -> str:
-    """The name of the surface of a motion's standard deviations."""
+    """The name of the surface of a quantity's standard deviations."""
     return f"std_{name}"

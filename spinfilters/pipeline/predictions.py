@@ -14,7 +14,7 @@ from spinfilters.evaluation.body import body_estimate
 from spinfilters.evaluation.rates import estimated_rates
 from spinfilters.evaluation.trajectory import trajectory_of, write_trajectory_csv
 from spinfilters.models.process import TorqueFreeProcess
-from spinfilters.plots.prediction import PAST, Foretold, prediction_figure
+from spinfilters.plots.prediction import PAST, PredictionCurves, prediction_figure
 from spinfilters.plots.style import draw_figure
 from spinfilters.runs.history_file import read_history, write_history
 from spinfilters.runs.run_folder import PREDICTION_ARRAYS as ARRAYS
@@ -66,15 +66,15 @@ def write_predictions(
             write_trajectory_csv(folder / each.name / TABLE, trajectory_of(_cut(each, slice(1, None))))
         else:
             (folder / each.name / TABLE).unlink(missing_ok=True)
-    foretold = _predicted_motion(good, predicted)
-    if not foretold:
+    predicted_motions = _predicted_motion(good, predicted)
+    if not predicted_motions:
         (folder / PREDICTION_PICTURE).unlink(missing_ok=True)
         return False
-    draw_figure(lambda: prediction_figure(foretold), folder / PREDICTION_PICTURE)
+    draw_figure(lambda: prediction_figure(predicted_motions), folder / PREDICTION_PICTURE)
     return True
 
 
-def read_predictions(folder: Path, histories: Sequence[EstimateHistory]) -> list[Foretold]:
+def read_predictions(folder: Path, histories: Sequence[EstimateHistory]) -> list[PredictionCurves]:
     """What the picture of a run folder shows; nothing where no prediction was asked for.
 
     Raises
@@ -126,7 +126,7 @@ def _read(path: Path, history: EstimateHistory) -> EstimateHistory:
 
 def _predicted_motion(
     histories: Sequence[EstimateHistory], predicted: Sequence[EstimateHistory]
-) -> list[Foretold]:
+) -> list[PredictionCurves]:
     """With a share of the time ahead of what the estimator made before; rates about the principal axes of the first estimator.
 
     Those that predict nothing are left out.
@@ -139,7 +139,7 @@ def _predicted_motion(
         begin = max(int(np.searchsorted(known.time, known.time[-1] - past)), known.initialisation)
         before = _cut(known, slice(min(begin, len(known.time) - 1), None))
         found.append(
-            Foretold(
+            PredictionCurves(
                 trajectory_of(before),
                 trajectory_of(ahead),
                 estimated_rates(before).in_axes(axes),

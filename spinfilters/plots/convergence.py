@@ -35,12 +35,12 @@ _SHARES = (
     0.03,
     0.995,
 )  # of all values: what the scale of colours spans; the first pose is exact by definition
-_SETTLING = 0.25  # of the solves: what comes before does not widen the panels of constants
+_SETTLED_SHARE = 0.25  # of the solves: what comes before does not widen the panels of constants
 
 
 @dataclass(frozen=True)
-class Settling:
-    """A motion's surfaces.
+class ConvergingQuantity:
+    """A quantity's surfaces.
 
     Attributes
     ----------
@@ -60,14 +60,14 @@ class Convergence:
 
     Attributes
     ----------
-    time: (f,) s of the epochs.   motions: a row of panels each.   bodies: after every solve.
+    time: (f,) s of the epochs.   quantities: a row of panels each.   bodies: after every solve.
     trusted: (f,) which solves the smoother vouched for.
     known: whether distances are from the truth, or from the last solve.
     true_ratios: k1, k2.   true_center: (3,) m in g; None where it is not known.
     """
 
     time: Float[np.ndarray, " f"]
-    motions: Sequence[Settling]
+    quantities: Sequence[ConvergingQuantity]
     bodies: BodyHistory
     trusted: Bool[np.ndarray, " f"]
     known: bool
@@ -76,13 +76,13 @@ class Convergence:
 
 
 def convergence_figure(found: Convergence) -> Figure:
-    """Rows: motions as surfaces of error and standard deviation and their course over the solves; last the body's constants."""
-    rows = len(found.motions) + 1
+    """Rows: quantities as surfaces of error and standard deviation and their course over the solves; last the body's constants."""
+    rows = len(found.quantities) + 1
     figure = Figure(figsize=(13.5, 2.6 * rows + 0.8), layout="constrained")
     panels = figure.subplots(rows, 3, squeeze=False)
-    for (error, std, course), motion in zip(panels[:-1], found.motions, strict=True):
-        _surfaces(error, std, found, motion)
-        _course(course, found, motion)
+    for (error, std, course), quantity in zip(panels[:-1], found.quantities, strict=True):
+        _surfaces(error, std, found, quantity)
+        _course(course, found, quantity)
     _constants(panels[-1], found)
     for axes in panels.flat:
         _doubtful(axes, found)
@@ -116,20 +116,20 @@ def _legend(figure: Figure, found: Convergence) -> None:
     legend_below(figure, [*handles, *([truth_handle()] if found.true_ratios is not None else [])])
 
 
-def _surfaces(error: Axes, std: Axes, found: Convergence, motion: Settling) -> None:
+def _surfaces(error: Axes, std: Axes, found: Convergence, quantity: ConvergingQuantity) -> None:
     """Both on one scale."""
-    every = np.concatenate([motion.distance, motion.std])
+    every = np.concatenate([quantity.distance, quantity.std])
     span = _span(every)
     what = "|error|" if found.known else "distance"
-    for axes, surface, name in ((error, motion.distance, what), (std, motion.std, "σ")):
+    for axes, surface, name in ((error, quantity.distance, what), (std, quantity.std, "σ")):
         mesh = _mesh(axes, found.time, surface, span)
-        axes.set_title(f"{motion.label}: {name}", loc="left", fontsize="medium")
+        axes.set_title(f"{quantity.label}: {name}", loc="left", fontsize="medium")
         ticks = LogLocator(subs=(1.0, 2.0, 5.0))
         bar = axes.figure.colorbar(
             mesh, ax=axes, extend="both", pad=0.02, aspect=14, ticks=ticks, format="{x:g}"
         )
         bar.minorticks_off()
-        bar.ax.set_title(f"[{motion.unit}]", fontsize="small")
+        bar.ax.set_title(f"[{quantity.unit}]", fontsize="small")
     error.set_ylabel("time of the epoch [s]")
 
 
@@ -152,17 +152,17 @@ def _mesh(axes: Axes, time: np.ndarray, surface: np.ndarray, span: tuple[float, 
     return mesh
 
 
-def _course(axes: Axes, found: Convergence, motion: Settling) -> None:
+def _course(axes: Axes, found: Convergence, quantity: ConvergingQuantity) -> None:
     """Root mean squares over the epochs of a solve."""
-    for surface, color, dashes in ((motion.distance, BLACK, "-"), (motion.std, RED, "--")):
+    for surface, color, dashes in ((quantity.distance, BLACK, "-"), (quantity.std, RED, "--")):
         held = np.isfinite(surface)
         mean = np.where(held, surface, 0.0) ** 2
         values = np.sqrt(mean.sum(axis=1) / np.maximum(held.sum(axis=1), 1))
         good = values > 0
         axes.semilogy(1 + np.flatnonzero(good), values[good], color=color, linestyle=dashes)
-    axes.set_ylim(bottom=0.5 * _span(motion.std)[0])
-    axes.set_title(f"{motion.label}: all epochs so far", loc="left", fontsize="medium")
-    axes.set_ylabel(f"[{motion.unit}]")
+    axes.set_ylim(bottom=0.5 * _span(quantity.std)[0])
+    axes.set_title(f"{quantity.label}: all epochs so far", loc="left", fontsize="medium")
+    axes.set_ylabel(f"[{quantity.unit}]")
     tidy(axes)
 
 
@@ -203,7 +203,7 @@ def _lines(
         axes.plot(solves, values[:, k], color=AXIS_COLOURS[k], label=name, linewidth=1.4)
         if true is not None:
             axes.axhline(true[k], color=BLACK, linestyle=(0, (2, 1.5)), linewidth=1.1)
-    late = slice(int(_SETTLING * len(values)), None)
+    late = slice(int(_SETTLED_SHARE * len(values)), None)
     edges = np.stack([values[late] - std[late], values[late] + std[late]])
     told = [*edges[np.isfinite(edges)], *([] if true is None else true)]
     if told:

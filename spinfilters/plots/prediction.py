@@ -20,7 +20,7 @@ PAST = 0.25
 
 
 @dataclass(frozen=True)
-class Foretold:
+class PredictionCurves:
     """One estimator's last epochs and what it predicts from the last of them, which stands at the head of both `ahead`s.
 
     Attributes
@@ -34,14 +34,14 @@ class Foretold:
     rates_ahead: BodyRates
 
 
-def prediction_figure(foretold: Sequence[Foretold]) -> Figure:
+def prediction_figure(predicted_motions: Sequence[PredictionCurves]) -> Figure:
     """Standard deviations over the time ahead (left), and the rates themselves with 1 sigma (right)."""
     figure = Figure(figsize=(12.0, 7.2), layout="constrained")
     grid = figure.add_gridspec(1, 2, width_ratios=(1.0, 1.25))
     left, right = (figure.add_subfigure(grid[column]) for column in range(2))
-    lines = estimator_lines([each.rates_ahead.label for each in foretold])
-    panels = [*_growth(left, foretold, lines), *_rates(right, foretold, lines)]
-    end = max(each.ahead.time[-1] - each.ahead.time[0] for each in foretold)
+    lines = estimator_lines([each.rates_ahead.label for each in predicted_motions])
+    panels = [*_growth(left, predicted_motions, lines), *_rates(right, predicted_motions, lines)]
+    end = max(each.ahead.time[-1] - each.ahead.time[0] for each in predicted_motions)
     for axes in panels:
         axes.axvline(0.0, color=BLACK, linewidth=0.8)
         axes.set_xlim(-PAST * end, end)
@@ -54,14 +54,16 @@ def prediction_figure(foretold: Sequence[Foretold]) -> Figure:
     return figure
 
 
-def _growth(place: FigureBase, foretold: Sequence[Foretold], lines: Sequence[EstimatorLine]) -> list[Axes]:
+def _growth(
+    place: FigureBase, predicted_motions: Sequence[PredictionCurves], lines: Sequence[EstimatorLine]
+) -> list[Axes]:
     """Of position, attitude and body rate, without the position where nothing sees one."""
     rows = [("attitude", "deg", np.rad2deg(1.0)), ("body rate", "deg/s", np.rad2deg(1.0))]
-    if foretold[0].ahead.sees_position:
+    if predicted_motions[0].ahead.sees_position:
         rows.insert(0, ("position", "mm", 1e3))
     panels = list(place.subplots(len(rows), 1, sharex=True))
     for axes, (name, unit, scale) in zip(panels, rows, strict=True):
-        for each, line in zip(foretold, lines, strict=True):
+        for each, line in zip(predicted_motions, lines, strict=True):
             before, ahead = _std(name, each)
             line.draw(axes, _ahead(each, each.before.time), scale * before)
             line.draw(axes, _ahead(each, each.ahead.time), scale * ahead)
@@ -72,7 +74,7 @@ def _growth(place: FigureBase, foretold: Sequence[Foretold], lines: Sequence[Est
     return panels
 
 
-def _std(name: str, each: Foretold) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " n"]]:
+def _std(name: str, each: PredictionCurves) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " n"]]:
     """Roots of the sums of the axes' variances, before and ahead."""
     if name == "body rate":
         assert each.rates_before.std is not None
@@ -85,10 +87,12 @@ def _std(name: str, each: Foretold) -> tuple[Float[np.ndarray, " p"], Float[np.n
     return np.linalg.norm(pair[0], axis=1), np.linalg.norm(pair[1], axis=1)
 
 
-def _rates(place: FigureBase, foretold: Sequence[Foretold], lines: Sequence[EstimatorLine]) -> list[Axes]:
+def _rates(
+    place: FigureBase, predicted_motions: Sequence[PredictionCurves], lines: Sequence[EstimatorLine]
+) -> list[Axes]:
     panels = list(place.subplots(3, 1, sharex=True))
     for axis, axes in enumerate(panels):
-        for each, line in zip(foretold, lines, strict=True):
+        for each, line in zip(predicted_motions, lines, strict=True):
             for rates in (each.rates_before, each.rates_ahead):
                 value, time = np.rad2deg(rates.rate[:, axis]), _ahead(each, rates.time)
                 if rates.std is not None:
@@ -100,5 +104,5 @@ def _rates(place: FigureBase, foretold: Sequence[Foretold], lines: Sequence[Esti
     return panels
 
 
-def _ahead(each: Foretold, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def _ahead(each: PredictionCurves, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     return time - each.ahead.time[0]

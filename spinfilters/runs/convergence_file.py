@@ -15,13 +15,13 @@ from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 from spinfilters.state.status import EstimatorStatus
 from spinfilters.runs.npz_file import DAMAGED, read_arrays, unusable, write_arrays
-from spinfilters.pipeline.plotted_quantities import MOTIONS, deviations_of
+from spinfilters.pipeline.plotted_quantities import QUANTITIES, deviations_of
 from spinfilters.pipeline.smoother_run import NAME
 
 CURE = "run compare again with --resume --convergence"
 _SIZES = {
-    **{name: motion.size for name, motion in MOTIONS.items()},
-    **{deviations_of(name): 3 for name in MOTIONS},
+    **{name: quantity.size for name, quantity in QUANTITIES.items()},
+    **{deviations_of(name): 3 for name in QUANTITIES},
 }
 """Components of the surfaces, by name."""
 

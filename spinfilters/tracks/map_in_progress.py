@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int
 
 AGREEMENT = 6.0
 """Mahalanobis distance within which an observation belongs to a candidate; it leaves room for the drift of poses."""
-CHOSEN, RIVAL = 0, 1
+CHOSEN, ALTERNATIVE = 0, 1
 
 
 @dataclass
@@ -15,9 +15,9 @@ class MapInProgress:
     """Information sums of every landmark. Its point is the information-weighted mean of the observations that agree.
 
     An observation is poor along its line of sight, so points seen from several sides are far better than any one observation. Each
-    landmark has two candidates. An observation joins the chosen one if it agrees with it, else the rival, else it becomes the
-    rival of
-    a landmark whose rival nothing has confirmed. The one with more observations is the chosen one: a landmark whose first
+    landmark has two candidates. An observation joins the chosen one if it agrees with it, else the alternative, else it becomes the
+    alternative of
+    a landmark whose alternative nothing has confirmed. The one with more observations is the chosen one: a landmark whose first
     observation was
     a wrong association is so found again as soon as two later ones agree.
 
@@ -58,20 +58,20 @@ class MapInProgress:
         """Observations of distinct landmarks ``where``, as points in g with their information."""
         vacant = self.hits[where] == 0
         chosen = vacant[:, CHOSEN] | self._agrees(where, CHOSEN, information, points)
-        rival = ~chosen & self._agrees(where, RIVAL, information, points)
-        fresh = ~chosen & ~rival & (self.hits[where, RIVAL] <= 1)
-        self.information[where[fresh], RIVAL] = 0.0
-        self.weighted[where[fresh], RIVAL] = 0.0
-        self.hits[where[fresh], RIVAL] = 0
+        alternative = ~chosen & self._agrees(where, ALTERNATIVE, information, points)
+        fresh = ~chosen & ~alternative & (self.hits[where, ALTERNATIVE] <= 1)
+        self.information[where[fresh], ALTERNATIVE] = 0.0
+        self.weighted[where[fresh], ALTERNATIVE] = 0.0
+        self.hits[where[fresh], ALTERNATIVE] = 0
         weighted = (information @ points[..., None])[..., 0]
-        for candidate, rows in ((CHOSEN, chosen), (RIVAL, rival | fresh)):
+        for candidate, rows in ((CHOSEN, chosen), (ALTERNATIVE, alternative | fresh)):
             self.information[where[rows], candidate] += information[rows]
             self.weighted[where[rows], candidate] += weighted[rows]
             self.hits[where[rows], candidate] += 1
         self._elect(where)
 
     def _elect(self, where: Int[np.ndarray, " k"]) -> None:
-        better = where[self.hits[where, RIVAL] > self.hits[where, CHOSEN]]
+        better = where[self.hits[where, ALTERNATIVE] > self.hits[where, CHOSEN]]
         for sums in (self.information, self.weighted, self.hits):
             sums[better] = sums[better][:, ::-1]
 

@@ -79,20 +79,20 @@ def test_a_sensor_of_constant_latency_is_put_in_its_place() -> None:
     latency, gyro = 0.35, gyro_arrivals()
     poses = [a for a in arrivals() if a[1].model.name == "pose"]
     order = sorted([(t, t, m) for t, m in gyro] + [(t + latency, t, m) for t, m in poses], key=lambda a: a[0])
-    delayed, in_order = online(), online()
-    outcomes = received(delayed, [(t, m) for _, t, m in order])
+    out_of_order, in_order = online(), online()
+    outcomes = received(out_of_order, [(t, m) for _, t, m in order])
     received(in_order, sorted(gyro + poses, key=lambda a: a[0]))
     assert outcomes.count(Outcome.INSERTED) >= FRAMES - 1
-    assert_same_bits(delayed.belief, in_order.belief)
+    assert_same_bits(out_of_order.belief, in_order.belief)
 
 
-def test_a_receipt_tells_the_update_s_report_and_what_was_done_again() -> None:
+def test_a_result_tells_the_update_s_report_and_what_was_done_again() -> None:
     updates, gyro = online(), gyro_arrivals()
     received(updates, [*gyro[:3], *gyro[4:8]])
-    receipt = updates.receive(*gyro[3])
-    assert (receipt.outcome, receipt.replayed, receipt.reason) == (Outcome.INSERTED, 4, "")
-    assert receipt.report is not None
-    assert (receipt.report.dof, receipt.report.accepted) == (3, 1)
+    result = updates.receive(*gyro[3])
+    assert (result.outcome, result.replayed, result.reason) == (Outcome.INSERTED, 4, "")
+    assert result.report is not None
+    assert (result.report.dof, result.report.accepted) == (3, 1)
 
 
 def test_a_reused_buffer_does_not_reach_what_was_received() -> None:

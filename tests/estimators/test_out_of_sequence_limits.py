@@ -26,10 +26,10 @@ def test_what_is_older_than_the_horizon_changes_nothing_and_is_counted() -> None
     updates, gyro = online(horizon_s=0.5), gyro_arrivals()
     received(updates, [*gyro[:2], *gyro[3:12]])
     before = updates.belief
-    receipt = updates.receive(*gyro[2])
-    assert receipt.outcome is Outcome.TOO_LATE
-    assert "0.900 s older than the latest epoch, the horizon is 0.5 s" in receipt.reason
-    assert receipt.report is None
+    result = updates.receive(*gyro[2])
+    assert result.outcome is Outcome.TOO_LATE
+    assert "0.900 s older than the latest epoch, the horizon is 0.5 s" in result.reason
+    assert result.report is None
     assert_same_bits(updates.belief, before)
     assert updates.counts[Outcome.TOO_LATE] == 1
     assert updates.status.verdict is Verdict.DEGRADED
@@ -44,18 +44,18 @@ def test_what_is_as_old_as_the_horizon_still_goes_in() -> None:
 
 
 def test_what_is_of_a_time_before_the_start_is_left_out() -> None:
-    receipt = online().receive(-0.1, arrivals()[0][1])
-    assert receipt.outcome is Outcome.TOO_LATE
-    assert "begins at 0.0 s" in receipt.reason
+    result = online().receive(-0.1, arrivals()[0][1])
+    assert result.outcome is Outcome.TOO_LATE
+    assert "begins at 0.0 s" in result.reason
 
 
 def test_the_capacity_bounds_what_can_be_gone_back_to() -> None:
     updates, gyro = online(capacity=4), gyro_arrivals()
     received(updates, [*gyro[:5], *gyro[6:12]])
     assert updates.kept_epochs == 4
-    receipt = updates.receive(*gyro[5])
-    assert receipt.outcome is Outcome.TOO_LATE
-    assert "only the 4 epochs" in receipt.reason
+    result = updates.receive(*gyro[5])
+    assert result.outcome is Outcome.TOO_LATE
+    assert "only the 4 epochs" in result.reason
 
 
 def test_an_epoch_whose_own_stamp_was_forgotten_is_not_entered_twice() -> None:
@@ -108,8 +108,8 @@ def test_a_measurement_that_breaks_the_estimate_is_taken_back() -> None:
     updates.receive(0.0, sensor.measurement(np.zeros((1, 2))))
     before = updates.belief
     with np.errstate(all="ignore"):
-        receipts = [updates.receive(0.1 * k, sensor.measurement(np.zeros((1, 2)))) for k in (10, 20, 30)]
-    outcomes = [receipt.outcome for receipt in receipts]
+        results = [updates.receive(0.1 * k, sensor.measurement(np.zeros((1, 2)))) for k in (10, 20, 30)]
+    outcomes = [result.outcome for result in results]
     assert Outcome.UNUSABLE in outcomes
     assert np.isfinite(updates.belief.factor).all()
     if outcomes[0] is Outcome.UNUSABLE:

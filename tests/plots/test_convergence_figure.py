@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from run_samples import FRAMES, MOMENTS, full_runs
 
-from spinfilters.plots.convergence import Convergence, Settling, convergence_figure
+from spinfilters.plots.convergence import Convergence, ConvergingQuantity, convergence_figure
 
 BODIES = full_runs().with_truth[0].bodies
 DETERMINED = 7
@@ -18,11 +18,13 @@ SHRINKING = np.where(np.tri(FRAMES) > 0, 1.0 / (1.0 + np.arange(FRAMES))[:, np.n
 
 
 def found(known: bool) -> Convergence:
-    """Two motions that settle as one over the number of the solve."""
-    motions = [Settling(name, "mm", 2.0 * SHRINKING, SHRINKING) for name in ("position", "velocity")]
+    """Two quantities that settle as one over the number of the solve."""
+    quantities = [
+        ConvergingQuantity(name, "mm", 2.0 * SHRINKING, SHRINKING) for name in ("position", "velocity")
+    ]
     ratios = np.log([MOMENTS[2] / MOMENTS[1], MOMENTS[1] / MOMENTS[0]]) if known else None
     trusted, centre = np.arange(FRAMES) >= DETERMINED, np.zeros(3) if known else None
-    return Convergence(BODIES.time, motions, BODIES, trusted, known, ratios, centre)
+    return Convergence(BODIES.time, quantities, BODIES, trusted, known, ratios, centre)
 
 
 def meshes(axes: Axes) -> list[QuadMesh]:
@@ -69,15 +71,17 @@ def test_first_solves_that_know_nothing_do_not_flatten_the_panel_of_the_inertia(
 
 
 def test_surfaces_of_nothing_but_zeros_are_drawn() -> None:
-    nothing = Settling("position", "mm", 0.0 * SHRINKING, 0.0 * SHRINKING)
-    assert _drawn(replace(found(False), motions=[nothing])) > 1000
+    nothing = ConvergingQuantity("position", "mm", 0.0 * SHRINKING, 0.0 * SHRINKING)
+    assert _drawn(replace(found(False), quantities=[nothing])) > 1000
 
 
 def test_solves_that_determine_nothing_leave_gaps() -> None:
     std, surface = BODIES.log_ratios_std.copy(), SHRINKING.copy()
     std[:20], surface[:20] = np.nan, np.nan
     bodies = replace(BODIES, log_ratios_std=std)
-    shown = replace(found(True), motions=[Settling("position", "mm", SHRINKING, surface)], bodies=bodies)
+    shown = replace(
+        found(True), quantities=[ConvergingQuantity("position", "mm", SHRINKING, surface)], bodies=bodies
+    )
     assert _drawn(shown) > 1000
     nothing = replace(bodies, log_ratios_std=np.full_like(std, np.nan))
     assert _drawn(replace(shown, bodies=nothing, true_ratios=None)) > 1000

@@ -9,7 +9,7 @@ from run_samples import SampleRuns, full_runs, rotation_runs
 
 from spinfilters.evaluation.rates import BodyRates, estimated_rates
 from spinfilters.evaluation.trajectory import Trajectory
-from spinfilters.plots.prediction import Foretold, prediction_figure
+from spinfilters.plots.prediction import PredictionCurves, prediction_figure
 
 LAST = 40
 
@@ -29,14 +29,14 @@ def part(rates: BodyRates, rows: slice) -> BodyRates:
 def drawn(runs: SampleRuns) -> Figure:
     """The second part of every run in the place of a prediction."""
     before, ahead = slice(LAST - 10, LAST + 1), slice(LAST, None)
-    foretold = []
+    predicted_motions = []
     for run in runs.with_truth:
         rates = estimated_rates(run.history)
         motion = run.trajectory
-        foretold.append(
-            Foretold(cut(motion, before), cut(motion, ahead), part(rates, before), part(rates, ahead))
+        predicted_motions.append(
+            PredictionCurves(cut(motion, before), cut(motion, ahead), part(rates, before), part(rates, ahead))
         )
-    return prediction_figure(foretold)
+    return prediction_figure(predicted_motions)
 
 
 @pytest.mark.parametrize(("runs", "panels"), [(full_runs(), 6), (rotation_runs(), 5)], ids=["full", "gyro"])

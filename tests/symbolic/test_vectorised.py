@@ -1,4 +1,4 @@
-"""Functions evaluated side by side in lanes: the bits of CasADi's virtual machine, whatever the number of items or the machine."""
+"""Vectorised functions: the bits of CasADi's virtual machine, whatever the number of items or the machine."""
 
 import pickle
 from collections.abc import Iterator
@@ -51,14 +51,14 @@ def _numbers(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("count", [1, 7, 8, 9, 16, 61])
-def test_lanes_give_the_bits_of_the_virtual_machine(count: int) -> None:
-    lanes, plain = Vectorised(_mixed()), Compiled.interpreted(_mixed())
+def test_vectorised_functions_give_the_bits_of_the_virtual_machine(count: int) -> None:
+    vectorised, plain = Vectorised(_mixed()), Compiled.interpreted(_mixed())
     arguments = _numbers(count)
-    for found, expected in zip(lanes(*arguments, rows=(None, None)), plain(*arguments), strict=True):
+    for found, expected in zip(vectorised(*arguments, rows=(None, None)), plain(*arguments), strict=True):
         np.testing.assert_array_equal(found, expected)
 
 
-def test_lanes_give_the_bits_of_the_virtual_machine_where_numbers_are_not_ordinary() -> None:
+def test_vectorised_functions_give_the_bits_of_the_virtual_machine_where_numbers_are_not_ordinary() -> None:
     special = np.array([0.0, -0.0, np.inf, -np.inf, np.nan, 1e308, -1e-308, 1.0])
     x = np.array(np.meshgrid(special, special, special)).reshape(3, -1).T.copy()
     p = np.tile([[0.75, -0.5]], (len(x), 1))
@@ -117,25 +117,25 @@ def test_a_missing_argument_is_named() -> None:
 
 def test_arguments_need_not_be_contiguous_floats() -> None:
     x, _ = _numbers(20)
-    lanes = Vectorised(_mixed())
-    expected = lanes(x[::2].copy(), np.ones((10, 2)), rows=(None, None))
-    found = lanes(x[::2], np.ones((2, 10), dtype=int).T, rows=(None, None))
+    vectorised = Vectorised(_mixed())
+    expected = vectorised(x[::2].copy(), np.ones((10, 2)), rows=(None, None))
+    found = vectorised(x[::2], np.ones((2, 10), dtype=int).T, rows=(None, None))
     for here, there in zip(found, expected, strict=True):
         np.testing.assert_array_equal(here, there)
 
 
 def test_results_share_no_memory_with_later_calls() -> None:
-    lanes = Vectorised(_mixed())
-    first = lanes(*_numbers(5), rows=(None, None))[0]
+    vectorised = Vectorised(_mixed())
+    first = vectorised(*_numbers(5), rows=(None, None))[0]
     kept = first.copy()
-    lanes(*(3 * part for part in _numbers(5)), rows=(None, None))
+    vectorised(*(3 * part for part in _numbers(5)), rows=(None, None))
     np.testing.assert_array_equal(first, kept)
 
 
-def test_lanes_survive_pickling() -> None:
-    lanes = Vectorised(_mixed())
-    before = lanes(*_numbers(9), rows=(None, None))
-    after = pickle.loads(pickle.dumps(lanes))(*_numbers(9), rows=(None, None))
+def test_vectorised_functions_survive_pickling() -> None:
+    vectorised = Vectorised(_mixed())
+    before = vectorised(*_numbers(9), rows=(None, None))
+    after = pickle.loads(pickle.dumps(vectorised))(*_numbers(9), rows=(None, None))
     for here, there in zip(before, after, strict=True):
         np.testing.assert_array_equal(here, there)
 
@@ -166,7 +166,7 @@ def test_known_operations_are_written_out_in_c() -> None:
     assert "omp simd" in text
 
 
-def test_without_a_compiler_lanes_give_the_same_bits(no_compiler: None) -> None:
+def test_without_a_compiler_vectorised_functions_give_the_same_bits(no_compiler: None) -> None:
     x, p = _numbers(13)
     row = np.array([0, 12, 3, 3])
     found = Vectorised(_mixed())(x, p[:4], rows=(row, None))
@@ -179,10 +179,10 @@ def _matrices() -> ca.Function:
     return ca.Function("matrix_lanes", [A, v], [A @ v, A @ ca.diag(v)])
 
 
-def _columns_of_matrices(lanes: Vectorised) -> None:
+def _columns_of_matrices(vectorised: Vectorised) -> None:
     generator = np.random.default_rng(2)
     A, v = generator.standard_normal((5, 2, 3)), generator.standard_normal((5, 3))
-    product, scaled = lanes(A.swapaxes(1, 2).reshape(5, 6).copy(), v, rows=(None, None))
+    product, scaled = vectorised(A.swapaxes(1, 2).reshape(5, 6).copy(), v, rows=(None, None))
     np.testing.assert_allclose(product, np.einsum("kij,kj->ki", A, v), rtol=1e-14, atol=1e-15)
     np.testing.assert_array_equal(scaled, (A * v[:, None]).swapaxes(1, 2).reshape(5, 6))
 
@@ -275,10 +275,10 @@ def test_a_fold_survives_pickling() -> None:
     _same(pickle.loads(pickle.dumps(scan))(*arguments, each=EACH), before)
 
 
-def test_lanes_are_compiled_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_vectorised_functions_are_compiled_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     _needs_compiler()
     monkeypatch.setenv("SPINFILTERS_CACHE", str(tmp_path))
     Vectorised(_mixed())(*_numbers(3), rows=(None, None))
-    (library,) = tmp_path.glob("mixed_lanes_lanes*.so")
+    (library,) = tmp_path.glob("mixed_vectorised_functions_lanes*.so")
     Vectorised(_mixed())(*_numbers(4), rows=(None, None))
     assert list(tmp_path.glob("*.so")) == [library]

@@ -143,10 +143,10 @@ class OutOfSequenceUpdates:
             raise InputError(
                 f"a measurement of {measurement.model.name} has the time {time} s; give a finite one"
             )
-        receipt = self._received(float(time), _copied(measurement))
-        self._counts[receipt.outcome] += 1
-        self._replayed += receipt.replayed
-        return receipt
+        result = self._received(float(time), _copied(measurement))
+        self._counts[result.outcome] += 1
+        self._replayed += result.replayed
+        return result
 
     def belief_at(self, time: float) -> Gaussian:
         """Belief predicted to a time (s) at or after the latest epoch. The estimator is not changed.
