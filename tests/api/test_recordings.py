@@ -35,7 +35,7 @@ def test_the_map_of_simulated_tracks_is_told_on_request() -> None:
         ({"kind": "radar"}, "'radar' is unknown"),
         ({"seed": -1}, "seed is -1; give a whole number from 0"),
         ({"seed": 0.5}, "seed is 0.5; give a whole number"),
-        ({"frames": 1}, "1 frames"),
+        ({"frames": 1}, "1 epochs"),
         ({"frames": 10**9}, "frames is 1000000000; give a whole number from 1 to 100000"),
         ({"interval": float("nan")}, "interval is nan; give a number from"),
         ({"rate_rpm": (1, 2)}, "rate_rpm is (1, 2); give three numbers"),

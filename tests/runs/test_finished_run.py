@@ -148,7 +148,7 @@ NOTHING_OF_NUMBERS: dict[str, Callable[[Dataset], Dataset]] = {
     "the same": lambda dataset: dataset,
     "note": lambda dataset: replace(dataset, options=replace(dataset.options, notes={"camera": "left"})),
     "no number": lambda dataset: replace(dataset, options=replace(dataset.options, notes={"seed": np.nan})),
-    "words on epochs": lambda dataset: replace(dataset, options=replace(dataset.options, epochs="the lab's")),
+    "words on frames": lambda dataset: replace(dataset, options=replace(dataset.options, frames="the lab's")),
     "description": lambda dataset: replace(dataset, description="take two"),
 }
 
