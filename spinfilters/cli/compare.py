@@ -4,21 +4,23 @@ What draws is imported where it draws: matplotlib would be a third of the time b
 """
 
 import argparse
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from spinfilters.api.runs import estimator_names
+from spinfilters.cli.arguments import reading_options
 from spinfilters.cli.console import progress_bars, wide_console
 from spinfilters.data.dataset import Dataset, has_images, read_dataset
 from spinfilters.data.input_file import value_text
+from spinfilters.data.reading_options import ReadingOptions
 from spinfilters.errors import InputError
 from spinfilters.evaluation.comparison import comparison_table
 from spinfilters.pipeline.comparison_run import RunOutput, compare_into
 from spinfilters.pipeline.conditions import conditions_of
 from spinfilters.pipeline.estimation import Comparison
 from spinfilters.pipeline.estimator_entry import estimator_entries
+from spinfilters.pipeline.segment_choice import read_chosen, segment_choice
 from spinfilters.settings.run_settings import Settings, read_settings
 from spinfilters.simulation.scenario import Scenario, simulate, without_map
 
@@ -30,10 +32,11 @@ def compare(options: argparse.Namespace) -> int:
     """Run the estimators, write the run folder and its figures, print the table."""
     settings = _settings(options)
     folder, optional_outputs = Path(options.output), _additions(options)
-    if options.segment == "all" and options.dataset is not None:
+    choice = None if options.segment is None else segment_choice(options.segment)
+    if choice is not None and choice.several and options.dataset is not None:
         if optional_outputs is not None:
             optional_outputs.require_one_run()
-        return _compare_segments(options.dataset, folder, settings)
+        return _compare_segments(options, choice.several, folder, settings)
     dataset = _dataset(options)
     with progress_bars() as report:
         written = compare_into(
@@ -57,12 +60,10 @@ def _additions(options: argparse.Namespace) -> "OptionalOutputs | None":
     return OptionalOutputs(options.predict, options.convergence)
 
 
-def _compare_segments(recording: str | None, folder: Path, settings: Settings) -> int:
+def _compare_segments(options: argparse.Namespace, which: str, folder: Path, settings: Settings) -> int:
     from spinfilters.cli.segments import compare_segments
 
-    if recording is None:
-        raise InputError("--segment all needs a recording; give its folder as DATASET")
-    return compare_segments(recording, folder, settings)
+    return compare_segments(options.dataset, which, folder, settings, reading_options(options))
 
 
 def _print_comparison(comparison: Comparison, folder: Path) -> None:
@@ -104,6 +105,7 @@ def _settings(options: argparse.Namespace) -> Settings:
 
 def _dataset(options: argparse.Namespace) -> Dataset:
     if options.dataset is None:
+        reading_options(options).require_only((), "the bundled example")
         if options.segment is not None:
             raise InputError(
                 f"--segment {value_text(options.segment)} needs a recording; give its folder as DATASET"
@@ -114,18 +116,16 @@ def _dataset(options: argparse.Namespace) -> Dataset:
         raise InputError(
             "--known-map is for the bundled example; the known map of a data set is its landmarks.csv"
         )
-    segment = None
+    stated = reading_options(options)
     if options.segment is not None:
-        if not re.fullmatch(r"[0-9]{1,9}", options.segment):
-            raise InputError(f"--segment {value_text(options.segment)} is no segment; give a number or 'all'")
-        segment = int(options.segment)
-    return read_dataset(options.dataset, segment) if segment is not None else _recording(options.dataset)
+        return read_chosen(options.dataset, segment_choice(options.segment), stated)
+    return _recording(options.dataset, stated)
 
 
-def _recording(path: str) -> Dataset:
+def _recording(path: str, stated: ReadingOptions) -> Dataset:
     """The data set of a path; the tracks of stereo images, and what was lost on the way."""
     if not has_images(path):
-        return read_dataset(path)
+        return read_dataset(path, options=stated)
     from spinfilters.vision.track_images import track_images
 
     with progress_bars() as report:

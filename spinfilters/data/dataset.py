@@ -93,7 +93,7 @@ class Dataset:
     def name(self) -> str:
         """Where it was read, with the segment, or what it is: how an error names it."""
         place = printable(self.description) or "the data set" if self.path is None else path_text(self.path)
-        return place if self.segment is None else f"{place}, segment {self.segment.number}"
+        return place if self.segment is None else f"{place}, {self.segment.label}"
 
     def part(self, segment: Segment) -> "Dataset":
         """The measurements of a stretch, with all else that is known. InputError: no measurement within."""

@@ -40,13 +40,27 @@ _KEEP = {"": True, "true": True, "yes": True, "1": True, "false": False, "no": F
 
 @dataclass(frozen=True)
 class Segment:
-    """A stretch of a recording, marked by somebody or found, s on its clock; without `keep` no trial, and times may be None."""
+    """A stretch of a recording, s on its clock.
 
-    number: int
+    Attributes
+    ----------
+    number: as marked or as found; None of one that its user states.   start, end: None for the ends of the recording.
+    keep: whether it is a trial.   comment: on it, or what says that it is a flight.
+    """
+
+    number: int | None
     start: float | None
     end: float | None
     keep: bool
     comment: str
+
+    @property
+    def label(self) -> str:
+        """What it is called: its number, or its times."""
+        if self.number is not None:
+            return f"segment {self.number}"
+        start, end = ("" if each is None else f"{each:.9g}" for each in (self.start, self.end))
+        return f"segment {start}:{end}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +141,7 @@ def read_phyphox(folder: Path, options: ReadingOptions = NOTHING_STATED) -> Phyp
 
 def _read_segments(path: Path) -> tuple[Segment, ...]:
     rows = csv.reader(io.StringIO(read_settings_text(path), newline=""), strict=True)
-    segments: dict[int, Segment] = {}
+    segments: dict[int | None, Segment] = {}
     try:
         if [cell.strip() for cell in next(rows, [])] != _SEGMENT_COLUMNS:
             raise InputError(

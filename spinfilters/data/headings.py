@@ -65,7 +65,8 @@ class Heading:
 
     Attributes
     ----------
-    quantity: of motion.   axis: "x", "y", "z" or "w"; empty of time.   unit: canonical spelling, empty where none is stated, behind a question mark where it is unknown.
+    quantity: of motion.   axis: "x", "y", "z" or "w"; empty of time.
+    unit: canonical spelling, empty where none is stated, behind a question mark where it is unknown.
     is_si: whether its name, without a unit, is that of a quantity in SI by convention.
     """
 

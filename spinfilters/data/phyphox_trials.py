@@ -53,7 +53,7 @@ def phyphox_trials(
         except InputError as error:
             if on_refused is None:
                 raise
-            on_refused(segment.number, str(error))
+            on_refused(segment.number or 0, str(error))
             continue
         yield segment
 

@@ -8,6 +8,7 @@ import pytest
 from contracts.plugin import installed_plugin, program_of
 
 import spinfilters
+from spinfilters.data.dataset import read_dataset
 from spinfilters.data.dataset_reader import TABLE, dataset_readers
 from spinfilters.errors import InputError
 
@@ -67,7 +68,7 @@ def test_what_a_format_from_outside_refuses_is_one_line(recording: Path) -> None
     with pytest.raises(InputError, match=r"toss.npy: is of shape \(5, 3\); give columns"):
         spinfilters.load(recording)
     with pytest.raises(InputError, match="has no segments"):
-        spinfilters.load(recording, segment=1)
+        read_dataset(recording, 1)
     with pytest.raises(InputError, match=r"a gyro \.npy"):
         spinfilters.load(recording.rename(recording.with_suffix(".xyz")))
 

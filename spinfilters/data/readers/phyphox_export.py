@@ -64,7 +64,7 @@ def _dataset(folder: Path, recording: PhyphoxRecording) -> Dataset:
 def _trial(whole: Dataset, segment: Segment | None) -> Dataset:
     if segment is None:
         return whole
-    description = f"{whole.description}, segment {segment.number}: {printable(segment.comment)}"
+    description = f"{whole.description}, {segment.label}: {printable(segment.comment)}"
     return replace(whole.part(segment), description=description)
 
 
