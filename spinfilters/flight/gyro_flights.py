@@ -32,7 +32,7 @@ SMALLEST_ERROR: Final = 4e-3
 SLOWEST_NOISE: Final = 10.0
 SLOWEST_SHARE: Final = 0.02
 """Windows whose rate is below so many deviations of the noise, or this share of the log's largest rate, are at rest."""
-LEAST_ROTATION: Final = 1.5 * ROTATION
+LEAST_ROTATION: Final = 2 * ROTATION
 FEWEST_SAMPLES: Final = 24
 WINDOW_SHARE: Final = 16
 """Windows begin this share of a window apart, or at every sample."""

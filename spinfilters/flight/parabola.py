@@ -37,8 +37,9 @@ SHORTEST: Final = 0.08
 """s: of a flight under gravity; a hand that shakes a body is as fast as a fall for less."""
 LONGER: Final = 1.5
 """Factor from windows to the next longer ones."""
-ENDS: Final = 4
-"""Samples at each end of a flight that are tested one by one against the parabola of the others."""
+ENDS: Final = 6
+"""Share of a flight at each end, one over this, that is tested sample by sample against the parabola of the others."""
+FEWEST_ENDS: Final = 4
 WINDOW_SHARE: Final = 12
 """Windows begin this share of a window apart, or at every sample."""
 LEAST_RUN: Final = 3
@@ -118,7 +119,7 @@ def _flights(log: PoseLog, piece: Stretch, gravity: Float[np.ndarray, " 3"], fac
     _, error = fit_parabola(log, starts, ends, gravity)
     found: list[Stretch] = []
     for each in _stretches(error <= LARGEST_ERROR * log.noise, starts, ends):
-        trimmed = _trimmed(log, each, gravity)
+        trimmed = _trimmed(log, each)
         if len(trimmed) >= FEWEST and _falls(log, trimmed, gravity):
             found.append(trimmed)
         elif len(each) > ends[0] - starts[0]:
@@ -232,15 +233,16 @@ def _prior(log: PoseLog, unknowns: int) -> Float[np.ndarray, "unknowns unknowns"
     return information
 
 
-def _trimmed(log: PoseLog, stretch: Stretch, gravity: Float[np.ndarray, " 3"]) -> Stretch:
+def _trimmed(log: PoseLog, stretch: Stretch) -> Stretch:
     """The stretch without samples at its ends that do not lie on the parabola of its middle."""
-    core = np.arange(stretch.start + ENDS, stretch.end - ENDS)
+    margin = max(FEWEST_ENDS, len(stretch) // ENDS)
+    core = np.arange(stretch.start + margin, stretch.end - margin)
     if len(core) < FEWEST // 2:
         return stretch
     chosen = np.arange(stretch.start, stretch.end)[None]
     time = (log.time[chosen] - log.time[core].mean()) / (log.time[core[-1]] - log.time[core[0]])
     scale = np.full((1, 1), log.time[core[-1]] - log.time[core[0]])
-    design, target = _equations(log, chosen, time, gravity, scale)
+    design, target = _equations(log, chosen, time, None, scale)
     within = np.repeat((chosen[0] >= core[0]) & (chosen[0] <= core[-1]), 3)
     normal = design[0][within].T @ design[0][within] + _prior(log, design.shape[2])
     error = target[0] - design[0] @ np.linalg.solve(normal, design[0][within].T @ target[0][within])
@@ -248,7 +250,7 @@ def _trimmed(log: PoseLog, stretch: Stretch, gravity: Float[np.ndarray, " 3"]) -
     noise = max(float(np.sqrt(np.mean(error[within] ** 2))), log.noise)
     good = (np.abs(error) <= LARGEST_ERROR * noise * np.sqrt(spread)).reshape(-1, 3).all(axis=1)
     bad = np.flatnonzero(~good)
-    before, after = bad[bad < ENDS], bad[bad >= len(good) - ENDS]
+    before, after = bad[bad < margin], bad[bad >= len(good) - margin]
     first = stretch.start + (int(before[-1]) + 1 if len(before) else 0)
     return Stretch(first, stretch.start + (int(after[0]) if len(after) else len(good)))
 

@@ -33,7 +33,9 @@ def hand(time: float, rate: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
     """Torque of a hand over the largest moment, rad/s^2: it leads the body along a rate of its own, rad/s."""
     if in_flight(time):
         return np.zeros(3)
-    wanted = np.array([5.0, 6.0, 4.0]) * np.sin(np.array([3.0, 4.3, 5.7]) * time + np.array([0.1, 1.0, 0.4]))
+    wanted = np.array([10.0, 12.0, 8.0]) * np.sin(
+        np.array([3.0, 4.3, 5.7]) * time + np.array([0.1, 1.0, 0.4])
+    )
     return 10.0 * (wanted - rate)
 
 
