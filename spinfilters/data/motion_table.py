@@ -27,7 +27,12 @@ from spinfilters.data.time_stamps import require_times, require_turns
 from spinfilters.errors import InputError
 
 FASTEST: Final[float] = 75.0
-"""Largest |rate| that gyros of phones and inertial units measure, about 4000 deg/s, as rad/s."""
+FASTEST_OF_ALL: Final[float] = 400.0
+"""Largest |rate| that gyros of phones and inertial units measure, about 4000 deg/s, and that any gyro does, rad/s."""
+LONGEST_STEP: Final[float] = 3600.0
+"""s: a clock that steps by more than an hour is not in seconds."""
+LARGEST_FORCE: Final[float] = 1e6
+"""Of an accelerometer, in any unit: one that says more is not believed."""
 _AT_REST = {"m/s^2": (5.0, 15.0), "g": (0.5, 1.5)}
 """Medians of an accelerometer without a unit that tell it."""
 
@@ -82,12 +87,17 @@ def _rates(path: Path, layout: TextLayout, columns: MotionColumns, options: Read
     values = table.values.copy()
     values[:, -3:] *= RATE_UNITS[unit]
     table = replace(table, values=values)
-    speed = np.linalg.norm(values[:, -3:], axis=1)
-    if not vector.unit and options.unit is None and speed.max() > FASTEST:
+    with np.errstate(over="ignore"):  # of numbers that are refused
+        speed = np.linalg.norm(values[:, -3:], axis=1)
+    is_stated = bool(vector.unit) or options.unit is not None
+    if speed.max() > (FASTEST_OF_ALL if is_stated else FASTEST):
+        cure = (
+            "correct the unit"
+            if is_stated
+            else "give --unit deg/s, or say the unit in the header ('wx (rad/s)')"
+        )
         raise table.error(
-            int(speed.argmax()),
-            f"a rate of {speed.max():.4g} rad/s is more than a gyro measures; give --unit deg/s, or say the unit in the header "
-            "('wx (rad/s)')",
+            int(speed.argmax()), f"a rate of {speed.max():.4g} rad/s is more than a gyro measures; {cure}"
         )
     table, clock = _timed(table, columns, options, layout, speed)
     _require(table, RATE, "rad/s")
@@ -169,6 +179,11 @@ def _timed(
     require_times(table, repeats=False)
     if speed is not None:
         require_turns(table, speed)
+    step = float(np.median(np.diff(table.values[:, 0])))
+    if step > LONGEST_STEP:
+        raise InputError(
+            f"{path_text(table.path)}: its clock steps by {step:.3g} s, so it is hardly in seconds; name its unit, such as time_ns"
+        )
     return table, unit if unit == "s" else f"clock in {unit}"
 
 
@@ -194,6 +209,8 @@ def _acceleration(
     index, stated = columns.time
     unit = stated or options.clock or clock_unit(path, layout.names[index], table.values[:, 0], None)
     force, spelled = table.values[:, 1:], columns.vectors["acceleration"].unit
+    if np.abs(force).max() > LARGEST_FORCE:
+        return None
     middle = float(np.median(np.linalg.norm(force, axis=1)))
     spelled = spelled or next((u for u, (low, high) in _AT_REST.items() if low < middle < high), "")
     time = table.values[:, 0] * CLOCK_UNITS[unit]

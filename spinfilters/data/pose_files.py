@@ -54,7 +54,8 @@ def require_unit_quaternions(table: RowsOfFile, column: int) -> None:
     quaternion: Float[np.ndarray, "n 4"] = table.values[:, column : column + 4]
     row = first_not_unit(quaternion)
     if row is not None:
-        norm = float(np.linalg.norm(quaternion[row]))
+        with np.errstate(over="ignore"):
+            norm = float(np.linalg.norm(quaternion[row]))
         raise table.error(
             row,
             f"quaternion {quaternion[row].tolist()} has norm {norm:.6g}, not 1; correct or delete the line",

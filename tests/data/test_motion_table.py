@@ -171,10 +171,15 @@ def test_headings_that_cannot_be_told_are_refused_in_one_line(header: str, says:
 
 
 def test_rates_in_degrees_are_noticed_where_the_header_states_no_unit(tmp_path: Path) -> None:
-    rows = ROWS * [1.0, 300.0, 300.0, 300.0]
-    with pytest.raises(InputError, match=r"line 4: a rate of 417\.9 rad/s .* give --unit deg/s"):
+    rows = ROWS * [1.0, 200.0, 200.0, 200.0]
+    with pytest.raises(InputError, match=r"line 4: a rate of 278\.6 rad/s .* give --unit deg/s"):
         read_dataset(written(tmp_path, "time,wx,wy,wz", rows))
-    assert rates(written(tmp_path, "time,wx (rad/s),wy (rad/s),wz (rad/s)", rows))
+    stated = "time,wx (rad/s),wy (rad/s),wz (rad/s)"
+    assert rates(written(tmp_path, stated, rows))
+    with pytest.raises(
+        InputError, match=r"a rate of 2786 rad/s is more than a gyro measures; correct the unit"
+    ):
+        read_dataset(written(tmp_path, stated, rows * [1.0, 10.0, 10.0, 10.0]))
 
 
 def test_a_clock_in_doubt_is_refused_and_taken_once_it_is_stated(tmp_path: Path) -> None:
