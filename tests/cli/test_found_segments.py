@@ -1,17 +1,13 @@
 """``spinfilters segments`` and ``compare --segment auto``."""
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from flight.throws import carried
 
 from spinfilters.cli.main import main
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "flight"))
-
-from throws import carried
 
 
 @pytest.fixture

@@ -1,19 +1,15 @@
 """Segments by number, by times and as they are found."""
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from flight.throws import FLIGHTS, carried
 
 import spinfilters
 from spinfilters.errors import InputError
 from spinfilters.pipeline.segment_choice import read_several, segment_choice
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "flight"))
-
-from throws import FLIGHTS, carried
 
 PHONE = "data/round1/Gyroscope rotation rate 2025-01-16 17-10-11"
 
