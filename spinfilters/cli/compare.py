@@ -16,6 +16,7 @@ from spinfilters.data.input_file import value_text
 from spinfilters.data.reading_options import ReadingOptions
 from spinfilters.errors import InputError
 from spinfilters.evaluation.comparison import comparison_table
+from spinfilters.flight.free_flight import flights_within
 from spinfilters.pipeline.comparison_run import RunOutput, compare_into
 from spinfilters.pipeline.conditions import conditions_of
 from spinfilters.pipeline.estimation import Comparison
@@ -23,6 +24,8 @@ from spinfilters.pipeline.estimator_entry import estimator_entries
 from spinfilters.pipeline.segment_choice import read_chosen, segment_choice
 from spinfilters.settings.run_settings import Settings, read_settings
 from spinfilters.simulation.scenario import Scenario, simulate, without_map
+
+_FLIGHTS_TOLD = 4
 
 if TYPE_CHECKING:
     from spinfilters.pipeline.optional_outputs import OptionalOutputs
@@ -47,6 +50,7 @@ def compare(options: argparse.Namespace) -> int:
         wide_console().print(f"run folder: {folder} is complete, {rest}", highlight=False, soft_wrap=True)
     else:
         _print_comparison(written.comparison, folder)
+        _print_flights(written.comparison, options)
     _print_lacking(folder, optional_outputs)
     return 0
 
@@ -82,6 +86,22 @@ def _print_comparison(comparison: Comparison, folder: Path) -> None:
     console.print(
         f"run folder: {folder}   (look at {folder / 'summary.png'})", highlight=False, soft_wrap=True
     )
+
+
+def _print_flights(comparison: Comparison, options: argparse.Namespace) -> None:
+    """Where a whole recording is not ok and only part of it is free flight, say so."""
+    is_whole = options.dataset is not None and options.segment is None
+    if not is_whole or all(each.history.status.verdict == "ok" for each in comparison.evaluations):
+        return
+    flights = flights_within(comparison.setup.dataset)
+    if flights:
+        stretches = ", ".join(f"{flight.start:.3f}:{flight.end:.3f}" for flight in flights[:_FLIGHTS_TOLD])
+        more = ", ..." if len(flights) > _FLIGHTS_TOLD else ""
+        wide_console().print(
+            f"only part of the recording is free flight ({stretches}{more} s): compare that with --segment auto",
+            highlight=False,
+            soft_wrap=True,
+        )
 
 
 def _print_lacking(folder: Path, optional_outputs: "OptionalOutputs | None") -> None:

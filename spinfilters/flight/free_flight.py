@@ -16,6 +16,9 @@ from spinfilters.flight.parabola import PoseLog, acceleration_of, pose_flights
 from spinfilters.flight.specific_force import LARGEST_FORCE, unexplained_force
 from spinfilters.flight.stretches import Stretch
 
+WHOLE: Final = 0.9
+"""Share of a recording's time from which on it counts as all flight."""
+
 
 @dataclass(frozen=True)
 class FreeFlight:
@@ -52,6 +55,15 @@ def find_flights(dataset: Dataset) -> list[FreeFlight]:
             "give the stretch as --segment START:END"
         )
     return finder(dataset, dataset.log.stream(dataset.sensor))
+
+
+def flights_within(dataset: Dataset) -> list[FreeFlight]:
+    """Free flights of a recording that is not all flight; none of one that is, or in which flight is not looked for."""
+    if dataset.sensor not in _FINDERS:
+        return []
+    flights = find_flights(dataset)
+    flying = sum(flight.end - flight.start for flight in flights)
+    return flights if flying < WHOLE * (dataset.log.end - dataset.log.start) else []
 
 
 def _in_rates(dataset: Dataset, stream: MeasurementStream) -> list[FreeFlight]:

@@ -1,13 +1,18 @@
 """``spinfilters segments`` and ``compare --segment auto``."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from flight.throws import carried
 
+from spinfilters.cli import segments
 from spinfilters.cli.main import main
+from spinfilters.data.dataset import Dataset
+from spinfilters.pipeline.segments import SegmentResult
 
 
 @pytest.fixture
@@ -33,16 +38,33 @@ def test_flights_are_listed_and_the_unit_is_asked_for(
 
 
 def test_all_flights_are_compared_and_pooled(
-    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    def estimated(datasets: Sequence[Dataset], *_: object) -> list[SegmentResult]:
+        numbers = [each.segment.number or 0 for each in datasets if each.segment is not None]
+        return [SegmentResult(number, {"estimators": {"mekf": estimate(number)}}) for number in numbers]
+
+    monkeypatch.setattr(segments, "run_segments", estimated)
     run = tmp_path / "run"
     arguments = ["compare", str(recording), "--unit", "deg/s", "--segment", "auto", "--estimators", "mekf"]
     assert main([*arguments, "-o", str(run)]) == 0
     document = json.loads((run / "segments.json").read_text())
     assert list(document["segments"]) == ["1", "2"]
-    pooled = document["pooled"]["mekf"]
-    np.testing.assert_allclose(pooled["ratios"], [0.22, 0.8], atol=0.02)
-    assert "mekf: pooled J1/J3 0.2" in capsys.readouterr().out
+    np.testing.assert_allclose(document["pooled"]["mekf"]["ratios"], [0.2005, 0.8])
+    assert "mekf: pooled J1/J3 0.2005 ± 0.0021, J2/J3 0.8000 ± 0.0021, chi-square" in capsys.readouterr().out
+
+
+def estimate(number: int) -> dict[str, Any]:
+    """An estimator's entry of a segment's summary."""
+    covariance = np.diag([9e-6, 9e-6, 0.0])
+    return {
+        "status": "ok",
+        "reasons": [],
+        "drag_per_rad": None,
+        "principal_moments": [0.199 + 0.001 * number, 0.8, 1.0],
+        "principal_moments_std": np.sqrt(np.diag(covariance)).tolist(),
+        "principal_moments_cov": covariance.tolist(),
+    }
 
 
 def test_what_cannot_be_stated_is_refused(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,6 +9,7 @@ from flight.throws import FLIGHTS, carried
 
 import spinfilters
 from spinfilters.errors import InputError
+from spinfilters.flight.free_flight import find_flights, flights_within
 from spinfilters.pipeline.segment_choice import read_several, segment_choice
 
 PHONE = "data/round1/Gyroscope rotation rate 2025-01-16 17-10-11"
@@ -77,11 +78,15 @@ def test_a_recording_without_flight_says_so(tmp_path: Path) -> None:
         read_several(path, "auto")
 
 
+def test_what_is_flight_of_a_whole_recording_is_told_unless_all_of_it_is(recording: Path) -> None:
+    whole = spinfilters.load(recording)
+    assert [round(flight.start, 1) for flight in flights_within(whole)] == [2.0, 4.5]
+    assert flights_within(spinfilters.load(recording, segment=1)) == []
+
+
 def test_flight_in_tracks_is_not_looked_for() -> None:
     choice = segment_choice("auto")
     assert choice.several == "auto"
-    from spinfilters.flight.free_flight import find_flights
-
     with pytest.raises(
         InputError, match="free flight is found in body rates and poses, these are stereo-tracks"
     ):
