@@ -41,11 +41,7 @@ def clock_unit(
     if dated:
         return dated[0]
     step = float(np.median(np.abs(np.diff(time)))) if len(time) > 1 else 0.0
-    whole = bool((time == np.round(time)).all())
-    if not step or (step < LONGEST_STEP and not whole):
-        plausible = ["s"]
-    else:
-        plausible = [u for u, second in CLOCK_UNITS.items() if SLOWEST <= 1.0 / (step * second) <= FASTEST]
+    plausible = _plausible_units(time, step)
     possible = [
         u
         for u in plausible
@@ -58,3 +54,11 @@ def clock_unit(
         f"{path_text(path)}: the clock '{name[:40]}' steps by {step:.6g}, and does not say in what; give --clock {listed}, "
         "or name it so, such as time_ms"
     )
+
+
+def _plausible_units(time: Float[np.ndarray, " n"], step: float) -> list[str]:
+    """Seconds of stamps that are no whole numbers and step by little, else all at which sampling is neither slow nor fast."""
+    whole = bool((time == np.round(time)).all())
+    if not step or (step < LONGEST_STEP and not whole):
+        return ["s"]
+    return [unit for unit, second in CLOCK_UNITS.items() if SLOWEST <= 1.0 / (step * second) <= FASTEST]

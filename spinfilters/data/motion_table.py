@@ -203,20 +203,29 @@ def _acceleration(
     path: Path, layout: TextLayout, columns: MotionColumns, options: ReadingOptions
 ) -> Acceleration | None:
     """Accelerometer of a table; None without one, or where its unit is in doubt."""
-    if "acceleration" not in columns.vectors or columns.time is None:
+    if "acceleration" not in columns.vectors:
         return None
     table = _read(path, layout, columns, ("acceleration",))
-    index, stated = columns.time
-    unit = stated or options.clock or clock_unit(path, layout.names[index], table.values[:, 0], None)
-    force, spelled = table.values[:, 1:], columns.vectors["acceleration"].unit
+    force, spelled = table.values[:, -3:], columns.vectors["acceleration"].unit
     if np.abs(force).max() > LARGEST_FORCE:
         return None
     middle = float(np.median(np.linalg.norm(force, axis=1)))
     spelled = spelled or next((u for u, (low, high) in _AT_REST.items() if low < middle < high), "")
-    time = table.values[:, 0] * CLOCK_UNITS[unit]
+    time = _acceleration_times(table, columns, options)
     if not spelled or len(time) < 2 or (np.diff(time) <= 0).any():
         return None
     return Acceleration(time, force * KNOWN_UNITS["acceleration"][spelled])
+
+
+def _acceleration_times(
+    table: TextTable, columns: MotionColumns, options: ReadingOptions
+) -> Float[np.ndarray, " n"]:
+    """Times of an accelerometer's samples, s: of their clock, or of the rate that is stated, if no row is left out."""
+    if columns.time is None:
+        return np.arange(0 if table.incomplete else len(table.values)) / (options.rate or 1.0)
+    stamps, stated = table.values[:, 0], columns.time[1]
+    unit = stated or options.clock or clock_unit(table.path, table.names[0], stamps, None)
+    return stamps * CLOCK_UNITS[unit]
 
 
 def _quantities(

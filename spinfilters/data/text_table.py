@@ -7,6 +7,7 @@ import os
 import warnings
 from array import array
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -57,7 +58,8 @@ class TextLayout:
     def cells(self, line: str) -> list[str]:
         """Cells of a line, without quotes and blanks around them."""
         if '"' in line and self.delimiter is not None:
-            return [cell.strip() for cell in next(csv.reader([line], delimiter=self.delimiter), [])]
+            with suppress(csv.Error):  # of a cell beyond all measure
+                return [cell.strip() for cell in next(csv.reader([line], delimiter=self.delimiter), [])]
         return [cell.strip() for cell in line.split(self.delimiter)]
 
 
@@ -125,15 +127,8 @@ def read_columns(path: Path, layout: TextLayout, columns: Sequence[int], keys: i
         return TextTable(path, names, *fast, 0)
     lines, incomplete, numbers = array("q"), 0, array("d")
     for number, line in _data_lines(path, layout):
-        cells = layout.cells(line)
         where = f"{path_text(path)}: line {number}: "
-        if cells[-1:] == [""] and len(cells) == len(layout.names) + 1:
-            cells.pop()
-        if len(cells) != len(layout.names):
-            raise InputError(
-                f"{where}{value_text(line.strip())} has {len(cells)} cells, expected {len(layout.names)}; "
-                "correct or delete the line"
-            )
+        cells = _whole_row(where, line, layout)
         chosen = [cells[k] for k in columns]
         if not any(chosen[keys:]):
             incomplete += 1
@@ -148,6 +143,19 @@ def read_columns(path: Path, layout: TextLayout, columns: Sequence[int], keys: i
         raise InputError(f"{path_text(path)}: has no rows of numbers; export or copy it again")
     values = np.frombuffer(numbers, dtype=np.float64).reshape(len(lines), len(columns)).copy()
     return TextTable(path, names, values, lines, incomplete)
+
+
+def _whole_row(where: str, line: str, layout: TextLayout) -> list[str]:
+    """Cells of a line, one per column; an empty one behind the last is dropped. InputError: another number of cells."""
+    cells = layout.cells(line)
+    if cells[-1:] == [""] and len(cells) == len(layout.names) + 1:
+        cells.pop()
+    if len(cells) != len(layout.names):
+        raise InputError(
+            f"{where}{value_text(line.strip())} has {len(cells)} cells, expected {len(layout.names)}; "
+            "correct or delete the line"
+        )
+    return cells
 
 
 def _plain_columns(

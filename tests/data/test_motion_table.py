@@ -112,6 +112,11 @@ def test_an_accelerometer_beside_the_gyro_is_kept_in_si(tmp_path: Path) -> None:
     found = rates(written(tmp_path, "time,wx,wy,wz,acc_x (g),acc_y (g),acc_z (g)", rows)).acceleration
     assert found is not None
     np.testing.assert_allclose(found.values, np.full((3, 3), [0.0, 9.80665, 0.0]))
+    counted = rates(
+        written(tmp_path, "n,wx,wy,wz,ax_g,ay_g,az_g", rows), ReadingOptions(rate=50.0)
+    ).acceleration
+    assert counted is not None
+    np.testing.assert_allclose(counted.time, [0.0, 0.02, 0.04])
     assert (
         rates(written(tmp_path, "time,wx,wy,wz,Linear Acceleration x,la y,la z", rows)).acceleration is None
     )
@@ -136,6 +141,13 @@ def test_rows_of_other_sensors_in_a_merged_table_are_left_out(tmp_path: Path) ->
     dataset = rates(path)
     assert len(dataset.log.times) == 3
     assert "1 rows without rates left out" in dataset.description
+
+
+def test_a_quoted_cell_beyond_all_measure_is_refused_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "mine.csv"
+    path.write_text('time_s,wx,wy,wz\n0,1,2,3\n1,"' + "9" * 200_000 + '",2,3\n')
+    with pytest.raises(InputError, match=r"line 3: wx is .*; correct or delete the line"):
+        read_dataset(path)
 
 
 def test_poses_are_found_by_name_whatever_the_order_of_the_quaternion(tmp_path: Path) -> None:
