@@ -81,7 +81,7 @@ def test_a_damaged_zip_is_refused_in_one_line(tmp_path: Path) -> None:
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A bag in MCAP with a gyro on two topics."""
     rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="needs the extra ros")
-    from rosbags.typesys import Stores, get_typestore
+    from rosbags.typesys import Stores, get_typestore  # pyright: ignore[reportMissingImports]
 
     store = get_typestore(Stores.ROS2_HUMBLE)
     types = store.types

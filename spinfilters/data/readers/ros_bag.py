@@ -92,8 +92,8 @@ class RosBagReader(DatasetReader):
 def _messages(path: Path, topic: str | None) -> tuple[str, str, Float[np.ndarray, "n m"]]:
     """Topic, type, and rows of stamp (s) and numbers. InputError: the extra is missing, no bag, no topic that can be read."""
     try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
-        from rosbags.typesys import Stores, get_typestore
+        from rosbags.highlevel import AnyReader, AnyReaderError  # pyright: ignore[reportMissingImports]
+        from rosbags.typesys import Stores, get_typestore  # pyright: ignore[reportMissingImports]
     except ImportError:
         raise InputError(
             f"{path_text(path)}: a ROS bag needs the package rosbags; install it with pip install 'spinfilters[ros]'"
