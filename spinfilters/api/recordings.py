@@ -15,8 +15,10 @@ from spinfilters.api.argument_ranges import (
 )
 from spinfilters.data.dataset import Dataset, has_images, read_dataset
 from spinfilters.data.input_file import value_text
+from spinfilters.data.reading_options import ReadingOptions
 from spinfilters.data.sensor_format import dataset_kinds
 from spinfilters.errors import InputError
+from spinfilters.pipeline.segment_choice import read_chosen, segment_choice
 from spinfilters.simulation.inspector import STATIC
 from spinfilters.simulation.motion import Progress, silent
 from spinfilters.simulation.scenario import Scenario, without_map
@@ -26,26 +28,40 @@ MOST_TURNS = 100
 """Revolutions between epochs, at most: beyond, rounding decides where the body points."""
 
 
-def load(path: str | os.PathLike[str], segment: int | None = None) -> Dataset:
+def load(
+    path: str | os.PathLike[str],
+    segment: int | str | None = None,
+    *,
+    unit: str | None = None,
+    clock: str | None = None,
+    rate: float | None = None,
+    topic: str | None = None,
+) -> Dataset:
     """Data set of a folder or file: whatever ``spinfilters compare`` reads; of stereo images it is their tracks.
 
     Parameters
     ----------
-    path: a folder with ``dataset.toml``, a phyphox export, a gyro ``.csv`` (time in s, then three body rates in rad/s) or a TUM
-        ``.tum`` or ``.txt`` of poses.
-    segment: number of a marked segment of a phyphox recording; None where there is only one.
+    path: a folder with ``dataset.toml``, a phone's export or a zip of it, a ``.csv`` with columns by name (a clock and three body
+        rates, or poses), a TUM ``.tum`` or ``.txt`` of poses, a ROS bag.
+    segment: number of a marked segment of a phyphox recording or else of a free flight, times such as "6.55:7.4" (s), or "auto" for
+        the only free flight; None for the whole.
+    unit: of body rates whose header states none, such as "deg/s".   clock: of time stamps, such as "ms".
+    rate: samples a second, Hz, of a table without a clock.   topic: of a ROS bag.
 
     Raises
     ------
-    InputError: an unusable file, a segment that is no number; the text names file, line or value, and the cure.
+    InputError: an unusable file, no such segment, a unit in doubt; the text names file, line or value, and the cure.
     """
+    options = ReadingOptions(unit, clock, rate, topic)
     if segment is not None:
-        SEGMENT.require("segment", segment)
-    if segment is None and has_images(path):
+        if not isinstance(segment, str):
+            SEGMENT.require("segment", segment)
+        return read_chosen(path, segment_choice(segment), options)
+    if has_images(path):
         from spinfilters.vision.track_images import track_images
 
         return track_images(Path(path)).dataset
-    return read_dataset(path, segment)
+    return read_dataset(path, options=options)
 
 
 def simulate(

@@ -27,7 +27,7 @@ def compare(
     data: Dataset | str | os.PathLike[str],
     estimators: Sequence[str] | str | None = None,
     settings: AnySettings | None = None,
-    segment: int | None = None,
+    segment: int | str | None = None,
     output: str | os.PathLike[str] | None = None,
     *,
     resume: bool = False,
@@ -39,7 +39,7 @@ def compare(
 
     Parameters
     ----------
-    data: a data set, or the path of one (see `load`).   segment: of a phyphox recording, see `load`.
+    data: a data set, or the path of one (see `load`).   segment: of a recording, see `load`.
     estimators: names among "mekf", "ukf", "smoother", "filterpy-ekf", "filterpy-ukf", "embedded", "embedded-double"; one text
         may list several, with commas. None takes those of the settings, by default the first three.
     settings: `Settings`, a mapping such as ``{"sensors": {"pixel_std": 0.5}}``, or the path of a settings file.
@@ -99,7 +99,7 @@ def estimator_names(estimators: Sequence[str] | str) -> tuple[str, ...]:
     return tuple(estimators)
 
 
-def _dataset(data: object, segment: int | None) -> Dataset:
+def _dataset(data: object, segment: int | str | None) -> Dataset:
     if isinstance(data, Dataset):
         if segment is not None:
             raise InputError(f"segment {segment} is of a recording's folder; give its path, not a data set")

@@ -12,6 +12,7 @@ from spinfilters.api.argument_ranges import (
     RATE_RPM,
 )
 from spinfilters.data.number_range import NumberRange
+from spinfilters.data.reading_options import CLOCK_UNITS, RATE_UNITS, SAMPLING_RATE, ReadingOptions
 
 
 def add_motion(parser: argparse.ArgumentParser) -> None:
@@ -36,6 +37,22 @@ def add_motion(parser: argparse.ArgumentParser) -> None:
         metavar=("JX", "JY", "JZ"),
         help="principal moments about x, y, z, of any scale (default 1.0322 1 0.8596)",
     )
+
+
+def add_reading(parser: argparse.ArgumentParser) -> None:
+    """Options that state what a recording does not tell."""
+    group = parser.add_argument_group("what the recording does not tell")
+    group.add_argument("--unit", metavar="UNIT", help=f"of body rates: {', '.join(RATE_UNITS)}")
+    group.add_argument("--clock", metavar="UNIT", help=f"of time stamps: {', '.join(CLOCK_UNITS)}")
+    group.add_argument(
+        "--rate", type=number(SAMPLING_RATE), metavar="HZ", help="samples a second, in place of a clock"
+    )
+    group.add_argument("--topic", metavar="NAME", help="of a ROS bag, where it has several that can be read")
+
+
+def reading_options(options: argparse.Namespace) -> ReadingOptions:
+    """What is stated of a recording. InputError: an unknown unit."""
+    return ReadingOptions(options.unit, options.clock, options.rate, options.topic)
 
 
 def number(allowed: NumberRange) -> Callable[[str], float | int]:

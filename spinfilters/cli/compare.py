@@ -4,23 +4,28 @@ What draws is imported where it draws: matplotlib would be a third of the time b
 """
 
 import argparse
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from spinfilters.api.runs import estimator_names
+from spinfilters.cli.arguments import reading_options
 from spinfilters.cli.console import progress_bars, wide_console
 from spinfilters.data.dataset import Dataset, has_images, read_dataset
 from spinfilters.data.input_file import value_text
+from spinfilters.data.reading_options import ReadingOptions
 from spinfilters.errors import InputError
 from spinfilters.evaluation.comparison import comparison_table
+from spinfilters.flight.free_flight import flights_within
 from spinfilters.pipeline.comparison_run import RunOutput, compare_into
 from spinfilters.pipeline.conditions import conditions_of
 from spinfilters.pipeline.estimation import Comparison
 from spinfilters.pipeline.estimator_entry import estimator_entries
+from spinfilters.pipeline.segment_choice import read_chosen, segment_choice
 from spinfilters.settings.run_settings import Settings, read_settings
 from spinfilters.simulation.scenario import Scenario, simulate, without_map
+
+_FLIGHTS_TOLD = 4
 
 if TYPE_CHECKING:
     from spinfilters.pipeline.optional_outputs import OptionalOutputs
@@ -30,10 +35,11 @@ def compare(options: argparse.Namespace) -> int:
     """Run the estimators, write the run folder and its figures, print the table."""
     settings = _settings(options)
     folder, optional_outputs = Path(options.output), _additions(options)
-    if options.segment == "all" and options.dataset is not None:
+    choice = None if options.segment is None else segment_choice(options.segment)
+    if choice is not None and choice.several and options.dataset is not None:
         if optional_outputs is not None:
             optional_outputs.require_one_run()
-        return _compare_segments(options.dataset, folder, settings)
+        return _compare_segments(options, choice.several, folder, settings)
     dataset = _dataset(options)
     with progress_bars() as report:
         written = compare_into(
@@ -44,6 +50,7 @@ def compare(options: argparse.Namespace) -> int:
         wide_console().print(f"run folder: {folder} is complete, {rest}", highlight=False, soft_wrap=True)
     else:
         _print_comparison(written.comparison, folder)
+        _print_flights(written.comparison, options)
     _print_lacking(folder, optional_outputs)
     return 0
 
@@ -57,12 +64,10 @@ def _additions(options: argparse.Namespace) -> "OptionalOutputs | None":
     return OptionalOutputs(options.predict, options.convergence)
 
 
-def _compare_segments(recording: str | None, folder: Path, settings: Settings) -> int:
+def _compare_segments(options: argparse.Namespace, which: str, folder: Path, settings: Settings) -> int:
     from spinfilters.cli.segments import compare_segments
 
-    if recording is None:
-        raise InputError("--segment all needs a recording; give its folder as DATASET")
-    return compare_segments(recording, folder, settings)
+    return compare_segments(options.dataset, which, folder, settings, reading_options(options))
 
 
 def _print_comparison(comparison: Comparison, folder: Path) -> None:
@@ -81,6 +86,22 @@ def _print_comparison(comparison: Comparison, folder: Path) -> None:
     console.print(
         f"run folder: {folder}   (look at {folder / 'summary.png'})", highlight=False, soft_wrap=True
     )
+
+
+def _print_flights(comparison: Comparison, options: argparse.Namespace) -> None:
+    """Where a whole recording is not ok and only part of it is free flight, say so."""
+    is_whole = options.dataset is not None and options.segment is None
+    if not is_whole or all(each.history.status.verdict == "ok" for each in comparison.evaluations):
+        return
+    flights = flights_within(comparison.setup.dataset)
+    if flights:
+        stretches = ", ".join(f"{flight.start:.3f}:{flight.end:.3f}" for flight in flights[:_FLIGHTS_TOLD])
+        more = ", ..." if len(flights) > _FLIGHTS_TOLD else ""
+        wide_console().print(
+            f"only part of the recording is free flight ({stretches}{more} s): compare that with --segment auto",
+            highlight=False,
+            soft_wrap=True,
+        )
 
 
 def _print_lacking(folder: Path, optional_outputs: "OptionalOutputs | None") -> None:
@@ -104,6 +125,7 @@ def _settings(options: argparse.Namespace) -> Settings:
 
 def _dataset(options: argparse.Namespace) -> Dataset:
     if options.dataset is None:
+        reading_options(options).require_only((), "the bundled example")
         if options.segment is not None:
             raise InputError(
                 f"--segment {value_text(options.segment)} needs a recording; give its folder as DATASET"
@@ -114,18 +136,16 @@ def _dataset(options: argparse.Namespace) -> Dataset:
         raise InputError(
             "--known-map is for the bundled example; the known map of a data set is its landmarks.csv"
         )
-    segment = None
+    stated = reading_options(options)
     if options.segment is not None:
-        if not re.fullmatch(r"[0-9]{1,9}", options.segment):
-            raise InputError(f"--segment {value_text(options.segment)} is no segment; give a number or 'all'")
-        segment = int(options.segment)
-    return read_dataset(options.dataset, segment) if segment is not None else _recording(options.dataset)
+        return read_chosen(options.dataset, segment_choice(options.segment), stated)
+    return _recording(options.dataset, stated)
 
 
-def _recording(path: str) -> Dataset:
+def _recording(path: str, stated: ReadingOptions) -> Dataset:
     """The data set of a path; the tracks of stereo images, and what was lost on the way."""
     if not has_images(path):
-        return read_dataset(path)
+        return read_dataset(path, options=stated)
     from spinfilters.vision.track_images import track_images
 
     with progress_bars() as report:

@@ -1,12 +1,20 @@
-"""``spinfilters compare --segment all``."""
+"""``spinfilters compare --segment all`` or ``auto``, and ``spinfilters segments``."""
 
+import argparse
 from pathlib import Path
 
+from rich.table import Table
+
+from spinfilters.cli.arguments import reading_options
 from spinfilters.cli.console import progress_bars, wide_console
-from spinfilters.data.dataset import read_segments
+from spinfilters.data.dataset import read_whole
+from spinfilters.data.reading_options import ReadingOptions
 from spinfilters.errors import InputError
+from spinfilters.flight.free_flight import find_flights
+from spinfilters.pipeline.segment_choice import has_marks, no_flight, read_several
 from spinfilters.pipeline.segments import (
     SegmentResult,
+    pool,
     run_segments,
     segment_medians,
     segment_table,
@@ -18,10 +26,40 @@ from spinfilters.runs.run_lock import locked_run
 from spinfilters.settings.run_settings import Settings
 
 
-def compare_segments(recording: str, folder: Path, settings: Settings) -> int:
+def list_segments(options: argparse.Namespace) -> int:
+    """Print the free flights that are found in a recording, and how to compare one of them."""
+    whole = read_whole(options.dataset, reading_options(options))
+    flights = find_flights(whole)
+    if not flights:
+        raise no_flight(whole)
+    table = Table(title=f"Free flights in {whole.name}", title_justify="left")
+    for heading in ("segment", "start s", "end s", "epochs", "turned rad", "evidence"):
+        table.add_column(heading)
+    for number, flight in enumerate(flights, start=1):
+        cells = (f"{flight.start:.3f}", f"{flight.end:.3f}", str(flight.epochs), f"{flight.rotation:.1f}")
+        table.add_row(str(number), *cells, flight.evidence)
+    console = wide_console()
+    console.print(table)
+    marked = has_marks(options.dataset, reading_options(options))
+    one = "its times" if marked else "its number or times"
+    console.print(
+        f"compare all with --segment auto, one with --segment and {one} (START:END)", highlight=False
+    )
+    if marked:
+        console.print(
+            "segments are marked, too: --segment all takes them, --segment N one of them", highlight=False
+        )
+    return 0
+
+
+def compare_segments(
+    recording: str, which: str, folder: Path, settings: Settings, options: ReadingOptions
+) -> int:
     """Run the estimators on every segment, write their folders and a picture of all, print the medians."""
     refused: list[SegmentResult] = []
-    datasets = read_segments(recording, lambda number, why: refused.append(SegmentResult(number, None, why)))
+    datasets = read_several(
+        recording, which, options, lambda number, why: refused.append(SegmentResult(number, None, why))
+    )
     open_run_folder(folder)
     with locked_run(folder):
         with progress_bars() as report:
@@ -34,10 +72,11 @@ def compare_segments(recording: str, folder: Path, settings: Settings) -> int:
     console = wide_console()
     console.print(segment_table(results, settings))
     for name, (first, second, good, total) in segment_medians(results, settings).items():
-        console.print(
-            f"{name}: median J1/J3 {first:.4f}, J2/J3 {second:.4f} of {good} segments that are ok, of {total}",
-            highlight=False,
-        )
+        medians = f"median J1/J3 {first:.4f}, J2/J3 {second:.4f} of {good} segments that are ok, of {total}"
+        console.print(f"{name}: {medians if good else f'none of {total} segments is ok'}", highlight=False)
+    for name, pooled in pool(results, settings).items():
+        if pooled is not None:
+            console.print(f"{name}: {pooled.sentence}", highlight=False, soft_wrap=True)
     if interrupted:
         raise InputError(
             f"interrupted after {len(results)} of {len(datasets) + len(refused)} segments; run the command again to go on"

@@ -7,10 +7,11 @@ phyphox app and a single gyro or TUM file are read as they are.
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
+from spinfilters.data.acceleration import Acceleration
 from spinfilters.data.camera import Rig
 from spinfilters.data.dataset_options import DatasetOptions
 from spinfilters.data.dataset_reader import OnRefused, reader_of
@@ -18,6 +19,7 @@ from spinfilters.data.gyro_files import Segment
 from spinfilters.data.input_file import path_text, printable, value_text
 from spinfilters.data.inspector_files import require_cover
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.data.reading_options import NOTHING_STATED, ReadingOptions
 from spinfilters.data.sensor_format import (
     CalibrationFiles,
     dataset_kinds,
@@ -41,7 +43,8 @@ class Dataset:
     path: where it was read, None when made in memory.
     truth, rig, known_map: None where not known; measurements of a camera need its rig.
     inspector: poses of cam0 in i over the time of all measurements of cameras; None where frame i is that of cam0.
-    segment: the marked stretch of a phyphox recording that this is, None otherwise.
+    segment: the stretch of a recording that this is, None of a whole one.
+    acceleration: of an accelerometer beside the sensors; it tells flights, no estimator reads it.
 
     Raises
     ------
@@ -59,6 +62,7 @@ class Dataset:
     inspector: MeasurementStream | None = None
     options: DatasetOptions = field(default_factory=DatasetOptions)
     segment: Segment | None = None
+    acceleration: Acceleration | None = None
 
     def __post_init__(self) -> None:
         kinds = dataset_kinds()
@@ -89,7 +93,16 @@ class Dataset:
     def name(self) -> str:
         """Where it was read, with the segment, or what it is: how an error names it."""
         place = printable(self.description) or "the data set" if self.path is None else path_text(self.path)
-        return place if self.segment is None else f"{place}, segment {self.segment.number}"
+        return place if self.segment is None else f"{place}, {self.segment.label}"
+
+    def part(self, segment: Segment) -> "Dataset":
+        """The measurements of a stretch, with all else that is known. InputError: no measurement within."""
+        start = self.log.start if segment.start is None else segment.start
+        end = self.log.end if segment.end is None else segment.end
+        force = None if self.acceleration is None else self.acceleration.slice(start, end)
+        with self.naming():
+            log = self.log.slice(start, end)
+        return replace(self, log=log, segment=segment, acceleration=force)
 
     @contextmanager
     def naming(self) -> Iterator[None]:
@@ -100,12 +113,15 @@ class Dataset:
             raise InputError(f"{self.name}: {error}") from None
 
 
-def read_dataset(path: str | os.PathLike[str], segment: int | None = None) -> Dataset:
+def read_dataset(
+    path: str | os.PathLike[str], segment: int | None = None, options: ReadingOptions = NOTHING_STATED
+) -> Dataset:
     """The data set of a path, by the reader that recognises it (`spinfilters.data.dataset_reader`).
 
     Parameters
     ----------
     segment: number of a kept segment of a phyphox recording; None where there is only one.
+    options: what its user states of the recording.
 
     Raises
     ------
@@ -114,7 +130,7 @@ def read_dataset(path: str | os.PathLike[str], segment: int | None = None) -> Da
     cure.
     """
     place = Path(path)
-    reader = reader_of(place)
+    reader = reader_of(place, options)
     if segment is not None and not reader.has_segments:
         raise InputError(f"{path_text(place)}: has no segments; leave out --segment {segment}")
     return reader.read(place, segment)
@@ -126,14 +142,23 @@ def has_images(path: str | os.PathLike[str]) -> bool:
     return os.path.isdir(folder / "cam0" / "data") and not os.path.lexists(folder / "tracks.csv")
 
 
-def read_segments(path: str | os.PathLike[str], on_refused: OnRefused | None = None) -> list[Dataset]:
+def read_whole(path: str | os.PathLike[str], options: ReadingOptions = NOTHING_STATED) -> Dataset:
+    """The whole recording of a path, whatever segments are marked in it. Errors: `read_dataset`."""
+    return reader_of(Path(path), options).whole(Path(path))
+
+
+def read_segments(
+    path: str | os.PathLike[str],
+    on_refused: OnRefused | None = None,
+    options: ReadingOptions = NOTHING_STATED,
+) -> list[Dataset]:
     """Every kept segment of a phyphox folder; of any other path its one data set. Errors: `read_dataset`.
 
     Parameters
     ----------
     on_refused: called with the number of a segment that is no trial, and why, instead of raising InputError for it.
     """
-    return reader_of(Path(path)).segments(Path(path), on_refused)
+    return reader_of(Path(path), options).segments(Path(path), on_refused)
 
 
 def calibrations_of(log: MeasurementLog) -> tuple[CalibrationFiles, ...]:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from spinfilters.data.reading_options import NOTHING_STATED, ReadingOptions
 from spinfilters.plugins import PluginGroup, by_name
 
 if TYPE_CHECKING:
@@ -37,6 +38,15 @@ class DatasetReader(ABC):
     def read(self, path: Path, segment: int | None) -> "Dataset":
         """The data set. InputError: names file, line or value, and the cure."""
 
+    def whole(self, path: Path) -> "Dataset":
+        """The whole recording, whatever segments are marked in it: of one without segments the data set. InputError: as `read`."""
+        return self.read(path, None)
+
+    def stating(self, options: ReadingOptions) -> "DatasetReader":
+        """The reader that takes what the user states of a recording. InputError: a format that has no use for it."""
+        options.require_only((), self.words or "this kind of file")
+        return self
+
     def segments(self, path: Path, on_refused: OnRefused | None) -> "list[Dataset]":
         """All data sets of a recording: the only one, unless it has segments.
 
@@ -56,6 +66,7 @@ def dataset_readers() -> list[DatasetReader]:
     return list(by_name(TABLE, "reader").values())
 
 
-def reader_of(path: Path) -> DatasetReader:
-    """The first that recognises a path; the last of the table takes any."""
-    return next(reader for reader in dataset_readers() if reader.recognises(path))
+def reader_of(path: Path, options: ReadingOptions = NOTHING_STATED) -> DatasetReader:
+    """The first that recognises a path; the last of the table takes any. InputError: `DatasetReader.stating`."""
+    reader = next(reader for reader in dataset_readers() if reader.recognises(path))
+    return reader.stating(options) if options.stated else reader

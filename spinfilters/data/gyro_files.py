@@ -5,7 +5,6 @@ import io
 import math
 import os
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -15,9 +14,11 @@ from jaxtyping import Bool, Float
 
 from spinfilters.data.input_file import path_text, read_settings_text, value_text
 from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.data.motion_table import MotionTable, read_motion_table
 from spinfilters.data.number_range import RATE
-from spinfilters.data.table_files import Table, read_csv, read_header, write_csv
-from spinfilters.data.time_stamps import require_times
+from spinfilters.data.reading_options import NOTHING_STATED, ReadingOptions
+from spinfilters.data.table_files import read_csv, read_header, write_csv
+from spinfilters.data.time_stamps import require_times, require_turns
 from spinfilters.errors import InputError
 
 GYRO_COLUMNS: Final[tuple[str, ...]] = ("time_s", "wx", "wy", "wz")
@@ -32,46 +33,71 @@ FEWEST_CLIPPED: Final[int] = 3
 """Samples that can make a flat top."""
 
 _SEGMENT_COLUMNS = ["segment", "start", "end", "keep", "comment"]
-_KEEP = {"": True, "true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 _DEGREES = re.compile(r"(?<![a-z])(deg(ree)?s?|dps|degps)(?![a-z])|°(?!\s*[CF])", re.IGNORECASE)
 """Degrees as a whole word: deg/s, deg_s, dps, but neither radps nor degC."""
-_AXIS = re.compile(r"(?<![a-z])w?[xyz](?![a-z])", re.IGNORECASE)
-_NAME_AND_UNIT = re.compile(r"(?P<name>.*\S)\s*\((?P<unit>[^()]*)\)")
+_KEEP = {"": True, "true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
 
 @dataclass(frozen=True)
 class Segment:
-    """A marked stretch of a recording, s on its clock; without `keep` no trial, and times may be None."""
+    """A stretch of a recording, s on its clock.
 
-    number: int
+    Attributes
+    ----------
+    number: as marked or as found; None of one that its user states.   start, end: None for the ends of the recording.
+    keep: whether it is a trial.   comment: on it, or what says that it is a flight.
+    """
+
+    number: int | None
     start: float | None
     end: float | None
     keep: bool
     comment: str
 
+    @property
+    def label(self) -> str:
+        """What it is called: its number, or its times."""
+        if self.number is not None:
+            return f"segment {self.number}"
+        start, end = ("" if each is None else f"{each:.9g}" for each in (self.start, self.end))
+        return f"segment {start}:{end}"
+
 
 @dataclass(frozen=True, eq=False)
 class PhyphoxRecording:
-    """Time (s, strictly increasing), body rate (rad/s, phone axes) and the segments that were marked."""
+    """What the sensors measured, and the segments that were marked in it."""
 
-    time: Float[np.ndarray, " n"]
-    rate: Float[np.ndarray, "n 3"]
+    table: MotionTable
     segments: tuple[Segment, ...]
+
+    @property
+    def time(self) -> Float[np.ndarray, " n"]:
+        """s, strictly increasing."""
+        return self.table.stream.time
+
+    @property
+    def rate(self) -> Float[np.ndarray, "n 3"]:
+        """Body rate, rad/s, phone axes."""
+        return self.table.stream.values
 
 
 def read_gyro_csv(path: Path) -> MeasurementStream:
-    """Gyro stream of a file with the header `time_s,wx,wy,wz` (s, rad/s, g axes).
+    """Gyro stream of the table of a data set folder, whose header is `time_s,wx,wy,wz` (s, rad/s, g axes).
 
     Raises
     ------
-    InputError: as `read_csv` and `require_times`, or a column in degrees.
+    InputError: as `read_csv`, `require_times` and `require_turns`, or a column in degrees.
     """
     names = read_header(path)
-    if names != GYRO_COLUMNS:
-        refuse_degrees(path, names)
+    for name in names if names != GYRO_COLUMNS else ():
+        if _DEGREES.search(name):
+            raise InputError(
+                f"{path_text(path)}: line 1: column {value_text(name)} is in degrees; multiply it by pi/180 and name it rad/s"
+            )
     table = read_csv(path, GYRO_COLUMNS)
     require_times(table, repeats=False)
     table.require(slice(1, 4), RATE)
+    require_turns(table, np.linalg.norm(table.values[:, 1:], axis=1))
     return MeasurementStream("gyro", table.values[:, 0], table.values[:, 1:])
 
 
@@ -97,62 +123,25 @@ def saturated(rate: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
     return clipped
 
 
-def read_phyphox(folder: Path) -> PhyphoxRecording:
+def read_phyphox(folder: Path, options: ReadingOptions = NOTHING_STATED) -> PhyphoxRecording:
     """Recording of a phyphox export, with the segments that somebody marked in it.
 
-    It holds `Raw Data.csv` (comma, semicolon or tab; decimal point or comma) and perhaps `meta/segments.csv`
-    with the header `segment,start,end,keep,comment`, where an empty keep keeps the segment.
+    It holds `Raw Data.csv` and perhaps `meta/segments.csv` with the header `segment,start,end,keep,comment`, where an empty keep
+    keeps the segment.
 
     Raises
     ------
-    InputError: as `read_csv` and `require_times`; units other than s and rad/s; a segment that cannot be a
-    stretch of time.
+    InputError: as `spinfilters.data.motion_table.read_motion_table`; a segment that cannot be a stretch of time.
     """
-    path = folder / PHYPHOX_TABLE
-    columns = _phyphox_columns(path, read_header(path))
-    table = read_csv(path)
-    chosen = Table(path, tuple(table.names[k] for k in columns), table.values[:, columns], table.layout)
-    require_times(chosen, repeats=False)
-    chosen.require(slice(1, 4), RATE)
+    table = read_motion_table(folder / PHYPHOX_TABLE, options)
     marked = folder / "meta" / "segments.csv"
     segments = _read_segments(marked) if os.path.lexists(marked) else ()
-    return PhyphoxRecording(chosen.values[:, 0], chosen.values[:, 1:], segments)
-
-
-def refuse_degrees(path: Path, names: Iterable[str]) -> None:
-    """Raise InputError for a column whose heading says that it is in degrees."""
-    for name in names:
-        if _DEGREES.search(name):
-            raise InputError(
-                f"{path_text(path)}: line 1: column {value_text(name)} is in degrees; "
-                "multiply it by pi/180 and name it rad/s"
-            )
-
-
-def _phyphox_columns(path: Path, names: tuple[str, ...]) -> list[int]:
-    """Indices of time, x, y, z. Names are translated in the app, so the unit and the axis letter decide."""
-    parts = [match and (match["name"], match["unit"]) for match in map(_NAME_AND_UNIT.fullmatch, names)]
-    found = [[k for k, part in enumerate(parts) if part and part[1] == "s"]]
-    for axis in "xyz":
-        found.append(
-            [
-                k
-                for k, part in enumerate(parts)
-                if part and part[1] == "rad/s" and part[0].endswith(f" {axis}")
-            ]
-        )
-    if any(len(indices) != 1 for indices in found):
-        refuse_degrees(path, (name for name in names if _AXIS.search(name)))
-        raise InputError(
-            f"{path_text(path)}: line 1: the header is {value_text(', '.join(names))}, "
-            "expected Time (s) and Gyroscope x, y, z (rad/s); export the gyroscope experiment of phyphox"
-        )
-    return [indices[0] for indices in found]
+    return PhyphoxRecording(table, segments)
 
 
 def _read_segments(path: Path) -> tuple[Segment, ...]:
     rows = csv.reader(io.StringIO(read_settings_text(path), newline=""), strict=True)
-    segments: dict[int, Segment] = {}
+    segments: dict[int | None, Segment] = {}
     try:
         if [cell.strip() for cell in next(rows, [])] != _SEGMENT_COLUMNS:
             raise InputError(

@@ -182,7 +182,8 @@ def _repeats(time: Float[np.ndarray, " n"], ids: Int[np.ndarray, " n"]) -> bool:
 
 def first_not_unit(quaternion: Float[np.ndarray, "n 4"]) -> int | None:
     """First row whose norm is not 1 within `QUATERNION_NORM_TOLERANCE`, None when there is none."""
-    rows = np.flatnonzero(np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) > QUATERNION_NORM_TOLERANCE)
+    with np.errstate(over="ignore"):  # a number of 300 digits is not unit either
+        rows = np.flatnonzero(np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) > QUATERNION_NORM_TOLERANCE)
     return int(rows[0]) if rows.size else None
 
 

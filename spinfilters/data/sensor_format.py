@@ -65,7 +65,6 @@ class SensorFormat:
     quaternion: first of four columns that hold a unit quaternion, scalar last.
     calibration: of the camera.
     read, write: where the table is not a CSV of these columns.   suffixes: of single files that are read as this sensor's.
-    read_alone: such a file, where it may differ from the table of a folder.
     suffix_words: what such files are called.
     """
 
@@ -82,7 +81,6 @@ class SensorFormat:
     read: "Callable[[Path], MeasurementStream] | None" = None
     write: "Callable[[Path, MeasurementStream], None] | None" = None
     suffixes: tuple[str, ...] = ()
-    read_alone: "Callable[[Path], MeasurementStream] | None" = None
     suffix_words: str = ""
 
     @property

@@ -1,13 +1,13 @@
 """Time stamps of a file: in order, in seconds, and at least two of them."""
 
 from pathlib import Path
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
+from jaxtyping import Float
 
 from spinfilters.data.input_file import path_text
 from spinfilters.data.measurement_log import first_disorder
-from spinfilters.data.table_files import Table
 from spinfilters.errors import InputError
 
 LATEST_SECONDS: Final[float] = 1e11
@@ -17,7 +17,25 @@ SHORTEST_STEP: Final[float] = 1e-9
 """Between two stamps, s: no sensor is faster, and rates over shorter times are beyond all numbers."""
 
 
-def require_times(table: Table, repeats: bool) -> None:
+MOST_TURNS: Final[float] = 100.0
+"""Revolutions between samples in the median, at most: a clock at which a body turns more is not in seconds."""
+
+
+class RowsOfFile(Protocol):
+    """Rows of numbers that know where they stand in a file."""
+
+    @property
+    def path(self) -> Path: ...
+
+    @property
+    def values(self) -> Float[np.ndarray, "n m"]: ...
+
+    def error(self, row: int, text: str) -> InputError:
+        """An InputError that names the file and the line of a row."""
+        ...
+
+
+def require_times(table: RowsOfFile, repeats: bool) -> None:
     """Check the first column of a table as time in s.
 
     Parameters
@@ -50,6 +68,21 @@ def require_times(table: Table, repeats: bool) -> None:
             f"time {float(time[row])!r} s is {step[row - 1]:.3g} s after the one before; convert it to seconds",
         )
     require_two_epochs(table.path, np.unique(time).size)
+
+
+def require_turns(table: RowsOfFile, speed: Float[np.ndarray, " n"]) -> None:
+    """Raise InputError for a clock at which the body turns beyond all measure between samples.
+
+    Parameters
+    ----------
+    table: with the time in s in its first column.   speed: |body rate| of its rows, rad/s.
+    """
+    turns = float(np.median(speed[1:] * np.diff(table.values[:, 0]))) / (2 * np.pi)
+    if turns > MOST_TURNS:
+        raise InputError(
+            f"{path_text(table.path)}: the body would turn {turns:.3g} times between samples, so the clock is hardly in seconds; "
+            "convert it to seconds"
+        )
 
 
 def require_two_epochs(path: Path, epochs: int) -> None:

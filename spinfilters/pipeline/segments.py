@@ -1,4 +1,4 @@
-"""Every kept segment of a recording: a run each, a table and a picture of the fitted inertia of all."""
+"""Every segment of a recording: a run each, a table and a picture of the fitted inertia of all."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,6 +14,7 @@ from spinfilters.data.atomic_write import write_json
 from spinfilters.data.dataset import Dataset
 from spinfilters.errors import InputError
 from spinfilters.pipeline.estimation import compare_estimators
+from spinfilters.pipeline.pooled_moments import PooledMoments, pooled_moments
 from spinfilters.pipeline.setup import prepare
 from spinfilters.plots.style import draw_figure
 from spinfilters.plots.throws import Throw, throws_figure
@@ -60,7 +61,7 @@ def run_segments(
 
 
 def _run_segment(dataset: Dataset, folder: Path, settings: Settings) -> SegmentResult:
-    number = 0 if dataset.segment is None else dataset.segment.number
+    number = 0 if dataset.segment is None else dataset.segment.number or 0
     place = folder / SEGMENTS_FOLDER / f"{number:03d}"
     if (done := finished_run(place, dataset, settings)) is not None:
         return SegmentResult(number, done)
@@ -81,7 +82,10 @@ def write_segments(folder: Path, results: Sequence[SegmentResult], settings: Set
         str(r.number): {"failure": r.failure} if r.summary is None else r.summary["estimators"]
         for r in results
     }
-    write_json(folder / "segments.json", {"schema": 1, "segments": document})
+    pooled = {
+        name: None if found is None else found.document for name, found in pool(results, settings).items()
+    }
+    write_json(folder / "segments.json", {"schema": 1, "segments": document, "pooled": pooled})
     for name in settings.estimators:
         estimates = [(r.number, r.summary["estimators"][name]) for r in results if r.summary is not None]
         throws = [_throw(number, estimate) for number, estimate in estimates]
@@ -137,6 +141,15 @@ def _cells(estimate: dict[str, Any]) -> tuple[str, ...]:
         estimate["status"],
         "; ".join(estimate["reasons"]),
     )
+
+
+def pool(results: Sequence[SegmentResult], settings: Settings) -> dict[str, PooledMoments | None]:
+    """Per estimator the ratios of all segments that are ``ok`` together, None where none is."""
+    summaries = [result.summary for result in results if result.summary is not None]
+    return {
+        name: pooled_moments([summary["estimators"][name] for summary in summaries], len(results))
+        for name in settings.estimators
+    }
 
 
 def segment_medians(

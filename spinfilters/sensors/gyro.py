@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.data.camera import Rig
-from spinfilters.data.gyro_columns import read_gyro_table
 from spinfilters.data.gyro_files import read_gyro_csv, saturated, write_gyro_csv
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.data.noise_levels import SensorNoise
@@ -55,9 +54,6 @@ class GyroSensor(Sensor):
         allowed=RATE,
         read=read_gyro_csv,
         write=write_gyro_csv,
-        suffixes=(".csv",),
-        read_alone=read_gyro_table,
-        suffix_words="a gyro .csv",
     )
     identified_option = "gyro_scale_std"
     error_blocks = (GYRO_BIAS,)

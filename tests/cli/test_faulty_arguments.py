@@ -72,7 +72,7 @@ ARGUMENT_FAULTS = {
     "moments beyond all": ("simulate -o {tmp}/s --moments 1e300 1e300 1e300", "--moments"),
     "a prediction of years": ("compare {gyro} --predict 1e10", "from 1e-09 to 1e+09 s"),
     "segment beyond all": ("compare {gyro} --segment 99999999999999999999", "--segment '9999"),
-    "segment of what has none": ("compare {gyro} --segment 1", "--segment 1"),
+    "segment of what has no flight": ("compare {gyro} --segment 1", "no free flight found in"),
     "segment of the simulation": ("compare --segment 1", "--segment '1'"),
     "negative seed": ("compare --seed -1", "--seed: '-1'"),
     "seed of a simulation negative": ("simulate -o {tmp}/s --seed -1", "--seed: '-1'"),

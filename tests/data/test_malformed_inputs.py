@@ -214,9 +214,9 @@ STEREO_FAULTS = {
     ),
 }
 PHYPHOX_FAULTS = {
-    "degrees per second": ("Raw Data.csv", PHYPHOX.replace("rad/s", "°/s"), "'Gyroscope x (°/s)'"),
+    "gons per second": ("Raw Data.csv", PHYPHOX.replace("rad/s", "gon/s"), "Gyroscope x (gon/s)"),
     "an accelerometer": ("Raw Data.csv", PHYPHOX.replace("rad/s", "m/s^2"), "m/s^2"),
-    "milliseconds": ("Raw Data.csv", PHYPHOX.replace("Time (s)", "Time (ms)"), "Time (ms)"),
+    "weeks": ("Raw Data.csv", PHYPHOX.replace("Time (s)", "Time (weeks)"), "Time (weeks)"),
     "a cell that is no number": (
         "Raw Data.csv",
         PHYPHOX + "2.0,x,0,0,0",

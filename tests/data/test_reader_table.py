@@ -8,6 +8,7 @@ import pytest
 from contracts.plugin import installed_plugin, program_of
 
 import spinfilters
+from spinfilters.data.dataset import read_dataset
 from spinfilters.data.dataset_reader import TABLE, dataset_readers
 from spinfilters.errors import InputError
 
@@ -33,16 +34,23 @@ def recording(tmp_path: Path) -> Path:
 def test_the_documentation_tells_the_order_of_the_readers() -> None:
     assert [(reader.name, reader.order) for reader in dataset_readers()] == [
         ("phyphox", 10),
+        ("phone-export", 20),
+        ("zip", 30),
+        ("ros-bag", 40),
         ("folder", 90),
+        ("motion-table", 95),
         ("sensor-table", 100),
     ]
     page = (DOCS / "add-a-reader.md").read_text().replace("\n", " ")
-    assert "phyphox exports at 10, yours at 50" in page
-    assert "other folders at 90, other files at 100" in page
+    assert (
+        "phyphox exports at 10, other phone exports at 20, archives at 30, ROS bags at 40, yours at 50"
+        in page
+    )
+    assert "other folders at 90, tables with named columns at 95, other files at 100" in page
 
 
 def test_a_file_that_no_reader_recognises_is_refused_with_what_can_be_given(recording: Path) -> None:
-    with pytest.raises(InputError, match=r"give a phyphox export, a folder, a gyro \.csv or a TUM"):
+    with pytest.raises(InputError, match=r"give a phyphox export, .*, a gyro \.csv or a TUM"):
         spinfilters.load(recording)
 
 
@@ -60,7 +68,7 @@ def test_what_a_format_from_outside_refuses_is_one_line(recording: Path) -> None
     with pytest.raises(InputError, match=r"toss.npy: is of shape \(5, 3\); give columns"):
         spinfilters.load(recording)
     with pytest.raises(InputError, match="has no segments"):
-        spinfilters.load(recording, segment=1)
+        read_dataset(recording, 1)
     with pytest.raises(InputError, match=r"a gyro \.npy"):
         spinfilters.load(recording.rename(recording.with_suffix(".xyz")))
 

@@ -3,7 +3,7 @@
 import argparse
 
 from spinfilters.api.argument_ranges import SECONDS_AHEAD, SEED
-from spinfilters.cli.arguments import number
+from spinfilters.cli.arguments import add_reading, number
 from spinfilters.cli.command import Command, Subparsers
 
 
@@ -60,7 +60,11 @@ def _add_run_options(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="go on from what an interrupted run has left in RUN, to the same numbers; a finished one gets what it lacks",
     )
-    parser.add_argument("--segment", metavar="N", help="segment of a phyphox recording, or 'all'")
+    parser.add_argument(
+        "--segment",
+        metavar="N|START:END|all|auto",
+        help="a segment by its number or by its times, s; all that are marked; or all free flights that are found",
+    )
     parser.add_argument("--drag", action="store_true", help="estimate an aerodynamic drag coefficient too")
     parser.add_argument(
         "--config", metavar="FILE", help="TOML file with settings, such as config.toml of another run"
@@ -76,9 +80,26 @@ def _add_run_options(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="show how the smoother's estimates settle on tracks without a map: convergence.png, smoother/convergence.npz",
     )
+    add_reading(parser)
+
+
+def add_segments(commands: Subparsers) -> argparse.ArgumentParser:
+    """Parser of ``spinfilters segments``."""
+    segments = commands.add_parser(
+        "segments",
+        help="list the free flights of a recording",
+        description="Finds where a body flies freely: in body rates, where some inertia tensor keeps the angular momentum; in "
+        "poses, where some point of the body falls on a parabola. No inertia need be known.",
+    )
+    segments.add_argument(
+        "dataset", metavar="RECORDING", help="gyro .csv, phone export, poses, data set folder"
+    )
+    add_reading(segments)
+    return segments
 
 
 COMMANDS = (
     Command(10, add_compare, "spinfilters.cli.compare:compare"),
     Command(20, add_estimate, "spinfilters.cli.compare:compare"),
+    Command(25, add_segments, "spinfilters.cli.segments:list_segments"),
 )

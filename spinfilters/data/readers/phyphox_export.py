@@ -1,20 +1,28 @@
 """Export folder of the phyphox app, whose kept segments are data sets."""
 
 import os
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from spinfilters.data.dataset import DATASET_FILE, Dataset
 from spinfilters.data.dataset_reader import DatasetReader, OnRefused
-from spinfilters.data.gyro_files import PHYPHOX_TABLE, Segment
+from spinfilters.data.gyro_files import PHYPHOX_TABLE, PhyphoxRecording, Segment, read_phyphox
 from spinfilters.data.input_file import printable
-from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.data.phyphox_trials import phyphox_trial, phyphox_trials
-from spinfilters.data.sensor_format import sensor_format
+from spinfilters.data.readers.motion_file import motion_dataset
+from spinfilters.data.reading_options import NOTHING_STATED, ReadingOptions
 
 
+@dataclass(frozen=True)
 class PhyphoxReader(DatasetReader):
-    """See `spinfilters.data.phyphox_trials`."""
+    """See `spinfilters.data.phyphox_trials`.
 
+    Attributes
+    ----------
+    options: what the user states of the recording.
+    """
+
+    options: ReadingOptions = NOTHING_STATED
     name, order = "phyphox", 10
     words = "a phyphox export"
     has_segments = True
@@ -23,12 +31,23 @@ class PhyphoxReader(DatasetReader):
         return _phyphox_folder(path) is not None
 
     def read(self, path: Path, segment: int | None) -> Dataset:
-        folder = _phyphox_folder(path) or path
-        return _gyro_dataset(folder, *phyphox_trial(folder, segment))
+        folder, recording = self._recording(path)
+        return _trial(_dataset(folder, recording), phyphox_trial(folder, recording, segment))
+
+    def whole(self, path: Path) -> Dataset:
+        return _dataset(*self._recording(path))
 
     def segments(self, path: Path, on_refused: OnRefused | None) -> list[Dataset]:
+        folder, recording = self._recording(path)
+        whole = _dataset(folder, recording)
+        return [_trial(whole, segment) for segment in phyphox_trials(folder, recording, on_refused)]
+
+    def stating(self, options: ReadingOptions) -> DatasetReader:
+        return PhyphoxReader(options)
+
+    def _recording(self, path: Path) -> tuple[Path, PhyphoxRecording]:
         folder = _phyphox_folder(path) or path
-        return [_gyro_dataset(folder, *trial) for trial in phyphox_trials(folder, on_refused)]
+        return folder, read_phyphox(folder, self.options)
 
 
 def _phyphox_folder(path: Path) -> Path | None:
@@ -38,12 +57,15 @@ def _phyphox_folder(path: Path) -> Path | None:
     return path if is_phyphox else None
 
 
-def _gyro_dataset(folder: Path, stream: MeasurementStream, segment: Segment | None) -> Dataset:
-    description = f"phyphox recording {printable(folder.name)}"
-    if segment is not None:
-        description += f", segment {segment.number}: {printable(segment.comment)}"
-    kind, log = sensor_format(stream.sensor).kind, MeasurementLog((stream,))
-    return Dataset(kind=kind, log=log, path=folder, description=description, segment=segment)
+def _dataset(folder: Path, recording: PhyphoxRecording) -> Dataset:
+    return motion_dataset(folder, f"phyphox recording {folder.name}", recording.table)
+
+
+def _trial(whole: Dataset, segment: Segment | None) -> Dataset:
+    if segment is None:
+        return whole
+    description = f"{whole.description}, {segment.label}: {printable(segment.comment)}"
+    return replace(whole.part(segment), description=description)
 
 
 READER = PhyphoxReader()

@@ -1,6 +1,5 @@
-"""Single file of one sensor: a gyro table, TUM poses, whatever sensors say they read."""
+"""Single file of one sensor: TUM poses, whatever sensors say they read."""
 
-from functools import partial
 from pathlib import Path
 
 from spinfilters.data.dataset import DATASET_FILE, LANDMARK_FILE, Dataset
@@ -41,8 +40,7 @@ def _read_file(path: Path) -> Dataset:
             f"{path_text(path)}: {value_text(path.suffix)} is no known kind of file; "
             f"give {_readable()}, and unpack archives first"
         )
-    read = form.read_alone or partial(read_sensor_file, form)
-    log = MeasurementLog((read(path),))
+    log = MeasurementLog((read_sensor_file(form, path),))
     return Dataset(kind=form.kind, log=log, path=path, description=printable(path.name))
 
 

@@ -1,0 +1,247 @@
+"""Motion tables: gyro, accelerometer and poses by the names of their columns."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.data.acceleration import Acceleration
+from spinfilters.data.clock_units import clock_unit
+from spinfilters.data.headings import Quantity
+from spinfilters.data.input_file import path_text, value_text
+from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.data.motion_columns import (
+    EXAMPLE,
+    KNOWN_UNITS,
+    MotionColumns,
+    VectorColumns,
+    motion_columns,
+)
+from spinfilters.data.number_range import LENGTH, RATE, NumberRange
+from spinfilters.data.pose_files import require_unit_quaternions
+from spinfilters.data.reading_options import CLOCK_UNITS, RATE_UNITS, ReadingOptions
+from spinfilters.data.text_table import TextLayout, TextTable, read_columns, read_layout
+from spinfilters.data.time_stamps import require_times, require_turns
+from spinfilters.errors import InputError
+
+FASTEST: Final[float] = 75.0
+FASTEST_OF_ALL: Final[float] = 400.0
+"""Largest |rate| that gyros of phones and inertial units measure, about 4000 deg/s, and that any gyro does, rad/s."""
+LONGEST_STEP: Final[float] = 3600.0
+"""s: a clock that steps by more than an hour is not in seconds."""
+LARGEST_FORCE: Final[float] = 1e6
+"""Of an accelerometer, in any unit: one that says more is not believed."""
+_AT_REST = {"m/s^2": (5.0, 15.0), "g": (0.5, 1.5)}
+"""Medians of an accelerometer without a unit that tell it."""
+
+
+@dataclass(frozen=True)
+class MotionTable:
+    """What a table tells.
+
+    Attributes
+    ----------
+    stream: of the gyro, of poses or of attitudes.   acceleration: of the accelerometer, None without one.
+    remarks: what was understood of it that its header does not say.
+    """
+
+    stream: MeasurementStream
+    acceleration: Acceleration | None
+    remarks: tuple[str, ...]
+
+
+def read_motion_table(path: Path, options: ReadingOptions, bare: Quantity | None = None) -> MotionTable:
+    """Poses, attitudes or body rates of a table, whichever of them comes first.
+
+    Parameters
+    ----------
+    options: what its user states.   bare: quantity of columns that are called x, y and z only.
+
+    Raises
+    ------
+    InputError: as `read_layout`, `motion_columns`, `read_columns` and `require_times`; no such columns; a unit that is in doubt or
+        contradicts what is stated; numbers out of their range.
+    """
+    options.require_only(("unit", "clock", "rate"), "a table")
+    layout = read_layout(path)
+    columns = motion_columns(path, layout.names, options, bare)
+    quantities = _quantities(path, columns, layout.names, options)
+    if "rate" in quantities:
+        return _rates(path, layout, columns, options)
+    return _poses(path, layout, columns, options)
+
+
+def read_acceleration(path: Path, options: ReadingOptions) -> Acceleration | None:
+    """Accelerometer of a table of its own, whose columns may be called x, y and z. InputError: as `read_motion_table`."""
+    layout = read_layout(path)
+    columns = motion_columns(path, layout.names, replace(options, rate=None), "acceleration")
+    return _acceleration(path, layout, columns, options)
+
+
+def _rates(path: Path, layout: TextLayout, columns: MotionColumns, options: ReadingOptions) -> MotionTable:
+    vector, remarks = columns.vectors["rate"], []
+    table = _read(path, layout, columns, ("rate",))
+    unit = _rate_unit(table, vector, options, "seconds_elapsed" in layout.names)
+    values = table.values.copy()
+    values[:, -3:] *= RATE_UNITS[unit]
+    table = replace(table, values=values)
+    with np.errstate(over="ignore"):  # of numbers that are refused
+        speed = np.linalg.norm(values[:, -3:], axis=1)
+    is_stated = bool(vector.unit) or options.unit is not None
+    if speed.max() > (FASTEST_OF_ALL if is_stated else FASTEST):
+        cure = (
+            "correct the unit"
+            if is_stated
+            else "give --unit deg/s, or say the unit in the header ('wx (rad/s)')"
+        )
+        raise table.error(
+            int(speed.argmax()), f"a rate of {speed.max():.4g} rad/s is more than a gyro measures; {cure}"
+        )
+    table, clock = _timed(table, columns, options, layout, speed)
+    _require(table, RATE, "rad/s")
+    if table.incomplete:
+        remarks.append(f"{table.incomplete} rows without rates left out")
+    if clock != "s":
+        remarks.append(clock)
+    stream = MeasurementStream("gyro", table.values[:, 0], table.values[:, 1:])
+    return MotionTable(stream, _acceleration(path, layout, columns, options), tuple(remarks))
+
+
+def _poses(path: Path, layout: TextLayout, columns: MotionColumns, options: ReadingOptions) -> MotionTable:
+    """Poses, or attitudes where no position is there; rates beside them are taken as derived and left out."""
+    options.require_only(("clock", "rate"), "a table of poses")
+    has_position = "position" in columns.vectors
+    table = _read(path, layout, columns, ("position", "quaternion") if has_position else ("quaternion",))
+    table, clock = _timed(table, columns, options, layout, None)
+    if has_position:
+        values = table.values.copy()
+        values[:, 1:4] *= KNOWN_UNITS["position"][columns.vectors["position"].unit or "m"]
+        table = replace(table, values=values)
+        _require(table, LENGTH, "m")
+    require_unit_quaternions(table, 4 if has_position else 1)
+    sensor = "pose" if has_position else "attitude"
+    remarks = () if clock == "s" else (clock,)
+    return MotionTable(MeasurementStream(sensor, table.values[:, 0], table.values[:, 1:]), None, remarks)
+
+
+def _read(
+    path: Path, layout: TextLayout, columns: MotionColumns, quantities: tuple[Quantity, ...]
+) -> TextTable:
+    """Clock, where there is one, and quantities."""
+    chosen = [k for quantity in quantities for k in columns.vectors[quantity].indices]
+    clock = [] if columns.time is None else [columns.time[0]]
+    return read_columns(path, layout, [*clock, *chosen], keys=len(clock))
+
+
+def _rate_unit(
+    table: TextTable, vector: VectorColumns, options: ReadingOptions, is_known_export: bool
+) -> str:
+    """Unit of body rates: stated by header or user, or by the convention of the name. InputError: none, or two."""
+    if vector.unit and options.unit not in (None, vector.unit):
+        raise InputError(
+            f"{path_text(table.path)}: its header says {vector.unit}, --unit says {options.unit}; "
+            "leave --unit out, or correct the header"
+        )
+    unit = vector.unit or options.unit or ("rad/s" if vector.is_si or is_known_export else "")
+    if not unit:
+        largest = float(np.abs(table.values[:, -3:]).max())
+        raise InputError(
+            f"{path_text(table.path)}: columns {value_text(', '.join(table.names[-3:]))} do not say their unit "
+            f"(largest {largest:.4g}); give --unit deg/s or --unit rad/s, or name them so (gyro_x_dps)"
+        )
+    return unit
+
+
+def _timed(
+    table: TextTable,
+    columns: MotionColumns,
+    options: ReadingOptions,
+    layout: TextLayout,
+    speed: Float[np.ndarray, " n"] | None,
+) -> tuple[TextTable, str]:
+    """Table whose first column is the time in s, and a remark on the unit of the clock, "s" where its header says that."""
+    if columns.time is None:
+        time = np.arange(len(table.values)) / (options.rate or 1.0)
+        table = replace(table, names=("time", *table.names), values=np.column_stack([time, table.values]))
+        require_times(table, repeats=False)
+        return table, f"clock of {options.rate:g} Hz as stated"
+    index, stated = columns.time
+    if stated and options.clock not in (None, stated):
+        raise InputError(
+            f"{path_text(table.path)}: its clock is named in {stated}, --clock says {options.clock}; "
+            "leave --clock out, or rename it"
+        )
+    stamps = table.values[:, 0]
+    unit = stated or options.clock or clock_unit(table.path, layout.names[index], stamps, speed)
+    table = replace(table, values=np.column_stack([stamps * CLOCK_UNITS[unit], table.values[:, 1:]]))
+    require_times(table, repeats=False)
+    if speed is not None:
+        require_turns(table, speed)
+    step = float(np.median(np.diff(table.values[:, 0])))
+    if step > LONGEST_STEP:
+        raise InputError(
+            f"{path_text(table.path)}: its clock steps by {step:.3g} s, so it is hardly in seconds; name its unit, such as time_ns"
+        )
+    return table, unit if unit == "s" else f"clock in {unit}"
+
+
+def _require(table: TextTable, allowed: NumberRange, unit: str) -> None:
+    """Raise InputError for a number behind the time, of the first vector, that is out of its range."""
+    values = table.values[:, 1:4]
+    outside = np.argwhere((values < allowed.smallest) | (values > allowed.largest))
+    if outside.size:
+        row, column = map(int, outside[0])
+        raise table.error(
+            row,
+            f"{table.names[1 + column]} is {float(values[row, column])!r} {unit}; correct or delete the line, give {allowed}",
+        )
+
+
+def _acceleration(
+    path: Path, layout: TextLayout, columns: MotionColumns, options: ReadingOptions
+) -> Acceleration | None:
+    """Accelerometer of a table; None without one, or where its unit is in doubt."""
+    if "acceleration" not in columns.vectors:
+        return None
+    table = _read(path, layout, columns, ("acceleration",))
+    force, spelled = table.values[:, -3:], columns.vectors["acceleration"].unit
+    if np.abs(force).max() > LARGEST_FORCE:
+        return None
+    middle = float(np.median(np.linalg.norm(force, axis=1)))
+    spelled = spelled or next((u for u, (low, high) in _AT_REST.items() if low < middle < high), "")
+    time = _acceleration_times(table, columns, options)
+    if not spelled or len(time) < 2 or (np.diff(time) <= 0).any():
+        return None
+    return Acceleration(time, force * KNOWN_UNITS["acceleration"][spelled])
+
+
+def _acceleration_times(
+    table: TextTable, columns: MotionColumns, options: ReadingOptions
+) -> Float[np.ndarray, " n"]:
+    """Times of an accelerometer's samples, s: of their clock, or of the rate that is stated, if no row is left out."""
+    if columns.time is None:
+        return np.arange(0 if table.incomplete else len(table.values)) / (options.rate or 1.0)
+    stamps, stated = table.values[:, 0], columns.time[1]
+    unit = stated or options.clock or clock_unit(table.path, table.names[0], stamps, None)
+    return stamps * CLOCK_UNITS[unit]
+
+
+def _quantities(
+    path: Path, columns: MotionColumns, names: tuple[str, ...], options: ReadingOptions
+) -> tuple[Quantity, ...]:
+    """What is read of a table; InputError where it does not tell a motion or its clock."""
+    found = columns.vectors
+    if columns.time is None and options.rate is None:
+        raise InputError(
+            f"{path_text(path)}: header {value_text(', '.join(names))}: no column is a clock; name it time_s, or give --rate HZ"
+        )
+    if "quaternion" in found:
+        return ("quaternion",)
+    if "rate" in found:
+        return ("rate",)
+    raise InputError(
+        f"{path_text(path)}: header {value_text(', '.join(names))}: tells no body rate about each of x, y, z; name the columns "
+        f"such as {EXAMPLE} (rad/s) or time_s,wx_dps,wy_dps,wz_dps"
+    )

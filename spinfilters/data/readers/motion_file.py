@@ -1,0 +1,63 @@
+"""Table of a motion, with columns by name: body rates, or poses, or attitudes."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from spinfilters.data.dataset import DATASET_FILE, LANDMARK_FILE, Dataset
+from spinfilters.data.dataset_reader import DatasetReader
+from spinfilters.data.headings import Quantity
+from spinfilters.data.input_file import printable
+from spinfilters.data.measurement_log import MeasurementLog
+from spinfilters.data.motion_table import MotionTable, read_motion_table
+from spinfilters.data.reading_options import NOTHING_STATED, ReadingOptions
+from spinfilters.data.sensor_format import sensor_format, sensor_formats
+from spinfilters.data.truth import TRUTH_TABLE
+
+_SUFFIXES = (".csv", ".tsv")
+_ALONE = "gyro.csv"  # the one table of a folder that is a data set without it
+
+
+@dataclass(frozen=True)
+class MotionFileReader(DatasetReader):
+    """See `spinfilters.data.motion_table`.
+
+    Attributes
+    ----------
+    options: what the user states of the recording.
+    """
+
+    options: ReadingOptions = NOTHING_STATED
+    name, order = "motion-table", 95
+    words = "a gyro .csv"
+
+    def recognises(self, path: Path) -> bool:
+        return path.suffix.lower() in _SUFFIXES and path.name not in _parts() and not os.path.isdir(path)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        bare: Quantity | None = "rate" if path.stem.lower().startswith("gyro") else None
+        return motion_dataset(path, path.name, read_motion_table(path, self.options, bare))
+
+    def stating(self, options: ReadingOptions) -> DatasetReader:
+        return MotionFileReader(options)
+
+
+def motion_dataset(path: Path, name: str, table: MotionTable) -> Dataset:
+    """The data set of what a table or an export tells."""
+    description = "; ".join((printable(name), *table.remarks))
+    return Dataset(
+        kind=sensor_format(table.stream.sensor).kind,
+        log=MeasurementLog((table.stream,)),
+        path=path,
+        description=description,
+        acceleration=table.acceleration,
+    )
+
+
+def _parts() -> set[str]:
+    """Tables of data set folders, which tell nothing alone."""
+    files = {form.file for form in sensor_formats().values() if not form.suffixes} - {_ALONE}
+    return files | {DATASET_FILE, LANDMARK_FILE, TRUTH_TABLE}
+
+
+READER = MotionFileReader()

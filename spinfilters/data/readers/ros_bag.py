@@ -1,0 +1,161 @@
+"""Bags of ROS 1 and 2 and MCAP files: sensor_msgs/Imu and poses with a stamp; needs the extra ``ros``."""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.data.acceleration import Acceleration
+from spinfilters.data.dataset import DATASET_FILE, Dataset
+from spinfilters.data.dataset_reader import DatasetReader
+from spinfilters.data.input_file import MAX_TABLE_ROWS, path_text, printable, reason, require_file, value_text
+from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.data.motion_table import MotionTable
+from spinfilters.data.readers.motion_file import motion_dataset
+from spinfilters.data.reading_options import NOTHING_STATED, ReadingOptions
+from spinfilters.errors import InputError
+
+LARGEST_BAG: Final = 64 * 1024**3
+"""Bytes: messages are read one by one, so that a bag with images may be large."""
+_SUFFIXES = (".bag", ".mcap", ".db3")
+
+
+def _imu(message: Any) -> list[float]:
+    rate, force = message.angular_velocity, message.linear_acceleration
+    return [rate.x, rate.y, rate.z, force.x, force.y, force.z]
+
+
+def _pose(pose: Any) -> list[float]:
+    p, q = pose.position, pose.orientation
+    return [p.x, p.y, p.z, q.x, q.y, q.z, q.w]
+
+
+def _transform(transform: Any) -> list[float]:
+    p, q = transform.translation, transform.rotation
+    return [p.x, p.y, p.z, q.x, q.y, q.z, q.w]
+
+
+_MESSAGES: Final[dict[str, Callable[[Any], list[float]]]] = {
+    "sensor_msgs/msg/Imu": _imu,
+    "geometry_msgs/msg/PoseStamped": lambda message: _pose(message.pose),
+    "geometry_msgs/msg/PoseWithCovarianceStamped": lambda message: _pose(message.pose.pose),
+    "geometry_msgs/msg/TransformStamped": lambda message: _transform(message.transform),
+}
+"""Numbers of a message of each type that is read: rates and specific force, or position and unit quaternion."""
+
+
+@dataclass(frozen=True)
+class RosBagReader(DatasetReader):
+    """One topic of a bag.
+
+    Attributes
+    ----------
+    options: with the topic, where a bag has several that can be read.
+    """
+
+    options: ReadingOptions = NOTHING_STATED
+    name, order = "ros-bag", 40
+    words = "a ROS bag (.bag, .mcap)"
+
+    def recognises(self, path: Path) -> bool:
+        if os.path.isdir(path):
+            return os.path.isfile(path / "metadata.yaml") and not os.path.isfile(path / DATASET_FILE)
+        return path.suffix.lower() in _SUFFIXES
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        topic, kind, rows = _messages(path, self.options.topic)
+        order = np.argsort(rows[:, 0], kind="stable")
+        stamps, values = rows[order, 0], rows[order, 1:]
+        keep = np.concatenate([[True], np.diff(stamps) > 0])
+        time, values = stamps[keep], values[keep]
+        remarks = [f"topic {printable(topic)}"]
+        if not keep.all():
+            remarks.append(f"{np.count_nonzero(~keep)} messages of a stamp that was there left out")
+        sensor = "gyro" if kind.endswith("Imu") else "pose"
+        try:
+            stream = MeasurementStream(sensor, time, values[:, : 3 if sensor == "gyro" else 7])
+        except InputError as error:
+            raise InputError(f"{path_text(path)}: topic {printable(topic)}: {error}") from None
+        force = values[:, 3:] if sensor == "gyro" and values[:, 3:].any() else None
+        acceleration = None if force is None else Acceleration(time, force)
+        return motion_dataset(path, path.name, MotionTable(stream, acceleration, tuple(remarks)))
+
+    def stating(self, options: ReadingOptions) -> DatasetReader:
+        options.require_only(("topic",), "a ROS bag")
+        return RosBagReader(options)
+
+
+def _messages(path: Path, topic: str | None) -> tuple[str, str, Float[np.ndarray, "n m"]]:
+    """Topic, type, and rows of stamp (s) and numbers. InputError: the extra is missing, no bag, no topic that can be read."""
+    try:
+        from rosbags.highlevel import AnyReader, AnyReaderError  # pyright: ignore[reportMissingImports]
+        from rosbags.typesys import Stores, get_typestore  # pyright: ignore[reportMissingImports]
+    except ImportError:
+        raise InputError(
+            f"{path_text(path)}: a ROS bag needs the package rosbags; install it with pip install 'spinfilters[ros]'"
+        ) from None
+    if not os.path.isdir(path):
+        require_file(path, LARGEST_BAG)
+    try:
+        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as bag:
+            connection = _connection(path, bag.connections, topic)
+            numbers = _MESSAGES[connection.msgtype]
+            rows: list[list[float]] = []
+            for found, stamp, raw in bag.messages([connection]):
+                message = bag.deserialize(raw, found.msgtype)
+                rows.append([_stamp(message, stamp), *numbers(message)])
+                if len(rows) > MAX_TABLE_ROWS:
+                    raise InputError(f"{path_text(path)}: has more than {MAX_TABLE_ROWS} messages; cut it")
+    except InputError:
+        raise
+    except AnyReaderError as error:
+        raise _broken(path, error) from None
+    except Exception as error:  # the package meets a damaged bag with whatever its parsers raise
+        raise _broken(path, error) from None
+    if len(rows) < 2:
+        raise InputError(
+            f"{path_text(path)}: topic {printable(connection.topic)} has {len(rows)} messages; record more"
+        )
+    return connection.topic, connection.msgtype, np.array(rows)
+
+
+def _broken(path: Path, error: Exception) -> InputError:
+    return InputError(
+        f"{path_text(path)}: is no whole ROS bag ({reason(error)[:120]}); record or copy it again"
+    )
+
+
+def _connection(path: Path, connections: list[Any], topic: str | None) -> Any:
+    """The connection of the topic, or the only one that can be read."""
+    known = [each for each in connections if each.msgtype in _MESSAGES]
+    listed = ", ".join(sorted({printable(each.topic) for each in known})[:6])
+    chosen = known if topic is None else [each for each in known if each.topic == topic]
+    if not known:
+        types = ", ".join(sorted({each.msgtype.rsplit("/", 1)[-1] for each in connections})[:6]) or "nothing"
+        raise InputError(
+            f"{path_text(path)}: holds {printable(types)}; only Imu, PoseStamped, PoseWithCovarianceStamped and "
+            "TransformStamped are read; record one"
+        )
+    if not chosen:
+        raise InputError(
+            f"{path_text(path)}: has no topic {value_text(topic)} that is read; give --topic {listed}"
+        )
+    if len({each.topic for each in chosen}) > 1:
+        raise InputError(
+            f"{path_text(path)}: has several topics that are read; give --topic, one of {listed}"
+        )
+    return chosen[0]
+
+
+def _stamp(message: Any, recorded: int) -> float:
+    """Time of measurement, s: of the header, or of recording (ns) where the header has none."""
+    stamp = message.header.stamp
+    seconds = float(stamp.sec) + 1e-9 * float(stamp.nanosec)
+    return seconds if seconds else 1e-9 * recorded
+
+
+READER = RosBagReader()

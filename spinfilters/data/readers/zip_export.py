@@ -1,0 +1,149 @@
+"""Zip archive of an export: read as the folder that it holds."""
+
+import os
+import tempfile
+import zipfile
+import zlib
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+from typing import Final
+
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.dataset_reader import DatasetReader, OnRefused, reader_of
+from spinfilters.data.input_file import MAX_TABLE_BYTES, path_text, reason, require_file
+from spinfilters.data.reading_options import NOTHING_STATED, ReadingOptions
+from spinfilters.errors import InputError
+
+MOST_MEMBERS: Final = 1000
+_READ = (".csv", ".tsv", ".txt", ".tum", ".toml")
+_CHUNK = 1024**2
+
+
+@dataclass(frozen=True)
+class ZipReader(DatasetReader):
+    """Unpacks text tables into a temporary folder and asks the other readers.
+
+    Attributes
+    ----------
+    options: what the user states of the recording.
+    """
+
+    options: ReadingOptions = NOTHING_STATED
+    name, order = "zip", 30
+    words = "a .zip of an export"
+    has_segments = True
+
+    def recognises(self, path: Path) -> bool:
+        return path.suffix.lower() == ".zip" and not os.path.isdir(path)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        with _Unpacked(path) as folder:
+            reader = reader_of(folder, self.options)
+            if segment is not None and not reader.has_segments:
+                raise InputError(f"{path_text(path)}: has no segments; leave out --segment {segment}")
+            return _named(path, reader.read(folder, segment))
+
+    def whole(self, path: Path) -> Dataset:
+        with _Unpacked(path) as folder:
+            return _named(path, reader_of(folder, self.options).whole(folder))
+
+    def segments(self, path: Path, on_refused: OnRefused | None) -> list[Dataset]:
+        with _Unpacked(path) as folder:
+            return [
+                _named(path, each) for each in reader_of(folder, self.options).segments(folder, on_refused)
+            ]
+
+    def stating(self, options: ReadingOptions) -> DatasetReader:
+        return ZipReader(options)
+
+
+class _Unpacked:
+    """Context of the folder with an archive's tables; an InputError within names the archive in its place."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.place = tempfile.TemporaryDirectory(prefix="spinfilters-")
+
+    def __enter__(self) -> Path:
+        require_file(self.path, MAX_TABLE_BYTES)
+        try:
+            folder = Path(self.place.name) / self.path.stem
+            folder.mkdir()
+            return _unpack(self.path, folder)
+        except (
+            zipfile.BadZipFile,
+            zlib.error,
+            EOFError,
+            RuntimeError,
+            NotImplementedError,
+            OSError,
+            ValueError,
+        ) as error:
+            self.place.cleanup()
+            raise InputError(
+                f"{path_text(self.path)}: cannot be unpacked ({reason(error)}); unpack it yourself and give the folder"
+            ) from None
+        except BaseException:
+            self.place.cleanup()
+            raise
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        inner = self.place.name
+        self.place.cleanup()
+        if isinstance(error, InputError):
+            raise InputError(
+                str(error).replace(str(Path(inner) / self.path.stem), path_text(self.path))
+            ) from None
+
+
+def _unpack(path: Path, place: Path) -> Path:
+    """Write the tables of an archive, by their names without upper folders; the folder that holds them."""
+    with zipfile.ZipFile(path) as archive:
+        members = [m for m in archive.infolist() if _is_table(m)]
+        if len(members) > MOST_MEMBERS or sum(m.file_size for m in members) > MAX_TABLE_BYTES:
+            raise InputError(
+                f"{path_text(path)}: holds too much; unpack it and give the folder of one recording"
+            )
+        if not members:
+            raise InputError(f"{path_text(path)}: holds no table (.csv); export the recording as CSV")
+        roots = {
+            PurePosixPath(m.filename).parts[0] for m in members if len(PurePosixPath(m.filename).parts) > 1
+        }
+        nested = len(roots) == 1 and all(len(PurePosixPath(m.filename).parts) > 1 for m in members)
+        for member in members:
+            parts = PurePosixPath(member.filename).parts[1 if nested and roots != {"meta"} else 0 :]
+            target = place.joinpath(*parts)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            _write(archive, member, target)
+    tables = [each for each in place.iterdir() if each.is_file()]
+    return (
+        tables[0] if len(tables) == 1 and tables[0].name not in ("Raw Data.csv", "Gyroscope.csv") else place
+    )
+
+
+def _is_table(member: zipfile.ZipInfo) -> bool:
+    name = PurePosixPath(member.filename)
+    safe = not name.is_absolute() and ".." not in name.parts and "\\" not in member.filename
+    hidden = any(part.startswith((".", "__")) for part in name.parts)
+    return (
+        safe and not member.is_dir() and not hidden and name.suffix.lower() in _READ and len(name.parts) <= 3
+    )
+
+
+def _write(archive: zipfile.ZipFile, member: zipfile.ZipInfo, target: Path) -> None:
+    """Unpack a member, no further than the size that it states."""
+    with archive.open(member) as source, open(target, "xb") as file:
+        left = member.file_size
+        while chunk := source.read(_CHUNK):
+            left -= len(chunk)
+            if left < 0:
+                raise zipfile.BadZipFile("a member is larger than it states")
+            file.write(chunk)
+
+
+def _named(path: Path, dataset: Dataset) -> Dataset:
+    """A data set of the archive, not of the folder that is gone."""
+    return replace(dataset, path=path)
+
+
+READER = ZipReader()

@@ -1,0 +1,296 @@
+"""Tables as programs and people really write them: encodings, delimiters, comments, blank lines, decimal commas."""
+
+import codecs
+import csv
+import math
+import os
+import warnings
+from array import array
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.data.input_file import (
+    MAX_LINE_BYTES,
+    MAX_TABLE_BYTES,
+    MAX_TABLE_ROWS,
+    path_text,
+    printable,
+    reason,
+    require_file,
+    value_text,
+)
+from spinfilters.errors import InputError
+
+COMMENTS: Final = ("#", "//", "!")
+"""Marks of a line that is a comment; '%' begins the header of some exports and is dropped there."""
+PREAMBLE_LINES: Final = 200
+"""Lines before the header, at most: a flight log tells its settings first."""
+_DELIMITERS = ",;\t|"
+_BYTE_ORDER_MARKS = (
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+
+
+@dataclass(frozen=True)
+class TextLayout:
+    """How a table is written.
+
+    Attributes
+    ----------
+    encoding: of the text.   header_line: number of the line of column names, from 1.   delimiter: None for blanks.
+    decimal_comma: whether the decimal mark is a comma.   names: of the columns.
+    """
+
+    encoding: str
+    header_line: int
+    delimiter: str | None
+    decimal_comma: bool
+    names: tuple[str, ...]
+
+    def cells(self, line: str) -> list[str]:
+        """Cells of a line, without quotes and blanks around them."""
+        if '"' in line and self.delimiter is not None:
+            with suppress(csv.Error):  # of a cell beyond all measure
+                return [cell.strip() for cell in next(csv.reader([line], delimiter=self.delimiter), [])]
+        return [cell.strip() for cell in line.split(self.delimiter)]
+
+
+@dataclass(frozen=True, eq=False)
+class TextTable:
+    """Finite numbers of some columns of a table.
+
+    Attributes
+    ----------
+    values: of the rows that have them.   lines: of the file, from 1, on which they stand.
+    incomplete: rows left out because every chosen column but the first ones was empty.
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    values: Float[np.ndarray, "n m"]
+    lines: Sequence[int]
+    incomplete: int
+
+    def error(self, row: int, text: str) -> InputError:
+        """An InputError that names the file and the line of the row."""
+        return InputError(f"{path_text(self.path)}: line {self.lines[row]}: {text}")
+
+
+def read_layout(path: Path) -> TextLayout:
+    """Layout of a table whose header is its first line with letters behind comments, settings and blank lines.
+
+    Raises
+    ------
+    InputError: as `require_file`; not text; no line of column names.
+    """
+    require_file(path, MAX_TABLE_BYTES)
+    encoding = _encoding(path)
+    held: list[tuple[int, str]] = []
+    for number, line in _lines(path, encoding):
+        if number > PREAMBLE_LINES:
+            break
+        if line.strip():
+            held.append((number, line))
+    for index, (number, line) in enumerate(held):
+        found = _header(line, held[index + 1 : index + 4])
+        if found is not None:
+            return TextLayout(encoding, number, *found)
+        if _is_numbers(line):
+            raise InputError(
+                f"{path_text(path)}: line {number}: {value_text(line.strip())} is no header; add a line of column names"
+            )
+    raise InputError(f"{path_text(path)}: has no line of column names; add one, such as time_s,wx,wy,wz")
+
+
+def read_columns(path: Path, layout: TextLayout, columns: Sequence[int], keys: int = 0) -> TextTable:
+    """Numbers of some columns.
+
+    Parameters
+    ----------
+    columns: indices.   keys: how many of the first of them stand in every row; a row whose others are all empty is left out.
+
+    Raises
+    ------
+    InputError: no rows, a row without one of the columns, a cell that is not a finite number, a table that is too large.
+    """
+    names = tuple(layout.names[k] for k in columns)
+    fast = _plain_columns(path, layout, columns)
+    if fast is not None:
+        return TextTable(path, names, *fast, 0)
+    lines, incomplete, numbers = array("q"), 0, array("d")
+    for number, line in _data_lines(path, layout):
+        where = f"{path_text(path)}: line {number}: "
+        cells = _whole_row(where, line, layout)
+        chosen = [cells[k] for k in columns]
+        if not any(chosen[keys:]):
+            incomplete += 1
+            continue
+        numbers.extend([_number(where, name, cell, layout) for name, cell in zip(names, chosen, strict=True)])
+        lines.append(number)
+        if len(lines) > MAX_TABLE_ROWS:
+            raise InputError(
+                f"{path_text(path)}: has more than {MAX_TABLE_ROWS} rows; cut it into smaller files"
+            )
+    if not lines:
+        raise InputError(f"{path_text(path)}: has no rows of numbers; export or copy it again")
+    values = np.frombuffer(numbers, dtype=np.float64).reshape(len(lines), len(columns)).copy()
+    return TextTable(path, names, values, lines, incomplete)
+
+
+def _whole_row(where: str, line: str, layout: TextLayout) -> list[str]:
+    """Cells of a line, one per column; an empty one behind the last is dropped. InputError: another number of cells."""
+    cells = layout.cells(line)
+    if cells[-1:] == [""] and len(cells) == len(layout.names) + 1:
+        cells.pop()
+    if len(cells) != len(layout.names):
+        raise InputError(
+            f"{where}{value_text(line.strip())} has {len(cells)} cells, expected {len(layout.names)}; "
+            "correct or delete the line"
+        )
+    return cells
+
+
+def _plain_columns(
+    path: Path, layout: TextLayout, columns: Sequence[int]
+) -> tuple[Float[np.ndarray, "n m"], Sequence[int]] | None:
+    """Numbers and line numbers of a table in which every row is whole, parsed at full speed; None of any other."""
+    delimiter = layout.delimiter
+    if delimiter is None:
+        return None
+    lines, width = array("q"), len(layout.names) - 1
+
+    def texts() -> Iterator[str]:
+        for number, line in _data_lines(path, layout):
+            lines.append(number)
+            if line.count(delimiter) != width or len(lines) > MAX_TABLE_ROWS:
+                raise ValueError("a row that is looked at alone")
+            yield line.replace(",", ".") if layout.decimal_comma else line
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # "no data": the caller says so
+            values = np.loadtxt(
+                texts(), delimiter=delimiter, usecols=columns, ndmin=2, comments=None, quotechar='"'
+            )
+    except (ValueError, OverflowError):
+        return None
+    return (
+        (values, lines) if values.size and len(values) == len(lines) and np.isfinite(values).all() else None
+    )
+
+
+def _number(where: str, name: str, cell: str, layout: TextLayout) -> float:
+    text = cell.replace(",", ".") if layout.decimal_comma else cell
+    try:
+        value = float(text) if text.isascii() and "_" not in text else None
+    except ValueError:
+        value = None
+    if value is None or not math.isfinite(value):
+        fault = "not a number" if value is None else "not finite"
+        raise InputError(
+            f"{where}{printable(name[:60])} is {value_text(cell)}, {fault}; correct or delete the line"
+        )
+    return value
+
+
+def _data_lines(path: Path, layout: TextLayout) -> Iterator[tuple[int, str]]:
+    for number, line in _lines(path, layout.encoding):
+        if number > layout.header_line and line.strip(" \t\r\n;,|"):
+            yield number, line
+
+
+def _lines(path: Path, encoding: str) -> Iterator[tuple[int, str]]:
+    """Lines without comments, numbered from 1. InputError: bytes that are not of the encoding, a line beyond all measure."""
+    number = 0
+    try:
+        with open(path, encoding=encoding, newline=None) as stream:
+            while line := stream.readline(MAX_LINE_BYTES):
+                number += 1
+                if "\0" in line:
+                    raise InputError(
+                        f"{path_text(path)}: line {number}: holds NUL bytes, so it is not UTF-8 text; export it so"
+                    )
+                if len(line) >= MAX_LINE_BYTES:
+                    raise InputError(
+                        f"{path_text(path)}: has a line of more than {MAX_LINE_BYTES} bytes; give a table of numbers"
+                    )
+                text = line.rstrip("\r\n")
+                yield number, "" if text.lstrip().startswith(COMMENTS) else text.split(" #", 1)[0]
+    except UnicodeError as error:
+        raise _not_text(path, encoding, number, error) from None
+    except OSError as error:
+        raise InputError(f"{path_text(path)}: cannot be read ({reason(error)}); copy it again") from None
+
+
+def _not_text(path: Path, encoding: str, number: int, error: UnicodeError) -> InputError:
+    """The first byte that is not of the encoding; the decoder reads ahead, so of UTF-8 its line is looked for."""
+    if not encoding.startswith("utf-8"):
+        return InputError(
+            f"{path_text(path)}: line {number + 1}: is not UTF-16 ({reason(error)}); save it as UTF-8 text"
+        )
+    with open(path, "rb") as stream:
+        for index, line in enumerate(stream, start=1):
+            try:
+                line.decode("utf-8")
+            except UnicodeDecodeError as bad:
+                where = f"{path_text(path)}: line {index}: byte 0x{line[bad.start]:02x}"
+                return InputError(f"{where} is not UTF-8; save the file as UTF-8 text")
+    return InputError(f"{path_text(path)}: is not UTF-8; save it as UTF-8 text")
+
+
+def _encoding(path: Path) -> str:
+    """By the byte order mark; UTF-16 without one by its NUL bytes. Else UTF-8."""
+    try:
+        with open(path, "rb") as stream:
+            head = stream.read(64)
+    except OSError as error:
+        raise InputError(f"{path_text(path)}: cannot be read ({reason(error)}); copy it again") from None
+    for mark, encoding in _BYTE_ORDER_MARKS:
+        if head.startswith(mark):
+            return encoding
+    if len(head) >= 8 and os.path.getsize(path) % 2 == 0:
+        for start, encoding in ((1, "utf-16-le"), (0, "utf-16-be")):
+            if not any(head[start::2]) and all(head[1 - start :: 2]):
+                return encoding
+    return "utf-8"
+
+
+def _header(
+    line: str, following: Sequence[tuple[int, str]]
+) -> tuple[str | None, bool, tuple[str, ...]] | None:
+    """Delimiter, decimal comma and names where a line is that of column names, with numbers below it."""
+    text = line.strip().lstrip("%").strip()
+    delimiter = max(_DELIMITERS, key=text.count)
+    separator = delimiter if delimiter in text else None
+    try:
+        cells = next(csv.reader([text], delimiter=separator)) if separator else text.split()
+    except csv.Error:
+        return None
+    names = tuple(cell.strip().strip('"').strip() for cell in cells)
+    if len(names) < 3 or _is_numbers(line) or not any(character.isalpha() for character in text):
+        return None
+    below = following[0][1] if following else ""
+    decimal_comma = separator != "," and "," in below and "." not in below
+    count = len(below.split(separator))
+    # settings in front of a header have two cells or no numbers below
+    return (separator, decimal_comma, names) if not below or count >= min(3, len(names)) else None
+
+
+def _is_numbers(line: str) -> bool:
+    """Whether a line holds numbers and no more."""
+    cells = [cell.strip() for cell in line.replace(";", ",").replace("\t", ",").replace(" ", ",").split(",")]
+    filled = [cell for cell in cells if cell]
+    try:
+        for cell in filled:
+            float(cell)
+    except ValueError:
+        return False
+    return bool(filled)

@@ -1,0 +1,108 @@
+"""The free flights of a recording, and what says that they are."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.gyro_files import Segment
+from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.errors import InputError
+from spinfilters.flight.gyro_flights import gyro_flights
+from spinfilters.flight.momentum import RotationHistory, inertia_tensor, momentum_change, rotation_history
+from spinfilters.flight.parabola import PoseLog, acceleration_of, pose_flights
+from spinfilters.flight.specific_force import LARGEST_FORCE, unexplained_force
+from spinfilters.flight.stretches import Stretch
+
+WHOLE: Final = 0.9
+"""Share of a recording's time from which on it counts as all flight."""
+
+
+@dataclass(frozen=True)
+class FreeFlight:
+    """A stretch in which no torque acts that the test could see.
+
+    Attributes
+    ----------
+    start, end: s, on the clock of the recording.   epochs: measurements within.   rotation: rad.
+    evidence: in words.
+    """
+
+    start: float
+    end: float
+    epochs: int
+    rotation: float
+    evidence: str
+
+    def segment(self, number: int) -> Segment:
+        """It as a segment of a recording."""
+        return Segment(number, self.start, self.end, True, self.evidence)
+
+
+def find_flights(dataset: Dataset) -> list[FreeFlight]:
+    """Free flights of a recording of body rates or poses, in order of time.
+
+    Raises
+    ------
+    InputError: measurements of other kinds.
+    """
+    finder = _FINDERS.get(dataset.sensor)
+    if finder is None:
+        raise InputError(
+            f"{dataset.name}: free flight is found in body rates and poses, these are {dataset.kind}; "
+            "give the stretch as --segment START:END"
+        )
+    return finder(dataset, dataset.log.stream(dataset.sensor))
+
+
+def flights_within(dataset: Dataset) -> list[FreeFlight]:
+    """Free flights of a recording that is not all flight; none of one that is, or in which flight is not looked for."""
+    if dataset.sensor not in _FINDERS:
+        return []
+    flights = find_flights(dataset)
+    flying = sum(flight.end - flight.start for flight in flights)
+    return flights if flying < WHOLE * (dataset.log.end - dataset.log.start) else []
+
+
+def _in_rates(dataset: Dataset, stream: MeasurementStream) -> list[FreeFlight]:
+    """By the angular momentum; where there is an accelerometer it has a veto."""
+    found = []
+    for stretch in gyro_flights(stream.time, stream.values):
+        rows = np.s_[stretch.start : stretch.end]
+        time, rates = stream.time[rows], stream.values[rows]
+        force = None if dataset.acceleration is None else unexplained_force(dataset.acceleration, time, rates)
+        if force is not None and force > LARGEST_FORCE:
+            continue
+        history = rotation_history(time, rates)
+        found.append(_flight(stream, stretch, float(history.angle[-1]), _momentum_words(history, force)))
+    return found
+
+
+def _momentum_words(history: RotationHistory, force: float | None) -> str:
+    tensor = inertia_tensor(history, 0, len(history.time))
+    change = momentum_change(history, tensor)
+    words = f"momentum kept to {100 * change.error:.2g} %, falls {100 * change.loss:.1f} %, turns {np.rad2deg(change.turn):.1f} deg"
+    return words if force is None else f"{words}, force {force:.2g} m/s^2"
+
+
+def _in_poses(dataset: Dataset, stream: MeasurementStream) -> list[FreeFlight]:
+    log = PoseLog.of(stream.time, stream.values, dataset.options.pose_position_std)
+    found = []
+    for stretch in pose_flights(log):
+        acceleration, error = acceleration_of(log, stretch)
+        words = f"acceleration {np.linalg.norm(acceleration):.2f} m/s^2, position left {1e3 * error:.2g} mm"
+        found.append(_flight(stream, stretch, log.rotation(stretch), words))
+    return found
+
+
+def _flight(stream: MeasurementStream, stretch: Stretch, rotation: float, evidence: str) -> FreeFlight:
+    start, end = float(stream.time[stretch.start]), float(stream.time[stretch.end - 1])
+    return FreeFlight(start, end, len(stretch), rotation, evidence)
+
+
+_FINDERS: Final[dict[str, Callable[[Dataset, MeasurementStream], list[FreeFlight]]]] = {
+    "gyro": _in_rates,
+    "pose": _in_poses,
+}

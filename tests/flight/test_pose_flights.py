@@ -1,0 +1,76 @@
+"""Free flights in poses."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from throws import FLIGHTS, INTERVAL, carried
+
+import spinfilters
+from spinfilters.data.dataset import read_dataset
+from spinfilters.flight.parabola import PoseLog, acceleration_of, pose_flights
+
+HALF_EDGE = 0.0524
+NOISE = 5e-4
+
+
+def thrown(noise: float, seed: int) -> PoseLog:
+    """Poses of a frame 5 cm beside the centre of mass."""
+    generator = np.random.default_rng(seed)
+    log = carried(0.0, generator)
+    position = log.position - log.attitude.apply([0.05, 0.0, 0.02])
+    noisy = position + noise * generator.standard_normal(position.shape)
+    return PoseLog.of(log.time, np.hstack([noisy, log.attitude.as_quat()]), noise)
+
+
+def test_flights_are_found_with_their_bounds_and_gravity() -> None:
+    log = thrown(NOISE, 3)
+    found = pose_flights(log)
+    assert len(found) == len(FLIGHTS)
+    for stretch, (start, end) in zip(found, FLIGHTS, strict=True):
+        assert log.time[stretch.start] == pytest.approx(start, abs=8 * INTERVAL)
+        assert log.time[stretch.end - 1] == pytest.approx(end, abs=8 * INTERVAL)
+        acceleration, error = acceleration_of(log, stretch)
+        np.testing.assert_allclose(acceleration, [0, 0, -9.81], atol=0.1)
+        assert error < 2 * NOISE
+
+
+def test_a_body_at_rest_or_in_a_hand_does_not_fly() -> None:
+    time = np.arange(0, 4, INTERVAL)
+    generator = np.random.default_rng(4)
+    still = np.hstack(
+        [NOISE * generator.standard_normal((len(time), 3)), np.tile([0, 0, 0, 1.0], (len(time), 1))]
+    )
+    assert pose_flights(PoseLog.of(time, still, NOISE)) == []
+    waving = still.copy()
+    waving[:, :3] += 0.2 * np.sin(time[:, None] * [3.0, 4.0, 5.0])
+    waving[:, 3:] = Rotation.from_rotvec(np.outer(time, [1.0, 2.0, 0.5])).as_quat()
+    assert pose_flights(PoseLog.of(time, waving, NOISE)) == []
+
+
+def test_a_body_in_orbit_flies_all_the_time() -> None:
+    stream = spinfilters.simulate("pose", seed=5, frames=60).log.stream("pose")
+    (stretch,) = pose_flights(PoseLog.of(stream.time, stream.values, 0.005))
+    assert len(stretch) == 60
+
+
+def test_a_thrown_cube_flies_until_it_touches_the_ground(shared_data: Callable[[str], Path]) -> None:
+    folder = shared_data("contactnets_cube_tosses")
+    corners = HALF_EDGE * np.array(json.loads((folder / "experiment.json").read_text())["vertices"])
+    late, gravity = [], []
+    for path in sorted(folder.glob("*.csv"))[::3]:
+        stream = read_dataset(path).log.stream("pose")
+        log = PoseLog.of(stream.time, stream.values, None)
+        first = pose_flights(log)[0]
+        heights = [(log.attitude @ corner + log.position)[:, 2] for corner in corners]
+        lowest = np.min(heights, axis=0)
+        contact = int(np.flatnonzero(lowest < np.median(lowest[-15:]) + 0.0015)[0])
+        late.append(first.end - contact)
+        gravity.append(np.linalg.norm(acceleration_of(log, first)[0]))
+    print(f"end of flight after contact, samples: {late}; acceleration {np.mean(gravity):.2f}")
+    assert np.abs(late).max() <= 3
+    assert np.median(np.abs(late)) <= 1
+    assert np.mean(gravity) == pytest.approx(9.81, rel=0.03)
