@@ -1,7 +1,7 @@
 """Depth of each pixel of a rectified pair with its standard deviation.
 
-Semi-global matching gives the disparity to a pixel; least squares on the grey values of a window refine it (Lucas and Kanade 1981 along
-the row, mean removed):
+Semi-global matching gives the disparity to a pixel; least squares on the grey values of a window refine it
+(Lucas and Kanade 1981, along the row, mean removed):
 
     delta = -sum(g e) / sum(g^2),    var(delta) = var(e) / sum(g^2),    z = f b / d,    std(z) = z^2 / (f b) std(d)
 
@@ -108,7 +108,11 @@ class _Window:
     """
 
     def __init__(
-        self, left: np.ndarray, gradients: list[np.ndarray], right: np.ndarray, at: tuple[np.ndarray, np.ndarray]
+        self,
+        left: np.ndarray,
+        gradients: list[np.ndarray],
+        right: np.ndarray,
+        at: tuple[np.ndarray, np.ndarray],
     ) -> None:
         warped = cv2.remap(right, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         slope = (gradients[0] + cv2.remap(gradients[1], *at, cv2.INTER_LINEAR)) / 2
@@ -134,7 +138,7 @@ def _gradient(image: np.ndarray) -> np.ndarray:
 def _image_box(
     rig: StereoRig, centre: Float[np.ndarray, " 3"], radius: float
 ) -> tuple[int, int, int, int] | None:
-    """First and last column, first and last row (the last ones excluded) of a sphere in the left image; None where it is not in it."""
+    """First and last column and row (the last ones excluded) of a sphere in the left image; None where it is not in it."""
     near = max(centre[2] - radius, 1e-6)
     focal, middle, size = (
         np.array([rig.fx, rig.fy]),

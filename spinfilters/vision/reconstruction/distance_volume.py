@@ -1,7 +1,7 @@
 """Truncated signed distance to the surface on a grid in principal axes, fused from depth maps (Curless and Levoy 1996).
 
-Each depth map tells, at voxels before and shortly behind what it sees, the distance along the ray; the means are weighted by the inverse
-variance of the depth. Sums are kept by groups of epochs, so that leaving out a group tells how sure the surface is.
+Each depth map tells, at voxels before and shortly behind what it sees, the distance along the ray; means are weighted by the
+inverse variance of the depth. Sums are kept by groups of epochs, so that leaving out a group tells how sure the surface is.
 """
 
 from dataclasses import dataclass
@@ -60,13 +60,18 @@ class Field:
 
 
 class DistanceVolume:
-    """Sums over depth maps at the voxels of a grid."""
+    """Sums over depth maps at the voxels of a grid.
+
+    Attributes
+    ----------
+    count: of depth maps.
+    """
 
     def __init__(self, grid: Grid) -> None:
         self.grid = grid
         self._sums = np.zeros((GROUPS, 5, grid.count**3), dtype=np.float32)
         """By group: of weights, of weighted distances; of weights near the surface, of grey values weighted alike; views."""
-        self._added = 0
+        self.count = 0
 
     def add(
         self, seen: DepthMap, rig: StereoRig, R_cp: Float[np.ndarray, "3 3"], t_cp: Float[np.ndarray, " 3"]
@@ -82,11 +87,13 @@ class DistanceVolume:
         limit = TRUNCATION_VOXELS * self.grid.voxel
         weight = (REFERENCE_STD / std[pixel]) ** 2 * np.clip(2 + 2 * distance / limit, 0, 1)
         close = np.where(np.abs(distance) < limit / 2, weight, 0)
-        sums = self._sums[self._added % GROUPS]
-        for total, values in zip(sums, (weight, weight * np.minimum(distance, limit), close, close * grey[pixel]), strict=False):
+        sums = self._sums[self.count % GROUPS]
+        for total, values in zip(
+            sums, (weight, weight * np.minimum(distance, limit), close, close * grey[pixel]), strict=False
+        ):
             np.add.at(total, voxel, values.astype(np.float32))
         sums[4, np.unique(voxel)] += 1
-        self._added += 1
+        self.count += 1
 
     def _along(
         self, points: Float[np.ndarray, "n 3"], rays: Float[np.ndarray, "n 3"]
@@ -98,7 +105,8 @@ class DistanceVolume:
         inside = ((index >= 0) & (index < self.grid.count)).all(axis=1)
         index, pixel = index[inside], np.repeat(np.arange(len(points)), len(reach))[inside]
         distance = np.einsum("ki,ki->k", points[pixel] - self.grid.places(index), rays[pixel])
-        return np.ravel_multi_index(tuple(index.T), (self.grid.count,) * 3), pixel, distance
+        strides = self.grid.count ** np.arange(2, -1, -1)
+        return index @ strides, pixel, distance
 
     def field(self, without: int | None = None) -> Field:
         """Distances of all epochs, or of all but a group."""

@@ -1,7 +1,7 @@
 """Surface of a signed distance field as a mesh: surface nets (Gibson 1998).
 
-A cell of eight voxels with both signs has one vertex, the mean of the crossings of its edges; an edge of the grid with both signs has
-one quadrilateral, of the vertices of the four cells around it.
+A cell of eight voxels with both signs has one vertex, the mean of the crossings of its edges. An edge of the grid with both
+signs has one quadrilateral, of the vertices of the four cells around it.
 """
 
 from itertools import product
