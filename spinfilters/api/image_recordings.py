@@ -52,7 +52,7 @@ class ImageScenario:
             replace(
                 thesis,
                 kind="pose",
-                frames=self.frames,
+                epochs=self.frames,
                 interval=self.interval,
                 principal_moments=self.moments,
                 radius_m=self.radius_m,

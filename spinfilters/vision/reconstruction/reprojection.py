@@ -39,7 +39,7 @@ def reprojection(
     return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
 
-def beside(image: Picture, drawn: Picture) -> Picture:
+def beside(image: UInt8[np.ndarray, "r c"], drawn: Picture) -> UInt8[np.ndarray, "h both"]:
     """An image, made as high as a reprojection, and that reprojection."""
     small = cv2.resize(image, drawn.shape[::-1], interpolation=cv2.INTER_AREA)
     return np.hstack([small, np.full((len(drawn), 2), 255, np.uint8), drawn])
