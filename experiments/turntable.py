@@ -2,8 +2,9 @@
 
     python -m experiments.turntable ../shared/data/vgg_dinosaur_turntable
 
-The map is triangulated with the cameras of the data set (dino_Ps.mat), so it is not independent of them. The poses, of a body before a
-camera at rest, come from all tracks of its landmarks, gross errors among them. Prints the angle between images, how far its axis strays, and the verdict.
+The map is triangulated with the cameras of the data set (dino_Ps.mat), so it is not independent of them. The poses, of a body
+before a camera at rest, come from all tracks of its landmarks, gross errors among them. Prints the angle between images, how far
+its axis strays, and the verdict.
 """
 
 import argparse

@@ -60,7 +60,8 @@ class Reconstruction:
 class BodyMotion:
     """Poses of the principal axes in the rectified left camera: ``time`` (n,) s, ``rotation`` (n, 3, 3), ``position`` (n, 3) m.
 
-    ``radius`` (m) is that of a ball around the centre of mass that holds the body; ``name`` of the estimator.
+    ``radius`` (m) is that of a ball around the centre of mass that holds the body; ``name`` of the estimator; ``axes_cov`` (3, 3)
+    rad^2 of the axes.
     """
 
     name: str
@@ -68,6 +69,7 @@ class BodyMotion:
     rotation: Float[np.ndarray, "n 3 3"]
     position: Float[np.ndarray, "n 3"]
     radius: float
+    axes_cov: Float[np.ndarray, "3 3"]
 
     def row(self, time: float) -> int | None:
         """Epoch of a time, s; None where there is none, or it is not finite."""
@@ -106,7 +108,7 @@ def reconstruct(
             f"{path_text(source)}: no pair has the time of an epoch of {path_text(folder)}; give the images of "
             "the run with --images"
         )
-    model = body_model(volume)
+    model = body_model(volume, motion.axes_cov)
     document = _document(model, motion, volume, sequence.losses)
     place = folder / RECONSTRUCTION_FOLDER
     make_folder(place)
@@ -150,7 +152,8 @@ def _motion(evaluation: Evaluation, points: Float[np.ndarray, "k 3"]) -> BodyMot
     distance = np.linalg.norm(points - body.center_of_mass_g, axis=1)
     rotation = matrix_from_quaternion(trajectory.q_ig) @ body.principal_axes_g.T
     radius = MARGIN * float(np.quantile(distance, 0.99))
-    return BodyMotion(evaluation.name, trajectory.time, rotation, trajectory.position, radius)
+    cov = body.principal_axes_cov
+    return BodyMotion(evaluation.name, trajectory.time, rotation, trajectory.position, radius, cov)
 
 
 class _Images:

@@ -7,12 +7,15 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
 
 from spinfilters.errors import InputError
 from spinfilters.vision.reconstruction.distance_volume import GROUPS, DistanceVolume
 from spinfilters.vision.reconstruction.surface_nets import surface_of
 
 FEWEST_TRIANGLES: Final = 100
+AXES_DRAWN: Final = 100
 ROUNDING_STD_VOXELS: Final = 0.25
 """Standard deviation of a dimension, in voxels, by which fusion rounds or widens edges whatever the number of epochs."""
 
@@ -34,8 +37,15 @@ class BodyModel:
     dimensions_std: Float[np.ndarray, " 3"]
 
 
-def body_model(volume: DistanceVolume) -> BodyModel:
-    """Model of all depth maps; the standard deviations are out of models that leave out a group of epochs each (jackknife).
+def body_model(volume: DistanceVolume, axes_cov: Float[np.ndarray, "3 3"] | None = None) -> BodyModel:
+    """Model of all depth maps.
+
+    The variance of a dimension is that of models that leave out a group of epochs each (jackknife), that of rounded edges, and that
+    of extents along axes that are as uncertain as the estimate says.
+
+    Parameters
+    ----------
+    axes_cov: rad^2, of the small rotation of the principal axes about themselves; None where they are exact.
 
     Raises
     ------
@@ -50,7 +60,8 @@ def body_model(volume: DistanceVolume) -> BodyModel:
     dimensions = np.ptp(surface.vertices, axis=0)
     others = np.array([_extents(volume, group) for group in range(GROUPS)])
     jackknife = (GROUPS - 1) / GROUPS * ((others - others.mean(axis=0)) ** 2).sum(axis=0)
-    std = np.sqrt(jackknife + (ROUNDING_STD_VOXELS * volume.grid.voxel) ** 2)
+    turned = 0.0 if axes_cov is None else _turned(surface.vertices, axes_cov).var(axis=0)
+    std = np.sqrt(jackknife + turned + (ROUNDING_STD_VOXELS * volume.grid.voxel) ** 2)
     return BodyModel(surface.vertices, surface.triangles, surface.grey, dimensions, std)
 
 
@@ -59,6 +70,18 @@ class _Surface:
     vertices: Float[np.ndarray, "v 3"]
     triangles: Int[np.ndarray, "f 3"]
     grey: Float[np.ndarray, " v"]
+
+
+def _turned(
+    vertices: Float[np.ndarray, "v 3"], axes_cov: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, "s 3"]:
+    """Extents along axes drawn around the estimated ones, m."""
+    values, vectors = np.linalg.eigh(axes_cov)
+    drawn = np.random.default_rng(0).standard_normal((AXES_DRAWN, 3)) * np.sqrt(np.maximum(values, 0.0))
+    corners = vertices[ConvexHull(vertices).vertices]
+    return np.array(
+        [np.ptp(corners @ turn.as_matrix(), axis=0) for turn in Rotation.from_rotvec(drawn @ vectors.T)]
+    )
 
 
 def _extents(volume: DistanceVolume, without: int) -> Float[np.ndarray, " 3"]:
