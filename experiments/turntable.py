@@ -63,9 +63,8 @@ def main() -> None:
     found = turntable(dataset, options.estimator)
     degrees, history = np.rad2deg(found.angles), found.evaluation.history
     error = degrees.std(ddof=1) / np.sqrt(len(degrees))
-    print(
-        f"{len(stream)} observations of {len(np.unique(stream.ids))} landmarks in {len(history.time)} images"
-    )
+    landmarks = 0 if dataset.known_map is None else len(dataset.known_map.ids)
+    print(f"{len(stream)} observations of {landmarks} landmarks in {len(history.time)} images")
     print(
         f"{degrees.mean():.3f} +- {error:.3f} deg per image (standard deviation of one {degrees.std(ddof=1):.3f}), "
         f"axes within {np.rad2deg(found.axis_spread):.3f} deg (rms) of one"
@@ -87,7 +86,7 @@ def turntable_dataset(folder: Path) -> Dataset:
     """Tracks of one camera with the map, one image a second."""
     cameras = _cameras(folder)
     tracks = np.loadtxt(folder / "viff.xy").reshape(-1, len(cameras), 2)
-    seen = (tracks >= 0).all(axis=2)
+    seen = tracks.min(axis=2) >= 0
     K = _calibration(cameras[0])
     points = np.array([_landmark(cameras, *each) for each in zip(tracks, seen, strict=True)])
     known = np.flatnonzero(np.isfinite(points).all(axis=1))
