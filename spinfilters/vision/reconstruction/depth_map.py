@@ -26,8 +26,8 @@ LARGEST_CHANGE_PX: Final = 1.5
 """Of a disparity by the refinement, beyond which it has left the match."""
 LEAST_CORRELATION: Final = 0.8
 """Of both windows; background, which is noise, has less."""
-LEAST_STD_PX: Final = 0.05
-"""Of a disparity: interpolation and rectification leave as much."""
+LEAST_STD_PX: Final = 0.1
+"""Of a disparity: interpolation, rectification and poses leave as much."""
 NEIGHBOURS: Final = 2.0
 """Factor on the standard deviation: neighbours are refined too, which makes residuals smaller and errors larger (measured on a
 textured wall with noise of 3 and 6 grey values: 2.05)."""
