@@ -110,10 +110,11 @@ def reconstruct(
         )
     model = body_model(volume, motion.axes_cov)
     document = _document(model, motion, volume, sequence.losses)
+    moving = _animated(model, motion, source, progress)
     place = folder / RECONSTRUCTION_FOLDER
     make_folder(place)
     _write_model(place / MODEL_FILE, model)
-    write_bytes(place / ANIMATION_FILE, _animated(model, motion, source, progress))
+    write_bytes(place / ANIMATION_FILE, moving)
     write_json(place / RECONSTRUCTION_FILE, document)
     return Reconstruction(model, sequence.losses, document)
 
