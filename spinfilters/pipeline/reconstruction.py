@@ -38,6 +38,8 @@ VOXELS: Final = 128
 FEWEST_LANDMARKS: Final = 20
 MARGIN: Final = 1.1
 """Of the ball in which the body is looked for, over the distance that 99 % of its landmarks have."""
+LEAST_NEAR, NEAR_VOXELS = 0.6, 1.0
+"""Share of the landmarks that must lie within so many voxels of the surface: it is that of other images otherwise."""
 STAGE: Final = "depth maps"
 SAME_TIME_S: Final = 1e-6
 
@@ -61,7 +63,7 @@ class BodyMotion:
     """Poses of the principal axes in the rectified left camera: ``time`` (n,) s, ``rotation`` (n, 3, 3), ``position`` (n, 3) m.
 
     ``radius`` (m) is that of a ball around the centre of mass that holds the body; ``name`` of the estimator; ``axes_cov`` (3, 3)
-    rad^2 of the axes.
+    rad^2 of the axes; ``landmarks`` (k, 3) m, principal axes.
     """
 
     name: str
@@ -70,6 +72,7 @@ class BodyMotion:
     position: Float[np.ndarray, "n 3"]
     radius: float
     axes_cov: Float[np.ndarray, "3 3"]
+    landmarks: Float[np.ndarray, "k 3"]
 
     def row(self, time: float) -> int | None:
         """Epoch of a time, s; None where there is none, or it is not finite."""
@@ -109,6 +112,12 @@ def reconstruct(
             "the run with --images"
         )
     model = body_model(volume, motion.axes_cov)
+    near = model.share_near(motion.landmarks, NEAR_VOXELS * volume.grid.voxel)
+    if near < LEAST_NEAR:
+        raise InputError(
+            f"{path_text(source)}: the surface has {100 * near:.0f} % of the landmarks of {path_text(folder)} on it; give the "
+            "images that the run was made of with --images"
+        )
     document = _document(model, motion, volume, sequence.losses)
     moving = _animated(model, motion, source, progress)
     place = folder / RECONSTRUCTION_FOLDER
@@ -150,11 +159,12 @@ def body_motion(folder: Path, figure_data: FigureData) -> BodyMotion:
 
 def _motion(evaluation: Evaluation, points: Float[np.ndarray, "k 3"]) -> BodyMotion:
     body, trajectory = evaluation.body, evaluation.trajectory
-    distance = np.linalg.norm(points - body.center_of_mass_g, axis=1)
+    landmarks = (points - body.center_of_mass_g) @ body.principal_axes_g.T
+    distance = np.linalg.norm(landmarks, axis=1)
     rotation = matrix_from_quaternion(trajectory.q_ig) @ body.principal_axes_g.T
     radius = MARGIN * float(np.quantile(distance, 0.99))
     cov = body.principal_axes_cov
-    return BodyMotion(evaluation.name, trajectory.time, rotation, trajectory.position, radius, cov)
+    return BodyMotion(evaluation.name, trajectory.time, rotation, trajectory.position, radius, cov, landmarks)
 
 
 class _Images:

@@ -1,6 +1,7 @@
 """Dense models of runs made of images, and the report of a run with and without one."""
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -61,6 +62,18 @@ def test_a_dense_model_has_the_size_of_the_body_and_stands_in_the_report(
     text = (run / "report.html").read_text(encoding="utf-8")
     assert "Dimensions" in text
     assert "data:image/gif" in text
+
+
+def test_images_of_another_motion_are_refused(
+    run: Path, images: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for camera in ("cam0", "cam1"):
+        shutil.copytree(images / camera, tmp_path / camera)
+        path = tmp_path / camera / "data.csv"
+        stamps, files = zip(*(line.split(",") for line in path.read_text().splitlines()[1:]), strict=True)
+        path.write_text("\n".join(f"{a},{b}" for a, b in zip(stamps, files[::-1], strict=True)) + "\n")
+    assert main(["reconstruct", str(run), "--voxels", "64", "--images", str(tmp_path)]) == 2
+    assert "give the images that the run was made of with --images" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, KDTree
 from scipy.spatial.transform import Rotation
 
 from spinfilters.errors import InputError
@@ -35,6 +35,10 @@ class BodyModel:
     grey: Float[np.ndarray, " v"]
     dimensions: Float[np.ndarray, " 3"]
     dimensions_std: Float[np.ndarray, " 3"]
+
+    def share_near(self, points: Float[np.ndarray, "k 3"], distance: float) -> float:
+        """Share of points (m, principal axes) that are not farther from a vertex than a distance, m."""
+        return float(np.mean(KDTree(self.vertices).query(points)[0] <= distance))
 
 
 def body_model(volume: DistanceVolume, axes_cov: Float[np.ndarray, "3 3"] | None = None) -> BodyModel:

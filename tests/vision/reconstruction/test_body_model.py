@@ -41,6 +41,8 @@ def test_a_ball_seen_from_all_sides_has_its_dimensions_within_their_deviations()
     assert model.dimensions == pytest.approx(np.full(3, 2 * RADIUS), abs=2.5e-3)
     assert (np.abs(model.dimensions - 2 * RADIUS) < 3 * model.dimensions_std).all()
     assert np.median(np.linalg.norm(model.vertices, axis=1)) == pytest.approx(RADIUS, abs=4e-4)
+    assert model.share_near(RADIUS * np.eye(3), 2e-3) == 1.0
+    assert model.share_near(0.5 * RADIUS * np.eye(3), 2e-3) == 0.0
     assert np.median(model.grey) == pytest.approx(120, abs=1)
 
 
