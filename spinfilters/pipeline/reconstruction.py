@@ -98,14 +98,7 @@ def reconstruct(
     source = images_of(folder, images)
     motion = body_motion(folder, figure_data)
     sequence = _Images(source, motion)
-    volume = DistanceVolume(Grid(motion.radius, voxels))
-    for row, pair in sequence.pairs(lambda *at: progress("depth", *at)):
-        seen = depth_map(pair, sequence.rectification.stereo, (motion.position[row], motion.radius))
-        if seen is None or not seen.count:
-            sequence.losses.lose(STAGE, "without depth where the body is")
-            continue
-        sequence.losses.keep(STAGE)
-        volume.add(seen, sequence.rectification.stereo, motion.rotation[row], motion.position[row])
+    volume = _fused(sequence, motion, DistanceVolume(Grid(motion.radius, voxels)), progress)
     if not volume.count:
         raise InputError(
             f"{path_text(source)}: no pair has the time of an epoch of {path_text(folder)}; give the images of "
@@ -126,6 +119,21 @@ def reconstruct(
     write_bytes(place / ANIMATION_FILE, moving)
     write_json(place / RECONSTRUCTION_FILE, document)
     return Reconstruction(model, sequence.losses, document)
+
+
+def _fused(
+    sequence: "_Images", motion: BodyMotion, volume: DistanceVolume, progress: Progress
+) -> DistanceVolume:
+    """The volume with the depth of every pair; those without any are counted as lost."""
+    stereo = sequence.rectification.stereo
+    for row, pair in sequence.pairs(lambda *at: progress("depth", *at)):
+        seen = depth_map(pair, stereo, (motion.position[row], motion.radius))
+        if seen is None or not seen.count:
+            sequence.losses.lose(STAGE, "without depth where the body is")
+            continue
+        sequence.losses.keep(STAGE)
+        volume.add(seen, stereo, motion.rotation[row], motion.position[row])
+    return volume
 
 
 def images_of(folder: Path, images: Path | None) -> Path:
