@@ -22,6 +22,7 @@ from spinfilters.pipeline.conditions import conditions_of
 from spinfilters.pipeline.estimation import Comparison
 from spinfilters.pipeline.estimator_entry import estimator_entries
 from spinfilters.pipeline.segment_choice import read_chosen, segment_choice
+from spinfilters.runs.run_folder import REPORT_FILE
 from spinfilters.settings.run_settings import Settings, read_settings
 from spinfilters.simulation.scenario import Scenario, simulate, without_map
 
@@ -83,9 +84,7 @@ def _print_comparison(comparison: Comparison, folder: Path) -> None:
         raise InputError(
             f"interrupted; what was estimated is in {folder}, run the command again with --resume to go on from there"
         )
-    console.print(
-        f"run folder: {folder}   (look at {folder / 'summary.png'})", highlight=False, soft_wrap=True
-    )
+    console.print(f"run folder: {folder}   (look at {folder / REPORT_FILE})", highlight=False, soft_wrap=True)
 
 
 def _print_flights(comparison: Comparison, options: argparse.Namespace) -> None:

@@ -6,16 +6,18 @@ from pathlib import Path
 from spinfilters.cli.console import progress_bars, wide_console
 from spinfilters.pipeline.figures import FigureData, draw_run
 from spinfilters.pipeline.optional_outputs import draw_optional_outputs
+from spinfilters.pipeline.run_report import write_run_report
 from spinfilters.runs.run_lock import locked_run
 
 
 def plot(options: argparse.Namespace) -> int:
-    """Draw the figures of a run folder again."""
+    """Draw the figures of a run folder again, and write its report."""
     folder = Path(options.run)
     figure_data = FigureData.from_folder(folder)
     histories = [evaluation.history for evaluation in figure_data.evaluations]
     with locked_run(folder), progress_bars() as report:
         drawn = draw_run(figure_data, folder, lambda done, total: report("figures", done, total))
         drawn += draw_optional_outputs(folder, histories, figure_data.dataset.truth)
-    wide_console().print(f"{len(drawn)} figures in {folder}", highlight=False, soft_wrap=True)
+        write_run_report(figure_data, folder)
+    wide_console().print(f"{len(drawn)} figures and the report in {folder}", highlight=False, soft_wrap=True)
     return 0

@@ -1,23 +1,27 @@
 """Calibrations of one camera or a stereo pair, in the `sensor.yaml` files of the EuRoC layout."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from spinfilters.data.atomic_write import make_folder, write_text
 from spinfilters.data.input_file import path_text, value_text
-from spinfilters.data.number_range import LENGTH, NumberRange
-from spinfilters.data.settings_files import numbers, read_yaml
+from spinfilters.data.number_range import NumberRange
+from spinfilters.data.sensor_yaml import (
+    DISTORTION_KEY,
+    DISTORTION_MODELS,
+    ROTATION_TOLERANCE,
+    SensorFile,
+    read_sensor_file,
+    sensor_text,
+)
 from spinfilters.errors import InputError
 
 RIG_FILES: Final[tuple[Path, Path]] = (Path("cam0/sensor.yaml"), Path("cam1/sensor.yaml"))
 """Left and right camera, relative to the folder of a data set."""
-ROTATION_TOLERANCE: Final[float] = 1e-4
-"""Largest entry by which a rotation may miss orthonormality, or a pair parallelism: 0.05 px at f = 500."""
 OFF_AXIS_TOLERANCE: Final[float] = 1e-3
 """Largest offset of the right camera across the x axis, as a fraction of the baseline."""
 _FOCAL_LENGTH, _CENTRE, _SIZE = (
@@ -27,8 +31,6 @@ _FOCAL_LENGTH, _CENTRE, _SIZE = (
 )
 COEFFICIENTS: Final[int] = 4
 """Of the distortion of a lens: k1, k2, p1, p2 (`spinfilters.geometry.lenses.RadialTangentialLens`)."""
-DISTORTION_MODELS: Final[tuple[str, ...]] = ("radial-tangential", "radtan", "plumb_bob")
-"""Names of that distortion: of the EuRoC layout, Kalibr and ROS."""
 CAMERA_RANGES: Final[dict[str, NumberRange]] = {
     "fx": _FOCAL_LENGTH,
     "fy": _FOCAL_LENGTH,
@@ -112,7 +114,7 @@ Rig = StereoRig | PinholeCamera
 
 class _Camera(NamedTuple):
     intrinsics: Float[np.ndarray, "4"]
-    resolution: Float[np.ndarray, "2"]
+    size: tuple[int, int]
     pose: Float[np.ndarray, "4 4"]
     distortion: tuple[float, ...]
 
@@ -142,7 +144,7 @@ def read_stereo_rig(folder: Path) -> StereoRig:
     for key, a, b in zip(("intrinsics", "resolution"), left[:2], right[:2], strict=True):
         if not np.array_equal(a, b):
             raise InputError(
-                f"{path_text(path)}: {key} are {b.tolist()}, cam0 has {a.tolist()}; "
+                f"{path_text(path)}: {key} are {np.array(b).tolist()}, cam0 has {np.array(a).tolist()}; "
                 "give the common ones of the rectified pair"
             )
     relative = np.linalg.solve(left.pose, right.pose)
@@ -151,7 +153,7 @@ def read_stereo_rig(folder: Path) -> StereoRig:
             f"{path_text(path)}: T_BS turns cam1 against cam0; rectify the pair and give the parallel cameras"
         )
     baseline = _baseline(path, relative[:3, 3])
-    width, height = _resolution(path, right.resolution)
+    width, height = right.size
     fx, fy, cx, cy = right.intrinsics.tolist()
     try:
         return StereoRig(fx, fy, cx, cy, width, height, baseline, _both(left, right))
@@ -163,7 +165,7 @@ def read_camera(folder: Path) -> PinholeCamera:
     """Camera of `cam0/sensor.yaml`. InputError: as `read_stereo_rig`, of one camera."""
     path = folder / RIG_FILES[0]
     camera = _read_camera(path)
-    width, height = _resolution(path, camera.resolution)
+    width, height = camera.size
     fx, fy, cx, cy = camera.intrinsics.tolist()
     try:
         return PinholeCamera(fx, fy, cx, cy, width, height, camera.distortion)
@@ -189,31 +191,13 @@ def _write_cameras(rig: Rig, folder: Path, shifts: tuple[float, ...]) -> None:
         pose = np.eye(4)
         pose[0, 3] = shift
         make_folder((folder / file).parent)
-        text = (
-            "sensor_type: camera\n"
-            f"T_BS:\n  cols: 4\n  rows: 4\n  data: {pose.ravel().tolist()}\n"
-            f"resolution: {[int(rig.width), int(rig.height)]}\n"
-            "camera_model: pinhole\n"
-            f"intrinsics: {intrinsics}\n"
-            "distortion_model: radial-tangential\n"
-            f"distortion_coefficients: {[float(value) for value in own]}\n"
-        )
+        text = sensor_text(intrinsics, (rig.width, rig.height), pose, own)
         write_text(folder / file, text)
 
 
 def _read_camera(path: Path) -> _Camera:
-    settings = read_yaml(path)
-    for key in ("camera_model", "intrinsics", "resolution", "T_BS"):
-        if key not in settings:
-            raise InputError(f"{path_text(path)}: has no {key}; write it as in the EuRoC layout")
-    if settings["camera_model"] != "pinhole":
-        raise InputError(
-            f"{path_text(path)}: camera_model is {value_text(settings['camera_model'])}; rectify the images, "
-            "give 'pinhole'"
-        )
-    intrinsics = numbers(path, "intrinsics", settings["intrinsics"], (4,))
-    resolution = numbers(path, "resolution", settings["resolution"], (2,))
-    return _Camera(intrinsics, resolution, _pose(path, settings["T_BS"]), _distortion(path, settings))
+    found = read_sensor_file(path)
+    return _Camera(found.intrinsics, found.size, found.pose, _distortion(path, found))
 
 
 def _both(left: _Camera, right: _Camera) -> tuple[float, ...]:
@@ -224,50 +208,20 @@ def _both(left: _Camera, right: _Camera) -> tuple[float, ...]:
     return (*(left.distortion or perfect), *(right.distortion or perfect))
 
 
-def _distortion(path: Path, settings: Mapping[str, Any]) -> tuple[float, ...]:
+def _distortion(path: Path, camera: SensorFile) -> tuple[float, ...]:
     """Coefficients k1, k2, p1, p2; none where all are zero. InputError: of another model."""
-    key, model = "distortion_coefficients", settings.get("distortion_model", DISTORTION_MODELS[0])
-    value = settings.get(key, [])
-    if not isinstance(value, list):
-        raise InputError(
-            f"{path_text(path)}: {key} is {value_text(value)}, expected [0.0, 0.0, 0.0, 0.0]; correct it"
-        )
-    found = numbers(path, key, value, (len(value),))
+    found, key = camera.distortion, DISTORTION_KEY
     if not np.any(found != 0.0):
         return ()
     for number in found.tolist():
         CAMERA_RANGES["distortion"].require(f"{path_text(path)}: {key} holds a number that", number)
-    if model not in DISTORTION_MODELS or np.any(found[COEFFICIENTS:] != 0.0) or len(found) < COEFFICIENTS:
+    known = camera.model in DISTORTION_MODELS
+    if not known or np.any(found[COEFFICIENTS:] != 0.0) or len(found) < COEFFICIENTS:
         raise InputError(
-            f"{path_text(path)}: {key} is {value_text(value)} of the model {value_text(model)}, expected k1, k2, p1, p2 of "
-            f"{DISTORTION_MODELS[0]!r}; undistort the tracks and give zeros"
+            f"{path_text(path)}: {key} is {value_text(found.tolist())} of the model {value_text(camera.model)}, expected k1, k2, "
+            f"p1, p2 of {DISTORTION_MODELS[0]!r}; undistort the tracks and give zeros"
         )
     return tuple(found[:COEFFICIENTS].tolist())
-
-
-def _pose(path: Path, value: Any) -> Float[np.ndarray, "4 4"]:
-    """T_BS, camera to body: a 4x4 list, 16 numbers, or the EuRoC mapping with rows, cols and data."""
-    data = value
-    if isinstance(value, dict):
-        if (value.get("rows"), value.get("cols")) != (4, 4) or "data" not in value:
-            raise InputError(
-                f"{path_text(path)}: T_BS is {value_text(value)}, expected rows: 4, cols: 4, data: [...]; correct it"
-            )
-        data = value["data"]
-    nested = isinstance(data, list) and len(data) == 4
-    pose = numbers(path, "T_BS", data, (4, 4) if nested else (16,)).reshape(4, 4)
-    for entry in pose.ravel().tolist():
-        LENGTH.require(f"{path_text(path)}: T_BS holds a number that", entry)
-    rotation = pose[:3, :3]
-    rigid = (
-        np.abs(rotation @ rotation.T - np.eye(3)).max() <= ROTATION_TOLERANCE
-        and np.linalg.det(rotation) > 0.0
-    )
-    if not rigid or not np.array_equal(pose[3], [0.0, 0.0, 0.0, 1.0]):
-        raise InputError(
-            f"{path_text(path)}: T_BS is {value_text(pose.tolist())}, not a rotation and a shift; correct it"
-        )
-    return pose
 
 
 def _baseline(path: Path, shift: Float[np.ndarray, "3"]) -> float:
@@ -277,12 +231,3 @@ def _baseline(path: Path, shift: Float[np.ndarray, "3"]) -> float:
             "let cam0 be the left camera and rectify the pair"
         )
     return float(shift[0])
-
-
-def _resolution(path: Path, resolution: Float[np.ndarray, "2"]) -> tuple[int, int]:
-    width, height = resolution.tolist()
-    if not width.is_integer() or not height.is_integer():
-        raise InputError(
-            f"{path_text(path)}: resolution is {resolution.tolist()}, expected whole pixels; correct it"
-        )
-    return int(width), int(height)

@@ -78,8 +78,13 @@ def read_ply(path: Path) -> PlyContent:
         ) from None
 
 
-def write_ply(path: Path, columns: dict[str, np.ndarray], comments: tuple[str, ...]) -> None:
-    """Binary PLY of points with these properties (float64, int32 or uint8). Atomic."""
+def write_ply(
+    path: Path,
+    columns: dict[str, np.ndarray],
+    comments: tuple[str, ...],
+    triangles: Int[np.ndarray, "f 3"] | None = None,
+) -> None:
+    """Binary PLY of points with these properties (float64, int32 or uint8), and of triangles of them. Atomic."""
     kinds = {"f": ("double", "<f8"), "i": ("int", "<i4"), "u": ("uchar", "u1")}
     layout = [(name, kinds[values.dtype.kind][1]) for name, values in columns.items()]
     count = len(next(iter(columns.values())))
@@ -89,7 +94,13 @@ def write_ply(path: Path, columns: dict[str, np.ndarray], comments: tuple[str, .
     lines = ["ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in comments)]
     lines += [f"element vertex {count}"]
     lines += [f"property {kinds[values.dtype.kind][0]} {name}" for name, values in columns.items()]
-    write_bytes(path, "\n".join([*lines, "end_header\n"]).encode("ascii", "replace") + table.tobytes())
+    body = table.tobytes()
+    if triangles is not None:
+        lines += [f"element face {len(triangles)}", "property list uchar int vertex_indices"]
+        faces = np.empty(len(triangles), [("count", "u1"), ("corners", "<i4", 3)])
+        faces["count"], faces["corners"] = 3, triangles
+        body += faces.tobytes()
+    write_bytes(path, "\n".join([*lines, "end_header\n"]).encode("ascii", "replace") + body)
 
 
 def _parsed(data: bytes) -> PlyContent:

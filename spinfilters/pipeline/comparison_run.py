@@ -13,6 +13,7 @@ from spinfilters.pipeline.figure_entry import picture_files
 from spinfilters.pipeline.setup import Setup, prepare
 from spinfilters.runs.checkpoint_store import StoreOf, checkpoint_stores, no_checkpoints, remove_checkpoints
 from spinfilters.runs.run_folder import (
+    REPORT_FILE,
     finished_run,
     mark_run_folder,
     open_run_folder,
@@ -107,6 +108,7 @@ def _compare_and_write(
         optional_outputs.write(
             folder, comparison, settings, lambda done, total: report("convergence", done, total)
         )
+        _write_report(folder, comparison)
     return comparison
 
 
@@ -135,6 +137,14 @@ def _write_and_draw(folder: Path, comparison: Comparison, settings: Settings, re
     draw_run(
         FigureData.from_comparison(comparison), folder, lambda done, total: report("figures", done, total)
     )
+    _write_report(folder, comparison)
+
+
+def _write_report(folder: Path, comparison: Comparison) -> None:
+    from spinfilters.pipeline.figures import FigureData
+    from spinfilters.pipeline.run_report import write_run_report
+
+    write_run_report(FigureData.from_comparison(comparison), folder)
 
 
 def _complete(dataset: Dataset, settings: Settings, output: RunOutput, report: Progress) -> list[str]:
@@ -144,6 +154,12 @@ def _complete(dataset: Dataset, settings: Settings, output: RunOutput, report: P
         made += output.optional_outputs.complete(
             output.folder, dataset, settings, lambda done, total: report("convergence", done, total)
         )
+    if made or not (output.folder / REPORT_FILE).exists():
+        from spinfilters.pipeline.figures import FigureData
+        from spinfilters.pipeline.run_report import write_run_report
+
+        write_run_report(FigureData.from_folder(output.folder), output.folder)
+        made.append(REPORT_FILE)
     return made
 
 

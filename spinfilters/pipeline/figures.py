@@ -26,6 +26,7 @@ from spinfilters.plots.scene import DrawnCamera
 from spinfilters.plots.style import draw_figure, drawn
 from spinfilters.runs.run_folder import DATASET_FOLDER, MAP_FILE, read_histories
 from spinfilters.runs.run_summary import not_whole, read_summary
+from spinfilters.state.status import Verdict
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,12 @@ class FigureData:
         if truth is not None and errors is not None:
             return true_rates(truth, errors.frame)
         return measured_rates(self.dataset.log)
+
+    @property
+    def most_exact(self) -> Evaluation | None:
+        """The smoother's, or else that of the first estimator that has not failed."""
+        usable = [each for each in self.evaluations if each.history.status.verdict is not Verdict.FAILED]
+        return min(usable, key=lambda each: each.name != "smoother", default=None)
 
     @property
     def camera(self) -> DrawnCamera | None:

@@ -35,6 +35,7 @@ from spinfilters.settings.run_settings import Settings
 
 CONFIG_FILE, DATASET_FOLDER, TRUTH_FILE = "config.toml", "dataset", "truth.tum"
 HISTORY_FILE, MAP_FILE = "history.npz", "map.ply"
+REPORT_FILE = "report.html"
 PREDICTION_PICTURE, CONVERGENCE_PICTURE = "prediction.png", "convergence.png"
 PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS = (
     *("prediction.csv", "prediction.npz"),
@@ -46,6 +47,9 @@ ESTIMATOR_FILES = (
     *(PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS),
 )
 """Everything that a run writes into the folder of an estimator, besides its checkpoint."""
+RECONSTRUCTION_FOLDER, MODEL_FILE = "reconstruction", "model.ply"
+RECONSTRUCTION_FILE, ANIMATION_FILE = "reconstruction.json", "reprojection.gif"
+"""Dense model of `spinfilters.pipeline.reconstruction`."""
 SEGMENTS_FOLDER = "segments"
 _UNFINISHED = re.compile(r"\.[0-9a-f]{16}\.part")
 """Names of what was being written when a run was killed (`spinfilters.data.atomic_write`)."""
@@ -76,7 +80,7 @@ def refuse_foreign_run(folder: Path) -> None:
         raise InputError(f"{path_text(folder)}: is not empty and not a run folder; choose another folder with -o")
     cameras = [f"{DATASET_FOLDER}/{file.parent}" for file in RIG_FILES]
     segments = folder / SEGMENTS_FOLDER
-    inner = [folder / name for name in (*estimator_names(), DATASET_FOLDER, *cameras, SEGMENTS_FOLDER)]
+    inner = [folder / name for name in (*estimator_names(), DATASET_FOLDER, *cameras, SEGMENTS_FOLDER, RECONSTRUCTION_FOLDER)]
     for path in (*inner, *(segments.iterdir() if segments.is_dir() else ())):
         if path.is_symlink():
             raise InputError(
@@ -202,10 +206,11 @@ def _is_run(folder: Path) -> bool:
 def _clear(folder: Path, source: Path | None) -> None:
     """Remove the files of an earlier run, but not its data set when that is what the new run was made from, and no checkpoint."""
     pictures = (*picture_files(estimator_names()), PREDICTION_PICTURE, CONVERGENCE_PICTURE)
-    for name in (SUMMARY_FILE, TRUTH_FILE, *pictures):
+    for name in (SUMMARY_FILE, TRUTH_FILE, REPORT_FILE, *pictures):
         (folder / name).unlink(missing_ok=True)
     if not _is_own_dataset(folder, source):
         _remove(folder / DATASET_FOLDER, dataset_files())
+    _remove(folder / RECONSTRUCTION_FOLDER, (MODEL_FILE, RECONSTRUCTION_FILE, ANIMATION_FILE))
     for name in estimator_names():
         _remove(folder / name, ESTIMATOR_FILES)
 

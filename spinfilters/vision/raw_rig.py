@@ -2,19 +2,21 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float
 
 from spinfilters.data.atomic_write import make_folder, write_text
-from spinfilters.data.camera import CAMERA_RANGES, RIG_FILES, ROTATION_TOLERANCE
+from spinfilters.data.camera import CAMERA_RANGES, RIG_FILES
 from spinfilters.data.input_file import path_text, value_text
-from spinfilters.data.number_range import LENGTH, NumberRange
-from spinfilters.data.settings_files import numbers, read_yaml
+from spinfilters.data.number_range import NumberRange
+from spinfilters.data.sensor_yaml import DISTORTION_KEY, SensorFile, read_sensor_file, sensor_text
+from spinfilters.data.sensor_yaml import DISTORTION_MODELS as NAMED_MODELS
 from spinfilters.errors import InputError
+from spinfilters.vision.camera_info import CAMERA_INFO_FILE, read_camera_infos
 
-DISTORTION_MODELS: Final = ("radial-tangential", "radtan", "plumb_bob", "none")
+DISTORTION_MODELS: Final = (*NAMED_MODELS, "none")
 DISTORTION: Final = NumberRange(-1e3, 1e3)
 COEFFICIENTS: Final = (0, 4, 5)
 """Of the Brown model: none, (k1, k2, p1, p2), or these and k3."""
@@ -82,46 +84,40 @@ class RawRig:
 
 
 def read_raw_rig(folder: Path) -> RawRig:
-    """Rig of `cam0/sensor.yaml` (left) and `cam1/sensor.yaml` (right).
+    """Rig of `cam0/sensor.yaml` (left) and `cam1/sensor.yaml` (right), or of ROS' `camera_info.yaml` in their places.
 
     Raises
     ------
     InputError: unreadable YAML, not a pinhole with Brown distortion, numbers out of range, images of different sizes.
     """
-    left, right = (read_raw_camera(folder / file) for file in RIG_FILES)
-    try:
-        return RawRig(left, right)
-    except InputError as error:
-        raise InputError(f"{path_text(folder / RIG_FILES[1])}: {error}") from None
-
-
-def read_raw_camera(path: Path) -> RawCamera:
-    """Camera of one `sensor.yaml`. InputError: as `read_raw_rig`."""
-    settings = read_yaml(path)
-    for key in ("intrinsics", "resolution", "T_BS"):
-        if key not in settings:
-            raise InputError(
-                f"{path_text(path)}: has no {key}; write it as in the EuRoC layout, or calibrate the rig"
-            )
-    for key, allowed in (("camera_model", ("pinhole",)), ("distortion_model", DISTORTION_MODELS)):
-        if settings.get(key, allowed[0]) not in allowed:
-            raise InputError(
-                f"{path_text(path)}: {key} is {value_text(settings[key])}; only {', '.join(allowed)} is known"
-            )
-    intrinsics = numbers(path, "intrinsics", settings["intrinsics"], (4,))
-    width, height = numbers(path, "resolution", settings["resolution"], (2,)).tolist()
-    values = dict(
-        zip(("fx", "fy", "cx", "cy", "width", "height"), (*intrinsics.tolist(), width, height), strict=True)
+    infos = [folder / file.parent / CAMERA_INFO_FILE for file in RIG_FILES]
+    told = all(info.is_file() for info in infos) and not any((folder / file).exists() for file in RIG_FILES)
+    left, right = (
+        read_camera_infos(*infos) if told else [read_sensor_file(folder / file) for file in RIG_FILES]
     )
-    for key, value in values.items():
-        CAMERA_RANGES[key].require(f"{path_text(path)}: {key}", value)
-    if not (width.is_integer() and height.is_integer()):
+    files = infos if told else [folder / file for file in RIG_FILES]
+    cameras = [raw_camera(path, each) for path, each in zip(files, (left, right), strict=True)]
+    try:
+        return RawRig(*cameras)
+    except InputError as error:
+        raise InputError(f"{path_text(files[1])}: {error}") from None
+
+
+def raw_camera(path: Path, told: SensorFile) -> RawCamera:
+    """Camera of what a file tells; its rotation is made exact. InputError: as `read_raw_rig`."""
+    if told.model not in DISTORTION_MODELS:
         raise InputError(
-            f"{path_text(path)}: resolution is {[width, height]}, expected whole pixels; correct it"
+            f"{path_text(path)}: distortion_model is {value_text(told.model)}; only {', '.join(DISTORTION_MODELS)} is known"
         )
-    pose = _pose(path, settings["T_BS"])
-    distortion = _distortion(path, settings.get("distortion_coefficients", []))
-    return RawCamera(intrinsics, distortion, int(width), int(height), pose[:3, :3], pose[:3, 3])
+    values = zip(
+        ("fx", "fy", "cx", "cy", "width", "height"), (*told.intrinsics.tolist(), *told.size), strict=True
+    )
+    for key, value in values:
+        CAMERA_RANGES[key].require(f"{path_text(path)}: {key}", value)
+    U, _, Vt = np.linalg.svd(told.pose[:3, :3])
+    return RawCamera(
+        told.intrinsics, _distortion(path, told.distortion), *told.size, U @ Vt, told.pose[:3, 3]
+    )
 
 
 def write_raw_rig(rig: RawRig, folder: Path) -> None:
@@ -136,44 +132,17 @@ def camera_text(camera: RawCamera) -> str:
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = camera.R_bc, camera.t_bc
     distortion = camera.distortion.tolist()
-    return (
-        "sensor_type: camera\n"
-        f"T_BS:\n  cols: 4\n  rows: 4\n  data: {pose.ravel().tolist()}\n"
-        f"resolution: {[camera.width, camera.height]}\n"
-        "camera_model: pinhole\n"
-        f"intrinsics: {camera.intrinsics.tolist()}\n"
-        "distortion_model: radial-tangential\n"
-        f"distortion_coefficients: {distortion if distortion[4] else distortion[:4]}\n"
+    size = camera.width, camera.height
+    return sensor_text(
+        camera.intrinsics.tolist(), size, pose, distortion if distortion[4] else distortion[:4]
     )
 
 
-def _distortion(path: Path, value: object) -> Float[np.ndarray, " 5"]:
-    key = "distortion_coefficients"
-    if not isinstance(value, list) or len(value) not in COEFFICIENTS:
+def _distortion(path: Path, given: Float[np.ndarray, " k"]) -> Float[np.ndarray, " 5"]:
+    if len(given) not in COEFFICIENTS:
         raise InputError(
-            f"{path_text(path)}: {key} is {value_text(value)}, expected k1, k2, p1, p2 and perhaps k3; correct it"
+            f"{path_text(path)}: {DISTORTION_KEY} is {value_text(given.tolist())}, expected k1, k2, p1, p2, perhaps k3; correct it"
         )
-    given = numbers(path, key, value, (len(value),)) if value else np.zeros(0)
     for number in given.tolist():
-        DISTORTION.require(f"{path_text(path)}: {key}: a number", number)
+        DISTORTION.require(f"{path_text(path)}: {DISTORTION_KEY}: a number", number)
     return np.concatenate([given, np.zeros(5 - len(given))])
-
-
-def _pose(path: Path, value: Any) -> Float[np.ndarray, "4 4"]:
-    """T_BS, camera to body: a 4x4 list, 16 numbers, or the EuRoC mapping with data; its rotation is made exact."""
-    data = value.get("data") if isinstance(value, dict) else value
-    nested = isinstance(data, list) and len(data) == 4
-    pose = numbers(path, "T_BS", data, (4, 4) if nested else (16,)).reshape(4, 4)
-    for entry in pose.ravel().tolist():
-        LENGTH.require(f"{path_text(path)}: T_BS holds a number that", entry)
-    rotation = pose[:3, :3]
-    rigid = (
-        np.abs(rotation @ rotation.T - np.eye(3)).max() <= ROTATION_TOLERANCE and np.linalg.det(rotation) > 0
-    )
-    if not rigid or not np.array_equal(pose[3], [0.0, 0.0, 0.0, 1.0]):
-        raise InputError(
-            f"{path_text(path)}: T_BS is {value_text(pose.tolist())}, not a rotation and a shift; correct it"
-        )
-    U, _, Vt = np.linalg.svd(rotation)
-    pose[:3, :3] = U @ Vt
-    return pose

@@ -139,7 +139,7 @@ STEREO_FAULTS = {
     "three intrinsics": ("cam1/sensor.yaml", {"intrinsics": "[1, 2, 3]"}, "[1, 2, 3]"),
     "other intrinsics": ("cam1/sensor.yaml", {"intrinsics": "[400, 400, 320, 240]"}, "400"),
     "image size of zero": ("cam*/sensor.yaml", {"resolution": "[0, 480]"}, "width is 0"),
-    "half a pixel": ("cam*/sensor.yaml", {"resolution": "[640.5, 480]"}, "640.5"),
+    "half a pixel": ("cam1/sensor.yaml", {"resolution": "[640.5, 480]"}, "640.5"),
     "distortion of sixth order": (
         "cam1/sensor.yaml",
         {"distortion_coefficients": "[0, 0, 0, 0, 0.3]"},

@@ -12,12 +12,13 @@ from scipy.spatial.transform import Rotation
 
 from spinfilters.api.image_recordings import example_rig
 from spinfilters.cli.main import main
+from spinfilters.data.sensor_yaml import read_sensor_file
 from spinfilters.errors import InputError
 from spinfilters.vision.calibration_check import checks, measured_board
 from spinfilters.vision.calibration_images import Board, BoardView, board_views, image_pairs
 from spinfilters.vision.disparity import disparity_map, with_occlusions
 from spinfilters.vision.loss_count import LossCount
-from spinfilters.vision.raw_rig import RawRig, camera_text, read_raw_camera, read_raw_rig
+from spinfilters.vision.raw_rig import RawRig, camera_text, raw_camera, read_raw_rig
 from spinfilters.vision.stereo_calibration import StereoCalibration, calibrate_stereo
 
 BOARD, SIZE = Board(7, 5, 0.03), (640, 480)
@@ -100,7 +101,8 @@ def test_the_checkout_passes_a_good_rig_and_fails_a_bent_one(exact: StereoCalibr
 def test_a_sensor_file_gives_back_the_same_camera(tmp_path: Path) -> None:
     camera = example_rig(SIZE).right
     (tmp_path / "sensor.yaml").write_text(camera_text(camera))
-    again = read_raw_camera(tmp_path / "sensor.yaml")
+    path = tmp_path / "sensor.yaml"
+    again = raw_camera(path, read_sensor_file(path))
     np.testing.assert_array_equal(again.intrinsics, camera.intrinsics)
     np.testing.assert_array_equal(again.distortion, camera.distortion)
     np.testing.assert_allclose(again.R_bc, camera.R_bc, atol=1e-12)

@@ -1,6 +1,5 @@
-"""The page of a campaign's report: one self-contained file, every text of the study escaped."""
+"""Sections of a campaign's report, every text of the study escaped."""
 
-import base64
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
@@ -13,6 +12,7 @@ from spinfilters.campaigns.report.intervals import Interval, share
 from spinfilters.campaigns.report.statistics import CellSummary
 from spinfilters.campaigns.schema import BLOCKS, BODY_ERRORS, ERRORS
 from spinfilters.campaigns.stated_errors import LARGEST
+from spinfilters.pages.page import details, facts, note, table
 
 MOST_ROWS: Final = 300
 """Of a table or list on the page; all cells are in cells.csv."""
@@ -29,39 +29,12 @@ SCALES_MORE: Final = {"velocity_m_s": (1e3, "velocity [mm/s]"), "rate_rad_s": (1
 BODY: Final = dict(
     zip(BODY_ERRORS, ("moment 1 [%]", "moment 2 [%]", "k1 [%]", "k2 [%]", "centre [mm]"), strict=True)
 )
-STYLE: Final = """
-:root{color-scheme:light}body{font:15px/1.5 system-ui,sans-serif;color:#1d2328;max-width:1400px;margin:2rem auto;padding:0 1.2rem}
-h1{font-size:1.6rem;margin-bottom:.2rem}h2{font-size:1.2rem;margin-top:2.2rem;border-bottom:1px solid #d5dade;padding-bottom:.2rem}
-table{border-collapse:collapse;font-size:.86rem;font-variant-numeric:tabular-nums;margin:.6rem 0}
-th,td{padding:.22rem .6rem;border-bottom:1px solid #e4e8eb;text-align:right;white-space:nowrap}
-th:first-child,td:first-child{text-align:left}thead th{border-bottom:2px solid #9aa5ad;vertical-align:bottom}
-.i{color:#66717a;font-size:.9em}.bad{color:#b23b00;font-weight:600}.scroll{overflow-x:auto}img{max-width:100%;height:auto}
-pre,code{font:.83rem/1.45 ui-monospace,monospace;background:#f4f6f7;border-radius:4px}pre{padding:.7rem;overflow-x:auto}
-table.facts td{text-align:left;white-space:normal}
-code{padding:.1rem .3rem}details{margin:.15rem 0}summary{cursor:pointer}p.note{color:#55606a;max-width:80ch}
-"""
-
-
-def page(parts: Mapping[str, str], title: str) -> str:
-    """HTML of sections by their headings; sections are HTML already."""
-    body = "".join(f"<section><h2>{escape(head)}</h2>{inner}</section>" for head, inner in parts.items())
-    policy = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
-    return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
-        f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
-        f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style></head>'
-        f"<body><h1>{escape(title)}</h1>{body}</body></html>\n"
-    )
 
 
 def asked_section(description: str, told: Mapping[str, str], study: str) -> str:
     """What was asked: facts in a table, and the study file."""
-    facts = "".join(
-        f"<tr><td>{escape(name)}</td><td>{escape(value)}</td></tr>" for name, value in told.items()
-    )
     words = f"<p>{escape(description)}</p>" if description else ""
-    file = f"<details><summary>study file</summary><pre>{escape(study)}</pre></details>"
-    return f'{words}<table class="facts"><tbody>{facts}</tbody></table>{file}'
+    return f"{words}{facts(told)}{details('study file', study)}"
 
 
 def consistency_section(cells: Sequence[CellSummary], varied: Sequence[str], picture: str) -> str:
@@ -93,12 +66,12 @@ def consistency_section(cells: Sequence[CellSummary], varied: Sequence[str], pic
                 *(_number(cell.blocks[block].value) for block in BLOCKS),
             ]
         )
-    note = (
+    remark = (
         "Normalised estimation error squared per degree of freedom, 1 for a consistent estimator: mean over runs of the mean over "
         "the estimator's own epochs, with its 95 % confidence interval. Last epoch: mean over runs, marked where it lies outside "
         "the band that holds it with 95 % for a consistent estimator. Of the blocks: means."
     )
-    return _note(note) + _table(head, rows, len(varied)) + _cut(cells) + picture
+    return note(remark) + table(head, rows, len(varied)) + _cut(cells) + picture
 
 
 def errors_section(cells: Sequence[CellSummary], varied: Sequence[str], picture: str) -> str:
@@ -123,12 +96,12 @@ def errors_section(cells: Sequence[CellSummary], varied: Sequence[str], picture:
             ]
             for cell in cells[:MOST_ROWS]
         ]
-        tables.append(_table(head, rows, len(varied)))
-    note = (
+        tables.append(table(head, rows, len(varied)))
+    remark = (
         "Root mean square over runs with its 95 % confidence interval, of the motion over the estimator's own epochs, of the body "
         "at the last; and over the Cramer-Rao bound of smoothing, which a filter reaches at the last epoch and in constants only."
     )
-    return _note(note) + "".join(tables) + _cut(cells) + picture
+    return note(remark) + "".join(tables) + _cut(cells) + picture
 
 
 def verdict_section(cells: Sequence[CellSummary], picture: str) -> str:
@@ -146,11 +119,11 @@ def verdict_section(cells: Sequence[CellSummary], picture: str) -> str:
                 )
                 known = share(counts[0], counts[0] + counts[1])
                 rows.append([escape(name), said, str(counts[0]), wrong, str(counts[2]), _shares(known)])
-    note = (
+    remark = (
         f"Right: every published quantity of the last epoch is within {LARGEST:g} of its stated standard deviations of the truth. "
         "Said ok and wrong is what must not happen."
     )
-    return _note(note) + _table(head, rows, 2) + picture
+    return note(remark) + table(head, rows, 2) + picture
 
 
 def failures_section(
@@ -170,9 +143,9 @@ def failures_section(
             f'<details id="run-{run}"><summary>run {run}, seed {int(row["seed"])}: {escape(levels)} - '
             f"{escape(_why(row))}</summary><pre>{escape(command)}\n{escape(compare)}</pre></details>"
         )
-    more = "" if total <= len(items) else _note(f"{len(items)} of {total} are listed; all are in the rows.")
-    note = "A click shows the command that makes the run again and writes its data set, and one that looks at that."
-    return _note(note) + more + "".join(items)
+    more = "" if total <= len(items) else note(f"{len(items)} of {total} are listed; all are in the rows.")
+    remark = "A click shows the command that makes the run again and writes its data set, and one that looks at that."
+    return note(remark) + more + "".join(items)
 
 
 def cost_section(cells: Sequence[CellSummary], varied: Sequence[str]) -> str:
@@ -188,12 +161,7 @@ def cost_section(cells: Sequence[CellSummary], varied: Sequence[str]) -> str:
         ]
         for cell in cells[:MOST_ROWS]
     ]
-    return _table(head, rows, len(varied)) + _cut(cells)
-
-
-def image(png: bytes, words: str) -> str:
-    """A picture within the page."""
-    return f'<p><img alt="{escape(words)}" src="data:image/png;base64,{base64.b64encode(png).decode()}"></p>'
+    return table(head, rows, len(varied)) + _cut(cells)
 
 
 def _why(row: Mapping[str, Any]) -> str:
@@ -202,19 +170,6 @@ def _why(row: Mapping[str, Any]) -> str:
     if row["verdict"] == "failed":
         return f"failed: {row['verdict_reasons']}"
     return f"called {row['verdict']}, but {row['worst_quantity']} is {row['worst_error']:.3g} stated deviations off"
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]], words: int) -> str:
-    """A table of cells that are HTML already; the first ``words`` columns are text."""
-    top = "".join(f"<th>{escape(name)}</th>" for name in head)
-    left = ' style="text-align:left"'
-    body = "".join(
-        "<tr>"
-        + "".join(f"<td{left if k < words else ''}>{cell}</td>" for k, cell in enumerate(row))
-        + "</tr>"
-        for row in rows
-    )
-    return f'<div class="scroll"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
 
 
 def _levels(cell: CellSummary, varied: Sequence[str]) -> Iterator[str]:
@@ -244,11 +199,7 @@ def _number(value: float) -> str:
     return f"{value:.3g}" if np.isfinite(value) else "-"
 
 
-def _note(text: str) -> str:
-    return f'<p class="note">{escape(text)}</p>'
-
-
 def _cut(cells: Sequence[CellSummary]) -> str:
     return (
-        "" if len(cells) <= MOST_ROWS else _note(f"{MOST_ROWS} of {len(cells)} cells; all are in cells.csv.")
+        "" if len(cells) <= MOST_ROWS else note(f"{MOST_ROWS} of {len(cells)} cells; all are in cells.csv.")
     )

@@ -19,8 +19,6 @@ from spinfilters.campaigns.report.page import (
     cost_section,
     errors_section,
     failures_section,
-    image,
-    page,
     verdict_section,
 )
 from spinfilters.campaigns.report.statistics import QUANTITIES, CellSummary, cell_summaries
@@ -28,6 +26,7 @@ from spinfilters.campaigns.rows_folder import read_rows
 from spinfilters.campaigns.study import Study
 from spinfilters.data.atomic_write import make_folder, write_bytes, write_text
 from spinfilters.data.input_file import read_settings_text
+from spinfilters.pages.page import image, page
 
 REPORT: Final = "report"
 PAGE: Final = "index.html"

@@ -1,0 +1,150 @@
+"""Tracks, map and dense model of a run of rendered images against the body that was rendered.
+
+    spinfilters simulate --kind stereo-images --shape box --seed 1 --rate-rpm 4 9 3 -o images
+    spinfilters compare images -o runs/images && spinfilters reconstruct runs/images
+    python -m experiments.map_accuracy runs/images --shape box
+
+Only for convex bodies (`--shape` spheres, box or octahedron): the distance of a point to the surface is that to the farthest plane.
+Map and model are laid onto the body by the six numbers of a rigid motion, so that these are errors of shape.
+"""
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from spinfilters.attitude.conversions import matrix_from_quaternion
+from spinfilters.data.camera import StereoRig
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.truth import Truth
+from spinfilters.errors import InputError
+from spinfilters.geometry.cameras import stereo_pair
+from spinfilters.lidar.ply_files import read_ply
+from spinfilters.pipeline.figures import FigureData
+from spinfilters.runs.run_folder import MODEL_FILE, RECONSTRUCTION_FOLDER
+from spinfilters.vision.rendering.triangle_mesh import POLYHEDRA, TriangleMesh, named_mesh
+from spinfilters.vision.stereo_geometry import pixels_of
+
+WRONG_PX: Final = 3.0
+"""Error of an observation, largest of its three pixels, beyond which it is of another point."""
+LOSS_M: Final = 1e-3
+"""Scale of the loss (Geman and McClure's weight) with which points are laid onto the body."""
+ITERATIONS: Final = 15
+
+
+@dataclass(frozen=True)
+class MapAccuracy:
+    """Errors of a run, in metres where not said otherwise.
+
+    Attributes
+    ----------
+    wrong_observations, wrong_tracks: shares with an error beyond `WRONG_PX`, and of tracks with such an observation.
+    map_distance, model_distance: signed distances of landmarks, and of the model's vertices, to the surface.
+    dimensions: (3,) errors of the extents along the principal axes.   along_estimated: of those along the axes as estimated.
+    """
+
+    wrong_observations: float
+    wrong_tracks: float
+    map_distance: Float[np.ndarray, " k"]
+    model_distance: Float[np.ndarray, " v"]
+    dimensions: Float[np.ndarray, " 3"]
+    along_estimated: Float[np.ndarray, " 3"]
+
+
+def main() -> None:
+    """Run the study."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("run", type=Path)
+    parser.add_argument("--shape", choices=sorted(POLYHEDRA), default="spheres")
+    parser.add_argument("--radius", type=float, default=0.11)
+    options = parser.parse_args()
+    found = map_accuracy(options.run, named_mesh(options.shape, options.radius))
+    print(f"observations beyond {WRONG_PX:g} px: {100 * found.wrong_observations:.3f} %")
+    print(f"tracks with one of them: {100 * found.wrong_tracks:.2f} %")
+    for name, distance in (("map", found.map_distance), ("model", found.model_distance)):
+        millimetres = 1e3 * distance
+        print(
+            f"{name}: {len(distance)} points, distance to the surface median {np.median(np.abs(millimetres)):.3f} mm, "
+            f"95 % within {np.quantile(np.abs(millimetres), 0.95):.2f} mm"
+        )
+    for words, errors in (
+        ("along the true principal axes", found.dimensions),
+        ("along those estimated", found.along_estimated),
+    ):
+        print(
+            f"extents {words}: errors {np.round(1e3 * errors, 2)} mm, mean {1e3 * np.abs(errors).mean():.2f} mm"
+        )
+
+
+def map_accuracy(run: Path, mesh: TriangleMesh) -> MapAccuracy:
+    """Of a run folder with a dense model. InputError: a run without truth, map, stereo camera or model."""
+    data = FigureData.from_folder(run)
+    truth, evaluation, points = data.dataset.truth, data.most_exact, data.map_points
+    if truth is None or truth.center_of_mass_g is None or truth.principal_axes_g is None:
+        raise InputError(f"{run}: has no truth of the body; render images with 'spinfilters simulate'")
+    if evaluation is None or evaluation.body.center_of_mass_g is None or points is None:
+        raise InputError(f"{run}: has no estimator with a map; compare stereo images first")
+    model = read_ply(run / RECONSTRUCTION_FOLDER / MODEL_FILE).points
+    wrong, tracks = _wrong(data.dataset, truth)
+    body, first = evaluation.body, evaluation.trajectory
+    # estimated axes g to true ones, by the attitude of the first epoch
+    R = Rotation.from_quat(truth.q_ig[_rows(truth, first.time[:1])[0]]).inv().as_matrix()
+    R = R @ matrix_from_quaternion(first.q_ig[0])
+    axes, centre = np.asarray(truth.principal_axes_g), np.asarray(truth.center_of_mass_g)
+    estimated = body.principal_axes_g @ R.T
+    corners, sizes = mesh.vertices - centre, np.ptp(model, axis=0)
+    return MapAccuracy(
+        wrong,
+        tracks,
+        _distance((points - body.center_of_mass_g) @ R.T + centre, mesh),
+        _distance(model @ estimated + centre, mesh),
+        sizes - np.ptp(corners @ axes.T, axis=0),
+        sizes - np.ptp(corners @ estimated.T, axis=0),
+    )
+
+
+def _wrong(dataset: Dataset, truth: Truth) -> tuple[float, float]:
+    """Shares of wrong observations and of tracks that have one: against the median place of each track under the true motion."""
+    (stream,), rig = dataset.log.streams, dataset.rig
+    assert isinstance(rig, StereoRig)
+    assert stream.ids is not None  # a stream of landmarks always has them
+    rows, rotations = _rows(truth, stream.time), matrix_from_quaternion(truth.q_ig)
+    origins = truth.center_of_mass - rotations @ np.asarray(truth.center_of_mass_g)
+    camera = stereo_pair(rig.calibration).points_of(stream.values, rig.calibration)
+    at = np.einsum("nji,nj->ni", rotations[rows], camera - origins[rows])
+    _, track, counts = np.unique(stream.ids, return_inverse=True, return_counts=True)
+    order = np.argsort(track, kind="stable")
+    places = np.array([np.median(part, axis=0) for part in np.split(at[order], np.cumsum(counts)[:-1])])
+    expected = pixels_of(np.einsum("nij,nj->ni", rotations[rows], places[track]) + origins[rows], rig)
+    wrong = np.abs(expected - stream.values).max(axis=1) > WRONG_PX
+    return float(wrong.mean()), len(np.unique(track[wrong])) / len(counts)
+
+
+def _rows(truth: Truth, time: Float[np.ndarray, " n"]) -> np.ndarray:
+    """Epochs of the truth at these times."""
+    return np.searchsorted(truth.time, time - 1e-6)
+
+
+def _distance(points: Float[np.ndarray, "k 3"], mesh: TriangleMesh) -> Float[np.ndarray, " k"]:
+    """Signed distance to the planes of a convex body onto which the points are laid, positive outside."""
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    offsets = np.einsum("fi,fi->f", normals, a)
+    for _ in range(ITERATIONS):
+        every = points @ normals.T - offsets
+        nearest = every.argmax(axis=1)
+        distance, normal = every[np.arange(len(points)), nearest], normals[nearest]
+        weight = 1 / (1 + (distance / LOSS_M) ** 2) ** 2
+        J = np.hstack([np.cross(points, normal), normal])
+        step = np.linalg.lstsq(J.T @ (weight[:, None] * J), -J.T @ (weight * distance), rcond=None)[0]
+        points = Rotation.from_rotvec(step[:3]).apply(points) + step[3:]
+    return (points @ normals.T - offsets).max(axis=1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,127 @@
+"""One camera's `sensor.yaml` of the EuRoC layout, as it is written: what its numbers mean is for those who read it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.data.input_file import path_text, value_text
+from spinfilters.data.number_range import LENGTH
+from spinfilters.data.settings_files import numbers, read_yaml
+from spinfilters.errors import InputError
+
+ROTATION_TOLERANCE: Final[float] = 1e-4
+"""Largest entry by which a rotation may miss orthonormality, or a pair parallelism: 0.05 px at f = 500."""
+DISTORTION_MODELS: Final[tuple[str, ...]] = ("radial-tangential", "radtan", "plumb_bob")
+"""Names of the distortion of Brown: of the EuRoC layout, Kalibr and ROS."""
+DISTORTION_KEY: Final = "distortion_coefficients"
+
+
+@dataclass(frozen=True, eq=False)
+class SensorFile:
+    """What a `sensor.yaml` tells of a pinhole camera.
+
+    Attributes
+    ----------
+    intrinsics: (fx, fy, cx, cy), px.   size: width and height, px.   pose: T_BS, camera to body, m.
+    distortion: coefficients as they are given, none where there are none.   model: of the distortion, as it is given.
+    """
+
+    intrinsics: Float[np.ndarray, " 4"]
+    size: tuple[int, int]
+    pose: Float[np.ndarray, "4 4"]
+    distortion: Float[np.ndarray, " k"]
+    model: object
+
+
+def read_sensor_file(path: Path) -> SensorFile:
+    """Content of a `sensor.yaml`.
+
+    Raises
+    ------
+    InputError: unreadable YAML, a key that is missing, not a pinhole, numbers of another shape, half a pixel, no pose.
+    """
+    settings = read_yaml(path)
+    for key in ("camera_model", "intrinsics", "resolution", "T_BS"):
+        if key not in settings:
+            raise InputError(
+                f"{path_text(path)}: has no {key}; write it as in the EuRoC layout, or calibrate the rig"
+            )
+    if settings["camera_model"] != "pinhole":
+        raise InputError(
+            f"{path_text(path)}: camera_model is {value_text(settings['camera_model'])}; rectify the images, "
+            "give 'pinhole'"
+        )
+    intrinsics = numbers(path, "intrinsics", settings["intrinsics"], (4,))
+    resolution = numbers(path, "resolution", settings["resolution"], (2,))
+    coefficients, model = (
+        settings.get(DISTORTION_KEY, []),
+        settings.get("distortion_model", DISTORTION_MODELS[0]),
+    )
+    if not isinstance(coefficients, list):
+        raise InputError(
+            f"{path_text(path)}: {DISTORTION_KEY} is {value_text(coefficients)}, expected [0.0, 0.0, 0.0, 0.0]; correct it"
+        )
+    distortion = (
+        numbers(path, DISTORTION_KEY, coefficients, (len(coefficients),)) if coefficients else np.zeros(0)
+    )
+    return SensorFile(
+        intrinsics, image_size(path, resolution), _pose(path, settings["T_BS"]), distortion, model
+    )
+
+
+def sensor_text(
+    intrinsics: Sequence[float],
+    size: tuple[int, int],
+    pose: Float[np.ndarray, "4 4"],
+    distortion: Sequence[float],
+) -> str:
+    """A `sensor.yaml` that `read_sensor_file` reads to the same numbers."""
+    return (
+        "sensor_type: camera\n"
+        f"T_BS:\n  cols: 4\n  rows: 4\n  data: {pose.ravel().tolist()}\n"
+        f"resolution: {[int(value) for value in size]}\n"
+        "camera_model: pinhole\n"
+        f"intrinsics: {[float(value) for value in intrinsics]}\n"
+        f"distortion_model: {DISTORTION_MODELS[0]}\n"
+        f"{DISTORTION_KEY}: {[float(value) for value in distortion]}\n"
+    )
+
+
+def image_size(path: Path, resolution: Float[np.ndarray, " 2"]) -> tuple[int, int]:
+    """Width and height. InputError: not whole pixels."""
+    width, height = resolution.tolist()
+    if not width.is_integer() or not height.is_integer():
+        raise InputError(
+            f"{path_text(path)}: resolution is {resolution.tolist()}, expected whole pixels; correct it"
+        )
+    return int(width), int(height)
+
+
+def is_rotation(matrix: Float[np.ndarray, "3 3"]) -> bool:
+    """Whether a matrix is one, to `ROTATION_TOLERANCE`."""
+    orthonormal = np.abs(matrix @ matrix.T - np.eye(3)).max() <= ROTATION_TOLERANCE
+    return bool(orthonormal and np.linalg.det(matrix) > 0.0)
+
+
+def _pose(path: Path, value: Any) -> Float[np.ndarray, "4 4"]:
+    """T_BS, camera to body: a 4x4 list, 16 numbers, or the EuRoC mapping with rows, cols and data."""
+    data = value
+    if isinstance(value, dict):
+        if (value.get("rows"), value.get("cols")) != (4, 4) or "data" not in value:
+            raise InputError(
+                f"{path_text(path)}: T_BS is {value_text(value)}, expected rows: 4, cols: 4, data: [...]; correct it"
+            )
+        data = value["data"]
+    nested = isinstance(data, list) and len(data) == 4
+    pose = numbers(path, "T_BS", data, (4, 4) if nested else (16,)).reshape(4, 4)
+    for entry in pose.ravel().tolist():
+        LENGTH.require(f"{path_text(path)}: T_BS holds a number that", entry)
+    if not is_rotation(pose[:3, :3]) or not np.array_equal(pose[3], [0.0, 0.0, 0.0, 1.0]):
+        raise InputError(
+            f"{path_text(path)}: T_BS is {value_text(pose.tolist())}, not a rotation and a shift; correct it"
+        )
+    return pose

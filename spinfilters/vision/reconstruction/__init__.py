@@ -1,0 +1,1 @@
+"""Dense model of a body from stereo pairs and its estimated motion."""

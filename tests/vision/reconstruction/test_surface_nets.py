@@ -1,0 +1,34 @@
+"""Surfaces of signed distance fields."""
+
+import numpy as np
+import pytest
+
+from spinfilters.vision.reconstruction.distance_volume import Field, Grid
+from spinfilters.vision.reconstruction.surface_nets import surface_of
+
+GRID = Grid(0.1, 33)
+
+
+def _field(radius: float) -> Field:
+    n = GRID.count
+    places = GRID.places(np.stack(np.unravel_index(np.arange(n**3), (n, n, n)), axis=1).astype(float))
+    distance = (np.linalg.norm(places, axis=1) - radius).reshape(n, n, n)
+    return Field(GRID, distance, np.full((n, n, n), 100.0))
+
+
+def test_the_surface_of_a_ball_is_closed_lies_on_it_and_looks_outwards() -> None:
+    vertices, triangles, grey = surface_of(_field(0.07))
+    assert np.linalg.norm(vertices, axis=1) == pytest.approx(0.07, abs=0.1 * GRID.voxel)
+    edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    volume = np.einsum("fi,fi->", a, np.cross(b, c)) / 6
+    assert volume == pytest.approx(4 / 3 * np.pi * 0.07**3, rel=0.02)
+    assert grey == pytest.approx(100.0)
+
+
+def test_what_is_unknown_has_no_surface() -> None:
+    field = _field(0.07)
+    field.distance[:16] = np.nan
+    vertices, _, _ = surface_of(field)
+    assert vertices[:, 0].min() >= 0
