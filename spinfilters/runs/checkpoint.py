@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from spinfilters.data.input_file import path_text
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.history import EPOCH_ARRAYS, EstimateHistory, GrowingHistory
-from spinfilters.data.input_file import path_text
-from spinfilters.state.status import EstimatorStatus, Verdict
-from spinfilters.runs.npz_file import DAMAGED, read_arrays, unusable, write_arrays
 from spinfilters.runs.fingerprint import ANEW, RunFingerprint
+from spinfilters.runs.npz_file import DAMAGED, read_arrays, unusable, write_arrays
+from spinfilters.state.status import EstimatorStatus, Verdict
 
 FORMAT = 1
 _STATE, _ROWS, _META = "state.", "rows.", "meta"
@@ -27,7 +27,9 @@ class Checkpoint:
     status: EstimatorStatus | None
 
 
-def save_checkpoint(path: Path, estimator: Estimator, rows: GrowingHistory, fingerprint: RunFingerprint) -> None:
+def save_checkpoint(
+    path: Path, estimator: Estimator, rows: GrowingHistory, fingerprint: RunFingerprint
+) -> None:
     """Write the state of an estimator that stands where its rows end; the file is there whole or not at all.
 
     On line, where no history is wanted, rows may be ``GrowingHistory(estimator.layout, time)``.
@@ -70,7 +72,9 @@ def load_checkpoint(path: Path, estimator: Estimator, fingerprint: RunFingerprin
     return checkpoint
 
 
-def _write(path: Path, arrays: dict[str, np.ndarray], meta: dict[str, Any], fingerprint: RunFingerprint) -> None:
+def _write(
+    path: Path, arrays: dict[str, np.ndarray], meta: dict[str, Any], fingerprint: RunFingerprint
+) -> None:
     text = json.dumps({"format": FORMAT, **meta, "identity": fingerprint.document})
     write_arrays(path, {_META: np.array(text), **arrays})
 

@@ -12,18 +12,18 @@ from time import perf_counter
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.data.atomic_write import make_folder
+from spinfilters.data.input_file import path_text
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
 from spinfilters.estimators.timeline import times_of
-from spinfilters.data.atomic_write import make_folder
-from spinfilters.data.input_file import path_text
-from spinfilters.state.status import Verdict
-from spinfilters.runs.checkpoint import Checkpoint, load_checkpoint, save_checkpoint, save_ended
 from spinfilters.pipeline.estimator_entry import estimator_names
 from spinfilters.pipeline.setup import Setup
+from spinfilters.runs.checkpoint import Checkpoint, load_checkpoint, save_checkpoint, save_ended
 from spinfilters.runs.fingerprint import ANEW, RunFingerprint, fingerprint_of
 from spinfilters.settings.run_settings import Settings
+from spinfilters.state.status import Verdict
 
 CHECKPOINT_FILE = "checkpoint.npz"
 
@@ -132,14 +132,18 @@ def no_checkpoints(_: str) -> CheckpointStore:
     return NullStore()
 
 
-def checkpoint_stores(folder: Path, setup: Setup, settings: Settings, interval: CheckpointInterval | None = None) -> StoreOf:
+def checkpoint_stores(
+    folder: Path, setup: Setup, settings: Settings, interval: CheckpointInterval | None = None
+) -> StoreOf:
     """Keep every estimator's run in ``folder/<its name>/checkpoint.npz``, and go on from what is there."""
     fingerprint = fingerprint_of("", setup.timeline, setup.belief, settings.document)
     time = times_of(setup.timeline[len(setup.initial.mean) :])
 
     def store(name: str) -> CheckpointStore:
         path = folder / name / CHECKPOINT_FILE
-        return CheckpointFile(path, replace(fingerprint, estimator=name), time, interval or CheckpointInterval())
+        return CheckpointFile(
+            path, replace(fingerprint, estimator=name), time, interval or CheckpointInterval()
+        )
 
     return store
 

@@ -8,15 +8,15 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
-from spinfilters.estimators.smoothing.window.smoother_records import MarginalizedState
 from spinfilters.estimators.smoothing.window.convergence_record import ConvergenceRecord
+from spinfilters.estimators.smoothing.window.smoother_records import MarginalizedState
 from spinfilters.evaluation.body import BodyHistory, body_history
+from spinfilters.pipeline.plotted_quantities import QUANTITIES, deviations_of
+from spinfilters.pipeline.smoother_run import NAME
+from spinfilters.runs.npz_file import DAMAGED, read_arrays, unusable, write_arrays
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 from spinfilters.state.status import EstimatorStatus
-from spinfilters.runs.npz_file import DAMAGED, read_arrays, unusable, write_arrays
-from spinfilters.pipeline.plotted_quantities import QUANTITIES, deviations_of
-from spinfilters.pipeline.smoother_run import NAME
 
 CURE = "run compare again with --resume --convergence"
 _SIZES = {

@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from spinfilters.data.input_file import value_text
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.timeline import Timeline
-from spinfilters.data.input_file import value_text
-from spinfilters.state.gaussian import Gaussian
 from spinfilters.runs.provenance import provenance
+from spinfilters.state.gaussian import Gaussian
 
 ANEW = "or run without --resume to begin anew"
 

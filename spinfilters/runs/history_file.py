@@ -9,9 +9,9 @@ from jaxtyping import Int
 
 from spinfilters.errors import ShapeError
 from spinfilters.estimators.history import EPOCH_ARRAYS, EstimateHistory, checked_epochs
+from spinfilters.runs.npz_file import DAMAGED, read_arrays, unusable, write_arrays
 from spinfilters.state.layout import StateLayout
 from spinfilters.state.status import EstimatorStatus, Verdict
-from spinfilters.runs.npz_file import DAMAGED, read_arrays, unusable, write_arrays
 
 INITIALISATION, OBSERVATIONS = "initialisation", "observations"
 """Keys that files of older versions do not have."""

@@ -13,9 +13,9 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile
 
 import numpy as np
 
-from spinfilters.errors import InputError
 from spinfilters.data.atomic_write import atomic_file
 from spinfilters.data.input_file import path_text, reason, require_file
+from spinfilters.errors import InputError
 
 LARGEST_FILE = 2 << 30
 """Bytes, of the file and of everything in it together."""

@@ -10,9 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from spinfilters.errors import InputError
-from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.trajectory import write_map_ply, write_trajectory_csv, write_trajectory_tum
 from spinfilters.data.atomic_write import make_folder, write_json, write_toml
 from spinfilters.data.camera import RIG_FILES
 from spinfilters.data.dataset import Dataset, read_dataset
@@ -21,17 +18,20 @@ from spinfilters.data.input_file import path_text, value_text
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.data.pose_files import write_tum
 from spinfilters.data.settings_files import read_toml
-from spinfilters.state.status import Verdict
-from spinfilters.runs.checkpoint_store import remove_checkpoints
+from spinfilters.errors import InputError
+from spinfilters.estimators.history import EstimateHistory
+from spinfilters.evaluation.trajectory import write_map_ply, write_trajectory_csv, write_trajectory_tum
 from spinfilters.pipeline.estimation import Comparison
 from spinfilters.pipeline.estimator_entry import estimator_names
 from spinfilters.pipeline.figure_entry import picture_files
-from spinfilters.runs.history_file import read_history, write_history
 from spinfilters.pipeline.setup import Setup
+from spinfilters.runs.checkpoint_store import remove_checkpoints
+from spinfilters.runs.history_file import read_history, write_history
 from spinfilters.runs.provenance import provenance
 from spinfilters.runs.run_lock import LOCK_FILE
 from spinfilters.runs.run_summary import SUMMARY_FILE, read_summary, summary
 from spinfilters.settings.run_settings import Settings
+from spinfilters.state.status import Verdict
 
 CONFIG_FILE, DATASET_FOLDER, TRUTH_FILE = "config.toml", "dataset", "truth.tum"
 HISTORY_FILE, MAP_FILE = "history.npz", "map.ply"
@@ -77,10 +77,15 @@ def refuse_foreign_run(folder: Path) -> None:
     InputError: it holds foreign files, or a link in the place of a folder that a run writes into.
     """
     if folder.is_dir() and any(each.name != LOCK_FILE for each in folder.iterdir()) and not _is_run(folder):
-        raise InputError(f"{path_text(folder)}: is not empty and not a run folder; choose another folder with -o")
+        raise InputError(
+            f"{path_text(folder)}: is not empty and not a run folder; choose another folder with -o"
+        )
     cameras = [f"{DATASET_FOLDER}/{file.parent}" for file in RIG_FILES]
     segments = folder / SEGMENTS_FOLDER
-    inner = [folder / name for name in (*estimator_names(), DATASET_FOLDER, *cameras, SEGMENTS_FOLDER, RECONSTRUCTION_FOLDER)]
+    inner = [
+        folder / name
+        for name in (*estimator_names(), DATASET_FOLDER, *cameras, SEGMENTS_FOLDER, RECONSTRUCTION_FOLDER)
+    ]
     for path in (*inner, *(segments.iterdir() if segments.is_dir() else ())):
         if path.is_symlink():
             raise InputError(
@@ -147,7 +152,9 @@ def read_histories(folder: Path, names: Sequence[str]) -> list[EstimateHistory]:
     histories = [read_history(path) for path in paths]
     for path, name, history in zip(paths, names, histories, strict=True):
         if history.name != name:
-            raise InputError(f"{path_text(path)}: is of {value_text(history.name)}, not of {name}; make the run again")
+            raise InputError(
+                f"{path_text(path)}: is of {value_text(history.name)}, not of {name}; make the run again"
+            )
     return histories
 
 

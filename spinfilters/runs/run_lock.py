@@ -8,8 +8,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
-from spinfilters.errors import InputError
 from spinfilters.data.input_file import path_text, reason
+from spinfilters.errors import InputError
 
 LOCK_FILE: Final[str] = ".lock"
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)

@@ -6,19 +6,19 @@ from typing import Any
 
 import numpy as np
 
+from spinfilters.data.dataset import has_images
+from spinfilters.data.input_file import reason
 from spinfilters.errors import InputError
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.evaluation.metrics import numbers, use_numbers
 from spinfilters.evaluation.reported_constants import constant_numbers
 from spinfilters.evaluation.span import shared_begin
 from spinfilters.evaluation.usage import on_identical_measurements
-from spinfilters.data.dataset import has_images
-from spinfilters.data.input_file import reason
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.state.layout import StateLayout
 from spinfilters.pipeline.conditions import conditions_of
 from spinfilters.pipeline.estimation import Comparison
 from spinfilters.pipeline.setup import Setup
+from spinfilters.state.layout import StateLayout
 
 SUMMARY_FILE = "summary.json"
 SCHEMA = 1
@@ -98,7 +98,9 @@ def _dataset(setup: Setup) -> dict[str, Any]:
         "frames": len(setup.timeline),
         "start_s": setup.timeline[0].time,
         "end_s": setup.timeline[-1].time,
-        "images": str(dataset.path.resolve()) if dataset.path is not None and has_images(dataset.path) else None,
+        "images": str(dataset.path.resolve())
+        if dataset.path is not None and has_images(dataset.path)
+        else None,
         "segment": None if dataset.segment is None else dataset.segment.number,
     }
 

@@ -9,13 +9,13 @@ import numpy as np
 
 from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.initialisation.options import InitialisationOptions
-from spinfilters.simulation.scenario import Scenario, simulate
-from spinfilters.runs.checkpoint_store import CheckpointInterval, checkpoint_stores
 from spinfilters.pipeline.estimation import Comparison, Progress, build_estimator, compare_estimators
 from spinfilters.pipeline.setup import Setup, prepare
-from spinfilters.runs.run_folder import mark_run_folder, write_run
+from spinfilters.runs.checkpoint_store import CheckpointInterval, checkpoint_stores
 from spinfilters.runs.fingerprint import RunFingerprint, fingerprint_of
+from spinfilters.runs.run_folder import mark_run_folder, write_run
 from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.scenario import Scenario, simulate
 
 NAMES = ("mekf", "ukf")
 SETTINGS = Settings(estimators=NAMES, initialisation=InitialisationOptions(epochs=20))
@@ -45,11 +45,15 @@ def epochs_to_do() -> int:
     return len(sample().timeline) - len(sample().initial.mean)
 
 
-def make_run(folder: Path, progress: Progress = silent, interval: CheckpointInterval = EVERY_FRAME) -> Comparison:
+def make_run(
+    folder: Path, progress: Progress = silent, interval: CheckpointInterval = EVERY_FRAME
+) -> Comparison:
     """What ``spinfilters compare`` does, without figures."""
     folder.mkdir(exist_ok=True)
     mark_run_folder(folder, SETTINGS)
-    comparison = compare_estimators(sample(), SETTINGS, progress, checkpoint_stores(folder, sample(), SETTINGS, interval))
+    comparison = compare_estimators(
+        sample(), SETTINGS, progress, checkpoint_stores(folder, sample(), SETTINGS, interval)
+    )
     write_run(folder, comparison, SETTINGS)
     return comparison
 

@@ -13,8 +13,8 @@ from checkpoint_samples import (
     NAMES,
     SETTINGS,
     epochs_to_do,
-    fresh,
     fingerprint,
+    fresh,
     make_run,
     results,
     sample,
@@ -25,14 +25,14 @@ from forked import kill_at, killed
 
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
 from spinfilters.estimators.run import run
-from spinfilters.state.status import EstimatorStatus, Verdict
+from spinfilters.pipeline.estimation import compare_estimators
+from spinfilters.pipeline.setup import Setup
 from spinfilters.runs import checkpoint_store
 from spinfilters.runs.checkpoint import load_checkpoint, save_checkpoint, save_ended
 from spinfilters.runs.checkpoint_store import CheckpointInterval, checkpoint_stores, remove_checkpoints
-from spinfilters.pipeline.estimation import compare_estimators
-from spinfilters.pipeline.setup import Setup
-from spinfilters.runs.run_folder import finished_run, write_run
 from spinfilters.runs.fingerprint import fingerprint_of
+from spinfilters.runs.run_folder import finished_run, write_run
+from spinfilters.state.status import EstimatorStatus, Verdict
 
 KILLS = [(NAMES[k % 2], int(f)) for k, f in enumerate(np.random.default_rng(7).integers(1, 29, 10))]
 
@@ -73,9 +73,7 @@ def test_a_run_that_is_killed_while_it_is_written_is_written_again(
     place: str, uninterrupted: dict[str, object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(
-            f"spinfilters.runs.run_folder.{place}", lambda *_: os.kill(os.getpid(), signal.SIGKILL)
-        )
+        patch.setattr(f"spinfilters.runs.run_folder.{place}", lambda *_: os.kill(os.getpid(), signal.SIGKILL))
         assert killed(lambda: make_run(tmp_path / "run"))
     done: list[tuple[str, int]] = []
     make_run(tmp_path / "run", lambda *report: done.append(report[:2]))
@@ -128,7 +126,9 @@ def test_a_run_that_failed_is_not_made_again(tmp_path: Path) -> None:
     path = tmp_path / "ukf" / checkpoint_store.CHECKPOINT_FILE
     save_ended(path, rows.ended("ukf", failed), rows.begin, fingerprint("ukf"))
     settings = replace(SETTINGS, estimators=("ukf",))
-    comparison = compare_estimators(sample(), settings, silent, checkpoint_stores(tmp_path, sample(), settings))
+    comparison = compare_estimators(
+        sample(), settings, silent, checkpoint_stores(tmp_path, sample(), settings)
+    )
     (evaluation,) = comparison.evaluations
     assert evaluation.history.status.verdict is Verdict.FAILED
     assert len(evaluation.history.time) == len(sample().initial.mean)

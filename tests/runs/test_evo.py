@@ -14,11 +14,11 @@ from pathlib import Path
 
 import pytest
 
-from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.pipeline.estimation import compare_estimators
 from spinfilters.pipeline.setup import prepare
 from spinfilters.runs.run_folder import write_run
 from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.scenario import Scenario, simulate
 
 EVO_APE = os.environ.get("SPINFILTERS_EVO_APE") or shutil.which("evo_ape")
 

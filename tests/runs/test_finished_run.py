@@ -13,13 +13,13 @@ from swapped_ids import swapped
 
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.simulation.scenario import Scenario, simulate
-from spinfilters.runs import run_folder
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
-from spinfilters.pipeline.setup import prepare
-from spinfilters.runs.run_folder import finished_run, write_run
 from spinfilters.pipeline.segments import run_segments
+from spinfilters.pipeline.setup import prepare
+from spinfilters.runs import run_folder
+from spinfilters.runs.run_folder import finished_run, write_run
 from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.scenario import Scenario, simulate
 
 EKF = Settings(estimators=("mekf",))
 WITH_DRAG = replace(EKF, process=replace(EKF.process, drag=True))

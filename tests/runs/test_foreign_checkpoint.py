@@ -10,17 +10,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from checkpoint_samples import SETTINGS, epochs_to_do, fresh, fingerprint, sample, silent
+from checkpoint_samples import SETTINGS, epochs_to_do, fingerprint, fresh, sample, silent
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import GrowingHistory
 from spinfilters.estimators.run import run
-from spinfilters.simulation.scenario import Scenario, simulate
-from spinfilters.runs.npz_file import read_arrays, write_arrays
-from spinfilters.runs.checkpoint import load_checkpoint, save_checkpoint
-from spinfilters.runs.checkpoint_store import CHECKPOINT_FILE, checkpoint_stores
 from spinfilters.pipeline.estimation import compare_estimators
 from spinfilters.pipeline.setup import prepare
+from spinfilters.runs.checkpoint import load_checkpoint, save_checkpoint
+from spinfilters.runs.checkpoint_store import CHECKPOINT_FILE, checkpoint_stores
+from spinfilters.runs.npz_file import read_arrays, write_arrays
+from spinfilters.simulation.scenario import Scenario, simulate
 
 
 @pytest.fixture(scope="module")

@@ -9,11 +9,11 @@ import pytest
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
+from spinfilters.runs.history_file import INITIALISATION, OBSERVATIONS, read_history, write_history
+from spinfilters.runs.npz_file import read_arrays, write_arrays
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 from spinfilters.state.status import EstimatorStatus
-from spinfilters.runs.npz_file import read_arrays, write_arrays
-from spinfilters.runs.history_file import INITIALISATION, OBSERVATIONS, read_history, write_history
 
 LAYOUT, EPOCHS = StateLayout(ROTATION_BLOCKS), 5
 

@@ -8,23 +8,23 @@ import numpy as np
 import pytest
 
 from spinfilters.cli.main import main
-from spinfilters.errors import InputError
-from spinfilters.evaluation.trajectory import STD_COLUMNS, read_map_ply
 from spinfilters.data.dataset import Dataset, read_dataset
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.pose_files import read_tum
 from spinfilters.data.table_files import read_csv
 from spinfilters.data.truth import TRUTH_COLUMNS
-from spinfilters.simulation.scenario import Scenario, simulate
-from spinfilters.state.status import Verdict
+from spinfilters.errors import InputError
+from spinfilters.evaluation.trajectory import STD_COLUMNS, read_map_ply
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
 from spinfilters.pipeline.figure_entry import picture_files
 from spinfilters.pipeline.figures import FigureData, draw_run
-from spinfilters.runs.history_file import read_history, write_history
-from spinfilters.pipeline.setup import prepare
-from spinfilters.runs.run_folder import write_run
 from spinfilters.pipeline.segments import run_segments
+from spinfilters.pipeline.setup import prepare
+from spinfilters.runs.history_file import read_history, write_history
+from spinfilters.runs.run_folder import write_run
 from spinfilters.settings.run_settings import Settings, read_settings
+from spinfilters.simulation.scenario import Scenario, simulate
+from spinfilters.state.status import Verdict
 
 NAMES = ("mekf", "ukf")
 
