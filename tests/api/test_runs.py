@@ -97,7 +97,7 @@ def test_settings_may_be_an_object_a_mapping_or_a_file(gyro: spinfilters.Dataset
     [
         ({"data": 3}, "data is 3; give a path or a data set"),
         ({"data": "nowhere.csv"}, "nowhere.csv: no such file"),
-        ({"data": "mine", "segment": "all"}, "segment is 'all'; give a whole number from 0"),
+        ({"data": "mine", "segment": "every"}, "'every' is no segment; give a number, times START:END"),
         ({"segment": 2}, "segment 2 is of a recording's folder"),
         ({"estimators": ["kalman"]}, "unknown estimator 'kalman'; choose from mekf"),
         ({"estimators": []}, "none given"),
