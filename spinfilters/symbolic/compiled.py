@@ -68,6 +68,12 @@ class Compiled:
         self.build()
         return self._library is not None
 
+    @property
+    def loop(self) -> int | None:
+        """Address of the compiled loop, for other compiled code to call; None where there is none."""
+        self.build()
+        return self._library and ctypes.cast(self._library.spinfilters_loop, ctypes.c_void_p).value
+
     def build(self) -> None:
         """Make the library now, where it otherwise would be made at the first call."""
         if not self._loaded:
@@ -79,7 +85,9 @@ class Compiled:
 
     def __call__(self, *arguments: np.ndarray | float) -> tuple[np.ndarray, ...]:
         """Evaluate; returns one array per output (see the class for shapes). Use one instance per thread."""
-        if self.is_c and self._library is not None and self._bound.accept(arguments):
+        if not self._loaded:
+            self.build()
+        if self._library is not None and self._bound.accept(arguments):
             return self._bound.run(self._library, self._strides_out)
         if len(arguments) != len(self._inputs):
             raise ShapeError(f"{self.name} takes {len(self._inputs)} arguments, got {len(arguments)}")
