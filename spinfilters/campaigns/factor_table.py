@@ -98,7 +98,8 @@ def check_tables(document: Mapping[str, Any]) -> None:
             used = level == BASE or level in _levels(document).get(key, ())
             if not used:
                 raise InputError(
-                    f"level {value_text(level)} of {key} is not used; list it under [factors], or call it {BASE}"
+                    f"level {value_text(level)} of {key} is not used; list it under [factors], or call it {BASE} "
+                    f'(a name with a dot: [{key}."1.5"])'
                 )
 
 

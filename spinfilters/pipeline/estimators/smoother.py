@@ -33,7 +33,7 @@ class BatchSmoother:
 
     def smooth(self, timeline: Timeline, initial: InitialEstimate, on_epoch: OnEpoch) -> EstimateHistory:
         """From where the filter of first order passes, which goes on from the initialisation."""
-        own = replace(self.setup, timeline=timeline, start=initial)
+        own = replace(self.setup, timeline=timeline, initial=initial)
         return smooth_at_once(own, self.settings, on_epoch)
 
 
@@ -54,7 +54,9 @@ class SmootherEntry(EstimatorEntry[RecursiveSmoother]):
     def begin(self, estimator: RecursiveSmoother, setup: Setup) -> None:
         begin_after_initialisation(estimator, setup)
 
-    def final(self, estimator: RecursiveSmoother, passed: EstimateHistory, setup: Setup) -> EstimateHistory:
+    def final(
+        self, estimator: RecursiveSmoother, passed: EstimateHistory, setup: Setup
+    ) -> EstimateHistory | None:
         return smoothed_history(estimator, passed, setup)
 
     def points(
