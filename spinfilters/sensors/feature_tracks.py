@@ -1,6 +1,7 @@
 """Simulated feature tracks: which landmarks a camera sees, finds and knows again, and where."""
 
 from dataclasses import dataclass, field
+from functools import cache
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -143,12 +144,19 @@ def could_stay_in_view(
     x, y, z = path.T
     farthest = z + margin_m
     inside = (farthest > DEPTHS[0] * first_depth) & (z - margin_m < DEPTHS[1] * first_depth)
-    corner = np.array([RIG.width, RIG.height], dtype=float)
-    half_width, half_height, _ = Monocular().rays_of(corner, RIG.left.calibration)
+    half_width, half_height = _half_sizes()
     reach, nearest = radius_m - margin_m, farthest - radius_m
     inside &= np.maximum(x, RIG.baseline_m - x) + reach < half_width * nearest
     inside &= np.abs(y) + reach < half_height * nearest
     return bool(inside.all())
+
+
+@cache
+def _half_sizes() -> tuple[float, float]:
+    """Of the image of `RIG` at a depth of 1 m, m."""
+    corner = np.array([RIG.width, RIG.height], dtype=float)
+    half_width, half_height, _ = Monocular().rays_of(corner, RIG.left.calibration).tolist()
+    return half_width, half_height
 
 
 @dataclass(frozen=True)

@@ -194,13 +194,14 @@ class IteratedUpdate:
         point = self._point(y)
         m = self.rows.measurement
         rows = linear_rows(m, point)
-        back = np.swapaxes(m.model.whitening(point, m.parameters), 1, 2)
-        turn = np.swapaxes(np.linalg.solve(back, np.swapaxes(self._weighing, 1, 2)), 1, 2)
-        innovation = (turn @ rows.innovation[..., np.newaxis])[..., 0]
         moved = self.layout.reset_jacobian(self._rows @ y) @ self._rows
-        rows = replace(
-            rows, innovation=innovation, jacobian=turn @ rows.jacobian, log_noise=self.rows.log_noise
-        )
+        whitening = m.model.whitening(point, m.parameters)
+        innovation, jacobian = rows.innovation, rows.jacobian
+        if not np.array_equal(whitening, self._weighing):  # noise that depends on the state, or weights
+            back = np.swapaxes(whitening, 1, 2)
+            turn = np.swapaxes(np.linalg.solve(back, np.swapaxes(self._weighing, 1, 2)), 1, 2)
+            innovation, jacobian = (turn @ innovation[..., np.newaxis])[..., 0], turn @ jacobian
+        rows = replace(rows, innovation=innovation, jacobian=jacobian, log_noise=self.rows.log_noise)
         return square_root_update(replace(rows.predicted(moved, -(moved @ y)), state_factor=self.factor))
 
     def _point(self, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
