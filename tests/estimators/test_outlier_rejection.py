@@ -87,7 +87,7 @@ def test_sparing_weights_are_the_weights(loss: str) -> None:
     [
         ({"gate_probability": 0.0}, "gate_probability is 0.0"),
         ({"gate_probability": np.nan}, "gate_probability"),
-        ({"kernel": "tukey"}, "'tukey' is unknown"),
+        ({"loss": "tukey"}, "'tukey' is unknown"),
         ({"width": 0.0}, "width is 0.0"),
         ({"shape": 2.5}, "shape is 2.5"),
     ],

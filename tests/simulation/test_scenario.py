@@ -170,7 +170,7 @@ def test_the_truth_says_the_inertia_that_was_asked_for() -> None:
     "wrong",
     [
         {"kind": "lidar"},
-        {"frames": 1},
+        {"epochs": 1},
         {"interval": 0.0},
         {"interval": np.nan},
         {"detection": 0.0},
