@@ -10,14 +10,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from experiments.smoother_report import DOF, Motions, stacked
-from experiments.smoother_runs import MODES
 from spinfilters.evaluation.consistency import chi_square_band
 from spinfilters.plots.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY, legend_below, tidy
 from spinfilters.state.blocks import BLOCKS
 from spinfilters.state.layout import FULL_BLOCKS
 
 BLOCK_COLOURS: Final = dict(zip(FULL_BLOCKS, (BLUE, SKY, GREEN, ORANGE, PURPLE, RED), strict=True))
-MODE_COLOURS: Final = dict(zip(MODES, (BLACK, BLUE, GREEN, RED), strict=True))
 BAND: Final = "95 % band of the mean over runs"
 
 
@@ -62,28 +60,6 @@ def bound_figure(motions: Motions) -> Figure:
     panels[1, 0].set_ylabel("velocity, rms over runs [mm/s]")
     _finish(panels)
     legend_below(figure, _handles({"smoother, all frames at once": BLUE, "Cramer-Rao bound": BLACK}))
-    return figure
-
-
-def sliding_figure(motions: Motions) -> Figure:
-    """Newest estimates of every mode against the frame: error of position, and NEES."""
-    figure = Figure(figsize=(11.0, 7.0), layout="constrained")
-    panels = figure.subplots(2, len(motions), sharex=True, sharey="row", squeeze=False)
-    for (motion, runs), (errors, nees) in zip(motions.items(), panels.T, strict=True):
-        for mode, color in MODE_COLOURS.items():
-            rms = np.sqrt(np.square(stacked(runs, f"{mode}/position")).sum(axis=2).mean(axis=0))
-            errors.semilogy(1e3 * rms, color=color, linewidth=1.2)
-            values = stacked(runs, f"{mode}/nees")[:, 1:].mean(axis=0) / DOF
-            nees.plot(np.arange(1, 1 + len(values)), values, color=color, linewidth=1.2)
-        _band(nees, DOF, len(runs))
-        nees.set_ylim(0.0, 3.0)
-        errors.set_title(f"{motion} motion, {len(runs)} runs")
-        nees.set_xlabel("frame [-]")
-    panels[0, 0].set_ylabel("latest position, rms over runs [mm]")
-    panels[1, 0].set_ylabel("latest NEES / dof [-]")
-    for axes in panels.ravel():
-        tidy(axes)
-    legend_below(figure, [*_handles(MODE_COLOURS), Patch(color=GREEN, alpha=0.2, label=BAND)])
     return figure
 
 

@@ -7,33 +7,23 @@ import numpy as np
 from rich.table import Table
 
 from experiments.smoother_marginals import QUANTITIES, THESIS
-from experiments.smoother_runs import MODES, Arrays, root_mean_square
+from experiments.smoother_runs import Arrays, root_mean_square
 from spinfilters.evaluation.consistency import chi_square_band
 from spinfilters.state.blocks import BLOCKS
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 DOF: Final = StateLayout(FULL_BLOCKS).error_dim
-BOUND_RATIO, MOMENTS_RATIO, THESIS_NEES, MODE_RATIO, LINEARISATIONS = 1.10, 1.3, 22.5, 1.1, 12
-"""Bars: position and velocity over the bound; moments over it on rich motion; NEES on the thesis' motion; a mode's errors over
-those of full smoothing; linearisations from the closed form."""
-REFERENCE: Final = "full"
-DEFAULT: Final = "frozen-180"
+BOUND_RATIO, MOMENTS_RATIO, THESIS_NEES, LINEARISATIONS = 1.10, 1.3, 22.5, 12
+"""Bars: position and velocity over the bound; moments over it on rich motion; NEES on the thesis' motion; linearisations from the
+closed form."""
 AFTER_FIRST: Final = slice(1, None)
 """Frames of a batch whose NEES counts: the first one's pose is exact by definition."""
-MODE_ERRORS: Final = ("position", "velocity", "attitude", "moments")
-MODE_COLUMNS: Final = ("motion", "mode", "frames kept", *MODE_ERRORS, "NEES", "last frame", "")
 Motions = Mapping[str, list[Arrays]]
 
 
 def stacked(runs: list[Arrays], name: str) -> np.ndarray:
     """An array of every run."""
     return np.array([run[name] for run in runs])
-
-
-def second_half(runs: list[Arrays], name: str) -> np.ndarray:
-    """The frames in which the start no longer shows."""
-    arrays = stacked(runs, name)
-    return arrays[:, arrays.shape[1] // 2 :]
 
 
 def batch_table(motions: Motions) -> Table:
@@ -112,40 +102,6 @@ def thesis_table(runs: list[Arrays]) -> Table:
         cells = (THESIS[row], *(scale * each[row] for each in (ours, bound, actual)))
         table.add_row(name, unit, *("  ".join(f"{v:.3g}" for v in cell if np.isfinite(v)) for cell in cells))
     return table
-
-
-def mode_table(motions: Motions, epochs: int) -> Table:
-    """Newest estimates of every mode over the second half, relative to those that keep everything, and their NEES."""
-    count = len(next(iter(motions.values())))
-    table = _table(
-        f"Frame by frame, {epochs} frames, {count} seeds: errors relative to full smoothing", MODE_COLUMNS
-    )
-    low, high = _band(DOF, count)
-    for motion, runs in motions.items():
-        for mode in MODES:
-            ratios = mode_ratios(runs, mode)
-            nees = second_half(runs, f"{mode}/nees").mean(axis=0)
-            good = low <= nees.mean() <= high and (
-                mode != DEFAULT or max(ratios["position"], ratios["velocity"]) <= MODE_RATIO
-            )
-            kept = f"{stacked(runs, f'{mode}/window').max()}"
-            told = (f"{nees.mean():.2f}", f"{nees[-1]:.2f}")
-            table.add_row(motion, mode, kept, *(f"{r:.3f}" for r in ratios.values()), *told, _verdict(good))
-        table.add_section()
-    table.caption = (
-        f"NEES band {low:.2f} .. {high:.2f}; bar of {DEFAULT}: position, velocity <= {MODE_RATIO:g}"
-    )
-    return table
-
-
-def mode_ratios(runs: list[Arrays], mode: str) -> dict[str, float]:
-    """Errors of a mode over those of full smoothing: second half, moments at the end."""
-    ratios = {}
-    for what in ("position", "velocity", "attitude"):
-        own, full = (root_mean_square(second_half(runs, f"{each}/{what}")) for each in (mode, REFERENCE))
-        ratios[what] = own / full
-    own, full = (np.square(stacked(runs, f"{each}/moments")[:, :2]).mean() for each in (mode, REFERENCE))
-    return ratios | {"moments": float(np.sqrt(own / full))}
 
 
 def start_table(motions: Motions) -> Table:

@@ -1,4 +1,4 @@
-"""One simulated run of the smoother: all frames at once beside the Cramer-Rao bound, and frame by frame in every mode."""
+"""One simulated run of the smoother: all epochs at once from the closed form, beside the Cramer-Rao bound."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -26,14 +26,6 @@ from spinfilters.estimators.smoothing.problem.least_squares import (
 from spinfilters.estimators.smoothing.solver.annealing import GATE, AnnealedSchedule
 from spinfilters.estimators.smoothing.solver.iterations import Schedule, SolverOptions, solve
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
-from spinfilters.estimators.smoothing.window.sliding_smoother import SlidingSmoother
-from spinfilters.estimators.smoothing.window.smoother_records import SmootherOptions
-from spinfilters.estimators.smoothing.window.window_policy import (
-    FixedLag,
-    FullSmoothing,
-    LandmarkMarginalization,
-    WindowPolicy,
-)
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.evaluation.body import body_history
 from spinfilters.evaluation.consistency import normalised_square, true_states
@@ -41,22 +33,13 @@ from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
 from spinfilters.evaluation.trajectory import trajectory_of
 from spinfilters.evaluation.truth_frames import truth_in_first_frame
-from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.status import EstimatorStatus
 
 FRAMES: Final = 115
 """Of the workload disam115."""
-MODES: Final[dict[str, WindowPolicy]] = {
-    "full": FullSmoothing(),
-    "frozen-180": LandmarkMarginalization(),
-    "frozen-60": LandmarkMarginalization(epochs=60),
-    "lag-20": FixedLag(20),
-}
-SLOW: Final = {"velocity": (2e-4, 1e-4, -1e-4), "noise": ProcessNoise(force_psd=1e-8, torque_psd=1e-6)}
-"""Of a longer recording than disam115: with its drift the body would leave the view after a minute."""
-
 Arrays = dict[str, np.ndarray]
 
 
@@ -75,9 +58,8 @@ class SmootherCase:
 
     @cached_property
     def scenario(self) -> Scenario:
-        """disam115, which more frames make slow enough to stay in view."""
-        drawn = replace(Scenario.common_workload(MOTIONS[self.motion], self.seed), epochs=self.epochs)
-        return drawn if self.epochs <= FRAMES else replace(drawn, **SLOW)
+        """The common workload."""
+        return replace(Scenario.common_workload(MOTIONS[self.motion], self.seed), epochs=self.epochs)
 
 
 def run_batch(case: SmootherCase) -> Arrays:
@@ -108,15 +90,6 @@ def run_batch(case: SmootherCase) -> Arrays:
     return (
         arrays | {"finite": np.array([all(finite)])} | linear | _figures(histories["drawn"], bound, dataset)
     )
-
-
-def run_sliding(case: SmootherCase) -> Arrays:
-    """Frame by frame: arrays by ``<mode>/<what>`` of the latest frame's estimates, see `_newest`."""
-    workload, dataset = _simulated(case)
-    arrays: Arrays = {}
-    for name, mode in MODES.items():
-        arrays |= {f"{name}/{what}": array for what, array in _newest(mode, workload, dataset).items()}
-    return arrays
 
 
 def _simulated(case: SmootherCase) -> tuple[Workload, Dataset]:
@@ -203,21 +176,6 @@ def _error_figures(evaluation: Evaluation) -> Arrays:
         "attitude": evaluation.errors.attitude,
         "moments": evaluation.body_errors.principal_moments,
     }
-
-
-def _newest(mode: WindowPolicy, workload: Workload, dataset: Dataset) -> Arrays:
-    """Of what was said of each frame when it came: `_error_figures`; linearisations, window (n,) frames kept."""
-    smoother = SlidingSmoother(workload.process, workload.prior, SmootherOptions(mode), has_landmarks=True)
-    rows = GrowingHistory(workload.layout, workload.timeline[0].time)
-    counts: list[tuple[int, int]] = []
-    for frame in workload.timeline:
-        taken = smoother.add(frame)
-        rows.append(frame.time, smoother.belief, [], 0.0)
-        counts.append((taken.linearisations, len(smoother.window.epochs)))
-    history = rows.ended(str(mode), EstimatorStatus())
-    evaluation = evaluate(history, dataset.truth, Alignment.FIRST_FRAME)
-    linearisations, window = np.array(counts).T
-    return _error_figures(evaluation) | {"linearisations": linearisations, "window": window}
 
 
 def root_mean_square(errors: Float[np.ndarray, "r n 3"]) -> float:

@@ -20,7 +20,6 @@ from spinfilters.campaigns.factors import (
 from spinfilters.campaigns.study_options import StudyOptions
 from spinfilters.data.input_file import value_text
 from spinfilters.errors import InputError
-from spinfilters.pipeline.estimator_entry import estimator_names
 from spinfilters.settings.run_settings import Settings, settings_from
 from spinfilters.settings.setting_validation import validated
 
@@ -98,7 +97,8 @@ def check_tables(document: Mapping[str, Any]) -> None:
             used = level == BASE or level in _levels(document).get(key, ())
             if not used:
                 raise InputError(
-                    f"level {value_text(level)} of {key} is not used; list it under [factors], or call it {BASE}"
+                    f"level {value_text(level)} of {key} is not used; list it under [factors], or call it {BASE} "
+                    f'(a name with a dot: [{key}."1.5"])'
                 )
 
 
@@ -114,28 +114,31 @@ def _levels(document: Mapping[str, Any]) -> dict[str, list[Any]]:
             raise InputError(
                 f'unknown factor {value_text(name)}; known are {", ".join(FACTORS)}, and single keys such as "noise.pixel_std"'
             )
-        if not isinstance(levels, list) or not levels:
-            raise InputError(f"factor {value_text(name)} is {value_text(levels)}; give a list of levels")
-        if "." not in name and not all(isinstance(level, str) for level in levels):
-            raise InputError(
-                f"factor {name} has the levels {value_text(levels)}; give names, each with a table [{name}.NAME]"
-            )
-        texts = [_text(level) for level in levels]
-        odd = next(
-            (text for text in texts if not text.isprintable() or not 0 < len(text) <= LONGEST_LEVEL), None
-        )
-        if odd is not None:
-            raise InputError(
-                f"factor {name} has the level {value_text(odd)}; give one line of at most {LONGEST_LEVEL} characters"
-            )
-        if len(set(texts)) < len(texts):
-            raise InputError(
-                f"factor {value_text(name)} names a level twice in {value_text(levels)}; name each once"
-            )
+        _check_levels(name, levels)
         found[name] = levels
     ordered = {name: found.get(name, [BASE]) for name in FACTORS[:-1]}
     single = {name: levels for name, levels in found.items() if "." in name}
     return ordered | single | {"estimator": found["estimator"]}
+
+
+def _check_levels(name: str, levels: Any) -> None:
+    """A list of distinct levels: names where each has a table, values of a single key otherwise."""
+    if not isinstance(levels, list) or not levels:
+        raise InputError(f"factor {value_text(name)} is {value_text(levels)}; give a list of levels")
+    if "." not in name and not all(isinstance(level, str) for level in levels):
+        raise InputError(
+            f"factor {name} has the levels {value_text(levels)}; give names, each with a table [{name}.NAME]"
+        )
+    texts = [_text(level) for level in levels]
+    odd = next((text for text in texts if not text.isprintable() or not 0 < len(text) <= LONGEST_LEVEL), None)
+    if odd is not None:
+        raise InputError(
+            f"factor {name} has the level {value_text(odd)}; give one line of at most {LONGEST_LEVEL} characters"
+        )
+    if len(set(texts)) < len(texts):
+        raise InputError(
+            f"factor {value_text(name)} names a level twice in {value_text(levels)}; name each once"
+        )
 
 
 def _text(level: Any) -> str:
@@ -146,11 +149,6 @@ def _text(level: Any) -> str:
 def cells_of(document: Mapping[str, Any]) -> Iterator[Cell]:
     """Every combination of levels, checked. InputError: a level, key or value that is unknown or unusable; too many cells."""
     levels = _levels(document)
-    unknown = next((name for name in levels["estimator"] if name not in estimator_names()), None)
-    if unknown is not None:
-        raise InputError(
-            f"unknown estimator {value_text(unknown)}; choose from {', '.join(estimator_names())}"
-        )
     count = math.prod(len(each) for each in levels.values())
     if count > MOST_CELLS:
         raise InputError(f"the factors make {count} cells; give at most {MOST_CELLS}")

@@ -1,5 +1,6 @@
 """Factors of a study: what a recording is made of. The defaults are the common workload of 115 stereo epochs."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Final
 
@@ -16,6 +17,7 @@ from spinfilters.simulation.faults import (
     PointsAtInfinity,
     WrongAssociations,
 )
+from spinfilters.simulation.landmark_faults import FewAtFirst, NewIds
 from spinfilters.simulation.scenario import THESIS_RPM, Scenario
 
 RPM = NumberRange(-1e6, 1e6, "rpm")
@@ -120,7 +122,8 @@ class FaultFactor:
     Attributes
     ----------
     wrong_associations, outliers: shares.   dropout_s: begin and end.   frozen_epochs: first epoch and how many repeat it.
-    points_at_infinity: how many in every epoch.
+    points_at_infinity: how many in every epoch.   new_ids_s: begin and end of a time in which no landmark is known again.
+    few_at_first: share of the landmarks that are seen at first, and until when (s).
     """
 
     wrong_associations: Annotated[float, SHARE] = 0.0
@@ -128,29 +131,40 @@ class FaultFactor:
     dropout_s: tuple[Annotated[float, SECONDS], ...] = ()
     frozen_epochs: tuple[Annotated[int, COUNT], ...] = ()
     points_at_infinity: Annotated[int, COUNT] = 0
+    new_ids_s: tuple[Annotated[float, SECONDS], ...] = ()
+    few_at_first: tuple[Annotated[float, SECONDS], ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("dropout_s", "frozen_epochs"):
+        for name in ("dropout_s", "frozen_epochs", "new_ids_s", "few_at_first"):
             if len(getattr(self, name)) not in (0, 2):
                 raise InputError(
                     f"fault.{name} has {len(getattr(self, name))} numbers; give two, or [] for none"
                 )
 
+        _ = self.faults  # refuses what no recording can have
+
     @property
     def faults(self) -> list[Fault]:
         """Those that are asked for."""
-        found: list[Fault] = []
-        if self.wrong_associations:
-            found.append(WrongAssociations(self.wrong_associations))
-        if self.outliers:
-            found.append(Outliers(self.outliers))
-        if self.dropout_s:
-            found.append(Dropout(self.dropout_s[0], self.dropout_s[1]))
-        if self.frozen_epochs:
-            found.append(FrozenFrames(self.frozen_epochs[0], self.frozen_epochs[1]))
-        if self.points_at_infinity:
-            found.append(PointsAtInfinity(self.points_at_infinity))
-        return found
+        return [
+            *_made(WrongAssociations, _given(self.wrong_associations)),
+            *_made(Outliers, _given(self.outliers)),
+            *_made(Dropout, self.dropout_s),
+            *_made(FrozenFrames, self.frozen_epochs),
+            *_made(PointsAtInfinity, _given(self.points_at_infinity)),
+            *_made(NewIds, self.new_ids_s),
+            *_made(FewAtFirst, self.few_at_first),
+        ]
+
+
+def _given(value: float) -> tuple[float, ...]:
+    """A value of its own; nothing for zero."""
+    return (value,) if value else ()
+
+
+def _made(kind: Callable[..., Fault], values: tuple[float, ...]) -> list[Fault]:
+    """The fault of these values, if there are any."""
+    return [kind(*values)] if values else []
 
 
 @dataclass(frozen=True)

@@ -3,13 +3,15 @@
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.campaigns.factors import BeliefFactor
+from spinfilters.campaigns.factors import BeliefFactor, SensorFactor
 from spinfilters.data.dataset import Dataset
+from spinfilters.data.sensor_format import dataset_kinds
 from spinfilters.errors import InputError
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.evaluation.consistency import true_states
-from spinfilters.pipeline.setup import Setup, knows_frames, prepare
+from spinfilters.pipeline.setup import Setup, prepare
+from spinfilters.sensors.registry import sensor_of
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.layout import StateLayout
 
@@ -17,23 +19,23 @@ from spinfilters.state.layout import StateLayout
 def prepared_with_drawn_belief(
     dataset: Dataset, settings: Settings, belief: BeliefFactor, generator: np.random.Generator
 ) -> Setup:
-    """A data set made ready for filters that begin at its first epoch from a belief drawn around the truth.
-
-    Raises
-    ------
-    InputError: a data set whose sensors do not tell the frames of the truth, as that of unknown landmarks.
-    """
-    if not knows_frames(dataset) or dataset.truth is None:
-        raise InputError(
-            "a drawn belief needs a sensor that tells the frames of the truth; give sensor.known_map = true, or "
-            'initialisation = "data"'
-        )
+    """A data set of `require_frames` made ready for filters that begin at its first epoch from a belief drawn around the truth."""
     truth = dataset.truth
+    assert truth is not None  # what is simulated has one
 
     def initial(layout: StateLayout) -> InitialEstimate:
         return drawn_start(layout, true_states(truth, layout)[0], belief, generator)
 
     return prepare(dataset, settings, initial)
+
+
+def require_frames(sensor: SensorFactor) -> None:
+    """Refuse sensors that do not tell the frames of the truth, in which a belief is drawn, as those of unknown landmarks."""
+    if not sensor.known_map and not sensor_of(dataset_kinds()[sensor.kind].name).tells_frames:
+        raise InputError(
+            "a drawn belief needs a sensor that tells the frames of the truth; give sensor.known_map = true, or "
+            'initialisation = "data"'
+        )
 
 
 def drawn_start(

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from spinfilters.campaigns.factor_table import Cell, cells_of, check_tables, study_options
+from spinfilters.campaigns.initial_belief import require_frames
 from spinfilters.campaigns.study_options import MOST_RUNS, OPEN_KEYS, StudyOptions
 from spinfilters.data.input_file import path_text
 from spinfilters.data.settings_files import read_toml
@@ -90,6 +91,9 @@ def study_from(document: Mapping[str, Any], source: str) -> Study:
         options = study_options(document)
         check_tables(document)
         cells = tuple(cells_of(document))
+        if options.initialisation == "drawn":
+            for cell in cells:
+                require_frames(cell.recording.sensor)
         if len(cells) * options.seeds > MOST_RUNS:
             raise InputError(
                 f"{len(cells)} cells times {options.seeds} seeds are more than {MOST_RUNS} runs; give fewer"

@@ -1,7 +1,6 @@
 """The only loop over time."""
 
 from collections.abc import Callable
-from itertools import pairwise
 
 import numpy as np
 
@@ -9,7 +8,7 @@ from spinfilters.data.input_file import reason
 from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.estimator import Estimator, UpdateReport
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
-from spinfilters.estimators.timeline import Epoch, Timeline
+from spinfilters.estimators.timeline import Epoch, Timeline, times_of
 from spinfilters.models.rotation_integrator import IntegrationError
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.status import EstimatorStatus
@@ -107,10 +106,11 @@ def _check(time: float, timeline: Timeline, rows: GrowingHistory) -> None:
         raise InputError(NO_EPOCH_LEFT)
     if rows.time != time:
         raise InputError(f"the epochs done before end at {rows.time} s; go on from there, not from {time} s")
-    if timeline and not timeline[0].time >= time:
-        raise InputError(f"the first epoch, t = {timeline[0].time} s, lies before the belief, t = {time} s")
-    for before, after in pairwise(timeline):
-        if not after.time > before.time:
-            raise InputError(
-                f"time goes from {before.time} s to {after.time} s; epochs must be in the order of time"
-            )
+    times = times_of(timeline)
+    if len(times) and not times[0] >= time:
+        raise InputError(f"the first epoch, t = {times[0]} s, lies before the belief, t = {time} s")
+    bad = np.flatnonzero(~(times[1:] > times[:-1]))
+    if bad.size:
+        raise InputError(
+            f"time goes from {times[bad[0]]} s to {times[bad[0] + 1]} s; epochs must be in the order of time"
+        )

@@ -80,7 +80,15 @@ class LogTimeline(Sequence[Epoch]):
 
 def times_of(epochs: Timeline) -> Float[np.ndarray, " k"]:
     """Times of epochs, s."""
+    if isinstance(epochs, LogTimeline):  # without making any epoch
+        return epochs.time
     return np.fromiter((epoch.time for epoch in epochs), float, len(epochs))
+
+
+def distinct(time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
+    """Distinct times in their order; they are sorted where need be alone, as one stream's are not."""
+    step = np.diff(time)
+    return time[np.r_[True, step > 0]] if len(time) and (step >= 0).all() else np.unique(time)
 
 
 def build_timeline(
@@ -95,7 +103,7 @@ def build_timeline(
     InputError: rows of a camera without a view, or a log without any usable measurement.
     """
     bound = [sensor_of(stream.sensor).bind(stream, layout, noise, view) for stream in log.streams]
-    time = np.unique(np.concatenate([each.time for each in bound]))
+    time = distinct(np.concatenate([each.time for each in bound]))
     if not len(time):
         raise InputError(
             "the log holds no usable measurement; check that landmark ids of the tracks and of the map agree"

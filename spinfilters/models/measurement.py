@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 
 from spinfilters.attitude.expressions import Expression
 from spinfilters.state.layout import StateLayout
-from spinfilters.symbolic import Compiled, building
+from spinfilters.symbolic import Compiled, Vectorised, building
 
 
 class Linearisation(NamedTuple):
@@ -117,9 +117,11 @@ class MeasurementModel(ABC):
         measured: Float[np.ndarray, "k v"],
     ) -> Linearisation:
         """Innovations and their derivatives at a point (m,), or each value's at a point of its own (k, m)."""
-        innovation, jacobian, valid, log_noise = self._linearise(x, parameters, measured)
+        points = x if x.ndim == 2 else x[np.newaxis]
+        made = self.linearisation(points, parameters, measured, rows=(None, None, None))
+        innovation, jacobian, valid, log_noise = made
         jacobian = jacobian.reshape(*innovation.shape, len(self.columns))
-        return Linearisation(innovation, jacobian, valid[..., 0] > 0, log_noise[..., 0])
+        return Linearisation(innovation, jacobian, valid[:, 0] > 0, log_noise[:, 0])
 
     @cached_property
     def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -182,7 +184,12 @@ class MeasurementModel(ABC):
 
     @cached_property
     @building()
-    def _linearise(self) -> Compiled:
+    def linearisation(self) -> Vectorised:
+        """What `linearise` gives of a point, a value's parameters and the value, for many values side by side.
+
+        Outputs: whitened innovation, its Jacobian row by row, what is positive where the model applies, log determinant of the
+        noise factor.
+        """
         x, p, z = self._symbols
         d = ca.SX.sym("d", self.layout.error_dim)
         state = self.layout.unpack(x)
@@ -198,7 +205,7 @@ class MeasurementModel(ABC):
             self.valid(state, p),
             log_noise,
         ]
-        return self._function("linearise", [x, p, z], outputs)
+        return Vectorised(ca.Function(f"{self.name}_linearise", [x, p, z], outputs))
 
 
 def _log_determinant(factor: ca.SX) -> ca.SX:

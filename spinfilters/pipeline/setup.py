@@ -16,7 +16,7 @@ from spinfilters.estimators.initialisation.initial_estimate import InitialEstima
 from spinfilters.estimators.initialisation.initialiser import initialise
 from spinfilters.estimators.initialisation.options import InitialisationOptions
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
-from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
+from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline, times_of
 from spinfilters.geometry.camera_trajectory import CameraTrajectory
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.pipeline.gyro_noise import FIRST_SCALE, GyroNoise, identify_gyro_noise
@@ -73,10 +73,14 @@ class Setup:
     @property
     def observations(self) -> Int[np.ndarray, " n"]:
         """How many rows of the log each epoch has, those of landmarks that a known map lacks among them."""
-        stamps, counts = np.unique(
-            np.concatenate([stream.time for stream in self.dataset.log.streams]), return_counts=True
-        )
-        return counts[np.searchsorted(stamps, [epoch.time for epoch in self.timeline])]
+        times = times_of(self.timeline)
+        counts = np.zeros(len(times), dtype=np.int64)
+        for stream in self.dataset.log.streams:
+            offsets = stream.epoch_offsets
+            stamps, rows = stream.time[offsets[:-1]], np.diff(offsets)
+            at = np.minimum(np.searchsorted(stamps, times), len(stamps) - 1)
+            counts += np.where(stamps[at] == times, rows[at], 0)
+        return counts
 
     @property
     def known_frames(self) -> bool:

@@ -1,6 +1,7 @@
 """Simulated feature tracks: which landmarks a camera sees, finds and knows again, and where."""
 
 from dataclasses import dataclass, field
+from functools import cache
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -10,13 +11,11 @@ from spinfilters.data.camera import Rig, StereoRig
 from spinfilters.errors import InputError
 from spinfilters.geometry.cameras import Monocular
 from spinfilters.models.measurement import MeasurementModel
+from spinfilters.sensors.visibility import Surface, facing
 from spinfilters.state.layout import StateLayout
 
 RIG = StereoRig(fx=466.7, fy=466.7, cx=320.0, cy=240.0, width=640, height=480, baseline_m=0.09)
 """The Goggles' cameras (Tweddle 2013, Tables 5.1 and 5.4)."""
-
-NEAREST_M = 0.05
-"""Depth in m below which nothing is in focus."""
 
 DEPTHS = (0.65, 1.5)
 """Smallest and largest depth, over the first one, of a body that stays in view."""
@@ -125,13 +124,6 @@ class FrontEnd:
             )
 
 
-class Surface(NamedTuple):
-    """Landmarks (k, 3) m and their outward unit normals (k, 3), frame g."""
-
-    points: Float[np.ndarray, "k 3"]
-    normals: Float[np.ndarray, "k 3"]
-
-
 def ball(count: int, radius_m: float, generator: np.random.Generator) -> Surface:
     """Landmarks on a slightly dented ball about the origin of g."""
     normals = generator.standard_normal((count, 3))
@@ -152,12 +144,19 @@ def could_stay_in_view(
     x, y, z = path.T
     farthest = z + margin_m
     inside = (farthest > DEPTHS[0] * first_depth) & (z - margin_m < DEPTHS[1] * first_depth)
-    corner = np.array([RIG.width, RIG.height], dtype=float)
-    half_width, half_height, _ = Monocular().rays_of(corner, RIG.left.calibration)
+    half_width, half_height = _half_sizes()
     reach, nearest = radius_m - margin_m, farthest - radius_m
     inside &= np.maximum(x, RIG.baseline_m - x) + reach < half_width * nearest
     inside &= np.abs(y) + reach < half_height * nearest
     return bool(inside.all())
+
+
+@cache
+def _half_sizes() -> tuple[float, float]:
+    """Of the image of `RIG` at a depth of 1 m, m."""
+    corner = np.array([RIG.width, RIG.height], dtype=float)
+    half_width, half_height, _ = Monocular().rays_of(corner, RIG.left.calibration).tolist()
+    return half_width, half_height
 
 
 @dataclass(frozen=True)
@@ -204,51 +203,29 @@ def feature_tracks(
     ------
     InputError: when no landmark is ever found.
     """
-    visible = _facing(front_end.facing_cosine, surface, motion)
+    visible = facing(front_end.facing_cosine, surface, motion.rotations, motion.block("t"))
     if not _all_in_view(camera, surface, motion):
         for row, x in zip(visible, motion.states, strict=True):
             rows = np.flatnonzero(row)
             row[rows] = camera.sees(camera.model.predict(x, camera.parameters[rows]))
     known = front_end.recognition.known(visible, generator)
-    epochs, ids, values = [], [], []
-    for index, x in enumerate(motion.states):
-        found = np.flatnonzero(known[index] & (generator.random(len(surface.points)) < front_end.detection))
-        exact = camera.model.predict(x, camera.parameters[found])
-        epochs.append(np.full(found.size, index))
+    drawn, ids, noise = np.empty(len(surface.points)), [], []
+    for row in known:
+        found = (row & (generator.random(out=drawn) < front_end.detection)).nonzero()[0]
         ids.append(found)
-        values.append(exact + front_end.pixel_std * generator.standard_normal(exact.shape))
-    found, kept = _often_enough(np.concatenate(ids), len(surface.points), front_end.fewest_observations)
-    if not found.any():
+        noise.append(generator.standard_normal((found.size, camera.model.value_dim)))
+    every, epochs = np.concatenate(ids), np.repeat(np.arange(len(ids)), [len(found) for found in ids])
+    enough = np.bincount(every, minlength=len(drawn)) >= front_end.fewest_observations
+    rows = enough[every].nonzero()[0]
+    if not rows.size:
         raise InputError(
             "no landmark is ever visible; move the body into the camera's view (range_m, velocity)"
         )
-    time = motion.time[np.concatenate(epochs)][found]
-    numbers = np.searchsorted(kept, np.concatenate(ids)[found])
-    return FeatureTracks(time, numbers, np.concatenate(values)[found], kept)
-
-
-def _often_enough(
-    ids: np.ndarray, count: int, fewest: int
-) -> tuple[Bool[np.ndarray, " n"], Int[np.ndarray, " m"]]:
-    """Rows of landmarks that are seen often enough, and these landmarks."""
-    enough = np.bincount(ids, minlength=count) >= fewest
-    return enough[ids], np.flatnonzero(enough)
-
-
-def _facing(facing_cosine: float, surface: Surface, motion: TrueMotion) -> Bool[np.ndarray, "n k"]:
-    """Which landmarks face the camera from beyond `NEAREST_M`."""
-    rotations, origins = motion.rotations, motion.block("t")
-    camera = -np.einsum("nji,nj->ni", rotations, origins)  # its place in g
-    points, normals = surface
-    heights, squares = np.einsum("ki,ki->k", normals, points), np.square(points).sum(axis=1)
-    found = np.empty((len(origins), len(points)), dtype=bool)
-    for row, R, t, c in zip(
-        found, rotations, origins, camera, strict=True
-    ):  # epoch by epoch all of it stays in the cache
-        distance = np.sqrt(points @ (-2.0 * c) + squares + c @ c)
-        np.greater(normals @ c - heights, facing_cosine * distance, out=row)
-        row &= points @ R[2] > NEAREST_M - t[2]
-    return found
+    landmarks, epochs = every[rows], epochs[rows]
+    values = camera.model.predict(motion.states[epochs], camera.parameters[landmarks])
+    values += front_end.pixel_std * np.concatenate(noise)[rows]
+    numbers = np.cumsum(enough) - 1
+    return FeatureTracks(motion.time[epochs], numbers[landmarks], values, enough.nonzero()[0])
 
 
 def _all_in_view(camera: TrackCamera, surface: Surface, motion: TrueMotion) -> bool:

@@ -107,7 +107,7 @@ class MonocularSensor(Sensor):
     def simulate(self, scene: Scene) -> SimulatedStream:
         surface, motion, std = scene.surface, scene.seen, scene.front_end.pixel_std
         parameters = monocular_parameters(surface.points, CAMERA.calibration, std)
-        camera = TrackCamera(MonocularLandmark(motion.layout), parameters, CAMERA)
+        camera = TrackCamera(model_over(MonocularLandmark, motion.layout), parameters, CAMERA)
         time, ids, values, landmarks = feature_tracks(
             camera, scene.front_end, surface, motion, scene.generator
         )

@@ -9,7 +9,8 @@ from jaxtyping import Float, Int
 
 from spinfilters.data.camera import Rig
 from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.sensors.feature_tracks import FrontEnd, Surface, TrueMotion
+from spinfilters.sensors.feature_tracks import FrontEnd, TrueMotion
+from spinfilters.sensors.visibility import Surface
 
 
 class SceneNoise(Protocol):

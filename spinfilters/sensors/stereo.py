@@ -19,7 +19,6 @@ from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_pa
 from spinfilters.sensors.feature_tracks import (
     RIG,
     FrontEnd,
-    Surface,
     TrackCamera,
     TrueMotion,
     feature_tracks,
@@ -35,6 +34,7 @@ from spinfilters.sensors.sensor import (
     noise_level,
 )
 from spinfilters.sensors.track_rows import CALIBRATION, PIXEL_STD, mapped_rows, posed_samples, required_view
+from spinfilters.sensors.visibility import Surface
 from spinfilters.state.layout import StateLayout
 from spinfilters.tracks.map_building import poses_without_map
 from spinfilters.tracks.track_poses import poses_with_map
@@ -74,7 +74,7 @@ class StereoSensor(Sensor):
     ) -> BoundStream:
         """Rows whose landmark is not in a known map are left out."""
         view, level = required_view(self.name, view), noise_level(stream, noise.pixel_std)
-        known, points, ids = np.ones(len(stream), dtype=bool), np.zeros((len(stream), 3)), stream.ids
+        known, points, ids = slice(None), np.zeros((len(stream), 3)), stream.ids
         if view.known_map is not None:
             (known, points), ids = mapped_rows(stream, view.known_map), None
         time, poses = stream.time[known], view.camera_poses(stream.time[known])
@@ -132,7 +132,7 @@ def stereo_tracks(
     InputError: when no landmark is ever found.
     """
     parameters = stereo_parameters(surface.points, RIG.calibration, front_end.pixel_std)
-    camera = TrackCamera(StereoLandmark(motion.layout), parameters, RIG, horizontal=(0, 2))
+    camera = TrackCamera(model_over(StereoLandmark, motion.layout), parameters, RIG, horizontal=(0, 2))
     time, ids, values, landmarks = feature_tracks(camera, front_end, surface, motion, generator)
     return MeasurementStream("stereo", time, values, ids), landmarks
 

@@ -28,12 +28,14 @@ def required_view(sensor: str, view: CameraView | None) -> CameraView:
 
 def mapped_rows(
     stream: MeasurementStream, known_map: KnownMap
-) -> tuple[Bool[np.ndarray, " n"], Float[np.ndarray, "k 3"]]:
-    """Which rows see a landmark of the map, and the points of these."""
+) -> tuple[slice | Bool[np.ndarray, " n"], Float[np.ndarray, "k 3"]]:
+    """Which rows see a landmark of the map, a slice where all do, and the points of these."""
     assert stream.ids is not None  # a stream of landmarks always has them
-    row = np.clip(np.searchsorted(known_map.ids, stream.ids), 0, len(known_map.ids) - 1)
-    known = known_map.ids[row] == stream.ids
-    return known, known_map.points[row[known]]
+    ids, last = known_map.ids, len(known_map.ids) - 1
+    numbered = ids[0] == 0 and ids[-1] == last  # from 0 on: an id is its row
+    row = np.clip(stream.ids if numbered else np.searchsorted(ids, stream.ids), 0, last)
+    known = ids[row] == stream.ids
+    return (slice(None), known_map.points[row]) if known.all() else (known, known_map.points[row[known]])
 
 
 def posed_samples(

@@ -39,14 +39,14 @@ class WrongAssociations(Fault):
         _require_fraction(self.fraction)
 
     def apply(self, dataset: Dataset, generator: np.random.Generator) -> Dataset:
-        stream = _tracks(dataset)
+        stream = landmark_stream(dataset)
         ids = _ids(stream).copy()
         for rows in _epoch_rows(stream):
             count = round(self.fraction * len(rows))
             if count > 1:
                 chosen = generator.choice(rows, count, replace=False)
                 ids[chosen] = ids[np.roll(chosen, 1)]
-        return _with_stream(dataset, replace(stream, ids=ids))
+        return with_stream(dataset, replace(stream, ids=ids))
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Outliers(Fault):
         values = stream.values.copy()
         rows = generator.choice(len(values), round(self.fraction * len(values)), replace=False)
         values[rows] = sensor_of(stream.sensor).outliers(len(rows), dataset.rig, generator)
-        return _with_stream(dataset, replace(stream, values=values))
+        return with_stream(dataset, replace(stream, values=values))
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Dropout(Fault):
                 raise InputError(
                     f"a dropout from {self.start} s to {self.end} s leaves no {stream.sensor} measurement; shorten it"
                 )
-            left.append(_rows(stream, kept))
+            left.append(stream_rows(stream, kept))
         return replace(dataset, log=MeasurementLog(tuple(left)))
 
 
@@ -106,10 +106,10 @@ class FrozenFrames(Fault):
                 f"epochs {self.frame} to {last} are not all among the {len(epochs)} of the {stream.sensor} measurements"
             )
         shown = [self.frame if self.frame <= k <= last else k for k in range(len(epochs))]
-        repeated = _rows(
+        repeated = stream_rows(
             stream, np.concatenate([epochs[k] for k in shown]), times.repeat([len(epochs[k]) for k in shown])
         )
-        return _with_stream(dataset, repeated)
+        return with_stream(dataset, repeated)
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ class PointsAtInfinity(Fault):
             )
 
     def apply(self, dataset: Dataset, generator: np.random.Generator) -> Dataset:
-        stream = _tracks(dataset)
+        stream = landmark_stream(dataset)
         sensor, times = sensor_of(stream.sensor), stream.epoch_times
         exact = np.tile(sensor.points_at_infinity(self.count, dataset.rig, generator), (len(times), 1))
         far = MeasurementStream(
@@ -139,10 +139,10 @@ class PointsAtInfinity(Fault):
             np.tile(_ids(stream).max() + 1 + np.arange(self.count), len(times)),
             np.tile(self.pixel_std**2 * np.eye(exact.shape[1]), (len(exact), 1, 1)),
         )
-        return _with_stream(dataset, _merged(stream, far))
+        return with_stream(dataset, _merged(stream, far))
 
 
-def _tracks(dataset: Dataset) -> MeasurementStream:
+def landmark_stream(dataset: Dataset) -> MeasurementStream:
     """The stream of landmarks. InputError where there is none."""
     for stream in dataset.log.streams:
         if sensor_format(stream.sensor).has_landmarks:
@@ -164,7 +164,7 @@ def _merged(stream: MeasurementStream, more: MeasurementStream) -> MeasurementSt
     return MeasurementStream(stream.sensor, time[order], values, ids, covariance)
 
 
-def _rows(
+def stream_rows(
     stream: MeasurementStream, rows: Int[np.ndarray, " k"], time: Float[np.ndarray, " k"] | None = None
 ) -> MeasurementStream:
     """These rows, under their own stamps or others."""
@@ -180,7 +180,7 @@ def _epoch_rows(stream: MeasurementStream) -> list[Int[np.ndarray, " k"]]:
     return np.split(np.arange(len(stream)), stream.epoch_offsets[1:-1])
 
 
-def _with_stream(dataset: Dataset, stream: MeasurementStream) -> Dataset:
+def with_stream(dataset: Dataset, stream: MeasurementStream) -> Dataset:
     """The data set with another stream of that sensor."""
     streams = [stream if old.sensor == stream.sensor else old for old in dataset.log.streams]
     return replace(dataset, log=MeasurementLog(tuple(streams)))

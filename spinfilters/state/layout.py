@@ -178,6 +178,16 @@ class StateLayout:
     def _reset(self) -> Compiled:
         return _reset_function(self)
 
+    @property
+    def retraction(self) -> Compiled:
+        """`retract` as a compiled function, for other compiled code to call."""
+        return self._retract
+
+    @property
+    def resetting(self) -> Compiled:
+        """`reset_jacobian` as a compiled function."""
+        return self._reset
+
     def origin(self) -> Float[np.ndarray, " m"]:
         """The point with identity attitude and zeros elsewhere."""
         return np.array([number for block in self.members for number in block.origin])

@@ -8,6 +8,7 @@ import platform
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
@@ -86,6 +87,20 @@ def load_text(name: str, text: str, flags: tuple[str, ...]) -> ctypes.PyDLL | No
             reason(error),
         )
         return None
+
+
+_TYPES = {"i": ctypes.c_longlong, "d": ctypes.c_double, "p": ctypes.c_void_p}
+
+
+def with_signatures(
+    library: ctypes.PyDLL | None, signatures: Mapping[str, tuple[str, type | None]]
+) -> ctypes.PyDLL | None:
+    """A library whose functions know their arguments, integers i, numbers d and addresses p, and what they return."""
+    if library is not None:
+        for name, (arguments, result) in signatures.items():
+            function = getattr(library, name)
+            function.argtypes, function.restype = [_TYPES[letter] for letter in arguments], result
+    return library
 
 
 def reason(error: OSError | subprocess.SubprocessError) -> str:

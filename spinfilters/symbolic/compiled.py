@@ -44,7 +44,7 @@ class Compiled:
         self._outputs = [self._function.size_out(k) for k in range(self._function.n_out())]
         self._library: ctypes.PyDLL | None = None
         self._loaded = False
-        self._virtual_machines: dict[int, ca.Function] = {}
+        self._virtual_machines: dict[int, tuple[Any, Callable[[], None]]] = {}
         self._widths = [rows if cols == 1 else 0 for _, (rows, cols) in self._inputs]
         self._pointers_in = ctypes.c_void_p * len(self._inputs)
         self._pointers_out = ctypes.c_void_p * len(self._outputs)
@@ -68,6 +68,12 @@ class Compiled:
         self.build()
         return self._library is not None
 
+    @property
+    def loop(self) -> int | None:
+        """Address of the compiled loop, for other compiled code to call; None where there is none."""
+        self.build()
+        return self._library and ctypes.cast(self._library.spinfilters_loop, ctypes.c_void_p).value
+
     def build(self) -> None:
         """Make the library now, where it otherwise would be made at the first call."""
         if not self._loaded:
@@ -79,7 +85,9 @@ class Compiled:
 
     def __call__(self, *arguments: np.ndarray | float) -> tuple[np.ndarray, ...]:
         """Evaluate; returns one array per output (see the class for shapes). Use one instance per thread."""
-        if self.is_c and self._library is not None and self._bound.accept(arguments):
+        if not self._loaded:
+            self.build()
+        if self._library is not None and self._bound.accept(arguments):
             return self._bound.run(self._library, self._strides_out)
         if len(arguments) != len(self._inputs):
             raise ShapeError(f"{self.name} takes {len(self._inputs)} arguments, got {len(arguments)}")
@@ -115,7 +123,7 @@ class Compiled:
             if flag:
                 raise MemoryError(f"{self.name}: no memory for its work arrays")
             return
-        buffer, evaluate = self._virtual_machine(count).buffer()
+        buffer, evaluate = self._virtual_machine(count)
         full = [_repeated(a, count, stride) for a, stride in zip(arrays, strides, strict=True)]
         for k, array in enumerate(full):
             buffer.set_arg(k, array.data)  # pyright: ignore[reportCallIssue]
@@ -123,13 +131,13 @@ class Compiled:
             buffer.set_res(k, result.data)  # pyright: ignore[reportCallIssue]
         evaluate()
 
-    def _virtual_machine(self, count: int) -> ca.Function:
-        if count == 1:
-            return self._function
+    def _virtual_machine(self, count: int) -> tuple[Any, Callable[[], None]]:
+        """Buffers of so many items, and what evaluates them."""
         if count not in self._virtual_machines:
             if len(self._virtual_machines) > 64:
                 self._virtual_machines.clear()
-            self._virtual_machines[count] = self._function.map(count)
+            function = self._function if count == 1 else self._function.map(count)
+            self._virtual_machines[count] = function.buffer()
         return self._virtual_machines[count]
 
     def _column_major(self, index: int, argument: np.ndarray | float) -> np.ndarray:

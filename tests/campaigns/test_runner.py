@@ -76,10 +76,10 @@ def test_a_drawn_belief_has_the_error_of_its_own_covariance() -> None:
 
 def test_a_run_that_is_refused_says_why() -> None:
     document = copy.deepcopy(GYRO)
-    document["study"] |= {"initialisation": "drawn"}
+    document["factors"]["estimator"] = ["smoother-latest"]
     row = Runner(study_from(document, "study")).row(0)
     assert row["outcome"] == "refused"
-    assert "known_map" in row["reason"]
+    assert "choose smoother" in row["reason"]
 
 
 def test_an_unexpected_error_is_a_row(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -75,6 +75,9 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"settings": {"base": {"estimators": ["ukf"]}}}, "leave it out"),
     ({"fault": {"base": {"wrong_associations": 1.5}}}, "wrong_associations is 1.5"),
     ({"fault": {"base": {"dropout_s": [1.0]}}}, "dropout_s"),
+    ({"fault": {"base": {"few_at_first": [2.0, 9.0]}}}, "fraction 2.0"),
+    ({"study": {"name": "x", "seeds": 1, "initialisation": "drawn"}}, "sensor.known_map = true"),
+    ({"motion": {"pixels-1": {"5": {}}, "rich": {}, "short": {}}}, '[motion."1.5"]'),
 ]
 
 

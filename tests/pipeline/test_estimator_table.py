@@ -37,7 +37,7 @@ def distribution(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Pa
 
 def test_the_table_has_ours_before_the_baselines_and_the_defaults_among_them() -> None:
     ours, baselines = ("mekf", "ukf", "smoother"), ("filterpy-ekf", "filterpy-ukf")
-    assert estimator_names() == (*ours, *baselines, "embedded", "embedded-double")
+    assert estimator_names() == (*ours, *baselines, "embedded", "embedded-double", "smoother-latest")
     assert tuple(n for n, entry in estimator_entries().items() if entry.is_default) == DEFAULT_ESTIMATORS
 
 

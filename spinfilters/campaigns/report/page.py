@@ -196,7 +196,7 @@ def _percent(value: float) -> str:
 
 
 def _number(value: float) -> str:
-    return f"{value:.3g}" if np.isfinite(value) else "-"
+    return f"{value:#.3g}".rstrip(".") if np.isfinite(value) else "-"
 
 
 def _cut(cells: Sequence[CellSummary]) -> str:

@@ -39,7 +39,7 @@ class LinearRows:
         """What unit deviations of the state, error = factor @ y, do to the chosen values."""
         return self.jacobian[chosen] @ factor[self.columns]
 
-    def only(self, keep: Bool[np.ndarray, " k"]) -> "LinearRows":
+    def only(self, keep: slice | Bool[np.ndarray, " k"]) -> "LinearRows":
         """The chosen rows."""
         m = self.measurement
         return LinearRows(

@@ -8,9 +8,14 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.estimators.estimator import Measurement, ProcessModel
+from spinfilters.estimators.filters.compiled_update import Update, compiled_update
 from spinfilters.estimators.filters.iterated_update import IterationOptions, agrees, iterate
 from spinfilters.estimators.filters.linear_prediction import LinearRows, linear_rows
-from spinfilters.estimators.filters.multiplicative_filter import Corrected, MultiplicativeFilter, propagated
+from spinfilters.estimators.filters.multiplicative_filter import (
+    MultiplicativeFilter,
+    propagated,
+    reset_factor,
+)
 from spinfilters.estimators.filters.noise_adaptation import AdaptationOptions, PredictedMotion
 from spinfilters.estimators.filters.square_root_update import Correction, square_root_update
 from spinfilters.estimators.landmarks.iterated_observations import IteratedObservations
@@ -51,12 +56,26 @@ class MultiplicativeEkf(MultiplicativeFilter):
     def _moved(self, dt: float) -> PredictedMotion:
         mean, transition, noise = self.process.linearise(self._mean, dt)
         noise = self._adaptation.scaled(noise)
-        factor = propagated(self._factor, transition @ self._factor[: self._n], noise)
+        factor = propagated(self._factor, transition, noise)
         return PredictedMotion(mean, factor, transition, noise)
 
     def _corrected(
         self, measurement: Measurement, guard: SensorOutlierRejection, scale: float
-    ) -> Corrected | None:
+    ) -> Update | None:
+        compiled = compiled_update(measurement.model)
+        if compiled is not None:
+            limit = guard.limit(measurement.model.dim)
+            found = compiled(self._mean, self._factor, measurement, scale, limit)
+            if found is not None and self._has_proved_right(found, measurement, scale):
+                count = len(measurement.values)
+                guard.count(count, count - found.correction.dof // measurement.model.dim)
+                return found
+        return self._weighed(measurement, guard, scale)
+
+    def _weighed(
+        self, measurement: Measurement, guard: SensorOutlierRejection, scale: float
+    ) -> Update | None:
+        """The update by valid values with the weights that the guard gives them, iterated where it is far from linear."""
         rows = linear_rows(measurement, self._mean)
         if rows.dof and scale != 1:
             rows = rows.weighted(np.full(len(rows.innovation), 1 / scale))
@@ -66,8 +85,8 @@ class MultiplicativeEkf(MultiplicativeFilter):
             return None
         correction = square_root_update(weighted.predicted(self._factor))
         mean = self.layout.retract(self._mean, correction.error[: self._n])
-        if self._is_good(weighted, mean, correction):
-            return Corrected(mean, correction)
+        if self._is_small(correction) or self._agrees(_sampled(weighted), mean, correction):
+            return Update(mean, correction, reset_factor(self.layout, correction.error, correction.factor))
         return IteratedUpdate(self.layout, self._mean, self._factor, weighted).solved(
             correction, self._iteration
         )
@@ -84,21 +103,46 @@ class MultiplicativeEkf(MultiplicativeFilter):
         length = math.sqrt(correction.shift @ correction.shift)
         return length * _curvature(self.layout, self._mean, correction.error) <= self._iteration.tolerance
 
-    def _is_good(self, rows: LinearRows, mean: Float[np.ndarray, " m"], correction: Correction) -> bool:
-        """Whether an iterated linearisation is accurate enough or not wanted."""
-        if self._iteration.iterations == 1 or self._is_small(correction):
+    def _has_proved_right(self, found: Update, measurement: Measurement, scale: float) -> bool:
+        """Whether an update by the values of a measurement needs no other; where the gate refused one, that is looked at anew."""
+        if self._is_small(found.correction):
             return True
-        spacing = -(-len(rows.innovation) // SAMPLE)
-        chosen = slice(None, None, spacing)
-        expected = rows.innovation[chosen] - rows.jacobian[chosen] @ correction.error[rows.columns]
+        model, chosen = measurement.model, _sample(len(measurement.values))
+        if found.correction.dof < model.dim * len(measurement.values):
+            return False
+        values = Measurement(model, measurement.values[chosen], measurement.parameters[chosen])
+        rows = linear_rows(values, self._mean)
+        if scale != 1:
+            rows = rows.weighted(np.full(len(rows.innovation), 1 / scale))
+        return self._agrees((rows, float(chosen.step)), found.mean, found.correction)
+
+    def _agrees(
+        self, sample: tuple[LinearRows, float], mean: Float[np.ndarray, " m"], correction: Correction
+    ) -> bool:
+        """Whether a sample of linear rows, each for so many, has proved right, or no other update is wanted."""
+        if self._iteration.iterations == 1:
+            return True
+        rows, spacing = sample
+        expected = rows.innovation - rows.jacobian @ correction.error[rows.columns]
         m = rows.measurement
-        found = m.model.linearise(mean, m.parameters[chosen], m.values[chosen])
+        found = m.model.linearise(mean, m.parameters, m.values)
         residual = found.innovation
         if rows.root_weights is not None:
-            residual = residual * rows.root_weights[chosen, np.newaxis]
+            residual = residual * rows.root_weights[:, np.newaxis]
         root = np.sqrt(spacing)
         good = agrees(root * residual.reshape(-1), root * expected.reshape(-1), self._iteration)
         return good and bool(found.valid.all())
+
+
+def _sample(count: int) -> slice:
+    """Rows, spread over so many, at which a linear model is checked."""
+    return slice(None, None, -(-count // SAMPLE))
+
+
+def _sampled(rows: LinearRows) -> tuple[LinearRows, float]:
+    """Rows at which their linear model is checked, and for how many each stands."""
+    chosen = _sample(len(rows.innovation))
+    return rows.only(chosen), float(chosen.step)
 
 
 def _curvature(layout: StateLayout, mean: Float[np.ndarray, " m"], error: Float[np.ndarray, " n"]) -> float:
@@ -131,11 +175,12 @@ class IteratedUpdate:
     factor: Float[np.ndarray, "n n"]
     rows: LinearRows
 
-    def solved(self, first: Correction, options: IterationOptions) -> Corrected:
+    def solved(self, first: Correction, options: IterationOptions) -> Update:
         """The most probable point, from the correction about the mean."""
         y, correction = iterate(first, self.solution, self.objective, options)
         correction = replace(correction, error=self.factor @ y)
-        return Corrected(self._point(y), correction)
+        factor = reset_factor(self.layout, correction.error, correction.factor)
+        return Update(self._point(y), correction, factor)
 
     def objective(self, y: Float[np.ndarray, " n"]) -> float:
         """|y|^2 + |r|^2, infinite where a value is impossible."""
@@ -151,13 +196,14 @@ class IteratedUpdate:
         point = self._point(y)
         m = self.rows.measurement
         rows = linear_rows(m, point)
-        back = np.swapaxes(m.model.whitening(point, m.parameters), 1, 2)
-        turn = np.swapaxes(np.linalg.solve(back, np.swapaxes(self._weighing, 1, 2)), 1, 2)
-        innovation = (turn @ rows.innovation[..., np.newaxis])[..., 0]
         moved = self.layout.reset_jacobian(self._rows @ y) @ self._rows
-        rows = replace(
-            rows, innovation=innovation, jacobian=turn @ rows.jacobian, log_noise=self.rows.log_noise
-        )
+        whitening = m.model.whitening(point, m.parameters)
+        innovation, jacobian = rows.innovation, rows.jacobian
+        if not np.array_equal(whitening, self._weighing):  # noise that depends on the state, or weights
+            back = np.swapaxes(whitening, 1, 2)
+            turn = np.swapaxes(np.linalg.solve(back, np.swapaxes(self._weighing, 1, 2)), 1, 2)
+            innovation, jacobian = (turn @ innovation[..., np.newaxis])[..., 0], turn @ jacobian
+        rows = replace(rows, innovation=innovation, jacobian=jacobian, log_noise=self.rows.log_noise)
         return square_root_update(replace(rows.predicted(moved, -(moved @ y)), state_factor=self.factor))
 
     def _point(self, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:

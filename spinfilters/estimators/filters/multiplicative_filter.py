@@ -4,7 +4,6 @@ They differ in how they predict a measurement and propagate a belief.
 """
 
 from abc import abstractmethod
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -19,12 +18,13 @@ from spinfilters.estimators.estimator import (
     Snapshot,
     UpdateReport,
 )
+from spinfilters.estimators.filters.compiled_update import MOST_NOISE, Update, compiled_propagation
 from spinfilters.estimators.filters.noise_adaptation import (
     AdaptationOptions,
     NoiseAdaptation,
     PredictedMotion,
 )
-from spinfilters.estimators.filters.square_root_update import Correction, triangular_factor
+from spinfilters.estimators.filters.square_root_update import triangular_factor
 from spinfilters.estimators.landmarks.belief import LandmarkBelief, state_in_g
 from spinfilters.estimators.landmarks.held_map import HeldMap
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
@@ -41,13 +41,6 @@ from spinfilters.state.layout import StateLayout
 
 NOTHING_CHANGED = MapChange(NO_IDS, np.zeros(0), NO_IDS, NO_IDS)
 """What an update that could not be made did to the map."""
-
-
-class Corrected(NamedTuple):
-    """A point (m,) and the correction that leads to it."""
-
-    mean: Float[np.ndarray, " m"]
-    correction: Correction
 
 
 class MultiplicativeFilter(Estimator):
@@ -135,9 +128,7 @@ class MultiplicativeFilter(Estimator):
         corrected = self._corrected(measurement, guard, scale)
         if corrected is None:
             return UpdateReport(0.0, 0, 0, count)
-        correction = corrected.correction
-        self._mean = corrected.mean
-        self._factor = reset_factor(self.layout, correction.error, correction.factor)
+        self._mean, correction, self._factor = corrected
         if self._held is not None:
             self._held.follow(correction.error[self._n :])
         self._adaptation.observe_measurement(name, correction)
@@ -211,7 +202,7 @@ class MultiplicativeFilter(Estimator):
     @abstractmethod
     def _corrected(
         self, measurement: Measurement, guard: SensorOutlierRejection, scale: float
-    ) -> Corrected | None:
+    ) -> Update | None:
         """Mean corrected by a measurement with ``scale`` times its noise covariance. None when no value is usable."""
 
     @abstractmethod
@@ -220,6 +211,17 @@ class MultiplicativeFilter(Estimator):
 
 
 def propagated(
+    factor: Float[np.ndarray, "N N"], transition: Float[np.ndarray, "n n"], noise: Float[np.ndarray, "n k"]
+) -> Float[np.ndarray, "N N"]:
+    """Lower triangular factor when the state's error has moved by its transition and noise has come in; rows behind stay."""
+    n = len(transition)
+    compiled = compiled_propagation(n) if len(factor) == n and noise.shape[1] <= MOST_NOISE else None
+    if compiled is not None:
+        return compiled(factor, transition, noise)
+    return joined_rows(factor, transition @ factor[:n], noise)
+
+
+def joined_rows(
     factor: Float[np.ndarray, "N N"], moved: Float[np.ndarray, "n N"], noise: Float[np.ndarray, "n k"]
 ) -> Float[np.ndarray, "N N"]:
     """Lower triangular covariance factor after a prediction.

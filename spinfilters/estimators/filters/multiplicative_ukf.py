@@ -7,8 +7,13 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.estimators.estimator import Measurement, ProcessModel
+from spinfilters.estimators.filters.compiled_update import Update
 from spinfilters.estimators.filters.linear_prediction import usable
-from spinfilters.estimators.filters.multiplicative_filter import Corrected, MultiplicativeFilter, propagated
+from spinfilters.estimators.filters.multiplicative_filter import (
+    MultiplicativeFilter,
+    joined_rows,
+    reset_factor,
+)
 from spinfilters.estimators.filters.noise_adaptation import AdaptationOptions, PredictedMotion
 from spinfilters.estimators.filters.sigma_points import SigmaPointOptions
 from spinfilters.estimators.filters.square_root_update import (
@@ -72,7 +77,7 @@ class MultiplicativeUkf(MultiplicativeFilter):
         rows = np.zeros((self._n, len(self._factor)))
         rows[:, : self._n] = deviations.T @ scaled
         rest = deviations.T - rows[:, : self._n] @ scaled.T
-        factor = propagated(self._factor, rows, np.concatenate([rest, noise], axis=1))
+        factor = joined_rows(self._factor, rows, np.concatenate([rest, noise], axis=1))
         return PredictedMotion(mean, factor, transition, noise)
 
     def _triangular(self) -> Float[np.ndarray, "N N"]:
@@ -86,7 +91,7 @@ class MultiplicativeUkf(MultiplicativeFilter):
 
     def _corrected(
         self, measurement: Measurement, guard: SensorOutlierRejection, scale: float
-    ) -> Corrected | None:
+    ) -> Update | None:
         self._factor = self._triangular()
         subset = self._subset(last_nonzero(self._factor[measurement.model.columns]))
         seen = self._seen(measurement, subset)
@@ -109,7 +114,8 @@ class MultiplicativeUkf(MultiplicativeFilter):
             Y = np.concatenate([Y, np.zeros((len(Y), size - n))], axis=1)
         prediction = MeasurementPrediction(rho, Y, X, residual, mean.size, log_noise)
         correction = square_root_update(prediction)
-        return Corrected(self.layout.retract(self._mean, correction.error[:n]), correction)
+        mean = self.layout.retract(self._mean, correction.error[:n])
+        return Update(mean, correction, reset_factor(self.layout, correction.error, correction.factor))
 
     def _solved(self, observations: Observations, guard: SensorOutlierRejection) -> Solved:
         self._factor = self._triangular()

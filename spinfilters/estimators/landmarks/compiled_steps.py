@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinfilters.estimators.filters.compiled_update import FLAGS, LANES, correction_text
 from spinfilters.estimators.filters.sigma_points import SigmaPoints
 from spinfilters.estimators.filters.square_root_update import LOG_2_PI, Correction
 from spinfilters.estimators.landmarks.numpy_steps import NEW_LANDMARK_SHARE, NumpySteps
 from spinfilters.estimators.landmarks.steps import Closing, NewModes, WhitenedRows
-from spinfilters.estimators.smoothing.kernels.compiled_kernels import KERNEL_FLAGS
-from spinfilters.symbolic.c_library import load_text
+from spinfilters.symbolic.c_library import load_text, with_signatures
 from spinfilters.symbolic.compiled import address
 
 if TYPE_CHECKING:
@@ -22,16 +22,10 @@ if TYPE_CHECKING:
     from spinfilters.estimators.landmarks.observations import Observations
     from spinfilters.estimators.landmarks.regression import Spread
 
-LOOSE_SUMS = ("-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math")
-FLAGS = (*KERNEL_FLAGS, *LOOSE_SUMS, "-fno-strict-aliasing", "-Wno-psabi")
-"""Sums may be taken in any order, so that they are vectorised; what is not finite stays so."""
 SHAPE = (3, 6)
 """Components of an observation, and columns of the state that it depends on: of a stereo pair; others go through NumPy."""
 LARGEST_STATE = 32
 """Rows of the factor beside the modes: state and move."""
-LANES = 8
-"""Landmarks side by side (`epoch.c`)."""
-_TYPES = {"i": ctypes.c_longlong, "d": ctypes.c_double, "p": ctypes.c_void_p}
 _SIGNATURES = {
     "refresh": ("ipiiiip", None),
     "whiten": ("ippppp", ctypes.c_double),
@@ -53,16 +47,10 @@ def steps_of(modes: int, precision: str) -> "NumpySteps | CompiledSteps":
 @cache
 def _library(modes: int, precision: str) -> ctypes.PyDLL | None:
     kind = {"float64": "double", "float32": "float"}[precision]
-    sizes = (
-        f"enum {{ D = {SHAPE[0]}, C = {SHAPE[1]}, M = {modes}, N = M + {LARGEST_STATE}, LANES = {LANES} }};\n"
-    )
+    sizes = {"D": SHAPE[0], "C": SHAPE[1], "M": modes, "N": modes + LARGEST_STATE}
     body = files("spinfilters.estimators.landmarks").joinpath("epoch.c").read_text()
-    library = load_text(f"landmark_epoch_{modes}", f"typedef {kind} stored;\n{sizes}{body}", FLAGS)
-    if library is not None:
-        for name, (arguments, result) in _SIGNATURES.items():
-            function = getattr(library, name)
-            function.argtypes, function.restype = [_TYPES[letter] for letter in arguments], result
-    return library
+    text = f"typedef {kind} stored;\n{correction_text(sizes)}{body}"
+    return with_signatures(load_text(f"landmark_epoch_{modes}", text, FLAGS), _SIGNATURES)
 
 
 class CompiledSteps:

@@ -135,8 +135,8 @@ def _accepted(
     observations: Observations, found: tuple[Correction, WhitenedRows], guard: SensorOutlierRejection
 ) -> Solved:
     """The correction by all observations, each of full weight."""
-    guard.accept()
     k = len(observations.at)
+    guard.count(k, 0)
     return Solved(found[0], np.arange(k), np.full(k, 1 / observations.scale), found[1])
 
 

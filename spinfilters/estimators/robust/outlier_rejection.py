@@ -167,13 +167,13 @@ class SensorOutlierRejection:
         self._refusals = 0
 
     def limit(self, dim: int) -> float:
-        """Squared innovation up to which `weights` are 1 whatever the state's covariance; negative where there is none."""
+        """Squared distance up to which `weights` are 1, and beyond which they are 0; negative where there is no such rule."""
         plain = self._refusals < RECOVERY_COUNT and self.options.loss == "none"
         return gate(self.options.gate_probability, dim) if plain else -1.0
 
-    def accept(self) -> None:
-        """Count an update all of whose values lie within the `limit`."""
-        self._refusals = 0
+    def count(self, values: int, refused: int) -> None:
+        """Count an update by so many usable values, of which so many lie outside the gate."""
+        self._refusals = self._refusals + 1 if values - refused < AGREEING_SHARE * values else 0
 
     def weights(
         self, innovation: Float[np.ndarray, "k d"], deviations: Deviations
@@ -186,9 +186,7 @@ class SensorOutlierRejection:
             refused = 0 if result is None else int(np.count_nonzero(result == 0))
         else:
             result, refused = self._recovered(innovation, deviations)
-        self._refusals = (
-            self._refusals + 1 if len(innovation) - refused < AGREEING_SHARE * len(innovation) else 0
-        )
+        self.count(len(innovation), refused)
         return result
 
     def _recovered(

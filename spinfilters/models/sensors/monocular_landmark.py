@@ -62,4 +62,5 @@ def monocular_parameters(
     noise: pixel_std (px) of both coordinates, or (count, 2, 2) covariances (px^2).
     """
     count = len(points)
-    return np.concatenate([points, np.tile(calibration, (count, 1)), noise_parameters(noise, count)], axis=1)
+    rows = np.broadcast_to(calibration, (count, len(calibration)))
+    return np.concatenate([points, rows, noise_parameters(noise, count)], axis=1)

@@ -76,4 +76,5 @@ def stereo_parameters(
     noise: pixel_std (px) of every coordinate, or (count, 3, 3) covariances (px^2).
     """
     count = len(points)
-    return np.concatenate([points, np.tile(calibration, (count, 1)), noise_parameters(noise, count)], axis=1)
+    rows = np.broadcast_to(calibration, (count, len(calibration)))
+    return np.concatenate([points, rows, noise_parameters(noise, count)], axis=1)

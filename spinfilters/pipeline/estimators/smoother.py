@@ -54,7 +54,9 @@ class SmootherEntry(EstimatorEntry[RecursiveSmoother]):
     def begin(self, estimator: RecursiveSmoother, setup: Setup) -> None:
         begin_after_initialisation(estimator, setup)
 
-    def final(self, estimator: RecursiveSmoother, passed: EstimateHistory, setup: Setup) -> EstimateHistory:
+    def final(
+        self, estimator: RecursiveSmoother, passed: EstimateHistory, setup: Setup
+    ) -> EstimateHistory | None:
         return smoothed_history(estimator, passed, setup)
 
     def points(

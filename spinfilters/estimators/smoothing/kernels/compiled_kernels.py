@@ -8,11 +8,10 @@ from importlib.resources import files
 import numpy as np
 from scipy.linalg import cython_blas
 
-from spinfilters.symbolic.c_library import FLAGS, NATIVE, load_text
+from spinfilters.symbolic.c_library import FLAGS, NATIVE, load_text, with_signatures
 
 SOURCES = ("kernels.h", "landmarks.c", "velocities.c")
 KERNEL_FLAGS = (*(flag for flag in FLAGS if "contract" not in flag), "-O3", NATIVE, "-fno-math-errno")
-_TYPES = {"i": ctypes.c_longlong, "d": ctypes.c_double, "p": ctypes.c_void_p}
 _SIGNATURES = {
     "eliminate_landmarks": ("ii" + "pppp" + "d" + "pppppp", ctypes.c_int),
     "spread_blocks": ("ii" + "pp", None),
@@ -30,12 +29,7 @@ def kernels() -> ctypes.PyDLL | None:
     """The library, or None."""
     folder = files("spinfilters.estimators.smoothing.kernels")
     text = "".join(folder.joinpath(name).read_text() for name in SOURCES)
-    library = load_text("smoother_kernels", text, KERNEL_FLAGS)
-    if library is not None:
-        for name, (arguments, result) in _SIGNATURES.items():
-            loop = getattr(library, name)
-            loop.argtypes, loop.restype = [_TYPES[letter] for letter in arguments], result
-    return library
+    return with_signatures(load_text("smoother_kernels", text, KERNEL_FLAGS), _SIGNATURES)
 
 
 def take_products(rows: np.ndarray, matrix: np.ndarray) -> None:

@@ -1,10 +1,12 @@
-"""What the faults of the hard cases do to a recording."""
+"""What faults of landmarks do to a recording."""
 
 import numpy as np
+import pytest
 
-from experiments.hard_cases import CASES, FewAtFirst, NewNumbers
 from spinfilters.data.dataset import Dataset
+from spinfilters.errors import InputError
 from spinfilters.simulation.faults import with_faults
+from spinfilters.simulation.landmark_faults import FewAtFirst, NewIds
 from spinfilters.simulation.scenario import Scenario, simulate
 
 RECORDING = simulate(Scenario(epochs=20, landmarks=100))
@@ -16,8 +18,8 @@ def _ids(dataset: Dataset, begin: float, end: float) -> set[int]:
     return set(stream.ids[(stream.time >= begin) & (stream.time < end)].tolist())
 
 
-def test_new_numbers_are_new_and_end_when_told() -> None:
-    faulty = with_faults(RECORDING, (NewNumbers(4.0, 6.0),), 0)
+def test_new_ids_are_new_and_end_when_told() -> None:
+    faulty = with_faults(RECORDING, (NewIds(4.0, 6.0),), 0)
     assert not _ids(faulty, 4.0, 6.0) & (_ids(faulty, 0.0, 4.0) | _ids(faulty, 6.0, np.inf))
     assert _ids(faulty, 6.0, np.inf) == _ids(RECORDING, 6.0, np.inf)
 
@@ -28,5 +30,14 @@ def test_few_at_first_are_all_afterwards() -> None:
     assert _ids(faulty, 5.0, np.inf) == _ids(RECORDING, 5.0, np.inf)
 
 
-def test_every_case_has_a_recording_of_its_own() -> None:
-    assert len({(case.description, case.faults) for case in CASES.values()}) == len(CASES)
+@pytest.mark.parametrize(
+    ("kind", "values", "text"),
+    [
+        (NewIds, (6.0, 4.0), "6.0 s to 4.0 s"),
+        (FewAtFirst, (0.0, 4.0), "0.0"),
+        (FewAtFirst, (1.5, 4.0), "1.5"),
+    ],
+)
+def test_faults_that_cannot_be_are_refused(kind, values, text) -> None:
+    with pytest.raises(InputError, match=text):
+        kind(*values)

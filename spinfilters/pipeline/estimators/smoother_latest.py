@@ -1,0 +1,27 @@
+"""The smoother of tracks without a map, epoch by epoch: what it says of each epoch when it comes, as a filter does."""
+
+from spinfilters.errors import InputError
+from spinfilters.estimators.history import EstimateHistory
+from spinfilters.estimators.smoothing.window.recursive_smoother import RecursiveSmoother
+from spinfilters.pipeline.estimators.smoother import BatchSmoother, SmootherEntry
+from spinfilters.pipeline.setup import Setup
+from spinfilters.settings.run_settings import Settings
+
+
+class LatestSmootherEntry(SmootherEntry):
+    """As `SmootherEntry`, but that no epoch is told again by later measurements: to be compared with filters."""
+
+    name, order = "smoother-latest", 7
+    is_default = False
+
+    def batch(self, setup: Setup, settings: Settings) -> BatchSmoother | None:
+        """None. InputError: measurements without landmarks to be found, all of whose epochs the smoother takes at once."""
+        if not setup.initial.has_landmarks:
+            raise InputError(f"{self.name} takes tracks without a map alone; choose smoother")
+        return None
+
+    def final(self, estimator: RecursiveSmoother, passed: EstimateHistory, setup: Setup) -> None:
+        """None: what it said of each epoch as it came stands."""
+
+
+ESTIMATOR = LatestSmootherEntry()

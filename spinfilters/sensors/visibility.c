@@ -1,0 +1,22 @@
+/* Which landmarks face a camera, epoch by epoch; `visibility.py` computes the same in NumPy where there is no compiler. */
+#include <math.h>
+
+typedef long long integer;
+
+/* Of `count` points and unit normals (3 x count each), and n.p and |p|^2 of each: found [epochs][count] where the cosine between the
+ * normal and the line to the camera exceeds `cosine`, and the depth along the optical axis (its axes in g: [epochs][3]) exceeds the
+ * least one. camera: its places in g. */
+void facing(integer epochs, integer count, const double* restrict points, const double* restrict normals,
+            const double* restrict heights, const double* restrict squares, const double* camera, const double* axes,
+            const double* least, double cosine, unsigned char* found) {
+  const double *x = points, *y = x + count, *z = y + count, *u = normals, *v = u + count, *w = v + count;
+  for (integer e = 0; e < epochs; ++e) {
+    const double *c = camera + 3 * e, *a = axes + 3 * e, square = c[0] * c[0] + c[1] * c[1] + c[2] * c[2];
+    unsigned char* restrict row = found + e * count;
+    for (integer k = 0; k < count; ++k) {
+      const double along = x[k] * c[0] + y[k] * c[1] + z[k] * c[2], depth = x[k] * a[0] + y[k] * a[1] + z[k] * a[2];
+      const double height = u[k] * c[0] + v[k] * c[1] + w[k] * c[2] - heights[k];
+      row[k] = (height > cosine * sqrt(squares[k] - 2 * along + square)) & (depth > least[e]);
+    }
+  }
+}

@@ -1,0 +1,35 @@
+"""Landmarks that face a camera."""
+
+import numpy as np
+import pytest
+
+from spinfilters.attitude.conversions import matrix_from_quaternion
+from spinfilters.sensors import visibility
+from spinfilters.sensors.visibility import NEAREST_M, Surface, facing
+
+
+def sample(depth: float) -> tuple[Surface, np.ndarray, np.ndarray]:
+    generator = np.random.default_rng(2)
+    normals = generator.standard_normal((500, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    quaternions = generator.standard_normal((20, 4))
+    rotations = matrix_from_quaternion(quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True))
+    return Surface(0.1 * normals, normals), rotations, np.tile([0.02, -0.01, depth], (20, 1))
+
+
+@pytest.mark.parametrize("cosine", [-0.3, 0.0, 0.4])
+@pytest.mark.parametrize("depth", [0.6, 0.1 + NEAREST_M])
+def test_compiled_and_numpy_find_the_same_landmarks(monkeypatch, cosine, depth):
+    found = facing(cosine, *sample(depth))
+    monkeypatch.setattr(visibility, "_library", lambda: None)
+    np.testing.assert_array_equal(found, facing(cosine, *sample(depth)))
+    assert found.any()
+    assert not found.all()
+
+
+def test_only_points_on_the_near_side_of_a_ball_are_seen():
+    surface, rotations, origins = sample(0.6)
+    places = np.einsum("nij,kj->nki", rotations, surface.points) + origins[:, np.newaxis]
+    found = facing(0.0, surface, rotations, origins)
+    centre = np.linalg.norm(origins, axis=1)[:, np.newaxis]
+    np.testing.assert_array_equal(found, np.linalg.norm(places, axis=2) < np.sqrt(centre**2 - 0.1**2))
