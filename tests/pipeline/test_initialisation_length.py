@@ -28,8 +28,8 @@ def test_filters_that_never_come_to_the_smoother_are_degraded() -> None:
 
 def test_the_distance_from_the_smoother_is_told_of_filters() -> None:
     setup = prepare(simulate(Scenario(kind="gyro", rate_rpm=RICH_RPM)), FILTERS)
-    assert filter_diagnostics(replace(setup, start=replace(setup.initial, departure=LARGEST_DEPARTURE))) == []
-    (doubt,) = filter_diagnostics(replace(setup, start=replace(setup.initial, departure=3.14)))
+    assert filter_diagnostics(replace(setup, initial=replace(setup.initial, departure=LARGEST_DEPARTURE))) == []
+    (doubt,) = filter_diagnostics(replace(setup, initial=replace(setup.initial, departure=3.14)))
     assert "3.1 standard deviations" in doubt
     assert len(doubt) < 300
 

@@ -88,7 +88,7 @@ def test_a_map_that_is_a_little_off_is_settled_at_the_true_poses() -> None:
     start = whole.setup.initial
     assert start.has_landmarks
     off = start.points + 3e-3 * np.random.default_rng(0).standard_normal(start.points.shape)
-    moved = replace(whole.setup, start=replace(start, points=off))
+    moved = replace(whole.setup, initial=replace(start, points=off))
     found = cramer_rao_bound(moved, truth_of(whole), whole.evaluations[0])
     assert found is not None
     assert found.std[1:] == pytest.approx(right, rel=0.02)
