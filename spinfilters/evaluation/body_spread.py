@@ -1,9 +1,9 @@
 """Covariance of moments, log ratios and axes by a cubature rule over the Gaussian of the mass distribution.
 
 Derivatives are not enough even for bodies known to a few per cent: a motion determines one combination of the moments far better
-than the other, and in that thin direction the curvature of the eigenvalues is larger than the first order. With y what is asked, at
-mean [+] (the points), M the mean of (y - y0)(y - y0)' about the published y0 is what an error of y0 is compared with: the bias of the
-eigenvalues counts in it. The rule (Stroud 1971, E_n^r2 5-3) has positive weights and is exact to the fifth degree, so that M is
+than the other, and in that thin direction the curvature of the eigenvalues is larger than the first order. With y what is asked,
+at mean [+] (the points), M the mean of (y - y0)(y - y0)' about the published y0 is what an error of y0 is compared with: the bias
+of the eigenvalues counts in it. The rule (Stroud 1971, E_n^r2 5-3) has positive weights and is exact to the fifth degree, so that M is
 exact for what is quadratic in the error:
 
     2n points at +-r e_i,  r^2 = (n + 2) / 2,  weight 4 / (n + 2)^2;
@@ -50,10 +50,13 @@ def body_spread(
     moments[~bodies] = np.nan
     scaled = moments / moments[..., 2:]
     ratios = np.log(moments[..., [2, 1]] / moments[..., [1, 0]])
-    return tuple(_covariance(y, weights) for y in (scaled, ratios, _turns(axes, vectors)))
+    turns = _turns(axes, vectors)
+    return _covariance(scaled, weights), _covariance(ratios, weights), _covariance(turns, weights)
 
 
-def _covariance(y: Float[np.ndarray, "n p k"], weights: Float[np.ndarray, " p"]) -> Float[np.ndarray, "n k k"]:
+def _covariance(
+    y: Float[np.ndarray, "n p k"], weights: Float[np.ndarray, " p"]
+) -> Float[np.ndarray, "n k k"]:
     """Second moments about y at the mean, which comes first."""
     root = np.sqrt(weights)[:, np.newaxis] * (y - y[:, :1])
     return np.swapaxes(root, 1, 2) @ root

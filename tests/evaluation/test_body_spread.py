@@ -57,7 +57,9 @@ def test_both_moments_together_depart_from_the_published_ones_as_is_said(share: 
     mean[LAYOUT.mean_slice("s")] = THESIS_MASSES
     factor[LAYOUT.slice("s"), LAYOUT.slice("s")] = share * THESIS_FACTOR
     errors = np.zeros((1000, LAYOUT.error_dim))
-    errors[:, LAYOUT.slice("s")] = np.random.default_rng(1).standard_normal((1000, 5)) @ (share * THESIS_FACTOR).T
+    errors[:, LAYOUT.slice("s")] = (
+        np.random.default_rng(1).standard_normal((1000, 5)) @ (share * THESIS_FACTOR).T
+    )
     points = LAYOUT.retract(mean, errors)[:, LAYOUT.mean_slice("s")]
     values = np.linalg.eigvalsh(np.array([inertia_matrix(s) for s in points]))
     body = body_estimate(Gaussian(LAYOUT, mean, factor))
