@@ -3,8 +3,8 @@
 Derivatives are not enough even for bodies known to a few per cent: a motion determines one combination of the moments far better
 than the other, and in that thin direction the curvature of the eigenvalues is larger than the first order. With y what is asked,
 at mean [+] (the points), M the mean of (y - y0)(y - y0)' about the published y0 is what an error of y0 is compared with: the bias
-of the eigenvalues counts in it. The rule (Stroud 1971, E_n^r2 5-3) has positive weights and is exact to the fifth degree, so that M is
-exact for what is quadratic in the error:
+of the eigenvalues counts in it. The rule (Stroud 1971, E_n^r2 5-3) has positive weights and is exact to the fifth degree, so that
+M is exact for what is quadratic in the error:
 
     2n points at +-r e_i,  r^2 = (n + 2) / 2,  weight 4 / (n + 2)^2;
     2^n points at s (+-1, ..., +-1),  s^2 = (n + 2) / (n - 2),  weight ((n - 2) / (n + 2))^2 / 2^n.

@@ -14,16 +14,11 @@ from spinfilters.estimators.run import NO_EPOCH_LEFT, rehearse, run
 from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
-from spinfilters.pipeline.diagnostics import filter_diagnostics, shared_diagnostics, with_verdict
-from spinfilters.pipeline.estimate_diagnostics import (
-    agreement_diagnostics,
-    motion_diagnostics,
-    reference_smoother,
-)
+from spinfilters.pipeline.diagnostics import with_verdict
+from spinfilters.pipeline.doubts import doubts_of
 from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries
 from spinfilters.pipeline.recording_bound import Bounding, with_bounds
 from spinfilters.pipeline.setup import Setup
-from spinfilters.pipeline.smoother_run import NAME as SMOOTHER
 from spinfilters.runs.checkpoint_store import StoreOf, no_checkpoints
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.status import EstimatorStatus, Verdict
@@ -248,19 +243,14 @@ def _evaluated(history: EstimateHistory, setup: Setup) -> Evaluation:
 
 
 def _judge(evaluations: list[Evaluation], setup: Setup, settings: Settings) -> list[Evaluation]:
-    diagnostics = [*shared_diagnostics(setup), *motion_diagnostics(setup, settings)]
-    of_filters = filter_diagnostics(setup)
+    doubts = doubts_of(evaluations, setup, settings)
     entries = estimator_entries()
     peers = [evaluation for evaluation in evaluations if not entries[evaluation.name].is_baseline]
     judged_ones = []
-    smoothers = [each.history for each in evaluations if each.name == SMOOTHER]
-    smoother = reference_smoother(smoothers, setup, settings)
     for evaluation in evaluations:
         entry = entries[evaluation.name]
         others = [peer for peer in peers if peer.history.status.verdict is not Verdict.FAILED]
-        own = diagnostics
-        if entry.continues:
-            own = [*own, *of_filters, *agreement_diagnostics(evaluation, smoother)]
+        own = doubts.of(evaluation, entry)
         status = with_verdict(evaluation, own, others, entry.false_alarm_probability(setup, settings))
         judged_ones.append(evaluation.with_status(status))
     return judged_ones
