@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from spinfilters.data.sensor_format import sensor_format
 from spinfilters.errors import NUMERICAL_ERRORS
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.identification.components import DISTURBANCES, ComponentRows
@@ -71,8 +72,14 @@ def noise_doubts(tests: Mapping[str, NoiseTest], setup: Setup) -> list[str]:
 
 
 def _is_identified(setup: Setup) -> bool:
-    """Whether the noise of a sensor is not stated."""
-    return setup.gyro_noise is not None or any(name not in DISTURBANCES for name in setup.unstated)
+    """Whether the noise of a sensor of this data set is not stated."""
+    options = {
+        option.name
+        for stream in setup.dataset.log.streams
+        for option in sensor_format(stream.sensor).noise
+        if option.components is not None
+    }
+    return setup.gyro_noise is not None or bool(options & setup.unstated)
 
 
 def _sentence(name: str, test: NoiseTest) -> str:
