@@ -5,8 +5,8 @@ are the eigenvalues of J and principal axes its eigenvectors. Covariances of wha
 
     d lambda_k = u_k' dJ u_k,   d u_k = sum over j != k of u_j (u_j' dJ u_k) / (lambda_k - lambda_j),
 
-with dJ by the error of the state; those of what is vaguely known are of second order (`body_spread`). The moments are sorted: where
-two agree within their uncertainty, the estimated gap is biased outwards.
+with dJ by the error of the state; all others are integrals over the belief (`body_spread`). The moments are sorted: where two agree
+within their uncertainty, the estimated gap is biased outwards.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from functools import cache
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from spinfilters.dynamics.mass_distribution import inertia
 from spinfilters.estimators.history import EstimateHistory
@@ -30,9 +30,8 @@ from spinfilters.symbolic import Compiled
 
 UNDETERMINED_STD: Final[float] = np.pi / np.sqrt(12.0)
 """Standard deviation in rad of an axis of which nothing is known: an angle uniform over half a turn."""
-FIRST_ORDER_STD: Final[float] = 0.05
-"""Largest standard deviation of the logarithm of second moments, and of an axis in rad, for which derivatives are enough: what they
-leave out is a share of its square."""
+FIRST_ORDER_STD: Final[float] = 0.003
+"""Largest standard deviation of the logarithm of second moments, and of an axis in rad, for which derivatives are enough."""
 _SMALLEST_GAP = 1e-12  # of moments, relative to the largest: below it rounding decides
 
 
@@ -167,7 +166,7 @@ def _inertias(layout: StateLayout, mean: np.ndarray, factor: np.ndarray) -> dict
 
 
 def _widen(layout: StateLayout, mean: np.ndarray, factor: np.ndarray, found: dict[str, np.ndarray]) -> None:
-    """Put the second order in place of the first where that is not enough."""
+    """Put integrals over the belief in place of the first order where that is not enough."""
     masses = factor[:, layout.slice("s")]
     axes_std = np.sqrt(np.einsum("nkk->nk", found["principal_axes_cov"]).max(axis=1))
     widest = np.maximum(np.linalg.norm(masses, axis=(1, 2)), axes_std)
@@ -179,7 +178,8 @@ def _widen(layout: StateLayout, mean: np.ndarray, factor: np.ndarray, found: dic
     moments, ratios, turns = body_spread(mean[vague][:, layout.mean_slice("s")], masses[vague], axes)
     found["principal_moments_cov"][vague] = moments
     found["log_ratios_std"][vague] = np.sqrt(np.einsum("nkk->nk", ratios))
-    found["principal_axes_cov"][vague] = turns
+    undetermined = np.einsum("nkk->nk", found["principal_axes_cov"][vague]) > UNDETERMINED_STD**2
+    found["principal_axes_cov"][vague] = _with_std(turns, undetermined)
 
 
 def _principal(J: Float[np.ndarray, "n 3 3"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 3"]]:
@@ -203,6 +203,15 @@ def _bounded(covariance: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3 3
     """The covariance with each standard deviation bounded by that of an axis of which nothing is known."""
     std = np.sqrt(np.einsum("nkk->nk", covariance))
     share = UNDETERMINED_STD / np.maximum(std, UNDETERMINED_STD)
+    return covariance * share[:, :, np.newaxis] * share[:, np.newaxis]
+
+
+def _with_std(
+    covariance: Float[np.ndarray, "n 3 3"], undetermined: Bool[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "n 3 3"]:
+    """The covariance with the standard deviation of an axis of which nothing is known where that is so."""
+    std = np.sqrt(np.einsum("nkk->nk", covariance))
+    share = np.where(undetermined, UNDETERMINED_STD / np.maximum(std, np.finfo(float).tiny), 1.0)
     return covariance * share[:, :, np.newaxis] * share[:, np.newaxis]
 
 

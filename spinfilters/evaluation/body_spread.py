@@ -1,15 +1,13 @@
-"""Covariance of moments and axes to second order, for bodies that are known too vaguely for derivatives.
+"""Covariance of moments, log ratios and axes by a cubature rule over the Gaussian of the mass distribution.
 
-Moments relative to the largest end at those of a plate or a rod, log ratios and axes are bent where moments come near each
-other: there the first order can be too small by a factor of ten. With y what is asked, at mean [+] (+-h sigma_i u_i) along the five
-principal directions of the mass distribution's covariance, and h^2 = 3 as for a Gaussian (Norgaard, Poulsen, Ravn, Automatica 36,
-2000),
+Derivatives are not enough even for bodies known to a few per cent: a motion determines one combination of the moments far better
+than the other, and in that thin direction the curvature of the eigenvalues is larger than the first order. With y what is asked,
+at mean [+] (the points), M the mean of (y - y0)(y - y0)' about the published y0 is what an error of y0 is compared with: the bias
+of the eigenvalues counts in it. The rule (Stroud 1971, E_n^r2 5-3) has positive weights and is exact to the fifth degree, so that
+M is exact for what is quadratic in the error:
 
-    cov = sum_i a_i a_i' + b_i b_i' + m m',   a_i = (y_i+ - y_i-) / 2h,   b_i = (h^2 - 1)^(1/2) (y_i+ + y_i- - 2y) / 2h^2,
-    m = sum_i (y_i+ + y_i- - 2y) / 2h^2,
-
-about the published y rather than about the mean of the distribution, which is why m counts. Without curvature it is the first
-order.
+    2n points at +-r e_i,  r^2 = (n + 2) / 2,  weight 4 / (n + 2)^2;
+    2^n points at s (+-1, ..., +-1),  s^2 = (n + 2) / (n - 2),  weight ((n - 2) / (n + 2))^2 / 2^n.
 """
 
 from functools import cache
@@ -24,9 +22,7 @@ from spinfilters.attitude.conversions import quaternion_from_matrix, rotation_ve
 from spinfilters.dynamics.mass_distribution import DIMENSION, inertia, retract_mass
 from spinfilters.symbolic import Compiled
 
-SQUARED_STEP: Final[float] = 3.0
-"""h^2: the fourth moment of a Gaussian."""
-WIDEST: Final[float] = 4.0
+WIDEST: Final[float] = 2.0
 """Of a deviation of the mass distribution (log second moments): beyond it are plates and rods alone, and overflow."""
 TURNS: Final = np.array([[x, y, x * y] for x, y in product((1.0, -1.0), repeat=2)])
 """Signs of right-handed axes."""
@@ -42,10 +38,9 @@ def body_spread(
     Not a number where a body at such a deviation is none to rounding.
     """
     directions, deviations, _ = np.linalg.svd(factor, full_matrices=False)
-    steps = np.sqrt(SQUARED_STEP) * directions * np.minimum(deviations, WIDEST)[:, np.newaxis]
-    offsets = np.concatenate(
-        [np.zeros((len(s), 1, DIMENSION)), *(x * np.swapaxes(steps, 1, 2) for x in (1, -1))], 1
-    )
+    steps = directions * np.minimum(deviations, WIDEST)[:, np.newaxis]
+    points, weights = _cubature()
+    offsets = np.einsum("pe,nke->npk", points, steps)
     J = _moved_inertia()(np.repeat(s[:, np.newaxis], offsets.shape[1], 1), offsets)[0].reshape(
         len(s), -1, 3, 3
     )
@@ -55,23 +50,26 @@ def body_spread(
     moments[~bodies] = np.nan
     scaled = moments / moments[..., 2:]
     ratios = np.log(moments[..., [2, 1]] / moments[..., [1, 0]])
-    return _covariance(scaled), _covariance(ratios), _covariance(_turns(axes, vectors))
+    turns = _turns(axes, vectors)
+    return _covariance(scaled, weights), _covariance(ratios, weights), _covariance(turns, weights)
 
 
-def _covariance(y: Float[np.ndarray, "n p k"]) -> Float[np.ndarray, "n k k"]:
-    """From y at the mean, at the points ahead and at those behind."""
-    count = y.shape[1] // 2
-    ahead, behind = y[:, 1 : 1 + count], y[:, 1 + count :]
-    bent = (ahead + behind - 2 * y[:, :1]) / (2 * SQUARED_STEP)
-    root = np.concatenate(
-        [
-            (ahead - behind) / (2 * np.sqrt(SQUARED_STEP)),
-            np.sqrt(SQUARED_STEP - 1) * bent,
-            bent.sum(axis=1, keepdims=True),
-        ],
-        axis=1,
-    )
+def _covariance(
+    y: Float[np.ndarray, "n p k"], weights: Float[np.ndarray, " p"]
+) -> Float[np.ndarray, "n k k"]:
+    """Second moments about y at the mean, which comes first."""
+    root = np.sqrt(weights)[:, np.newaxis] * (y - y[:, :1])
     return np.swapaxes(root, 1, 2) @ root
+
+
+@cache
+def _cubature() -> tuple[Float[np.ndarray, "p 5"], Float[np.ndarray, " p"]]:
+    """Points of a standard normal distribution, the mean first, and their weights."""
+    n = DIMENSION
+    axes, corners = np.sqrt((n + 2) / 2) * np.eye(n), np.array(list(product((1.0, -1.0), repeat=n)))
+    points = np.concatenate([np.zeros((1, n)), axes, -axes, np.sqrt((n + 2) / (n - 2)) * corners])
+    corner = ((n - 2) / (n + 2)) ** 2 / len(corners)
+    return points, np.concatenate([[0.0], np.full(2 * n, 4 / (n + 2) ** 2), np.full(len(corners), corner)])
 
 
 def _turns(

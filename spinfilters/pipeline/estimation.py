@@ -14,7 +14,8 @@ from spinfilters.estimators.run import NO_EPOCH_LEFT, rehearse, run
 from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
-from spinfilters.pipeline.diagnostics import filter_diagnostics, shared_diagnostics, with_verdict
+from spinfilters.pipeline.diagnostics import with_verdict
+from spinfilters.pipeline.doubts import doubts_of
 from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries
 from spinfilters.pipeline.recording_bound import Bounding, with_bounds
 from spinfilters.pipeline.setup import Setup
@@ -242,14 +243,14 @@ def _evaluated(history: EstimateHistory, setup: Setup) -> Evaluation:
 
 
 def _judge(evaluations: list[Evaluation], setup: Setup, settings: Settings) -> list[Evaluation]:
-    diagnostics, of_filters = shared_diagnostics(setup), filter_diagnostics(setup)
+    doubts = doubts_of(evaluations, setup, settings)
     entries = estimator_entries()
     peers = [evaluation for evaluation in evaluations if not entries[evaluation.name].is_baseline]
     judged_ones = []
     for evaluation in evaluations:
         entry = entries[evaluation.name]
         others = [peer for peer in peers if peer.history.status.verdict is not Verdict.FAILED]
-        own = [*diagnostics, *of_filters] if entry.continues else diagnostics
+        own = doubts.of(evaluation, entry)
         status = with_verdict(evaluation, own, others, entry.false_alarm_probability(setup, settings))
         judged_ones.append(evaluation.with_status(status))
     return judged_ones

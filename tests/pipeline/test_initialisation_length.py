@@ -26,16 +26,6 @@ def test_filters_that_never_come_to_the_smoother_are_degraded() -> None:
             assert evaluation.history.status.verdict is not Verdict.OK
 
 
-def test_the_distance_from_the_smoother_is_told_of_filters() -> None:
-    setup = prepare(simulate(Scenario(kind="gyro", rate_rpm=RICH_RPM)), FILTERS)
-    assert (
-        filter_diagnostics(replace(setup, initial=replace(setup.initial, departure=LARGEST_DEPARTURE))) == []
-    )
-    (doubt,) = filter_diagnostics(replace(setup, initial=replace(setup.initial, departure=3.14)))
-    assert "3.1 standard deviations" in doubt
-    assert len(doubt) < 300
-
-
 @pytest.mark.parametrize("kind", ["gyro", "pose"])
 def test_a_rich_motion_keeps_its_sixty_epochs_and_tries_no_filter(
     kind: str, monkeypatch: pytest.MonkeyPatch

@@ -1,0 +1,34 @@
+"""Agreement of a filter with the smoother of the same measurements: the NEES that the filter is expected to have.
+
+A smoother linearises until it has converged, a filter once. Where the smoother's belief N(x_s, P_s) is right, the error of a
+filter's N(x_f, P_f) has the expected NEES
+
+    E e' P_f^-1 e = tr(P_f^-1 P_s) + d' P_f^-1 d,   d = x_s - x_f,
+
+which is the number of components for a filter that loses nothing: then d has the covariance P_f - P_s.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.estimators.history import EstimateHistory
+from spinfilters.evaluation.consistency import finite_epochs
+
+
+def expected_nees(history: EstimateHistory, smoother: EstimateHistory) -> Float[np.ndarray, " n"]:
+    """Expected NEES per degree of freedom of a filter's own epochs that both have; infinite where its covariance is singular.
+
+    Epochs in which either is not finite are left out.
+    """
+    count, layout = min(len(history.time), len(smoother.time)), history.layout
+    rows = np.arange(history.initialisation, count)
+    rows = rows[finite_epochs(history)[rows] & finite_epochs(smoother)[rows]]
+    away = layout.local(history.mean[rows], smoother.mean[rows])
+    seen = np.concatenate([smoother.factor[rows], away[..., np.newaxis]], axis=2)
+    result = np.full(len(rows), np.inf)
+    for k, (factor, columns) in enumerate(zip(history.factor[rows], seen, strict=True)):
+        try:
+            result[k] = np.square(np.linalg.solve(factor, columns)).sum() / layout.error_dim
+        except np.linalg.LinAlgError:
+            continue
+    return result

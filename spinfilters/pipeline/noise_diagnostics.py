@@ -1,0 +1,135 @@
+"""Doubts about noise levels and about models, each with the number that tells how far the data are from what was stated."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from spinfilters.data.sensor_format import sensor_format
+from spinfilters.errors import NUMERICAL_ERRORS
+from spinfilters.estimators.history import EstimateHistory
+from spinfilters.estimators.identification.components import DISTURBANCES, ComponentRows
+from spinfilters.estimators.identification.identify import average_information
+from spinfilters.estimators.identification.residuals import residuals_of
+from spinfilters.estimators.smoothing.problem.least_squares import Stage, problem_of
+from spinfilters.estimators.smoothing.solver.batch_smoother import NO_LANDMARKS, NO_POINTS
+from spinfilters.evaluation.noise_tests import MEASUREMENTS, FilterTests, NoiseTest, filter_tests
+from spinfilters.pipeline.setup import Setup
+from spinfilters.settings.run_settings import Settings
+from spinfilters.state.status import Verdict
+
+LARGEST_SCORE = 5.0
+"""Standard deviations beyond which a test is no chance."""
+LARGEST_RATIO = 1.5
+"""Of a variance to the stated one, below which the difference does not matter: deviations of 1.22."""
+LARGEST_AUTOCORRELATION = 0.15
+"""Of a filter's corrections, below which what is left of a model error does not matter."""
+TINY = 1e-9
+"""Of a sum of squares, relative to one."""
+DENSITY_OF = {"torque": "torque_psd", "force": "force_psd"}
+"""Options of the process by the source of the disturbance."""
+
+
+def filter_noise_diagnostics(history: EstimateHistory, setup: Setup, settings: Settings) -> list[str]:
+    """Doubts of a filter's own epochs; none of one that has failed, or that adapts what it was told."""
+    adapts = settings.adaptation.measurement or settings.adaptation.process
+    if adapts or history.status.verdict is Verdict.FAILED:
+        return []
+    with np.errstate(all="ignore"):
+        try:
+            found = filter_tests(history, setup.process)
+        except NUMERICAL_ERRORS:
+            return []
+    tests = {DENSITY_OF.get(name, name): test for name, test in found.noise.items()}
+    correlated = _of_whiteness(found, setup)
+    if correlated:  # which white noise of the measurements is not, whatever its size
+        tests.pop(MEASUREMENTS, None)
+    return [*noise_doubts(tests, setup), *correlated]
+
+
+def smoother_noise_diagnostics(history: EstimateHistory, setup: Setup, settings: Settings) -> list[str]:
+    """Doubts of smoothed epochs, sensor by sensor; none with landmarks, whose residuals are not at hand."""
+    if setup.initial.has_landmarks or history.status.verdict is Verdict.FAILED:
+        return []
+    try:
+        with np.errstate(all="ignore"):
+            return noise_doubts(_smoother_tests(history, setup, settings), setup)
+    except NUMERICAL_ERRORS:
+        return []
+
+
+def noise_doubts(tests: Mapping[str, NoiseTest], setup: Setup) -> list[str]:
+    """A sentence about the level that the data contradict most, for one that is wrong shows in the tests of the others.
+
+    A level that nobody states may be too large, which its identification means it to be.
+    """
+    for name, test in sorted(tests.items(), key=lambda item: -abs(item[1].score)):
+        told = name not in setup.unstated if name in DISTURBANCES else not _is_identified(setup)
+        large = test.score > LARGEST_SCORE and test.ratio > LARGEST_RATIO
+        small = told and test.score < -LARGEST_SCORE and test.ratio < 1 / LARGEST_RATIO
+        if large or small:
+            return [_sentence(name, test)]
+    return []
+
+
+def _is_identified(setup: Setup) -> bool:
+    """Whether the noise of a sensor of this data set is not stated."""
+    options = {
+        option.name
+        for stream in setup.dataset.log.streams
+        for option in sensor_format(stream.sensor).noise
+        if option.components is not None
+    }
+    return setup.gyro_noise is not None or bool(options & setup.unstated)
+
+
+def _sentence(name: str, test: NoiseTest) -> str:
+    size = (
+        f"{np.sqrt(test.ratio):.2g} times the stated deviation ({abs(test.score):.0f} deviations of chance)"
+    )
+    if name in DISTURBANCES:
+        return f"disturbances have {size}: process.{name} is {test.ratio:.2g} times what is stated, or the model is wrong"
+    which = "measurements" if name == MEASUREMENTS else f"{name} measurements"
+    return f"the errors of the {which} have {size}: state another, or leave it out to have it identified"
+
+
+def _of_whiteness(found: FilterTests, setup: Setup) -> list[str]:
+    """A gyro of unknown error has correlated noise, which is told to filters as white noise of more weight."""
+    if setup.gyro_noise is not None:
+        return []
+    if found.whiteness_score <= LARGEST_SCORE or found.autocorrelation <= LARGEST_AUTOCORRELATION:
+        return []
+    return [
+        f"corrections of neighbouring epochs are correlated ({found.autocorrelation:.2f}, {found.whiteness_score:.0f} deviations "
+        "of chance): an error of model, clock or calibration that is no noise, or disturbances that are understated"
+    ]
+
+
+def _smoother_tests(history: EstimateHistory, setup: Setup, settings: Settings) -> dict[str, NoiseTest]:
+    """By sensor and density. The average information falls with the squares that it is made of, its expectation does not."""
+    epochs = setup.timeline[: len(history.time)]
+    problem = problem_of(
+        setup.process, epochs, NO_LANDMARKS, setup.initial.prior, 2, settings.smoother.robust_loss
+    )
+    if problem.is_long:
+        return {}
+    here = problem.at(history.mean, NO_POINTS)
+    normal = problem.normal(here, Stage(settings.smoother.robust_loss))
+    if not normal.solved:
+        return {}
+    components = tuple(
+        ComponentRows(sensor.model.name, 1.0, {k: tuple(range(sensor.model.dim))})
+        for k, sensor in enumerate(problem.motion.sensors)
+    )
+    noise = setup.process.noise
+    densities = [
+        name
+        for name in DISTURBANCES
+        if getattr(noise, name) > 0 and (setup.process.layout.translates or name != "force_psd")
+    ]
+    found = residuals_of(problem, here, normal, components, densities)
+    information = np.diag(average_information(problem, here, normal, found.sources))
+    names = (*(each.name for each in components), *densities)
+    return {
+        name: NoiseTest(float(r), float(S), 4 * float(F * max(S / max(r, TINY), 1.0)), float(S))
+        for name, r, S, F in zip(names, found.squares, found.redundancy, information, strict=True)
+    }

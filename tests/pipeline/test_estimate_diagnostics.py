@@ -1,0 +1,101 @@
+"""Doubts about estimates that their own numbers do not show."""
+
+from dataclasses import replace
+from functools import cache
+
+import pytest
+
+from experiments.honest_cases import Case, recordings
+from spinfilters.pipeline.estimate_diagnostics import (
+    LEAST_EVIDENCE,
+    agreement_diagnostics,
+    motion_diagnostics,
+    reference_smoother,
+)
+from spinfilters.pipeline.estimation import Comparison, compare_estimators
+from spinfilters.pipeline.inertia_evidence import inertia_evidence
+from spinfilters.pipeline.setup import prepare
+from spinfilters.settings.run_settings import ProcessSettings, Settings
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
+
+SETTINGS = Settings(estimators=("mekf", "smoother"))
+STEADY = Case("steady gyro", moments=(1.0, 0.7, 0.5), rate_rpm=(10.0, 0.0, 0.0), psd=1e-12, epochs=120)
+RICH = Case("rich gyro", rate_rpm=RICH_RPM, epochs=120)
+
+
+@cache
+def compared(case: Case, seed: int = 0) -> Comparison:
+    """MEKF and smoother on a recording whose stated noise is true."""
+    return compare_estimators(
+        prepare(recordings(case, seed + 1)[seed].dataset, SETTINGS), SETTINGS, lambda *_: None
+    )
+
+
+def test_a_filter_that_agrees_with_the_smoother_is_not_doubted() -> None:
+    mekf, smoother = compared(RICH).evaluations
+    assert agreement_diagnostics(mekf, smoother.history) == []
+
+
+@pytest.mark.parametrize("share", [0.5, 0.1])
+def test_a_filter_that_states_too_little_is_doubted_with_the_number(share: float) -> None:
+    mekf, smoother = compared(RICH).evaluations
+    factor = share * mekf.history.factor
+    (reason,) = agreement_diagnostics(
+        mekf.with_fields(history=replace(mekf.history, factor=factor)), smoother.history
+    )
+    assert f"{share**-2:.0f}" in reason or "times what it states" in reason
+    assert len(reason) < 300
+
+
+def test_a_wide_smoother_beside_a_wide_filter_is_no_doubt() -> None:
+    mekf, smoother = compared(RICH).evaluations
+    wide = [replace(each.history, factor=3 * each.history.factor) for each in (mekf, smoother)]
+    assert agreement_diagnostics(mekf.with_fields(history=wide[0]), wide[1]) == []
+
+
+def test_nothing_is_smoothed_for_filters_that_began_from_a_well_known_motion() -> None:
+    setup = compared(RICH).setup
+    assert reference_smoother([], setup, SETTINGS) is None
+    assert reference_smoother([], replace(setup, initial=replace(setup.initial, departure=5.0)), SETTINGS)
+
+
+def evidence(case: Case, seed: int = 0) -> float:
+    """Of a recording's inertia."""
+    found = inertia_evidence(compared(case, seed).setup, SETTINGS)
+    assert found is not None
+    return found.total
+
+
+def test_the_moments_of_a_rich_motion_are_determined() -> None:
+    assert motion_diagnostics(compared(RICH).setup, SETTINGS) == []
+    assert evidence(RICH) > 100 * LEAST_EVIDENCE
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_steady_spin_does_not_determine_moments(seed: int) -> None:
+    run = compared(STEADY, seed)
+    (reason,) = motion_diagnostics(run.setup, SETTINGS)
+    assert "a steady spin tells its axis alone" in reason
+    assert len(reason) < 300
+    assert all(evaluation.history.status.verdict != "ok" for evaluation in run.evaluations)
+
+
+def test_the_lack_of_wobble_under_a_disturbance_that_is_not_there_is_no_evidence() -> None:
+    stated = replace(SETTINGS, process=ProcessSettings(torque_psd=1e-6))
+    setup = prepare(recordings(STEADY, 1)[0].dataset, stated)
+    assert motion_diagnostics(setup, stated)
+
+
+def test_an_unknown_map_tells_as_well_that_a_motion_is_rich() -> None:
+    dataset = without_map(simulate(Scenario(rate_rpm=RICH_RPM, landmarks=300, epochs=70)))
+    setup = prepare(dataset, SETTINGS)
+    found = inertia_evidence(setup, SETTINGS)
+    assert setup.initial.has_landmarks
+    assert found is not None
+    assert found.total > LEAST_EVIDENCE
+
+
+def test_an_initialisation_that_failed_has_no_evidence() -> None:
+    setup = compared(RICH).setup
+    failed = type(setup.initial).failed(setup.process.layout, 60, "for a test")
+    assert inertia_evidence(replace(setup, initial=failed), SETTINGS) is None

@@ -1,0 +1,110 @@
+"""Chi-square tests of a filter's noise: clean runs pass, wrong levels are told by their ratio."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from experiments.honest_cases import Case, recordings
+from spinfilters.evaluation.noise_tests import MEASUREMENTS, FilterTests, NoiseTest, filter_tests
+from spinfilters.pipeline.estimation import Comparison, compare_estimators
+from spinfilters.pipeline.noise_diagnostics import (
+    LARGEST_RATIO,
+    LARGEST_SCORE,
+    filter_noise_diagnostics,
+    noise_doubts,
+    smoother_noise_diagnostics,
+)
+from spinfilters.pipeline.setup import prepare
+from spinfilters.settings.run_settings import Settings
+
+SETTINGS = Settings(estimators=("mekf", "smoother"))
+POSE = Case("pose of noise tests", kind="pose", epochs=150)
+
+
+@cache
+def compared(density: float = 1.0, deviation: float = 1.0) -> Comparison:
+    """MEKF and smoother where the stated densities and deviations are so many times the true ones."""
+    dataset = recordings(POSE, 1)[0].dataset
+    told = dataset.options
+    stated = replace(
+        told,
+        torque_psd=density * POSE.psd,
+        force_psd=density * POSE.psd,
+        pose_position_std=deviation * 0.5 * POSE.noise_std,
+        pose_rotation_std=deviation * POSE.noise_std,
+    )
+    setup = prepare(replace(dataset, options=stated), SETTINGS)
+    return compare_estimators(setup, SETTINGS, lambda *_: None)
+
+
+def found_by(run: Comparison) -> FilterTests:
+    """Of the MEKF."""
+    return filter_tests(run.evaluations[0].history, run.setup.process)
+
+
+def doubts(run: Comparison) -> list[list[str]]:
+    """Of filter and smoother."""
+    mekf, smoother = run.evaluations
+    return [
+        filter_noise_diagnostics(mekf.history, run.setup, SETTINGS),
+        smoother_noise_diagnostics(smoother.history, run.setup, SETTINGS),
+    ]
+
+
+def test_true_levels_pass_every_test() -> None:
+    found = found_by(compared())
+    assert set(found.noise) == {MEASUREMENTS, "torque", "force"}
+    assert max(abs(test.score) for test in found.noise.values()) < 4
+    assert abs(found.whiteness_score) < 4
+    assert doubts(compared()) == [[], []]
+    assert compared().evaluations[0].history.status.verdict == "ok"
+
+
+@pytest.mark.parametrize("deviation", [1 / 1.5, 1.5, 3.0])
+def test_a_deviation_wrong_by_half_is_doubted_with_the_number(deviation: float) -> None:
+    run = compared(deviation=deviation)
+    ratio = found_by(run).noise[MEASUREMENTS].ratio
+    assert np.sqrt(ratio) * deviation == pytest.approx(1.0, abs=0.2)
+    for own in doubts(run):
+        assert "measurements have" in own[0]
+        assert len(own[0]) < 300
+    assert all(evaluation.history.status.verdict != "ok" for evaluation in run.evaluations)
+
+
+def test_densities_stated_too_small_are_doubted() -> None:
+    run = compared(density=0.04)
+    assert all("process." in own[0] or "correlated" in own[0] for own in doubts(run))
+    assert found_by(run).whiteness_score > LARGEST_SCORE
+
+
+def test_a_level_that_nobody_states_may_be_too_large() -> None:
+    run = compared()
+    small = {"force_psd": NoiseTest(10.0, 100.0, 200.0, 100.0)}
+    silent = replace(run.setup, unstated=frozenset({"force_psd"}))
+    assert noise_doubts(small, run.setup)
+    assert noise_doubts(small, silent) == []
+    large = {"force_psd": NoiseTest(300.0, 100.0, 200.0, 100.0)}
+    assert noise_doubts(large, silent)
+
+
+def test_neither_a_small_ratio_nor_a_small_score_is_a_doubt() -> None:
+    setup = compared().setup
+    certain = NoiseTest(LARGEST_RATIO * 1e4 - 100, 1e4, 1.0, 1e4)
+    assert noise_doubts({MEASUREMENTS: certain}, setup) == []
+    chance = NoiseTest(100.0 + LARGEST_SCORE * 0.99 * 30.0, 100.0, 900.0, 100.0)
+    assert noise_doubts({MEASUREMENTS: chance}, setup) == []
+
+
+def test_a_filter_that_adapts_its_noise_is_not_tested_for_what_it_was_told() -> None:
+    run = compared(deviation=3.0)
+    adapting = replace(SETTINGS, adaptation=replace(SETTINGS.adaptation, measurement=50.0))
+    assert filter_noise_diagnostics(run.evaluations[0].history, run.setup, adapting) == []
+
+
+def test_a_test_of_nothing_says_nothing() -> None:
+    assert NoiseTest().score == 0
+    assert NoiseTest().ratio == 1
+    assert FilterTests().whiteness_score == 0
+    assert FilterTests().autocorrelation == 0
