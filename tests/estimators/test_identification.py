@@ -12,11 +12,11 @@ from spinfilters.estimators.identification.components import ComponentRows
 from spinfilters.estimators.identification.identify import (
     STAGE,
     Identified,
-    NoiseModel,
-    average_information,
     identify,
 )
+from spinfilters.estimators.identification.noise_model import NoiseModel
 from spinfilters.estimators.identification.residuals import residuals_of
+from spinfilters.estimators.identification.working_solutions import WorkingSolutions
 from spinfilters.estimators.smoothing.factors.motion_factors import NOISE_FLOOR
 from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
 from spinfilters.estimators.smoothing.problem.least_squares import Problem, problem_of
@@ -140,7 +140,7 @@ def test_the_average_information_is_that_of_the_dense_problem(kind: str) -> None
     here = model.problem.at(*first_point(setup), STAGE.loss)
     normal = model.problem.normal(here, STAGE)
     residuals = residuals_of(model.problem, here, normal, model.components, model.densities)
-    information = average_information(model.problem, here, normal, residuals.sources)
+    information = WorkingSolutions(model.problem, here, normal, residuals.sources).information
     assert np.linalg.eigvalsh(information).min() > 0
     total = residuals.sources[0]
     for each in residuals.sources[1:]:

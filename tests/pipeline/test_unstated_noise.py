@@ -72,6 +72,6 @@ def test_what_is_stated_is_used_as_it_is(by: str) -> None:
         told = replace(dataset.options, sensor_noise={"pose_position_std": 0.02}, torque_psd=3e-6)
         dataset = replace(dataset, options=told)
     noise = summary(compared(dataset, settings))["estimators"]["smoother"]["noise"]
-    assert noise["pose_position_std"] == {"value": 0.02, "std": None, "source": "stated"}
-    assert noise["torque_psd"] == {"value": 3e-6, "std": None, "source": "stated"}
+    assert noise["pose_position_std"] == {"value": 0.02, "std": None, "upper": None, "source": "stated"}
+    assert noise["torque_psd"] == {"value": 3e-6, "std": None, "upper": None, "source": "stated"}
     assert noise["pose_rotation_std"]["source"] == "identified"

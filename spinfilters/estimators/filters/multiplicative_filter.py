@@ -1,6 +1,7 @@
 """What the multiplicative EKF and UKF share: everything but how they predict a measurement and move a belief."""
 
 from abc import abstractmethod
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ from spinfilters.estimators.estimator import (
 from spinfilters.estimators.filters.noise_adaptation import (
     AdaptationOptions,
     NoiseAdaptation,
+    NoiseScale,
     PredictedMotion,
 )
 from spinfilters.estimators.filters.square_root_update import Correction, triangular_factor
@@ -88,7 +90,15 @@ class MultiplicativeFilter(Estimator):
         self._mean, self._factor = belief.mean.copy(), belief.factor.copy()
         self._held = HeldMap.of(belief, self._options) if isinstance(belief, LandmarkBelief) else None
         self._guards = OutlierRejection(self._guards.options)
-        self._adaptation = NoiseAdaptation(self._adaptation.options)
+        self._adaptation = NoiseAdaptation(self._adaptation.options, self._adaptation.identified)
+
+    def adapt_from(self, identified: Mapping[str, NoiseScale]) -> None:
+        """Let noise levels go on from those identified before `start`; see `NoiseAdaptation`."""
+        self._adaptation = NoiseAdaptation(self._adaptation.options, identified)
+
+    def level(self, source: str) -> NoiseScale:
+        """Scale of a source of noise so far."""
+        return self._adaptation.level(source)
 
     @property
     def belief(self) -> Gaussian:

@@ -13,6 +13,7 @@ covariance. Log scale moves by log(1 + (y'Dy - tr D K) / I) with I the sum of tr
                  noise of one step is hardly seen at once, but what all of them have left in the belief is.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple, Protocol
 
@@ -110,10 +111,19 @@ class PredictedMotion(NamedTuple):
 
 
 class NoiseAdaptation:
-    """The scales of all sources of noise of one filter, and what it needs to learn the disturbances'."""
+    """The scales of all sources of noise of one filter, and what it needs to learn the disturbances'.
 
-    def __init__(self, options: AdaptationOptions) -> None:
-        self.options = options
+    Parameters
+    ----------
+    identified: scales by source ("sensor.pose", "process.torque") with the information that an identification has gathered. They go
+        on from there, forgetting nothing where the options give no horizon; a density is scaled to its mean,
+        exp(var ln density) times the most probable.
+    """
+
+    def __init__(
+        self, options: AdaptationOptions, identified: Mapping[str, NoiseScale] | None = None
+    ) -> None:
+        self.options, self.identified = options, dict(identified or {})
         self._scales: dict[str, NoiseScale] = {}
         self._known: dict[str, np.ndarray] = {}
 
@@ -127,25 +137,28 @@ class NoiseAdaptation:
 
     def scaled(self, noise: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
         """A process' noise factor with its columns scaled."""
-        if not self.options.process:
+        scales = {source: self.process_scale(source) for source in SOURCES}
+        if all(scale == 1.0 for scale in scales.values()):
             return noise
         result = noise.copy()
         for source, columns in SOURCES.items():
-            result[:, columns] *= np.sqrt(self.process_scale(source))
+            result[:, columns] *= np.sqrt(scales[source])
         return result
 
     def observe_measurement(self, sensor: str, correction: Explained) -> None:
         """Learn a sensor's scale from its update, which was made with `measurement_scale`."""
-        if self.options.measurement:
-            self._learn(f"sensor.{sensor}", residual_evidence(correction), self.options.measurement)
+        name = f"sensor.{sensor}"
+        if self._horizon(name):
+            self._learn(name, residual_evidence(correction))
 
     def expect_motion(self, motion: "PredictedMotion") -> None:
         """Keep a prediction, to compare with what the updates make of it."""
-        if not self.options.process:
+        adapting = {s: columns for s, columns in SOURCES.items() if self._horizon(f"process.{s}")}
+        if not adapting:
             return
         n = len(motion.transition)
         kept = {"mean": motion.mean, "factor": motion.factor[:n, :n]}
-        for source, columns in SOURCES.items():
+        for source, columns in adapting.items():
             entered = motion.noise[:, columns]
             if entered.size:
                 kept[source] = entered @ entered.T
@@ -170,7 +183,7 @@ class NoiseAdaptation:
         for source, sensitivity in sources.items():
             half = dtrtrs(predicted, sensitivity, lower=1)[0]
             D = dtrtrs(predicted, half.T, lower=1)[0]
-            self._learn(f"process.{source}", motion_evidence(D, left, y), self.options.process)
+            self._learn(f"process.{source}", motion_evidence(D, left, y))
             shrunk = predicted @ left
             self._known[source] = shrunk @ D @ shrunk.T
 
@@ -192,11 +205,22 @@ class NoiseAdaptation:
             elif name != key:
                 self._scales[name] = NoiseScale(*array.tolist())
 
-    def _scale(self, name: str) -> float:
-        return float(np.exp(self._scales[name].logarithm)) if name in self._scales else 1.0
+    def level(self, name: str) -> NoiseScale:
+        """Scale of a source so far, the most probable."""
+        return self._scales.get(name, self.identified.get(name, NoiseScale()))
 
-    def _learn(self, name: str, evidence: NoiseEvidence, horizon: float) -> None:
-        self._scales[name] = self._scales.get(name, NoiseScale()).after(evidence, horizon)
+    def _scale(self, name: str) -> float:
+        level = self.level(name)
+        raised = 2 / level.information if name in self.identified and name.startswith("process.") else 0.0
+        return float(np.exp(level.logarithm + raised))
+
+    def _horizon(self, name: str) -> float:
+        """In updates, over which what a source's scale rests on is forgotten; 0 for one that stays."""
+        stated = self.options.measurement if name.startswith("sensor.") else self.options.process
+        return stated or (np.inf if name in self.identified else 0.0)
+
+    def _learn(self, name: str, evidence: NoiseEvidence) -> None:
+        self._scales[name] = self.level(name).after(evidence, self._horizon(name))
 
 
 def residual_evidence(correction: Explained) -> NoiseEvidence:
