@@ -174,7 +174,10 @@ class NoiseAdaptation:
             return
         predicted = self._known["factor"]
         error = layout.local(self._known["mean"], mean)
-        solved, failed = dtrtrs(predicted, np.column_stack([factor, error]), lower=1)
+        # the belief refers to its own mean: in the prediction's tangent space it may turn out wider than predicted where it is thin
+        reset = layout.reset_jacobian(error) if layout.curved else np.eye(len(error))
+        at_prediction = np.linalg.solve(reset, factor)
+        solved, failed = dtrtrs(predicted, np.column_stack([at_prediction, error]), lower=1)
         sources = {source: self._known[source] for source in SOURCES if source in self._known}
         self._known = {}
         if failed:
@@ -184,7 +187,7 @@ class NoiseAdaptation:
             half = dtrtrs(predicted, sensitivity, lower=1)[0]
             D = dtrtrs(predicted, half.T, lower=1)[0]
             self._learn(f"process.{source}", motion_evidence(D, left, y))
-            shrunk = predicted @ left
+            shrunk = reset @ predicted @ left
             self._known[source] = shrunk @ D @ shrunk.T
 
     def snapshot(self) -> dict[str, np.ndarray]:

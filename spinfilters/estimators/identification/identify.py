@@ -7,8 +7,8 @@ takes one Gauss-Newton step of the states and one of theta,
 
 with r and S of `residuals` and F the average information F = u' (I - J P J') u / 2 of the working variables (Gilmour, Thompson and
 Cullis 1995), which is exact at the optimum and grows with r far above it.
-Prior: flat in ln variance for a sensor, whose noise every row tells; flat in the standard deviation (slope 1) for a disturbance.
-One that is too small to be seen would otherwise drift to nothing, and the covariance with it.
+Prior: flat in the standard deviation (slope 1). A disturbance too small to be seen would otherwise drift to nothing, and the
+covariance with it, and so would the noise of a gyro beside disturbances that are larger in every sample.
 
 States widen by what is not known of theta, to first order: about the optimum x(theta) moves by dx/dtheta_i = -P J'u_i (implicit
 differentiation of the normal equations), so that their covariance is P + E V E', V that of theta, columns of E the P J'u_i.
@@ -43,7 +43,7 @@ LONGEST_STEP: Final[float] = 3.0
 """Of ln variance, in one iteration."""
 GAINS: Final[tuple[float, float]] = (0.1, 4.0)
 PRIOR_SLOPE: Final[float] = 1.0
-"""Of twice the log prior by ln density: flat in the standard deviation."""
+"""Of twice the log prior by ln variance: flat in the standard deviation."""
 SMALLEST_REDUNDANCY: Final[float] = 1e-3
 TINY: Final[float] = float(np.finfo(float).tiny)
 NEGLIGIBLE: Final[float] = 1e-3
@@ -97,7 +97,6 @@ def identify(
     first: ln variances to begin from; None for those of the median residuals.
     """
     theta = model.first(model.problem.at(trajectory, points)) if first is None else first
-    slope = np.concatenate([np.zeros(len(model.components)), np.full(len(model.densities), PRIOR_SLOPE)])
     rule = GaussNewton()
     for iteration in range(1, ITERATIONS + 1):
         problem = model.scaled(theta)
@@ -107,9 +106,9 @@ def identify(
             return None
         residuals = residuals_of(problem, here, normal, model.components, model.densities)
         working = WorkingSolutions(problem, here, normal, residuals.sources)
-        by, settled = _step(working, residuals, slope)
+        by, settled = _step(working, residuals)
         if settled or iteration == ITERATIONS:
-            covariance = np.linalg.pinv(working.information + np.diag(slope / 2))
+            covariance = np.linalg.pinv(working.information + PRIOR_SLOPE / 2 * np.eye(len(theta)))
             components = _components(model, theta, covariance)
             return Identified(components, iteration, settled, theta, covariance, working.errors)
         there, _, _ = advanced(problem, here, normal, (rule, rule.first))
@@ -128,13 +127,11 @@ def _components(
     return tuple(map(VarianceComponent, names, model.values(theta), log_std.tolist()))
 
 
-def _step(
-    working: WorkingSolutions, residuals: Residuals, slope: Float[np.ndarray, " c"]
-) -> tuple[Float[np.ndarray, " c"], bool]:
+def _step(working: WorkingSolutions, residuals: Residuals) -> tuple[Float[np.ndarray, " c"], bool]:
     """Of ln variances, and whether it is negligible."""
     information = np.maximum(working.variances_information, TINY)
     gain = np.clip(residuals.squares / (2 * information), *GAINS)
-    ratio = (residuals.squares + slope) / np.maximum(residuals.redundancy, SMALLEST_REDUNDANCY)
+    ratio = (residuals.squares + PRIOR_SLOPE) / np.maximum(residuals.redundancy, SMALLEST_REDUNDANCY)
     by = np.clip(gain * np.log(np.maximum(ratio, TINY)), -LONGEST_STEP, LONGEST_STEP)
     return by, bool(np.all(np.abs(by) <= SETTLED / np.sqrt(information) + NEGLIGIBLE))
 
