@@ -20,7 +20,10 @@ import numpy as np
 from spinfilters.data.atomic_write import make_folder
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog
+from spinfilters.data.truth import Truth
 from spinfilters.errors import InputError
+from spinfilters.estimators.history import EstimateHistory
+from spinfilters.evaluation.consistency import normalised_square, true_states
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.evaluation.span import span_errors
 from spinfilters.models.process import ProcessNoise
@@ -147,7 +150,20 @@ def lines_of(case: Case, seed: int, plain: bool) -> list[Line]:
         evaluations, noise = _evaluated(silent(dataset))
     except InputError as error:
         return [Line(case.name, seed, name, "refused", reasons=str(error)) for name in NAMES]
-    return [_line(case, seed, e, stated.get(e.name), _Levels(noise[e.name], true)) for e in evaluations]
+    assert dataset.truth is not None
+    return [
+        _line(case, seed, _Pair(e, stated.get(e.name), dataset.truth), _Levels(noise[e.name], true))
+        for e in evaluations
+    ]
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """One estimator with nothing stated, with the true noise stated, and the truth."""
+
+    found: Evaluation
+    stated: Evaluation | None
+    truth: Truth
 
 
 @dataclass(frozen=True)
@@ -193,9 +209,10 @@ def _evaluated(
     return comparison.evaluations, {name: document[name]["noise"] for name in document}
 
 
-def _line(case: Case, seed: int, found: Evaluation, stated: Evaluation | None, levels: _Levels) -> Line:
-    nees, errors = _errors(found)
-    _, reference = (np.nan, {}) if stated is None else _errors(stated)
+def _line(case: Case, seed: int, pair: _Pair, levels: _Levels) -> Line:
+    found, stated, truth = pair.found, pair.stated, pair.truth
+    nees, errors = _errors(found, truth)
+    _, reference = (np.nan, {}) if stated is None else _errors(stated, truth)
     ratios = [np.log(errors[key] / reference[key]) for key in errors if key in reference]
     status = found.history.status
     return Line(
@@ -212,13 +229,22 @@ def _line(case: Case, seed: int, found: Evaluation, stated: Evaluation | None, l
     )
 
 
-def _errors(evaluation: Evaluation) -> tuple[float, dict[str, float]]:
+def _errors(evaluation: Evaluation, truth: Truth) -> tuple[float, dict[str, float]]:
     """NEES per degree of freedom, and rms errors by quantity, over its own epochs."""
     own = None if evaluation.own_begin is None else span_errors(evaluation, evaluation.own_begin)
     if own is None:
         return np.nan, {}
     rms = {name: value for name, value in vars(own.rms).items() if value}
-    return np.nan if own.nees is None else own.nees, rms
+    return (_body_nees(evaluation.history, truth) if own.nees is None else own.nees), rms
+
+
+def _body_nees(history: EstimateHistory, truth: Truth) -> float:
+    """Per degree of freedom of rate and mass distribution, which need no frame i: of a gyro, whose axes are g."""
+    layout = history.layout
+    blocks = [*range(*layout.slice("w").indices(99)), *range(*layout.slice("s").indices(99))]
+    error = layout.local(history.mean, true_states(truth, layout)[: len(history.mean)])
+    nees = normalised_square(error[history.own][:, blocks], history.factor[history.own][:, blocks])
+    return float(np.mean(nees)) / len(blocks)
 
 
 def table_of(case: Case, lines: Sequence[Line]) -> str:
