@@ -6,8 +6,8 @@ and its integrated correlation time; an error correlated over tau samples weighs
 large (Sokal 1997), so the filters are given that. Their innovations are then about 1 / tau of what they are told to expect.
 
 An error that proves white is noise like any other sensor's, and its level a variance component
-(`spinfilters.pipeline.identified_noise`). One that is correlated is not: as white noise it is most likely none at all, for the torque
-takes what is slow (3e-8 rad/s on the phone tosses, whose smoother then refuses every tenth sample).
+(`spinfilters.pipeline.identified_noise`). One that is correlated is not: as white noise it is most likely none at all, for the
+torque takes what is slow (3e-8 rad/s on the phone tosses, whose smoother then refuses every tenth sample).
 """
 
 from dataclasses import dataclass
