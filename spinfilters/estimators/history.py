@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 
 from spinfilters.errors import ShapeError
 from spinfilters.estimators.estimator import UpdateReport
+from spinfilters.estimators.identification.components import VarianceComponent
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
 from spinfilters.state.status import EstimatorStatus
@@ -37,6 +38,7 @@ class EstimateHistory:
     initialisation: how many of the first epochs are a filter's initialisation, which a smoother has made; nothing of them is
         counted. The filter's own begin behind them.
     observations: (n,) what was measured in each epoch, used or not; None where that is not told.
+    noise: levels identified that the estimate rests on in the end; empty where they are those of the initialisation.
     """
 
     name: str
@@ -53,6 +55,7 @@ class EstimateHistory:
     status: EstimatorStatus
     initialisation: int = 0
     observations: Int[np.ndarray, " n"] | None = None
+    noise: tuple[VarianceComponent, ...] = ()
 
     @property
     def own(self) -> slice:

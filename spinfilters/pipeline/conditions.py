@@ -1,13 +1,14 @@
 """What a comparison was made under: the map, the noise that the estimators are told, the seed, a truth that belongs together."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.data.sensor_format import sensor_format
+from spinfilters.estimators.identification.components import VarianceComponent
 from spinfilters.evaluation.truth_consistency import contradictions
 from spinfilters.pipeline.setup import Setup
 from spinfilters.sensors.registry import sensor_of
@@ -25,7 +26,7 @@ class StatedNoise:
     Attributes
     ----------
     label: what it is called in a sentence.   source: `STATED`, `IDENTIFIED`, or `PRIOR` where the data only bound it, or nothing.
-    std: of an identified value.
+    std: of an identified value.   upper: bound on one that cannot be told from zero.
     """
 
     name: str
@@ -34,11 +35,36 @@ class StatedNoise:
     unit: str
     source: str = STATED
     std: float | None = None
+    upper: float | None = None
 
     @property
     def document(self) -> dict[str, Any]:
         """As summary.json holds it."""
-        return {"value": self.value, "unit": self.unit, "std": self.std, "source": self.source}
+        return {**self.level, "unit": self.unit}
+
+    @property
+    def level(self) -> dict[str, Any]:
+        """Value, deviation, upper bound and source."""
+        return {"value": self.value, "std": self.std, "upper": self.upper, "source": self.source}
+
+    def identified(self, found: Sequence[VarianceComponent]) -> "StatedNoise":
+        """As it was identified, if it is among these."""
+        own = next((each for each in found if each.name == self.name), None)
+        if own is None:
+            return self
+        if own.told:
+            return replace(self, value=own.value, source=IDENTIFIED, std=own.std, upper=None)
+        return replace(self, value=own.value, source=PRIOR, std=None, upper=own.upper)
+
+    @property
+    def words(self) -> str:
+        """Label, value with its deviation or bound, unit and source."""
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        if self.upper is not None:
+            return f"{self.label} below {self.upper:.2g}{unit}"
+        deviation = "" if self.std is None else f" +- {self.std:.1g}"
+        found = {IDENTIFIED: " (identified)", PRIOR: " (assumed)", STATED: ""}
+        return f"{self.label} {self.value:.3g}{deviation}{unit}{found[self.source]}"
 
 
 @dataclass(frozen=True)
@@ -117,26 +143,26 @@ def _sensor_noise(stream: MeasurementStream, setup: Setup) -> Iterator[StatedNoi
             value = _median_std(stream.covariance[:, rows[:, None], rows])
         if value > 0:
             own = stream.covariance is not None and option.components is not None
-            source, std = (STATED, None) if own else _source(option.name, setup)
-            yield StatedNoise(option.name, option.words, value, option.allowed.unit or "1", source, std)
+            source = STATED if own else _source(option.name, setup)
+            noise = StatedNoise(option.name, option.words, value, option.allowed.unit or "1", source)
+            yield noise.identified(setup.identified)
 
 
 def _disturbances(setup: Setup) -> Iterator[StatedNoise]:
     noise = setup.process.noise
     if setup.process.layout.translates:
-        yield StatedNoise("force_psd", "force", noise.force_psd, FORCE_UNIT, *_source("force_psd", setup))
-    yield StatedNoise("torque_psd", "torque", noise.torque_psd, TORQUE_UNIT, *_source("torque_psd", setup))
+        force = StatedNoise("force_psd", "force", noise.force_psd, FORCE_UNIT, _source("force_psd", setup))
+        yield force.identified(setup.identified)
+    torque = StatedNoise("torque_psd", "torque", noise.torque_psd, TORQUE_UNIT, _source("torque_psd", setup))
+    yield torque.identified(setup.identified)
 
 
-def _source(name: str, setup: Setup) -> tuple[str, float | None]:
-    """Where a noise level comes from, and its standard deviation if the data tell it."""
-    found = next((each for each in setup.identified if each.name == name), None)
-    if found is not None:
-        return (IDENTIFIED, found.std) if found.told else (PRIOR, None)
+def _source(name: str, setup: Setup) -> str:
+    """Where a noise level comes from that is not among those identified."""
     if name not in setup.unstated:
-        return STATED, None
+        return STATED
     by_rates = setup.gyro_noise is not None and name in _identified_options(setup)
-    return (IDENTIFIED if by_rates else PRIOR), None
+    return IDENTIFIED if by_rates else PRIOR
 
 
 def _identified_options(setup: Setup) -> set[str | None]:
@@ -150,7 +176,4 @@ def _median_std(covariance: np.ndarray) -> float:
 
 
 def _listed(noise: tuple[StatedNoise, ...]) -> str:
-    found = {IDENTIFIED: " (identified)", PRIOR: " (assumed)", STATED: ""}
-    return ", ".join(
-        f"{n.label} {n.value:.3g}{'' if n.unit == '1' else f' {n.unit}'}{found[n.source]}" for n in noise
-    )
+    return ", ".join(each.words for each in noise)

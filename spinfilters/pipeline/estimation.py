@@ -136,6 +136,7 @@ def _estimated(
         estimator, twin = (entry.build(setup, settings) for _ in range(2))
         passed, rows = _run(entry, estimator, twin, setup, company)
         history = _final(entry, estimator, passed, rows, setup)
+        history = replace(history, noise=entry.noise(estimator, history, setup))
         return history, entry.points(estimator, history, setup)
     except NUMERICAL_ERRORS as error:
         nothing = GrowingHistory(setup.process.layout, setup.end_of_initialisation)

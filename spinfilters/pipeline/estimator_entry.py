@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from spinfilters.estimators.contracts import BatchEstimator
     from spinfilters.estimators.estimator import Estimator
     from spinfilters.estimators.history import EstimateHistory
+    from spinfilters.estimators.identification.components import VarianceComponent
     from spinfilters.pipeline.setup import Setup
     from spinfilters.settings.run_settings import Settings
 
@@ -55,6 +56,12 @@ class EstimatorEntry(ABC, Generic[Built]):
         """What it says in the end of all epochs, those of the initialisation among them; None where that is what it said of each
         as it came. ``passed`` holds the epochs behind the initialisation."""
         return None
+
+    def noise(
+        self, estimator: Built, history: "EstimateHistory", setup: "Setup"
+    ) -> "tuple[VarianceComponent, ...]":
+        """Identified levels of noise that it ended with; none where they are those of the initialisation."""
+        return history.noise
 
     def points(
         self, estimator: Built, history: "EstimateHistory", setup: "Setup"

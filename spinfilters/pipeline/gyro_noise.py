@@ -4,6 +4,10 @@ The error of a consumer gyro in a fast spin grows with the rate and is slow (sca
 size would be averaged away far too quickly. What a whole torque-free recording leaves unexplained gives its size relative to |w|
 and its integrated correlation time; an error correlated over tau samples weighs on slow states like white noise sqrt(tau) times as
 large (Sokal 1997), so the filters are given that. Their innovations are then about 1 / tau of what they are told to expect.
+
+An error that proves white is noise like any other sensor's, and its level a variance component
+(`spinfilters.pipeline.identified_noise`). One that is correlated is not: as white noise it is most likely none at all, for the
+torque takes what is slow (3e-8 rad/s on the phone tosses, whose smoother then refuses every tenth sample).
 """
 
 from dataclasses import dataclass
@@ -12,11 +16,14 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.data.sensor_format import sensor_format
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
 
 FIRST_SCALE = 0.01
 """Relative error from which the identification begins: a per cent is what phones do."""
 SMALLEST_SCALE = 1e-5
+WHITE = 2.5
+"""Correlation time, in samples, below which an error counts as white: simulated white noise stays below 2, phones lie above 4."""
 DISTURBANCE = 0.01
 """Angular acceleration noise of a body that a phone rides on, relative to |w|, in (rad/s^2)/sqrt(Hz) per rad/s: air, straps and
 what the gyro's slow errors look like, one per cent of the rate in a second. Without it the clean phone tosses are predicted 0.3 s
@@ -36,6 +43,11 @@ class GyroNoise:
     correlation_time: float
 
     @property
+    def is_white(self) -> bool:
+        """Whether one sample's error tells nothing of the next."""
+        return self.correlation_time < WHITE
+
+    @property
     def scale_std(self) -> float:
         """Standard deviation relative to |w| of the white noise that weighs as much."""
         return max(self.relative_error, SMALLEST_SCALE) * float(np.sqrt(self.correlation_time))
@@ -44,6 +56,13 @@ class GyroNoise:
 def disturbance_psd(gyro: MeasurementStream) -> float:
     """Density of the angular acceleration of a recording whose gyro is of unknown error, (rad/s^2)^2/Hz."""
     return float(DISTURBANCE * np.mean(np.linalg.norm(gyro.values, axis=1))) ** 2
+
+
+def white_level(gyro: MeasurementStream, found: GyroNoise) -> dict[str, float]:
+    """First level of a white error by its noise option, rad/s."""
+    (option,) = (each.name for each in sensor_format(gyro.sensor).noise if each.components is not None)
+    rate = float(np.sqrt(np.mean(np.sum(gyro.values**2, axis=1))))
+    return {option: max(found.relative_error, SMALLEST_SCALE) * rate}
 
 
 def identify_gyro_noise(gyro: MeasurementStream, fitted: InitialEstimate) -> GyroNoise:

@@ -1,4 +1,4 @@
-"""Noise that nobody states, identified on the initialisation's own epochs."""
+"""Noise that nobody states, identified on the initialisation's own epochs, or on a smoother's."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -7,14 +7,15 @@ from typing import Final
 import numpy as np
 
 from spinfilters.data.sensor_format import sensor_format
-from spinfilters.estimators.identification.components import DISTURBANCES, ComponentRows, VarianceComponent
-from spinfilters.estimators.identification.identify import NoiseModel, identify
+from spinfilters.estimators.identification.components import FORCE_PSD, ComponentRows, VarianceComponent
+from spinfilters.estimators.identification.identify import Identified, identify
+from spinfilters.estimators.identification.noise_model import NoiseModel
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
 from spinfilters.estimators.smoothing.factors.landmark_observations import OBSERVATIONS_NEEDED
-from spinfilters.estimators.smoothing.problem.least_squares import problem_of
+from spinfilters.estimators.smoothing.problem.least_squares import Problem, problem_of
 from spinfilters.estimators.timeline import SensorNoise, Timeline
 from spinfilters.models.measurement import MeasurementModel
-from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.models.process import TorqueFreeProcess
 
 ROUNDS: Final[int] = 3
 """Initialisations at most: each linearises about what the noise of the one before made of the epochs."""
@@ -57,30 +58,28 @@ def with_identified_noise(
 ) -> tuple[NoisyModels, tuple[VarianceComponent, ...]]:
     """The initialisation with the noise that its own epochs identify; without it where they identify none.
 
-    The density of a disturbance is raised by what is not known of it: exp(var ln density), which leaves one that the data tell.
+    The density of a disturbance is taken for its mean, exp(var ln density) times the most probable, and covariances widen by what
+    is not known of the levels (`Identified`).
     """
-    made, found = make(process, noise), ()
+    made, found = make(process, noise), None
     if not unstated:
-        return made, found
+        return made, ()
     for _ in range(ROUNDS - 1):
-        components = _identified(made, unstated)
-        if components is None:
+        identified = _identified(made, unstated)
+        if identified is None:
             break
-        before, found = _levels(made, unstated), components
-        process = made.process.with_noise(_densities(made.process.noise, components))
-        made = make(process, _sensor_noise(made.noise, components))
+        before, found = _levels(made, unstated), identified
+        made = make(*_expected(made, identified))
         after = _levels(made, unstated)
         if all(abs(np.log(after[name] / before[name])) < ALIKE for name in after):
             break
-    return made, found
+    if found is None:
+        return made, ()
+    return replace(made, start=_widened(made.start, found)), found.components
 
 
-def _identified(made: NoisyModels, unstated: Unstated) -> tuple[VarianceComponent, ...] | None:
-    start, process = made.start, made.process
-    if start.has_failed or not np.isfinite(start.mean).all():
-        return None
-    epochs = made.timeline[: len(start.mean)]
-    problem = problem_of(process, epochs, start.ids, start.prior, OBSERVATIONS_NEEDED)
+def noise_model(problem: Problem, noise: SensorNoise, unstated: Unstated) -> NoiseModel | None:
+    """The problem of some epochs with its unknown levels; None where it has none."""
     seen = (
         set() if problem.observations is None else {group.model.name for group in problem.observations.groups}
     )
@@ -92,11 +91,36 @@ def _identified(made: NoisyModels, unstated: Unstated) -> tuple[VarianceComponen
             if sensor.model.name in by_sensor
         }
         if rows or seen & set(by_sensor):
-            value = getattr(made.noise, option)
+            value = getattr(noise, option)
             components.append(ComponentRows(option, value, rows, bool(seen & set(by_sensor))))
-    densities = tuple(name for name in unstated.densities if process.layout.translates or name != "force_psd")
-    found = identify(NoiseModel(problem, tuple(components), densities), start.mean, start.points)
-    return None if found is None or not found.converged else found.components
+    densities = tuple(name for name in unstated.densities if problem.layout.translates or name != FORCE_PSD)
+    return NoiseModel(problem, tuple(components), densities) if components or densities else None
+
+
+def _identified(made: NoisyModels, unstated: Unstated) -> Identified | None:
+    start = made.start
+    if start.has_failed or not np.isfinite(start.mean).all():
+        return None
+    epochs = made.timeline[: len(start.mean)]
+    problem = problem_of(made.process, epochs, start.ids, start.prior, OBSERVATIONS_NEEDED)
+    model = noise_model(problem, made.noise, unstated)
+    found = None if model is None else identify(model, start.mean, start.points)
+    return found if found is not None and found.converged else None
+
+
+def _expected(made: NoisyModels, found: Identified) -> tuple[TorqueFreeProcess, SensorNoise]:
+    """What estimators are told of the levels."""
+    densities = {each.name: each.expected for each in found.components if each.is_density}
+    stds = {each.name: each.expected for each in found.components if not each.is_density}
+    process = made.process.with_noise(replace(made.process.noise, **densities))
+    return process, replace(made.noise, **stds)
+
+
+def _widened(start: InitialEstimate, found: Identified) -> InitialEstimate:
+    """With what is not known of the levels in its covariances; as it is where it has got other epochs with them."""
+    if found.sensitivity.shape[1] != len(start.factor):
+        return start
+    return replace(start, factor=found.widened(start.factor))
 
 
 def _rows(model: MeasurementModel, components: tuple[int, ...]) -> tuple[int, ...]:
@@ -108,12 +132,3 @@ def _levels(made: NoisyModels, unstated: Unstated) -> dict[str, float]:
     """Variances and densities that the initialisation was made with."""
     levels = {name: getattr(made.noise, name) ** 2 for name in unstated.options}
     return levels | {name: getattr(made.process.noise, name) for name in unstated.densities}
-
-
-def _densities(noise: ProcessNoise, components: tuple[VarianceComponent, ...]) -> ProcessNoise:
-    found = [each for each in components if each.name in DISTURBANCES]
-    return replace(noise, **{each.name: each.value * float(np.exp(each.log_std**2)) for each in found})
-
-
-def _sensor_noise(noise: SensorNoise, components: tuple[VarianceComponent, ...]) -> SensorNoise:
-    return replace(noise, **{each.name: each.value for each in components if each.name not in DISTURBANCES})

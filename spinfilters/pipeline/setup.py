@@ -19,8 +19,8 @@ from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline, times_of
 from spinfilters.geometry.camera_trajectory import CameraTrajectory
 from spinfilters.models.process import TorqueFreeProcess
-from spinfilters.pipeline.gyro_noise import FIRST_SCALE, GyroNoise, identify_gyro_noise
-from spinfilters.pipeline.identified_noise import NoisyModels, with_identified_noise
+from spinfilters.pipeline.gyro_noise import FIRST_SCALE, GyroNoise, identify_gyro_noise, white_level
+from spinfilters.pipeline.identified_noise import NoisyModels, Unstated, with_identified_noise
 from spinfilters.pipeline.initialisation_length import Make, long_enough_initialisation
 from spinfilters.pipeline.stated_noise import (
     disturbances,
@@ -37,6 +37,7 @@ from spinfilters.state.blocks.drag import DRAG
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
+NOTHING_SOUGHT = Unstated({}, ())
 WHOLE_RECORDING = 400
 """Samples, at most, from which the error of a rate sensor is identified."""
 
@@ -50,8 +51,9 @@ class Setup:
     timeline: all epochs.   start: of which the first have been smoothed.
     belief: what every filter begins from at the end of the start, with landmarks where the map is not known.
     map_points: (k, 3) m in g: the known map or that of the start, or None.
-    gyro_noise: identified, or None when it was stated.   identified: other noise that nobody states.
-    unstated: names of all noise that nobody states.
+    gyro_noise: identified correlated error of a gyro, or None where it is white or stated.   identified: other noise that nobody
+        states.
+    unstated: names of all noise that nobody states.   sought: what of it is identified, by sensor.
     """
 
     dataset: Dataset
@@ -64,6 +66,7 @@ class Setup:
     gyro_noise: GyroNoise | None
     identified: tuple[VarianceComponent, ...] = ()
     unstated: frozenset[str] = frozenset()
+    sought: Unstated = NOTHING_SOUGHT
 
     @property
     def end_of_initialisation(self) -> float:
@@ -125,7 +128,11 @@ def _setup(dataset: Dataset, settings: Settings, initial: Given | None) -> Setup
             process.require_steps(stream.time, rates)
     if unknown is not None:
         gyro_noise, option = _identify(unknown, process, noise, settings.initialisation)
-        noise = replace(noise, **{option: gyro_noise.scale_std})
+        if gyro_noise.is_white:
+            noise = replace(noise, **white_level(unknown, gyro_noise))
+            gyro_noise = unknown = None
+        else:
+            noise = replace(noise, **{option: gyro_noise.scale_std})
     silent = unstated_noise(log, dataset, settings, unknown)
 
     def bound(process: TorqueFreeProcess, noise: SensorNoise) -> NoisyModels:
@@ -156,6 +163,7 @@ def _setup(dataset: Dataset, settings: Settings, initial: Given | None) -> Setup
         gyro_noise,
         components,
         unstated_names(dataset, settings),
+        NOTHING_SOUGHT if initial is not None else silent,
     )
 
 

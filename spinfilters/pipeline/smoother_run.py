@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -9,15 +10,23 @@ from jaxtyping import Float, Int
 from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.history import EstimateHistory
+from spinfilters.estimators.identification.identify import Identified
 from spinfilters.estimators.initialisation.initial_guess import guessed_trajectory
 from spinfilters.estimators.run import rehearse, run
-from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess
-from spinfilters.estimators.smoothing.solver.batch_smoother import BatchSmoothing, smooth_recording
+from spinfilters.estimators.smoothing.factors.motion_factors import STRETCH
+from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess, Problem, problem_of
+from spinfilters.estimators.smoothing.solver.batch_smoother import (
+    NO_LANDMARKS,
+    BatchSmoothing,
+    smooth_problem,
+    smooth_recording,
+)
 from spinfilters.estimators.smoothing.window.recursive_smoother import RecursiveSmoother
 from spinfilters.estimators.smoothing.window.smoother_records import UpdateResult
-from spinfilters.estimators.timeline import times_of
+from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.pipeline.measured_motion import measured_motion
 from spinfilters.pipeline.setup import Setup
+from spinfilters.pipeline.smoother_noise import settled_at_levels, smoothed_at_levels
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.layout import StateLayout
 from spinfilters.state.status import EstimatorStatus, Verdict
@@ -51,8 +60,9 @@ def begin_after_initialisation(smoother: RecursiveSmoother, setup: Setup) -> lis
 
 def smoothed_history(smoother: RecursiveSmoother, passed: EstimateHistory, setup: Setup) -> EstimateHistory:
     """Every epoch given all measurements; ``passed`` are those behind the initialisation, as they came."""
-    first = len(setup.initial.mean)
-    rows, status = smoother.smoothed()[: first + len(passed.time)], passed.status
+    first, status = len(setup.initial.mean), passed.status
+    rows, found = settled_at_levels(smoother, setup)
+    rows = rows[: first + len(passed.time)]
     for doubt in smoother.sliding.unobservable():
         status = status.degraded(doubt)
     factor = np.array([row.factor for row in rows])
@@ -73,6 +83,7 @@ def smoothed_history(smoother: RecursiveSmoother, passed: EstimateHistory, setup
         rejected=rejected,
         runtime=np.concatenate([np.zeros(first), passed.runtime]),
         status=status,
+        noise=() if found is None else found.components,
     )
 
 
@@ -105,13 +116,26 @@ def smooth_at_once(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> Estim
             trajectory = _measured_trajectory(setup)
             annealed, status = ANNEALED_ITERATIONS, EstimatorStatus().degraded(NO_FILTER)
     epochs = timeline[: len(trajectory)]
-    found = smooth_recording(
-        setup.process, epochs, trajectory, start.prior, settings.smoother.robust_loss, annealed
-    )
+    found, levels = _smoothed(epochs, trajectory, annealed, setup, settings)
     if not found.solved.converged:
         status = status.degraded(f"the smoother did not settle in {found.solved.iterations} iterations")
     share = (working_seconds() - begin) / len(epochs)
-    return _batch_history(found, setup.process.layout, status, (times_of(epochs), share))
+    history = _batch_history(found, setup.process.layout, status, (times_of(epochs), share))
+    return history if levels is None else replace(history, noise=levels.components)
+
+
+def _smoothed(
+    epochs: Timeline, trajectory: Float[np.ndarray, "k m"], annealed: int, setup: Setup, settings: Settings
+) -> tuple[BatchSmoothing, Identified | None]:
+    """Epochs smoothed from a trajectory, at the levels of noise that they identify."""
+
+    def problem(count: int) -> Problem:
+        loss = settings.smoother.robust_loss
+        return problem_of(setup.process, epochs[:count], NO_LANDMARKS, setup.initial.prior, 2, loss)
+
+    whole = problem(len(epochs))
+    part = problem(STRETCH) if whole.is_long else whole
+    return smoothed_at_levels(whole, part, smooth_problem(whole, trajectory, annealed), setup)
 
 
 def _measured_trajectory(setup: Setup) -> Float[np.ndarray, "k m"]:

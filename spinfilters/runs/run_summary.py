@@ -1,6 +1,7 @@
 """summary.json: what a run was made of and what came out, in numbers."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from spinfilters.evaluation.reported_constants import constant_numbers
 from spinfilters.evaluation.span import shared_begin
 from spinfilters.evaluation.usage import on_identical_measurements
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.pipeline.conditions import conditions_of
+from spinfilters.pipeline.conditions import StatedNoise, conditions_of
 from spinfilters.pipeline.estimation import Comparison
 from spinfilters.pipeline.setup import Setup
 from spinfilters.state.layout import StateLayout
@@ -30,7 +31,6 @@ def summary(comparison: Comparison) -> dict[str, Any]:
     setup, evaluations = comparison.setup, comparison.evaluations
     shared, conditions = shared_begin(evaluations), conditions_of(setup)
     told = (*conditions.sensors, *conditions.disturbances)
-    noise = {each.name: {"value": each.value, "std": each.std, "source": each.source} for each in told}
     return {
         "schema": SCHEMA,
         "dataset": _dataset(setup),
@@ -39,7 +39,7 @@ def summary(comparison: Comparison) -> dict[str, Any]:
         "conditions": conditions.document,
         "identical_measurements": on_identical_measurements(evaluations),
         "start": _start(setup),
-        "estimators": {e.name: {**_estimator(e, shared), "noise": noise} for e in evaluations},
+        "estimators": {e.name: {**_estimator(e, shared), "noise": _noise(told, e)} for e in evaluations},
     }
 
 
@@ -119,6 +119,11 @@ def _start(setup: Setup) -> dict[str, Any]:
         "gyro_relative_error": None if noise is None else noise.relative_error,
         "gyro_correlation_samples": None if noise is None else noise.correlation_time,
     }
+
+
+def _noise(told: Sequence[StatedNoise], evaluation: Evaluation) -> dict[str, Any]:
+    """Levels of noise that an estimate rests on in the end."""
+    return {each.name: each.identified(evaluation.history.noise).level for each in told}
 
 
 def _estimator(evaluation: Evaluation, shared: float) -> dict[str, Any]:

@@ -43,9 +43,9 @@ class ProcessSettings:
 
     Attributes
     ----------
-    force_psd: (m/s^2)^2/Hz.   torque_psd: (rad/s^2)^2/Hz. "auto" takes the data set's own; where it is silent `THESIS_NOISE`, or
-        as the torque of a gyro of unknown error what the disturbances of thrown bodies were found to be
-        (`spinfilters.pipeline.gyro_noise`).
+    force_psd: (m/s^2)^2/Hz.   torque_psd: (rad/s^2)^2/Hz. "auto" takes the data set's own; where it is silent it is
+        identified (`spinfilters.pipeline.identified_noise`), but for the torque of a gyro of correlated unknown error: what
+        the disturbances of thrown bodies were found to be (`spinfilters.pipeline.gyro_noise`).
     drag: whether the state has an aerodynamic drag coefficient.
     tolerance: of the integrator, rad and relative rate per step.
     """

@@ -12,11 +12,11 @@ from spinfilters.estimators.identification.components import ComponentRows
 from spinfilters.estimators.identification.identify import (
     STAGE,
     Identified,
-    NoiseModel,
-    average_information,
     identify,
 )
+from spinfilters.estimators.identification.noise_model import NoiseModel
 from spinfilters.estimators.identification.residuals import residuals_of
+from spinfilters.estimators.identification.working_solutions import WorkingSolutions
 from spinfilters.estimators.smoothing.factors.motion_factors import NOISE_FLOOR
 from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
 from spinfilters.estimators.smoothing.problem.least_squares import Problem, problem_of
@@ -140,7 +140,7 @@ def test_the_average_information_is_that_of_the_dense_problem(kind: str) -> None
     here = model.problem.at(*first_point(setup), STAGE.loss)
     normal = model.problem.normal(here, STAGE)
     residuals = residuals_of(model.problem, here, normal, model.components, model.densities)
-    information = average_information(model.problem, here, normal, residuals.sources)
+    information = WorkingSolutions(model.problem, here, normal, residuals.sources).information
     assert np.linalg.eigvalsh(information).min() > 0
     total = residuals.sources[0]
     for each in residuals.sources[1:]:
@@ -186,3 +186,41 @@ def test_a_disturbance_that_cannot_be_seen_is_bounded_and_not_zero() -> None:
     for each in found.components[2:]:
         assert not each.told
         assert 0 < each.value < 1e-6
+
+
+@pytest.mark.parametrize("kind", list(STATED))
+def test_states_move_with_a_level_as_the_working_solutions_say(kind: str) -> None:
+    model, setup = case(kind, 0, ProcessNoise(1e-6, 1e-5), epochs=40)
+    size, step = len(model.components) + len(model.densities), 1e-4
+    problem = model.scaled(np.zeros(size))
+    here = problem.at(*first_point(setup), STAGE.loss)
+    normal = problem.normal(here, STAGE)
+    residuals = residuals_of(problem, here, normal, model.components, model.densities)
+    found = WorkingSolutions(problem, here, normal, residuals.sources).errors
+    for k, expected in enumerate(found):
+        ends = [solution_errors(model.scaled(sign * step * np.eye(size)[k]), setup) for sign in (1, -1)]
+        moved = (ends[1] - ends[0]) / (2 * step)
+        np.testing.assert_allclose(moved, expected, atol=1e-3 * np.abs(expected).max())
+
+
+def solution_errors(problem: Problem, setup: Setup) -> np.ndarray:
+    """Of the linear problem about the initialisation."""
+    normal = problem.normal(problem.at(*first_point(setup), STAGE.loss), STAGE)
+    assert isinstance(normal.solution, SchurSystem)
+    return normal.solution.errors
+
+
+def test_covariances_widen_by_the_sensitivity_and_what_is_not_known_of_the_levels() -> None:
+    found = identified(*case("pose", 1, ProcessNoise(1e-6, 1e-5)))
+    factors = np.tile(1e-3 * np.eye(found.sensitivity.shape[2]), (found.sensitivity.shape[1], 1, 1))
+    wide = found.widened(factors)
+    added = np.einsum("ckn,cd,dkm->knm", found.sensitivity, found.covariance, found.sensitivity)
+    np.testing.assert_allclose(wide @ wide.swapaxes(1, 2), factors @ factors + added, rtol=1e-6, atol=1e-12)
+
+
+def test_a_gyro_s_noise_beside_larger_torque_does_not_drift_to_nothing() -> None:
+    model, setup = case("gyro", 0, ProcessNoise(1e-6, 5e-5))
+    noise, torque = identified(model, setup).components
+    assert noise.upper > 0.002
+    assert noise.value > 2e-4
+    assert abs(np.log(torque.value / 5e-5)) < 3 * torque.log_std

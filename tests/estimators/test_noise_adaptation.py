@@ -12,6 +12,8 @@ from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
 from spinfilters.estimators.filters.noise_adaptation import (
+    BLOCK,
+    CYCLE,
     LARGEST_SCALE,
     AdaptationOptions,
     NoiseAdaptation,
@@ -187,3 +189,49 @@ def test_a_scale_stays_bounded(squared: float, bound: float) -> None:
 def test_a_horizon_out_of_range_is_refused(name: str, value: float) -> None:
     with pytest.raises(InputError, match=f"adaptation.{name} is"):
         AdaptationOptions(**{name: value})
+
+
+IDENTIFIED = {"process.torque": NoiseScale(np.log(4.0) - 0.02, 100.0), "sensor.pose": NoiseScale(0.0, 200.0)}
+
+
+def test_identified_levels_are_scaled_to_their_means_and_go_on_by_a_part_of_the_epochs() -> None:
+    estimator = _started(MultiplicativeEkf, 0, Stated(), NONE)
+    estimator.adapt_from(IDENTIFIED)
+    estimator.start(estimator.belief)
+    assert estimator._adaptation.process_scale("torque") == pytest.approx(4.0)
+    assert estimator._adaptation.process_scale("force") == 1.0
+    for epoch in range(1, FRAMES):
+        _step(estimator, 0, epoch, Stated())
+    assert estimator.level("process.torque") == IDENTIFIED["process.torque"]
+    for epoch in range(CYCLE - FRAMES + 1):
+        _step(estimator, 0, 1 + epoch % (FRAMES - 1), Stated())
+    assert estimator.level("process.torque").information > IDENTIFIED["process.torque"].information
+    assert estimator.level("sensor.pose").information > IDENTIFIED["sensor.pose"].information
+
+
+@pytest.mark.parametrize("wrong", [0.1, 10.0])
+def test_a_filter_goes_on_from_a_wrong_level_to_the_right_one(wrong: float) -> None:
+    logarithms = []
+    for seed in range(SEEDS):
+        estimator = _started(MultiplicativeEkf, seed, Stated(truth=DISTURBED), NONE)
+        estimator.adapt_from({"process.torque": NoiseScale(np.log(wrong) - 1.0, 2.0)})
+        estimator.start(estimator.belief)
+        estimator._adaptation._predictions = CYCLE - BLOCK
+        for epoch in range(1, BLOCK):
+            _step(estimator, seed, epoch, Stated(truth=DISTURBED))
+        logarithms.append(np.log(estimator._adaptation.process_scale("torque")))
+    assert abs(np.mean(logarithms)) < 0.5 * abs(np.log(wrong))
+
+
+def test_the_information_on_a_disturbance_stays_below_that_of_what_was_measured() -> None:
+    """About a mean other than the prediction's a thin covariance may grow in an update, and the evidence with it."""
+    dataset = simulate(Scenario(kind="gyro", epochs=115, interval=0.5, noise=ProcessNoise(torque_psd=4e-6)))
+    process = TorqueFreeProcess(StateLayout(ROTATION_BLOCKS), ProcessNoise(torque_psd=4e-6))
+    timeline = build_timeline(dataset.log, process.layout, SensorNoise(gyro_noise_std=0.002))
+    x = process.layout.origin()
+    x[process.layout.mean_slice("w")] = dataset.log.streams[0].values[0]
+    std = np.repeat([1e-6, 0.002, 0.3], [3, 3, 5])
+    ekf = MultiplicativeEkf(process, adaptation=AdaptationOptions(process=1e9))
+    ekf.start(Gaussian(process.layout, x, np.diag(std)))
+    run(ekf, timeline[0].time, timeline[1:])
+    assert 0 < ekf.level("process.torque").information < 3 * len(timeline)

@@ -41,7 +41,7 @@ def test_the_sentences_have_every_noise_with_its_unit_and_the_seed() -> None:
 def test_noise_is_what_the_estimators_are_told_whatever_was_simulated() -> None:
     told = Settings(process=ProcessSettings(force_psd=3e-5))
     noise = conditions(TRACKS, told).document["noise"]
-    stated = {"std": None, "source": "stated"}
+    stated = {"std": None, "upper": None, "source": "stated"}
     assert noise["force_psd"] == {"value": 3e-5, "unit": "(m/s^2)^2/Hz"} | stated
     assert noise["torque_psd"] == {"value": 1e-6, "unit": "(rad/s^2)^2/Hz"} | stated
 

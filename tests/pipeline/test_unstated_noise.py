@@ -72,6 +72,43 @@ def test_what_is_stated_is_used_as_it_is(by: str) -> None:
         told = replace(dataset.options, sensor_noise={"pose_position_std": 0.02}, torque_psd=3e-6)
         dataset = replace(dataset, options=told)
     noise = summary(compared(dataset, settings))["estimators"]["smoother"]["noise"]
-    assert noise["pose_position_std"] == {"value": 0.02, "std": None, "source": "stated"}
-    assert noise["torque_psd"] == {"value": 3e-6, "std": None, "source": "stated"}
+    assert noise["pose_position_std"] == {"value": 0.02, "std": None, "upper": None, "source": "stated"}
+    assert noise["torque_psd"] == {"value": 3e-6, "std": None, "upper": None, "source": "stated"}
     assert noise["pose_rotation_std"]["source"] == "identified"
+
+
+def test_the_smoother_identifies_noise_over_its_own_epochs_and_filters_over_the_first() -> None:
+    comparison = compared(recording(1), Settings())
+    setup, (mekf, smoother) = comparison.setup, comparison.evaluations
+    assert mekf.history.noise == setup.identified
+    first, later = (
+        {each.name: each for each in noise} for noise in (setup.identified, smoother.history.noise)
+    )
+    assert first.keys() == later.keys() == TRUE.keys()
+    for name, true in TRUE.items():
+        assert later[name].log_std < first[name].log_std
+        away = np.log(later[name].value / true) * (1 if name.endswith("psd") else 2)
+        assert abs(away) < 3 * later[name].log_std
+
+
+def test_a_disturbance_too_small_to_be_seen_is_said_to_be_below_a_bound() -> None:
+    dataset = simulate(Scenario(kind="pose", rate_rpm=RICH_RPM, epochs=60, noise=ProcessNoise(1e-14, 1e-14)))
+    streams = tuple(replace(stream, covariance=None) for stream in dataset.log.streams)
+    dataset = replace(dataset, log=MeasurementLog(streams), options=replace(dataset.options, torque_psd=None))
+    document = summary(compared(dataset, Settings()))
+    noise = document["estimators"]["smoother"]["noise"]["torque_psd"]
+    assert noise["source"] == "prior"
+    assert noise["std"] is None
+    assert noise["upper"] > noise["value"]
+    assert any("torque below" in sentence for sentence in document["conditions"]["sentences"])
+
+
+def test_a_white_gyro_s_noise_is_identified_with_the_torque() -> None:
+    noise_std = 5e-3
+    scenario = Scenario(kind="gyro", rate_rpm=RICH_RPM, gyro_std=noise_std, noise=ProcessNoise(1e-6, 2e-6))
+    dataset = simulate(scenario)
+    options = replace(dataset.options, force_psd=None, torque_psd=None, sensor_noise={})
+    history = compared(replace(dataset, options=options), Settings()).evaluations[1].history
+    found = {each.name: each for each in history.noise}
+    assert abs(np.log(found["gyro_noise_std"].value / noise_std)) < 1.5 * found["gyro_noise_std"].log_std
+    assert found["torque_psd"].upper > 2e-6

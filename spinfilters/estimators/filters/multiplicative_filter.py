@@ -4,6 +4,7 @@ They differ in how they predict a measurement and propagate a belief.
 """
 
 from abc import abstractmethod
+from collections.abc import Mapping
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -22,6 +23,7 @@ from spinfilters.estimators.filters.compiled_update import MOST_NOISE, Update, c
 from spinfilters.estimators.filters.noise_adaptation import (
     AdaptationOptions,
     NoiseAdaptation,
+    NoiseScale,
     PredictedMotion,
 )
 from spinfilters.estimators.filters.square_root_update import triangular_factor
@@ -86,7 +88,15 @@ class MultiplicativeFilter(Estimator):
         self._mean, self._factor = belief.mean.copy(), belief.factor.copy()
         self._held = HeldMap.of(belief, self._options) if isinstance(belief, LandmarkBelief) else None
         self._guards = OutlierRejection(self._guards.options)
-        self._adaptation = NoiseAdaptation(self._adaptation.options)
+        self._adaptation = NoiseAdaptation(self._adaptation.options, self._adaptation.identified)
+
+    def adapt_from(self, identified: Mapping[str, NoiseScale]) -> None:
+        """Let noise levels go on from those identified before `start`; see `NoiseAdaptation`."""
+        self._adaptation = NoiseAdaptation(self._adaptation.options, identified)
+
+    def level(self, source: str) -> NoiseScale:
+        """Scale of a source of noise so far."""
+        return self._adaptation.level(source)
 
     @property
     def belief(self) -> Gaussian:

@@ -48,18 +48,34 @@ class VarianceComponent:
     log_std: float
 
     @property
+    def is_density(self) -> bool:
+        """Whether it is the density of a disturbance."""
+        return self.name in DISTURBANCES
+
+    @property
     def told(self) -> bool:
         """Whether the data tell it from zero; if not, `upper` is what they say."""
         return self.log_std < TOLD_LOG_STD
 
     @property
+    def expected(self) -> float:
+        """Level to estimate with: of a density its mean, exp(var ln density) times the most probable."""
+        return self.value * (float(np.exp(self.log_std**2)) if self.is_density else 1.0)
+
+    @property
     def upper(self) -> float:
         """Upper bound, in the unit of the value."""
-        half = 1.0 if self.name in DISTURBANCES else 0.5
+        half = 1.0 if self.is_density else 0.5
         return self.value * float(np.exp(half * BOUND_STD * self.log_std))
+
+    def scaled(self, log_variance: float, share: float) -> "VarianceComponent":
+        """Of exp(log_variance) times the variance, with this share of the deviation."""
+        half = 1.0 if self.is_density else 0.5
+        value = self.value * float(np.exp(half * log_variance))
+        return VarianceComponent(self.name, value, share * self.log_std)
 
     @property
     def std(self) -> float:
         """Standard deviation of the value, to first order."""
-        half = 1.0 if self.name in DISTURBANCES else 0.5
+        half = 1.0 if self.is_density else 0.5
         return self.value * half * self.log_std

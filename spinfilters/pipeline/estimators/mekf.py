@@ -6,7 +6,9 @@ from jaxtyping import Float
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeFilter
 from spinfilters.estimators.history import EstimateHistory
+from spinfilters.estimators.identification.components import VarianceComponent
 from spinfilters.pipeline.estimator_entry import EstimatorEntry
+from spinfilters.pipeline.filter_noise import adapted_levels, identified_scales
 from spinfilters.pipeline.setup import Setup
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.status import Verdict
@@ -19,7 +21,13 @@ class MultiplicativeEntry(EstimatorEntry[MultiplicativeFilter]):
     holds_landmarks = True
 
     def begin(self, estimator: MultiplicativeFilter, setup: Setup) -> None:
+        estimator.adapt_from(identified_scales(setup))
         estimator.start(setup.belief)
+
+    def noise(
+        self, estimator: MultiplicativeFilter, history: EstimateHistory, setup: Setup
+    ) -> tuple[VarianceComponent, ...]:
+        return adapted_levels(setup, estimator.level)
 
     def points(
         self, estimator: MultiplicativeFilter, history: EstimateHistory, setup: Setup

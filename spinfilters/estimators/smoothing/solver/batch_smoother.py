@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 from spinfilters.estimators.estimator import ProcessModel
 from spinfilters.estimators.robust.losses import RobustLoss
 from spinfilters.estimators.smoothing.linear.marginals import Marginals
-from spinfilters.estimators.smoothing.problem.least_squares import problem_of, with_common_constants
+from spinfilters.estimators.smoothing.problem.least_squares import Problem, problem_of, with_common_constants
 from spinfilters.estimators.smoothing.problem.unobservable_directions import unobservable_directions
 from spinfilters.estimators.smoothing.solver.annealing import AnnealedSchedule
 from spinfilters.estimators.smoothing.solver.iterations import Solved, SolverOptions, solve
@@ -59,13 +59,20 @@ def smooth_recording(
         its dynamics.
     """
     problem = problem_of(process, epochs, NO_LANDMARKS, prior, 2, loss)
-    start = np.ascontiguousarray(with_common_constants(process.layout, trajectory[::-1])[::-1])
+    return smooth_problem(problem, trajectory, annealed_iterations)
+
+
+def smooth_problem(
+    problem: Problem, trajectory: Float[np.ndarray, "k m"], annealed_iterations: int = 0
+) -> BatchSmoothing:
+    """Smooth a problem without landmarks; see `smooth_recording`."""
+    start = np.ascontiguousarray(with_common_constants(problem.layout, trajectory[::-1])[::-1])
     schedule = AnnealedSchedule(problem, annealed_iterations) if annealed_iterations else None
     solved = solve(problem, problem.at(start, NO_POINTS), SolverOptions(), schedule)
-    solution, here, n = solved.normal.solution, solved.point.trajectory, process.layout.error_dim
+    solution, here, n = solved.normal.solution, solved.point.trajectory, problem.layout.error_dim
     marginals = None if isinstance(solution, int) else Marginals(solution, None)
-    factor = np.full((len(epochs), n, n), np.nan) if marginals is None else marginals.factors
-    accepted, rejected = np.zeros(len(epochs), dtype=int), np.zeros(len(epochs), dtype=int)
+    factor = np.full((len(here), n, n), np.nan) if marginals is None else marginals.factors
+    accepted, rejected = np.zeros(len(here), dtype=int), np.zeros(len(here), dtype=int)
     for sensor in problem.motion.sensors:
         good = problem.motion.inliers(sensor, here)
         np.add.at(accepted, sensor.epoch[good], 1)

@@ -1,5 +1,6 @@
 """A smoother that takes one epoch after the other and re-solves what it keeps after each."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -66,6 +67,8 @@ class SlidingSmoother:
         self.process, self.options, self._tied = process, options, has_landmarks
         self._prior, self.state = prior, SmootherState()
         self._linear: LinearProblem | None = None
+        self.at_levels: Callable[[Problem], Problem] = lambda problem: problem
+        """The window's problem at other noise levels than those that the measurements came with."""
         self.window = Window.empty(process.layout.mean_dim)
 
     def resume(self, window: Window, state: SmootherState) -> None:
@@ -116,7 +119,7 @@ class SlidingSmoother:
     def problem(self) -> Problem:
         """The least-squares problem of the window."""
         prior = self._prior if self.state.prior_alive else None
-        return self.window.problem(self.process, prior, self._tied)
+        return self.at_levels(self.window.problem(self.process, prior, self._tied))
 
     @property
     def belief(self) -> Gaussian:

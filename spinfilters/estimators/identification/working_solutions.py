@@ -1,0 +1,100 @@
+"""Solutions of a linear problem for the working variables of its variance components.
+
+With u_i the whitened residuals that component i explains, the solution of the same linear problem with the right-hand side u_i is
+P J'u_i: what the states move by as the component's ln variance rises (up to its sign), and J P J'u_i enters the average information
+F_ij = u_i' (I - J P J') u_j / 2 (Gilmour, Thompson and Cullis 1995).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.estimators.identification.residuals import WhitenedRows
+from spinfilters.estimators.smoothing.factors.landmark_observations import LinearObservations
+from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
+from spinfilters.estimators.smoothing.problem.least_squares import (
+    LinearizationPoint,
+    NormalEquations,
+    Problem,
+)
+
+
+@dataclass(frozen=True)
+class WorkingSolutions:
+    """Of a problem about a point; what is not asked for is not solved.
+
+    Attributes
+    ----------
+    sources: the working variables.   normal: the linear problem of the measurements themselves.
+    """
+
+    problem: Problem
+    here: LinearizationPoint
+    normal: NormalEquations
+    sources: Sequence[WhitenedRows]
+
+    @cached_property
+    def variances_information(self) -> Float[np.ndarray, " c"]:
+        """Of each ln variance, the others known: by how much the cost of u falls in the linear problem is u' J P J' u."""
+        lengths = np.array([source.dot(source) for source in self.sources])
+        return (lengths - [each.predicted_reduction for each in self._solved]) / 2
+
+    @cached_property
+    def information(self) -> Float[np.ndarray, "c c"]:
+        """Of all ln variances; what two of them share comes from the fall of their sum's cost."""
+        fallen = [each.predicted_reduction for each in self._solved]
+        F = np.diag(self.variances_information)
+        for (i, one), (j, other) in combinations(enumerate(self.sources), 2):
+            both = self._solution(one.plus(other)).predicted_reduction
+            F[i, j] = F[j, i] = (one.dot(other) - (both - fallen[i] - fallen[j]) / 2) / 2
+        return F
+
+    @property
+    def errors(self) -> Float[np.ndarray, "c k n"]:
+        """P J'u: error of every epoch by each ln variance, up to its sign."""
+        solutions = [each.solution for each in self._solved]
+        return np.array([each.errors for each in solutions if isinstance(each, SchurSystem)])
+
+    @cached_property
+    def _solved(self) -> list[NormalEquations]:
+        return [self._solution(each) for each in self.sources]
+
+    def _solution(self, right: WhitenedRows) -> NormalEquations:
+        """The linear problem with another right-hand side."""
+        here = self.here
+        left = here.marginal_prior
+        if left is not None:
+            left = replace(left, gradient=np.zeros_like(left.gradient))
+        rows = here.dynamics.rows.copy()
+        rows[:, :, -1] = right.steps
+        other = replace(
+            here,
+            dynamics=replace(here.dynamics, steps=np.swapaxes(rows, 1, 2) @ rows),
+            sensors=replace(here.sensors, epochs=self._sensors(right)),
+            linear=_observations(here.linear, right),
+            marginal_prior=left,
+        )
+        return self.problem.normal(other, self.normal.stage)
+
+    def _sensors(self, right: WhitenedRows) -> Float[np.ndarray, "k n1 n1"]:
+        """Information blocks of the epochs; that of the prior has no right-hand side."""
+        motion, here = self.problem.motion, self.here
+        epochs, gradient = here.sensors.epochs.copy(), np.zeros(here.sensors.epochs.shape[:2])
+        for sensor, u in zip(motion.sensors, right.sensors, strict=True):
+            J = motion.sensor_rows(sensor, here.trajectory, here.pose_only_loss)[0][:, :, :-1]
+            columns = motion.sensor_columns(sensor)[:-1]
+            np.add.at(gradient, (sensor.epoch[:, None], columns), np.einsum("ric,ri->rc", J, u))
+        epochs[:, :, -1] = epochs[:, -1, :] = gradient
+        return epochs
+
+
+def _observations(linear: LinearObservations | None, right: WhitenedRows) -> LinearObservations | None:
+    if linear is None or right.observations is None:
+        return linear
+    seen = linear.rows.copy()
+    seen[:, :, -1] = right.observations
+    return replace(linear, rows=seen)
