@@ -6,7 +6,13 @@ from textwrap import fill, wrap
 import casadi as ca
 from scipy.special import chdtri
 
-from spinfilters.embedded.model_functions import MODELS, POINT, model_functions, moving_dim, transition_pattern
+from spinfilters.embedded.model_functions import (
+    MODELS,
+    POINT,
+    model_functions,
+    moving_dim,
+    transition_pattern,
+)
 from spinfilters.embedded.options import EmbedOptions
 from spinfilters.estimators.landmarks.landmark_map import CONFIRMED, WRONG_IN_A_ROW
 from spinfilters.estimators.robust.outlier_rejection import RobustOptions
