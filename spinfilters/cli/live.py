@@ -46,13 +46,14 @@ def live(options: argparse.Namespace) -> int:
 
 def _options(options: argparse.Namespace, settings: Settings) -> LiveOptions:
     memory = 0 if options.smoother_memory is None else int(options.smoother_memory * MIB)
-    supervision = SupervisionOptions(options.patience, memory=memory)
     return LiveOptions(
         deadline=options.deadline_ms / 1e3,
         ahead=options.predict,
         smoother=not options.no_smoother,
-        supervision=supervision,
+        supervision=SupervisionOptions(options.patience),
         sliding=settings.smoother.options(LONG_RUN),
+        landmarks=settings.landmarks,
+        memory=memory,
     )
 
 

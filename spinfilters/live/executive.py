@@ -4,9 +4,10 @@ Nothing is counted twice. A hand-over of time T holds all measurements up to T; 
 does the epochs after T again. A smoother that begins anew takes the filter's belief of T as its prior and measurements after T.
 """
 
+import gc
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.estimator import Estimator, Measurement, ProcessModel, UpdateReport
 from spinfilters.estimators.filters.belief_prediction import predict_ahead
+from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeFilter
+from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.estimators.run import rehearse
 from spinfilters.estimators.smoothing.window.recursive_smoother import RecursiveSmoother
 from spinfilters.estimators.smoothing.window.smoother_records import SmootherOptions
@@ -21,8 +24,8 @@ from spinfilters.estimators.timeline import Epoch, Timeline
 from spinfilters.live.answer import Answer
 from spinfilters.live.filter_track import FilterTrack
 from spinfilters.live.line_format import ArrivedEpoch
-from spinfilters.live.rebase import HandOver, distance, landmarks_of, rebase
-from spinfilters.live.smoother_worker import Build
+from spinfilters.live.rebase import HandOver, distance, rebase
+from spinfilters.live.smoother_worker import Build, SmootherTask
 from spinfilters.live.summary import LiveSummary
 from spinfilters.live.supervisor import SmootherSupervisor, SupervisionOptions
 from spinfilters.models.measurement import MeasurementModel
@@ -51,7 +54,8 @@ class LiveOptions:
     ----------
     deadline: s from an epoch's arrival to its answer.   ahead: s that every answer is predicted ahead, 0 for none.
     history: epochs that a hand-over or a late measurement may be old.   largest_gap: s between epochs that is believed at once.
-    smoother: whether there is one.
+    smoother: whether there is one.   landmarks: how those that the smoother hands over are held.
+    memory: bytes of the smoother's address space, 0 for no limit.
     """
 
     deadline: float = 0.02
@@ -61,6 +65,8 @@ class LiveOptions:
     smoother: bool = True
     supervision: SupervisionOptions = field(default_factory=SupervisionOptions)
     sliding: SmootherOptions = field(default_factory=SmootherOptions)
+    landmarks: LandmarkOptions = field(default_factory=LandmarkOptions)
+    memory: int = 0
 
 
 @dataclass(frozen=True)
@@ -97,6 +103,7 @@ class Executive:
         self.supervisor = SmootherSupervisor(setup.process.layout, setup.models, options.supervision)
         self.summary = LiveSummary(options.deadline)
         self._refused = self._jumps = 0
+        self._waiting: HandOver | None = None
         self._stands_on_smoother = False
         self._intervals: list[float] = []
 
@@ -107,10 +114,11 @@ class Executive:
         rehearse(estimator, self.track.time, epochs)
         if self._options.ahead > 0:
             predict_ahead(self._setup.process, estimator.belief, np.array([self._options.ahead]))
-        landmarks_of(estimator)
         if len(epochs):
             self._rehearse_gaps(epochs[0].time - self.track.time)
         estimator.restore(before)
+        gc.collect()
+        gc.freeze()  # what has been built stays: a collection that looks through it takes longer than an answer
 
     def _rehearse_gaps(self, interval: float) -> None:
         """Steps across gaps: more substeps are another function, which must not be built when a gap ends."""
@@ -128,30 +136,34 @@ class Executive:
             self._begin_smoother(first=True)
             for arrived in epochs:
                 if arrived is not None:
-                    began = time.monotonic()
-                    answer = self._answer(arrived, began)
-                    if answer is not None:
-                        yield answer
+                    yield from self._answers(arrived)
                 self.serve()
         finally:
             self.supervisor.close()
             self.summary.events.update(self.supervisor.events)
 
     def serve(self) -> None:
-        """Take in hand-overs, the latest of them first, and see that there is a smoother."""
+        """Take in the latest hand-over, one epoch of it at a time, and see that there is a smoother."""
         if not self._options.smoother:
             return
         found = self.supervisor.hand_overs()
-        if found:
-            self._take_over(found[-1])
+        self._waiting = found[-1] if found else self._waiting
+        if self.track.is_rebasing:
+            if self.track.rebase_step():
+                self.summary.events["hand-over"] += 1
+                self._stands_on_smoother = True
+        elif self._waiting is not None:
+            given, self._waiting = self._waiting, None
+            self._take_over(given)
         if self.supervisor.may_begin:
             self._begin_smoother(first=False)
 
-    def _answer(self, arrived: ArrivedEpoch, began: float) -> Answer | None:
+    def _answers(self, arrived: ArrivedEpoch) -> Iterator[Answer]:
+        """The answer to an epoch, where it has one; what the smoother needs of it comes after that."""
         loss = self._loss(arrived.time)
         if loss is not None:
             self.summary.events[loss] += 1
-            return None
+            return
         newest = arrived.time > self.track.time
         gap = arrived.time - self.track.time
         frame = self._frame(arrived)
@@ -160,13 +172,13 @@ class Executive:
             self.summary.events["epoch left out, not finite"] += 1
         if not newest:
             self.summary.events["late, put in its place"] += 1
-            return None
+            return
         self._count_gap(gap)
-        answer = self._said(arrived.time, reports or [], began, len(frame.measurements))
+        answer = self._said(arrived, reports or [], len(frame.measurements))
+        self.summary.latencies.append(answer.latency)
+        yield answer
         if reports is not None:
             self.supervisor.send(frame)
-        self.summary.latencies.append(answer.latency)
-        return answer
 
     def _loss(self, instant: float) -> str | None:
         """Why an epoch is not taken, None where it is."""
@@ -189,8 +201,8 @@ class Executive:
                 self.summary.events["unusable"] += 1
         return Epoch(arrived.time, tuple(measurements))
 
-    def _said(self, instant: float, reports: list[UpdateReport], began: float, count: int) -> Answer:
-        belief, process = self.track.belief, self._setup.process
+    def _said(self, arrived: ArrivedEpoch, reports: list[UpdateReport], count: int) -> Answer:
+        instant, belief, process = arrived.time, self.track.belief, self._setup.process
         status = self.track.estimator.status
         if self._options.smoother and self.supervisor.trouble:
             status = status.degraded(f"the filter goes on without the smoother: {self.supervisor.trouble}")
@@ -205,7 +217,7 @@ class Executive:
             ahead = (instant + self._options.ahead, there)
         source = "smoother" if self._stands_on_smoother else "filter"
         used, left = sum(r.accepted for r in reports), sum(r.rejected for r in reports)
-        return Answer(instant, belief, status, source, used, left, time.monotonic() - began, ahead)
+        return Answer(instant, belief, status, source, used, left, time.monotonic() - arrived.at, ahead)
 
     def _carried(self, seconds: float) -> Gaussian | None:
         try:
@@ -232,16 +244,10 @@ class Executive:
                 self.supervisor.end("smoother diverged", f"its results were refused: {why}")
             return
         self._refused = 0
-        later = self.track.go_back(given.time)
-        before = self.track.estimator.snapshot()
         try:
-            rebase(self.track.estimator, given)
-            events["hand-over"] += 1
-            self._stands_on_smoother = True
+            self.track.begin_rebase(given.time, lambda filter_: rebase(filter_, given))
         except (*NUMERICAL_ERRORS, InputError):
-            self.track.estimator.restore(before)
-            events["hand-over refused, frames cannot be compared"] += 1
-        self.track.resume(later)
+            events["hand-over refused, the filter cannot begin from it"] += 1
 
     def _doubt(self, given: HandOver) -> str | None:
         if not given.is_finite:
@@ -259,7 +265,7 @@ class Executive:
             return
         begun = self._setup.first_smoother
         if first and begun is not None:
-            self.supervisor.begin(begun[0], (begun[1], self._setup.time))
+            self.supervisor.begin(self._task(begun[0], begun[1], self._setup.time))
             return
         belief, setup, options = self.track.belief, self._setup, self._options.sliding
 
@@ -268,8 +274,15 @@ class Executive:
             smoother.start(belief)
             return smoother
 
-        self.supervisor.begin(build, (0.0, self.track.time))
-        self._stands_on_smoother = False
+        self._waiting, self._stands_on_smoother = None, False
+        self.supervisor.begin(self._task(build, 0.0, self.track.time))
+
+    def _task(self, build: Build, own_time: float, instant: float) -> SmootherTask:
+        """With as many modes as the filter has, so that it goes on with what it computes with already."""
+        filter_, landmarks = self.track.estimator, self._options.landmarks
+        if isinstance(filter_, MultiplicativeFilter) and filter_.mode_count:
+            landmarks = replace(landmarks, modes=filter_.mode_count, explained=0.0)
+        return SmootherTask(build, own_time, instant, landmarks, self._options.memory)
 
     def _count_gap(self, gap: float) -> None:
         """A gap is what is longer than three usual intervals."""

@@ -7,6 +7,7 @@ line of another time comes, an empty line, or nothing for a while. What begins w
 
 import math
 from dataclasses import dataclass, field
+from time import monotonic
 
 import numpy as np
 
@@ -30,10 +31,16 @@ class Row:
 
 @dataclass(frozen=True)
 class ArrivedEpoch:
-    """Everything that arrived of one instant (s)."""
+    """Everything that arrived of one instant.
+
+    Attributes
+    ----------
+    time: s.   streams: one per sensor.   at: when it was complete, by the clock of `time.monotonic`, s.
+    """
 
     time: float
     streams: tuple[MeasurementStream, ...]
+    at: float = field(default_factory=monotonic)
 
 
 @dataclass

@@ -48,7 +48,7 @@ class Replay(Source):
                     yield None
                     left = due - time.monotonic()
                 time.sleep(max(0.0, min(left, 0.005)))
-            yield ArrivedEpoch(instant, self._log.slice(instant, instant).streams)
+            yield ArrivedEpoch(instant, self._log.slice(instant, instant).streams, due)
 
 
 class Lines(Source):

@@ -51,7 +51,12 @@ def fits(here: LinearizationPoint, normal: NormalEquations) -> bool:
     used = int(np.count_nonzero(normal.eliminated.used))
     dof = here.linear.rows.shape[1] * used - 3 * int(np.count_nonzero(normal.eliminated.is_constrained))
     every = int(np.count_nonzero(normal.eliminated.is_constrained[normal.eliminated.observations.landmark]))
-    return used >= INLIER_SHARE * every and here.cost(normal.used, normal.stage) <= GOOD_FIT * max(dof, 1)
+    cost = here.cost(normal.used, normal.stage)
+    if (
+        here.marginal_prior is not None
+    ):  # the observations that left are in its constant, and not among these degrees
+        cost -= here.marginal_prior.marginal_prior.constant_cost
+    return used >= INLIER_SHARE * every and cost <= GOOD_FIT * max(dof, 1)
 
 
 def restarted_from_momentum(
