@@ -84,6 +84,7 @@ def work(connection: socket.socket, task: SmootherTask, models: dict[str, Measur
             continue
         taken, waiting = waiting[:AT_ONCE], waiting[AT_ONCE:]
         smoother.update_epochs([Epoch(frame.time + shift, frame.measurements) for frame in taken])
+        channel.send({})  # it is at work, however long a hand-over takes
         measured = next((frame.time for frame in reversed(taken) if frame.measurements), measured)
         if not waiting:
             channel.send(hand_over_message(smoother, measured, task.landmarks))

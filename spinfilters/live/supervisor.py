@@ -30,7 +30,7 @@ class SupervisionOptions:
 
     Attributes
     ----------
-    patience: seconds without a hand-over, with epochs waiting, after which it is killed.   pause: s before it begins anew.
+    patience: seconds without a word, with epochs waiting, after which it is killed.   pause: s before it begins anew.
     """
 
     patience: float = 5.0
@@ -106,14 +106,18 @@ class SmootherSupervisor:
             return []
         self._channel.pump()
         try:
-            found = [hand_over_of(message, self._layout) for message in self._channel.received()]
+            received = self._channel.received()
+            found = [hand_over_of(message, self._layout) for message in received if message]
         except (InputError, ShapeError, KeyError, ValueError, OSError) as error:
             self.end("smoother broken", f"it sent what is no hand-over ({str(error)[:100]})")
             return []
+        if received:
+            self._last = time.monotonic()
         if found:
-            self._last, self._outstanding = time.monotonic(), 0
-            self._handed += len(found)
-        elif self._channel.closed or not self._process.is_alive():
+            self._outstanding, self._handed = 0, self._handed + len(found)
+        if received:
+            return found
+        if self._channel.closed or not self._process.is_alive():
             code = self._process.exitcode
             self.end("smoother died", "its process ended" + ("" if code is None else f" (exit code {code})"))
         elif self._outstanding and time.monotonic() - self._last > self._allowed:
