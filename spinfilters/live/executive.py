@@ -164,6 +164,7 @@ class Executive:
         if loss is not None:
             self.summary.events[loss] += 1
             return
+        began = time.thread_time()
         newest = arrived.time > self.track.time
         gap = arrived.time - self.track.time
         frame = self._frame(arrived)
@@ -176,6 +177,7 @@ class Executive:
         self._count_gap(gap)
         answer = self._said(arrived, reports or [], len(frame.measurements))
         self.summary.latencies.append(answer.latency)
+        self.summary.work.append(time.thread_time() - began)
         yield answer
         if reports is not None:
             self.supervisor.send(frame)
