@@ -25,10 +25,13 @@ from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.evaluation.consistency import chi_square_band
 from spinfilters.live.answer import Answer, json_line
-from spinfilters.live.executive import Executive, LiveOptions, LiveSetup
+from spinfilters.live.executive import Executive
 from spinfilters.live.line_format import ArrivedEpoch
+from spinfilters.live.options import LiveOptions, LiveSetup
+from spinfilters.live.setup import LONG_RUN
 from spinfilters.live.supervisor import SupervisionOptions
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.settings.smoother_settings import SmootherSettings
 from spinfilters.state.gaussian import Gaussian
 from tests.live.test_executive import LAYOUT, MODEL, STD, bind, truth
 
@@ -43,6 +46,7 @@ SLOW, SHARE, PERIOD = 1.0, 0.1, 0.05
 """Seconds for which a smoother is slowed, the share of its time that it has, and the seconds that this is shared out in."""
 BACK_WITHIN = 10.0
 CONFIDENCE = 0.99
+SLIDING = SmootherSettings().options(LONG_RUN)
 
 
 def motion(seed: int, epochs: int) -> tuple[np.ndarray, list[ArrivedEpoch]]:
@@ -77,7 +81,7 @@ class FaultyRun:
         filter_.start(Gaussian(LAYOUT, truth(), np.diag(STD)))
         setup = LiveSetup(process, filter_, 0.0, {"gyro": MODEL}, bind)
         supervision = SupervisionOptions(patience=1.0, pause=0.0)
-        self.executive = Executive(setup, LiveOptions(supervision=supervision, history=200))
+        self.executive = Executive(setup, LiveOptions(supervision=supervision, history=500, sliding=SLIDING))
         self.faults: Counter[str] = Counter()
         self.back: list[float] = []
         self._rng, self._fault, self._wanted = np.random.default_rng(seed), None, 0

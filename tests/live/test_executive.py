@@ -13,9 +13,10 @@ from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.live.answer import Answer, json_line, tum_line
-from spinfilters.live.executive import Executive, LiveOptions, LiveSetup
+from spinfilters.live.executive import Executive
 from spinfilters.live.filter_track import FilterTrack
 from spinfilters.live.line_format import ArrivedEpoch
+from spinfilters.live.options import LiveOptions, LiveSetup
 from spinfilters.live.rebase import HandOver
 from spinfilters.live.supervisor import SupervisionOptions
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
