@@ -80,7 +80,7 @@ class FaultyRun:
         filter_ = MultiplicativeEkf(process)
         filter_.start(Gaussian(LAYOUT, truth(), np.diag(STD)))
         setup = LiveSetup(process, filter_, 0.0, {"gyro": MODEL}, bind)
-        supervision = SupervisionOptions(patience=1.0, pause=0.0)
+        supervision = SupervisionOptions(patience=2.5, pause=0.0)
         self.executive = Executive(setup, LiveOptions(supervision=supervision, history=500, sliding=SLIDING))
         self.faults: Counter[str] = Counter()
         self.back: list[float] = []

@@ -173,3 +173,26 @@ def test_the_smoother_hands_over_and_after_a_kill_or_a_stop_it_comes_back() -> N
     )
     error = LAYOUT.local(said[-1].belief.mean, filtered(given).mean) / said[-1].belief.std
     assert np.abs(error).max() < 1.0
+
+
+def test_one_wrong_time_ahead_leaves_every_later_epoch_its_answer() -> None:
+    given = epochs(20)
+    wrong = replace(given[10], time=given[10].time + 50.0)
+    runner = executive()
+    answers = answered(runner, [*given[:10], wrong, *given[10:]])
+    assert len(answers) == 21
+    assert "must confirm" in answers[10].status.reasons[-1]
+    np.testing.assert_array_equal(runner.track.belief.mean, filtered(given).mean)
+
+
+def test_a_late_epoch_within_what_is_caught_up_with_gives_the_hand_over_up() -> None:
+    given = epochs(12)
+    runner = executive()
+    answered(runner, [*given[:8], *given[9:]])
+    past = runner.track.belief_at(given[5].time)
+    runner._take_over(HandOver(given[5].time, past))
+    for _ in range(4):
+        runner.track.rebase_step()
+    answered(runner, [given[8]])
+    assert not runner.track.is_rebasing
+    np.testing.assert_allclose(runner.track.belief.mean, filtered(given).mean, atol=1e-12)
