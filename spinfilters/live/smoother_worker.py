@@ -3,6 +3,7 @@
 import resource
 import select
 import socket
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -22,7 +23,10 @@ from spinfilters.state.layout import StateLayout
 Build = Callable[[], RecursiveSmoother]
 """Makes the smoother, begun."""
 AT_ONCE = 8
-"""Epochs that are taken in together where the smoother has fallen behind: further ahead a guess may be too poor."""
+"""Epochs that are taken in together where the smoother has fallen behind, or half of those that wait: further ahead a guess may be
+too poor, but one who is always late is of no use."""
+LONGEST_SILENCE = 1.0
+"""Seconds without a hand-over, about."""
 MAP = ("ids", "points", "modes", "roots", "move")
 """Of a `LandmarkBelief`, beside mean and factor."""
 
@@ -72,22 +76,28 @@ def frame_of(message: Message, models: dict[str, MeasurementModel]) -> Epoch:
 
 
 def work(connection: socket.socket, task: SmootherTask, models: dict[str, MeasurementModel]) -> None:
-    """Smooth until the connection ends; hand over whenever no further epoch waits, the latest epoch that measured something."""
+    """Smooth until the connection ends; hand over the latest epoch that measured something.
+
+    That is done whenever no further epoch waits, and every `LONGEST_SILENCE` where some always do.
+    """
     if task.memory:
         resource.setrlimit(resource.RLIMIT_AS, (task.memory, task.memory))
     channel, smoother = Channel(connection), task.build()
+    handed = time.monotonic()
     shift, waiting, measured = task.own_time - task.time, list[Epoch](), task.time
     while not channel.closed:
         select.select([channel], [], [], 0.0 if waiting else None)
         waiting += [frame_of(message, models) for message in channel.received()]
         if not waiting:
             continue
-        taken, waiting = waiting[:AT_ONCE], waiting[AT_ONCE:]
+        count = max(AT_ONCE, len(waiting) // 2)
+        taken, waiting = waiting[:count], waiting[count:]
         smoother.update_epochs([Epoch(frame.time + shift, frame.measurements) for frame in taken])
         channel.send({})  # it is at work, however long a hand-over takes
         measured = next((frame.time for frame in reversed(taken) if frame.measurements), measured)
-        if not waiting:
+        if not waiting or time.monotonic() - handed > LONGEST_SILENCE:
             channel.send(hand_over_message(smoother, measured, task.landmarks))
+            handed = time.monotonic()
             while channel.waiting and not channel.closed:
                 select.select([], [channel], [])
                 channel.pump()
