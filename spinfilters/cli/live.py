@@ -9,8 +9,10 @@ from pathlib import Path
 
 from spinfilters.data.atomic_write import write_json
 from spinfilters.data.dataset import read_dataset
-from spinfilters.live.answer import Answer, write_answer
-from spinfilters.live.executive import Executive, LiveOptions
+from spinfilters.live.answer import Answer
+from spinfilters.live.answer_writer import AnswerWriter
+from spinfilters.live.executive import Executive
+from spinfilters.live.options import LiveOptions
 from spinfilters.live.setup import LONG_RUN, live_setup
 from spinfilters.live.sources import Replay, Source, open_lines
 from spinfilters.live.supervisor import SupervisionOptions
@@ -28,9 +30,11 @@ def live(options: argparse.Namespace) -> int:
     setup = live_setup(dataset, settings, options.filter)
     executive = Executive(setup, _options(options, settings))
     source: Source = lines or Replay(dataset.log, setup.time, options.speed)
+    writer = AnswerWriter(options.format, sys.stdout)
     try:
         with ExitStack() as stack:
-            show = _shown(stack, options, executive)
+            stack.callback(writer.close)
+            show = _shown(stack, options, executive, writer)
             for answer in executive.run(source.epochs()):
                 show(answer)
     except KeyboardInterrupt:
@@ -38,6 +42,8 @@ def live(options: argparse.Namespace) -> int:
     except BrokenPipeError:  # nobody reads the answers any more
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     executive.summary.events.update(source.losses)
+    if writer.dropped:
+        executive.summary.events["answer not read"] += writer.dropped
     print(executive.summary.text(), file=sys.stderr)
     if options.summary:
         write_json(Path(options.summary), executive.summary.document())
@@ -46,22 +52,25 @@ def live(options: argparse.Namespace) -> int:
 
 def _options(options: argparse.Namespace, settings: Settings) -> LiveOptions:
     memory = 0 if options.smoother_memory is None else int(options.smoother_memory * MIB)
-    supervision = SupervisionOptions(options.patience, memory=memory)
     return LiveOptions(
         deadline=options.deadline_ms / 1e3,
         ahead=options.predict,
         smoother=not options.no_smoother,
-        supervision=supervision,
+        supervision=SupervisionOptions(options.patience),
         sliding=settings.smoother.options(LONG_RUN),
+        landmarks=settings.landmarks,
+        memory=memory,
     )
 
 
-def _shown(stack: ExitStack, options: argparse.Namespace, executive: Executive) -> Callable[[Answer], None]:
+def _shown(
+    stack: ExitStack, options: argparse.Namespace, executive: Executive, writer: AnswerWriter
+) -> Callable[[Answer], None]:
     """What is done with an answer."""
     view = stack.enter_context(TerminalView(executive.summary)) if options.view else None
 
     def show(answer: Answer) -> None:
-        write_answer(answer, options.format, sys.stdout)
+        writer.write(answer)
         if view is not None:
             view.show(answer)
 

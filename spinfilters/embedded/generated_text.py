@@ -1,11 +1,18 @@
 """The generated part of a filter's C: model functions, and the configuration that the hand-written part is compiled with."""
 
 import re
+from textwrap import fill, wrap
 
 import casadi as ca
 from scipy.special import chdtri
 
-from spinfilters.embedded.model_functions import MODELS, model_functions, moving_dim, transition_pattern
+from spinfilters.embedded.model_functions import (
+    MODELS,
+    POINT,
+    model_functions,
+    moving_dim,
+    transition_pattern,
+)
 from spinfilters.embedded.options import EmbedOptions
 from spinfilters.estimators.landmarks.landmark_map import CONFIRMED, WRONG_IN_A_ROW
 from spinfilters.estimators.robust.outlier_rejection import RobustOptions
@@ -13,6 +20,7 @@ from spinfilters.models.step_count import boole_weights
 
 NUMBER = re.compile(r"(?<![\w.])(\d+\.\d*(?:e[+-]?\d+)?)")
 BODY = re.compile(r"static int casadi_f0\(.*?\{\n(.*?)  return 0;\n\}", re.DOTALL)
+WIDTH = 115
 SIMPSON = (1 / 3, 4 / 3, 1 / 3)
 TURN_OF_SUBSTEP = 0.08
 """Rotation of a substep in rad, about, above which its error is worth a word: the fifth power over 120 is 3e-8 rad."""
@@ -32,7 +40,7 @@ def model_texts(options: EmbedOptions) -> tuple[str, str]:
     """``spinfilter_model.h`` and ``spinfilter_model.c``: one function per model function, in either precision."""
     functions = [function_text(each) for each in model_functions(options)]
     note = "/* Generated from the models of spinfilters; not to be edited. Matrices row by row. */\n"
-    declarations = "".join(text.partition("\n")[0] + ";\n" for text in functions)
+    declarations = "".join(text.partition("\n{")[0] + ";\n" for text in functions)
     header = (
         f'{note}#ifndef SPINFILTER_MODEL_H\n#define SPINFILTER_MODEL_H\n\n#include "spinfilter.h"\n\n'
         f"{declarations}\n#endif\n"
@@ -75,7 +83,9 @@ def function_text(function: ca.Function) -> str:
         for name in scalars
     )
     outputs = [f"sf_real *{name}" for name in function.name_out()]
-    signature = f"void sf_model_{function.name()}({', '.join(inputs + outputs)})"
+    signature = fill(
+        f"void sf_model_{function.name()}({', '.join(inputs + outputs)})", WIDTH, subsequent_indent="  "
+    )
     return f"{signature}\n{{\n{given}{body}}}\n"
 
 
@@ -112,7 +122,7 @@ def config_text(options: EmbedOptions) -> str:
     }
     if "stereo" in options.sensors:
         numbers["SF_LANDMARKS"] = options.landmarks
-        numbers["SF_STEREO_PARAMETERS"] = MODELS["stereo"](layout).parameter_dim - 3
+        numbers["SF_STEREO_PARAMETERS"] = MODELS["stereo"](layout).parameter_dim - POINT
     if "gyro" in options.sensors:
         numbers["SF_GYRO_PARAMETERS"] = MODELS["gyro"](layout).parameter_dim
     names = ", ".join(f"{block.symbol} {block.mean_size}" for block in layout.members)
@@ -126,7 +136,7 @@ def config_text(options: EmbedOptions) -> str:
         f'#define SF_STATE "{names}" /* of x; errors: {", ".join(first)}, one number less for q */',
         *(f"#define {name} {value}" for name, value in numbers.items()),
         "",
-        "#define SF_PATTERN /* of the moving rows of transition and noise factor, for spinfilter.c alone */ \\",
+        "#define SF_PATTERN /* of the moving rows of transition and noise factor, for spinfilter_predict.c alone */ \\",
         *_table("unsigned char sf_phi_start", _starts(phi)),
         *_table("unsigned char sf_phi_column", [c for row in phi for c in row]),
         *_table("unsigned char sf_g_start", _starts(g)),
@@ -164,4 +174,5 @@ def _ends(g: list[list[int]], moving: int) -> list[int]:
 
 
 def _table(name: str, values: list[int]) -> list[str]:
-    return [f"  static const {name}[] = {{{', '.join(map(str, values))}}}; \\"]
+    lines = wrap(f"static const {name}[] = {{{', '.join(map(str, values))}}};", WIDTH, subsequent_indent="  ")
+    return [f"  {line} \\" for line in lines]

@@ -9,7 +9,12 @@ from spinfilters.embedded.generated_text import config_text, model_texts
 from spinfilters.embedded.options import EmbedOptions
 from spinfilters.symbolic.c_library import FLAGS, load_text
 
-HAND_WRITTEN = ("spinfilter.h", "spinfilter_arithmetic.h", "spinfilter_landmarks.h", "spinfilter.c")
+HEADERS = (
+    "spinfilter.h",
+    *(f"spinfilter_{part}.h" for part in ("arithmetic", "matrix", "internal", "landmarks")),
+)
+PARTS = ("covariance", "reset", "predict", "update", "landmarks", "stereo")
+SOURCES = tuple(f"spinfilter_{part}.c" for part in PARTS)
 CONFIG, MODEL_HEADER, MODEL = "spinfilter_config.h", "spinfilter_model.h", "spinfilter_model.c"
 INCLUDE = re.compile(r'^#include "(\w+\.h)".*$', re.MULTILINE)
 
@@ -17,7 +22,7 @@ INCLUDE = re.compile(r'^#include "(\w+\.h)".*$', re.MULTILINE)
 @cache
 def library_texts(options: EmbedOptions) -> dict[str, str]:
     """The C of a filter by file name."""
-    texts = {name: template(name) for name in HAND_WRITTEN}
+    texts = {name: template(name) for name in (*HEADERS, *SOURCES)}
     header, model = model_texts(options)
     return texts | {CONFIG: config_text(options), MODEL_HEADER: header, MODEL: model}
 
@@ -44,4 +49,4 @@ def one_text(texts: dict[str, str]) -> str:
         done.add(name)
         return INCLUDE.sub(included, texts[name])
 
-    return "\n".join(INCLUDE.sub(included, texts[name]) for name in (MODEL, "spinfilter.c"))
+    return "\n".join(INCLUDE.sub(included, texts[name]) for name in (MODEL, *SOURCES))

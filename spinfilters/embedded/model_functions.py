@@ -18,6 +18,8 @@ from spinfilters.state.layout import StateLayout
 
 MODELS: dict[str, type[MeasurementModel]] = {"pose": Pose, "stereo": StereoLandmark, "gyro": Gyro}
 SHARED = {"cse": True}
+POINT = 3
+"""Parameters that are a landmark's point; they come first."""
 ROTATION_SHAPES = ((3, 3), (3, 3), (3, 3), (3, 5), (3, 5), (5, 5))
 """Of Psi_aa, Psi_aw, Psi_ww, Theta_a, Theta_w and dJ."""
 
@@ -29,9 +31,10 @@ def model_functions(options: EmbedOptions) -> list[ca.Function]:
     functions.append(correction_function(layout))
     for name in options.sensors:
         model = MODELS[name](layout)
-        functions.append(measurement_function(model))
         if isinstance(model, LandmarkSensor):
-            functions += [landmark_function(model), lever_function(layout)]
+            functions += [rotation_function(layout), *landmark_functions(model)]
+        else:
+            functions.append(measurement_function(model))
     return functions
 
 
@@ -127,8 +130,12 @@ def correction_function(layout: StateLayout) -> ca.Function:
 
 
 def measurement_function(model: MeasurementModel) -> ca.Function:
-    """Whitened innovation and Jacobian (by the model's columns, of a landmark sensor by the landmark too), and validity."""
-    x, p, z = _symbols(model)
+    """Whitened innovation, Jacobian by the model's columns, and validity of a sensor without landmarks."""
+    x, p, z = (
+        ca.SX.sym("x", model.layout.mean_dim),
+        ca.SX.sym("p", model.parameter_dim),
+        ca.SX.sym("z", model.value_dim),
+    )
     d = ca.SX.sym("d", model.layout.error_dim)
     state = model.layout.unpack(x)
     moved = model.layout.unpack(model.layout.retract_expression(x, d))
@@ -136,35 +143,42 @@ def measurement_function(model: MeasurementModel) -> ca.Function:
     here = model.innovation(model.symbolic(state, p), z)
     jacobian = ca.substitute(-ca.jacobian(away, d)[:, model.columns], d, ca.SX.zeros(*d.shape))
     root = ca.SX(model.noise_factor(state, p))
-    outputs = [_solved(root, here), row_by_row(_solved(root, jacobian))]
-    names = ["rho", "h"]
-    if isinstance(model, LandmarkSensor):
-        outputs.append(row_by_row(_solved(root, -ca.jacobian(here, p)[:, :3])))
-        names.append("hp")
-    outputs.append(ca.SX(model.valid(state, p)))
-    return _function(model.name, ([x, p, z], outputs), ["x", "p", "z"], [*names, "valid"])
+    outputs = [_solved(root, here), row_by_row(_solved(root, jacobian)), ca.SX(model.valid(state, p))]
+    return _function(model.name, ([x, p, z], outputs), ["x", "p", "z"], ["rho", "h", "valid"])
 
 
-def landmark_function(model: LandmarkSensor) -> ca.Function:
-    """A landmark from one measurement: point, derivative by the pose (3 x 6), covariance of the sensor's noise, whether told."""
-    x, p, z = _symbols(model)
-    d = ca.SX.sym("d", model.layout.error_dim)
-    state = model.layout.unpack(x)
-    point = model.landmark(state, z, p)
-    moved = model.landmark(model.layout.unpack(model.layout.retract_expression(x, d)), z, p)
-    by_pose = ca.substitute(ca.jacobian(moved, d)[:, model.columns], d, ca.SX.zeros(*d.shape))
-    spread = ca.jacobian(point, z) @ ca.SX(model.noise_factor(state, p))
-    told = ca.fmin(model.determined(z, p), model.valid(state, ca.vertcat(point, p[3:])))
-    outputs = [point, row_by_row(by_pose), row_by_row(spread), told]
-    names = ["point", "by_pose", "spread", "told"]
-    return _function(f"new_{model.name}", ([x, p, z], outputs), ["x", "p", "z"], names)
+def landmark_functions(model: LandmarkSensor) -> list[ca.Function]:
+    """A landmark sensor's observation, and a landmark from one, both of its point y in frame i (3, m).
+
+    Such a sensor sees the state through y = t + R_ig p alone, so how an observation depends on pose and landmark follows from how
+    it depends on y. The sensor's own function: whitened innovation, its derivative by y (3 x 3), validity. ``new``: y, root of the
+    covariance that the sensor's noise gives it (3 x 3), whether told.
+    """
+    y, z = ca.SX.sym("y", POINT), ca.SX.sym("z", model.value_dim)
+    camera = ca.SX.sym("camera", model.parameter_dim - POINT)
+    p = ca.vertcat(ca.SX.zeros(POINT), camera)
+    origin = model.layout.unpack(ca.SX(ca.DM(model.layout.origin())))
+    state = origin | {"t": y}
+    here, root = model.innovation(model.symbolic(state, p), z), ca.SX(model.noise_factor(state, p))
+    observed = [
+        _solved(root, here),
+        row_by_row(_solved(root, -ca.jacobian(here, y))),
+        ca.SX(model.valid(state, p)),
+    ]
+    made = model.landmark(origin, z, p)
+    told = ca.fmin(model.determined(z, p), model.valid(origin | {"t": made}, p))
+    new = [made, row_by_row(ca.jacobian(made, z) @ root), told]
+    return [
+        _function(model.name, ([y, camera, z], observed), ["y", "camera", "z"], ["rho", "by_y", "valid"]),
+        _function(f"new_{model.name}", ([camera, z], new), ["camera", "z"], ["y", "spread", "told"]),
+    ]
 
 
-def lever_function(layout: StateLayout) -> ca.Function:
-    """How a point of the body moves with the attitude error: R [p x] (3 x 3), by which t' = t - R [p x] a of that point itself."""
-    x, p = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("p", 3)
-    lever = matrix_from_quaternion(layout.unpack(x)["q"]) @ ca.skew(p)
-    return _function("lever", ([x, p], [row_by_row(lever)]), ["x", "p"], ["lever"])
+def rotation_function(layout: StateLayout) -> ca.Function:
+    """R_ig (3 x 3) of a state."""
+    x = ca.SX.sym("x", layout.mean_dim)
+    rotation = matrix_from_quaternion(layout.unpack(x)["q"])
+    return _function("rotation", ([x], [row_by_row(rotation)]), ["x"], ["r"])
 
 
 def _translate(
@@ -192,14 +206,6 @@ def _function(
     """A function whose outputs are written in full, zeros too: code that reads them knows no sparsity."""
     return ca.Function(
         name, expressions[0], [ca.densify(ca.SX(each)) for each in expressions[1]], inputs, outputs, SHARED
-    )
-
-
-def _symbols(model: MeasurementModel) -> tuple[ca.SX, ca.SX, ca.SX]:
-    return (
-        ca.SX.sym("x", model.layout.mean_dim),
-        ca.SX.sym("p", model.parameter_dim),
-        ca.SX.sym("z", model.value_dim),
     )
 
 

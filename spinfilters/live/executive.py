@@ -4,28 +4,29 @@ Nothing is counted twice. A hand-over of time T holds all measurements up to T; 
 does the epochs after T again. A smoother that begins anew takes the filter's belief of T as its prior and measurements after T.
 """
 
+import gc
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
-from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.errors import NUMERICAL_ERRORS, InputError
-from spinfilters.estimators.estimator import Estimator, Measurement, ProcessModel, UpdateReport
+from spinfilters.estimators.estimator import UpdateReport
 from spinfilters.estimators.filters.belief_prediction import predict_ahead
+from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeFilter
 from spinfilters.estimators.run import rehearse
 from spinfilters.estimators.smoothing.window.recursive_smoother import RecursiveSmoother
-from spinfilters.estimators.smoothing.window.smoother_records import SmootherOptions
 from spinfilters.estimators.timeline import Epoch, Timeline
 from spinfilters.live.answer import Answer
 from spinfilters.live.filter_track import FilterTrack
+from spinfilters.live.gap_rule import GapRule
 from spinfilters.live.line_format import ArrivedEpoch
-from spinfilters.live.rebase import HandOver, distance, landmarks_of, rebase
-from spinfilters.live.smoother_worker import Build
+from spinfilters.live.options import LiveOptions, LiveSetup
+from spinfilters.live.rebase import HandOver, distance, rebase
+from spinfilters.live.smoother_worker import Build, SmootherTask
 from spinfilters.live.summary import LiveSummary
-from spinfilters.live.supervisor import SmootherSupervisor, SupervisionOptions
-from spinfilters.models.measurement import MeasurementModel
+from spinfilters.live.supervisor import SmootherSupervisor
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.status import Verdict
 
@@ -33,54 +34,10 @@ FAR = 4.0
 """Squared distance per component between hand-over and filter, both covariances added, above which the smoother has diverged."""
 REFUSALS = 3
 """Hand-overs in a row that are refused, after which the smoother begins anew from the filter."""
-JUMPS = 3
-"""Epochs in a row beyond the largest gap, after which the gap is believed."""
-
 REHEARSED_DOUBLINGS = 7
-"""Of the interval: gaps of up to 64 epochs are as quick as any."""
-
-Bind = Callable[[MeasurementStream], Measurement]
-"""What makes a measurement of one sensor's rows of an epoch."""
-
-
-@dataclass(frozen=True)
-class LiveOptions:
-    """How a live run goes.
-
-    Attributes
-    ----------
-    deadline: s from an epoch's arrival to its answer.   ahead: s that every answer is predicted ahead, 0 for none.
-    history: epochs that a hand-over or a late measurement may be old.   largest_gap: s between epochs that is believed at once.
-    smoother: whether there is one.
-    """
-
-    deadline: float = 0.02
-    ahead: float = 0.0
-    history: int = 100
-    largest_gap: float = 60.0
-    smoother: bool = True
-    supervision: SupervisionOptions = field(default_factory=SupervisionOptions)
-    sliding: SmootherOptions = field(default_factory=SmootherOptions)
-
-
-@dataclass(frozen=True)
-class LiveSetup:
-    """What a live run begins from.
-
-    Attributes
-    ----------
-    filter: started at ``time`` (s).   models: by sensor.   bind: rows to a measurement.
-    first_smoother: the smoother of the initialisation, begun, and its own time then; None to begin from the filter.
-    rehearsal: epochs after the initialisation, where the data set has some.
-    """
-
-    process: ProcessModel
-    filter: Estimator
-    time: float
-    models: dict[str, MeasurementModel]
-    bind: Bind
-    first_smoother: tuple[Build, float] | None = None
-    rehearsal: Timeline = ()
+"""Of the interval: gaps of up to 64 epochs are as quick as any; what longer ones need takes seconds to build."""
+CATCHING_UP = 0.004
+"""Seconds, about, that a filter put on a hand-over catches up before the next epoch is looked for."""
 
 
 class Executive:
@@ -96,21 +53,23 @@ class Executive:
         self.track = FilterTrack(setup.filter, setup.time, options.history)
         self.supervisor = SmootherSupervisor(setup.process.layout, setup.models, options.supervision)
         self.summary = LiveSummary(options.deadline)
-        self._refused = self._jumps = 0
+        self._refused, self._gaps = 0, GapRule(options.largest_gap)
+        self._waiting: HandOver | None = None
         self._stands_on_smoother = False
-        self._intervals: list[float] = []
 
     def rehearse(self, epochs: Timeline) -> None:
         """Build what answers are computed with, before a clock runs; the filter is left as it was."""
         estimator = self.track.estimator
         before = estimator.snapshot()
         rehearse(estimator, self.track.time, epochs)
-        if self._options.ahead > 0:
-            predict_ahead(self._setup.process, estimator.belief, np.array([self._options.ahead]))
-        landmarks_of(estimator)
+        ahead = self._options.ahead
+        if ahead > 0 and self._carried(estimator.belief, ahead) is None:
+            raise InputError(f"--predict {ahead:g}: at this rate nothing can be said so far ahead; give less")
         if len(epochs):
             self._rehearse_gaps(epochs[0].time - self.track.time)
         estimator.restore(before)
+        gc.collect()
+        gc.freeze()  # what has been built stays: a collection that looks through it takes longer than an answer
 
     def _rehearse_gaps(self, interval: float) -> None:
         """Steps across gaps: more substeps are another function, which must not be built when a gap ends."""
@@ -128,30 +87,49 @@ class Executive:
             self._begin_smoother(first=True)
             for arrived in epochs:
                 if arrived is not None:
-                    began = time.monotonic()
-                    answer = self._answer(arrived, began)
-                    if answer is not None:
-                        yield answer
+                    yield from self._answers(arrived)
                 self.serve()
         finally:
             self.supervisor.close()
             self.summary.events.update(self.supervisor.events)
 
     def serve(self) -> None:
-        """Take in hand-overs, the latest of them first, and see that there is a smoother."""
+        """Take in the latest hand-over, one epoch of it at a time, and see that there is a smoother."""
         if not self._options.smoother:
             return
         found = self.supervisor.hand_overs()
-        if found:
-            self._take_over(found[-1])
+        self._waiting = found[-1] if found else self._waiting
+        if self.track.is_rebasing:
+            self._catch_up()
+        elif self._waiting is not None:
+            given, self._waiting = self._waiting, None
+            self._take_over(given)
         if self.supervisor.may_begin:
             self._begin_smoother(first=False)
 
-    def _answer(self, arrived: ArrivedEpoch, began: float) -> Answer | None:
+    def _catch_up(self) -> None:
+        end = time.monotonic() + CATCHING_UP
+        while self.track.is_rebasing and time.monotonic() < end:
+            if self.track.rebase_step():
+                self.summary.events["hand-over"] += 1
+                self._stands_on_smoother = True
+
+    def _answers(self, arrived: ArrivedEpoch) -> Iterator[Answer]:
+        """The answer to an epoch, where it has one; what the smoother needs of it comes after that."""
         loss = self._loss(arrived.time)
         if loss is not None:
             self.summary.events[loss] += 1
-            return None
+            return
+        jumped, believed = self._gaps.jump(arrived, self.track.time)
+        if jumped:
+            self.summary.events["jump of time"] += 1
+            yield self._not_believed(arrived)
+            return
+        if believed is not None:
+            frame = self._frame(believed)
+            self.track.take(frame)
+            self.supervisor.send(frame)
+        began = time.thread_time()
         newest = arrived.time > self.track.time
         gap = arrived.time - self.track.time
         frame = self._frame(arrived)
@@ -160,13 +138,15 @@ class Executive:
             self.summary.events["epoch left out, not finite"] += 1
         if not newest:
             self.summary.events["late, put in its place"] += 1
-            return None
-        self._count_gap(gap)
-        answer = self._said(arrived.time, reports or [], began, len(frame.measurements))
+            return
+        if self._gaps.passed(gap):
+            self.summary.events["gap"] += 1
+        answer = self._said(arrived, reports or [], len(frame.measurements))
+        self.summary.latencies.append(answer.latency)
+        self.summary.work.append(time.thread_time() - began)
+        yield answer
         if reports is not None:
             self.supervisor.send(frame)
-        self.summary.latencies.append(answer.latency)
-        return answer
 
     def _loss(self, instant: float) -> str | None:
         """Why an epoch is not taken, None where it is."""
@@ -174,10 +154,6 @@ class Executive:
             return "epoch twice"
         if instant < self.track.oldest:
             return "too late"
-        if instant - self.track.time > self._options.largest_gap and self._jumps + 1 < JUMPS:
-            self._jumps += 1
-            return "jump of time"
-        self._jumps = 0
         return None
 
     def _frame(self, arrived: ArrivedEpoch) -> Epoch:
@@ -189,8 +165,8 @@ class Executive:
                 self.summary.events["unusable"] += 1
         return Epoch(arrived.time, tuple(measurements))
 
-    def _said(self, instant: float, reports: list[UpdateReport], began: float, count: int) -> Answer:
-        belief, process = self.track.belief, self._setup.process
+    def _said(self, arrived: ArrivedEpoch, reports: list[UpdateReport], count: int) -> Answer:
+        instant, belief = arrived.time, self.track.belief
         status = self.track.estimator.status
         if self._options.smoother and self.supervisor.trouble:
             status = status.degraded(f"the filter goes on without the smoother: {self.supervisor.trouble}")
@@ -198,20 +174,31 @@ class Executive:
             status = status.degraded("no measurement of this epoch was used")
         if instant > self.track.time:  # the epoch broke the filter: what it said before, carried on
             status = status.degraded("this epoch would have made the estimate infinite and was left out")
-            belief = self._carried(instant - self.track.time) or belief
+            belief = self._carried(belief, instant - self.track.time) or belief
         ahead = None
         if self._options.ahead > 0:
-            there = predict_ahead(process, belief, np.array([self._options.ahead])).belief(0)
-            ahead = (instant + self._options.ahead, there)
+            there = self._carried(belief, self._options.ahead)
+            ahead = None if there is None else (instant + self._options.ahead, there)
+            status = status.degraded("it cannot be predicted so far ahead") if there is None else status
         source = "smoother" if self._stands_on_smoother else "filter"
         used, left = sum(r.accepted for r in reports), sum(r.rejected for r in reports)
-        return Answer(instant, belief, status, source, used, left, time.monotonic() - began, ahead)
+        return Answer(instant, belief, status, source, used, left, time.monotonic() - arrived.at, ahead)
 
-    def _carried(self, seconds: float) -> Gaussian | None:
+    def _not_believed(self, arrived: ArrivedEpoch) -> Answer:
+        """To an epoch so far ahead that its time may be wrong: what was known before."""
+        why = f"its time is {arrived.time - self.track.time:.3g} s ahead, which the next epoch must confirm"
+        status, used = self.track.estimator.status.degraded(why), sum(map(len, arrived.streams))
+        latency = time.monotonic() - arrived.at
+        self.summary.latencies.append(latency)
+        return Answer(arrived.time, self.track.belief, status, "filter", 0, used, latency)
+
+    def _carried(self, belief: Gaussian, seconds: float) -> Gaussian | None:
+        """A belief so much later, None where that cannot be computed."""
         try:
-            return predict_ahead(self._setup.process, self.track.belief, np.array([seconds])).belief(0)
+            there = predict_ahead(self._setup.process, belief, np.array([seconds])).belief(0)
         except (*NUMERICAL_ERRORS, InputError):
             return None
+        return there if np.isfinite(there.mean).all() and np.isfinite(there.covariance).all() else None
 
     def _take_over(self, given: HandOver) -> None:
         """Put the filter on the smoothed past, or refuse that."""
@@ -232,16 +219,10 @@ class Executive:
                 self.supervisor.end("smoother diverged", f"its results were refused: {why}")
             return
         self._refused = 0
-        later = self.track.go_back(given.time)
-        before = self.track.estimator.snapshot()
         try:
-            rebase(self.track.estimator, given)
-            events["hand-over"] += 1
-            self._stands_on_smoother = True
+            self.track.begin_rebase(given.time, lambda filter_: rebase(filter_, given))
         except (*NUMERICAL_ERRORS, InputError):
-            self.track.estimator.restore(before)
-            events["hand-over refused, frames cannot be compared"] += 1
-        self.track.resume(later)
+            events["hand-over refused, the filter cannot begin from it"] += 1
 
     def _doubt(self, given: HandOver) -> str | None:
         if not given.is_finite:
@@ -259,7 +240,7 @@ class Executive:
             return
         begun = self._setup.first_smoother
         if first and begun is not None:
-            self.supervisor.begin(begun[0], (begun[1], self._setup.time))
+            self.supervisor.begin(self._task(begun[0], begun[1], self._setup.time))
             return
         belief, setup, options = self.track.belief, self._setup, self._options.sliding
 
@@ -268,13 +249,12 @@ class Executive:
             smoother.start(belief)
             return smoother
 
-        self.supervisor.begin(build, (0.0, self.track.time))
-        self._stands_on_smoother = False
+        self._waiting, self._stands_on_smoother = None, False
+        self.supervisor.begin(self._task(build, 0.0, self.track.time))
 
-    def _count_gap(self, gap: float) -> None:
-        """A gap is what is longer than three usual intervals."""
-        usual = float(np.median(self._intervals[-50:])) if len(self._intervals) >= 5 else np.inf
-        if gap > 3 * usual:
-            self.summary.events["gap"] += 1
-        self._intervals.append(gap)
-        del self._intervals[:-50]
+    def _task(self, build: Build, own_time: float, instant: float) -> SmootherTask:
+        """With as many modes as the filter has, so that it goes on with what it computes with already."""
+        filter_, landmarks = self.track.estimator, self._options.landmarks
+        if isinstance(filter_, MultiplicativeFilter) and filter_.mode_count:
+            landmarks = replace(landmarks, modes=filter_.mode_count, explained=0.0)
+        return SmootherTask(build, own_time, instant, landmarks, self._options.memory)

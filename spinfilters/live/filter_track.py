@@ -1,6 +1,7 @@
 """The filter's last epochs with the state before each: for late measurements, and for hand-overs of the past."""
 
 from bisect import bisect_right
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +38,7 @@ class FilterTrack:
     def __init__(self, estimator: Estimator, time: float, capacity: int = 100) -> None:
         self.estimator, self._capacity = estimator, capacity
         self._kept = [KeptEpoch(Epoch(time, ()), estimator.snapshot())]
+        self._rebased: list[KeptEpoch] = []
 
     @property
     def time(self) -> float:
@@ -68,9 +70,11 @@ class FilterTrack:
         if later:
             self.estimator.restore(self._kept[index - 1].after)
             del self._kept[index:]
-        reports = self._advance(frame)
+        if self._rebased and frame.time <= self._rebased[-1].time:
+            self._rebased = []  # it did not know of this epoch; the next hand-over will
+        reports = self._advance(self._kept, frame)
         for each in later:
-            self._advance(each)
+            self._advance(self._kept, each)
         del self._kept[: -self._capacity]
         return reports
 
@@ -82,23 +86,49 @@ class FilterTrack:
         finally:
             self.estimator.restore(self._kept[-1].after)
 
-    def go_back(self, time: float) -> list[Epoch]:
-        """Put the filter back after the epoch of this time; the epochs after it, which are now out."""
-        index = bisect_right(self._kept, time, key=lambda kept: kept.time)
-        later = [kept.frame for kept in self._kept[index:]]
-        del self._kept[index:]
+    def begin_rebase(self, time: float, begin: Callable[[Estimator], None]) -> None:
+        """Have the filter begin anew at the epoch of this time; it answers as before until `rebase_step` has caught up.
+
+        Raises
+        ------
+        InputError, or one of `NUMERICAL_ERRORS`: what is begun from does not fit; nothing has changed.
+        """
+        at = self._at(time)
+        try:
+            self.estimator.restore(at.after)
+            begin(self.estimator)
+            self._rebased = [KeptEpoch(at.frame, self.estimator.snapshot())]
+        finally:
+            self.estimator.restore(self._kept[-1].after)
+
+    @property
+    def is_rebasing(self) -> bool:
+        """Whether there is something to catch up with."""
+        return bool(self._rebased)
+
+    def rebase_step(self) -> bool:
+        """Take the filter that began anew one epoch further; whether it is now the filter.
+
+        One epoch at a time, so that an answer never waits for more. Every measurement is in its state once: those up to where it
+        began are in what it began from, later ones come in here.
+        """
+        behind = [kept.frame for kept in self._kept if kept.time > self._rebased[-1].time]
+        if behind:
+            self.estimator.restore(self._rebased[-1].after)
+            if self._advance(self._rebased, behind[0]) is None:
+                self._rebased = []  # the filter that answers came through this epoch
+            if len(behind) > 1 or not self._rebased:
+                self.estimator.restore(self._kept[-1].after)
+                return False
+        begun = self._rebased[0].time
+        self._kept = [*(kept for kept in self._kept if kept.time < begun), *self._rebased]
+        self._rebased = []
         self.estimator.restore(self._kept[-1].after)
-        return later
+        return True
 
-    def resume(self, later: list[Epoch]) -> None:
-        """Go on from what the filter has been made now, through these epochs."""
-        self._kept[-1] = KeptEpoch(self._kept[-1].frame, self.estimator.snapshot())
-        for frame in later:
-            self._advance(frame)
-
-    def _advance(self, frame: Epoch) -> list[UpdateReport] | None:
-        """One epoch; where it breaks the filter, its time passes and its measurements are left out."""
-        before = self._kept[-1]
+    def _advance(self, kept: list[KeptEpoch], frame: Epoch) -> list[UpdateReport] | None:
+        """One epoch more than are kept; where it breaks the filter, its measurements are left out."""
+        before = kept[-1]
         try:
             reports = advance(self.estimator, frame, frame.time - before.time)
             if not finite(self.estimator.belief, reports):
@@ -106,7 +136,7 @@ class FilterTrack:
         except (*NUMERICAL_ERRORS, FloatingPointError, np.linalg.LinAlgError):
             self.estimator.restore(before.after)
             return None
-        self._kept.append(KeptEpoch(frame, self.estimator.snapshot()))
+        kept.append(KeptEpoch(frame, self.estimator.snapshot()))
         return reports
 
     def _at(self, time: float) -> KeptEpoch:

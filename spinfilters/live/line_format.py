@@ -7,6 +7,7 @@ line of another time comes, an empty line, or nothing for a while. What begins w
 
 import math
 from dataclasses import dataclass, field
+from time import monotonic
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from spinfilters.errors import InputError
 
 LONGEST_LINE = 1000
 """Characters; what is longer is no measurement."""
+LARGEST_EPOCH = 50_000
+"""Lines; a sender whose time stands still must not fill the memory."""
+BYTE_ORDER_MARK = "\ufeff"
 
 
 @dataclass(frozen=True)
@@ -30,10 +34,16 @@ class Row:
 
 @dataclass(frozen=True)
 class ArrivedEpoch:
-    """Everything that arrived of one instant (s)."""
+    """Everything that arrived of one instant.
+
+    Attributes
+    ----------
+    time: s.   streams: one per sensor.   at: when it was complete, by the clock of `time.monotonic`, s.
+    """
 
     time: float
     streams: tuple[MeasurementStream, ...]
+    at: float = field(default_factory=monotonic)
 
 
 @dataclass
@@ -52,7 +62,7 @@ class LineReader:
 
     def feed(self, line: str) -> ArrivedEpoch | None:
         """Take in a line; the epoch that it completes, if any."""
-        text = line.strip()
+        text = line.removeprefix(BYTE_ORDER_MARK).strip()
         if not text:
             return self.flush()
         if text.startswith("#"):
@@ -66,6 +76,8 @@ class LineReader:
         key = row.sensor, row.landmark
         if key in self._rows:
             self._lost("duplicate", text)
+        elif len(self._rows) >= LARGEST_EPOCH:
+            self._lost("too many lines of one time", text)
         else:
             self._rows[key] = row
         return done
@@ -86,6 +98,10 @@ class LineReader:
                 self._lost("unusable", str(error))
         return ArrivedEpoch(rows[0].time, tuple(streams)) if streams else None
 
+    def torn(self, text: str) -> None:
+        """Count a line of which a part is missing."""
+        self._lost("torn line", text)
+
     def _row(self, text: str) -> Row | None:
         sensor, _, rest = text[:LONGEST_LINE].partition(",")
         if sensor not in self.sensors:
@@ -94,8 +110,8 @@ class LineReader:
         form = sensor_format(sensor)
         parts = rest.split(",")
         wanted = 1 + form.has_landmarks + len(form.columns)
-        if len(parts) != wanted or len(text) > LONGEST_LINE:
-            self._lost("torn line", text)
+        if len(parts) != wanted or len(text) > LONGEST_LINE or not text.isascii() or "_" in rest:
+            self.torn(text)
             return None
         return self._parsed(form, parts, text)
 
@@ -104,7 +120,7 @@ class LineReader:
             time, values = float(parts[0]), tuple(map(float, parts[1 + form.has_landmarks :]))
             landmark = int(parts[1]) if form.has_landmarks else None
         except ValueError:
-            self._lost("torn line", text)
+            self.torn(text)
             return None
         if not all(map(math.isfinite, (time, *values))) or (landmark is not None and abs(landmark) >= 2**62):
             self._lost("not finite", text)

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spinfilters.errors import InputError, ShapeError
 from spinfilters.estimators.timeline import Epoch
 from spinfilters.live.messages import MOST_WAITING, Channel
 from spinfilters.live.rebase import HandOver
-from spinfilters.live.smoother_worker import Build, frame_message, work
+from spinfilters.live.smoother_worker import SmootherTask, frame_message, hand_over_of, work
 from spinfilters.models.measurement import MeasurementModel
-from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
 
 FIRST_PATIENCE = 20.0
@@ -30,13 +30,11 @@ class SupervisionOptions:
 
     Attributes
     ----------
-    patience: seconds without a hand-over, with epochs waiting, after which it is killed.   pause: s before it begins anew.
-    memory: bytes of its address space, 0 for no limit.
+    patience: seconds without a word, with epochs waiting, after which it is killed.   pause: s before it begins anew.
     """
 
     patience: float = 5.0
     pause: float = 1.0
-    memory: int = 0
 
 
 class SmootherSupervisor:
@@ -52,6 +50,7 @@ class SmootherSupervisor:
     ) -> None:
         self._layout, self._models, self._options = layout, models, options
         self._process: multiprocessing.process.BaseProcess | None = None
+        self._killed: list[multiprocessing.process.BaseProcess] = []
         self._channel: Channel | None = None
         self._last = self._ended = -np.inf
         self._handed, self._outstanding = 0, 0
@@ -68,8 +67,8 @@ class SmootherSupervisor:
         """Whether there is none and the pause is over."""
         return self._process is None and time.monotonic() - self._ended >= self._options.pause
 
-    def begin(self, build: Build, origin: tuple[float, float]) -> None:
-        """Start a smoother; see `smoother_worker.work`."""
+    def begin(self, task: SmootherTask) -> None:
+        """Start a smoother."""
         ours, theirs = socket.socketpair()
         context = multiprocessing.get_context("fork")  # models are inherited: nothing is pickled
 
@@ -80,7 +79,7 @@ class SmootherSupervisor:
             devnull = os.open(os.devnull, os.O_WRONLY)
             os.dup2(devnull, 1)
             os.dup2(devnull, 2)
-            work(theirs, build, origin, self._models, self._options.memory)
+            work(theirs, task, self._models)
 
         process = context.Process(target=run, daemon=True)
         process.start()
@@ -106,13 +105,21 @@ class SmootherSupervisor:
         if self._channel is None or self._process is None:
             return []
         self._channel.pump()
-        found = [self._hand_over(message) for message in self._channel.received()]
+        try:
+            received = self._channel.received()
+            found = [hand_over_of(message, self._layout) for message in received if message]
+        except (InputError, ShapeError, KeyError, ValueError, OSError) as error:
+            self.end("smoother broken", f"it sent what is no hand-over ({str(error)[:100]})")
+            return []
+        if received:
+            self._last = time.monotonic()
         if found:
-            self._last, self._outstanding = time.monotonic(), 0
-            self._handed += len(found)
-        elif self._channel.closed or not self._process.is_alive():
-            self._process.join(0.2)
-            self.end("smoother died", f"its process ended (exit code {self._process.exitcode})")
+            self._outstanding, self._handed = 0, self._handed + len(found)
+        if received:
+            return found
+        if self._channel.closed or not self._process.is_alive():
+            code = self._process.exitcode
+            self.end("smoother died", "its process ended" + ("" if code is None else f" (exit code {code})"))
         elif self._outstanding and time.monotonic() - self._last > self._allowed:
             self.end("smoother late", f"it said nothing for {self._allowed:g} s")
         return found
@@ -126,6 +133,7 @@ class SmootherSupervisor:
     def close(self) -> None:
         """End everything."""
         self._stop()
+        self._reap(1.0)
 
     @property
     def _allowed(self) -> float:
@@ -135,13 +143,13 @@ class SmootherSupervisor:
         if self._channel is not None:
             self._channel.close()
         if self._process is not None:
-            if self._process.is_alive():
-                self._process.kill()
-            self._process.join(1.0)
+            self._process.kill()
+            self._killed.append(self._process)
         self._process = self._channel = None
+        self._reap(0.0)
 
-    def _hand_over(self, message: dict[str, np.ndarray]) -> HandOver:
-        state = Gaussian(self._layout, message["mean"], message["factor"])
-        return HandOver(
-            float(message["time"]), state, message["ids"], message["points"], str(message["verdict"])
-        )
+    def _reap(self, wait: float) -> None:
+        """Forget processes that have ended; to wait for one may take longer than an answer."""
+        for process in self._killed:
+            process.join(wait)
+        self._killed = [process for process in self._killed if process.exitcode is None]

@@ -5,6 +5,7 @@ from types import TracebackType
 import numpy as np
 from rich.console import Console
 from rich.live import Live
+from rich.markup import escape
 from rich.table import Table
 
 from spinfilters.live.answer import Answer
@@ -48,6 +49,6 @@ def answer_table(answer: Answer, summary: LiveSummary) -> Table:
     table.add_row("measurements", f"{answer.used} used", f"{answer.left_out} left out")
     for name, count in sorted(summary.events.items()):
         table.add_row(name, str(count), "")
-    for reason in answer.status.reasons:
-        table.add_row("[yellow]note", reason, "")
+    if answer.status.reasons:
+        table.caption = "[yellow]" + "\n".join(map(escape, answer.status.reasons))
     return table

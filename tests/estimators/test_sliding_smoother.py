@@ -10,7 +10,11 @@ from smoothing_samples import LAYOUT, LONG, PROCESS, SOON, STD, optimum, run, sa
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement
+from spinfilters.estimators.landmarks.belief import LandmarkBelief
+from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.estimators.robust.losses import Gate, LeastSquares
+from spinfilters.estimators.smoothing.linear.marginals import Marginals
+from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
 from spinfilters.estimators.smoothing.problem.least_squares import Stage
 from spinfilters.estimators.smoothing.solver.iterations import ConstantSchedule, SolverOptions, solve
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
@@ -267,3 +271,39 @@ def test_epochs_leave_together_when_there_are_enough_of_them(
     mode: WindowPolicy, epochs: int, std: float, removed: int
 ) -> None:
     assert mode.batch_size(epochs, std) == removed
+
+
+def test_epochs_that_have_left_do_not_count_against_the_fit_of_the_others() -> None:
+    sliding, _ = _finished(FixedLag(10, SOON))
+    prior, other = sliding.window.marginal_prior, smoother(sample(LONG), FixedLag(10, SOON))
+    assert prior is not None
+    many_left = replace(sliding.window, marginal_prior=replace(prior, constant_cost=1e6))
+    other.resume(many_left, replace(sliding.state, fits=False))
+    other._remember(other.problem())
+    assert other.state.fits
+
+
+def test_epochs_that_have_gathered_end_where_those_that_come_one_by_one_do() -> None:
+    one_by_one, together = _finished(FullSmoothing())[0], smoother(sample(LONG), FullSmoothing())
+    epochs = sample(LONG).epochs
+    for first in range(0, len(epochs), 4):
+        together.add_all(epochs[first : first + 4])
+    away = LAYOUT.local(one_by_one.belief.mean, together.belief.mean)
+    assert np.abs(away / one_by_one.belief.std).max() < 0.5
+    np.testing.assert_allclose(together.belief.std, one_by_one.belief.std, rtol=0.05)
+
+
+def test_the_latest_state_and_the_map_are_told_together_with_their_joint_covariance() -> None:
+    sliding, _ = _finished(FullSmoothing())
+    told, belief = sliding.joint_belief(LandmarkOptions(explained=0.0)), sliding.belief
+    assert isinstance(told, LandmarkBelief)
+    np.testing.assert_array_equal(told.mean, belief.mean)
+    np.testing.assert_allclose(told.state.covariance, belief.covariance, rtol=1e-6, atol=1e-14)
+    _, normal = sliding._linearised()
+    assert isinstance(normal.solution, SchurSystem)
+    marginals = Marginals(normal.solution, normal.eliminated)
+    assert normal.eliminated is not None
+    expected = marginals.landmark_covariance(np.flatnonzero(normal.eliminated.is_constrained))
+    rows = told.joint_factor()[LAYOUT.error_dim :].reshape(len(told.ids), 3, -1)
+    found, wanted = (np.sqrt(np.einsum("kii->ki", P)) for P in (rows @ rows.swapaxes(1, 2), expected))
+    np.testing.assert_allclose(found, wanted, rtol=0.05)  # what few modes leave out is each landmark's own

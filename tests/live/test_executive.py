@@ -13,9 +13,10 @@ from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.live.answer import Answer, json_line, tum_line
-from spinfilters.live.executive import Executive, LiveOptions, LiveSetup
+from spinfilters.live.executive import Executive
 from spinfilters.live.filter_track import FilterTrack
 from spinfilters.live.line_format import ArrivedEpoch
+from spinfilters.live.options import LiveOptions, LiveSetup
 from spinfilters.live.rebase import HandOver
 from spinfilters.live.supervisor import SupervisionOptions
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
@@ -116,8 +117,9 @@ def test_a_handed_over_past_is_brought_up_to_now_with_nothing_counted_twice() ->
     runner = executive()
     answered(runner, given)
     past = runner.track.belief_at(given[5].time)
-    runner._take_over(HandOver(given[5].time, past, np.zeros(0, dtype=int), np.zeros((0, 3))))
-    assert runner.summary.events["hand-over"] == 1
+    runner._take_over(HandOver(given[5].time, past))
+    while runner.track.is_rebasing:
+        runner.track.rebase_step()
     expected = filtered(given)
     np.testing.assert_allclose(runner.track.belief.mean, expected.mean, atol=1e-12)
     np.testing.assert_allclose(runner.track.belief.covariance, expected.covariance, rtol=1e-9, atol=1e-18)
@@ -131,11 +133,8 @@ def test_a_wrong_hand_over_is_refused_and_the_answer_stays(wrong: str) -> None:
     before = runner.track.belief
     state = runner.track.belief_at(given[3].time)
     mean = np.full_like(state.mean, np.nan) if wrong == "nan" else LAYOUT.retract(state.mean, 30 * state.std)
-    handed = HandOver(
-        given[3].time, Gaussian(LAYOUT, mean, state.factor), np.zeros(0, dtype=int), np.zeros((0, 3))
-    )
-    runner._take_over(handed)
-    assert runner.summary.events["hand-over"] == 0
+    runner._take_over(HandOver(given[3].time, Gaussian(LAYOUT, mean, state.factor)))
+    assert not runner.track.is_rebasing
     assert sum(count for event, count in runner.summary.events.items() if "refused" in event) == 1
     np.testing.assert_array_equal(runner.track.belief.mean, before.mean)
 
@@ -174,3 +173,26 @@ def test_the_smoother_hands_over_and_after_a_kill_or_a_stop_it_comes_back() -> N
     )
     error = LAYOUT.local(said[-1].belief.mean, filtered(given).mean) / said[-1].belief.std
     assert np.abs(error).max() < 1.0
+
+
+def test_one_wrong_time_ahead_leaves_every_later_epoch_its_answer() -> None:
+    given = epochs(20)
+    wrong = replace(given[10], time=given[10].time + 50.0)
+    runner = executive()
+    answers = answered(runner, [*given[:10], wrong, *given[10:]])
+    assert len(answers) == 21
+    assert "must confirm" in answers[10].status.reasons[-1]
+    np.testing.assert_array_equal(runner.track.belief.mean, filtered(given).mean)
+
+
+def test_a_late_epoch_within_what_is_caught_up_with_gives_the_hand_over_up() -> None:
+    given = epochs(12)
+    runner = executive()
+    answered(runner, [*given[:8], *given[9:]])
+    past = runner.track.belief_at(given[5].time)
+    runner._take_over(HandOver(given[5].time, past))
+    for _ in range(4):
+        runner.track.rebase_step()
+    answered(runner, [given[8]])
+    assert not runner.track.is_rebasing
+    np.testing.assert_allclose(runner.track.belief.mean, filtered(given).mean, atol=1e-12)

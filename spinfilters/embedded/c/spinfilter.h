@@ -41,7 +41,7 @@ typedef struct {
   uint16_t refused;                   /* updates in a row that refused four fifths of their values: 3 or more mean lost */
 } sf_filter;
 
-/* Begin from a state and its covariance (SF_N x SF_N, row by row, positive definite); after SF_INVALID there is no filter. */
+/* Begin from a state and its covariance (SF_N x SF_N, row by row, positive definite); after SF_INVALID: no filter. */
 int sf_begin(sf_filter *filter, const sf_real *x, const sf_real *covariance, sf_real force_psd, sf_real torque_psd);
 
 /* Go dt > 0 seconds ahead. On a copy of the filter: a prediction. */
@@ -57,7 +57,7 @@ int sf_update_gyro(sf_filter *filter, const sf_real *rates, const sf_real *param
 #endif
 
 #ifdef SF_HAS_POSE
-/* pose: t (3, m), q_ig (4).  root: 21 entries, row by row, of the lower Cholesky factor of the covariance of (t, rotation). */
+/* pose: t (3, m), q_ig (4).  root: 21 entries, row by row, of the covariance of (t, rotation)'s lower Cholesky factor. */
 int sf_update_pose(sf_filter *filter, const sf_real *pose, const sf_real *root);
 #endif
 
@@ -78,7 +78,8 @@ typedef struct {
 enum sf_outcome { SF_USED = 0, SF_OUTSIDE = 1, SF_BEHIND = 2, SF_NEW = 3, SF_NOT_TOLD = 4 };
 
 /* All observations of an epoch. map: SF_LANDMARKS, zeroed at first.  camera: SF_STEREO_PARAMETERS (see the README). */
-int sf_update_stereo(sf_filter *filter, sf_landmark *map, sf_observation *observations, uint16_t count, const sf_real *camera);
+int sf_update_stereo(sf_filter *filter, sf_landmark *map, sf_observation *observations, uint16_t count,
+                     const sf_real *camera);
 #endif
 
 #ifdef __cplusplus

@@ -1,4 +1,4 @@
-/* Arithmetic of one precision without libm, the same bits on every machine; for spinfilter.c and the generated model alone. */
+/* Arithmetic of one precision without libm, the same bits on every machine; for the filter and the generated model alone. */
 #ifndef SPINFILTER_ARITHMETIC_H
 #define SPINFILTER_ARITHMETIC_H
 
@@ -16,15 +16,6 @@
 #define SF_LARGEST_EXPONENT 80.0
 #endif
 
-/* Short loops of fixed length, unrolled whatever the file is compiled for. */
-#if defined(__GNUC__) && !defined(__clang__)
-#define SF_QUICK_BEGIN _Pragma("GCC push_options") _Pragma("GCC optimize(\"O3\")")
-#define SF_QUICK_END _Pragma("GCC pop_options")
-#else
-#define SF_QUICK_BEGIN
-#define SF_QUICK_END
-#endif
-
 static inline sf_real sf_square(sf_real x) { return x * x; }
 static inline sf_real sf_abs(sf_real x) { return x < SF_R(0.0) ? -x : x; }
 static inline sf_real sf_max(sf_real x, sf_real y) { return x > y ? x : y; }
@@ -34,7 +25,7 @@ static inline sf_real sf_min(sf_real x, sf_real y) { return x < y ? x : y; }
 static inline sf_real sf_exp(sf_real x)
 {
   const sf_real limit = SF_R(SF_LARGEST_EXPONENT);
-  x = x > limit ? limit : x < -limit ? -limit : x;
+  x = x > limit ? limit : x > -limit ? x : -limit; /* what is no number too */
   const int power = (int)(x * SF_R(1.4426950408889634) + (x < SF_R(0.0) ? SF_R(-0.5) : SF_R(0.5)));
   sf_real rest = x - (sf_real)power * SF_R(0.693145751953125); /* its low bits are zero: the product is exact */
   rest -= (sf_real)power * SF_R(1.4286068203094172321e-6);

@@ -21,28 +21,58 @@ static void begin_map(void)
   }
 }
 
-static int update(sf_filter *f, int epoch)
+static void observe(int epoch)
 {
   const sf_real *values = vector_values + 3 * COUNT * epoch;
   for (unsigned k = 0; k < COUNT; ++k) {
     observations[k].landmark = (uint16_t)k;
     for (int i = 0; i < 3; ++i) observations[k].pixels[i] = values[3 * k + i];
   }
+}
+
+/* The last epoch again, in turn not finite, far off, in an empty place or behind the camera; with all: not finite. */
+static void spoil(sf_real not_finite, int all)
+{
+  observe(EPOCHS - 1);
+  for (unsigned k = 0; k < COUNT; ++k) {
+    if (all || k % 8 == 1) observations[k].pixels[k % 3] = not_finite;
+    else if (k % 8 == 3) observations[k].pixels[1] += (sf_real)90;
+    else if (k % 8 == 5) map[k].hits = 0;
+    else if (k % 8 == 7) map[k].point[2] -= vector_x[2] + (sf_real)1;
+  }
+}
+
+static int update(sf_filter *f)
+{
   measure_begin();
   const int status = sf_update_stereo(f, map, observations, COUNT, vector_camera);
   measure_end(MEASURED_UPDATE);
   return status;
 }
 #else
+#define COUNT (sizeof vector_values / sizeof *vector_values / EPOCHS)
+static sf_real value[COUNT];
+
 static void begin_map(void) {}
 
-static int update(sf_filter *f, int epoch)
+static void observe(int epoch)
+{
+  for (unsigned k = 0; k < COUNT; ++k) value[k] = vector_values[COUNT * epoch + k];
+}
+
+static void spoil(sf_real not_finite, int all)
+{
+  observe(EPOCHS - 1);
+  if (all) value[0] = not_finite;
+}
+
+static int update(sf_filter *f)
 {
   measure_begin();
 #ifdef SF_HAS_POSE
-  const int status = sf_update_pose(f, vector_values + 7 * epoch, vector_parameters);
+  const int status = sf_update_pose(f, value, vector_parameters);
 #else
-  const int status = sf_update_gyro(f, vector_values + 3 * epoch, vector_parameters);
+  const int status = sf_update_gyro(f, value, vector_parameters);
 #endif
   measure_end(MEASURED_UPDATE);
   return status;
@@ -59,6 +89,24 @@ uint32_t test_bits(void) /* FNV-1a of the state and its covariance: the same on 
   return hash;
 }
 
+/* Values that are of no use take the same work, and change nothing. */
+static int test_spoilt(void)
+{
+  volatile sf_real zero = 0;
+  const sf_real not_a_number = zero / zero, infinite = (sf_real)1 / zero;
+  int wrong = 0;
+  spoil(not_a_number, 0);
+  wrong += update(&f) != SF_OK;
+  spoil(infinite, 0);
+  wrong += update(&f) != SF_OK;
+  const uint32_t before = test_bits();
+  spoil(not_a_number, 1);
+  wrong += update(&f) != SF_REFUSED;
+  spoil(infinite, 1);
+  wrong += update(&f) != SF_REFUSED;
+  return wrong + (test_bits() != before);
+}
+
 int test_spinfilter(sf_real *worst)
 {
   sf_real deviations[SF_N];
@@ -70,18 +118,19 @@ int test_spinfilter(sf_real *worst)
     measure_begin();
     wrong += sf_predict(&f, (sf_real)INTERVAL) != SF_OK;
     measure_end(MEASURED_PREDICTION);
-    wrong += update(&f, epoch) != SF_OK;
+    observe(epoch);
+    wrong += update(&f) != SF_OK;
     sf_deviations(&f, deviations);
     for (int k = 0; k < SF_N; ++k) {
       const sf_real std = expected[SF_NX + k];
-      const sf_real off = absolute(f.x[k < SF_X_Q ? k : k + (k >= SF_X_Q + 3)] - expected[k < SF_X_Q ? k : k + (k >= SF_X_Q +
-      3)]) / std;
+      const int place = k + (k >= SF_X_Q + 3);
+      const sf_real off = absolute(f.x[place] - expected[place]) / std;
       const sf_real spread = absolute(deviations[k] / std - (sf_real)1);
       if (!(off <= *worst)) *worst = off;
       if (!(spread <= *worst)) *worst = spread;
     }
   }
-  return wrong + !(*worst < (sf_real)WORST_DEVIATION);
+  return wrong + !(*worst < (sf_real)WORST_DEVIATION) + test_spoilt();
 }
 
 #ifndef SF_FIRMWARE

@@ -85,8 +85,7 @@ class MultiplicativeFilter(Estimator):
             raise InputError(
                 f"belief has the blocks {belief.layout.blocks}, the process has {self.layout.blocks}"
             )
-        self._mean, self._factor = belief.mean.copy(), belief.factor.copy()
-        self._held = HeldMap.of(belief, self._options) if isinstance(belief, LandmarkBelief) else None
+        self.take_belief(belief)
         self._guards = OutlierRejection(self._guards.options)
         self._adaptation = NoiseAdaptation(self._adaptation.options, self._adaptation.identified)
 
@@ -97,6 +96,11 @@ class MultiplicativeFilter(Estimator):
     def level(self, source: str) -> NoiseScale:
         """Scale of a source of noise so far."""
         return self._adaptation.level(source)
+
+    def take_belief(self, belief: Gaussian | LandmarkBelief) -> None:
+        """Go on from another belief of the present time; what was learnt of noise and outliers stays."""
+        self._mean, self._factor = belief.mean.copy(), belief.factor.copy()
+        self._held = HeldMap.of(belief, self._options) if isinstance(belief, LandmarkBelief) else None
 
     @property
     def belief(self) -> Gaussian:
@@ -116,6 +120,11 @@ class MultiplicativeFilter(Estimator):
     def held(self) -> Int[np.ndarray, " k"]:
         """Ids of the landmarks in the map."""
         return NO_IDS if self._held is None else self._held.ids
+
+    @property
+    def mode_count(self) -> int:
+        """Modes that the landmarks of the map share; 0 without a map."""
+        return 0 if self._held is None else self._held.landmarks.rank
 
     def predict(self, dt: float) -> None:
         self._guards.pass_time()

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int
 
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
-from spinfilters.estimators.landmarks.shared_modes import HeldErrors, SharedErrors, shared_modes
+from spinfilters.estimators.smoothing.joint_belief import joint_belief
 from spinfilters.estimators.smoothing.linear.marginals import Marginals
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.models.gauge import GAUGE_DIM
@@ -94,25 +94,9 @@ class InitialEstimate:
         """Of the state at the last epoch and all landmarks; not finite where there is none."""
         if not self.has_landmarks:
             return self.belief
-        held = self._held(options)
-        return LandmarkBelief(
-            self.layout,
-            self.mean[-1],
-            self.ids,
-            self.points,
-            held.modes,
-            held.roots,
-            held.factor,
-            np.zeros(GAUGE_DIM),
-        )
-
-    def _held(self, options: LandmarkOptions) -> HeldErrors:
-        n = self.layout.error_dim
-        if self.marginals is None:
-            nothing = np.full((len(self.ids), 3, 3), np.nan)
-            return HeldErrors(nothing[:, :, :1], nothing, np.full((n + 1, n + 1), np.nan))
-        assert self.marginals.eliminated is not None
-        rows = self.marginals.epoch_rows(len(self.mean) - 1)
-        told = np.flatnonzero(self.marginals.eliminated.is_constrained)
-        landmarks = self.marginals.landmark_rows(told)
-        return shared_modes(SharedErrors(self.layout, self.mean[-1], self.points, rows, *landmarks), options)
+        landmarks = (self.ids, self.points)
+        if self.marginals is not None:
+            return joint_belief(self.marginals, self.mean[-1], landmarks, options)
+        n, roots = self.layout.error_dim, np.full((len(self.ids), 3, 3), np.nan)
+        factor, move = np.full((n + 1, n + 1), np.nan), np.zeros(GAUGE_DIM)
+        return LandmarkBelief(self.layout, self.mean[-1], *landmarks, roots[:, :, :1], roots, factor, move)

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import eigh
 
 from spinfilters.estimators.filters.square_root_update import lower_roots, triangular_factor
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
@@ -91,13 +92,13 @@ def _held(errors: SharedErrors, rigid: Float[np.ndarray, "6 R"], options: Landma
     k, R = len(errors.points), errors.follow.shape[2]
     own = lower_roots(errors.own)
     scaled = np.linalg.solve(own, errors.follow).reshape(3 * k, R)
-    explained, vectors = np.linalg.eigh(scaled.T @ scaled)
-    explained, vectors = explained[::-1], vectors[:, ::-1]
-    r = int(np.clip(np.count_nonzero(explained >= options.explained), 1, options.modes))
-    held, left = vectors[:, :r], vectors[:, r:]
+    most = min(options.modes, R)
+    explained, vectors = eigh(scaled.T @ scaled, subset_by_index=(R - most, R - 1))
+    r = max(int(np.count_nonzero(explained >= options.explained)), 1)
+    held = vectors[:, ::-1][:, :r]
     rows = np.zeros((len(errors.state_rows) + r + GAUGE_DIM, errors.state_rows.shape[1]))
     rows[: len(errors.state_rows)] = errors.state_rows
     rows[len(errors.state_rows) :, :R] = np.concatenate([held.T, rigid])
-    rest = own @ (scaled @ left).reshape(k, 3, left.shape[1])
+    rest = own @ (scaled - (scaled @ held) @ held.T).reshape(k, 3, R)
     roots = np.linalg.cholesky(own @ np.swapaxes(own, 1, 2) + rest @ np.swapaxes(rest, 1, 2))
     return HeldErrors(errors.follow @ held, roots, triangular_factor(rows.T))

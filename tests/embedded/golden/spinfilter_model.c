@@ -134,7 +134,8 @@ void sf_model_inertia(const sf_real *s, sf_real *j, sf_real *dj)
   dj[24]=a06;
 }
 
-void sf_model_substep(const sf_real *q, const sf_real *w, const sf_real *j, const sf_real h_, sf_real *q_after, sf_real *w_after, sf_real *a_aa, sf_real *a_aw, sf_real *a_ww, sf_real *b_a, sf_real *b_w)
+void sf_model_substep(const sf_real *q, const sf_real *w, const sf_real *j, const sf_real h_, sf_real *q_after,
+  sf_real *w_after, sf_real *a_aa, sf_real *a_aw, sf_real *a_ww, sf_real *b_a, sf_real *b_w)
 {
   const sf_real h[1] = {h_};
   sf_real a000, a001, a002, a003, a004, a005, a006, a007, a008, a009, a010, a011;
@@ -3015,7 +3016,9 @@ void sf_model_substep(const sf_real *q, const sf_real *w, const sf_real *j, cons
   b_w[14]=a001;
 }
 
-void sf_model_transition(const sf_real *x, const sf_real *rotation, const sf_real *psi_aa, const sf_real *psi_aw, const sf_real *psi_ww, const sf_real *th_a, const sf_real *th_w, const sf_real *dj, const sf_real *noise, const sf_real dt_, const sf_real *psd, sf_real *x_after, sf_real *phi, sf_real *g)
+void sf_model_transition(const sf_real *x, const sf_real *rotation, const sf_real *psi_aa, const sf_real *psi_aw,
+  const sf_real *psi_ww, const sf_real *th_a, const sf_real *th_w, const sf_real *dj, const sf_real *noise, const
+  sf_real dt_, const sf_real *psd, sf_real *x_after, sf_real *phi, sf_real *g)
 {
   const sf_real dt[1] = {dt_};
   sf_real a00, a01, a02, a03, a04, a05, a06, a07, a08, a09, a10, a11;

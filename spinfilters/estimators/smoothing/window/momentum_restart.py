@@ -51,7 +51,14 @@ def fits(here: LinearizationPoint, normal: NormalEquations) -> bool:
     used = int(np.count_nonzero(normal.eliminated.used))
     dof = here.linear.rows.shape[1] * used - 3 * int(np.count_nonzero(normal.eliminated.is_constrained))
     every = int(np.count_nonzero(normal.eliminated.is_constrained[normal.eliminated.observations.landmark]))
-    return used >= INLIER_SHARE * every and here.cost(normal.used, normal.stage) <= GOOD_FIT * max(dof, 1)
+    cost = here.cost(normal.used, normal.stage)
+    if here.marginal_prior is not None:
+        prior = here.marginal_prior.marginal_prior
+        cost -= (
+            prior.constant_cost
+        )  # of observations that have left, which are not among these degrees of freedom
+        dof += max(len(prior.right) - prior.ordering.layout.error_dim, 0)  # beyond what one state takes
+    return used >= INLIER_SHARE * every and cost <= GOOD_FIT * max(dof, 1)
 
 
 def restarted_from_momentum(

@@ -115,6 +115,17 @@ class RecursiveSmoother(Estimator):
         self._belief = self.sliding.belief
         return [UpdateReport(0.0, 0, accepted, rejected) for accepted, rejected in taken.counts]
 
+    def update_epochs(self, epochs: Sequence[Epoch]) -> None:
+        """Take in epochs that have gathered, all later than the present time, and solve once: for one that has fallen behind."""
+        measured = [epoch for epoch in epochs if epoch.measurements]
+        for epoch in measured:
+            self._meet(epoch.measurements)
+        if measured:
+            self.marginalized += self.sliding.add_all(measured).marginalized
+            self._time, self._belief = measured[-1].time, self.sliding.belief
+        if epochs and epochs[-1].time > self._time:
+            self.predict(epochs[-1].time - self._time)
+
     def smoothed(self) -> list[MarginalizedState]:
         """Every epoch so far, those in the window iterated until nothing moves."""
         self.sliding.settle()

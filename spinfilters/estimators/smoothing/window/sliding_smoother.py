@@ -1,6 +1,6 @@
 """A smoother that takes one epoch after the other and re-solves what it keeps after each."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -8,8 +8,11 @@ from jaxtyping import Float, Int
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement, ProcessModel
+from spinfilters.estimators.landmarks.belief import LandmarkBelief
+from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.estimators.robust.losses import RobustLoss
 from spinfilters.estimators.smoothing.factors.motion_factors import StatePrior
+from spinfilters.estimators.smoothing.joint_belief import joint_belief
 from spinfilters.estimators.smoothing.linear.latest_marginal import latest_factor
 from spinfilters.estimators.smoothing.linear.marginals import Marginals
 from spinfilters.estimators.smoothing.problem.least_squares import LinearizationPoint, LinearProblem, Problem
@@ -70,10 +73,13 @@ class SlidingSmoother:
         self.at_levels: Callable[[Problem], Problem] = lambda problem: problem
         """The window's problem at other noise levels than those that the measurements came with."""
         self.window = Window.empty(process.layout.mean_dim)
+        self._landmarks = self.window.ids, self.window.points
+        """Of the linear problem; some have left the window since."""
 
     def resume(self, window: Window, state: SmootherState) -> None:
         """Continue from the window of a snapshot. It is linearised where it is when that is asked for."""
         self.window, self.state, self._linear = window, state, None
+        self._landmarks = window.ids, window.points
 
     def begin(
         self,
@@ -107,6 +113,13 @@ class SlidingSmoother:
         self.window = self.window.opened(epoch.time, self._guess(epoch.time, guess))
         return self.extend(epoch.measurements)
 
+    def add_all(self, epochs: Sequence[Epoch]) -> UpdateResult:
+        """Take in epochs that have gathered and solve once; what is said is of the last of them."""
+        for epoch in epochs[:-1]:
+            self.window = self.window.opened(epoch.time, self._guess(epoch.time, None))
+            self._extended(epoch.measurements)
+        return self.add(epochs[-1])
+
     def extend(self, measurements: tuple[Measurement, ...]) -> UpdateResult:
         """Add measurements of the latest epoch, solve, and marginalize by the window policy."""
         ends = self._extended(measurements)
@@ -127,6 +140,18 @@ class SlidingSmoother:
         solution, n = self._linearised().normal.solution, self.process.layout.error_dim
         factor = np.full((n, n), np.nan) if isinstance(solution, int) else latest_factor(solution)
         return Gaussian(self.process.layout, self.window.trajectory[-1], factor)
+
+    def joint_belief(self, options: LandmarkOptions) -> Gaussian | LandmarkBelief:
+        """Of the latest epoch and all landmarks of its linear problem that are well constrained, as a filter holds them."""
+        normal = self._linearised().normal
+        if isinstance(normal.solution, int) or normal.eliminated is None:
+            return self.belief
+        constrained = normal.eliminated.is_constrained
+        if not constrained.any():
+            return self.belief
+        ids, points = (array[constrained] for array in self._landmarks)
+        marginals = Marginals(normal.solution, normal.eliminated)
+        return joint_belief(marginals, self.window.trajectory[-1], (ids, points), options)
 
     @property
     def mass_std(self) -> float:
@@ -220,6 +245,7 @@ class SlidingSmoother:
         """What the last linear problem says of the whole."""
         linear = self._linearised(problem)
         solution = linear.normal.solution
+        self._landmarks = self.window.ids, self.window.points
         self.state.mass_std = np.inf if isinstance(solution, int) else solution.mass_std
         self.state.fits = fits(linear.point, linear.normal)
 
