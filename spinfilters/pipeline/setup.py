@@ -33,7 +33,9 @@ from spinfilters.pipeline.stated_noise import (
 from spinfilters.sensors.registry import sensor_of, sensors_in
 from spinfilters.sensors.sensor import MotionSamples, Sensor
 from spinfilters.settings.run_settings import Settings
+from spinfilters.state.blocks.acceleration import ACCELERATION
 from spinfilters.state.blocks.drag import DRAG
+from spinfilters.state.blocks.torque import TORQUE
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
@@ -161,6 +163,10 @@ def _layout(log: MeasurementLog, settings: Settings) -> StateLayout:
     layout = StateLayout(FULL_BLOCKS if any(sensor.sees_place for sensor in sensors) else ROTATION_BLOCKS)
     if settings.process.drag:
         layout = layout.joined(DRAG)
+    if settings.process.gravity is True and layout.translates:
+        layout = layout.joined(ACCELERATION)
+    if settings.process.body_torque:
+        layout = layout.joined(TORQUE)
     for block in (block for sensor in sensors for block in sensor.error_blocks):
         if settings.initialisation.states_prior(block):
             layout = layout.joined(block)

@@ -21,7 +21,7 @@ BY_LETTER = re.compile(r"""["'][a-z]{1,2}["'] (not )?in [\w.]*(blocks|layout)\b|
 
 
 def test_blocks_stand_in_the_order_of_their_ranks() -> None:
-    assert "".join(BLOCKS) == "tavwcsdb"
+    assert "".join(BLOCKS) == "tavwcsdbfmk"
     assert tuple("tavwcs") == FULL_BLOCKS
     assert tuple("aws") == ROTATION_BLOCKS
 

@@ -1,0 +1,57 @@
+"""What a model error is to score tests, and the table of all of them."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from importlib import import_module
+from pkgutil import iter_modules
+from types import MappingProxyType
+from typing import ClassVar, Final
+
+from spinfilters.errors import InputError
+from spinfilters.estimators.model_errors.linear_rows import Columns
+from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
+from spinfilters.state.block import StateBlock
+
+ALTERNATIVES: Final = "spinfilters.estimators.model_errors.alternatives"
+
+
+class ModelError(ABC):
+    """An error of the models that estimators use. A subclass states its attributes and writes `columns`.
+
+    Attributes
+    ----------
+    name: of the error.   phrase: in a sentence, with its article.   unit: of its size.   cure: what to do about it.
+    by_epoch: whether it is drawn anew at every epoch; if not, it is the same in all.
+    block: of a state that holds it, None where none does.
+    """
+
+    name: ClassVar[str]
+    phrase: ClassVar[str]
+    unit: ClassVar[str]
+    cure: ClassVar[str]
+    by_epoch: ClassVar[bool] = False
+    block: ClassVar[StateBlock | None] = None
+
+    @abstractmethod
+    def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """Whitened right-hand sides per unit of it, one for each of its components; None where a data set cannot have it."""
+
+    def is_held(self, motion: SmoothedMotion) -> bool:
+        """Whether the state has it already."""
+        return self.block is not None and motion.rows.problem.layout.has(self.block)
+
+
+def table() -> Mapping[str, ModelError]:
+    """All model errors by name: those that the modules of the folder `alternatives` call ``MODEL_ERRORS``.
+
+    Raises
+    ------
+    InputError: a name that two of them have.
+    """
+    found: dict[str, ModelError] = {}
+    for module in iter_modules(import_module(ALTERNATIVES).__path__, f"{ALTERNATIVES}."):
+        for each in import_module(module.name).MODEL_ERRORS:
+            if each.name in found:
+                raise InputError(f"model error {each.name!r} is there twice; give each a name of its own")
+            found[each.name] = each
+    return MappingProxyType(found)
