@@ -16,6 +16,7 @@ from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
 from spinfilters.pipeline.diagnostics import filter_diagnostics, shared_diagnostics, with_verdict
 from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries
+from spinfilters.pipeline.model_errors import model_error_diagnostics
 from spinfilters.pipeline.recording_bound import Bounding, with_bounds
 from spinfilters.pipeline.setup import Setup
 from spinfilters.runs.checkpoint_store import StoreOf, no_checkpoints
@@ -243,6 +244,7 @@ def _evaluated(history: EstimateHistory, setup: Setup) -> Evaluation:
 
 def _judge(evaluations: list[Evaluation], setup: Setup, settings: Settings) -> list[Evaluation]:
     diagnostics, of_filters = shared_diagnostics(setup), filter_diagnostics(setup)
+    diagnostics += model_error_diagnostics(setup, evaluations)
     entries = estimator_entries()
     peers = [evaluation for evaluation in evaluations if not entries[evaluation.name].is_baseline]
     judged_ones = []

@@ -1,8 +1,8 @@
 """Errors of the models that a recording shows: score tests about the smoothed motion, with reasons for the verdict."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from jaxtyping import Float
@@ -10,89 +10,110 @@ from jaxtyping import Float
 from spinfilters.data.sensor_format import sensor_format
 from spinfilters.errors import NUMERICAL_ERRORS
 from spinfilters.estimators.identification.components import DISTURBANCES, FORCE_PSD, ComponentRows
-from spinfilters.estimators.identification.identify import STAGE, NoiseModel, identify
-from spinfilters.estimators.identification.residuals import residuals_of, source_factors
-from spinfilters.estimators.model_errors.linear_rows import LinearRows
-from spinfilters.estimators.model_errors.model_error import table
-from spinfilters.estimators.model_errors.noise_components import NoiseComponents
-from spinfilters.estimators.model_errors.score_tests import ScoreTest, score_tests
+from spinfilters.estimators.identification.identify import NoiseModel
+from spinfilters.estimators.model_errors.alternative import Alternative, table
+from spinfilters.estimators.model_errors.hypotheses import (
+    among_inliers,
+    is_contradicted,
+    is_doubtful,
+    minus_twice_log_likelihood,
+    noise_of,
+    solved_near,
+    with_identified,
+)
+from spinfilters.estimators.model_errors.score_tests import ScoreTest, likelier, score_tests
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.estimators.smoothing.factors.landmark_observations import OBSERVATIONS_NEEDED, seen_ids
 from spinfilters.estimators.smoothing.problem.landmark_reinitialisation import reinitialised
-from spinfilters.estimators.smoothing.problem.least_squares import (
-    LinearizationPoint,
-    NormalEquations,
-    Problem,
-    Stage,
-    problem_of,
-    with_common_constants,
-)
+from spinfilters.estimators.smoothing.problem.least_squares import Problem, problem_of
 from spinfilters.estimators.smoothing.solver.annealing import GATE
-from spinfilters.estimators.smoothing.solver.iterations import SolverOptions, solve
 from spinfilters.estimators.timeline import times_of
 from spinfilters.evaluation.evaluation import Evaluation
-from spinfilters.pipeline.setup import Setup
 from spinfilters.state.status import Verdict
+
+if TYPE_CHECKING:
+    from spinfilters.pipeline.setup import Setup
 
 FALSE_ALARM: Final = 1e-5
 """Probability of a score beyond which a model error is named."""
+CONTRADICTED: Final = 1e-3
+"""The same where residuals contradict the noise levels, so that something must be wrong."""
 NAMED: Final = 2
 """Errors that a verdict names at most."""
 MOST_EPOCHS_WITH_MAP, MOST_EPOCHS = 300, 1024
 """Of a recording that are tested: those of landmarks tie all poses together."""
-ITERATIONS: Final = 6
-NOISE_RATIO: Final = 1.25
-"""Of squared residuals over their expectation, either way, beyond which noise levels are identified anew before the tests."""
-TELLING: Final = 20.0
-"""Redundancy of a component from which such a ratio tells anything."""
 
 
-def model_error_diagnostics(setup: Setup, evaluations: Sequence[Evaluation]) -> list[str]:
+def model_error_diagnostics(setup: "Setup", evaluations: Sequence[Evaluation]) -> list[str]:
     """The reason that names the errors that explain most, with what to do; empty where nothing is found."""
-    alarms = [each for each in tested_models(setup, evaluations) if each.p_value < FALSE_ALARM]
-    if not alarms:
-        return []
-    named = "; or ".join(_phrase(each) for each in alarms[:NAMED])
-    return [f"the residuals show {named}"]
+    named = tested_models(setup, evaluations).named
+    return [f"the residuals show {'; or '.join(map(_phrase, named))}"] if named else []
+
+
+@dataclass(frozen=True)
+class TestedModels:
+    """Score tests of a recording, the most explaining first, and whether residuals contradict the noise levels it was told."""
+
+    tests: tuple[ScoreTest, ...] = ()
+    contradicted: bool = False
+
+    @property
+    def named(self) -> tuple[ScoreTest, ...]:
+        """Those that a verdict names."""
+        beyond = CONTRADICTED if self.contradicted else FALSE_ALARM
+        return tuple(each for each in self.tests if each.p_value < beyond)[:NAMED]
 
 
 def _phrase(test: ScoreTest) -> str:
     error, size = test.error, float(np.linalg.norm(test.size))
-    std = float(np.sqrt((test.std**2 @ test.size**2)) / max(size, np.finfo(float).tiny))
+    std = float(np.sqrt(test.std**2 @ test.size**2) / max(size, np.finfo(float).tiny))
     return f"{error.phrase} ({size:.2g} +- {std:.1g} {error.unit}, chi-square {test.statistic:.0f}): {error.cure}"
 
 
-def tested_models(setup: Setup, evaluations: Sequence[Evaluation]) -> list[ScoreTest]:
+def tested_models(setup: "Setup", evaluations: Sequence[Evaluation]) -> TestedModels:
     """Score tests about the motion of the best estimator that there is; none where nothing can be linearised."""
     trajectory = _smoothed_trajectory(setup, evaluations)
     if trajectory is None:
-        return []
+        return TestedModels()
+    return tested_about(setup, trajectory, table().values())
+
+
+def tested_about(
+    setup: "Setup", trajectory: Float[np.ndarray, "k m"], errors: Iterable[Alternative]
+) -> TestedModels:
+    """Score tests of the first epochs about a trajectory near the most probable one; none where it cannot be linearised."""
     try:
         with np.errstate(all="ignore"):
-            return tests_about(setup, trajectory)
+            return _tested(setup, trajectory, errors)
     except NUMERICAL_ERRORS:
-        return []
+        return TestedModels()
 
 
-def tests_about(setup: Setup, trajectory: Float[np.ndarray, "k m"]) -> list[ScoreTest]:
-    """Score tests of the first epochs about a trajectory near the most probable one."""
-    solved = _solved(_problem(setup, len(trajectory)), trajectory)
+def _tested(
+    setup: "Setup", trajectory: Float[np.ndarray, "k m"], errors: Iterable[Alternative]
+) -> TestedModels:
+    """Tests at the noise levels of the setup; where residuals contradict these, at those that the data would have, too."""
+    problem, time = _problem(setup, len(trajectory)), times_of(setup.timeline[: len(trajectory)])
+    solved = solved_near(problem, trajectory, _placed(problem, trajectory))
     if solved is None:
-        return []
-    model = _noise_model(setup, solved.problem)
-    noise = _noise(model, solved)
-    ratio = noise.squares(solved.residual(solved.right)) / np.maximum(noise.redundancy, 1.0)
-    doubtful = np.abs(np.log(np.maximum(ratio, np.finfo(float).tiny))) > np.log(NOISE_RATIO)
-    if np.any(doubtful & (noise.redundancy > TELLING)):
-        again = _with_identified(model, solved)
-        if again is not None:
-            solved, noise = again, _noise(model, again)
-    time = times_of(setup.timeline[: len(trajectory)])
-    return score_tests(SmoothedMotion(time, solved), noise, table().values())
+        return TestedModels()
+    model, every = _noise_model(setup, problem), tuple(errors)
+    noise = noise_of(model, solved)
+    contradicted = is_contradicted(noise, solved)
+    identified = with_identified(model, solved) if is_doubtful(noise, solved) else None
+    if identified is None:
+        return TestedModels(tuple(score_tests(SmoothedMotion(time, solved), noise, every)), contradicted)
+    found = score_tests(SmoothedMotion(time, identified), noise_of(model, identified), every)
+    stated = among_inliers(problem, identified)
+    if stated is not None:
+        beside = score_tests(SmoothedMotion(time, stated), noise_of(model, stated), every)
+        advantage = minus_twice_log_likelihood(stated) - minus_twice_log_likelihood(identified)
+        found = likelier(found, beside, max(advantage, 0.0))
+    return TestedModels(tuple(found), contradicted)
 
 
 def _smoothed_trajectory(
-    setup: Setup, evaluations: Sequence[Evaluation]
+    setup: "Setup", evaluations: Sequence[Evaluation]
 ) -> Float[np.ndarray, "k m"] | None:
     """Of the estimator that used most measurements of each epoch: the smoother if it runs, else the first that has not failed."""
     good = [
@@ -109,36 +130,10 @@ def _smoothed_trajectory(
     return best.mean[:most]
 
 
-def _problem(setup: Setup, count: int) -> Problem:
+def _problem(setup: "Setup", count: int) -> Problem:
     epochs = setup.timeline[:count]
     ids = np.unique(seen_ids(epochs)) if setup.initial.has_landmarks else np.zeros(0, dtype=int)
     return problem_of(setup.process, epochs, ids, setup.initial.prior, OBSERVATIONS_NEEDED)
-
-
-@dataclass(frozen=True)
-class _Strict:
-    """The gates with which noise is identified, in every iteration."""
-
-    def stage(self, iteration: int, here: LinearizationPoint, before: NormalEquations | None) -> Stage:
-        return STAGE
-
-    def last(self, iteration: int, stage: Stage) -> bool:
-        return True
-
-    def repaired(self, here: LinearizationPoint, stage: Stage) -> LinearizationPoint:
-        return here
-
-
-def _solved(
-    problem: Problem, trajectory: Float[np.ndarray, "k m"], points: Float[np.ndarray, "L 3"] | None = None
-) -> LinearRows | None:
-    """The linear problem at the most probable states near a trajectory; None where it has no solution."""
-    if points is None:
-        points = _placed(problem, trajectory)
-    common = np.ascontiguousarray(with_common_constants(problem.layout, trajectory[::-1])[::-1])
-    here = problem.at(common, points, STAGE.pose_only_loss)
-    found = solve(problem, here, SolverOptions(ITERATIONS), _Strict())
-    return LinearRows(problem, found.point, found.normal) if found.normal.solved else None
 
 
 def _placed(problem: Problem, trajectory: Float[np.ndarray, "k m"]) -> Float[np.ndarray, "L 3"]:
@@ -151,7 +146,7 @@ def _placed(problem: Problem, trajectory: Float[np.ndarray, "k m"]) -> Float[np.
     return points if placed is None else placed
 
 
-def _noise_model(setup: Setup, problem: Problem) -> NoiseModel:
+def _noise_model(setup: "Setup", problem: Problem) -> NoiseModel:
     """All noise levels of a problem, stated or not."""
     components = []
     sensors = enumerate(problem.motion.sensors)
@@ -171,23 +166,3 @@ def _noise_model(setup: Setup, problem: Problem) -> NoiseModel:
     densities = [name for name in DISTURBANCES if problem.layout.translates or name != FORCE_PSD]
     positive = tuple(name for name in densities if getattr(setup.process.noise, name) > 0)
     return NoiseModel(problem, tuple(components), positive)
-
-
-def _noise(model: NoiseModel, solved: LinearRows) -> NoiseComponents:
-    problem, here = solved.problem, solved.here
-    after = residuals_of(problem, here, solved.normal, model.components, model.densities)
-    factors = tuple(source_factors(problem, here, model.densities))
-    return NoiseComponents(model.components, factors, after.redundancy)
-
-
-def _with_identified(model: NoiseModel, solved: LinearRows) -> LinearRows | None:
-    """The problem with the noise levels that it identifies itself, solved again."""
-    here = solved.here
-    found = identify(model, here.trajectory, here.points)
-    if found is None:
-        return None
-    stated = model.values(np.zeros(len(model.components) + len(model.densities)))
-    power = [2.0] * len(model.components) + [1.0] * len(model.densities)
-    values = [each.value for each in found.components]
-    log_variance = np.array(power) * np.log(np.divide(values, stated))
-    return _solved(model.scaled(log_variance), here.trajectory, here.points)

@@ -80,7 +80,9 @@ class Columns:
         seen = None
         if parts[0].observations is not None:
             seen = np.concatenate([each.observations for each in parts if each.observations is not None], 2)
-        sensors = tuple(np.concatenate(each, axis=2) for each in zip(*(p.sensors for p in parts), strict=True))
+        sensors = tuple(
+            np.concatenate(each, axis=2) for each in zip(*(p.sensors for p in parts), strict=True)
+        )
         steps = np.concatenate([each.steps for each in parts], axis=2)
         return cls(sensors, steps, seen, np.concatenate([each.prior for each in parts], axis=1))
 
@@ -194,7 +196,7 @@ class LinearRows:
         K, p, m = ordering.epochs, len(ordering.pose), b.constant.shape[1]
         pose, g = b.moving[:, :p].copy(), b.landmarks
         if fit is not None:
-            g = np.where(fit.is_constrained[:, None, None], np.linalg.solve(fit.information_sqrt, g), 0.0)
+            g = np.linalg.solve(self._landmark_sqrts, np.where(fit.is_constrained[:, None, None], g, 0.0))
             seen, landmark = fit.observations.epoch, fit.observations.landmark
             pose -= _summed(seen, K, np.swapaxes(fit.coupling, 1, 2) @ g[landmark])
         chained, X = self._forward(b.moving[:, p:]), s.tridiagonal.coupling[:, :, :-1]
@@ -206,28 +208,41 @@ class LinearRows:
         moving[:, :p] = kept[: K * p].reshape(K, p, m)
         moving[:, p:] = self._back(chained - X @ kept)
         if fit is not None:
+            seen, landmark = fit.observations.epoch, fit.observations.landmark
             follow = _summed(landmark, len(g), fit.coupling @ moving[seen, :p])
-            g = np.linalg.solve(np.swapaxes(fit.information_sqrt, 1, 2), g - follow)
+            g = np.linalg.solve(np.swapaxes(self._landmark_sqrts, 1, 2), g - follow)
             g[~fit.is_constrained] = 0.0
         return _Gradient(moving, kept[K * p :], g)
 
     def _forward(self, b: Float[np.ndarray, "k v m"]) -> Float[np.ndarray, "k v m"]:
         """n_k = L_k^-1 (b_k - F_k-1' n_k-1)."""
-        L, F, n = self.solution.tridiagonal.information_sqrts, self.solution.tridiagonal.next, b.copy()
+        inverses, F, n = self._inverses, self.solution.tridiagonal.next, b.copy()
         for k in range(len(n)):
             if k:
                 n[k] -= F[k - 1].T @ n[k - 1]
-            n[k] = solve_triangular(L[k], n[k], lower=True, check_finite=False)
+            n[k] = inverses[k] @ n[k]
         return n
 
     def _back(self, n: Float[np.ndarray, "k v m"]) -> Float[np.ndarray, "k v m"]:
         """e_k = L_k^-T (n_k - F_k e_k+1)."""
-        L, F = self.solution.tridiagonal.information_sqrts, self.solution.tridiagonal.next
+        inverses, F = self._inverses, self.solution.tridiagonal.next
         for k in range(len(n) - 1, -1, -1):
             if k + 1 < len(n):
                 n[k] -= F[k] @ n[k + 1]
-            n[k] = solve_triangular(L[k], n[k], lower=True, trans=1, check_finite=False)
+            n[k] = inverses[k].T @ n[k]
         return n
+
+    @cached_property
+    def _landmark_sqrts(self) -> Float[np.ndarray, "L 3 3"]:
+        """L of the landmarks that are told, the identity of others."""
+        fit = self.normal.eliminated
+        assert fit is not None
+        return np.where(fit.is_constrained[:, None, None], fit.information_sqrt, np.eye(3))
+
+    @cached_property
+    def _inverses(self) -> Float[np.ndarray, "k v v"]:
+        """L_k^-1."""
+        return np.linalg.inv(np.tril(self.solution.tridiagonal.information_sqrts))
 
     def _explained(self, e: _Gradient, count: int) -> Columns:
         """J e."""

@@ -1,9 +1,9 @@
 """Score tests: what a smoothing problem's solution would gain by each model error, without a second fit.
 
 With y = J e + H theta + n and what the solution leaves, rho = M y (see `linear_rows`), the score of theta at zero is u = H'rho
-with the information F = H'M H, so that u'F^-1 u is chi-squared (Rao 1948). An error drawn anew at every epoch has the variance
-score u'u, whose mean and variance are tr F and 2 tr F^2. Noise levels that were identified from the same data have taken part of
-an error for noise; the gain therefore counts by how much every variance component falls once the error is removed,
+with the information F = H'M H, so that u'F^-1 u is chi-squared (Rao 1948). Of an error drawn anew at every epoch the variance
+s^2 has the likelihood ratio u'(F + I/s^2)^-1 u - ln|I + s^2 F|. Noise levels that were identified from the same data have taken
+part of an error for noise; the gain therefore counts by how much every variance component falls once the error is removed,
 
     gain = sum over components of (S + 1) ln((r + 1) / (r' + 1)),
 
@@ -12,24 +12,26 @@ likelihood profiled over the noise levels for large ones.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float
 from scipy.stats import chi2
 
+from spinfilters.estimators.model_errors.alternative import Alternative
 from spinfilters.estimators.model_errors.linear_rows import Columns
-from spinfilters.estimators.model_errors.model_error import ModelError
 from spinfilters.estimators.model_errors.noise_components import NoiseComponents
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 
-LEAST_LEFT: Final = 1e-6
+LEAST_LEFT: Final = 1e-5
 """Share of a direction's information that states and landmarks must leave; with less it is consistent with any size."""
-MOST_EPOCHS: Final = 120
+MOST_EPOCHS: Final = 60
 """At which an error drawn by epoch is looked for; of a longer recording they are chosen evenly."""
 TOGETHER: Final = 48
 """Right-hand sides that are solved for at once."""
+VARIANCES: Final = np.logspace(-2, 6, 65)
+"""Of an error by epoch that are tried, in those that its most telling direction is known to."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,7 @@ class ScoreTest:
     gain: see the module.
     """
 
-    error: ModelError
+    error: Alternative
     size: Float[np.ndarray, " m"]
     std: Float[np.ndarray, " m"]
     statistic: float
@@ -62,12 +64,12 @@ class ScoreTest:
 
 
 def score_tests(
-    motion: SmoothedMotion, noise: NoiseComponents, errors: Iterable[ModelError]
+    motion: SmoothedMotion, noise: NoiseComponents, errors: Iterable[Alternative]
 ) -> list[ScoreTest]:
     """All errors that a data set can have and that its states leave room for, the most explaining first."""
     left = motion.rows.residual(motion.rows.right)
     found: list[ScoreTest | None] = []
-    constant: list[tuple[ModelError, Columns]] = []
+    constant: list[tuple[Alternative, Columns]] = []
     for error in errors:
         columns = None if error.is_held(motion) else error.columns(motion)
         if columns is None:
@@ -80,8 +82,27 @@ def score_tests(
     return sorted((each for each in found if each is not None), key=lambda each: -each.merit)
 
 
+def likelier(found: list[ScoreTest], beside: list[ScoreTest], advantage: float) -> list[ScoreTest]:
+    """Of each error the better of two tests: among noise that explains the misfit, and in the place of that noise.
+
+    Parameters
+    ----------
+    found: at noise levels as the data would have them.   beside: at those stated.
+    advantage: by how much -2 ln likelihood is less at the former, which an error has to make up for.
+    """
+    other = {each.error.name: each for each in beside}
+    best = []
+    for each in found:
+        instead = other.get(each.error.name)
+        gained = -np.inf if instead is None else instead.statistic - advantage
+        if instead is not None and gained > each.gain:
+            each = replace(instead, statistic=gained, gain=gained)
+        best.append(each)
+    return sorted(best, key=lambda each: -each.merit)
+
+
 def _constant(
-    motion: SmoothedMotion, noise: NoiseComponents, errors: list[tuple[ModelError, Columns]], left: Columns
+    motion: SmoothedMotion, noise: NoiseComponents, errors: list[tuple[Alternative, Columns]], left: Columns
 ) -> list[ScoreTest | None]:
     if not errors:
         return []
@@ -95,7 +116,7 @@ def _constant(
 
 
 def _tested(
-    noise: NoiseComponents, named: tuple[ModelError, Columns], after: Columns, left: Columns
+    noise: NoiseComponents, named: tuple[Alternative, Columns], after: Columns, left: Columns
 ) -> ScoreTest | None:
     """One error of the whole recording; ``after`` is M H."""
     error, columns = named
@@ -123,55 +144,36 @@ def _tested(
 
 
 def _by_epoch(
-    motion: SmoothedMotion, noise: NoiseComponents, named: tuple[ModelError, Columns], left: Columns
+    motion: SmoothedMotion, noise: NoiseComponents, named: tuple[Alternative, Columns], left: Columns
 ) -> ScoreTest | None:
+    """An error drawn anew at every epoch, of the variance that is most likely."""
     error, columns = named
     K = len(motion.time)
     chosen = np.unique(np.linspace(0, K - 1, min(K, MOST_EPOCHS)).astype(int))
-    F, u = _information_by_epoch(motion, columns, chosen), _score_by_epoch(motion, columns, left)[chosen]
-    u = u.reshape(-1)
-    trace, squared = float(np.trace(F)), float(np.vdot(F, F))
-    if not (np.isfinite(squared) and trace > 0):
+    F = _information_by_epoch(motion, columns, chosen)
+    u = _score_by_epoch(motion, columns, left)[chosen].reshape(-1)
+    if not np.isfinite(F).all() or np.trace(F) < LEAST_LEFT * float(np.trace(columns.gram(columns))):
         return None
-    if trace < LEAST_LEFT * float(np.trace(columns.gram(columns))):
-        return None
-    variance = max((float(u @ u) - trace) / squared, 0.0)
-    shrunk = np.linalg.solve(np.eye(len(u)) + variance * F, np.column_stack([u, F]))
-    drawn, free = variance * shrunk[:, 0], variance * float(np.trace(shrunk[:, 1:]))
+    values, vectors = np.linalg.eigh(F)
+    values, along = np.maximum(values, 0.0), vectors.T @ u
+    variance, likelihood = _most_likely(values, along)
     every = np.zeros((K, columns.count))
+    drawn = vectors @ (variance * along / (1 + variance * values))
     every[chosen] = drawn.reshape(len(chosen), -1)
+    free = float((variance * values / (1 + variance * values)).sum())
     removed = left.minus(motion.rows.residual(_drawn(motion, columns, every[:, :, None])))
-    share = K / len(chosen)
-    size = np.sqrt(variance)
-    std = np.sqrt(2 / squared) / (2 * size) if variance else np.sqrt(np.sqrt(2 / squared))
-    scale = squared / trace  # Satterthwaite: u'u / scale is nearly chi-squared with trace / scale degrees of freedom
-    statistic, dof = float(u @ u) / scale, trace / scale
-    gain = noise.gain(left, removed) * share
-    return ScoreByEpoch(
-        error, np.array([size]), np.array([std]), statistic, dof, gain, free=free * share
-    )
+    gain = max(likelihood, noise.gain(left, removed) - 2 * free) * K / len(chosen)
+    curvature = float(((values / (1 + variance * values)) ** 2).sum()) / 2
+    std = np.sqrt(1 / curvature) / (2 * np.sqrt(variance)) if variance else curvature**-0.25
+    return ScoreTest(error, np.array([np.sqrt(variance)]), np.array([std]), likelihood, 1.0, gain)
 
 
-@dataclass(frozen=True)
-class ScoreByEpoch(ScoreTest):
-    """Of an error drawn anew at every epoch: one number, its variance, is free in the test, and as many as it explains in the fit.
-
-    Attributes
-    ----------
-    free: effective number of what is drawn.
-    """
-
-    free: float = 0.0
-
-    @property
-    def p_value(self) -> float:
-        """Of the variance score alone: the gain grows with every number that is drawn."""
-        return float(chi2.sf(self.statistic, self.dof))
-
-    @property
-    def merit(self) -> float:
-        """Gain beyond what the drawn numbers take of noise."""
-        return self.gain - 2 * self.free
+def _most_likely(values: Float[np.ndarray, " n"], along: Float[np.ndarray, " n"]) -> tuple[float, float]:
+    """Variance of independent errors with information ``values`` and scores ``along``, and its -2 ln likelihood ratio."""
+    share = np.concatenate([[0.0], VARIANCES / max(float(values.max()), np.finfo(float).tiny)])[:, None]
+    likelihood = (share * along**2 / (1 + share * values) - np.log1p(share * values)).sum(axis=1)
+    best = int(likelihood.argmax())
+    return float(share[best, 0]), float(likelihood[best])
 
 
 def _epochs_of(motion: SmoothedMotion) -> tuple[list[np.ndarray], np.ndarray | None]:
@@ -216,7 +218,7 @@ def _information_by_epoch(
         for number, epoch in enumerate(part):
             sizes[epoch, :, number * q : (number + 1) * q] = np.eye(q)
         after = motion.rows.residual(_drawn(motion, columns, sizes))
-        F[:, first * q : first * q + len(part) * q] = _score_by_epoch(motion, columns, after)[
-            chosen
-        ].reshape(len(chosen) * q, -1)
+        F[:, first * q : first * q + len(part) * q] = _score_by_epoch(motion, columns, after)[chosen].reshape(
+            len(chosen) * q, -1
+        )
     return (F + F.T) / 2

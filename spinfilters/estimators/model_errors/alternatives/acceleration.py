@@ -1,21 +1,22 @@
 """A constant acceleration of the centre of mass: gravity, thrust, drag of the air on a fast throw."""
 
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
 
+from spinfilters.estimators.model_errors.alternative import Alternative
 from spinfilters.estimators.model_errors.linear_rows import Columns
-from spinfilters.estimators.model_errors.model_error import ModelError
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.state.blocks.acceleration import ACCELERATION
 
 
-class ConstantAcceleration(ModelError):
+class ConstantAcceleration(Alternative):
     """v' gains a constant, i axes."""
 
     name, phrase, unit = "acceleration", "a constant acceleration", "m/s^2"
     cure = "set process.gravity = true"
     block = ACCELERATION
+    held_by: ClassVar = {"process": {"gravity": True}}
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
         if not motion.translates:
@@ -23,4 +24,4 @@ class ConstantAcceleration(ModelError):
         return motion.disturbed(linear=np.tile(np.eye(3), (len(motion.time), 1, 1)))
 
 
-MODEL_ERRORS: Final = (ConstantAcceleration(),)
+ALTERNATIVES: Final = (ConstantAcceleration(),)

@@ -5,8 +5,8 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.estimators.model_errors.alternative import Alternative
 from spinfilters.estimators.model_errors.linear_rows import Columns
-from spinfilters.estimators.model_errors.model_error import ModelError
 from spinfilters.estimators.model_errors.smoothed_motion import MeasuredRows, SmoothedMotion
 from spinfilters.models.sensors.monocular_landmark import MonocularLandmark
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark
@@ -29,7 +29,7 @@ def _normalised(each: MeasuredRows) -> tuple[Float[np.ndarray, "r i"], Float[np.
     return (pixels - centre) / focal, focal
 
 
-class _CameraError(ModelError):
+class _CameraAlternative(Alternative):
     """An error of every image."""
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
@@ -40,7 +40,7 @@ class _CameraError(ModelError):
         raise NotImplementedError
 
 
-class CameraShake(_CameraError):
+class CameraShake(_CameraAlternative):
     """A shift in px that all observations of an image have in common."""
 
     name, phrase, unit = "camera-shake", "a shift common to each image (camera shake)", "px"
@@ -55,7 +55,7 @@ class CameraShake(_CameraError):
         return by
 
 
-class FocalLength(_CameraError):
+class FocalLength(_CameraAlternative):
     """Relative error of both focal lengths."""
 
     name, phrase, unit = "focal-length", "an error of the focal length", "of it"
@@ -66,7 +66,7 @@ class FocalLength(_CameraError):
         return (along[0] + along[1])[:, :, None]
 
 
-class PrincipalPoint(_CameraError):
+class PrincipalPoint(_CameraAlternative):
     """Error of (cx, cy), px."""
 
     name, phrase, unit = "principal-point", "an error of the principal point", "px"
@@ -76,10 +76,14 @@ class PrincipalPoint(_CameraError):
         return np.stack([each.by_calibration(CALIBRATION + k) for k in (2, 3)], axis=2)
 
 
-class Distortion(_CameraError):
+class Distortion(_CameraAlternative):
     """x' = x (1 + k r^2) of every camera."""
 
-    name, phrase, unit = "distortion", "distortion of the lens that the calibration lacks", "of the radius cubed"
+    name, phrase, unit = (
+        "distortion",
+        "distortion of the lens that the calibration lacks",
+        "of the radius cubed",
+    )
     cure = "calibrate the cameras with distortion, and rectify the tracks"
 
     def of_pixels(self, each: MeasuredRows) -> Float[np.ndarray, "r i m"]:
@@ -89,7 +93,7 @@ class Distortion(_CameraError):
         return (focal * xy * radius)[:, :, None]
 
 
-class _PairError(_CameraError):
+class _PairAlternative(_CameraAlternative):
     """An error of the right camera of a pair."""
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
@@ -97,7 +101,7 @@ class _PairError(_CameraError):
         return motion.shifted(lambda each: self.of_pixels(each) if pair(each) else None)
 
 
-class Baseline(_PairError):
+class Baseline(_PairAlternative):
     """Relative error of the baseline."""
 
     name, phrase, unit = "baseline", "an error of the baseline", "of it"
@@ -108,7 +112,7 @@ class Baseline(_PairError):
         return (each.by_calibration(number) * each.parameters[:, [number]])[:, :, None]
 
 
-class RightCameraTurned(_PairError):
+class RightCameraTurned(_PairAlternative):
     """Yaw, pitch and roll of the right camera, as far as they move its columns."""
 
     name, phrase, unit = "right-camera-turned", "a turned right camera", "rad"
@@ -122,7 +126,7 @@ class RightCameraTurned(_PairError):
         return by
 
 
-class RightCameraLate(ModelError):
+class RightCameraLate(Alternative):
     """The right image is taken later than the left one."""
 
     name, phrase, unit = "right-camera-late", "a right camera that triggers late", "s"
@@ -142,7 +146,7 @@ class RightCameraLate(ModelError):
         return motion.shifted(moved)
 
 
-MODEL_ERRORS: Final = (
+ALTERNATIVES: Final = (
     CameraShake(),
     FocalLength(),
     PrincipalPoint(),

@@ -5,12 +5,12 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.estimators.model_errors.alternative import Alternative
 from spinfilters.estimators.model_errors.linear_rows import Columns
-from spinfilters.estimators.model_errors.model_error import ModelError
 from spinfilters.estimators.model_errors.smoothed_motion import MeasuredRows, SmoothedMotion
 
 
-class ClockJitter(ModelError):
+class ClockJitter(Alternative):
     """Every epoch is measured earlier or later than it says."""
 
     name, phrase, unit = "clock-jitter", "jitter of the time stamps", "s"
@@ -21,7 +21,7 @@ class ClockJitter(ModelError):
         return motion.in_time(lambda each: np.ones((len(each.epoch), 1)))
 
 
-class ClockDrift(ModelError):
+class ClockDrift(Alternative):
     """The clock runs ever faster or slower: epochs are late by the square of the time from the middle, in units of its span."""
 
     name, phrase, unit = "clock-drift", "a drift of the clock's rate", "s over the recording"
@@ -33,7 +33,7 @@ class ClockDrift(ModelError):
         return motion.in_time(lambda each: late[each.epoch, None])
 
 
-class SensorDelay(ModelError):
+class SensorDelay(Alternative):
     """All measurements of a sensor are late against those of the last one."""
 
     name, phrase, unit = "sensor-delay", "a time offset between the sensors", "s"
@@ -53,4 +53,4 @@ class SensorDelay(ModelError):
         return motion.in_time(late)
 
 
-MODEL_ERRORS: Final = (ClockJitter(), ClockDrift(), SensorDelay())
+ALTERNATIVES: Final = (ClockJitter(), ClockDrift(), SensorDelay())

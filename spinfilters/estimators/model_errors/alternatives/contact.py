@@ -5,8 +5,8 @@ from typing import Final
 
 import numpy as np
 
+from spinfilters.estimators.model_errors.alternative import Alternative
 from spinfilters.estimators.model_errors.linear_rows import Columns
-from spinfilters.estimators.model_errors.model_error import ModelError
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 
 SHARE, FEWEST = 0.05, 2
@@ -16,7 +16,7 @@ MOST_SHARE = 0.25
 
 
 @dataclass(frozen=True)
-class _Contact(ModelError):
+class _Contact(Alternative):
     """A constant force and torque while it lasts."""
 
     def _touching(self, motion: SmoothedMotion, at_end: bool) -> Columns | None:
@@ -55,4 +55,4 @@ class ContactAtEnd(_Contact):
         return self._touching(motion, at_end=True)
 
 
-MODEL_ERRORS: Final = (ContactAtBegin(), ContactAtEnd())
+ALTERNATIVES: Final = (ContactAtBegin(), ContactAtEnd())

@@ -1,13 +1,13 @@
 """Errors of a rate gyro."""
 
 from abc import abstractmethod
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.estimators.model_errors.alternative import Alternative
 from spinfilters.estimators.model_errors.linear_rows import Columns
-from spinfilters.estimators.model_errors.model_error import ModelError
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.models.sensors.gyro import Gyro
 from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
@@ -26,7 +26,7 @@ SHEARS: Final = np.array(
 """Non-orthogonal axes and different scales; an alignment as a whole is one of frame g."""
 
 
-class _GyroError(ModelError):
+class _GyroAlternative(Alternative):
     """An error of the rates that a gyro reads."""
 
     @abstractmethod
@@ -38,29 +38,31 @@ class _GyroError(ModelError):
         return motion.shifted(lambda each: change[each.epoch] if isinstance(each.model, Gyro) else None)
 
 
-class GyroBias(_GyroError):
+class GyroBias(_GyroAlternative):
     """w reads w + b."""
 
     name, phrase, unit = "gyro-bias", "a bias of the gyro", "rad/s"
     cure = "set initialisation.gyro_bias_std"
     block = GYRO_BIAS
+    held_by: ClassVar = {"initialisation": {"gyro_bias_std": 0.05}}
 
     def of_rates(self, motion: SmoothedMotion) -> Float[np.ndarray, "k 3 m"]:
         return np.tile(np.eye(3), (len(motion.time), 1, 1))
 
 
-class GyroScale(_GyroError):
+class GyroScale(_GyroAlternative):
     """w reads (1 + k) w."""
 
     name, phrase, unit = "gyro-scale", "an error of the gyro's scale", "of the rate"
     cure = "set initialisation.gyro_scale_error_std, and check its unit (rad/s)"
     block = GYRO_SCALE
+    held_by: ClassVar = {"initialisation": {"gyro_scale_error_std": GYRO_SCALE.prior_std}}
 
     def of_rates(self, motion: SmoothedMotion) -> Float[np.ndarray, "k 3 m"]:
         return motion.rates[:, :, None]
 
 
-class GyroMisalignment(_GyroError):
+class GyroMisalignment(_GyroAlternative):
     """w reads (I + M) w, M symmetric and traceless."""
 
     name, phrase, unit = "gyro-misalignment", "misaligned axes of the gyro", "rad"
@@ -70,7 +72,7 @@ class GyroMisalignment(_GyroError):
         return np.einsum("mij,kj->kim", SHEARS, motion.rates)
 
 
-class GyroLowPass(_GyroError):
+class GyroLowPass(_GyroAlternative):
     """Amplitudes fall with the square of the frequency: w reads w + tau^2 w'' / 2; its lag is a shift of time."""
 
     name, phrase, unit = "gyro-low-pass", "a low-pass filter within the gyro", "s^2"
@@ -80,4 +82,4 @@ class GyroLowPass(_GyroError):
         return np.gradient(motion.rate_change, motion.time, axis=0)[:, :, None] / 2
 
 
-MODEL_ERRORS: Final = (GyroBias(), GyroScale(), GyroMisalignment(), GyroLowPass())
+ALTERNATIVES: Final = (GyroBias(), GyroScale(), GyroMisalignment(), GyroLowPass())

@@ -4,16 +4,18 @@ from typing import Final
 
 import numpy as np
 
+from spinfilters.estimators.model_errors.alternative import Alternative
 from spinfilters.estimators.model_errors.linear_rows import Columns
-from spinfilters.estimators.model_errors.model_error import ModelError
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 
 
-class EnergyLoss(ModelError):
+class EnergyLoss(Alternative):
     """J w' loses k |h| (w less its part along h): the kinetic energy falls, |h| stays."""
 
     name, phrase, unit = "energy-loss", "a loss of energy within the body", "1/rad"
-    cure = "something sloshes or flexes inside: take a shorter recording, or state a larger process.torque_psd"
+    cure = (
+        "something sloshes or flexes inside: take a shorter recording, or state a larger process.torque_psd"
+    )
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
         momentum = motion.rates @ motion.inertia
@@ -24,7 +26,7 @@ class EnergyLoss(ModelError):
         return motion.disturbed(angular=-lost[:, :, None])
 
 
-class Rotor(ModelError):
+class Rotor(Alternative):
     """J w' gains h_r x w of a constant angular momentum h_r inside, in units of J times rad/s."""
 
     name, phrase, unit = "rotor", "a rotor turning inside", "rad/s"
@@ -36,4 +38,4 @@ class Rotor(ModelError):
         return motion.disturbed(angular=gained)
 
 
-MODEL_ERRORS: Final = (EnergyLoss(), Rotor())
+ALTERNATIVES: Final = (EnergyLoss(), Rotor())
