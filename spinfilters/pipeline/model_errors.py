@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 FALSE_ALARM: Final = 1e-5
 """Probability of a score beyond which a model error is named."""
-CONTRADICTED: Final = 1e-3
+CONTRADICTED: Final = 1e-2
 """The same where residuals contradict the noise levels, so that something must be wrong."""
 NAMED: Final = 2
 """Errors that a verdict names at most."""
