@@ -31,7 +31,7 @@ class Columns:
     observations: (N, 3, m), or None without any.   prior: (n, m) of the first state.
     """
 
-    sensors: tuple[Float[np.ndarray, "r i m"], ...]
+    sensors: tuple[Float[np.ndarray, "_ _ m"], ...]
     steps: Float[np.ndarray, "k d m"]
     observations: Float[np.ndarray, "N 3 m"] | None
     prior: Float[np.ndarray, "n m"]
@@ -131,7 +131,7 @@ class LinearRows:
         return Columns(sensors, self.here.dynamics.rows[:, :, -1:], seen, self._prior_rows[:, -1:])
 
     @cached_property
-    def sensor_rows(self) -> tuple[Float[np.ndarray, "r i c"], ...]:
+    def sensor_rows(self) -> tuple[Float[np.ndarray, "_ _ _"], ...]:
         """Rows [J | y] of every sensor that sees no landmark."""
         motion, here = self.problem.motion, self.here
         made = (motion.sensor_rows(s, here.trajectory, here.pose_only_loss) for s in motion.sensors)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.stats import chi2
 
 from spinfilters.estimators.model_errors.alternative import Alternative
@@ -206,7 +206,7 @@ def _score_by_epoch(motion: SmoothedMotion, columns: Columns, left: Columns) -> 
 
 
 def _information_by_epoch(
-    motion: SmoothedMotion, columns: Columns, chosen: Float[np.ndarray, " c"]
+    motion: SmoothedMotion, columns: Columns, chosen: Int[np.ndarray, " c"]
 ) -> Float[np.ndarray, "n n"]:
     """F among the errors of the chosen epochs."""
     q, K = columns.count, len(motion.time)
