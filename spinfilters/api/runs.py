@@ -33,6 +33,7 @@ def compare(
     resume: bool = False,
     predict: float | None = None,
     convergence: bool = False,
+    explain: bool = False,
     progress: Progress = silent,
 ) -> Run:
     """Estimators side by side on one recording, as ``spinfilters compare`` runs them.
@@ -45,7 +46,8 @@ def compare(
     settings: `Settings`, a mapping such as ``{"sensors": {"pixel_std": 0.5}}``, or the path of a settings file.
     output: folder to write the run into, with checkpoints and pictures; None writes nothing, and `Run.save` can later.
     resume: go on from what an interrupted run has left in ``output``; a finished run is read from there.
-    predict: s to go on after the last epoch.   convergence: whether to show how the smoother settles. Both are files of ``output``.
+    predict: s to go on after the last epoch.   convergence: whether to show how the smoother settles.
+    explain: whether to run again with the errors of the models that are found. All three are files of ``output``.
     progress: called with what is being done, steps done and steps in all.
 
     Raises
@@ -55,10 +57,10 @@ def compare(
     """
     chosen = _settings(settings, estimators)
     dataset = _dataset(data, segment)
-    optional_outputs = _additions(predict, convergence)
+    optional_outputs = _additions(predict, convergence, explain)
     if output is None:
         if resume or optional_outputs is not None:
-            raise InputError("resume, predict and convergence work in a run folder; give output")
+            raise InputError("resume, predict, convergence and explain work in a run folder; give output")
         return Run.from_comparison(_whole(compare_dataset(dataset, chosen, progress), None), chosen)
     folder = Path(output)
     written = compare_into(dataset, chosen, RunOutput(folder, resume, optional_outputs), progress)
@@ -111,12 +113,12 @@ def _dataset(data: object, segment: int | str | None) -> Dataset:
     )
 
 
-def _additions(predict: float | None, convergence: bool) -> "OptionalOutputs | None":
+def _additions(predict: float | None, convergence: bool, explain: bool) -> "OptionalOutputs | None":
     """What a run writes only when asked to, or None where nothing was asked."""
-    if predict is None and not convergence:
+    if predict is None and not convergence and not explain:
         return None
     if predict is not None:
         SECONDS_AHEAD.require("predict", predict)
     from spinfilters.pipeline.optional_outputs import OptionalOutputs
 
-    return OptionalOutputs(predict, convergence)
+    return OptionalOutputs(predict, convergence, explain)

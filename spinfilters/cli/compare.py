@@ -58,11 +58,11 @@ def compare(options: argparse.Namespace) -> int:
 
 def _additions(options: argparse.Namespace) -> "OptionalOutputs | None":
     """What a run writes only when asked to, or None where nothing was asked."""
-    if options.predict is None and not options.convergence:
+    if options.predict is None and not options.convergence and not options.explain:
         return None
     from spinfilters.pipeline.optional_outputs import OptionalOutputs
 
-    return OptionalOutputs(options.predict, options.convergence)
+    return OptionalOutputs(options.predict, options.convergence, options.explain)
 
 
 def _compare_segments(options: argparse.Namespace, which: str, folder: Path, settings: Settings) -> int:
@@ -104,6 +104,9 @@ def _print_flights(comparison: Comparison, options: argparse.Namespace) -> None:
 
 
 def _print_lacking(folder: Path, optional_outputs: "OptionalOutputs | None") -> None:
+    if optional_outputs is not None:
+        for line in optional_outputs.sentences(folder):
+            wide_console().print(line, highlight=False, soft_wrap=True)
     lacking = None if optional_outputs is None else optional_outputs.lacking(folder)
     if lacking is not None:
         wide_console().print(lacking, highlight=False, soft_wrap=True)

@@ -2,9 +2,10 @@
 
 Continuous model (`spinfilters.conventions` defines the blocks), with white accelerations n_v, n_w of given densities:
 
-    r = t + R_ig c,  r' = v,  v' = n_v,  q_ig' = q_ig (x) [w, 0] / 2,  w' = J(s)^-1 (J(s) w x w) - d |w| w + n_w
+    r = t + R_ig c,  r' = v,  v' = f + n_v,  q_ig' = q_ig (x) [w, 0] / 2,  w' = J(s)^-1 (J(s) w x w) - d |w| w + m + n_w
 
-(Tweddle 2013, Eqs 4.100-4.103, in g axes.) The drag term is the torque -d J w |w|, so that |h| decays by exp(-d angle).
+(Tweddle 2013, Eqs 4.100-4.103, in g axes.) The drag term is the torque -d J w |w|, so that |h| decays
+by exp(-d angle); f is a constant acceleration (gravity), J m a constant body torque. Layouts that lack a block lack its term.
 The published linearisation (Eqs 4.80, 4.107) is a factorisation A(x) x, not a Jacobian; here the error is multiplicative, its
 transition is differentiated automatically through the integrator, and its noise covariance is the integral along the motion.
 """
@@ -23,6 +24,7 @@ from spinfilters.models.batched_linearisation import BatchedLinearisation
 from spinfilters.models.disturbed_steps import DisturbedSteps
 from spinfilters.models.rotation_integrator import RotationIntegrator
 from spinfilters.models.step_count import MAX_SUBSTEPS, substeps, turns
+from spinfilters.state.blocks.acceleration import ACCELERATION
 from spinfilters.state.layout import StateLayout
 
 SMALLEST_SQUARE = 1e-300
@@ -56,17 +58,20 @@ THESIS_NOISE = ProcessNoise(force_psd=1e-6, torque_psd=1e-6)
 0.001 (rad/s^2)/sqrt(Hz))."""
 
 
-def body_acceleration(w: Expression, J: Expression, drag: Expression | None = None) -> Expression:
-    """w' = J^-1 (J w x w) - d |w| w in g axes, rad/s^2 (Tweddle 2013, Eq. 4.103; the sign of 3.16-3.18 is corrected).
+def body_acceleration(
+    w: Expression, J: Expression, drag: Expression | None = None, torque: Expression | None = None
+) -> Expression:
+    """w' = J^-1 (J w x w) - d |w| w + m in g axes, rad/s^2 (Tweddle 2013, Eq. 4.103; the sign of 3.16-3.18 is corrected).
 
     Parameters
     ----------
     w: body rate, rad/s.   J: inertia up to scale, 3 x 3.   drag: d, 1/rad.
+    torque: m, the angular acceleration of a constant body torque, rad/s^2.
     """
     acceleration = ca.inv_minor(J) @ ca.cross(J @ w, w)
-    if drag is None:
-        return acceleration
-    return acceleration - drag * ca.sqrt(ca.dot(w, w) + SMALLEST_SQUARE) * w
+    if drag is not None:
+        acceleration = acceleration - drag * ca.sqrt(ca.dot(w, w) + SMALLEST_SQUARE) * w
+    return acceleration if torque is None else acceleration + torque
 
 
 def derivative(layout: StateLayout, x: Expression) -> Expression:
@@ -74,7 +79,9 @@ def derivative(layout: StateLayout, x: Expression) -> Expression:
     values = layout.unpack(x)
     rates = {name: 0 * value for name, value in values.items()}
     rates["q"] = quaternion_rate(values["q"], values["w"])
-    rates["w"] = body_acceleration(values["w"], inertia(values["s"]), values.get("d"))
+    rates["w"] = body_acceleration(values["w"], inertia(values["s"]), values.get("d"), values.get("m"))
+    if layout.has(ACCELERATION):
+        rates["v"] = values["f"]
     if layout.translates:
         rates["t"] = values["v"] - rotate(values["q"], ca.cross(values["w"], values["c"]))
     return layout.pack(rates)

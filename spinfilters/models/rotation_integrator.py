@@ -27,13 +27,15 @@ from spinfilters.attitude.expressions import (
 from spinfilters.errors import InputError, SpinfiltersError
 from spinfilters.models.rotation_parameters import rotation_parameter_slices, rotation_parameters
 from spinfilters.models.step_count import FEWEST, MAX_SUBSTEPS, boole_weights, substeps, turns
+from spinfilters.state.blocks.acceleration import ACCELERATION
 from spinfilters.state.blocks.drag import DRAG
 from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION
+from spinfilters.state.blocks.torque import TORQUE
 from spinfilters.state.layout import StateLayout
 from spinfilters.symbolic import Compiled, building
 
-Acceleration = Callable[[Expression, Expression, Expression | None], Expression]
-"""w' from the rate, the inertia (3 x 3) and, where the state has it, the drag."""
+Acceleration = Callable[[Expression, Expression, Expression | None, Expression | None], Expression]
+"""w' from the rate, the inertia (3 x 3) and, where the state has them, the drag and the constant body torque."""
 
 SHARED = {"cse": True}
 """Expressions that occur again are evaluated once, to the same bits."""
@@ -165,16 +167,21 @@ class RotationIntegrator:
         J = ca.vertcat(
             ca.horzcat(j[0], j[1], j[2]), ca.horzcat(j[1], j[3], j[4]), ca.horzcat(j[2], j[4], j[5])
         )
-        drag = p[self._parameters[DRAG.name]] if self._layout.has(DRAG) else None
-        return ca.vertcat(quaternion_rate(y[:4], y[4:7]), self._acceleration(y[4:7], J, drag))
+        drag, torque = (
+            p[self._parameters[block.name]] if self._layout.has(block) else None for block in (DRAG, TORQUE)
+        )
+        return ca.vertcat(quaternion_rate(y[:4], y[4:7]), self._acceleration(y[4:7], J, drag, torque))
 
     def translated(
         self, values: dict[str, Expression], q: Expression, w: Expression, dt: Expression
     ) -> Expression:
-        """The state after dt from the rotation after dt: r = t + R c moves with v, the rest is constant."""
+        """The state after dt from the rotation after dt: r = t + R c moves with v, v with f, the rest is constant."""
         after = dict(values) | {"q": q, "w": w}
         if self._layout.translates:
             centre = values["t"] + rotate(values["q"], values["c"]) + dt * values["v"]
+            if self._layout.has(ACCELERATION):
+                centre = centre + dt**2 / 2 * values["f"]
+                after["v"] = values["v"] + dt * values["f"]
             after["t"] = centre - rotate(q, values["c"])
         return self._layout.pack(after)
 

@@ -13,6 +13,7 @@ from spinfilters.pipeline.estimate_diagnostics import (
     reference_smoother,
 )
 from spinfilters.pipeline.estimator_entry import AnyEntry
+from spinfilters.pipeline.model_errors import model_error_diagnostics
 from spinfilters.pipeline.noise_diagnostics import filter_noise_diagnostics, smoother_noise_diagnostics
 from spinfilters.pipeline.setup import Setup
 from spinfilters.pipeline.smoother_run import NAME as SMOOTHER
@@ -66,7 +67,11 @@ def doubts_of(evaluations: Sequence[Evaluation], setup: Setup, settings: Setting
         setup,
         settings,
         evaluations,
-        [*shared_diagnostics(setup), *motion_diagnostics(setup, settings)],
+        [
+            *shared_diagnostics(setup),
+            *motion_diagnostics(setup, settings),
+            *model_error_diagnostics(setup, evaluations),
+        ],
         filter_diagnostics(setup),
         reference_smoother(smoothers, setup, settings),
     )

@@ -11,28 +11,35 @@ from spinfilters.data.truth import Truth
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.pipeline import convergence, predictions
-from spinfilters.pipeline.estimation import Comparison
+from spinfilters.pipeline.estimation import Comparison, compare_estimators
+from spinfilters.pipeline.explanations import read_sentences, write_explanations
 from spinfilters.pipeline.setup import Setup, prepare
 from spinfilters.plots.convergence import convergence_figure
 from spinfilters.plots.prediction import prediction_figure
 from spinfilters.plots.style import draw_figure
-from spinfilters.runs.run_folder import CONVERGENCE_PICTURE, PREDICTION_PICTURE, read_histories
+from spinfilters.runs.run_folder import (
+    CONVERGENCE_PICTURE,
+    EXPLANATIONS_FILE,
+    PREDICTION_PICTURE,
+    read_histories,
+)
 from spinfilters.runs.run_summary import read_process
 from spinfilters.settings.run_settings import Settings
 
 
 @dataclass(frozen=True)
 class OptionalOutputs:
-    """Seconds to predict ahead, None for none; whether to show convergence."""
+    """Seconds to predict ahead, None for none; whether to show convergence; whether to refit with named model errors."""
 
     predict_s: float | None = None
     convergence: bool = False
+    explain: bool = False
 
     def require_one_run(self) -> None:
         """Refuse what a run of many segments does not make."""
-        if self.predict_s is not None or self.convergence:
+        if self.predict_s is not None or self.convergence or self.explain:
             raise InputError(
-                "--predict and --convergence are for one recording; choose a segment with --segment N"
+                "--predict, --convergence and --explain are for one recording; choose a segment with --segment N"
             )
 
     def check(self, setup: Setup, settings: Settings) -> None:
@@ -52,6 +59,8 @@ class OptionalOutputs:
             predictions.write_predictions(folder, process, histories, self.predict_s)
         if self.convergence:
             convergence.write_convergence(folder, comparison.setup, settings, on_epoch)
+        if self.explain:
+            write_explanations(folder, comparison, settings)
 
     def complete(
         self, folder: Path, dataset: Dataset, settings: Settings, on_epoch: Callable[[int, int], None]
@@ -71,12 +80,20 @@ class OptionalOutputs:
             self.check(setup, settings)
             convergence.write_convergence(folder, setup, settings, on_epoch)
             made.append(CONVERGENCE_PICTURE)
+        if self.explain and not (folder / EXPLANATIONS_FILE).exists():
+            own = compare_estimators(prepare(dataset, settings), settings, lambda *_: None)
+            write_explanations(folder, own, settings)
+            made.append(EXPLANATIONS_FILE)
         if self.predict_s is not None:
             histories = read_histories(folder, settings.estimators)
             process = read_process(folder, settings.process.tolerance)
             if predictions.write_predictions(folder, process, histories, self.predict_s):
                 made.append(PREDICTION_PICTURE)
         return made
+
+    def sentences(self, folder: Path) -> Sequence[str]:
+        """What a run's explanations say, a line each; none where they were not asked for."""
+        return read_sentences(folder) if self.explain else []
 
     def lacking(self, folder: Path) -> str | None:
         """What was asked for and yet is not in a folder, and why; None where nothing is missing."""

@@ -19,6 +19,7 @@ from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline, times_of
 from spinfilters.geometry.camera_trajectory import CameraTrajectory
 from spinfilters.models.process import TorqueFreeProcess
+from spinfilters.pipeline.acceleration import with_acceleration_if_told
 from spinfilters.pipeline.gyro_noise import FIRST_SCALE, GyroNoise, identify_gyro_noise, white_level
 from spinfilters.pipeline.identified_noise import NoisyModels, Unstated, with_identified_noise
 from spinfilters.pipeline.initialisation_length import Make, long_enough_initialisation
@@ -33,7 +34,10 @@ from spinfilters.pipeline.stated_noise import (
 from spinfilters.sensors.registry import sensor_of, sensors_in
 from spinfilters.sensors.sensor import MotionSamples, Sensor
 from spinfilters.settings.run_settings import Settings
+from spinfilters.settings.sensor_settings import AUTO
+from spinfilters.state.blocks.acceleration import ACCELERATION
 from spinfilters.state.blocks.drag import DRAG
+from spinfilters.state.blocks.torque import TORQUE
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
@@ -112,7 +116,9 @@ def prepare(dataset: Dataset, settings: Settings, initial: Given | None = None) 
     InputError: too few epochs, no rotation, tracks that no pose can be found from. The text names the data set.
     """
     with dataset.naming():
-        return _setup(dataset, settings, initial)
+        if initial is not None or settings.process.gravity != AUTO:
+            return _setup(dataset, settings, initial)
+        return with_acceleration_if_told(lambda own: _setup(dataset, own, None), settings)
 
 
 def _setup(dataset: Dataset, settings: Settings, initial: Given | None) -> Setup:
@@ -173,6 +179,10 @@ def _layout(log: MeasurementLog, settings: Settings) -> StateLayout:
     layout = StateLayout(FULL_BLOCKS if any(sensor.sees_place for sensor in sensors) else ROTATION_BLOCKS)
     if settings.process.drag:
         layout = layout.joined(DRAG)
+    if settings.process.gravity is True and layout.translates:
+        layout = layout.joined(ACCELERATION)
+    if settings.process.body_torque:
+        layout = layout.joined(TORQUE)
     for block in (block for sensor in sensors for block in sensor.error_blocks):
         if settings.initialisation.states_prior(block):
             layout = layout.joined(block)

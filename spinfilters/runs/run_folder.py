@@ -37,6 +37,7 @@ CONFIG_FILE, DATASET_FOLDER, TRUTH_FILE = "config.toml", "dataset", "truth.tum"
 HISTORY_FILE, MAP_FILE = "history.npz", "map.ply"
 REPORT_FILE = "report.html"
 PREDICTION_PICTURE, CONVERGENCE_PICTURE = "prediction.png", "convergence.png"
+EXPLANATIONS_FILE = "explanations.json"
 PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS = (
     *("prediction.csv", "prediction.npz"),
     "convergence.npz",
@@ -213,7 +214,7 @@ def _is_run(folder: Path) -> bool:
 def _clear(folder: Path, source: Path | None) -> None:
     """Remove the files of an earlier run, but not its data set when that is what the new run was made from, and no checkpoint."""
     pictures = (*picture_files(estimator_names()), PREDICTION_PICTURE, CONVERGENCE_PICTURE)
-    for name in (SUMMARY_FILE, TRUTH_FILE, REPORT_FILE, *pictures):
+    for name in (SUMMARY_FILE, TRUTH_FILE, REPORT_FILE, EXPLANATIONS_FILE, *pictures):
         (folder / name).unlink(missing_ok=True)
     if not _is_own_dataset(folder, source):
         _remove(folder / DATASET_FOLDER, dataset_files())

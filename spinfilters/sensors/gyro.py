@@ -25,6 +25,7 @@ from spinfilters.sensors.sensor import (
     noise_level,
 )
 from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
+from spinfilters.state.blocks.gyro_scale import GYRO_SCALE
 from spinfilters.state.layout import StateLayout
 
 GYRO_FULL_SCALE: Final = 35.0
@@ -56,7 +57,7 @@ class GyroSensor(Sensor):
         write=write_gyro_csv,
     )
     identified_option = "gyro_scale_std"
-    error_blocks = (GYRO_BIAS,)
+    error_blocks = (GYRO_BIAS, GYRO_SCALE)
     analysis = AnalysedSensor(
         Gyro, (0.002, 0.0), "gyro 0.002 rad/s", tells=("w",), assumption="the gyro has no bias"
     )

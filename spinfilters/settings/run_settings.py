@@ -47,12 +47,16 @@ class ProcessSettings:
         identified (`spinfilters.pipeline.identified_noise`), but for the torque of a gyro of correlated unknown error: what
         the disturbances of thrown bodies were found to be (`spinfilters.pipeline.gyro_noise`).
     drag: whether the state has an aerodynamic drag coefficient.
+    gravity: whether the state has a constant acceleration; "auto" where the first epochs of a sensor of places ask for it.
+    body_torque: whether the state has a constant body torque.
     tolerance: of the integrator, rad and relative rate per step.
     """
 
     force_psd: Auto | Annotated[float, DENSITIES["force_psd"]] = AUTO
     torque_psd: Auto | Annotated[float, DENSITIES["torque_psd"]] = AUTO
     drag: Annotated[bool, TruthValue()] = False
+    gravity: Auto | Annotated[bool, TruthValue()] = AUTO
+    body_torque: Annotated[bool, TruthValue()] = False
     tolerance: Annotated[float, NumberRange(1e-12, 1e-2)] = 1e-8
 
     def noise(self, automatic: ProcessNoise) -> ProcessNoise:

@@ -39,6 +39,7 @@ OTHER_NAMES = {
     "gate_probability": 0.99,
     "shape": 1.0,
     "tolerance": 1e-3,
+    "gravity": False,
 }
 """Of settings that cannot take one more than their default."""
 

@@ -80,6 +80,11 @@ def _add_run_options(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="show how the smoother's estimates settle on tracks without a map: convergence.png, smoother/convergence.npz",
     )
+    parser.add_argument(
+        "--explain",
+        action="store_true",
+        help="test the models, and run again with the errors that are found where the state can hold them: explanations.json",
+    )
     add_reading(parser)
 
 

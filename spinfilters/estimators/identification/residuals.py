@@ -113,7 +113,7 @@ def residuals_of(
         sources.append(WhitenedRows(tuple(chosen), nothing.steps, seen))
         redundancy.append(free)
     squares = [each.dot(each) for each in sources]
-    for W in _source_factors(problem, here, densities):
+    for W in source_factors(problem, here, densities):
         explained = np.einsum("kdi,kd->ki", W, steps.rest)
         squares.append(float(np.vdot(explained, explained)))
         spread = np.swapaxes(W, 1, 2) @ steps.spread
@@ -203,7 +203,7 @@ def _free_observations(problem: Problem, normal: NormalEquations, spent: float) 
     return values - (count - spent)
 
 
-def _source_factors(
+def source_factors(
     problem: Problem, here: LinearizationPoint, densities: Sequence[str]
 ) -> list[Float[np.ndarray, "k d i"]]:
     """W = L^-1 G of disturbances, for every step."""

@@ -10,6 +10,7 @@ from spinfilters.estimators.initialisation.options import InitialisationOptions
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.models.gauge import GAUGE_STD
+from spinfilters.state.blocks.acceleration import ACCELERATION
 from spinfilters.state.blocks.drag import DRAG
 from spinfilters.state.blocks.rigid_body import ATTITUDE, CENTRE_OF_MASS, MASS_DISTRIBUTION, RATE, VELOCITY
 from spinfilters.state.layout import POSE_BLOCKS, StateLayout
@@ -32,20 +33,26 @@ def initial_state(layout: StateLayout, evidence: InitialMotion) -> tuple[Float[n
     if layout.has(DRAG):
         x[layout.mean_slice("d")] = fit.drag
     if evidence.positions is not None and layout.translates:
-        c, v = _straight_centre(evidence)
         x[layout.mean_slice("t")] = evidence.positions[0]
-        x[layout.mean_slice("c")], x[layout.mean_slice("v")] = c, v
+        path = fit_path(evidence, layout.has(ACCELERATION))
+        for block, value in path.items():
+            x[layout.mean_slice(block)] = value
     return x, fit.residual
 
 
-def _straight_centre(evidence: InitialMotion) -> tuple[np.ndarray, np.ndarray]:
-    """(c, v) by linear least squares of t_k + R_k c = r_0 + v (t_k - t_0)."""
+def fit_path(evidence: InitialMotion, accelerated: bool) -> dict[str, Float[np.ndarray, " 3"]]:
+    """c, v and, on a parabola, f by linear least squares of t_k + R_k c = r_0 + v s_k + f s_k^2 / 2, s_k = t_k - t_0.
+
+    A centre of mass that rotations do not tell apart from the path is the least one.
+    """
     assert evidence.positions is not None
-    elapsed, rotations = evidence.time - evidence.time[0], evidence.rotations
+    elapsed, rotations = (evidence.time - evidence.time[0])[:, None, None], evidence.rotations
     eye = np.broadcast_to(np.eye(3), rotations.shape)
-    A = np.concatenate([rotations, -eye, -eye * elapsed[:, None, None]], axis=2).reshape(-1, 9)
-    solution = np.linalg.lstsq(A, -evidence.positions.reshape(-1), rcond=1e-9)[0]
-    return solution[:3], solution[6:]
+    columns = [rotations, -eye, -eye * elapsed, *([-eye * elapsed**2 / 2] if accelerated else [])]
+    A = np.concatenate(columns, axis=2).reshape(-1, 3 * len(columns))
+    solution = np.linalg.lstsq(A, -evidence.positions.reshape(-1), rcond=1e-9)[0].reshape(-1, 3)
+    names = (CENTRE_OF_MASS.name, "", VELOCITY.name, ACCELERATION.name)
+    return {name: value for name, value in zip(names, solution, strict=False) if name}
 
 
 def guessed_trajectory(

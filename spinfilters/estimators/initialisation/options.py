@@ -11,10 +11,13 @@ from spinfilters.estimators.timeline import Timeline
 from spinfilters.state.block import StateBlock
 from spinfilters.state.blocks.drag import DRAG
 from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
+from spinfilters.state.blocks.gyro_scale import GYRO_SCALE
 from spinfilters.state.blocks.rigid_body import CENTRE_OF_MASS, MASS_DISTRIBUTION, VELOCITY
 
 PRIOR_STD = NumberRange(1e-9, 1e9)
 """Of a prior in the settings, in its unit."""
+_MAY_BE_ZERO = (GYRO_BIAS.prior_option, GYRO_SCALE.prior_option)
+"""Options of blocks that a state has only where they are set."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +33,7 @@ class InitialisationOptions:
     centre_std: of the prior of the centre of mass about the origin of g, m.   speed_std: of its velocity, m/s.
     drag_std: of the prior of the drag coefficient, 1/rad.
     gyro_bias_std: of the prior of a gyro's bias, rad/s; 0 for a gyro without one.
+    gyro_scale_error_std: of the prior of the relative error of a gyro's scale; 0 for a gyro without one.
     """
 
     epochs: Annotated[int, NumberRange(1, 100_000, whole=True)] = 60
@@ -41,10 +45,11 @@ class InitialisationOptions:
     speed_std: Annotated[float, PRIOR_STD] = VELOCITY.prior_std
     drag_std: Annotated[float, PRIOR_STD] = DRAG.prior_std
     gyro_bias_std: Annotated[float, NumberRange(1e-9, 1e3, "rad/s", zero=True)] = 0.0
+    gyro_scale_error_std: Annotated[float, NumberRange(1e-9, 1.0, zero=True)] = 0.0
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            allowed = value >= 0 if name == GYRO_BIAS.prior_option else value > 0
+            allowed = value >= 0 if name in _MAY_BE_ZERO else value > 0
             if not (np.isfinite(value) and allowed):
                 raise InputError(f"initialisation.{name} is {value}; it must be positive")
 

@@ -8,11 +8,12 @@ from spinfilters.attitude.expressions import Expression
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.sensor_noise import IsotropicNoise, NoiseLevel, SensorNoiseModel, noise_parameters
 from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
+from spinfilters.state.blocks.gyro_scale import GYRO_SCALE
 from spinfilters.state.layout import StateLayout
 
 
 class Gyro(MeasurementModel):
-    """z = w + b + n, rad/s, the bias b where the layout holds one.
+    """z = (1 + k) w + b + n, rad/s, bias b and relative error of the scale k where the layout holds them.
 
     The noise n has the covariance N + (scale_std |w|)^2 I, with N = noise_std^2 I or each sample's own.
     Consumer gyros carry scale, cross-axis and timing errors that grow with the rate; ``scale_std`` stands for them, because a
@@ -29,11 +30,14 @@ class Gyro(MeasurementModel):
         super().__init__(layout)
         self.noise = noise or IsotropicNoise(3)
         self.parameter_dim = self.noise.parameter_dim + 1
-        if layout.has(GYRO_BIAS):
-            self.needs = (*self.needs, GYRO_BIAS.name)
+        held = (block.name for block in (GYRO_BIAS, GYRO_SCALE) if layout.has(block))
+        self.needs = (*self.needs, *held)
 
     def symbolic(self, state: dict[str, Expression], parameters: Expression) -> Expression:
-        return state["w"] + state["b"] if self.layout.has(GYRO_BIAS) else state["w"]
+        rate = state["w"]
+        if self.layout.has(GYRO_SCALE):
+            rate = (1 + state["k"]) * rate
+        return rate + state["b"] if self.layout.has(GYRO_BIAS) else rate
 
     def noise_factor(self, state: dict[str, Expression], parameters: Expression) -> Expression:
         w, own = state["w"], self.noise.parameter_dim

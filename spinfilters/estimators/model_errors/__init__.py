@@ -1,0 +1,1 @@
+"""Score tests of a smoothing problem's solution against alternatives of its models."""

@@ -1,0 +1,58 @@
+"""An alternative to the models that estimators use, as score tests ask for it, and the table of all of them."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from importlib import import_module
+from pkgutil import iter_modules
+from types import MappingProxyType
+from typing import ClassVar, Final
+
+from spinfilters.errors import InputError
+from spinfilters.estimators.model_errors.linear_rows import Columns
+from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
+from spinfilters.state.block import StateBlock
+
+FOLDER: Final = "spinfilters.estimators.model_errors.alternatives"
+
+
+class Alternative(ABC):
+    """An error that the models may have. A subclass states its attributes and writes `columns`.
+
+    Attributes
+    ----------
+    name: of the error.   phrase: in a sentence, with its article.   unit: of its size.   cure: what to do about it.
+    by_epoch: whether it is drawn anew at every epoch; if not, it is the same in all.
+    block: of a state that holds it, None where none does.   held_by: settings that put it there, by table and key.
+    """
+
+    name: ClassVar[str]
+    phrase: ClassVar[str]
+    unit: ClassVar[str]
+    cure: ClassVar[str]
+    by_epoch: ClassVar[bool] = False
+    block: ClassVar[StateBlock | None] = None
+    held_by: ClassVar[Mapping[str, Mapping[str, bool | float]]] = MappingProxyType({})
+
+    @abstractmethod
+    def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """Whitened right-hand sides per unit of it, one for each of its components; None where a data set cannot have it."""
+
+    def is_held(self, motion: SmoothedMotion) -> bool:
+        """Whether the state has it already."""
+        return self.block is not None and motion.rows.problem.layout.has(self.block)
+
+
+def table() -> Mapping[str, Alternative]:
+    """All alternatives by name: those that the modules of the folder `alternatives` call ``ALTERNATIVES``.
+
+    Raises
+    ------
+    InputError: a name that two of them have.
+    """
+    found: dict[str, Alternative] = {}
+    for module in iter_modules(import_module(FOLDER).__path__, f"{FOLDER}."):
+        for each in import_module(module.name).ALTERNATIVES:
+            if each.name in found:
+                raise InputError(f"alternative {each.name!r} is there twice; give each a name of its own")
+            found[each.name] = each
+    return MappingProxyType(found)

@@ -1,0 +1,1 @@
+"""Model errors, a file each."""

@@ -1,0 +1,157 @@
+"""Errors of cameras: their calibration, the right one of a pair, and the hand that holds them."""
+
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.estimators.model_errors.alternative import Alternative
+from spinfilters.estimators.model_errors.linear_rows import Columns
+from spinfilters.estimators.model_errors.smoothed_motion import MeasuredRows, SmoothedMotion
+from spinfilters.models.sensors.monocular_landmark import MonocularLandmark
+from spinfilters.models.sensors.stereo_landmark import StereoLandmark
+
+CALIBRATION: Final = 3
+"""First parameter of a camera's calibration (fx, fy, cx, cy px, of a pair the baseline m): the point stands before it."""
+U, V, RIGHT = 0, 1, 2
+"""Components of an observation: pixels of the (left) camera, column of the right one."""
+
+
+def _sees(each: MeasuredRows) -> bool:
+    return isinstance(each.model, StereoLandmark | MonocularLandmark)
+
+
+def _normalised(each: MeasuredRows) -> tuple[Float[np.ndarray, "r i"], Float[np.ndarray, "r i"]]:
+    """Predicted pixels over the focal length, about the principal point, and the focal length of each component."""
+    pixels, calibration = each.model.predict(each.states, each.parameters), each.parameters[:, CALIBRATION:]
+    columns = [U, V, U][: pixels.shape[1]]
+    focal, centre = calibration[:, columns], calibration[:, [2 + k for k in columns]]
+    return (pixels - centre) / focal, focal
+
+
+class _CameraAlternative(Alternative):
+    """An error of every image."""
+
+    def columns(self, motion: SmoothedMotion) -> Columns | None:
+        return motion.shifted(lambda each: self.of_pixels(each) if _sees(each) else None)
+
+    def of_pixels(self, each: MeasuredRows) -> Float[np.ndarray, "r i m"] | None:
+        """Change of the observations in px per unit."""
+        raise NotImplementedError
+
+
+class CameraShake(_CameraAlternative):
+    """A shift in px that all observations of an image have in common."""
+
+    name, phrase, unit = "camera-shake", "a shift common to each image (camera shake)", "px"
+    cure = "fix the camera, or give its motion (inspector.tum)"
+    by_epoch = True
+
+    def of_pixels(self, each: MeasuredRows) -> Float[np.ndarray, "r i m"]:
+        by = np.zeros((len(each.epoch), each.model.dim, 2))
+        by[:, U, 0] = by[:, V, 1] = 1.0
+        if each.model.dim > RIGHT:
+            by[:, RIGHT, 0] = 1.0
+        return by
+
+
+class FocalLength(_CameraAlternative):
+    """Relative error of both focal lengths."""
+
+    name, phrase, unit = "focal-length", "an error of the focal length", "of it"
+    cure = "calibrate the cameras again (spinfilters calibrate)"
+
+    def of_pixels(self, each: MeasuredRows) -> Float[np.ndarray, "r i m"]:
+        along = [each.by_calibration(CALIBRATION + k) * each.parameters[:, [CALIBRATION + k]] for k in (0, 1)]
+        return (along[0] + along[1])[:, :, None]
+
+
+class PrincipalPoint(_CameraAlternative):
+    """Error of (cx, cy), px."""
+
+    name, phrase, unit = "principal-point", "an error of the principal point", "px"
+    cure = "calibrate the cameras again (spinfilters calibrate)"
+
+    def of_pixels(self, each: MeasuredRows) -> Float[np.ndarray, "r i m"]:
+        return np.stack([each.by_calibration(CALIBRATION + k) for k in (2, 3)], axis=2)
+
+
+class Distortion(_CameraAlternative):
+    """x' = x (1 + k r^2) of every camera."""
+
+    name, phrase, unit = (
+        "distortion",
+        "distortion of the lens that the calibration lacks",
+        "of the radius cubed",
+    )
+    cure = "calibrate the cameras with distortion, and rectify the tracks"
+
+    def of_pixels(self, each: MeasuredRows) -> Float[np.ndarray, "r i m"]:
+        xy, focal = _normalised(each)
+        columns = [[U, V], [U, V], [RIGHT, V]][: xy.shape[1]]
+        radius = np.stack([(xy[:, pair] ** 2).sum(axis=1) for pair in columns], axis=1)
+        return (focal * xy * radius)[:, :, None]
+
+
+class _PairAlternative(_CameraAlternative):
+    """An error of the right camera of a pair."""
+
+    def columns(self, motion: SmoothedMotion) -> Columns | None:
+        pair = lambda each: isinstance(each.model, StereoLandmark)  # noqa: E731
+        return motion.shifted(lambda each: self.of_pixels(each) if pair(each) else None)
+
+
+class Baseline(_PairAlternative):
+    """Relative error of the baseline."""
+
+    name, phrase, unit = "baseline", "an error of the baseline", "of it"
+    cure = "calibrate the pair again (spinfilters calibrate)"
+
+    def of_pixels(self, each: MeasuredRows) -> Float[np.ndarray, "r i m"]:
+        number = CALIBRATION + 4
+        return (each.by_calibration(number) * each.parameters[:, [number]])[:, :, None]
+
+
+class RightCameraTurned(_PairAlternative):
+    """Yaw, pitch and roll of the right camera, as far as they move its columns."""
+
+    name, phrase, unit = "right-camera-turned", "a turned right camera", "rad"
+    cure = "calibrate the pair again and rectify (spinfilters calibrate)"
+
+    def of_pixels(self, each: MeasuredRows) -> Float[np.ndarray, "r i m"]:
+        xy, focal = _normalised(each)
+        x, y = xy[:, RIGHT], xy[:, V]
+        by = np.zeros((len(x), each.model.dim, 3))
+        by[:, RIGHT] = focal[:, [U]] * np.stack([1 + x * x, x * y, y], axis=1)
+        return by
+
+
+class RightCameraLate(Alternative):
+    """The right image is taken later than the left one."""
+
+    name, phrase, unit = "right-camera-late", "a right camera that triggers late", "s"
+    cure = "trigger both cameras together"
+
+    def columns(self, motion: SmoothedMotion) -> Columns | None:
+        def moved(each: MeasuredRows) -> Float[np.ndarray, "r i m"] | None:
+            if not isinstance(each.model, StereoLandmark):
+                return None
+            by_time = np.einsum("rin,rn->ri", each.jacobian, motion.change[each.epoch])
+            counts = np.abs(each.whitening).max(axis=(1, 2)) > 0
+            by = np.zeros_like(by_time)
+            solved = np.linalg.solve(each.whitening[counts], by_time[counts, :, None])[:, :, 0]
+            by[counts, RIGHT] = solved[:, RIGHT]
+            return by[:, :, None]
+
+        return motion.shifted(moved)
+
+
+ALTERNATIVES: Final = (
+    CameraShake(),
+    FocalLength(),
+    PrincipalPoint(),
+    Distortion(),
+    Baseline(),
+    RightCameraTurned(),
+    RightCameraLate(),
+)

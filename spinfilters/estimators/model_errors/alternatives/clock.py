@@ -1,0 +1,56 @@
+"""Errors of time stamps."""
+
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.estimators.model_errors.alternative import Alternative
+from spinfilters.estimators.model_errors.linear_rows import Columns
+from spinfilters.estimators.model_errors.smoothed_motion import MeasuredRows, SmoothedMotion
+
+
+class ClockJitter(Alternative):
+    """Every epoch is measured earlier or later than it says."""
+
+    name, phrase, unit = "clock-jitter", "jitter of the time stamps", "s"
+    cure = "stamp measurements where they are made, not where they arrive"
+    by_epoch = True
+
+    def columns(self, motion: SmoothedMotion) -> Columns | None:
+        return motion.in_time(lambda each: np.ones((len(each.epoch), 1)))
+
+
+class ClockDrift(Alternative):
+    """The clock runs ever faster or slower: epochs are late by the square of the time from the middle, in units of its span."""
+
+    name, phrase, unit = "clock-drift", "a drift of the clock's rate", "s over the recording"
+    cure = "check the clock, and the unit of the time stamps"
+
+    def columns(self, motion: SmoothedMotion) -> Columns | None:
+        span = motion.time[-1] - motion.time[0]
+        late = 4 * ((motion.time - motion.time.mean()) / span) ** 2
+        return motion.in_time(lambda each: late[each.epoch, None])
+
+
+class SensorDelay(Alternative):
+    """All measurements of a sensor are late against those of the last one."""
+
+    name, phrase, unit = "sensor-delay", "a time offset between the sensors", "s"
+    cure = "shift the time stamps of one of them"
+
+    def columns(self, motion: SmoothedMotion) -> Columns | None:
+        names = list(dict.fromkeys(each.model.name for each in motion.measured))
+        if len(names) < 2:
+            return None
+
+        def late(each: MeasuredRows) -> Float[np.ndarray, "r m"]:
+            own = np.zeros((len(each.epoch), len(names) - 1))
+            number = names.index(each.model.name)
+            own[:, number : number + 1] = 1.0  # of the last there is no column
+            return own
+
+        return motion.in_time(late)
+
+
+ALTERNATIVES: Final = (ClockJitter(), ClockDrift(), SensorDelay())

@@ -1,0 +1,85 @@
+"""Errors of a rate gyro."""
+
+from abc import abstractmethod
+from typing import ClassVar, Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.estimators.model_errors.alternative import Alternative
+from spinfilters.estimators.model_errors.linear_rows import Columns
+from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
+from spinfilters.models.sensors.gyro import Gyro
+from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
+from spinfilters.state.blocks.gyro_scale import GYRO_SCALE
+
+SHEARS: Final = np.array(
+    [
+        [[0, 1, 0], [1, 0, 0], [0, 0, 0]],
+        [[0, 0, 1], [0, 0, 0], [1, 0, 0]],
+        [[0, 0, 0], [0, 0, 1], [0, 1, 0]],
+        [[1, 0, 0], [0, -1, 0], [0, 0, 0]],
+        [[0, 0, 0], [0, 1, 0], [0, 0, -1]],
+    ],
+    dtype=float,
+)
+"""Non-orthogonal axes and different scales; an alignment as a whole is one of frame g."""
+
+
+class _GyroAlternative(Alternative):
+    """An error of the rates that a gyro reads."""
+
+    @abstractmethod
+    def of_rates(self, motion: SmoothedMotion) -> Float[np.ndarray, "k 3 m"]:
+        """Change of the rate at every epoch, g axes, per unit."""
+
+    def columns(self, motion: SmoothedMotion) -> Columns | None:
+        change = self.of_rates(motion)
+        return motion.shifted(lambda each: change[each.epoch] if isinstance(each.model, Gyro) else None)
+
+
+class GyroBias(_GyroAlternative):
+    """w reads w + b."""
+
+    name, phrase, unit = "gyro-bias", "a bias of the gyro", "rad/s"
+    cure = "set initialisation.gyro_bias_std"
+    block = GYRO_BIAS
+    held_by: ClassVar = {"initialisation": {"gyro_bias_std": 0.05}}
+
+    def of_rates(self, motion: SmoothedMotion) -> Float[np.ndarray, "k 3 m"]:
+        return np.tile(np.eye(3), (len(motion.time), 1, 1))
+
+
+class GyroScale(_GyroAlternative):
+    """w reads (1 + k) w."""
+
+    name, phrase, unit = "gyro-scale", "an error of the gyro's scale", "of the rate"
+    cure = "set initialisation.gyro_scale_error_std, and check its unit (rad/s)"
+    block = GYRO_SCALE
+    held_by: ClassVar = {"initialisation": {"gyro_scale_error_std": GYRO_SCALE.prior_std}}
+
+    def of_rates(self, motion: SmoothedMotion) -> Float[np.ndarray, "k 3 m"]:
+        return motion.rates[:, :, None]
+
+
+class GyroMisalignment(_GyroAlternative):
+    """w reads (I + M) w, M symmetric and traceless."""
+
+    name, phrase, unit = "gyro-misalignment", "misaligned axes of the gyro", "rad"
+    cure = "calibrate the gyro's axes and their scales"
+
+    def of_rates(self, motion: SmoothedMotion) -> Float[np.ndarray, "k 3 m"]:
+        return np.einsum("mij,kj->kim", SHEARS, motion.rates)
+
+
+class GyroLowPass(_GyroAlternative):
+    """Amplitudes fall with the square of the frequency: w reads w + tau^2 w'' / 2; its lag is a shift of time."""
+
+    name, phrase, unit = "gyro-low-pass", "a low-pass filter within the gyro", "s^2"
+    cure = "set the gyro's bandwidth well above the wobble"
+
+    def of_rates(self, motion: SmoothedMotion) -> Float[np.ndarray, "k 3 m"]:
+        return np.gradient(motion.rate_change, motion.time, axis=0)[:, :, None] / 2
+
+
+ALTERNATIVES: Final = (GyroBias(), GyroScale(), GyroMisalignment(), GyroLowPass())

@@ -1,0 +1,41 @@
+"""What moves inside a body: it dissipates energy, or holds angular momentum of its own."""
+
+from typing import Final
+
+import numpy as np
+
+from spinfilters.estimators.model_errors.alternative import Alternative
+from spinfilters.estimators.model_errors.linear_rows import Columns
+from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
+
+
+class EnergyLoss(Alternative):
+    """J w' loses k |h| (w less its part along h): the kinetic energy falls, |h| stays."""
+
+    name, phrase, unit = "energy-loss", "a loss of energy within the body", "1/rad"
+    cure = (
+        "something sloshes or flexes inside: take a shorter recording, or state a larger process.torque_psd"
+    )
+
+    def columns(self, motion: SmoothedMotion) -> Columns | None:
+        momentum = motion.rates @ motion.inertia
+        size = np.linalg.norm(momentum, axis=1, keepdims=True)
+        along = momentum / np.maximum(size, np.finfo(float).tiny)
+        across = motion.rates - along * np.einsum("ki,ki->k", along, motion.rates)[:, None]
+        lost = np.linalg.solve(motion.inertia, (size * across).T).T
+        return motion.disturbed(angular=-lost[:, :, None])
+
+
+class Rotor(Alternative):
+    """J w' gains h_r x w of a constant angular momentum h_r inside, in units of J times rad/s."""
+
+    name, phrase, unit = "rotor", "a rotor turning inside", "rad/s"
+    cure = "the body is a gyrostat and its moments cannot be told; stop the rotor while recording"
+
+    def columns(self, motion: SmoothedMotion) -> Columns | None:
+        cross = np.cross(np.eye(3)[:, None], motion.rates[None])  # h_r along each axis, epoch
+        gained = np.linalg.solve(motion.inertia, np.moveaxis(cross, 0, 2))
+        return motion.disturbed(angular=gained)
+
+
+ALTERNATIVES: Final = (EnergyLoss(), Rotor())

@@ -1,0 +1,151 @@
+"""Linear problems about one motion under two explanations of a misfit: noise as stated, and noise as the data would have it."""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+from scipy.stats import chi2
+
+from spinfilters.estimators.identification.identify import STAGE, NoiseModel, identify
+from spinfilters.estimators.identification.residuals import residuals_of, source_factors
+from spinfilters.estimators.model_errors.linear_rows import LinearRows
+from spinfilters.estimators.model_errors.noise_components import NoiseComponents
+from spinfilters.estimators.robust.losses import LeastSquares, RobustLoss, Squares
+from spinfilters.estimators.smoothing.factors.motion_factors import SensorRows
+from spinfilters.estimators.smoothing.problem.least_squares import (
+    LinearizationPoint,
+    NormalEquations,
+    Problem,
+    Stage,
+    with_common_constants,
+)
+from spinfilters.estimators.smoothing.solver.iterations import SolverOptions, solve
+
+ITERATIONS: Final = 6
+NOISE_RATIO: Final = 1.25
+"""Of squared residuals over their expectation, either way, beyond which noise levels are identified anew before the tests."""
+TELLING: Final = 20.0
+"""Redundancy of a component from which such a ratio tells anything."""
+CHANCE: Final = 1e-6
+"""Probability of larger residuals below which the noise level of a component is contradicted."""
+FEWEST_COUNTED: Final = 0.9
+"""Share of measurements that count, below which noise is identified anew."""
+
+
+@dataclass(frozen=True)
+class _OneStage:
+    """The same strictness in every iteration."""
+
+    only: Stage
+
+    def stage(self, iteration: int, here: LinearizationPoint, before: NormalEquations | None) -> Stage:
+        return self.only
+
+    def last(self, iteration: int, stage: Stage) -> bool:
+        return True
+
+    def repaired(self, here: LinearizationPoint, stage: Stage) -> LinearizationPoint:
+        return here
+
+
+@dataclass(frozen=True)
+class _Chosen(RobustLoss):
+    """Squares of chosen observations, whatever their size."""
+
+    weights: Float[np.ndarray, " N"]
+
+    def cost(self, square: Squares) -> Squares:
+        return np.where(self.weights > 0, square, 0.0)
+
+    def weight(self, square: Squares) -> Squares:
+        return np.where(np.isfinite(square), self.weights, 0.0)
+
+
+def solved_near(
+    problem: Problem,
+    trajectory: Float[np.ndarray, "k m"],
+    points: Float[np.ndarray, "L 3"],
+    stage: Stage = STAGE,
+) -> LinearRows | None:
+    """The linear problem at the most probable states near a trajectory; None where it has no solution."""
+    common = np.ascontiguousarray(with_common_constants(problem.layout, trajectory[::-1])[::-1])
+    here = problem.at(common, points, stage.pose_only_loss)
+    found = solve(problem, here, SolverOptions(ITERATIONS), _OneStage(stage))
+    return LinearRows(problem, found.point, found.normal) if found.normal.solved else None
+
+
+def noise_of(model: NoiseModel, solved: LinearRows) -> NoiseComponents:
+    """Variance components of a solved problem."""
+    problem, here = solved.problem, solved.here
+    after = residuals_of(problem, here, solved.normal, model.components, model.densities)
+    factors = tuple(source_factors(problem, here, model.densities))
+    return NoiseComponents(model.components, factors, after.redundancy)
+
+
+def is_doubtful(noise: NoiseComponents, solved: LinearRows) -> bool:
+    """Whether residuals of some component are not what its noise level says."""
+    ratio = noise.squares(solved.residual(solved.right)) / np.maximum(noise.redundancy, 1.0)
+    away = np.abs(np.log(np.maximum(ratio, np.finfo(float).tiny))) > np.log(NOISE_RATIO)
+    return bool(np.any(away & (noise.redundancy > TELLING))) or rejects(solved)
+
+
+def is_contradicted(noise: NoiseComponents, solved: LinearRows) -> bool:
+    """Whether residuals of some component are beyond chance at its noise level."""
+    squares = noise.squares(solved.residual(solved.right))
+    told = noise.redundancy > TELLING
+    return bool(np.any(chi2.sf(squares[told], noise.redundancy[told]) < CHANCE)) or rejects(solved)
+
+
+def rejects(solved: LinearRows) -> bool:
+    """Whether gates reject more than gross errors explain."""
+    counted = [np.abs(rows).max(axis=(1, 2), initial=0.0) > 0 for rows in solved.sensor_rows]
+    if solved.observation_rows is not None:
+        counted.append(np.abs(solved.observation_rows).max(axis=(1, 2), initial=0.0) > 0)
+    return any(each.mean() < FEWEST_COUNTED for each in counted if each.size)
+
+
+def with_identified(model: NoiseModel, solved: LinearRows) -> LinearRows | None:
+    """The problem with the noise levels that it identifies itself, solved again."""
+    here = solved.here
+    found = identify(model, here.trajectory, here.points)
+    if found is None:
+        return None
+    stated = model.values(np.zeros(len(model.components) + len(model.densities)))
+    power = [2.0] * len(model.components) + [1.0] * len(model.densities)
+    values = [each.value for each in found.components]
+    log_variance = np.array(power) * np.log(np.divide(values, stated))
+    return solved_near(model.scaled(log_variance), here.trajectory, here.points)
+
+
+def among_inliers(problem: Problem, inliers: LinearRows) -> LinearRows | None:
+    """A problem with other noise levels, solved with exactly the measurements that count in ``inliers``."""
+    sensors = []
+    for sensor, rows in zip(problem.motion.sensors, inliers.sensor_rows, strict=True):
+        good = np.abs(rows).max(axis=(1, 2)) > 0
+        chosen = (sensor.epoch[good], sensor.values[good], sensor.parameters[good])
+        sensors.append(SensorRows(sensor.model, *chosen, sensor.scale))
+    motion = replace(problem.motion, sensors=tuple(sensors), loss=LeastSquares())
+    fit = inliers.normal.eliminated
+    loss = LeastSquares() if fit is None else _Chosen(fit.used.astype(float))
+    own = replace(problem, motion=motion)
+    return solved_near(own, inliers.here.trajectory, inliers.here.points, Stage(loss))
+
+
+def minus_twice_log_likelihood(rows: LinearRows) -> float:
+    """Of what was measured, the states and landmarks integrated out (Laplace), up to a constant of the sensors' stated noise."""
+    left = rows.residual(rows.right)
+    total = float(left.gram(left)[0, 0])
+    for sensor, part in zip(rows.problem.motion.sensors, rows.sensor_rows, strict=True):
+        counted = int(np.count_nonzero(np.abs(part).max(axis=(1, 2)) > 0))
+        total += 0.0 if sensor.scale is None else 2 * counted * float(np.log(sensor.scale).sum())
+    fit, observations, s = rows.normal.eliminated, rows.problem.observations, rows.solution
+    d = len(rows.problem.ordering.moving)
+    total -= 2 * float(np.linalg.slogdet(rows.here.dynamics.rows[:, :, d : 2 * d])[1].sum())
+    total += 2 * float(np.log(np.diag(s.information_sqrt)).sum())
+    total += 2 * float(np.log(np.einsum("kii->ki", s.tridiagonal.information_sqrts)).sum())
+    if fit is not None and observations is not None:
+        values = sum(int(np.count_nonzero(fit.used[g.rows])) * g.model.dim for g in observations.groups)
+        told = np.einsum("kii->ki", fit.information_sqrt[fit.is_constrained])
+        total += 2 * values * float(np.log(observations.scale)) + 2 * float(np.log(told).sum())
+    return total

@@ -1,0 +1,224 @@
+"""Score tests: what a smoothing problem's solution would gain by each model error, without a second fit.
+
+With y = J e + H theta + n and what the solution leaves, rho = M y (see `linear_rows`), the score of theta at zero is u = H'rho
+with the information F = H'M H, so that u'F^-1 u is chi-squared (Rao 1948). Of an error drawn anew at every epoch the variance
+s^2 has the likelihood ratio u'(F + I/s^2)^-1 u - ln|I + s^2 F|. Noise levels that were identified from the same data have taken
+part of an error for noise; the gain therefore counts by how much every variance component falls once the error is removed,
+
+    gain = sum over components of (S + 1) ln((r + 1) / (r' + 1)),
+
+with r and r' its squared residuals before and after, S its redundancy: u'F^-1 u for small errors, and the fall of -2 ln of the
+likelihood profiled over the noise levels for large ones.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.stats import chi2
+
+from spinfilters.estimators.model_errors.alternative import Alternative
+from spinfilters.estimators.model_errors.linear_rows import Columns
+from spinfilters.estimators.model_errors.noise_components import NoiseComponents
+from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
+
+LEAST_LEFT: Final = 1e-5
+"""Share of a direction's information that states and landmarks must leave; with less it is consistent with any size."""
+MOST_EPOCHS: Final = 60
+"""At which an error drawn by epoch is looked for; of a longer recording they are chosen evenly."""
+TOGETHER: Final = 48
+"""Right-hand sides that are solved for at once."""
+VARIANCES: Final = np.logspace(-2, 6, 65)
+"""Of an error by epoch that are tried, in those that its most telling direction is known to."""
+
+
+@dataclass(frozen=True)
+class ScoreTest:
+    """What one model error explains.
+
+    Attributes
+    ----------
+    size, std: of its components, in its unit; of an error by epoch its standard deviation.
+    statistic, dof: of the score, chi-squared without the error.   p_value: of the greater of statistic and gain.
+    gain: see the module.
+    """
+
+    error: Alternative
+    size: Float[np.ndarray, " m"]
+    std: Float[np.ndarray, " m"]
+    statistic: float
+    dof: float
+    gain: float
+
+    @property
+    def p_value(self) -> float:
+        """Probability of as much without the error."""
+        return float(chi2.sf(max(self.statistic, self.gain), self.dof))
+
+    @property
+    def merit(self) -> float:
+        """Gain beyond what so many free numbers take of noise (Akaike 1974)."""
+        return self.gain - 2 * self.dof
+
+
+def score_tests(
+    motion: SmoothedMotion, noise: NoiseComponents, errors: Iterable[Alternative]
+) -> list[ScoreTest]:
+    """All errors that a data set can have and that its states leave room for, the most explaining first."""
+    left = motion.rows.residual(motion.rows.right)
+    found: list[ScoreTest | None] = []
+    constant: list[tuple[Alternative, Columns]] = []
+    for error in errors:
+        columns = None if error.is_held(motion) else error.columns(motion)
+        if columns is None:
+            continue
+        if error.by_epoch:
+            found.append(_by_epoch(motion, noise, (error, columns), left))
+        else:
+            constant.append((error, columns))
+    found += _constant(motion, noise, constant, left)
+    return sorted((each for each in found if each is not None), key=lambda each: -each.merit)
+
+
+def likelier(found: list[ScoreTest], beside: list[ScoreTest], advantage: float) -> list[ScoreTest]:
+    """Of each error the better of two tests: among noise that explains the misfit, and in the place of that noise.
+
+    Parameters
+    ----------
+    found: at noise levels as the data would have them.   beside: at those stated.
+    advantage: by how much -2 ln likelihood is less at the former, which an error has to make up for.
+    """
+    other = {each.error.name: each for each in beside}
+    best = []
+    for each in found:
+        instead = other.get(each.error.name)
+        gained = -np.inf if instead is None else instead.statistic - advantage
+        if instead is not None and gained > each.gain:
+            each = replace(instead, statistic=gained, gain=gained)
+        best.append(each)
+    return sorted(best, key=lambda each: -each.merit)
+
+
+def _constant(
+    motion: SmoothedMotion, noise: NoiseComponents, errors: list[tuple[Alternative, Columns]], left: Columns
+) -> list[ScoreTest | None]:
+    if not errors:
+        return []
+    after = motion.rows.residual(Columns.joined([columns for _, columns in errors]))
+    found, first = [], 0
+    for error, columns in errors:
+        own = slice(first, first + columns.count)
+        first = own.stop
+        found.append(_tested(noise, (error, columns), after.part(own), left))
+    return found
+
+
+def _tested(
+    noise: NoiseComponents, named: tuple[Alternative, Columns], after: Columns, left: Columns
+) -> ScoreTest | None:
+    """One error of the whole recording; ``after`` is M H."""
+    error, columns = named
+    scale = np.sqrt(np.diag(columns.gram(columns)))
+    if not (np.isfinite(scale).all() and scale.max(initial=0.0) > 0):
+        return None
+    scale = np.where(scale > 0, scale, 1.0)
+    F, u = after.gram(columns) / np.outer(scale, scale), columns.gram(left)[:, 0] / scale
+    values, vectors = np.linalg.eigh((F + F.T) / 2)
+    told = values > LEAST_LEFT
+    if not told.any():
+        return None
+    along = vectors[:, told]
+    covariance = along / values[told] @ along.T
+    size = covariance @ u
+    removed = left.minus(after.times((size / scale)[:, None]))
+    return ScoreTest(
+        error,
+        size / scale,
+        np.sqrt(np.diag(covariance)) / scale,
+        float(u @ size),
+        float(told.sum()),
+        noise.gain(left, removed),
+    )
+
+
+def _by_epoch(
+    motion: SmoothedMotion, noise: NoiseComponents, named: tuple[Alternative, Columns], left: Columns
+) -> ScoreTest | None:
+    """An error drawn anew at every epoch, of the variance that is most likely."""
+    error, columns = named
+    K = len(motion.time)
+    chosen = np.unique(np.linspace(0, K - 1, min(K, MOST_EPOCHS)).astype(int))
+    F = _information_by_epoch(motion, columns, chosen)
+    u = _score_by_epoch(motion, columns, left)[chosen].reshape(-1)
+    if not np.isfinite(F).all() or np.trace(F) < LEAST_LEFT * float(np.trace(columns.gram(columns))):
+        return None
+    values, vectors = np.linalg.eigh(F)
+    values, along = np.maximum(values, 0.0), vectors.T @ u
+    variance, likelihood = _most_likely(values, along)
+    every = np.zeros((K, columns.count))
+    drawn = vectors @ (variance * along / (1 + variance * values))
+    every[chosen] = drawn.reshape(len(chosen), -1)
+    free = float((variance * values / (1 + variance * values)).sum())
+    removed = left.minus(motion.rows.residual(_drawn(motion, columns, every[:, :, None])))
+    gain = max(likelihood, noise.gain(left, removed) - 2 * free) * K / len(chosen)
+    curvature = float(((values / (1 + variance * values)) ** 2).sum()) / 2
+    std = np.sqrt(1 / curvature) / (2 * np.sqrt(variance)) if variance else curvature**-0.25
+    return ScoreTest(error, np.array([np.sqrt(variance)]), np.array([std]), likelihood, 1.0, gain)
+
+
+def _most_likely(values: Float[np.ndarray, " n"], along: Float[np.ndarray, " n"]) -> tuple[float, float]:
+    """Variance of independent errors with information ``values`` and scores ``along``, and its -2 ln likelihood ratio."""
+    share = np.concatenate([[0.0], VARIANCES / max(float(values.max()), np.finfo(float).tiny)])[:, None]
+    likelihood = (share * along**2 / (1 + share * values) - np.log1p(share * values)).sum(axis=1)
+    best = int(likelihood.argmax())
+    return float(share[best, 0]), float(likelihood[best])
+
+
+def _epochs_of(motion: SmoothedMotion) -> tuple[list[np.ndarray], np.ndarray | None]:
+    """Epochs of the rows of every sensor, and of the observations."""
+    problem = motion.rows.problem
+    seen = None if problem.observations is None else problem.observations.epoch
+    return [sensor.epoch for sensor in problem.motion.sensors], seen
+
+
+def _drawn(motion: SmoothedMotion, columns: Columns, sizes: Float[np.ndarray, "k q m"]) -> Columns:
+    """Right-hand sides of an error with these sizes at every epoch."""
+    sensors, seen = _epochs_of(motion)
+    nothing = motion.rows.nothing(sizes.shape[2])
+    made = tuple(part @ sizes[epoch] for part, epoch in zip(columns.sensors, sensors, strict=True))
+    observed = None
+    if columns.observations is not None and seen is not None:
+        observed = columns.observations @ sizes[seen]
+    return Columns(made, nothing.steps, observed, nothing.prior)
+
+
+def _score_by_epoch(motion: SmoothedMotion, columns: Columns, left: Columns) -> Float[np.ndarray, "k q m"]:
+    """H_k' rho for every epoch."""
+    sensors, seen = _epochs_of(motion)
+    found = np.zeros((len(motion.time), columns.count, left.count))
+    for part, rest, epoch in zip(columns.sensors, left.sensors, sensors, strict=True):
+        np.add.at(found, epoch, np.swapaxes(part, 1, 2) @ rest)
+    if columns.observations is not None and left.observations is not None and seen is not None:
+        np.add.at(found, seen, np.swapaxes(columns.observations, 1, 2) @ left.observations)
+    return found
+
+
+def _information_by_epoch(
+    motion: SmoothedMotion, columns: Columns, chosen: Int[np.ndarray, " c"]
+) -> Float[np.ndarray, "n n"]:
+    """F among the errors of the chosen epochs."""
+    q, K = columns.count, len(motion.time)
+    F = np.empty((len(chosen) * q, len(chosen) * q))
+    each = max(TOGETHER // q, 1)
+    for first in range(0, len(chosen), each):
+        part = chosen[first : first + each]
+        sizes = np.zeros((K, q, len(part) * q))
+        for number, epoch in enumerate(part):
+            sizes[epoch, :, number * q : (number + 1) * q] = np.eye(q)
+        after = motion.rows.residual(_drawn(motion, columns, sizes))
+        F[:, first * q : first * q + len(part) * q] = _score_by_epoch(motion, columns, after)[chosen].reshape(
+            len(chosen) * q, -1
+        )
+    return (F + F.T) / 2

@@ -1,0 +1,190 @@
+"""A smoothed motion and its linear problem, as model errors are made right-hand sides of: disturbances, shifts of measurements."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.attitude.conversions import matrix_from_quaternion
+from spinfilters.dynamics.mass_distribution import inertia_matrix
+from spinfilters.estimators.model_errors.linear_rows import Columns, LinearRows
+from spinfilters.models.measurement import MeasurementModel
+from spinfilters.state.blocks.rigid_body import ATTITUDE, CENTRE_OF_MASS, MASS_DISTRIBUTION, POSITION, RATE
+from spinfilters.state.blocks.rigid_body import VELOCITY as CENTRE_VELOCITY
+
+
+@dataclass(frozen=True)
+class MeasuredRows:
+    """Measurements by one model, with what a shift of them needs.
+
+    Attributes
+    ----------
+    sensor: number in `Motion.sensors`, or None of observations of unknown landmarks.   rows: of these observations.
+    epoch: (r,).   states: (r, m).   parameters: (r, p), the landmark's point first where there is one.
+    jacobian: (r, i, c) whitened, by the state's error in the layout's order.   whitening: (r, i, i), zero of what does not count.
+    """
+
+    model: MeasurementModel
+    sensor: int | None
+    rows: Int[np.ndarray, " r"]
+    epoch: Int[np.ndarray, " r"]
+    states: Float[np.ndarray, "r m"]
+    parameters: Float[np.ndarray, "r p"]
+    jacobian: Float[np.ndarray, "r i n"]
+    whitening: Float[np.ndarray, "r i i"]
+
+    def by_calibration(self, parameter: int) -> Float[np.ndarray, "r v"]:
+        """Derivative of the predicted values by a parameter."""
+        step = 1e-4 * np.maximum(np.abs(self.parameters[:, parameter]), 1e-2)
+        moved = [self.parameters.copy() for _ in range(2)]
+        for sign, parameters in zip((1, -1), moved, strict=True):
+            parameters[:, parameter] += sign * step
+        ahead, behind = (self.model.predict(self.states, parameters) for parameters in moved)
+        return (ahead - behind) / (2 * step[:, None])
+
+
+Shift = Callable[[MeasuredRows], Float[np.ndarray, "r i m"] | None]
+"""Change of the innovations of measurements per unit of m errors; None of those that the error is not of."""
+
+
+@dataclass(frozen=True)
+class SmoothedMotion:
+    """The most probable motion of some epochs about which everything is linearised.
+
+    Attributes
+    ----------
+    time: (k,) s.   rows: of the linear problem.
+    """
+
+    time: Float[np.ndarray, " k"]
+    rows: LinearRows
+
+    def block(self, name: str) -> Float[np.ndarray, "k b"]:
+        """Points of a state block at every epoch."""
+        return self.rows.here.trajectory[:, self.rows.problem.layout.mean_slice(name)]
+
+    @property
+    def translates(self) -> bool:
+        """Whether the state has a place."""
+        return self.rows.problem.layout.translates
+
+    @cached_property
+    def rates(self) -> Float[np.ndarray, "k 3"]:
+        """Body rates, g axes, rad/s."""
+        return self.block(RATE.name)
+
+    @cached_property
+    def inertia(self) -> Float[np.ndarray, "3 3"]:
+        """Up to scale, g axes."""
+        return inertia_matrix(self.block(MASS_DISTRIBUTION.name)[0])
+
+    @cached_property
+    def rate_change(self) -> Float[np.ndarray, "k 3"]:
+        """w' of the torque-free body, rad/s^2."""
+        momentum = self.rates @ self.inertia
+        return np.linalg.solve(self.inertia, np.cross(momentum, self.rates).T).T
+
+    @cached_property
+    def change(self) -> Float[np.ndarray, "k n"]:
+        """Derivative of the state's error by time, components in the order of the layout, 1/s."""
+        layout, w = self.rows.problem.layout, self.rates
+        found = np.zeros((len(self.time), layout.error_dim))
+        found[:, layout.slice(ATTITUDE.name)] = w
+        found[:, layout.slice(RATE.name)] = self.rate_change
+        if self.translates:
+            arm = np.cross(w, self.block(CENTRE_OF_MASS.name))
+            turned = np.einsum("kij,kj->ki", matrix_from_quaternion(self.block(ATTITUDE.name)), arm)
+            found[:, layout.slice(POSITION.name)] = self.block(CENTRE_VELOCITY.name) - turned
+        return found
+
+    def disturbed(
+        self,
+        angular: Float[np.ndarray, "k 3 m"] | None = None,
+        linear: Float[np.ndarray, "k 3 m"] | None = None,
+    ) -> Columns:
+        """Right-hand sides of accelerations of the rate (g axes) and of the centre of mass (i axes) per unit of m errors.
+
+        Each step takes half of it before and half of it behind, which is enough for a direction to test.
+        """
+        ordering, rows = self.rows.problem.ordering, self.rows.here.dynamics.rows
+        given = [(RATE.name, angular), (CENTRE_VELOCITY.name, linear)]
+        count = next(each.shape[2] for _, each in given if each is not None)
+        kicks = np.zeros((len(self.time), ordering.layout.error_dim, count))
+        for name, each in given:
+            if each is not None:
+                kicks[:, ordering.layout.slice(name)] = each
+        kicks, d = kicks[:, ordering.moving], len(ordering.moving)
+        half = np.diff(self.time)[:, None, None] / 2
+        steps = half * (rows[:, :, :d] @ kicks[:-1] - rows[:, :, d : 2 * d] @ kicks[1:])
+        nothing = self.rows.nothing(count)
+        return Columns(nothing.sensors, steps, nothing.observations, nothing.prior)
+
+    def shifted(self, shift: Shift) -> Columns | None:
+        """Right-hand sides of errors of measurements; None where no measurement has them."""
+        found = [(each, shift(each)) for each in self.measured]
+        made = [(each, each.whitening @ by) for each, by in found if by is not None]
+        return self._placed(made) if made else None
+
+    def in_time(self, late: Callable[[MeasuredRows], Float[np.ndarray, "r m"] | None]) -> Columns | None:
+        """Right-hand sides of measurements made later than they say, by ``late`` s per unit of m errors."""
+        made = []
+        for each in self.measured:
+            by = late(each)
+            if by is not None:
+                moved = np.einsum("rin,rn->ri", each.jacobian, self.change[each.epoch])
+                made.append((each, moved[:, :, None] * by[:, None, :]))
+        return self._placed(made) if made else None
+
+    def _placed(self, made: list[tuple[MeasuredRows, Float[np.ndarray, "r i m"]]]) -> Columns:
+        nothing = self.rows.nothing(made[0][1].shape[2])
+        for each, whitened in made:
+            if each.sensor is not None:
+                nothing.sensors[each.sensor][:] = whitened
+            elif nothing.observations is not None:
+                nothing.observations[each.rows, : whitened.shape[1]] = whitened
+        return nothing
+
+    @cached_property
+    def measured(self) -> tuple[MeasuredRows, ...]:
+        """Measurements of every sensor, and observations of unknown landmarks."""
+        return (*self._of_sensors(), *self._of_landmarks())
+
+    def _of_sensors(self) -> list[MeasuredRows]:
+        found, rows = [], self.rows
+        for k, (sensor, made) in enumerate(zip(rows.problem.motion.sensors, rows.sensor_rows, strict=True)):
+            x = rows.here.trajectory[sensor.epoch]
+            whitening = sensor.model.whitening(x, sensor.parameters)
+            if sensor.scale is not None:
+                whitening = whitening / sensor.scale[:, None]
+            counts = np.abs(made).max(axis=(1, 2)) > 0
+            jacobian = np.zeros((*made.shape[:2], rows.problem.layout.error_dim))
+            jacobian[:, :, sensor.model.columns] = made[:, :, :-1]
+            every = np.arange(len(x))
+            found.append(
+                MeasuredRows(
+                    *(sensor.model, k, every, sensor.epoch, x, sensor.parameters, jacobian),
+                    np.where(counts[:, None, None], whitening, 0.0),
+                )
+            )
+        return found
+
+    def _of_landmarks(self) -> list[MeasuredRows]:
+        observations, made = self.rows.problem.observations, self.rows.observation_rows
+        fit = self.rows.normal.eliminated
+        if observations is None or made is None or fit is None:
+            return []
+        found, here = [], self.rows.here
+        weight = np.where(fit.used, np.sqrt(fit.weight), 0.0) / observations.scale
+        for group in observations.groups:
+            epoch = observations.epoch[group.rows]
+            points, x = here.points[observations.landmark[group.rows]], here.trajectory[epoch]
+            parameters = np.concatenate([points, group.parameters], axis=1)
+            jacobian = np.zeros((len(epoch), group.model.dim, self.rows.problem.layout.error_dim))
+            jacobian[:, :, :6] = made[group.rows, : group.model.dim, :6]
+            whitening = group.model.whitening(x, parameters) * weight[group.rows, None, None]
+            found.append(
+                MeasuredRows(group.model, None, group.rows, epoch, x, parameters, jacobian, whitening)
+            )
+        return found

@@ -1,0 +1,192 @@
+"""Score tests about a smoothed motion: their linear algebra, and which alternative they rank first."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.measurement_log import MeasurementLog
+from spinfilters.estimators.model_errors.alternative import table
+from spinfilters.estimators.model_errors.hypotheses import minus_twice_log_likelihood, noise_of, solved_near
+from spinfilters.estimators.model_errors.linear_rows import Columns, LinearRows
+from spinfilters.estimators.model_errors.score_tests import score_tests
+from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
+from spinfilters.estimators.smoothing.solver.iterations import SolverOptions, solve
+from spinfilters.estimators.timeline import times_of
+from spinfilters.models.process import TorqueFreeProcess
+from spinfilters.pipeline import model_errors
+from spinfilters.pipeline.setup import Setup, prepare
+from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
+from spinfilters.state.blocks.acceleration import ACCELERATION
+from spinfilters.state.blocks.torque import TORQUE
+
+KINDS = ("pose", "gyro", "stereo-tracks")
+WHOLE = Settings(process={"gravity": False}, initialisation={"share": 1.0})  # pyright: ignore[reportArgumentType]
+
+
+def recording(kind: str, seed: int = 0) -> Dataset:
+    """A short rich motion; tracks without their map."""
+    scenario = Scenario(
+        kind=kind, principal_moments=(1.0, 0.8, 0.55), rate_rpm=RICH_RPM, epochs=40, landmarks=60, seed=seed
+    )
+    dataset = simulate(scenario)
+    return without_map(dataset) if dataset.known_map is not None else dataset
+
+
+@cache
+def prepared(kind: str) -> Setup:
+    """With an initialisation that is the smoother of the whole recording."""
+    return prepare(recording(kind), WHOLE)
+
+
+@cache
+def smoothed(kind: str) -> SmoothedMotion:
+    """About the most probable motion."""
+    setup = prepared(kind)
+    trajectory = setup.initial.mean
+    problem = model_errors._problem(setup, len(trajectory))  # pyright: ignore[reportPrivateUsage]
+    placed = model_errors._placed(problem, trajectory)  # pyright: ignore[reportPrivateUsage]
+    rows = solved_near(problem, trajectory, placed)
+    assert rows is not None
+    return SmoothedMotion(times_of(setup.timeline[: len(trajectory)]), rows)
+
+
+def columns_of(kind: str) -> Columns:
+    """Of every alternative that is the same in the whole recording."""
+    motion = smoothed(kind)
+    made = [each.columns(motion) for each in table().values() if not each.by_epoch]
+    return Columns.joined([each for each in made if each is not None])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_left_is_a_projection(kind: str) -> None:
+    rows, H = smoothed(kind).rows, columns_of(kind)
+    H = H.times(np.diag(1 / np.sqrt(np.diag(H.gram(H)))))
+    left = rows.residual(H)
+    again = rows.residual(left).minus(left)
+    np.testing.assert_allclose(again.gram(again), 0, atol=1e-9)
+    np.testing.assert_allclose(left.gram(H), left.gram(left), atol=1e-7)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_cost_left_is_what_the_solver_says(kind: str) -> None:
+    rows = smoothed(kind).rows
+    left = rows.residual(rows.right)
+    before = rows.here.cost(rows.normal.used, rows.normal.stage)
+    expected = before - rows.normal.predicted_reduction
+    assert left.gram(left)[0, 0] == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_nothing_is_left_of_a_step_of_the_states(kind: str) -> None:
+    rows = smoothed(kind).rows
+    right = rows.right
+    explained = right.minus(rows.residual(right))
+    left = rows.residual(explained)
+    assert left.gram(left)[0, 0] < 1e-9 * max(right.gram(right)[0, 0], 1.0)
+
+
+@pytest.mark.parametrize("name", ["acceleration", "torque"])
+def test_a_disturbance_points_where_the_block_that_holds_it_moves_the_steps(name: str) -> None:
+    motion, block = smoothed("pose"), {"acceleration": ACCELERATION, "torque": TORQUE}[name]
+    problem = motion.rows.problem
+    layout, here = problem.layout.joined(block), motion.rows.here
+    wider = np.concatenate([here.trajectory, np.zeros((len(here.trajectory), 3))], axis=1)
+    process = problem.motion.process
+    assert isinstance(process, TorqueFreeProcess)
+    own = TorqueFreeProcess(layout, process.noise)
+    _, transition, _ = own.linearise_steps(wider[:-1], wider[1:], problem.motion.dt)
+    moving, d = problem.ordering.moving, len(problem.ordering.moving)
+    exact = here.dynamics.rows[:, :, d : 2 * d] @ -transition[:, moving, layout.slice(block.name)]
+    made = table()[name].columns(motion)
+    assert made is not None
+    cosine = np.vdot(made.steps, exact) / (np.linalg.norm(made.steps) * np.linalg.norm(exact))
+    assert cosine > 0.98
+    assert np.linalg.norm(made.steps) == pytest.approx(np.linalg.norm(exact), rel=0.1)
+
+
+def shifted(rows: LinearRows, by: Columns) -> LinearRows:
+    """The same problem with another right-hand side."""
+    other = LinearRows(rows.problem, rows.here, rows.normal)
+    other.__dict__["right"] = rows.right.minus(by.times(-np.ones((by.count, 1))))
+    return other
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [
+        *(("pose", name) for name in ("acceleration", "torque", "drag", "energy-loss", "rotor")),
+        *(("gyro", name) for name in ("gyro-bias", "gyro-misalignment", "contact-at-end")),
+        *(("stereo-tracks", name) for name in ("right-camera-late", "distortion", "contact-at-begin")),
+    ],
+)
+def test_an_error_that_is_put_in_is_ranked_first_at_its_size(kind: str, name: str) -> None:
+    motion, setup = smoothed(kind), prepared(kind)
+    model = model_errors._noise_model(setup, motion.rows.problem)  # pyright: ignore[reportPrivateUsage]
+    noise = noise_of(model, motion.rows)
+    (before,) = (t for t in score_tests(motion, noise, table().values()) if t.error.name == name)
+    columns, size = table()[name].columns(motion), 12 * before.std
+    assert columns is not None
+    wrong = replace(motion, rows=shifted(motion.rows, columns.times(np.diag(size))))
+    after = score_tests(wrong, noise, table().values())
+    assert name in [each.error.name for each in after[:2]]
+    (own,) = (each for each in after if each.error.name == name)
+    assert own.p_value < 1e-5
+    if own.dof == len(size):  # else a part of it is absorbed by the states
+        np.testing.assert_allclose(own.size - before.size, size, atol=5 * before.std.max())
+
+
+def test_an_error_drawn_by_epoch_is_found_by_its_variance() -> None:
+    motion, setup = smoothed("pose"), prepared("pose")
+    model = model_errors._noise_model(setup, motion.rows.problem)  # pyright: ignore[reportPrivateUsage]
+    noise, jitter = noise_of(model, motion.rows), table()["clock-jitter"]
+    columns = jitter.columns(motion)
+    assert columns is not None
+    drawn = 0.1 * np.random.default_rng(4).standard_normal(len(motion.time))
+    sensors = tuple(
+        part * drawn[s.epoch, None, None]
+        for part, s in zip(columns.sensors, motion.rows.problem.motion.sensors, strict=True)
+    )
+    wrong = replace(motion, rows=shifted(motion.rows, replace(columns, sensors=sensors)))
+    first = score_tests(wrong, noise, table().values())[0]
+    assert first.error.name == "clock-jitter"
+    assert first.size[0] == pytest.approx(0.1, rel=0.4)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_right_model_is_not_doubted(kind: str) -> None:
+    motion, setup = smoothed(kind), prepared(kind)
+    model = model_errors._noise_model(setup, motion.rows.problem)  # pyright: ignore[reportPrivateUsage]
+    found = score_tests(motion, noise_of(model, motion.rows), table().values())
+    assert len(found) >= 8
+    assert min(each.p_value for each in found) > 1e-4
+
+
+def test_the_likelihood_is_greatest_near_the_true_noise() -> None:
+    setup = prepared("pose")
+    trajectory, found = setup.initial.mean, []
+    for factor in (0.2, 1.0, 5.0):
+        problem = model_errors._problem(setup, len(trajectory))  # pyright: ignore[reportPrivateUsage]
+        sensors = tuple(replace(each, scale=np.full(6, factor)) for each in problem.motion.sensors)
+        other = replace(problem, motion=replace(problem.motion, sensors=sensors))
+        solved = solve(other, other.at(trajectory, np.zeros((0, 3))), SolverOptions())
+        found.append(minus_twice_log_likelihood(LinearRows(other, solved.point, solved.normal)))
+    assert found[1] < min(found[0], found[2]) - 20
+
+
+def test_every_alternative_says_what_it_is_and_what_to_do() -> None:
+    for name, each in table().items():
+        assert name == each.name
+        assert each.phrase
+        assert each.unit
+        assert 10 < len(each.cure) < 120
+        assert (each.block is None) == (not each.held_by)
+
+
+def test_a_log_of_one_sensor_has_no_delay_between_sensors() -> None:
+    log = recording("gyro").log
+    assert isinstance(log, MeasurementLog)
+    assert table()["sensor-delay"].columns(smoothed("gyro")) is None

@@ -1,0 +1,124 @@
+"""Errors of the models are named in the verdict and refitted; gravity is taken into the state by itself."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.errors import InputError
+from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.pipeline.estimation import Comparison, compare_estimators
+from spinfilters.pipeline.explanations import explanations
+from spinfilters.pipeline.setup import prepare
+from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.motion import Motion, simulate_motion
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, first_state, measured
+from spinfilters.state.block import StateBlock
+from spinfilters.state.blocks.acceleration import ACCELERATION
+from spinfilters.state.blocks.torque import TORQUE
+from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+
+GRAVITY = np.array([0.0, 9.81, 0.0])
+SMOOTHER = Settings(estimators=("smoother",))
+
+
+def recording(block: StateBlock | None, value: np.ndarray, interval: float, seed: int = 0) -> Dataset:
+    """Poses of a motion with a constant acceleration or torque."""
+    scenario = Scenario(
+        kind="pose",
+        principal_moments=(1.0, 0.8, 0.55),
+        rate_rpm=tuple(np.multiply(RICH_RPM, 0.4 / interval)),
+        epochs=60,
+        interval=interval,
+        position_std=0.001,
+        rotation_std=0.003,
+        noise=ProcessNoise(1e-8, 1e-8),
+        seed=seed,
+    )
+    full, generator = StateLayout(FULL_BLOCKS), np.random.default_rng(seed)
+    layout = full if block is None else full.joined(block)
+    start = np.zeros(layout.mean_dim)
+    start[: full.mean_dim] = first_state(scenario, full)
+    if block is not None:
+        start[layout.mean_slice(block.name)] = value
+    time = interval * np.arange(scenario.epochs)
+    states = simulate_motion(TorqueFreeProcess(layout, scenario.noise), start, time, generator)
+    return measured(scenario, Motion(full, time, states[:, : full.mean_dim]), generator)
+
+
+def compared(dataset: Dataset, settings: Settings = SMOOTHER) -> Comparison:
+    """In memory."""
+    return compare_estimators(prepare(dataset, settings), settings, lambda *_: None)
+
+
+def test_a_throw_finds_gravity_by_itself() -> None:
+    (evaluation,) = compared(recording(ACCELERATION, GRAVITY, 0.02)).evaluations
+    found = evaluation.constants[ACCELERATION.name]
+    assert np.linalg.norm(found.value) == pytest.approx(9.81, rel=0.03)
+    assert np.abs((found.value - GRAVITY) / found.std).max() < 4
+    assert evaluation.history.status.verdict == "ok", evaluation.history.status.reasons
+
+
+def test_a_free_flight_gets_no_acceleration_and_no_doubt() -> None:
+    (evaluation,) = compared(recording(None, np.zeros(3), 0.4)).evaluations
+    assert ACCELERATION.name not in evaluation.history.layout.blocks
+    assert evaluation.history.status.verdict == "ok", evaluation.history.status.reasons
+
+
+def test_gravity_that_is_switched_off_is_not_in_the_state() -> None:
+    settings = replace(SMOOTHER, process=replace(SMOOTHER.process, gravity=False))
+    assert (
+        ACCELERATION.name
+        not in prepare(recording(ACCELERATION, GRAVITY, 0.02), settings).process.layout.blocks
+    )
+
+
+def test_gravity_is_true_false_or_auto() -> None:
+    with pytest.raises(InputError, match=r"process\.gravity is"):
+        Settings(process={"gravity": "down"})  # pyright: ignore[reportArgumentType]
+
+
+def test_a_constant_torque_is_named_with_its_cure_and_its_refit_is_right() -> None:
+    torque = np.array([2e-3, -3e-3, 2e-3])
+    comparison = compared(recording(TORQUE, torque, 0.4))
+    (evaluation,) = comparison.evaluations
+    status = evaluation.history.status
+    assert status.verdict == "degraded"
+    (reason,) = (each for each in status.reasons if "residuals show" in each)
+    assert "a constant body torque" in reason
+    assert "process.body_torque = true" in reason
+    _, refits = explanations(comparison, SMOOTHER)
+    (refit,) = (each for each in refits if each.alternative.name == "torque")
+    assert refit.evaluation is not None
+    assert refit.evaluation.history.status.verdict == "ok", refit.evaluation.history.status.reasons
+    found = refit.evaluation.constants[TORQUE.name]
+    assert np.abs((found.value - torque) / found.std).max() < 4
+    assert refit.document["status"] == "ok"
+    assert "body torque (" in refit.sentence
+
+
+def toss(path: Path) -> Dataset:
+    """The flight of a tossed cube: epochs before the acceleration leaves that of gravity."""
+    rows = np.loadtxt(path, delimiter=",", skiprows=1)
+    vertical = np.gradient(rows[:, 10], rows[:, 0])
+    touched = np.flatnonzero(np.abs(vertical + 9.81) > 3)
+    count = int(touched[touched > 2][0]) - 1
+    values = np.concatenate([rows[:, 1:4], rows[:, [5, 6, 7, 4]]], axis=1)[:count]
+    return Dataset(kind="pose", log=MeasurementLog((MeasurementStream("pose", rows[:count, 0], values),)))
+
+
+@pytest.mark.parametrize("number", ["070", "262"])
+def test_a_cube_tossed_before_motion_capture_falls_with_gravity(
+    shared_data: Callable[[str], Path], number: str
+) -> None:
+    settings = Settings(estimators=("smoother",), initialisation={"centre_std": 0.005})  # pyright: ignore[reportArgumentType]
+    dataset = toss(shared_data("contactnets_cube_tosses") / f"toss_{number}.csv")
+    (evaluation,) = compared(dataset, settings).evaluations
+    found = evaluation.constants[ACCELERATION.name].value
+    assert np.linalg.norm(found) == pytest.approx(9.81, rel=0.03)
+    assert evaluation.history.status.verdict == "degraded"
+    assert any("moments of inertia are not determined" in each for each in evaluation.history.status.reasons)
