@@ -1,0 +1,111 @@
+"""Poses from points whose planes in frame g are known: one per scan, motion during the scan left out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from spinfilters.errors import InputError
+from spinfilters.lidar.scan_pose import rotation_matrix
+
+FEWEST: Final = 12
+"""Points of a scan that a pose is found from, at least: twice its unknowns."""
+SETTLED: Final = 1e-9
+"""Step, rad and radii of the body, below which a pose is found."""
+_MOST_STEPS, _SPREAD, _SEARCHED = 30, 60, 200
+_GOOD = 3.0  # ratio to the best residual found so far above which a pose is searched again
+_RIDGE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class PlanePoints:
+    """Points of one scan, frame L, m, and the planes n.p = d of frame g that they lie on."""
+
+    points: Float[np.ndarray, "n 3"]
+    normals: Float[np.ndarray, "n 3"]
+    offsets: Float[np.ndarray, " n"]
+
+    def thinned(self, most: int) -> "PlanePoints":
+        """At most so many of them, evenly."""
+        rows = np.linspace(0, len(self.points) - 1, min(most, len(self.points))).astype(int)
+        return PlanePoints(self.points[rows], self.normals[rows], self.offsets[rows])
+
+
+@dataclass(frozen=True, eq=False)
+class PlanePose:
+    """R_Lg and the origin of g in L, m, with the root-mean-square distance of the points from their planes, m."""
+
+    rotation: Float[np.ndarray, "3 3"]
+    translation: Float[np.ndarray, "3"]
+    residual_std: float
+
+
+def plane_poses(scans: Sequence[PlanePoints]) -> list[PlanePose | None]:
+    """A pose of every scan, from that of the one before or from many attitudes; None of one with too few points.
+
+    Raises
+    ------
+    InputError: no scan determines its pose.
+    """
+    poses: list[PlanePose | None] = []
+    last: PlanePose | None = None
+    smallest = np.inf
+    for scan in scans:
+        if len(scan.points) < FEWEST:
+            poses.append(None)
+            continue
+        found = None if last is None else _settled(scan, last.rotation, last.translation)
+        if found is None or found.residual_std > _GOOD * smallest:
+            found = min(
+                (p for p in (found, _searched(scan)) if p), key=lambda p: p.residual_std, default=None
+            )
+        poses.append(found)
+        if found is not None:
+            last, smallest = found, min(smallest, found.residual_std)
+    if last is None:
+        raise InputError(
+            f"no scan of {len(scans)} determines a pose; give scans with {FEWEST} points on three planes or more"
+        )
+    return poses
+
+
+def _searched(scan: PlanePoints) -> PlanePose | None:
+    """The best of many attitudes, evenly spread, in which every plane faces the lidar."""
+    few, middle = scan.thinned(_SEARCHED), scan.points.mean(axis=0)
+    starts = Rotation.random(_SPREAD, rng=np.random.default_rng(0)).as_matrix()
+    centre = few.normals * few.offsets[:, None]
+    found = [_settled(few, R, middle - R @ centre.mean(axis=0)) for R in starts]
+    best = min((p for p in found if p is not None), key=lambda p: p.residual_std, default=None)
+    return None if best is None else _settled(scan, best.rotation, best.translation)
+
+
+def _settled(scan: PlanePoints, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]) -> PlanePose | None:
+    """Gauss-Newton of point-to-plane distances; None where planes would face away from the lidar or it does not settle."""
+    size = float(np.abs(scan.offsets).max()) or 1.0
+    for _ in range(_MOST_STEPS):
+        n, residual = _residuals(scan, R, t)
+        J = np.concatenate([np.cross(n, scan.points - t), -n], axis=1)
+        J[:, 3:] *= size
+        H = J.T @ J
+        step = np.linalg.solve(H + _RIDGE * np.trace(H) * np.eye(6), -J.T @ residual)
+        step *= min(1.0, 0.5 / max(float(np.abs(step).max()), 1e-300))
+        R, t = rotation_matrix(step[:3]) @ R, t + size * step[3:]
+        if np.abs(step).max() < SETTLED:
+            break
+    else:
+        return None
+    n, residual = _residuals(scan, R, t)
+    if not np.isfinite(residual).all() or np.mean(np.einsum("ni,ni->n", n, scan.points) < 0) < 0.9:
+        return None
+    return PlanePose(R, t, float(np.sqrt(np.mean(residual**2))))
+
+
+def _residuals(
+    scan: PlanePoints, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]:
+    """Normals in L and distances n.(p - t) - d, m."""
+    n = scan.normals @ R.T
+    return n, np.einsum("ni,ni->n", n, scan.points - t) - scan.offsets
