@@ -16,8 +16,10 @@ FEWEST: Final = 12
 SETTLED: Final = 1e-9
 """Step, rad and radii of the body, below which a pose is found."""
 _MOST_STEPS, _SPREAD, _SEARCHED = 30, 60, 200
-_GOOD = 3.0  # ratio to the best residual found so far above which a pose is searched again
+_GOOD = 2.0  # ratio to the best residual found so far above which a pose is searched again
 _RIDGE = 1e-9
+DETERMINED: Final = 1e-5
+"""Smallest over largest information of an attitude, or of a place, below which planes leave a direction open."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,39 +54,49 @@ def plane_poses(scans: Sequence[PlanePoints]) -> list[PlanePose | None]:
     """
     poses: list[PlanePose | None] = []
     last: PlanePose | None = None
-    smallest = np.inf
+    good = 0.0
     for scan in scans:
-        if len(scan.points) < FEWEST:
-            poses.append(None)
-            continue
-        found = None if last is None else _settled(scan, last.rotation, last.translation)
-        if found is None or found.residual_std > _GOOD * smallest:
-            found = min(
-                (p for p in (found, _searched(scan)) if p), key=lambda p: p.residual_std, default=None
-            )
+        found = None
+        if len(scan.points) >= FEWEST:
+            found = None if last is None else _settled(scan, last.rotation, last.translation)
+            if found is None or found.residual_std > good:
+                found = _searched(scan, good, None if last is None else last.translation)
         poses.append(found)
         if found is not None:
-            last, smallest = found, min(smallest, found.residual_std)
+            last = found
+            good = min(good or np.inf, _GOOD * found.residual_std)
     if last is None:
         raise InputError(
-            f"no scan of {len(scans)} determines a pose; give scans with {FEWEST} points on three planes or more"
+            f"no scan of {len(scans)} determines a pose; give scans with {FEWEST} points on two planes or more"
         )
     return poses
 
 
-def _searched(scan: PlanePoints) -> PlanePose | None:
-    """The best of many attitudes, evenly spread, in which every plane faces the lidar."""
+def _searched(scan: PlanePoints, good: float, place: Float[np.ndarray, "3"] | None) -> PlanePose | None:
+    """The best of many attitudes in which the planes face the lidar, or the first with residuals below ``good`` m.
+
+    Parameters
+    ----------
+    place: of the origin of g before, m: kept where two planes leave it open along their edge.
+    """
     few, middle = scan.thinned(_SEARCHED), scan.points.mean(axis=0)
-    starts = Rotation.random(_SPREAD, rng=np.random.default_rng(0)).as_matrix()
-    centre = few.normals * few.offsets[:, None]
-    found = [_settled(few, R, middle - R @ centre.mean(axis=0)) for R in starts]
-    best = min((p for p in found if p is not None), key=lambda p: p.residual_std, default=None)
+    centre = (few.normals * few.offsets[:, None]).mean(axis=0)
+    best: PlanePose | None = None
+    for R in Rotation.random(_SPREAD, rng=np.random.default_rng(0)).as_matrix():
+        found = _settled(few, R, middle - R @ centre if place is None else place)
+        if found is not None and (best is None or found.residual_std < best.residual_std):
+            best = found
+            if best.residual_std < good:
+                break
     return None if best is None else _settled(scan, best.rotation, best.translation)
 
 
 def _settled(scan: PlanePoints, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]) -> PlanePose | None:
-    """Gauss-Newton of point-to-plane distances; None where planes would face away from the lidar or it does not settle."""
-    size = float(np.abs(scan.offsets).max()) or 1.0
+    """Gauss-Newton of point-to-plane distances.
+
+    None where planes would face away from the lidar, leave the attitude undetermined, or it does not settle.
+    """
+    size, H = float(np.abs(scan.offsets).max()) or 1.0, np.eye(6)
     for _ in range(_MOST_STEPS):
         n, residual = _residuals(scan, R, t)
         J = np.concatenate([np.cross(n, scan.points - t), -n], axis=1)
@@ -98,7 +110,10 @@ def _settled(scan: PlanePoints, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray
     else:
         return None
     n, residual = _residuals(scan, R, t)
-    if not np.isfinite(residual).all() or np.mean(np.einsum("ni,ni->n", n, scan.points) < 0) < 0.9:
+    values = np.linalg.eigvalsh(H[:3, :3] - H[:3, 3:] @ np.linalg.pinv(H[3:, 3:], DETERMINED) @ H[3:, :3])
+    if not np.isfinite(residual).all() or values[0] < DETERMINED * values[-1]:
+        return None
+    if np.mean(np.einsum("ni,ni->n", n, scan.points) < 0) < 0.9:
         return None
     return PlanePose(R, t, float(np.sqrt(np.mean(residual**2))))
 

@@ -31,8 +31,12 @@ NORMAL_TOLERANCE: Final = 1e-6
 """Largest | |n| - 1 | that is taken as rounding."""
 SCAN_SECONDS: Final = 0.1
 """Duration of a simulated scan."""
-MOST_POINTS: Final = 300
+MOST_POINTS: Final = 200
 """Of a simulated scan."""
+BOX: Final = np.array([0.65, 0.5, 0.4])
+"""Half edges of the simulated body, over the radius of the surface that cameras see."""
+ANGLE_STD: Final = 1e-4
+"""Of a simulated scan's angles, rad."""
 FARTHEST_M: Final = 100.0
 """Largest range of an outlier."""
 
@@ -90,27 +94,25 @@ class LidarPointsSensor(Sensor):
         )
 
     def simulate(self, scene: Scene) -> SimulatedStream:
-        """Facets at the landmarks of the surface that face the lidar, each met by one beam of a scan about every epoch."""
-        model, rows, times = LidarPoint(scene.motion.layout), [], []
-        std = np.array([scene.noise.position_std, 1e-4, 1e-4])
+        """Points on the faces of a box within the surface, `MOST_POINTS` in a scan about every epoch."""
+        model, layout = LidarPoint(scene.motion.layout), scene.motion.layout
+        half = BOX * float(np.linalg.norm(scene.surface.points, axis=1).max())
+        std = np.array([scene.noise.position_std, ANGLE_STD, ANGLE_STD])
+        covariance = np.tile(np.diag(std**2), (MOST_POINTS, 1, 1))
+        delay = np.linspace(-SCAN_SECONDS / 2, SCAN_SECONDS / 2, MOST_POINTS)
+        times, rows = [], []
         for time, x, R in zip(scene.motion.time, scene.motion.states, scene.motion.rotations, strict=True):
-            origin = x[scene.motion.layout.mean_slice("t")]
-            facets = _facing(scene, R, origin)
-            delay = np.linspace(-SCAN_SECONDS / 2, SCAN_SECONDS / 2, len(facets))
-            angles = np.stack(angles_of(scene.surface.points[facets] @ R.T + origin), axis=1)
-            normals = scene.surface.normals[facets]
-            offsets = np.einsum("ni,ni->n", normals, scene.surface.points[facets])
-            planes = np.column_stack([normals, offsets])
-            covariance = np.tile(np.diag(std**2), (len(facets), 1, 1))
-            exact = model.predict(x, lidar_point_parameters(angles, delay, planes, covariance))
+            t, rate = x[layout.mean_slice("t")], R @ x[layout.mean_slice("w")]
+            points, planes = _box_points(half, -R.T @ t, scene.generator)
+            arm = points @ R.T
+            angles = np.stack(angles_of(t + arm + delay[:, None] * np.cross(rate, arm)), axis=1)
+            parameters = lidar_point_parameters(angles, delay, planes, covariance)
+            exact = model.predict(x, parameters)
+            met = model.linearise(x, parameters, exact).valid
             measured = np.column_stack([exact, angles])
             measured = measured + std * scene.generator.standard_normal(measured.shape)
-            rows.append(np.column_stack([measured, delay, planes]))
-            times.append(np.full(len(facets), time))
-        if not sum(map(len, rows)):
-            raise InputError(
-                "no point is ever visible; move the body into the lidar's view (range_m, velocity)"
-            )
+            rows.append(np.column_stack([measured, delay, planes])[met])
+            times.append(np.full(int(met.sum()), time))
         stream = MeasurementStream(self.name, np.concatenate(times), np.concatenate(rows))
         return SimulatedStream(stream, {"lidar_range_std": float(std[0]), "lidar_angle_std": float(std[1])})
 
@@ -124,12 +126,24 @@ class LidarPointsSensor(Sensor):
         return np.column_stack([ranges, angles, np.zeros(count), normals, generator.uniform(0, 1, count)])
 
 
-def _facing(scene: Scene, R: Float[np.ndarray, "3 3"], origin: Float[np.ndarray, "3"]) -> np.ndarray:
-    """Landmarks of which the facet faces the lidar, `MOST_POINTS` of them."""
-    points, normals = scene.surface.points @ R.T + origin, scene.surface.normals @ R.T
-    towards = -np.einsum("ni,ni->n", points, normals) / np.linalg.norm(points, axis=1)
-    rows = np.flatnonzero(towards > scene.front_end.facing_cosine)
-    return np.sort(scene.generator.choice(rows, min(MOST_POINTS, len(rows)), replace=False))
+def _box_points(
+    half: Float[np.ndarray, "3"], lidar: Float[np.ndarray, "3"], generator: np.random.Generator
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 4"]]:
+    """Points on the faces of a box (half edges, m, about the origin of g) that the lidar's place in g sees, and their planes.
+
+    Raises
+    ------
+    InputError: a lidar within the box.
+    """
+    seen = np.flatnonzero(np.abs(lidar) > half)
+    if not seen.size:
+        raise InputError("the lidar is within the body; move it away (range_m)")
+    area = np.prod(half) / half[seen] * (np.abs(lidar[seen]) - half[seen])  # as it appears from there
+    axis = generator.choice(seen, MOST_POINTS, p=area / area.sum())
+    every, side = np.arange(MOST_POINTS), np.sign(lidar[axis])
+    points, planes = generator.uniform(-half, half, (MOST_POINTS, 3)), np.zeros((MOST_POINTS, 4))
+    points[every, axis], planes[every, axis], planes[:, 3] = side * half[axis], side, half[axis]
+    return points, planes
 
 
 def _require_normals(stream: MeasurementStream) -> None:

@@ -6,7 +6,6 @@ import numpy as np
 
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.data.noise_levels import SensorNoise
-from spinfilters.data.sensor_format import SensorFormat
 from spinfilters.models.sensors.pose import LidarPose
 from spinfilters.sensors.pose import PoseSensor, pose_format
 from spinfilters.sensors.sensor import CameraView, MotionSamples
@@ -19,7 +18,7 @@ class LidarPosesSensor(PoseSensor):
     """A `PoseSensor` of scans, of which some do not determine the whole pose."""
 
     name = "lidar-poses"
-    format: SensorFormat = pose_format(name, "lidar_poses.tum", "lidar")
+    format = pose_format(name, "lidar_poses.tum", "lidar")
     model = LidarPose
     analysis = None
 

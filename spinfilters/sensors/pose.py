@@ -11,7 +11,7 @@ from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.data.noise_levels import SensorNoise
 from spinfilters.data.number_range import NumberRange
 from spinfilters.data.pose_files import read_tum, write_tum
-from spinfilters.data.sensor_format import NoiseOption, SensorFormat
+from spinfilters.data.sensor_format import NoiseOption, SensorFormat, sensor_format
 from spinfilters.models.sensors.pose import Pose, pose_parameters
 from spinfilters.sensors.scene import Scene, SimulatedStream
 from spinfilters.sensors.sensor import (
@@ -115,7 +115,7 @@ class PoseSensor(Sensor):
     @property
     def _options(self) -> tuple[str, ...]:
         """Noise of the positions and of the attitudes."""
-        return tuple(option.name for option in self.format.noise)
+        return tuple(option.name for option in sensor_format(self.name).noise)
 
 
 SENSOR = PoseSensor()

@@ -33,7 +33,7 @@ class BatchSmoother:
 
     def smooth(self, timeline: Timeline, initial: InitialEstimate, on_epoch: OnEpoch) -> EstimateHistory:
         """From where the filter of first order passes, which goes on from the initialisation."""
-        own = replace(self.setup, timeline=timeline, start=initial)
+        own = replace(self.setup, timeline=timeline, initial=initial)
         return smooth_at_once(own, self.settings, on_epoch)
 
 
