@@ -10,10 +10,13 @@ import argparse
 from dataclasses import replace
 from time import process_time
 
+import numpy as np
+
 from spinfilters.api.recordings import simulate
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.data.sensor_format import sensor_format
+from spinfilters.evaluation.errors import TruthErrors, root_mean_square
 from spinfilters.pipeline.estimation import compare_estimators
 from spinfilters.pipeline.setup import prepare
 from spinfilters.settings.run_settings import Settings
@@ -59,19 +62,30 @@ def estimate(dataset: Dataset, estimator: str) -> None:
     settings, begin = Settings(estimators=(estimator,)), process_time()
     (found,) = compare_estimators(prepare(dataset, settings), settings, lambda *_: None).evaluations
     seconds = process_time() - begin
-    errors = None if found.errors is None else found.errors.within(*COMPARED)
+    rms = [] if found.errors is None else rms_of(found.errors)
     nees = None if found.nees is None else found.nees.within(*COMPARED)
-    words = (
-        "no errors"
-        if errors is None
-        else ", ".join(f"{k} {v:.5f}" for k, v in vars(errors.rms).items() if v is not None)
-    )
     told = "" if nees is None else f", NEES per dof {nees.mean:.2f}"
     print(
         f"seed {dataset.options.notes['seed']}, {' + '.join(dataset.log.sensors)}: {seconds:.1f} s of one core, "
-        f"{found.history.status.verdict}, RMS (SI) {words}{told}",
+        f"{found.history.status.verdict}, RMS {', '.join(rms)}{told}",
         flush=True,
     )
+
+
+def rms_of(errors: TruthErrors) -> list[str]:
+    """RMS of the errors at whole seconds, where every sensor but the gyro measures, in words."""
+    at = (errors.time >= COMPARED[0]) & (np.abs(errors.time - np.round(errors.time)) < 1e-6)
+    quantities = {
+        "mm": errors.position,
+        "mrad": errors.attitude,
+        "mm/s": errors.velocity,
+        "mrad/s": errors.rate,
+    }
+    return [
+        f"{1e3 * root_mean_square(values[at]):.2f} {unit}"
+        for unit, values in quantities.items()
+        if values is not None
+    ]
 
 
 if __name__ == "__main__":

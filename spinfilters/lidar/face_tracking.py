@@ -34,6 +34,11 @@ class Face:
     normal: Float[np.ndarray, "3"]
     offset: float
 
+    @property
+    def tangents(self) -> Float[np.ndarray, "3 2"]:
+        """Two directions in it."""
+        return np.linalg.svd(self.normal[None])[2][1:].T
+
 
 @dataclass(frozen=True, eq=False)
 class TrackedFaces:
@@ -135,22 +140,34 @@ def normal_equations(
     """
     H, b = np.zeros((6, 6)), np.zeros(6)
     for plane, face in pairs:
-        residual, J = _residual(plane, face, R, t)
+        residual, J = residual_and_jacobian(plane, face, R, t)
         W = np.linalg.inv(plane.covariance + 1e-30 * np.eye(3))
         H += J.T @ W @ J
         b -= J.T @ W @ residual
     return H, b
 
 
-def _residual(
+def residual_and_jacobian(
     plane: FittedPlane, face: Face, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 6"]]:
+    """Residual of a face in a plane's own terms, and its derivative by (rotation in L, translation)."""
     n, arm = R @ face.normal, t - plane.centroid
     residual = np.array([*(plane.tangents.T @ n), face.offset + n @ arm])
     J = np.zeros((3, 6))
     J[:2, :3] = -plane.tangents.T @ skew(n)
     J[2, :3], J[2, 3:] = np.cross(n, arm), n
     return residual, J
+
+
+def face_jacobian(
+    plane: FittedPlane, face: Face, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "3 3"]:
+    """Derivative of that residual by the face: two tangent components of its normal, and its offset."""
+    RT = R @ face.tangents
+    J = np.zeros((3, 3))
+    J[:2, :2], J[2, :2] = plane.tangents.T @ RT, (t - plane.centroid) @ RT
+    J[2, 2] = 1.0
+    return J
 
 
 def _adjusted(
@@ -224,20 +241,16 @@ def _refitted(
     planes: Sequence[Sequence[FittedPlane]],
 ) -> Face:
     """A face from every scan that sees it: three numbers, linear about the present ones."""
-    T = np.linalg.svd(face.normal[None])[2][1:].T
     H, b = 1e-12 * np.eye(3), np.zeros(3)
     for pose, match, seen in zip(poses, matches, planes, strict=True):
         for plane, k in zip(seen, match, strict=True):
             if k != number:
                 continue
-            residual, _ = _residual(plane, face, pose.rotation, pose.translation)
-            RT = pose.rotation @ T
-            J = np.zeros((3, 3))
-            J[:2, :2], J[2, :2] = plane.tangents.T @ RT, (pose.translation - plane.centroid) @ RT
-            J[2, 2] = 1.0
+            residual, _ = residual_and_jacobian(plane, face, pose.rotation, pose.translation)
+            J = face_jacobian(plane, face, pose.rotation, pose.translation)
             W = np.linalg.inv(plane.covariance + 1e-30 * np.eye(3))
             H += J.T @ W @ J
             b -= J.T @ W @ residual
     step = np.linalg.solve(H, b)
-    normal = face.normal + T @ step[:2]
+    normal = face.normal + face.tangents @ step[:2]
     return Face(normal / np.linalg.norm(normal), face.offset + float(step[2]))
