@@ -9,7 +9,6 @@ from jaxtyping import Float
 
 from spinfilters.errors import InputError
 from spinfilters.lidar.face_tracking import track_faces
-from spinfilters.lidar.map_errors import poses_with_map_errors
 from spinfilters.lidar.planes import FEWEST, FittedPlane, extract_planes
 from spinfilters.lidar.point_noise import PointNoise, identified_noise
 from spinfilters.lidar.registration import RegistrationEngine
@@ -114,8 +113,7 @@ def _poses(
     middle = clouds[0].mean(axis=0)
     if planes is None:
         return match_scans(times, clouds, middle, engine)
-    size = _extent(clouds[0])
-    return list(poses_with_map_errors(track_faces(times, planes, middle, size), planes, size))
+    return list(track_faces(times, planes, middle, _extent(clouds[0])).poses)
 
 
 def _extent(points: Float[np.ndarray, "n 3"]) -> float:
