@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from spinfilters.lidar.face_map import Face, TrackedFaces, face_jacobian, residual_and_jacobian
 from spinfilters.lidar.planes import FittedPlane
-from spinfilters.lidar.scan_pose import ROTATION_PRIOR, ScanPose, body_side, rotation_matrix, skew
+from spinfilters.lidar.scan_pose import ROTATION_PRIOR, body_side, rotation_matrix, skew
 
 FEWEST_FOR_DRIFT: Final = 6
 """Scans from which a uniform drift of the centre of rotation is fitted."""
@@ -78,24 +78,27 @@ def adjusted_faces(
     return tracked
 
 
-def poses_with_map_errors(
+def with_map_errors(
     tracked: TrackedFaces, planes: Sequence[Sequence[FittedPlane]], size: float
-) -> tuple[ScanPose, ...]:
-    """The poses with the errors of the faces in their covariance; parameters of `adjusted_faces`."""
+) -> TrackedFaces:
+    """With the covariance of the faces, and its share in that of the poses; parameters of `adjusted_faces`."""
     drift, count = _drift(tracked, size), 3 * len(tracked.faces)
     blocks = [_blocks(tracked, drift, k, seen, size) for k, seen in enumerate(planes)]
     free = _free(tracked, size)
     M = (free @ np.linalg.solve(free.T @ _marginal(blocks)[0] @ free, free.T))[:count, :count]
+    own = _without_shift(tracked)
+    M = own @ M @ own.T
     loose = replace(drift, scatter=np.inf)
     alone = [_blocks(tracked, loose, k, seen, size) for k, seen in enumerate(planes)]
     arms = [
         body_side(-np.linalg.solve(each.own, each.cross[:, :count]), pose.rotation)
         for each, pose in zip(alone, tracked.poses, strict=True)
     ]
-    return tuple(
+    poses = tuple(
         replace(pose, covariance=pose.covariance + A @ M @ A.T)
         for pose, A in zip(tracked.poses, arms, strict=True)
     )
+    return replace(tracked, poses=poses, covariance=M)
 
 
 def _drift(tracked: TrackedFaces, size: float) -> _Drift:
@@ -162,6 +165,12 @@ def _free(tracked: TrackedFaces, size: float) -> Float[np.ndarray, "m f"]:
     gauge = np.concatenate([*map(_freedom, tracked.faces), np.zeros((6, 6))])[:, : 3 if drifts else 6]
     scale = np.concatenate([np.tile([1.0, 1.0, size], len(tracked.faces)), np.full(6, size)])
     return np.linalg.svd(gauge / scale[:, None])[0][:, gauge.shape[1] :] * scale[:, None]
+
+
+def _without_shift(tracked: TrackedFaces) -> Float[np.ndarray, "f f"]:
+    """Errors of the faces without a common shift: where the origin of g lies is a definition, and no error of a pose in that g."""
+    G = np.concatenate([_freedom(face)[:, 3:] for face in tracked.faces])
+    return np.eye(len(G)) - G @ np.linalg.pinv(G)
 
 
 def _freedom(face: Face) -> Float[np.ndarray, "3 6"]:

@@ -1,7 +1,7 @@
 """Plane faces of a body in frame g, the poses of scans that see them, and what a fitted plane says of both."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -30,11 +30,14 @@ class TrackedFaces:
     Attributes
     ----------
     matches: for every scan, the face of each of its planes.
+    covariance: (3 F, 3 F) of the faces: two tangent components of the normal (`Face.tangents`) and the offset, m; zero before it
+        is known.
     """
 
     poses: tuple[ScanPose, ...]
     faces: tuple[Face, ...]
     matches: tuple[tuple[int, ...], ...]
+    covariance: Float[np.ndarray, "f f"] = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 def normal_equations(

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
-from spinfilters.lidar.face_adjustment import adjusted_faces, poses_with_map_errors
+from spinfilters.lidar.face_adjustment import FEWEST_FOR_DRIFT, adjusted_faces, with_map_errors
 from spinfilters.lidar.face_map import (
     Face,
     TrackedFaces,
@@ -30,8 +30,6 @@ WIDEST_MATCH: Final = np.deg2rad(40.0)
 _STEPS, _SWEEPS = 4, 2
 _HUGE = 1e6
 _RIDGE = 1e-9
-FEWEST_FOR_DRIFT: Final = 6
-"""Scans from which the drift of the centre of rotation is fitted."""
 
 
 def track_faces(
@@ -131,8 +129,7 @@ def _adjusted(
         _posed(pose, list(tracked.faces), m, seen, size)
         for pose, m, seen in zip(tracked.poses, matches, planes, strict=True)
     ]
-    own = replace(tracked, poses=tuple(poses))
-    return replace(own, poses=poses_with_map_errors(own, planes, size))
+    return with_map_errors(replace(tracked, poses=tuple(poses)), planes, size)
 
 
 def _drifting(

@@ -1,5 +1,6 @@
 """Planes of a scan: found by random sampling, fitted with the noise of the points, with covariance."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -133,23 +134,36 @@ def _separated(
 ) -> list[FittedPlane]:
     """Planes fitted again to the points that are clearly theirs and not at their border."""
     for _ in range(2):
-        if not planes:
-            return []
-        off = np.stack([np.abs(p.distances(points)) / noise.across(points, p.normal) for p in planes], axis=1)
-        own = off.argmin(axis=1)
-        ordered = np.sort(off, axis=1)
-        clear = ordered[:, 0] < GATE
-        if len(planes) > 1:
-            clear &= ordered[:, 1] > CLEAR
-        kept = []
-        for k, plane in enumerate(planes):
-            rows = np.flatnonzero(clear & (own == k))
-            inner = rows[_inside(angles[rows], noise)] if len(rows) >= FEWEST else rows
-            rows = inner if len(inner) >= FEWEST else rows
-            if len(rows) >= FEWEST and _is_wide(points[rows], plane, noise):
-                kept.append(fitted_plane(points[rows], noise, plane.normal))
-        planes = kept
+        rows = rows_of_planes(points, angles, planes, noise)
+        planes = [
+            fitted_plane(points[own], noise, plane.normal)
+            for plane, own in zip(planes, rows, strict=True)
+            if len(own) >= FEWEST and _is_wide(points[own], plane, noise)
+        ]
     return sorted(planes, key=lambda plane: -plane.count)
+
+
+def rows_of_planes(
+    points: Float[np.ndarray, "n 3"],
+    angles: Float[np.ndarray, "n 2"],
+    planes: Sequence[FittedPlane],
+    noise: PointNoise,
+) -> list[Int[np.ndarray, " k"]]:
+    """Points that are clearly those of each plane, and where there are enough not at its border."""
+    if not planes:
+        return []
+    off = np.stack([np.abs(p.distances(points)) / noise.across(points, p.normal) for p in planes], axis=1)
+    own = off.argmin(axis=1)
+    ordered = np.sort(off, axis=1)
+    clear = ordered[:, 0] < GATE
+    if len(planes) > 1:
+        clear &= ordered[:, 1] > CLEAR
+    found = []
+    for k in range(len(planes)):
+        rows = np.flatnonzero(clear & (own == k))
+        inner = rows[_inside(angles[rows], noise)] if len(rows) >= FEWEST else rows
+        found.append(inner if len(inner) >= FEWEST else rows)
+    return found
 
 
 def _is_wide(points: Float[np.ndarray, "n 3"], plane: FittedPlane, noise: PointNoise) -> bool:
