@@ -25,6 +25,10 @@ LARGE: Final = 25.0
 """Squared length of a plane's residual, in standard deviations, at which its weight is halved (Cauchy)."""
 STRICTEST: Final = 1e-7
 """Scatter about the uniform drift, in sizes of the body, below which it is taken as exact."""
+SAME_ANGLE: Final = np.deg2rad(3.0)
+"""Between the normals of two faces that are one, at most."""
+SAME_OFFSET: Final = 0.02
+"""Between their offsets, in sizes of the body, at most."""
 _STEPS = 8
 
 
@@ -78,6 +82,21 @@ def adjusted_faces(
     return tracked
 
 
+def merged_faces(tracked: TrackedFaces, size: float) -> TrackedFaces:
+    """Faces that coincide and that no scan sees side by side are one: it was taken for a new one when it came back."""
+    first, faces = list(range(len(tracked.faces))), tracked.faces
+    for j, face in enumerate(faces):
+        for i in (k for k in range(j) if first[k] == k):
+            beside = any({i, j} <= {first[k] for k in match} | set(match) for match in tracked.matches)
+            near = abs(faces[i].offset - face.offset) < SAME_OFFSET * size
+            if near and not beside and faces[i].normal @ face.normal > np.cos(SAME_ANGLE):
+                first[j] = i
+                break
+    kept = sorted(set(first))
+    matches = tuple(tuple(kept.index(first[k]) for k in match) for match in tracked.matches)
+    return replace(tracked, faces=tuple(faces[k] for k in kept), matches=matches)
+
+
 def with_map_errors(
     tracked: TrackedFaces, planes: Sequence[Sequence[FittedPlane]], size: float
 ) -> TrackedFaces:
@@ -94,11 +113,12 @@ def with_map_errors(
         body_side(-np.linalg.solve(each.own, each.cross[:, :count]), pose.rotation)
         for each, pose in zip(alone, tracked.poses, strict=True)
     ]
+    common = tuple(A @ M @ A.T for A in arms)
     poses = tuple(
-        replace(pose, covariance=pose.covariance + A @ M @ A.T)
-        for pose, A in zip(tracked.poses, arms, strict=True)
+        replace(pose, covariance=pose.covariance + more)
+        for pose, more in zip(tracked.poses, common, strict=True)
     )
-    return replace(tracked, poses=poses, covariance=M)
+    return replace(tracked, poses=poses, covariance=M, common=common)
 
 
 def _drift(tracked: TrackedFaces, size: float) -> _Drift:

@@ -31,13 +31,14 @@ class TrackedFaces:
     ----------
     matches: for every scan, the face of each of its planes.
     covariance: (3 F, 3 F) of the faces: two tangent components of the normal (`Face.tangents`) and the offset, m; zero before it
-        is known.
+        is known.   common: what it adds to the covariance of every pose.
     """
 
     poses: tuple[ScanPose, ...]
     faces: tuple[Face, ...]
     matches: tuple[tuple[int, ...], ...]
     covariance: Float[np.ndarray, "f f"] = field(default_factory=lambda: np.zeros((0, 0)))
+    common: tuple[Float[np.ndarray, "6 6"], ...] = ()
 
 
 def normal_equations(

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
-from spinfilters.lidar.face_adjustment import FEWEST_FOR_DRIFT, adjusted_faces, with_map_errors
+from spinfilters.lidar.face_adjustment import FEWEST_FOR_DRIFT, adjusted_faces, merged_faces, with_map_errors
 from spinfilters.lidar.face_map import (
     Face,
     TrackedFaces,
@@ -125,9 +125,12 @@ def _adjusted(
             _posed(pose, faces, m, seen, size) for pose, m, seen in zip(poses, matches, planes, strict=True)
         ]
     tracked = adjusted_faces(TrackedFaces(tuple(poses), tuple(faces), tuple(matches)), planes, size)
+    merged = merged_faces(tracked, size)
+    if len(merged.faces) < len(tracked.faces):
+        tracked = adjusted_faces(merged, planes, size)
     poses = [
         _posed(pose, list(tracked.faces), m, seen, size)
-        for pose, m, seen in zip(tracked.poses, matches, planes, strict=True)
+        for pose, m, seen in zip(tracked.poses, tracked.matches, planes, strict=True)
     ]
     return with_map_errors(replace(tracked, poses=tuple(poses)), planes, size)
 

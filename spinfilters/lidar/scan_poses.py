@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.errors import InputError
+from spinfilters.lidar.edge_model import with_edges
 from spinfilters.lidar.face_map import TrackedFaces
 from spinfilters.lidar.face_tracking import track_faces
 from spinfilters.lidar.planes import FEWEST, FittedPlane, extract_planes
@@ -89,6 +90,8 @@ def scan_poses(
         clouds = [_deskewed(scan, poses, k) for k, scan in enumerate(usable)]
         planes = _planes(clouds, noise, seed) if by_faces else None
         poses, faces = _poses(times, clouds, planes, engine)
+    if faces is not None:
+        poses = _with_edges(faces, clouds, noise)
     blind = [k for k, pose in enumerate(poses) if pose.undetermined]
     if blind:
         remarks.append(
@@ -127,6 +130,16 @@ def _poses(
         return match_scans(times, clouds, middle, engine), None
     faces = track_faces(times, planes, middle, _extent(clouds[0]))
     return faces.poses, faces
+
+
+def _with_edges(
+    faces: TrackedFaces, clouds: Sequence[Float[np.ndarray, "n 3"]], noise: PointNoise
+) -> list[ScanPose]:
+    size = _extent(clouds[0])
+    return [
+        with_edges(pose, points, faces.faces, noise, size, common)
+        for pose, points, common in zip(faces.poses, clouds, faces.common, strict=True)
+    ]
 
 
 def _extent(points: Float[np.ndarray, "n 3"]) -> float:
