@@ -36,7 +36,7 @@ def with_edges(
     size: float,
     common: Float[np.ndarray, "6 6"],
 ) -> ScanPose:
-    """The pose from all points within the outline, or the given one where beams do not jitter, the body is not convex, or nothing is won.
+    """The pose from all points within the outline, or the given one: beams do not jitter, the body is not convex, nothing is won.
 
     Parameters
     ----------
