@@ -1,6 +1,6 @@
 """Attitude from scans with sensor noise and no prior of the shape: the thesis' two sequences, and full turns at 30 m.
 
-python -m experiments.lidar_attitude [--seeds 10] [--rays 551]
+python -m experiments.lidar_attitude [--seeds 10] [--turn-seeds 20] [--rays 551] [--places 0 1 2 3]
 """
 
 import argparse
@@ -30,10 +30,13 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--turn-seeds", type=int, default=20)
     parser.add_argument("--rays", type=int, default=551)
+    parser.add_argument(
+        "--places", type=int, nargs="*", default=range(len(PLACES)), help="numbers of the places"
+    )
     options = parser.parse_args()
     exact = [transitions(500.0, 0.24, k, 0, options.rays, LidarNoise()) for k in (0, 1)]
     print(f"without noise at 500 m: worst transition {max(exact):.1e} deg", flush=True)
-    for distance, field, asked in PLACES:
+    for distance, field, asked in (PLACES[k] for k in options.places):
         worst = [
             transitions(distance, field, k, seed, options.rays, rvs_noise())
             for k in (0, 1)
@@ -44,6 +47,8 @@ def main() -> None:
             f"median of worst {np.median(worst):.4f} (asked {asked})",
             flush=True,
         )
+    if not options.turn_seeds:
+        return
     turns = np.array([full_turn(seed) for seed in range(options.turn_seeds)])
     print(
         f"full turns at 30 m, {len(turns)} seeds: largest attitude error {turns[:, 0].max():.4f} deg (asked 0.2), "

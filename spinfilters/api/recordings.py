@@ -1,7 +1,7 @@
 """Data sets: read from files, or simulated."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -75,18 +75,21 @@ def simulate(
     known_map: bool = False,
     gyro_bias: Sequence[float] | None = None,
     inspector: str = STATIC,
+    beside: Mapping[str, float] | None = None,
     progress: Progress = silent,
 ) -> Dataset:
     """Simulated data set with truth, as ``spinfilters simulate`` writes it: of the thesis' body, camera, noise and disturbances.
 
     Parameters
     ----------
-    kind: "stereo-tracks", "mono-tracks", "pose", "attitude", "gyro" or that of an installed sensor.   seed: of everything random.
+    kind: "stereo-tracks", "mono-tracks", "pose", "attitude", "gyro", "lidar-points", "lidar-poses" or that of an installed sensor.
+    seed: of everything random.
     frames: number of epochs, at least 2.   interval: between them, s.
     rate_rpm: (3,) initial rate about the principal axes x, y, z, rpm.   moments: (3,) principal moments about them, any scale.
     known_map: whether the data set tells the landmarks' positions; of tracks only.
     gyro_bias: (3,) constant error of a gyro's rates, g axes, rad/s; of that kind only.
     inspector: "static", or "circle" of a camera that flies about the body on a known trajectory; of tracks only.
+    beside: intervals, s, of other kinds of sensors that see the same motion.
     progress: called after every epoch of the motion with how many are done, and of how many.
 
     Raises
@@ -103,11 +106,12 @@ def simulate(
             f"give less than {MOST_TURNS}"
         )
     seeing = [name for name, form in dataset_kinds().items() if form.has_landmarks]
-    tracks = kind in seeing
+    kinds = (kind, *(beside or {}))
+    tracks = any(each in seeing for each in kinds)
     if known_map and not tracks:
         raise InputError(f"a known map is for the kinds {' and '.join(seeing)}; a {kind} has no map")
     bias = () if gyro_bias is None else tuple(gyro_bias)
-    if bias and kind != "gyro":
+    if bias and "gyro" not in kinds:
         raise InputError(f"a gyro's bias is for the kind gyro; a {kind} has no gyro")
     if gyro_bias is not None and len(bias) != 3:
         raise InputError(f"gyro_bias is {value_text(bias)}; give three numbers, about the axes x, y, z")
@@ -122,6 +126,7 @@ def simulate(
         principal_moments=inertia,
         candidates=thesis.candidates if tracks else 1,
         inspector=inspector,
+        beside=tuple((beside or {}).items()),
         gyro_bias=(bias[0], bias[1], bias[2]) if bias else thesis.gyro_bias,
     )
     dataset = simulate_scenario(scenario, progress)

@@ -20,6 +20,8 @@ from spinfilters.lidar.scan_errors import LidarNoise, Losses, rvs_noise
 from spinfilters.lidar.scan_files import write_scan
 from spinfilters.lidar.scanner import LidarSettings, Scanner
 from spinfilters.lidar.sequence import (
+    KIND,
+    POINTS_KIND,
     Initial,
     scan_sequence,
     scan_times,
@@ -162,7 +164,8 @@ def _many(options: argparse.Namespace, scene: _Scene, scanner: Scanner, folder: 
     )
     best = max(scans, key=lambda scan: np.count_nonzero(scan.is_return))
     with output_folder(folder, COMMAND) as place:
-        write_sequence(place, scans, truth_of(motion, epochs), described)
+        kind = POINTS_KIND if options.points else KIND
+        write_sequence(place, scans, truth_of(motion, epochs), described, kind)
         save_figure(scan_figure(best, Path(scene.mesh.name).name), place / "scan.png")
     counts = [np.count_nonzero(scan.is_return) for scan in scans]
     return f"{len(scans)} scans of {min(counts)} to {max(counts)} points"

@@ -8,6 +8,7 @@ import numpy as np
 from spinfilters.api.recordings import simulate as simulated
 from spinfilters.cli.console import progress_bars, wide_console
 from spinfilters.data.dataset_writing import write_dataset
+from spinfilters.data.input_file import value_text
 from spinfilters.data.output_folder import output_folder, refuse_foreign
 from spinfilters.errors import InputError
 from spinfilters.evaluation.rates import true_rates
@@ -37,14 +38,15 @@ def simulate(options: argparse.Namespace) -> int:
             known_map=options.known_map,
             gyro_bias=options.gyro_bias,
             inspector=options.inspector,
+            beside=_beside(options),
             progress=lambda done, total: report("motion", done, total),
         )
     assert dataset.truth is not None
     with output_folder(folder, COMMAND) as place:
         write_dataset(dataset, place)
         save_figure(rates_figure([true_rates(dataset.truth)]), place / "truth.png")
-    (stream,) = dataset.log.streams
-    count, epochs = len(stream), len(np.unique(stream.time))
+    stream = dataset.log.streams[0]
+    count, epochs = sum(map(len, dataset.log.streams)), len(np.unique(stream.time))
     lost = "" if epochs == options.frames else f"; the body is in view in {epochs} of {options.frames} epochs"
     wide_console().print(
         f"{dataset.description}: {count} measurements in {folder}{lost}", highlight=False, soft_wrap=True
@@ -52,12 +54,30 @@ def simulate(options: argparse.Namespace) -> int:
     return 0
 
 
+def _beside(options: argparse.Namespace) -> dict[str, float]:
+    """Interval by kind. InputError: no number, a kind twice."""
+    beside: dict[str, float] = {}
+    for kind, text in options.beside or ():
+        try:
+            step = float(text)
+        except ValueError:
+            raise InputError(
+                f"--beside {kind} {value_text(text)}: give its interval in s, such as 0.01"
+            ) from None
+        if kind in beside:
+            raise InputError(f"--beside {kind} is given twice; give it once")
+        beside[kind] = step
+    return beside
+
+
 def _simulate_images(options: argparse.Namespace, folder: Path) -> int:
     """Render the motion's stereo images."""
     from spinfilters.api.image_recordings import ImageScenario, render
 
-    if options.known_map or options.gyro_bias is not None:
-        raise InputError(f"--known-map and --gyro-bias are not for --kind {IMAGE_KIND}; leave them out")
+    if options.known_map or options.gyro_bias is not None or options.beside:
+        raise InputError(
+            f"--known-map, --gyro-bias and --beside are not for --kind {IMAGE_KIND}; leave them out"
+        )
     scenario = ImageScenario(
         shape=options.shape or ImageScenario.shape,
         rate_rpm=tuple(options.rate_rpm),

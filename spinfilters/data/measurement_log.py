@@ -32,7 +32,7 @@ class MeasurementStream:
     Parameters
     ----------
     sensor: name of a sensor of the registry (`spinfilters.sensors`).
-    time: s, any origin, possibly irregular; strictly increasing, but non-decreasing for sensors of landmarks.
+    time: s, any origin, possibly irregular; strictly increasing, but non-decreasing for sensors with many rows an epoch.
     values: (n, columns) as the sensor's `SensorFormat` says; unit quaternions are normalised.
     ids: landmark of every row (sensors of landmarks only, and there required); no landmark twice at one time.
     covariance: of every row, positive definite, squared units of the innovation; None where one value holds for all
@@ -243,7 +243,7 @@ def _check_values(stream: MeasurementStream, form: SensorFormat) -> None:
     if not finite.all():
         row = int(np.argmin(finite))
         raise InputError(f"{stream.sensor} row {row} is {_row(stream, row)}, not finite; leave out that row")
-    row = first_disorder(stream.time, form.has_landmarks)
+    row = first_disorder(stream.time, form.many_rows_an_epoch)
     if row is not None:
         before, after = stream.time[row - 1], stream.time[row]
         raise InputError(

@@ -21,7 +21,7 @@ def read_sensor_file(form: SensorFormat, path: Path) -> MeasurementStream:
     if form.read is not None:
         return form.read(path)
     table = read_csv(path, form.header)
-    require_times(table, repeats=form.has_landmarks)
+    require_times(table, repeats=form.many_rows_an_epoch)
     first = len(form.header) - len(form.columns)
     table.require(slice(first, None), form.allowed)
     time, ids = table.values[:, 0], landmark_ids(table, 1) if form.has_landmarks else None

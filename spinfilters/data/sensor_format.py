@@ -62,6 +62,7 @@ class SensorFormat:
     file: its table in a data set folder.   columns: of the values, behind time_s (and landmark_id).
     dimension: of the covariance of a row.   noise: its standard deviations.
     allowed: range of the values.   has_landmarks: whether every row has a landmark id, and time stamps repeat.
+    repeats: whether time stamps repeat without landmarks: many rows of one epoch.
     quaternion: first of four columns that hold a unit quaternion, scalar last.
     calibration: of the camera.
     read, write: where the table is not a CSV of these columns.   suffixes: of single files that are read as this sensor's.
@@ -76,6 +77,7 @@ class SensorFormat:
     noise: tuple[NoiseOption, ...]
     allowed: NumberRange = ANY_NUMBER
     has_landmarks: bool = False
+    repeats: bool = False
     quaternion: int | None = None
     calibration: CalibrationFiles | None = None
     read: "Callable[[Path], MeasurementStream] | None" = None
@@ -87,6 +89,11 @@ class SensorFormat:
     def covariance_file(self) -> str:
         """Table of the covariances of the rows, beside that of the measurements."""
         return f"{Path(self.file).stem}_covariance.csv"
+
+    @property
+    def many_rows_an_epoch(self) -> bool:
+        """Whether rows may share a time stamp."""
+        return self.has_landmarks or self.repeats
 
     @property
     def header(self) -> tuple[str, ...]:

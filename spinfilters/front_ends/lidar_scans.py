@@ -35,10 +35,17 @@ def read_scans(folder: Path, truth: Truth | None) -> tuple[MeasurementStream, Tr
     ------
     InputError: no scan, one that cannot be read, two at one time, fewer than two that see the body.
     """
+    found = registered_scans(folder)
+    stream = pose_stream(found)
+    return stream, None if truth is None else in_frame_of(stream, truth), "; ".join(found.remarks)
+
+
+def registered_scans(folder: Path) -> ScanPoses:
+    """The scans in ``scans/*.ply`` with their poses. InputError: see `read_scans`."""
     paths = sorted((folder / SCAN_FOLDER).glob("*.ply"))
     if not paths:
         raise InputError(
-            f"{path_text(folder / DATASET_FILE)}: kind is 'lidar-scans', but {SCAN_FOLDER} holds no .ply; put the scans there"
+            f"{path_text(folder / DATASET_FILE)}: the kind is that of scans, but {SCAN_FOLDER} holds no .ply; put the scans there"
         )
     scans = sorted((read_scan(path) for path in paths), key=lambda scan: scan.epoch)
     times = np.array([scan.epoch for scan in scans])
@@ -48,11 +55,9 @@ def read_scans(folder: Path, truth: Truth | None) -> tuple[MeasurementStream, Tr
             f"{second.name}: is at {second.epoch} s as the scan before; give every scan its own times (time_s)"
         )
     try:
-        found = scan_poses(scans)
+        return scan_poses(scans)
     except InputError as error:
         raise InputError(f"{path_text(folder)}: {error}") from None
-    stream = pose_stream(found)
-    return stream, None if truth is None else _in_their_frame(truth, stream), "; ".join(found.remarks)
 
 
 def pose_stream(found: ScanPoses) -> MeasurementStream:
@@ -66,7 +71,7 @@ def pose_stream(found: ScanPoses) -> MeasurementStream:
     return MeasurementStream("lidar-poses", np.array([pose.time for pose in poses]), values, None, covariance)
 
 
-def _in_their_frame(truth: Truth, stream: MeasurementStream) -> Truth:
+def in_frame_of(stream: MeasurementStream, truth: Truth) -> Truth:
     """The truth told in the g of the scans, which nobody but they defines: the transformation that fits all poses best.
 
     Six numbers are fitted; each pose has six. The estimators see nothing of it.

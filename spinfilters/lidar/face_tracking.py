@@ -1,13 +1,21 @@
 """Poses of a body with plane faces: faces tracked with the predicted rate, attitude by weighted Wahba, one map of all scans."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
+from spinfilters.lidar.face_adjustment import FEWEST_FOR_DRIFT, adjusted_faces, merged_faces, with_map_errors
+from spinfilters.lidar.face_map import (
+    Face,
+    TrackedFaces,
+    face_jacobian,
+    normal_equations,
+    residual_and_jacobian,
+)
 from spinfilters.lidar.planes import FittedPlane
 from spinfilters.lidar.scan_pose import (
     ScanPose,
@@ -15,38 +23,13 @@ from spinfilters.lidar.scan_pose import (
     pose_covariance,
     predicted_pose,
     rotation_matrix,
-    skew,
 )
 
 WIDEST_MATCH: Final = np.deg2rad(40.0)
 """Angle between a predicted and a seen normal, at most: faces of a box are 90 deg apart."""
-_STEPS, _SWEEPS = 4, 4
+_STEPS, _SWEEPS = 4, 2
 _HUGE = 1e6
 _RIDGE = 1e-9
-FEWEST_FOR_DRIFT: Final = 6
-"""Scans from which the drift of the centre of rotation is fitted."""
-
-
-@dataclass(frozen=True, eq=False)
-class Face:
-    """A face n.p = d in frame g."""
-
-    normal: Float[np.ndarray, "3"]
-    offset: float
-
-
-@dataclass(frozen=True, eq=False)
-class TrackedFaces:
-    """Poses of all scans and the map of faces that they share.
-
-    Attributes
-    ----------
-    matches: for every scan, the face of each of its planes.
-    """
-
-    poses: tuple[ScanPose, ...]
-    faces: tuple[Face, ...]
-    matches: tuple[tuple[int, ...], ...]
 
 
 def track_faces(
@@ -126,33 +109,6 @@ def _aligned(
     return (R, t) if np.isfinite(R).all() and np.isfinite(t).all() else (start, place)
 
 
-def normal_equations(
-    pairs: Sequence[tuple[FittedPlane, Face]], R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]
-) -> tuple[Float[np.ndarray, "6 6"], Float[np.ndarray, "6"]]:
-    """Information over (rotation in L, translation) and its right-hand side.
-
-    Residuals of a face in a plane's own terms: tangent components of its normal, distance from the plane's centroid.
-    """
-    H, b = np.zeros((6, 6)), np.zeros(6)
-    for plane, face in pairs:
-        residual, J = _residual(plane, face, R, t)
-        W = np.linalg.inv(plane.covariance + 1e-30 * np.eye(3))
-        H += J.T @ W @ J
-        b -= J.T @ W @ residual
-    return H, b
-
-
-def _residual(
-    plane: FittedPlane, face: Face, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]
-) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 6"]]:
-    n, arm = R @ face.normal, t - plane.centroid
-    residual = np.array([*(plane.tangents.T @ n), face.offset + n @ arm])
-    J = np.zeros((3, 6))
-    J[:2, :3] = -plane.tangents.T @ skew(n)
-    J[2, :3], J[2, 3:] = np.cross(n, arm), n
-    return residual, J
-
-
 def _adjusted(
     poses: list[ScanPose],
     faces: list[Face],
@@ -168,7 +124,15 @@ def _adjusted(
         poses = [
             _posed(pose, faces, m, seen, size) for pose, m, seen in zip(poses, matches, planes, strict=True)
         ]
-    return TrackedFaces(tuple(poses), tuple(faces), tuple(matches))
+    tracked = adjusted_faces(TrackedFaces(tuple(poses), tuple(faces), tuple(matches)), planes, size)
+    merged = merged_faces(tracked, size)
+    if len(merged.faces) < len(tracked.faces):
+        tracked = adjusted_faces(merged, planes, size)
+    poses = [
+        _posed(pose, list(tracked.faces), m, seen, size)
+        for pose, m, seen in zip(tracked.poses, tracked.matches, planes, strict=True)
+    ]
+    return with_map_errors(replace(tracked, poses=tuple(poses)), planes, size)
 
 
 def _drifting(
@@ -224,20 +188,16 @@ def _refitted(
     planes: Sequence[Sequence[FittedPlane]],
 ) -> Face:
     """A face from every scan that sees it: three numbers, linear about the present ones."""
-    T = np.linalg.svd(face.normal[None])[2][1:].T
     H, b = 1e-12 * np.eye(3), np.zeros(3)
     for pose, match, seen in zip(poses, matches, planes, strict=True):
         for plane, k in zip(seen, match, strict=True):
             if k != number:
                 continue
-            residual, _ = _residual(plane, face, pose.rotation, pose.translation)
-            RT = pose.rotation @ T
-            J = np.zeros((3, 3))
-            J[:2, :2], J[2, :2] = plane.tangents.T @ RT, (pose.translation - plane.centroid) @ RT
-            J[2, 2] = 1.0
+            residual, _ = residual_and_jacobian(plane, face, pose.rotation, pose.translation)
+            J = face_jacobian(plane, face, pose.rotation, pose.translation)
             W = np.linalg.inv(plane.covariance + 1e-30 * np.eye(3))
             H += J.T @ W @ J
             b -= J.T @ W @ residual
     step = np.linalg.solve(H, b)
-    normal = face.normal + T @ step[:2]
+    normal = face.normal + face.tangents @ step[:2]
     return Face(normal / np.linalg.norm(normal), face.offset + float(step[2]))

@@ -1,5 +1,6 @@
 """Planes of a scan: found by random sampling, fitted with the noise of the points, with covariance."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -21,6 +22,8 @@ SMALLEST_SHARE: Final = 0.004
 """Of the scan's points, at least."""
 BORDER: Final = 2.0
 """Standard deviations of the angles within which the border of a plane is left out: jittering beams cross it."""
+WIDE: Final = 0.5
+"""Rays that a border is wide, from which it counts."""
 _SEEDS, _SUBSET, _ROUNDS, _MOST = 30, 1500, 6, 24
 _LOOKED_AT = 8000  # points among which planes are looked for; all are used for the fits
 _FULL = 0.8  # share of neighbours that the inside of a face has
@@ -133,23 +136,36 @@ def _separated(
 ) -> list[FittedPlane]:
     """Planes fitted again to the points that are clearly theirs and not at their border."""
     for _ in range(2):
-        if not planes:
-            return []
-        off = np.stack([np.abs(p.distances(points)) / noise.across(points, p.normal) for p in planes], axis=1)
-        own = off.argmin(axis=1)
-        ordered = np.sort(off, axis=1)
-        clear = ordered[:, 0] < GATE
-        if len(planes) > 1:
-            clear &= ordered[:, 1] > CLEAR
-        kept = []
-        for k, plane in enumerate(planes):
-            rows = np.flatnonzero(clear & (own == k))
-            inner = rows[_inside(angles[rows], noise)] if len(rows) >= FEWEST else rows
-            rows = inner if len(inner) >= FEWEST else rows
-            if len(rows) >= FEWEST and _is_wide(points[rows], plane, noise):
-                kept.append(fitted_plane(points[rows], noise, plane.normal))
-        planes = kept
+        rows = rows_of_planes(points, angles, planes, noise)
+        planes = [
+            fitted_plane(points[own], noise, plane.normal)
+            for plane, own in zip(planes, rows, strict=True)
+            if len(own) >= FEWEST and _is_wide(points[own], plane, noise)
+        ]
     return sorted(planes, key=lambda plane: -plane.count)
+
+
+def rows_of_planes(
+    points: Float[np.ndarray, "n 3"],
+    angles: Float[np.ndarray, "n 2"],
+    planes: Sequence[FittedPlane],
+    noise: PointNoise,
+) -> list[Int[np.ndarray, " k"]]:
+    """Points that are clearly those of each plane, and where there are enough not at its border."""
+    if not planes:
+        return []
+    off = np.stack([np.abs(p.distances(points)) / noise.across(points, p.normal) for p in planes], axis=1)
+    own = off.argmin(axis=1)
+    ordered = np.sort(off, axis=1)
+    clear = ordered[:, 0] < GATE
+    if len(planes) > 1:
+        clear &= ordered[:, 1] > CLEAR
+    found = []
+    for k in range(len(planes)):
+        rows = np.flatnonzero(clear & (own == k))
+        inner = rows[inside_of(angles[rows], noise)] if len(rows) >= FEWEST else rows
+        found.append(inner if len(inner) >= FEWEST else rows)
+    return found
 
 
 def _is_wide(points: Float[np.ndarray, "n 3"], plane: FittedPlane, noise: PointNoise) -> bool:
@@ -159,18 +175,22 @@ def _is_wide(points: Float[np.ndarray, "n 3"], plane: FittedPlane, noise: PointN
     return bool(narrow > 2 * np.median(noise.across(points, plane.normal)))
 
 
-def _inside(angles: Float[np.ndarray, "n 2"], noise: PointNoise) -> Bool[np.ndarray, " n"]:
+def inside_of(angles: Float[np.ndarray, "n 2"], noise: PointNoise) -> Bool[np.ndarray, " n"]:
     """Which points of a face have neighbours all around, within the angular noise."""
-    step = _angular_step(angles)
+    step, reach = _angular_step(angles), border_reach(angles, noise)
     cells = np.rint((angles - angles.min(axis=0)) / step).astype(int)
-    reach = BORDER * np.array([noise.azimuth_std, noise.elevation_std]) / step
-    if reach.max() < 0.5 or cells.max() > 4000:
+    if reach.max() < WIDE or cells.max() > 4000:
         return np.ones(len(angles), dtype=bool)
     size = (2 * np.ceil(reach) + 1).astype(int)
     image = np.zeros(cells.max(axis=0) + 1)
     image[cells[:, 0], cells[:, 1]] = 1.0
     share = uniform_filter(image, size=size.tolist(), mode="constant")[cells[:, 0], cells[:, 1]]
     return share >= _FULL * np.quantile(share, 0.9)
+
+
+def border_reach(angles: Float[np.ndarray, "n 2"], noise: PointNoise) -> Float[np.ndarray, "2"]:
+    """Width of a border in azimuth and elevation that jittering beams cross, rays."""
+    return BORDER * np.array([noise.azimuth_std, noise.elevation_std]) / _angular_step(angles)
 
 
 def _angular_step(angles: Float[np.ndarray, "n 2"]) -> float:

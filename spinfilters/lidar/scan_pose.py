@@ -79,9 +79,14 @@ def pose_covariance(
     values, vectors = np.linalg.eigh(whitened + np.eye(6))
     lacking = [_named(vectors[:, k] * scale, size) for k in range(6) if 1 / values[k] > UNDETERMINED]
     covariance = (scale[:, None] * vectors / values) @ (vectors.T * scale)
-    turn = np.zeros((6, 6))
-    turn[:3, 3:], turn[3:, :3] = np.eye(3), rotation.T
-    return turn @ covariance @ turn.T, tuple(lacking)
+    return body_side(body_side(covariance, rotation).T, rotation), tuple(lacking)
+
+
+def body_side(
+    errors: Float[np.ndarray, "6 m"], rotation: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, "6 m"]:
+    """Errors (rotation in L, translation) as (translation, rotation vector on the body side)."""
+    return np.concatenate([errors[3:], rotation.T @ errors[:3]])
 
 
 def _named(direction: Float[np.ndarray, "6"], size: float) -> str:

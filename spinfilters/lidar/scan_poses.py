@@ -8,6 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.errors import InputError
+from spinfilters.lidar.edge_model import with_edges
+from spinfilters.lidar.face_map import TrackedFaces
 from spinfilters.lidar.face_tracking import track_faces
 from spinfilters.lidar.planes import FEWEST, FittedPlane, extract_planes
 from spinfilters.lidar.point_noise import PointNoise, identified_noise
@@ -32,14 +34,25 @@ class ScanPoses:
 
     Attributes
     ----------
-    poses: in order of time; frame g has the lidar's axes at the first scan.   by_faces: how they were found.
+    poses: in order of time; frame g has the lidar's axes at the first scan.
+    scans: that the poses are of.   faces: the map, of a body with faces.
     noise: of the points, given or identified.   remarks: what was left out or not determined, in words.
     """
 
     poses: tuple[ScanPose, ...]
-    by_faces: bool
+    scans: tuple[Scan, ...]
+    faces: TrackedFaces | None
     noise: PointNoise
     remarks: tuple[str, ...]
+
+    @property
+    def by_faces(self) -> bool:
+        """Whether the body's faces were followed, rather than scans registered."""
+        return self.faces is not None
+
+    def points(self, number: int) -> Float[np.ndarray, "n 3"]:
+        """Points of a scan where they were at its epoch, frame L, m."""
+        return _deskewed(self.scans[number], self.poses, number)
 
 
 def scan_poses(
@@ -72,17 +85,19 @@ def scan_poses(
     smeared = replace(noise, range_std=noise.range_std + SMEAR * _extent(clouds[0])) if moving else noise
     planes = _planes(clouds, smeared, seed)
     by_faces = planes is not None
-    poses = _poses(times, clouds, planes, engine)
+    poses, faces = _poses(times, clouds, planes, engine)
     for _ in range(DESKEWED if moving else 0):
         clouds = [_deskewed(scan, poses, k) for k, scan in enumerate(usable)]
         planes = _planes(clouds, noise, seed) if by_faces else None
-        poses = _poses(times, clouds, planes, engine)
+        poses, faces = _poses(times, clouds, planes, engine)
+    if faces is not None:
+        poses = _with_edges(faces, clouds, noise)
     blind = [k for k, pose in enumerate(poses) if pose.undetermined]
     if blind:
         remarks.append(
             f"{len(blind)} scans do not determine the whole pose; the first lacks {', '.join(poses[blind[0]].undetermined)}"
         )
-    return ScanPoses(tuple(poses), by_faces, noise, tuple(remarks))
+    return ScanPoses(tuple(poses), tuple(usable), faces, noise, tuple(remarks))
 
 
 def _planes(
@@ -109,11 +124,22 @@ def _poses(
     clouds: Sequence[Float[np.ndarray, "n 3"]],
     planes: list[list[FittedPlane]] | None,
     engine: RegistrationEngine | None,
-) -> list[ScanPose]:
+) -> tuple[Sequence[ScanPose], TrackedFaces | None]:
     middle = clouds[0].mean(axis=0)
     if planes is None:
-        return match_scans(times, clouds, middle, engine)
-    return list(track_faces(times, planes, middle, _extent(clouds[0])).poses)
+        return match_scans(times, clouds, middle, engine), None
+    faces = track_faces(times, planes, middle, _extent(clouds[0]))
+    return faces.poses, faces
+
+
+def _with_edges(
+    faces: TrackedFaces, clouds: Sequence[Float[np.ndarray, "n 3"]], noise: PointNoise
+) -> list[ScanPose]:
+    size = _extent(clouds[0])
+    return [
+        with_edges(pose, points, faces.faces, noise, size, common)
+        for pose, points, common in zip(faces.poses, clouds, faces.common, strict=True)
+    ]
 
 
 def _extent(points: Float[np.ndarray, "n 3"]) -> float:

@@ -21,7 +21,9 @@ from spinfilters.lidar.scan_files import write_scan
 from spinfilters.lidar.scanner import Scanner
 
 KIND: Final = "lidar-scans"
-"""Kind of a data set that holds scans."""
+"""Kind of a data set that holds scans, of which the poses are measurements."""
+POINTS_KIND: Final = "lidar-scan-points"
+"""Kind of a data set that holds scans, of which the points are measurements."""
 SCAN_FOLDER: Final = "scans"
 Progress = Callable[[int, int], None]
 
@@ -95,7 +97,7 @@ def truth_of(motion: TorqueFreeTumble, time: Float[np.ndarray, " n"]) -> Truth:
     )
 
 
-def write_sequence(folder: Path, scans: list[Scan], truth: Truth, description: str) -> None:
+def write_sequence(folder: Path, scans: list[Scan], truth: Truth, description: str, kind: str = KIND) -> None:
     """Write dataset.toml, the scans and the truth. InputError: disk full, no permission, nothing returned in any scan."""
     if not any(scan.is_return.any() for scan in scans):
         raise InputError("no ray of any scan met the body; aim at it, or give a wider field of view")
@@ -104,4 +106,4 @@ def write_sequence(folder: Path, scans: list[Scan], truth: Truth, description: s
     for number, scan in enumerate(scans):
         write_scan(folder / SCAN_FOLDER / f"{number:0{digits}d}.ply", scan)
     write_truth(truth, folder)
-    write_toml(folder / DATASET_FILE, {"kind": KIND, "description": description})
+    write_toml(folder / DATASET_FILE, {"kind": kind, "description": description})

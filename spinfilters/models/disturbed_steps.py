@@ -42,9 +42,10 @@ class DisturbedSteps:
         kicks: what is added to the `kicked` components before and after each step.
         """
         flat = kicks.reshape(*kicks.shape[:-2], -1)
+        columns = flat[0] if len(flat) == 1 else np.moveaxis(flat, 0, -1)  # one column is a vector
         count = self._integrator.first_count(x, h)
         while True:
-            after, error = self._folds(count, len(kicks))(x, h, np.moveaxis(flat, 0, -1))
+            after, error = self._folds(count, len(kicks))(x, h, columns)
             if self._integrator.good(error, count):
                 return after
             count *= 2

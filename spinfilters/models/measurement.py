@@ -129,7 +129,7 @@ class MeasurementModel(ABC):
         return x, ca.SX.sym("p", self.parameter_dim), ca.SX.sym("z", self.value_dim)
 
     def _function(self, name: str, inputs: list[Expression], outputs: list[Expression]) -> Compiled:
-        return Compiled(ca.Function(f"{self.name}_{name}", inputs, outputs))
+        return Compiled(ca.Function(f"{self.name.replace('-', '_')}_{name}", inputs, outputs))
 
     @cached_property
     @building()

@@ -45,6 +45,9 @@ NOTHING_SOUGHT = Unstated({}, ())
 WHOLE_RECORDING = 400
 """Samples, at most, from which the error of a rate sensor is identified."""
 
+LEADING_EPOCHS = 16
+"""Of the sensor that tells most of a motion, in an initialisation, where faster sensors stand beside it."""
+
 
 @dataclass(frozen=True)
 class Setup:
@@ -148,7 +151,8 @@ def _setup(dataset: Dataset, settings: Settings, initial: Given | None) -> Setup
         if initial is not None:
             return NoisyModels(process, noise, timeline, initial(layout))
         make = _initialiser(replace(dataset, log=log), process, timeline, noise)
-        return NoisyModels(process, noise, timeline, _start(process, timeline, make, settings.initialisation))
+        options = _with_leading_epochs(settings.initialisation, log, timeline)
+        return NoisyModels(process, noise, timeline, _start(process, timeline, make, options))
 
     if initial is not None:
         made, components = bound(process, noise), ()
@@ -219,11 +223,7 @@ def initial_samples(
     InputError: streams that do not tell a motion.
     """
 
-    def told(stream: MeasurementStream) -> tuple[bool, ...]:
-        sensor = sensor_of(stream.sensor)
-        return sensor_format(stream.sensor).has_landmarks, sensor.sees_place, sensor.tells_frames
-
-    for stream in sorted(streams, key=told, reverse=True):
+    for stream in sorted(streams, key=_told, reverse=True):
         samples = sensor_of(stream.sensor).initial_motion(stream, noise, view)
         if samples is not None:
             return samples
@@ -231,6 +231,25 @@ def initial_samples(
         f"{' and '.join(s.sensor for s in streams)} measurements do not tell how the body moves at first; "
         "give those of another sensor too"
     )
+
+
+def _told(stream: MeasurementStream) -> tuple[bool, ...]:
+    """How much of a motion a stream tells, to be compared."""
+    sensor = sensor_of(stream.sensor)
+    return sensor_format(stream.sensor).has_landmarks, sensor.sees_place, sensor.tells_frames
+
+
+def _with_leading_epochs(
+    options: InitialisationOptions, log: MeasurementLog, timeline: Timeline
+) -> InitialisationOptions:
+    """With so many epochs that `LEADING_EPOCHS` of the sensor that tells most of the motion are among them.
+
+    Beside a fast gyro the first epochs would hold none or two of a camera.
+    """
+    leading = max(log.streams, key=_told).epoch_times
+    last = leading[min(LEADING_EPOCHS, len(leading)) - 1]
+    count = int(np.searchsorted(times_of(timeline), last, "right"))
+    return replace(options, epochs=max(options.epochs, count))
 
 
 def _initialiser(

@@ -38,6 +38,10 @@ class Motion:
         """R_ig at every time."""
         return matrix_from_quaternion(self.block("a"))
 
+    def at(self, time: Float[np.ndarray, " k"]) -> "Motion":
+        """The motion at some of its own times, s."""
+        return Motion(self.layout, time, self.states[np.searchsorted(self.time, time)])
+
     def seen_from(self, inspector: CameraTrajectory | None) -> "Motion":
         """Poses of g in the epoch of a moving camera; of none the motion itself."""
         if inspector is None:
@@ -52,6 +56,7 @@ def simulate_motion(
     time: Float[np.ndarray, " n"],
     generator: np.random.Generator,
     progress: Progress = silent,
+    substeps: int = SUBSTEPS,
 ) -> Float[np.ndarray, "n *batch m"]:
     """States at every time of one or many motions that begin at ``start`` (time[0]).
 
@@ -60,14 +65,14 @@ def simulate_motion(
 
     Parameters
     ----------
-    progress: called after every epoch with how many are done, and of how many.
+    progress: called after every epoch with how many are done, and of how many.   substeps: noise kicks per interval.
     """
     q, blocks = process.layout.mean_slice("a"), process.disturbed_dim // 3
     states, x = [start], start
     for interval in np.diff(time):
-        drawn = generator.standard_normal((SUBSTEPS, 2, blocks, *x.shape[:-1], 3))
-        normal = np.moveaxis(drawn, (1, 2), (-3, -2)).reshape(SUBSTEPS, *x.shape[:-1], 2, 3 * blocks)
-        x = process.disturbed_steps(x, float(interval) / SUBSTEPS, normal)
+        drawn = generator.standard_normal((substeps, 2, blocks, *x.shape[:-1], 3))
+        normal = np.moveaxis(drawn, (1, 2), (-3, -2)).reshape(substeps, *x.shape[:-1], 2, 3 * blocks)
+        x = process.disturbed_steps(x, float(interval) / substeps, normal)
         x[..., q] /= np.linalg.norm(x[..., q], axis=-1, keepdims=True)
         states.append(x)
         progress(len(states), len(time))

@@ -24,13 +24,14 @@ from spinfilters.sensors.feature_tracks import (
     FrontEnd,
     Recognition,
     SomeAppearances,
+    Surface,
     ball,
     stays_in_view,
 )
 from spinfilters.sensors.registry import sensor_of
-from spinfilters.sensors.scene import Scene
+from spinfilters.sensors.scene import Scene, SimulatedStream
 from spinfilters.simulation.inspector import INSPECTORS, STATIC
-from spinfilters.simulation.motion import Motion, Progress, silent, simulate_motion
+from spinfilters.simulation.motion import SUBSTEPS, Motion, Progress, silent, simulate_motion
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 THESIS_RPM: Final = (0.5, 10.0, 0.5)
@@ -38,6 +39,9 @@ THESIS_RPM: Final = (0.5, 10.0, 0.5)
 that the attitude about the spin axis, the rates and the inertia are weakly observable."""
 RICH_RPM: Final = (4.0, 9.0, 3.0)
 """Initial rate about the principal axes of a motion in which everything is well observable."""
+SHORTEST_INTERVAL: Final = 1e-6
+"""Of a sensor beside another, s."""
+_DECIMALS, _ROUNDING = 9, 1e-9  # of the epochs of several sensors, s
 
 
 @dataclass(frozen=True)
@@ -64,6 +68,7 @@ class Scenario:
     noise: disturbances of the motion; the thesis' are `spinfilters.models.process.THESIS_NOISE`.
     candidates: motions that are drawn; the first that keeps the whole body in view is taken, or the first of all if none does.
     inspector: how the camera moves, and is known to (`spinfilters.simulation.inspector.INSPECTORS`).
+    beside: (kind, interval s) of other sensors on the same motion; at most one sensor sees landmarks.
     seed: of everything random.
     """
 
@@ -90,12 +95,15 @@ class Scenario:
     noise: ProcessNoise = field(default_factory=ProcessNoise)
     candidates: int = 1
     inspector: str = STATIC
+    beside: tuple[tuple[str, float], ...] = ()
     seed: int = 0
 
     def __post_init__(self) -> None:
         kinds = dataset_kinds()
-        if self.kind not in kinds:
-            raise InputError(f"scenario kind {self.kind!r} is unknown; use one of {', '.join(kinds)}")
+        for kind in self.kinds:
+            if kind not in kinds:
+                raise InputError(f"scenario kind {kind!r} is unknown; use one of {', '.join(kinds)}")
+        _check_beside(self)
         if self.epochs < 2 or not self.interval > 0:
             raise InputError(
                 f"a scenario of {self.epochs} epochs at {self.interval} s; give at least 2 epochs and a positive interval"
@@ -107,7 +115,7 @@ class Scenario:
         _ = self.front_end
         if self.inspector not in INSPECTORS:
             raise InputError(f"inspector {self.inspector!r} is unknown; use one of {', '.join(INSPECTORS)}")
-        if self.inspector != STATIC and not kinds[self.kind].has_landmarks:
+        if self.inspector != STATIC and not any(kinds[kind].has_landmarks for kind in self.kinds):
             raise InputError(f"an inspector carries a camera, and a {self.kind} has none; leave it {STATIC}")
         if not self.range_m > self.radius_m > 0:
             raise InputError(
@@ -141,6 +149,21 @@ class Scenario:
         )
 
     @property
+    def kinds(self) -> tuple[str, ...]:
+        """Of all sensors."""
+        return self.kind, *(kind for kind, _ in self.beside)
+
+    @property
+    def times(self) -> Mapping[str, Float[np.ndarray, " n"]]:
+        """Epochs of every kind, s; those of several fall together to the bit."""
+        own = self.interval * np.arange(self.epochs)
+        if not self.beside:
+            return {self.kind: own}
+        counts = {kind: int(own[-1] / step + _ROUNDING) + 1 for kind, step in self.beside}
+        more = {kind: step * np.arange(counts[kind]) for kind, step in self.beside}
+        return {kind: np.round(time, _DECIMALS) for kind, time in {self.kind: own, **more}.items()}
+
+    @property
     def front_end(self) -> FrontEnd:
         """How landmarks are found."""
         return FrontEnd(
@@ -158,9 +181,10 @@ def simulate(scenario: Scenario, progress: Progress = silent) -> Dataset:
     generator = np.random.default_rng(scenario.seed)
     layout = StateLayout(FULL_BLOCKS)
     process = TorqueFreeProcess(layout, scenario.noise)
-    time = scenario.interval * np.arange(scenario.epochs)
+    time = np.unique(np.concatenate(list(scenario.times.values())))
     starts = np.tile(first_state(scenario, layout), (scenario.candidates, 1))
-    states = simulate_motion(process, starts, time, generator, progress)
+    kicks = max(1, round(SUBSTEPS * scenario.epochs / len(time)))
+    states = simulate_motion(process, starts, time, generator, progress, kicks)
     motions = [Motion(layout, time, states[:, k]) for k in range(scenario.candidates)]
     inspector = inspector_of(scenario, time)
     motion = next(
@@ -170,25 +194,51 @@ def simulate(scenario: Scenario, progress: Progress = silent) -> Dataset:
 
 
 def measured(scenario: Scenario, motion: Motion, generator: np.random.Generator) -> Dataset:
-    """A data set with truth of a given motion: the body's surface and what the sensor measures are drawn."""
+    """A data set with truth of a given motion: the body's surface and what the sensors measure are drawn."""
     inspector = inspector_of(scenario, motion.time)
     surface = ball(scenario.landmarks, scenario.radius_m, generator)
-    scene = Scene(motion, motion.seen_from(inspector), surface, scenario.front_end, scenario, generator)
-    simulated = sensor_of(dataset_kinds()[scenario.kind].name).simulate(scene)
-    rows, known_map = simulated.landmarks, None
-    if rows is not None:
-        known_map = KnownMap(np.arange(len(rows)), surface.points[rows])
+    simulated = [
+        _simulated(scenario, kind, motion if not scenario.beside else motion.at(time), surface, generator)
+        for kind, time in scenario.times.items()
+    ]
+    rows = next((each.landmarks for each in simulated if each.landmarks is not None), None)
+    known_map = None if rows is None else KnownMap(np.arange(len(rows)), surface.points[rows])
+    others = "".join(f", {kind} at {step} s" for kind, step in scenario.beside)
     return Dataset(
         kind=scenario.kind,
-        log=MeasurementLog((simulated.stream,)),
-        description=f"simulated {scenario.kind}, {scenario.epochs} epochs at {scenario.interval} s, seed {scenario.seed}"
+        log=MeasurementLog(tuple(each.stream for each in simulated)),
+        description=f"simulated {scenario.kind}, {scenario.epochs} epochs at {scenario.interval} s{others}, seed {scenario.seed}"
         + ("" if inspector is None else f", inspector: {scenario.inspector}"),
         truth=_truth(scenario, motion),
-        rig=simulated.rig,
+        rig=next((each.rig for each in simulated if each.rig is not None), None),
         known_map=known_map,
         inspector=None if inspector is None else MeasurementStream("pose", inspector.time, inspector.poses),
-        options=_options(scenario, simulated.noise),
+        options=_options(scenario, {name: std for each in simulated for name, std in each.noise.items()}),
     )
+
+
+def _simulated(
+    scenario: Scenario, kind: str, motion: Motion, surface: Surface, generator: np.random.Generator
+) -> SimulatedStream:
+    """What one sensor measures of the motion, at its own epochs."""
+    inspector = inspector_of(scenario, motion.time)
+    scene = Scene(motion, motion.seen_from(inspector), surface, scenario.front_end, scenario, generator)
+    return sensor_of(dataset_kinds()[kind].name).simulate(scene)
+
+
+def _check_beside(scenario: Scenario) -> None:
+    """InputError: a kind twice, an interval that is not positive, two sensors of landmarks."""
+    kinds, forms = scenario.kinds, dataset_kinds()
+    if len(set(kinds)) < len(kinds):
+        raise InputError(f"a scenario of {', '.join(kinds)} holds a kind twice; name each once")
+    for kind, step in scenario.beside:
+        if not (np.isfinite(step) and step >= SHORTEST_INTERVAL):
+            raise InputError(
+                f"{kind} beside it every {step} s; give an interval of {SHORTEST_INTERVAL:g} s or more"
+            )
+    seeing = [kind for kind in kinds if forms[kind].has_landmarks]
+    if len(seeing) > 1:
+        raise InputError(f"{' and '.join(seeing)} both need a camera of their own; simulate one of them")
 
 
 def inspector_of(scenario: Scenario, time: Float[np.ndarray, " n"]) -> CameraTrajectory | None:
@@ -234,7 +284,7 @@ def _truth(scenario: Scenario, motion: Motion) -> Truth:
         principal_moments=np.array(scenario.principal_moments)[order] / max(scenario.principal_moments),
         principal_axes_g=axes,
         center_of_mass_g=np.array(scenario.center_of_mass_g),
-        gyro_bias=np.array(scenario.gyro_bias) if scenario.kind == "gyro" else None,
+        gyro_bias=np.array(scenario.gyro_bias) if "gyro" in scenario.kinds else None,
     )
 
 

@@ -56,9 +56,9 @@ def with_row_covariances(dataset: Dataset, form: SensorFormat) -> Dataset:
 def _moved(
     form: SensorFormat, values: Float[np.ndarray, "n m"], error: Float[np.ndarray, "n d"]
 ) -> Float[np.ndarray, "n m"]:
-    """Values with an error of the innovation's dimension."""
+    """Values with an error of the covariance's dimension, of the leading columns where there are more."""
     if form.quaternion is None:
-        return values + error
+        return np.hstack([values[:, : form.dimension] + error, values[:, form.dimension :]])
     layout = StateLayout(("t", "a") if form.quaternion else ("a",))
     return layout.retract(values, error)
 
@@ -96,11 +96,14 @@ def _check_consistency(sensor: Sensor, dataset: Dataset) -> None:
 
 def _check_rows(sensor: Sensor, dataset: Dataset) -> None:
     """A row of ten times the deviation counts a tenth."""
-    bound, truth = _bound(sensor, dataset), dataset.truth
+    (stream,), truth = dataset.log.streams, dataset.truth
     assert truth is not None
-    x = true_states(truth, bound.model.layout)[0]
-    good, bad = bound.model.whitening(x, bound.parameters[:2])
-    np.testing.assert_allclose(good, 10 * bad, rtol=1e-9)
+    assert stream.covariance is not None
+    worse = replace(stream, covariance=100 * stream.covariance)
+    good, bad = _bound(sensor, dataset), _bound(sensor, replace(dataset, log=MeasurementLog((worse,))))
+    x = true_states(truth, good.model.layout)[0]
+    expected = 10 * bad.model.whitening(x, bad.parameters[:2])
+    np.testing.assert_allclose(good.model.whitening(x, good.parameters[:2]), expected, rtol=1e-9)
 
 
 def _check_model(sensor: Sensor, dataset: Dataset) -> None:

@@ -59,7 +59,8 @@ def test_every_registered_sensor_keeps_the_contract(sensor: Sensor, tmp_path: Pa
 def test_the_registry_has_every_sensor_once_and_every_kind() -> None:
     names = [sensor.name for sensor in all_sensors()]
     assert names == sorted(set(names))
-    assert {"attitude", "gyro", "lidar-poses", "mono-tracks", "pose", "stereo-tracks"} == set(dataset_kinds())
+    kinds = {"attitude", "gyro", "lidar-points", "lidar-poses", "mono-tracks", "pose", "stereo-tracks"}
+    assert kinds == set(dataset_kinds())
 
 
 def test_the_sensor_of_the_how_to_page_keeps_the_contract(distribution: Path, tmp_path: Path) -> None:

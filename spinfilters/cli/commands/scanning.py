@@ -67,6 +67,11 @@ def _add_body(parser: argparse.ArgumentParser) -> None:
         "--scans", type=number(FRAMES), help="scan the tumbling body so many times: writes a data set"
     )
     body.add_argument(
+        "--points",
+        action="store_true",
+        help="with --scans: points of the faces are the measurements, rather than a pose of every scan",
+    )
+    body.add_argument(
         "--interval", type=number(INTERVAL), default=1.0, help="seconds between the scans (default 1)"
     )
     _triple(

@@ -17,7 +17,14 @@ def add_simulate(commands: Subparsers) -> argparse.ArgumentParser:
     simulate.add_argument(
         "--kind",
         default="stereo-tracks",
-        help="stereo-tracks, mono-tracks, pose, attitude, gyro, or stereo-images, which are rendered",
+        help="stereo-tracks, mono-tracks, pose, attitude, gyro, lidar-points, lidar-poses, or stereo-images, which are rendered",
+    )
+    simulate.add_argument(
+        "--beside",
+        nargs=2,
+        action="append",
+        metavar=("KIND", "SECONDS"),
+        help="another sensor on the same motion and its interval, such as gyro 0.01; may be repeated",
     )
     simulate.add_argument("--seed", type=number(SEED), default=0)
     simulate.add_argument(

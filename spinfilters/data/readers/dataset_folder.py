@@ -52,7 +52,7 @@ def _read_folder(folder: Path) -> Dataset:
         )
     document = read_toml(path)
     kind, description = _text(path, document, "kind"), _text(path, document, "description", "")
-    reader = raw_data_reader(kind) if kind in _FRONT_ENDS else None
+    reader = None if kind in kinds else raw_data_reader(kind)
     if reader is not None:
         return _read_raw(folder, reader, description, options_from_toml(path, document))
     if kind in _FRONT_ENDS:

@@ -32,6 +32,12 @@ class Pose(MeasurementModel):
         return factor_of(parameters, 6)
 
 
+class LidarPose(Pose):
+    """A pose from a registered scan: its noise is a lidar's own."""
+
+    name = "lidar-poses"
+
+
 def pose_parameters(covariance: Float[np.ndarray, "count 6 6"]) -> Float[np.ndarray, "count 21"]:
     """Parameters of poses with these covariances, order (t, a).
 

@@ -1,0 +1,218 @@
+"""All poses and faces together, and what the common errors of the faces add to the covariance of the poses.
+
+Gauss-Newton over the faces, every pose marginalised. Planes alone do not tell how far apart faces are that no scan sees together;
+that the origin of g drifts uniformly, to a scatter that is measured, ties them and makes the origin the centre of rotation.
+
+The faces are found from the same scans as the poses, and their errors move every pose that sees them alike: e_k = own error +
+A_k (error of the faces). A pose has the covariance P_k + A_k M A_k', with M of the faces, poses and drift marginalised. Estimators
+take poses as independent; what they miss by that falls with the number of scans as M does, so that it stays a constant share.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.lidar.face_map import Face, TrackedFaces, face_jacobian, residual_and_jacobian
+from spinfilters.lidar.planes import FittedPlane
+from spinfilters.lidar.scan_pose import ROTATION_PRIOR, body_side, rotation_matrix, skew
+
+FEWEST_FOR_DRIFT: Final = 6
+"""Scans from which a uniform drift of the centre of rotation is fitted."""
+LARGE: Final = 25.0
+"""Squared length of a plane's residual, in standard deviations, at which its weight is halved (Cauchy)."""
+STRICTEST: Final = 1e-7
+"""Scatter about the uniform drift, in sizes of the body, below which it is taken as exact."""
+SAME_ANGLE: Final = np.deg2rad(3.0)
+"""Between the normals of two faces that are one, at most."""
+SAME_OFFSET: Final = 0.02
+"""Between their offsets, in sizes of the body, at most."""
+_STEPS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class _Drift:
+    """Uniform motion of the origin of g: place and velocity (6,), times of the poses from 0 to 1, scatter in m (infinite: none)."""
+
+    motion: Float[np.ndarray, "6"]
+    times: Float[np.ndarray, " k"]
+    scatter: float
+
+    def along(self, number: int) -> Float[np.ndarray, "3 6"]:
+        """Derivative of the place of pose ``number`` by the motion."""
+        return np.hstack([np.eye(3), np.eye(3) * self.times[number]])
+
+
+@dataclass(frozen=True, eq=False)
+class _Blocks:
+    """Normal equations of one scan: its pose (6: rotation in L, translation) and what is shared (faces 3 each, drift 6).
+
+    Attributes
+    ----------
+    own: (6, 6).   cross: (6, m).   shared: (m, m).   own_side: (6,), shared_side: (m,) right-hand sides.
+    """
+
+    own: Float[np.ndarray, "6 6"]
+    cross: Float[np.ndarray, "6 m"]
+    shared: Float[np.ndarray, "m m"]
+    own_side: Float[np.ndarray, "6"]
+    shared_side: Float[np.ndarray, " m"]
+
+
+def adjusted_faces(
+    tracked: TrackedFaces, planes: Sequence[Sequence[FittedPlane]], size: float
+) -> TrackedFaces:
+    """Faces and poses of least squares, with a Cauchy loss of every plane.
+
+    Parameters
+    ----------
+    planes: of every scan, in the order of ``tracked.matches``.   size: of the body, m.
+    """
+    for _ in range(_STEPS):
+        drift = _drift(tracked, size)
+        blocks = [_blocks(tracked, drift, k, seen, size, robust=True) for k, seen in enumerate(planes)]
+        free = _free(tracked, size)
+        S, side = _marginal(blocks)
+        step = free @ np.linalg.solve(free.T @ S @ free, free.T @ side)
+        tracked = _moved(tracked, blocks, step)
+        if np.abs(step).max() < 1e-12:
+            break
+    return tracked
+
+
+def merged_faces(tracked: TrackedFaces, size: float) -> TrackedFaces:
+    """Faces that coincide and that no scan sees side by side are one: it was taken for a new one when it came back."""
+    first, faces = list(range(len(tracked.faces))), tracked.faces
+    for j, face in enumerate(faces):
+        for i in (k for k in range(j) if first[k] == k):
+            beside = any({i, j} <= {first[k] for k in match} | set(match) for match in tracked.matches)
+            near = abs(faces[i].offset - face.offset) < SAME_OFFSET * size
+            if near and not beside and faces[i].normal @ face.normal > np.cos(SAME_ANGLE):
+                first[j] = i
+                break
+    kept = sorted(set(first))
+    matches = tuple(tuple(kept.index(first[k]) for k in match) for match in tracked.matches)
+    return replace(tracked, faces=tuple(faces[k] for k in kept), matches=matches)
+
+
+def with_map_errors(
+    tracked: TrackedFaces, planes: Sequence[Sequence[FittedPlane]], size: float
+) -> TrackedFaces:
+    """With the covariance of the faces, and its share in that of the poses; parameters of `adjusted_faces`."""
+    drift, count = _drift(tracked, size), 3 * len(tracked.faces)
+    blocks = [_blocks(tracked, drift, k, seen, size) for k, seen in enumerate(planes)]
+    free = _free(tracked, size)
+    M = (free @ np.linalg.solve(free.T @ _marginal(blocks)[0] @ free, free.T))[:count, :count]
+    own = _without_shift(tracked)
+    M = own @ M @ own.T
+    loose = replace(drift, scatter=np.inf)
+    alone = [_blocks(tracked, loose, k, seen, size) for k, seen in enumerate(planes)]
+    arms = [
+        body_side(-np.linalg.solve(each.own, each.cross[:, :count]), pose.rotation)
+        for each, pose in zip(alone, tracked.poses, strict=True)
+    ]
+    common = tuple(A @ M @ A.T for A in arms)
+    poses = tuple(
+        replace(pose, covariance=pose.covariance + more)
+        for pose, more in zip(tracked.poses, common, strict=True)
+    )
+    return replace(tracked, poses=poses, covariance=M, common=common)
+
+
+def _drift(tracked: TrackedFaces, size: float) -> _Drift:
+    """Fitted to the poses' origins; medians keep poses out that do not determine theirs."""
+    times = np.array([pose.time for pose in tracked.poses])
+    times = (times - times[0]) / max(float(np.ptp(times)), 1e-300)
+    places = np.array([pose.translation for pose in tracked.poses])
+    if len(times) < FEWEST_FOR_DRIFT:
+        return _Drift(np.concatenate([places[0], places[-1] - places[0]]), times, np.inf)
+    A, weights = np.column_stack([np.ones_like(times), times]), np.ones(len(times))
+    found, scatter = np.zeros((2, 3)), np.inf
+    for _ in range(_STEPS):
+        found = np.linalg.lstsq(A * weights[:, None], places * weights[:, None], rcond=None)[0]
+        off = np.linalg.norm(places - A @ found, axis=1)
+        scatter = max(float(np.median(off)), STRICTEST * size)
+        weights = 1 / (1 + (off / (3 * scatter)) ** 2)
+    return _Drift(found.reshape(-1), times, scatter)
+
+
+def _blocks(
+    tracked: TrackedFaces,
+    drift: _Drift,
+    number: int,
+    seen: Sequence[FittedPlane],
+    size: float,
+    robust: bool = False,
+) -> _Blocks:
+    pose, count = tracked.poses[number], 3 * len(tracked.faces)
+    own = np.diag(np.repeat([ROTATION_PRIOR, size], 3) ** -2.0)
+    cross, shared = np.zeros((6, count + 6)), np.zeros((count + 6, count + 6))
+    own_side, shared_side = np.zeros(6), np.zeros(count + 6)
+    for plane, k in zip(seen, tracked.matches[number], strict=True):
+        at = slice(3 * k, 3 * k + 3)
+        residual, J = residual_and_jacobian(plane, tracked.faces[k], pose.rotation, pose.translation)
+        F = face_jacobian(plane, tracked.faces[k], pose.rotation, pose.translation)
+        W = np.linalg.inv(plane.covariance + 1e-30 * np.eye(3))
+        W /= 1 + residual @ W @ residual / LARGE if robust else 1.0
+        own, shared[at, at] = own + J.T @ W @ J, shared[at, at] + F.T @ W @ F
+        cross[:, at] += J.T @ W @ F
+        own_side, shared_side[at] = own_side - J.T @ W @ residual, shared_side[at] - F.T @ W @ residual
+    along, weight = drift.along(number), drift.scatter**-2.0
+    off = weight * (pose.translation - along @ drift.motion)
+    own[3:, 3:] += weight * np.eye(3)
+    cross[3:, count:] -= weight * along
+    shared[count:, count:] += weight * along.T @ along + np.eye(6) / size**2 / len(drift.times)
+    own_side[3:] -= off
+    shared_side[count:] += along.T @ off
+    return _Blocks(own, cross, shared, own_side, shared_side)
+
+
+def _marginal(blocks: Sequence[_Blocks]) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, " m"]]:
+    """Normal equations of what is shared, the poses eliminated."""
+    S, side = 0.0, 0.0
+    for each in blocks:
+        gain = np.linalg.solve(each.own, each.cross).T
+        S = S + each.shared - gain @ each.cross
+        side = side + each.shared_side - gain @ each.own_side
+    return np.asarray(S), np.asarray(side)
+
+
+def _free(tracked: TrackedFaces, size: float) -> Float[np.ndarray, "m f"]:
+    """Directions of (faces, drift) without those in which the frame g itself is free: its rotation, its shift without a drift."""
+    drifts = len(tracked.poses) >= FEWEST_FOR_DRIFT
+    gauge = np.concatenate([*map(_freedom, tracked.faces), np.zeros((6, 6))])[:, : 3 if drifts else 6]
+    scale = np.concatenate([np.tile([1.0, 1.0, size], len(tracked.faces)), np.full(6, size)])
+    return np.linalg.svd(gauge / scale[:, None])[0][:, gauge.shape[1] :] * scale[:, None]
+
+
+def _without_shift(tracked: TrackedFaces) -> Float[np.ndarray, "f f"]:
+    """Errors of the faces without a common shift: where the origin of g lies is a definition, and no error of a pose in that g."""
+    G = np.concatenate([_freedom(face)[:, 3:] for face in tracked.faces])
+    return np.eye(len(G)) - G @ np.linalg.pinv(G)
+
+
+def _freedom(face: Face) -> Float[np.ndarray, "3 6"]:
+    """How a face changes when the frame g is rotated, and when it is shifted."""
+    return np.block(
+        [[face.tangents.T @ -skew(face.normal), np.zeros((2, 3))], [np.zeros((1, 3)), face.normal[None]]]
+    )
+
+
+def _moved(tracked: TrackedFaces, blocks: Sequence[_Blocks], step: Float[np.ndarray, " m"]) -> TrackedFaces:
+    """Faces after a step, and the poses that it leads to."""
+    poses, faces = [], []
+    for pose, each in zip(tracked.poses, blocks, strict=True):
+        own = np.linalg.solve(each.own, each.own_side - each.cross @ step)
+        poses.append(
+            replace(
+                pose,
+                rotation=rotation_matrix(own[:3]) @ pose.rotation,
+                translation=pose.translation + own[3:],
+            )
+        )
+    for face, change in zip(tracked.faces, step[: 3 * len(tracked.faces)].reshape(-1, 3), strict=True):
+        normal = face.normal + face.tangents @ change[:2]
+        faces.append(Face(normal / np.linalg.norm(normal), face.offset + float(change[2])))
+    return TrackedFaces(tuple(poses), tuple(faces), tracked.matches)

@@ -1,0 +1,80 @@
+"""Plane faces of a body in frame g, the poses of scans that see them, and what a fitted plane says of both."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.lidar.planes import FittedPlane
+from spinfilters.lidar.scan_pose import ScanPose, skew
+
+
+@dataclass(frozen=True, eq=False)
+class Face:
+    """A face n.p = d in frame g."""
+
+    normal: Float[np.ndarray, "3"]
+    offset: float
+
+    @property
+    def tangents(self) -> Float[np.ndarray, "3 2"]:
+        """Two directions in it."""
+        return np.linalg.svd(self.normal[None])[2][1:].T
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedFaces:
+    """Poses of all scans and the map of faces that they share.
+
+    Attributes
+    ----------
+    matches: for every scan, the face of each of its planes.
+    covariance: (3 F, 3 F) of the faces: two tangent components of the normal (`Face.tangents`) and the offset, m; zero before it
+        is known.   common: what it adds to the covariance of every pose.
+    """
+
+    poses: tuple[ScanPose, ...]
+    faces: tuple[Face, ...]
+    matches: tuple[tuple[int, ...], ...]
+    covariance: Float[np.ndarray, "f f"] = field(default_factory=lambda: np.zeros((0, 0)))
+    common: tuple[Float[np.ndarray, "6 6"], ...] = ()
+
+
+def normal_equations(
+    pairs: Sequence[tuple[FittedPlane, Face]], R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]
+) -> tuple[Float[np.ndarray, "6 6"], Float[np.ndarray, "6"]]:
+    """Information over (rotation in L, translation) and its right-hand side.
+
+    Residuals of a face in a plane's own terms: tangent components of its normal, distance from the plane's centroid.
+    """
+    H, b = np.zeros((6, 6)), np.zeros(6)
+    for plane, face in pairs:
+        residual, J = residual_and_jacobian(plane, face, R, t)
+        W = np.linalg.inv(plane.covariance + 1e-30 * np.eye(3))
+        H += J.T @ W @ J
+        b -= J.T @ W @ residual
+    return H, b
+
+
+def residual_and_jacobian(
+    plane: FittedPlane, face: Face, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 6"]]:
+    """Residual of a face in a plane's own terms, and its derivative by (rotation in L, translation)."""
+    n, arm = R @ face.normal, t - plane.centroid
+    residual = np.array([*(plane.tangents.T @ n), face.offset + n @ arm])
+    J = np.zeros((3, 6))
+    J[:2, :3] = -plane.tangents.T @ skew(n)
+    J[2, :3], J[2, 3:] = np.cross(n, arm), n
+    return residual, J
+
+
+def face_jacobian(
+    plane: FittedPlane, face: Face, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "3 3"]:
+    """Derivative of that residual by the face: two tangent components of its normal, and its offset."""
+    RT = R @ face.tangents
+    J = np.zeros((3, 3))
+    J[:2, :2], J[2, :2] = plane.tangents.T @ RT, (t - plane.centroid) @ RT
+    J[2, 2] = 1.0
+    return J

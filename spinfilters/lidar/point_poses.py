@@ -1,0 +1,126 @@
+"""Poses from points whose planes in frame g are known: one per scan, motion during the scan left out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from spinfilters.errors import InputError
+from spinfilters.lidar.scan_pose import rotation_matrix
+
+FEWEST: Final = 12
+"""Points of a scan that a pose is found from, at least: twice its unknowns."""
+SETTLED: Final = 1e-9
+"""Step, rad and radii of the body, below which a pose is found."""
+_MOST_STEPS, _SPREAD, _SEARCHED = 30, 60, 200
+_GOOD = 2.0  # ratio to the best residual found so far above which a pose is searched again
+_RIDGE = 1e-9
+DETERMINED: Final = 1e-5
+"""Smallest over largest information of an attitude, or of a place, below which planes leave a direction open."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlanePoints:
+    """Points of one scan, frame L, m, and the planes n.p = d of frame g that they lie on."""
+
+    points: Float[np.ndarray, "n 3"]
+    normals: Float[np.ndarray, "n 3"]
+    offsets: Float[np.ndarray, " n"]
+
+    def thinned(self, most: int) -> "PlanePoints":
+        """At most so many of them, evenly."""
+        rows = np.linspace(0, len(self.points) - 1, min(most, len(self.points))).astype(int)
+        return PlanePoints(self.points[rows], self.normals[rows], self.offsets[rows])
+
+
+@dataclass(frozen=True, eq=False)
+class PlanePose:
+    """R_Lg and the origin of g in L, m, with the root-mean-square distance of the points from their planes, m."""
+
+    rotation: Float[np.ndarray, "3 3"]
+    translation: Float[np.ndarray, "3"]
+    residual_std: float
+
+
+def plane_poses(scans: Sequence[PlanePoints]) -> list[PlanePose | None]:
+    """A pose of every scan, from that of the one before or from many attitudes; None of one with too few points.
+
+    Raises
+    ------
+    InputError: no scan determines its pose.
+    """
+    poses: list[PlanePose | None] = []
+    last: PlanePose | None = None
+    good = 0.0
+    for scan in scans:
+        found = None
+        if len(scan.points) >= FEWEST:
+            found = None if last is None else _settled(scan, last.rotation, last.translation)
+            if found is None or found.residual_std > good:
+                found = _searched(scan, good, None if last is None else last.translation)
+        poses.append(found)
+        if found is not None:
+            last = found
+            good = min(good or np.inf, _GOOD * found.residual_std)
+    if last is None:
+        raise InputError(
+            f"no scan of {len(scans)} determines a pose; give scans with {FEWEST} points on two planes or more"
+        )
+    return poses
+
+
+def _searched(scan: PlanePoints, good: float, place: Float[np.ndarray, "3"] | None) -> PlanePose | None:
+    """The best of many attitudes in which the planes face the lidar, or the first with residuals below ``good`` m.
+
+    Parameters
+    ----------
+    place: of the origin of g before, m: kept where two planes leave it open along their edge.
+    """
+    few, middle = scan.thinned(_SEARCHED), scan.points.mean(axis=0)
+    centre = (few.normals * few.offsets[:, None]).mean(axis=0)
+    best: PlanePose | None = None
+    for R in Rotation.random(_SPREAD, rng=np.random.default_rng(0)).as_matrix():
+        found = _settled(few, R, middle - R @ centre if place is None else place)
+        if found is not None and (best is None or found.residual_std < best.residual_std):
+            best = found
+            if best.residual_std < good:
+                break
+    return None if best is None else _settled(scan, best.rotation, best.translation)
+
+
+def _settled(scan: PlanePoints, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]) -> PlanePose | None:
+    """Gauss-Newton of point-to-plane distances.
+
+    None where planes would face away from the lidar, leave the attitude undetermined, or it does not settle.
+    """
+    size, H = float(np.abs(scan.offsets).max()) or 1.0, np.eye(6)
+    for _ in range(_MOST_STEPS):
+        n, residual = _residuals(scan, R, t)
+        J = np.concatenate([np.cross(n, scan.points - t), -n], axis=1)
+        J[:, 3:] *= size
+        H = J.T @ J
+        step = np.linalg.solve(H + _RIDGE * np.trace(H) * np.eye(6), -J.T @ residual)
+        step *= min(1.0, 0.5 / max(float(np.abs(step).max()), 1e-300))
+        R, t = rotation_matrix(step[:3]) @ R, t + size * step[3:]
+        if np.abs(step).max() < SETTLED:
+            break
+    else:
+        return None
+    n, residual = _residuals(scan, R, t)
+    values = np.linalg.eigvalsh(H[:3, :3] - H[:3, 3:] @ np.linalg.pinv(H[3:, 3:], DETERMINED) @ H[3:, :3])
+    if not np.isfinite(residual).all() or values[0] < DETERMINED * values[-1]:
+        return None
+    if np.mean(np.einsum("ni,ni->n", n, scan.points) < 0) < 0.9:
+        return None
+    return PlanePose(R, t, float(np.sqrt(np.mean(residual**2))))
+
+
+def _residuals(
+    scan: PlanePoints, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]:
+    """Normals in L and distances n.(p - t) - d, m."""
+    n = scan.normals @ R.T
+    return n, np.einsum("ni,ni->n", n, scan.points - t) - scan.offsets

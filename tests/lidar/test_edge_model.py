@@ -1,0 +1,69 @@
+"""Ranges near edges through beams that jitter, against drawn beams; poses that points at edges improve."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from spinfilters.lidar.body_motion import Still, thesis_rotation
+from spinfilters.lidar.edge_model import expected_ranges
+from spinfilters.lidar.face_map import Face
+from spinfilters.lidar.mesh import box
+from spinfilters.lidar.point_noise import PointNoise
+from spinfilters.lidar.ray_pattern import RayPattern, unit_vectors
+from spinfilters.lidar.scan_errors import rvs_noise
+from spinfilters.lidar.scan_pose import rotation_vector
+from spinfilters.lidar.scan_poses import scan_poses
+from spinfilters.lidar.scanner import LidarSettings, Scanner
+
+FACES = [Face(sign * np.eye(3)[k], 0.5) for k in range(3) for sign in (-1.0, 1.0)]
+R, T = thesis_rotation(30, 40, 20), np.array([500.0, 0.0, 0.0])
+NOISE = PointNoise(0.003, 1e-4, 2e-4)
+
+
+def first_ranges(angles: np.ndarray) -> np.ndarray:
+    """Ranges at which beams enter the convex body; exact."""
+    u = unit_vectors(*angles.T)
+    normals = np.array([R @ face.normal for face in FACES])
+    distance = np.array([face.offset for face in FACES]) + normals @ T
+    along = u @ normals.T
+    return np.where(along < 0, distance / along, -np.inf).max(axis=1)
+
+
+@pytest.mark.parametrize("angles", [(0.0, 0.0), (0.0, 3e-4), (2e-4, -2e-4), (-3e-4, 1e-4)])
+def test_mean_and_deviation_of_ranges_near_edges_are_those_of_drawn_beams(
+    angles: tuple[float, float],
+) -> None:
+    generator, beam = np.random.default_rng(0), np.array([angles])
+    drawn = beam + generator.standard_normal((200_000, 2)) * [NOISE.azimuth_std, NOISE.elevation_std]
+    ranges = first_ranges(drawn) + NOISE.range_std * generator.standard_normal(len(drawn))
+    mean, std = expected_ranges(beam, FACES, R, T, NOISE)
+    assert mean[0] == pytest.approx(ranges.mean(), abs=0.15 * ranges.std())
+    assert std[0] == pytest.approx(ranges.std(), rel=0.1)
+
+
+def test_without_jitter_the_range_is_that_of_the_first_face() -> None:
+    angles = np.random.default_rng(1).uniform(-5e-4, 5e-4, (50, 2))
+    mean, std = expected_ranges(angles, FACES, R, T, PointNoise(0.003, 0.0, 0.0))
+    np.testing.assert_allclose(mean, first_ranges(angles), atol=1e-9)
+    np.testing.assert_allclose(std, 0.003, rtol=1e-6)
+
+
+def test_a_beam_that_no_face_is_before_has_no_range() -> None:
+    behind = expected_ranges(np.array([[np.pi / 2, 0.0]]), FACES[:1], np.eye(3), T, NOISE)[0]
+    assert np.isnan(behind).all()
+
+
+def test_points_at_edges_improve_attitudes_of_a_coarse_scan() -> None:
+    scanner = Scanner.of(box(), LidarSettings(RayPattern((2.0, 2.0), (551, 551)), rvs_noise()))
+    rotations = [thesis_rotation(30 + 5 * k, 40, 20) for k in range(3)]
+    generator = np.random.default_rng(4)
+    scans = [scanner.scan(Still(Q, T), float(k), generator) for k, Q in enumerate(rotations)]
+    found = scan_poses(scans)
+    assert found.faces is not None
+    for pose, before in zip(found.poses, found.faces.poses, strict=True):
+        assert np.trace(pose.covariance[3:, 3:]) < 0.7 * np.trace(before.covariance[3:, 3:])
+    turns = [b.rotation @ a.rotation.T for a, b in pairwise(found.poses)]
+    true = [b @ a.T for a, b in pairwise(rotations)]
+    errors = [np.linalg.norm(rotation_vector(a @ b.T)) for a, b in zip(turns, true, strict=True)]
+    assert np.rad2deg(max(errors)) < 3.0
