@@ -181,7 +181,7 @@ class GrowingHistory:
         """
         if before is None:
             return EstimateHistory(
-                name=name, layout=self.layout, status=status, initialisation=0, **self.arrays()
+                name=name, layout=self.layout, status=status, initialisation=0, noise=(), **self.arrays()
             )
         count = len(before["time"])
         self.reserve(self._count, count)
@@ -189,7 +189,9 @@ class GrowingHistory:
         arrays = {key: array[rows] for key, array in self._room.items()}
         for key, array in arrays.items():
             array[:count] = before[key]
-        return EstimateHistory(name=name, layout=self.layout, status=status, initialisation=count, **arrays)
+        return EstimateHistory(
+            name=name, layout=self.layout, status=status, initialisation=count, noise=(), **arrays
+        )
 
 
 def checked_epochs(layout: StateLayout, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

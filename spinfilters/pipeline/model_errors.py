@@ -10,7 +10,7 @@ from jaxtyping import Float
 from spinfilters.data.sensor_format import sensor_format
 from spinfilters.errors import NUMERICAL_ERRORS
 from spinfilters.estimators.identification.components import DISTURBANCES, FORCE_PSD, ComponentRows
-from spinfilters.estimators.identification.identify import NoiseModel
+from spinfilters.estimators.identification.noise_model import NoiseModel
 from spinfilters.estimators.model_errors.alternative import Alternative, table
 from spinfilters.estimators.model_errors.hypotheses import (
     among_inliers,

@@ -8,8 +8,8 @@ from spinfilters.data.sensor_format import sensor_format
 from spinfilters.errors import NUMERICAL_ERRORS
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.identification.components import DISTURBANCES, ComponentRows
-from spinfilters.estimators.identification.identify import average_information
 from spinfilters.estimators.identification.residuals import residuals_of
+from spinfilters.estimators.identification.working_solutions import WorkingSolutions
 from spinfilters.estimators.smoothing.problem.least_squares import Stage, problem_of
 from spinfilters.estimators.smoothing.solver.batch_smoother import NO_LANDMARKS, NO_POINTS
 from spinfilters.evaluation.noise_tests import MEASUREMENTS, FilterTests, NoiseTest, filter_tests
@@ -127,7 +127,7 @@ def _smoother_tests(history: EstimateHistory, setup: Setup, settings: Settings) 
         if getattr(noise, name) > 0 and (setup.process.layout.translates or name != "force_psd")
     ]
     found = residuals_of(problem, here, normal, components, densities)
-    information = np.diag(average_information(problem, here, normal, found.sources))
+    information = WorkingSolutions(problem, here, normal, found.sources).variances_information
     names = (*(each.name for each in components), *densities)
     return {
         name: NoiseTest(float(r), float(S), 4 * float(F * max(S / max(r, TINY), 1.0)), float(S))

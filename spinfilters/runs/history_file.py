@@ -59,6 +59,7 @@ def read_history(path: Path, cure: str = "make the run again") -> EstimateHistor
         status=status,
         initialisation=initialisation,
         observations=observations,
+        noise=(),
         **numbers,
     )
 

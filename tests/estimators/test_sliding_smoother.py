@@ -299,7 +299,7 @@ def test_the_latest_state_and_the_map_are_told_together_with_their_joint_covaria
     assert isinstance(told, LandmarkBelief)
     np.testing.assert_array_equal(told.mean, belief.mean)
     np.testing.assert_allclose(told.state.covariance, belief.covariance, rtol=1e-6, atol=1e-14)
-    _, normal = sliding._linearised()
+    normal = sliding._linearised().normal
     assert isinstance(normal.solution, SchurSystem)
     marginals = Marginals(normal.solution, normal.eliminated)
     assert normal.eliminated is not None

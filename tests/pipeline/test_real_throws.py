@@ -38,6 +38,7 @@ def phone(request: pytest.FixtureRequest, shared_data: Callable[[str], Path]) ->
 def test_the_moments_of_a_phone_are_found_by_both_filters(phone: Comparison) -> None:
     segment = phone.setup.dataset.segment
     assert segment is not None
+    assert segment.number is not None
     for evaluation in phone.evaluations:
         assert evaluation.history.status.verdict == "ok"
         np.testing.assert_allclose(

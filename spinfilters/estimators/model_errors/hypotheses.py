@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import chi2
 
-from spinfilters.estimators.identification.identify import STAGE, NoiseModel, identify
+from spinfilters.estimators.identification.identify import STAGE, identify
+from spinfilters.estimators.identification.noise_model import NoiseModel
 from spinfilters.estimators.identification.residuals import residuals_of, source_factors
 from spinfilters.estimators.model_errors.linear_rows import LinearRows
 from spinfilters.estimators.model_errors.noise_components import NoiseComponents
