@@ -253,7 +253,7 @@ class RotationIntegrator:
         zero = {"old": [d, e], "new": [ca.SX.zeros(*d.shape), ca.SX.zeros(*e.shape)]}
         transition = ca.substitute([ca.jacobian(error, d)], zero["old"], zero["new"])[0]
         entry = ca.substitute([ca.jacobian(error, e)], zero["old"], zero["new"])[0]
-        root = ca.sqrt(psd[1]) * _lower_cholesky(noise)
+        root = ca.sqrt(psd[1]) * ca.chol(noise).T
         if layout.translates:
             root = ca.diagcat(root, ca.sqrt(psd[0]) * _double_integrator_root(dt))
         else:
@@ -289,11 +289,6 @@ def rotation_difference(coarse: Expression, fine: Expression) -> Expression:
     turn = 2 * (fine[3] * coarse[:3] - coarse[3] * fine[:3] - ca.cross(fine[:3], coarse[:3]))
     scale = ca.sqrt(ca.dot(fine[4:7], fine[4:7])) + 1e-300
     return ca.mmax(ca.fabs(ca.vertcat(turn, (fine[4:7] - coarse[4:7]) / scale)))
-
-
-def _lower_cholesky(Q: Expression) -> Expression:
-    """Lower factor of a 6 x 6 covariance, scaled first so that tiny time steps lose nothing."""
-    return ca.chol(Q).T
 
 
 def _double_integrator_root(dt: Expression) -> Expression:

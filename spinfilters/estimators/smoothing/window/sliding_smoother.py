@@ -6,15 +6,11 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement, ProcessModel
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.estimators.robust.losses import RobustLoss
 from spinfilters.estimators.smoothing.factors.motion_factors import StatePrior
-from spinfilters.estimators.smoothing.joint_belief import joint_belief
-from spinfilters.estimators.smoothing.linear.latest_marginal import latest_factor
-from spinfilters.estimators.smoothing.linear.marginals import Marginals
 from spinfilters.estimators.smoothing.problem.least_squares import LinearizationPoint, LinearProblem, Problem
 from spinfilters.estimators.smoothing.problem.unobservable_directions import unobservable_directions
 from spinfilters.estimators.smoothing.solver.iterations import (
@@ -41,6 +37,12 @@ from spinfilters.estimators.smoothing.window.smoother_records import (
     UpdateResult,
 )
 from spinfilters.estimators.smoothing.window.smoother_window import Window
+from spinfilters.estimators.smoothing.window.window_estimates import (
+    joint_latest_belief,
+    latest_belief,
+    predicted_state,
+    window_marginals,
+)
 from spinfilters.estimators.smoothing.window.window_policy import DETERMINED
 from spinfilters.estimators.timeline import Epoch, Timeline
 from spinfilters.state.gaussian import Gaussian
@@ -110,13 +112,17 @@ class SlidingSmoother:
         ------
         InputError: when time does not go forwards.
         """
-        self.window = self.window.opened(epoch.time, self._guess(epoch.time, guess))
+        self.window = self.window.opened(
+            epoch.time, predicted_state(self.process, self._prior, self.window, epoch.time, guess)
+        )
         return self.extend(epoch.measurements)
 
     def add_all(self, epochs: Sequence[Epoch]) -> UpdateResult:
         """Take in epochs that have gathered and solve once; what is said is of the last of them."""
         for epoch in epochs[:-1]:
-            self.window = self.window.opened(epoch.time, self._guess(epoch.time, None))
+            self.window = self.window.opened(
+                epoch.time, predicted_state(self.process, self._prior, self.window, epoch.time)
+            )
             self._extended(epoch.measurements)
         return self.add(epochs[-1])
 
@@ -137,21 +143,14 @@ class SlidingSmoother:
     @property
     def belief(self) -> Gaussian:
         """Of the latest epoch; its factor is not finite where something is not determined."""
-        solution, n = self._linearised().normal.solution, self.process.layout.error_dim
-        factor = np.full((n, n), np.nan) if isinstance(solution, int) else latest_factor(solution)
-        return Gaussian(self.process.layout, self.window.trajectory[-1], factor)
+        return latest_belief(self.process.layout, self.window, self._linearised().normal)
 
     def joint_belief(self, options: LandmarkOptions) -> Gaussian | LandmarkBelief:
         """Of the latest epoch and all landmarks of its linear problem that are well constrained, as a filter holds them."""
-        normal = self._linearised().normal
-        if isinstance(normal.solution, int) or normal.eliminated is None:
-            return self.belief
-        constrained = normal.eliminated.is_constrained
-        if not constrained.any():
-            return self.belief
-        ids, points = (array[constrained] for array in self._landmarks)
-        marginals = Marginals(normal.solution, normal.eliminated)
-        return joint_belief(marginals, self.window.trajectory[-1], (ids, points), options)
+        belief = joint_latest_belief(
+            self._linearised().normal, self.window.trajectory[-1], self._landmarks, options
+        )
+        return self.belief if belief is None else belief
 
     @property
     def mass_std(self) -> float:
@@ -165,15 +164,7 @@ class SlidingSmoother:
 
     def smoothed(self, epochs: int | None = None) -> list[MarginalizedState]:
         """Epochs of the window with their covariances: all, or so many of the oldest."""
-        solution, n = self._linearised().normal.solution, self.process.layout.error_dim
-        count = len(self.window.epochs) if epochs is None else epochs
-        if isinstance(solution, int):
-            factors = np.full((count, n, n), np.nan)
-        else:
-            gone = solution.ordering.epochs - len(self.window.epochs)
-            factors = Marginals(solution, None).first_factors(gone + count)[gone:]
-        rows = zip(self.window.epochs[:count], self.window.trajectory, factors, strict=False)
-        return [MarginalizedState(epoch.time, mean, factor) for epoch, mean, factor in rows]
+        return window_marginals(self.process.layout, self.window, self._linearised().normal, epochs)
 
     def settle(self) -> None:
         """Iterate on the window until it converges. One step per epoch leaves a little to be gained."""
@@ -201,22 +192,6 @@ class SlidingSmoother:
         if len(linear.point.trajectory) != len(self.window.epochs):
             return []
         return unobservable_directions(self.problem(), linear.point, linear.normal)
-
-    def _guess(self, time: float, guess: np.ndarray | None) -> Float[np.ndarray, " m"]:
-        """A first state for a new epoch: predicted, at the guessed pose."""
-        if self.window.epochs:
-            dt = time - self.window.epochs[-1].time
-            if not dt > 0:
-                raise InputError(
-                    f"time goes from {self.window.epochs[-1].time} s to {time} s; epochs must be in the order of time"
-                )
-            state = self.process.step(self.window.trajectory[-1], dt)
-        else:
-            state = self._prior.mean.copy()
-        if guess is not None:
-            layout = self.process.layout
-            state[layout.mean_slice("t")], state[layout.mean_slice("a")] = guess[:3], guess[3:]
-        return state
 
     def _solved(self, measurements: tuple[Measurement, ...]) -> tuple[int, Problem]:
         """Relinearise and iterate; the number of iterations is returned too."""
