@@ -55,12 +55,13 @@ class Setup:
 
     Attributes
     ----------
-    timeline: all epochs.   start: of which the first have been smoothed.
-    belief: what every filter begins from at the end of the start, with landmarks where the map is not known.
+    timeline: all epochs.   initial: of which the first have been smoothed.
+    belief: what every filter begins from at the end of the initialisation, with landmarks where the map is not known.
     map_points: (k, 3) m in g: the known map or that of the start, or None.
     gyro_noise: identified correlated error of a gyro, or None where it is white or stated.   identified: other noise that nobody
         states.
     unstated: names of all noise that nobody states.   sought: what of it is identified, by sensor.
+    is_given: whether the initialisation was not made from the data, as in studies of filters alone.
     """
 
     dataset: Dataset
@@ -74,6 +75,7 @@ class Setup:
     identified: tuple[VarianceComponent, ...] = ()
     unstated: frozenset[str] = frozenset()
     sought: Unstated = NOTHING_SOUGHT
+    is_given: bool = False
 
     @property
     def end_of_initialisation(self) -> float:
@@ -174,6 +176,7 @@ def _setup(dataset: Dataset, settings: Settings, initial: Given | None) -> Setup
         components,
         unstated_names(dataset, settings),
         NOTHING_SOUGHT if initial is not None else silent,
+        initial is not None,
     )
 
 

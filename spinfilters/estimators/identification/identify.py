@@ -108,7 +108,7 @@ def identify(
         working = WorkingSolutions(problem, here, normal, residuals.sources)
         by, settled = _step(working, residuals)
         if settled or iteration == ITERATIONS:
-            covariance = np.linalg.pinv(working.information + PRIOR_SLOPE / 2 * np.eye(len(theta)))
+            covariance = _covariance(working.information)
             components = _components(model, theta, covariance)
             return Identified(components, iteration, settled, theta, covariance, working.errors)
         there, _, _ = advanced(problem, here, normal, (rule, rule.first))
@@ -116,6 +116,12 @@ def identify(
             return None
         theta, trajectory, points = theta + by, there.trajectory, there.points
     return None
+
+
+def _covariance(information: Float[np.ndarray, "c c"]) -> Float[np.ndarray, "c c"]:
+    """Of ln variances, prior included. Average information need not be positive where residuals contradict the levels."""
+    values, vectors = np.linalg.eigh(information)
+    return vectors / (np.maximum(values, 0.0) + PRIOR_SLOPE / 2) @ vectors.T
 
 
 def _components(
