@@ -1,5 +1,6 @@
 """The table that sets estimators side by side."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -178,7 +179,7 @@ def _axis(body: BodyErrors | None) -> str | None:
 
 def _centre(body: BodyErrors | None) -> str | None:
     error = None if body is None else body.center_of_mass_g
-    return None if error is None else f"{1e3 * np.linalg.norm(error):.3g}"
+    return None if error is None else f"{1e3 * math.hypot(*error):.3g}"
 
 
 def _rms_row(name: str, field: str, unit_in_si: float, span: Callable[[Column], SpanErrors | None]) -> Row:

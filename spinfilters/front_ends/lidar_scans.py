@@ -45,7 +45,8 @@ def registered_scans(folder: Path) -> ScanPoses:
     paths = sorted((folder / SCAN_FOLDER).glob("*.ply"))
     if not paths:
         raise InputError(
-            f"{path_text(folder / DATASET_FILE)}: the kind is that of scans, but {SCAN_FOLDER} holds no .ply; put the scans there"
+            f"{path_text(folder / DATASET_FILE)}: the kind is lidar-scans or lidar-scan-points, "
+            f"but {SCAN_FOLDER} holds no .ply; put the scans there"
         )
     scans = sorted((read_scan(path) for path in paths), key=lambda scan: scan.epoch)
     times = np.array([scan.epoch for scan in scans])

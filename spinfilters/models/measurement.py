@@ -205,7 +205,7 @@ class MeasurementModel(ABC):
             self.valid(state, p),
             log_noise,
         ]
-        return Vectorised(ca.Function(f"{self.name}_linearise", [x, p, z], outputs))
+        return Vectorised(ca.Function(f"{self.name.replace('-', '_')}_linearise", [x, p, z], outputs))
 
 
 def _log_determinant(factor: ca.SX) -> ca.SX:

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
+from spinfilters.errors import NUMERICAL_ERRORS
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
@@ -52,10 +53,13 @@ def inertia_evidence(setup: Setup, settings: Settings) -> InertiaEvidence | None
     rest = min(len(setup.timeline) - first, MOST_EPOCHS)
     if setup.initial.has_failed or rest < 1 or not np.isfinite(setup.belief.factor).all():
         return None
-    with np.errstate(all="ignore"):  # what is not finite becomes a status
-        body, sphere = (
-            _predicted(setup, settings, belief) for belief in (setup.belief, _as_sphere(setup.belief))
-        )
+    try:
+        with np.errstate(all="ignore"):  # what is not finite becomes a status
+            body, sphere = (
+                _predicted(setup, settings, belief) for belief in (setup.belief, _as_sphere(setup.belief))
+            )
+    except NUMERICAL_ERRORS:
+        return InertiaEvidence(0.0, rest)
     if body.status.verdict is Verdict.FAILED:
         return InertiaEvidence(0.0, len(body.time))
     if sphere.status.verdict is Verdict.FAILED:

@@ -22,7 +22,8 @@ def add_compare(commands: Subparsers) -> argparse.ArgumentParser:
     compare.add_argument(
         "--estimators",
         metavar="A,B",
-        help="mekf, ukf, smoother, filterpy-ekf, filterpy-ukf, embedded, embedded-double (default: mekf,ukf,smoother; "
+        help="mekf, ukf, smoother, smoother-latest, filterpy-ekf, filterpy-ukf, embedded, embedded-double "
+        "(default: mekf,ukf,smoother; "
         "filterpy's too with --known-map)",
     )
     compare.add_argument("--seed", type=number(SEED), default=0, help="of the bundled example")
@@ -44,7 +45,7 @@ def add_estimate(commands: Subparsers) -> argparse.ArgumentParser:
         dest="estimators",
         default="ukf",
         metavar="NAME",
-        help="mekf, ukf, smoother, filterpy-ekf, filterpy-ukf, embedded or embedded-double (default ukf)",
+        help="mekf, ukf, smoother, smoother-latest, filterpy-ekf, filterpy-ukf, embedded or embedded-double (default ukf)",
     )
     _add_run_options(estimate)
     estimate.set_defaults(seed=0, known_map=False)
