@@ -30,8 +30,10 @@ def with_acceleration_if_told(make: "Callable[[Settings], Setup]", settings: Set
 
 
 def _asks(setup: "Setup") -> bool:
-    """Whether epochs without it could not be smoothed, do not fit, or score for it."""
+    """Whether epochs without it could not be smoothed, identify no noise, do not fit, or score for it."""
     start = setup.initial
+    if setup.sought and not setup.identified:
+        return True
     if start.has_failed or not np.isfinite(start.mean).all():
         return True
     if not start.fit < CLEAR_FIT or start.rejected > start.accepted:

@@ -44,15 +44,16 @@ def write_run_report(figure_data: FigureData, folder: Path) -> Path:
     ------
     InputError: the page cannot be written.
     """
-    model = _model_section(figure_data, folder)
-    sections = {
-        "Verdict": _verdict_section(figure_data),
-        "Numbers": _numbers_section(figure_data),
-        **({"Model": model} if model else {}),
-        **_dense_sections(folder),
-        "Pictures": "".join(_pictures(figure_data, folder)) or note("None was drawn."),
-        "What it was made with": _made_section(folder),
-    }
+    with np.errstate(all="ignore"):  # what a failed estimator left is shown as it is
+        model = _model_section(figure_data, folder)
+        sections = {
+            "Verdict": _verdict_section(figure_data),
+            "Numbers": _numbers_section(figure_data),
+            **({"Model": model} if model else {}),
+            **_dense_sections(folder),
+            "Pictures": "".join(_pictures(figure_data, folder)) or note("None was drawn."),
+            "What it was made with": _made_section(folder),
+        }
     sections = {head: inner for head, inner in sections.items() if inner}
     title = f"Run: {printable(figure_data.dataset.description or figure_data.dataset.kind)}"
     path = folder / REPORT_FILE

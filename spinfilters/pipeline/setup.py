@@ -44,7 +44,6 @@ from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 NOTHING_SOUGHT = Unstated({}, ())
 WHOLE_RECORDING = 400
 """Samples, at most, from which the error of a rate sensor is identified."""
-
 LEADING_EPOCHS = 16
 """Of the sensor that tells most of a motion, in an initialisation, where faster sensors stand beside it."""
 
@@ -225,7 +224,6 @@ def initial_samples(
     ------
     InputError: streams that do not tell a motion.
     """
-
     for stream in sorted(streams, key=_told, reverse=True):
         samples = sensor_of(stream.sensor).initial_motion(stream, noise, view)
         if samples is not None:

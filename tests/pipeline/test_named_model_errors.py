@@ -111,7 +111,7 @@ def toss(path: Path) -> Dataset:
     return Dataset(kind="pose", log=MeasurementLog((MeasurementStream("pose", rows[:count, 0], values),)))
 
 
-@pytest.mark.parametrize("number", ["070", "262"])
+@pytest.mark.parametrize("number", ["037", "070", "262"])
 def test_a_cube_tossed_before_motion_capture_falls_with_gravity(
     shared_data: Callable[[str], Path], number: str
 ) -> None:
