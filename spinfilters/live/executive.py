@@ -130,13 +130,13 @@ class Executive:
             self.track.take(frame)
             self.supervisor.send(frame)
         began = time.thread_time()
-        newest = arrived.time > self.track.time
+        is_latest = arrived.time > self.track.time
         gap = arrived.time - self.track.time
         frame = self._frame(arrived)
         reports = self.track.take(frame)
         if reports is None:
             self.summary.events["epoch left out, not finite"] += 1
-        if not newest:
+        if not is_latest:
             self.summary.events["late, put in its place"] += 1
             return
         if self._gaps.passed(gap):

@@ -118,8 +118,8 @@ def compare_estimators(
         if not evaluations:
             raise
         interrupted = True
-    judged_ones = _judge(evaluations, setup, settings)
-    bounded = judged_ones if interrupted else extent.bounding(judged_ones, setup)
+    with_verdicts = _judge(evaluations, setup, settings)
+    bounded = with_verdicts if interrupted else extent.bounding(with_verdicts, setup)
     return Comparison(setup, tuple(bounded), interrupted, maps)
 
 
@@ -247,11 +247,11 @@ def _judge(evaluations: list[Evaluation], setup: Setup, settings: Settings) -> l
     doubts = doubts_of(evaluations, setup, settings)
     entries = estimator_entries()
     peers = [evaluation for evaluation in evaluations if not entries[evaluation.name].is_baseline]
-    judged_ones = []
+    with_verdicts = []
     for evaluation in evaluations:
         entry = entries[evaluation.name]
         others = [peer for peer in peers if peer.history.status.verdict is not Verdict.FAILED]
         own = doubts.of(evaluation, entry)
         status = with_verdict(evaluation, own, others, entry.false_alarm_probability(setup, settings))
-        judged_ones.append(evaluation.with_status(status))
-    return judged_ones
+        with_verdicts.append(evaluation.with_status(status))
+    return with_verdicts

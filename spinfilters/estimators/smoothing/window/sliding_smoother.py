@@ -69,7 +69,7 @@ class SlidingSmoother:
     def __init__(
         self, process: ProcessModel, prior: StatePrior, options: SmootherOptions, has_landmarks: bool
     ) -> None:
-        self.process, self.options, self._tied = process, options, has_landmarks
+        self.process, self.options, self._has_landmarks = process, options, has_landmarks
         self._prior, self.state = prior, SmootherState()
         self._linear: LinearProblem | None = None
         self.at_levels: Callable[[Problem], Problem] = lambda problem: problem
@@ -138,7 +138,7 @@ class SlidingSmoother:
     def problem(self) -> Problem:
         """The least-squares problem of the window."""
         prior = self._prior if self.state.prior_alive else None
-        return self.at_levels(self.window.problem(self.process, prior, self._tied))
+        return self.at_levels(self.window.problem(self.process, prior, self._has_landmarks))
 
     @property
     def belief(self) -> Gaussian:

@@ -1,0 +1,56 @@
+"""Names of the field: words that have a standard term are no part of a name."""
+
+import io
+import re
+import tokenize
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+STANDARD = {
+    "sighting": "observation",
+    "sightings": "observations",
+    "foretold": "predicted",
+    "foretell": "predict",
+    "newest": "latest",
+    "tied": "has_landmarks",
+    "judged": "with_verdict",
+    "decrement": "predicted_reduction",
+    "revived": "reinitialised",
+    "revival": "landmark_reinitialisation",
+    "grams": "information_blocks",
+    "keeper": "checkpoint_store",
+    "forgetful": "null_store",
+    "perception": "tracks",
+}
+FILES = sorted(
+    path for package in ("spinfilters", "observability") for path in (ROOT / package).rglob("*.py")
+)
+
+
+def words_of(text: str) -> set[str]:
+    """The words that names of a source are made of."""
+    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
+    names = {token.string for token in tokens if token.type == tokenize.NAME}
+    return {word.lower() for name in names for word in re.findall(r"[A-Z]?[a-z0-9]+|[A-Z]+(?![a-z])", name)}
+
+
+def test_names_are_taken_apart() -> None:
+    assert words_of("class NewestSighting: at_rest = TIED") >= {"newest", "sighting", "at", "rest", "tied"}
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_names_use_the_standard_terms(path: Path) -> None:
+    found = words_of(path.read_text(encoding="utf-8")) & set(STANDARD)
+    assert not found, f"{path}: say {', '.join(STANDARD[word] for word in sorted(found))} instead of {found}"
+
+
+def test_modules_have_standard_names() -> None:
+    parts = {
+        word
+        for path in FILES
+        for part in path.relative_to(ROOT).with_suffix("").parts
+        for word in part.split("_")
+    }
+    assert not parts & set(STANDARD)
