@@ -44,7 +44,7 @@ ROUGH_GATE: Final = 4 * GATE
 """The same before the landmarks are settled."""
 INLIERS_NEEDED: Final = 0.5
 """Share of the measurements below which their noise is not what the estimators are told, and the bound says nothing."""
-MOST_TIED, MOST_CHAINED = 200, 4000
+MOST_WITH_LANDMARKS, MOST_WITHOUT = 200, 4000
 """Epochs beyond which the bound is left out, with unknown landmarks and without: it would take longer than it is worth."""
 
 Bounding = Callable[[Sequence[Evaluation], Setup], list[Evaluation]]
@@ -86,7 +86,7 @@ def cramer_rao_bound(setup: Setup, truth: Truth, evaluation: Evaluation) -> Esti
     ----------
     evaluation: of all epochs, whose frames i and g are those of the bound.
     """
-    if len(setup.timeline) > (MOST_TIED if _is_separator(setup) else MOST_CHAINED):
+    if len(setup.timeline) > (MOST_WITH_LANDMARKS if _is_separator(setup) else MOST_WITHOUT):
         return None
     try:
         states = _states(setup, truth, evaluation)
