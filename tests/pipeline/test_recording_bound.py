@@ -175,7 +175,7 @@ def test_there_is_none_of_a_plate_or_of_long_recordings(monkeypatch: pytest.Monk
     truth = truth_of(without_map())
     plate = replace(truth, principal_moments=np.array([2.0, 1.0, 1.0]))
     assert bounds_with(without_map(), plate) == [False, False]
-    monkeypatch.setattr(recording_bound, "MOST_TIED", 39)
+    monkeypatch.setattr(recording_bound, "MOST_WITH_LANDMARKS", 39)
     assert bounds_with(without_map(), truth) == [False, False]
 
 
