@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 
 FALSE_ALARM: Final = 1e-5
 """Probability of a score beyond which a model error is named."""
-CONTRADICTED: Final = 1e-2
-"""The same where residuals contradict the noise levels, so that something must be wrong."""
+CONTRADICTED: Final = 5e-4
+"""The same where residuals contradict the noise levels: about one alarm in a hundred over all alternatives."""
 NAMED: Final = 2
 """Errors that a verdict names at most."""
 MOST_EPOCHS_WITH_MAP, MOST_EPOCHS = 300, 1024
