@@ -26,9 +26,7 @@ from spinfilters.estimators.identification.noise_model import NoiseModel
 from spinfilters.estimators.identification.residuals import Residuals, residuals_of
 from spinfilters.estimators.identification.working_solutions import WorkingSolutions
 from spinfilters.estimators.robust.losses import Gate
-from spinfilters.estimators.smoothing.problem.least_squares import (
-    Stage,
-)
+from spinfilters.estimators.smoothing.problem.least_squares import Stage
 from spinfilters.estimators.smoothing.solver.annealing import GATE
 from spinfilters.estimators.smoothing.solver.iterations import advanced
 from spinfilters.estimators.smoothing.solver.step_rules import GaussNewton
