@@ -13,6 +13,7 @@ from observability.report import Report, analyse
 from observability.scope import title
 from observability.system import Input
 from spinfilters.api.argument_ranges import DEFAULT_MOMENTS, DEFAULT_RATE_RPM, LANDMARKS, require_motion
+from spinfilters.api.blas_threads import on_one_blas_thread
 from spinfilters.conventions import RPM
 from spinfilters.data.atomic_write import write_json, write_text
 from spinfilters.data.output_folder import output_folder, refuse_foreign
@@ -106,6 +107,7 @@ class KnownInputs:
         return tuple(Input(name) for name in dict.fromkeys(named))
 
 
+@on_one_blas_thread
 def observe(
     sensors: Sequence[str] | str = "stereo",
     *,

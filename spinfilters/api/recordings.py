@@ -13,6 +13,7 @@ from spinfilters.api.argument_ranges import (
     SEGMENT,
     require_motion,
 )
+from spinfilters.api.blas_threads import on_one_blas_thread
 from spinfilters.data.dataset import Dataset, has_images, read_dataset
 from spinfilters.data.input_file import value_text
 from spinfilters.data.reading_options import ReadingOptions
@@ -64,6 +65,7 @@ def load(
     return read_dataset(path, options=options)
 
 
+@on_one_blas_thread
 def simulate(
     kind: str = "stereo-tracks",
     *,

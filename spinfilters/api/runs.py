@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from spinfilters.api.argument_ranges import SECONDS_AHEAD
+from spinfilters.api.blas_threads import on_one_blas_thread
 from spinfilters.api.recordings import load
 from spinfilters.api.results import Run
 from spinfilters.data.dataset import Dataset
@@ -23,6 +24,7 @@ AnySettings = Settings | Mapping[str, Any] | str | os.PathLike[str]
 """Settings, the tables of a settings file, or the path of one."""
 
 
+@on_one_blas_thread
 def compare(
     data: Dataset | str | os.PathLike[str],
     estimators: Sequence[str] | str | None = None,

@@ -1,0 +1,46 @@
+"""Calls of the Python interface on one thread of BLAS."""
+
+import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
+
+from spinfilters.api.blas_threads import ASKED_FOR, on_one_blas_thread
+from spinfilters.api.runs import compare
+
+
+def blas_threads() -> set[int]:
+    """How many every BLAS that is loaded has now."""
+    return {each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas"}
+
+
+@pytest.fixture(autouse=True)
+def two_threads(monkeypatch: pytest.MonkeyPatch):
+    for name in ASKED_FOR:
+        monkeypatch.delenv(name, raising=False)
+    with threadpool_limits(2, user_api="blas"):
+        yield
+
+
+def test_a_call_has_one_thread_and_leaves_as_many_as_there_were():
+    assert on_one_blas_thread(blas_threads)() == {1}
+    assert blas_threads() == {2}
+
+
+def test_threads_are_given_back_after_an_error():
+    with pytest.raises(ZeroDivisionError):
+        on_one_blas_thread(lambda: 1 / 0)()
+    assert blas_threads() == {2}
+
+
+def test_a_number_that_the_environment_asks_for_holds(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "2")
+    assert on_one_blas_thread(blas_threads)() == {2}
+
+
+def test_estimators_are_compared_on_one_thread(tmp_path):
+    seen = []
+    path = tmp_path / "gyro.csv"
+    rows = "\n".join(f"{0.02 * k},{0.1},{0.5},{0.02 * (k % 7)}" for k in range(60))
+    path.write_text("t_s,wx,wy,wz\n" + rows + "\n")
+    compare(path, "mekf", progress=lambda *_: seen.append(blas_threads()))
+    assert seen
+    assert all(each == {1} for each in seen)
