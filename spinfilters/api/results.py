@@ -24,6 +24,7 @@ from spinfilters.pipeline.estimation import Comparison
 from spinfilters.runs.run_folder import MAP_FILE
 from spinfilters.runs.run_summary import read_summary, summary
 from spinfilters.settings.run_settings import Settings
+from spinfilters.state.status import verdict_sentences
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -148,8 +149,8 @@ class Run(Mapping[str, EstimatorResult]):
 
     @property
     def remarks(self) -> list[str]:
-        """A sentence per reason for which an estimator is not "ok"."""
-        return [f"{each.name} is {each.status}: {why}" for each in self.values() for why in each.reasons]
+        """A sentence per reason for which estimators are not "ok"."""
+        return verdict_sentences({each.name: each.evaluation.history.status for each in self.values()})
 
     def figure(self, name: str = "summary") -> "Figure":
         """One of the run's pictures as a matplotlib figure, which can be shown or saved (`savefig`).

@@ -25,6 +25,7 @@ from spinfilters.pipeline.segment_choice import read_chosen, segment_choice
 from spinfilters.runs.run_folder import REPORT_FILE
 from spinfilters.settings.run_settings import Settings, read_settings
 from spinfilters.simulation.scenario import Scenario, simulate, without_map
+from spinfilters.state.status import verdict_sentences
 
 _FLIGHTS_TOLD = 4
 
@@ -75,11 +76,8 @@ def _print_comparison(comparison: Comparison, folder: Path) -> None:
     console = wide_console()
     conditions = conditions_of(comparison.setup).sentences
     console.print(comparison_table(comparison.evaluations, conditions))
-    for evaluation in comparison.evaluations:
-        for reason in evaluation.history.status.reasons:
-            console.print(
-                f"{evaluation.name} is {evaluation.history.status.verdict}: {reason}", highlight=False
-            )
+    for sentence in verdict_sentences({each.name: each.history.status for each in comparison.evaluations}):
+        console.print(sentence, highlight=False)
     if comparison.interrupted:
         raise InputError(
             f"interrupted; what was estimated is in {folder}, run the command again with --resume to go on from there"

@@ -1,5 +1,6 @@
 """Whether an estimate can be trusted, and if not, why."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -27,3 +28,15 @@ class EstimatorStatus:
     def failed(self, reason: str) -> "EstimatorStatus":
         """This status as a failure for this reason."""
         return EstimatorStatus(Verdict.FAILED, (*self.reasons, reason))
+
+
+def verdict_sentences(statuses: Mapping[str, EstimatorStatus]) -> list[str]:
+    """A sentence per reason why estimators are not ``ok``; those of the same verdict for the same reason share one."""
+    names: dict[tuple[Verdict, str], list[str]] = {}
+    for name, status in statuses.items():
+        for reason in status.reasons:
+            names.setdefault((status.verdict, reason), []).append(name)
+    return [
+        f"{', '.join(those)} {'is' if len(those) == 1 else 'are'} {verdict}: {reason}"
+        for (verdict, reason), those in names.items()
+    ]
