@@ -10,7 +10,7 @@ from rich.text import Text
 
 from spinfilters.evaluation.errors import BodyErrors, RmsErrors
 from spinfilters.evaluation.evaluation import Evaluation
-from spinfilters.evaluation.formatting import with_uncertainty
+from spinfilters.evaluation.formatting import numbers, with_uncertainty
 from spinfilters.evaluation.span import ALWAYS, SpanErrors, shared_begin, span_errors
 from spinfilters.evaluation.usage import ObservationUse, observation_use, title_sentences
 from spinfilters.state.block import StateBlock
@@ -219,11 +219,11 @@ def _constant_rows(block: StateBlock) -> tuple[Row, ...]:
 
     def value(column: Column) -> str | None:
         found = column.evaluation.constants.get(block.name)
-        return None if found is None else " ".join(f"{x:{reported.value_format}}" for x in found.value)
+        return None if found is None else numbers(found.value, reported.value_format)
 
     def std(column: Column) -> str | None:
         found = column.evaluation.constants.get(block.name)
-        return None if found is None else " ".join(f"{x:{reported.std_format}}" for x in found.std)
+        return None if found is None else numbers(found.std, reported.std_format)
 
     return Row(f"{block.label} [{block.unit}]", value), Row("  standard deviation", std)
 

@@ -1,6 +1,7 @@
 """Numbers with their uncertainty as text."""
 
 import math
+from collections.abc import Iterable
 
 _MOST_DECIMALS = 9
 
@@ -13,3 +14,9 @@ def with_uncertainty(value: float, std: float) -> str:
     decimals = max(2, min(decimals, _MOST_DECIMALS))
     spread = f"{std:.{decimals}f}" if math.isfinite(std) else "unknown"
     return f"{value:.{decimals}f} ± {spread}"
+
+
+def numbers(values: Iterable[float], form: str) -> str:
+    """Numbers side by side in one format; "unknown" where one is none."""
+    listed = list(values)
+    return " ".join(format(value, form) for value in listed) if all(map(math.isfinite, listed)) else "unknown"

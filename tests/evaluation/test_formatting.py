@@ -1,0 +1,10 @@
+"""Numbers as text."""
+
+import math
+
+from spinfilters.evaluation.formatting import numbers
+
+
+def test_numbers_of_which_one_is_none_are_unknown():
+    assert numbers((1.0, -21.25), ".3g") == "1 -21.2"
+    assert numbers((1.0, math.nan), ".3g") == "unknown"
