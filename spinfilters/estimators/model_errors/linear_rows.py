@@ -212,8 +212,7 @@ class LinearRows:
         pose, g = b.moving[:, :p].copy(), b.landmarks
         if fit is not None:
             g = np.linalg.solve(self._landmark_sqrts, np.where(fit.is_constrained[:, None, None], g, 0.0))
-            seen, landmark = fit.observations.epoch, fit.observations.landmark
-            pose -= summed(seen, K, np.swapaxes(fit.coupling, 1, 2) @ g[landmark])
+            pose -= (self._coupling @ g.reshape(-1, m)).reshape(pose.shape)
         chained, X = self._forward(b.moving[:, p:]), s.tridiagonal.coupling[:, :, :-1]
         rest = np.concatenate([pose.reshape(K * p, m), b.constant])
         rest -= X.reshape(-1, X.shape[2]).T @ chained.reshape(-1, m)
@@ -231,8 +230,7 @@ class LinearRows:
         moving[:, :p] = kept[: K * p].reshape(K, p, m)
         moving[:, p:] = self._back(chained - X @ kept)
         if fit is not None:
-            seen, landmark = fit.observations.epoch, fit.observations.landmark
-            follow = summed(landmark, len(g), fit.coupling @ moving[seen, :p])
+            follow = (self._coupling.T @ moving[:, :p].reshape(-1, m)).reshape(g.shape)
             g = np.linalg.solve(np.swapaxes(self._landmark_sqrts, 1, 2), g - follow)
             g[~fit.is_constrained] = 0.0
         return Gradient(moving, kept[K * p :], g)
@@ -261,6 +259,18 @@ class LinearRows:
         fit = self.normal.eliminated
         assert fit is not None
         return np.where(fit.is_constrained[:, None, None], fit.information_sqrt, np.eye(3))
+
+    @cached_property
+    def _coupling(self) -> csr_array:
+        """Of poses (rows, epoch by epoch) with landmarks (columns), as factors of the latter leave it."""
+        fit = self.normal.eliminated
+        assert fit is not None
+        p, seen, landmark = len(self.problem.ordering.pose), fit.observations.epoch, fit.observations.landmark
+        rows = np.broadcast_to((p * seen[:, None] + np.arange(p))[:, None], fit.coupling.shape)
+        columns = np.broadcast_to((3 * landmark[:, None] + np.arange(3))[:, :, None], fit.coupling.shape)
+        shape = p * self.problem.ordering.epochs, 3 * len(self.here.points)
+        told = np.where(fit.is_constrained[landmark, None, None], fit.coupling, 0.0)
+        return csr_array((told.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
 
     @cached_property
     def _inverses(self) -> Float[np.ndarray, "k v v"]:
