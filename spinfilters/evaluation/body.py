@@ -5,8 +5,9 @@ are the eigenvalues of J and principal axes its eigenvectors. Covariances of wha
 
     d lambda_k = u_k' dJ u_k,   d u_k = sum over j != k of u_j (u_j' dJ u_k) / (lambda_k - lambda_j),
 
-with dJ by the error of the state; all others are integrals over the belief (`body_spread`). The moments are sorted: where two agree
-within their uncertainty, the estimated gap is biased outwards.
+with dJ by the error of the state; all others are integrals over the belief (`body_spread`), and those of moments and log ratios
+are widened to a quarter of what these depart by within four deviations of the belief (`moment_intervals`) where that is more. The
+moments are sorted: where two agree within their uncertainty, the estimated gap is biased outwards.
 """
 
 from dataclasses import dataclass
@@ -14,12 +15,13 @@ from functools import cache
 from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from spinfilters.dynamics.mass_distribution import inertia
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.body_spread import body_spread
+from spinfilters.evaluation.body_spread import body_spread, principal_steps
 from spinfilters.evaluation.error_propagation import by_stretches, with_error_jacobian
+from spinfilters.evaluation.moment_intervals import widest_departures
 from spinfilters.linear_algebra.signs import with_largest_positive
 from spinfilters.state.block import StateBlock
 from spinfilters.state.blocks.drag import DRAG
@@ -118,22 +120,30 @@ class BodyHistory:
         )
 
 
-def body_estimate(belief: Gaussian) -> BodyEstimate:
-    """The body as a belief over a layout with block s sees it."""
-    return _bodies(belief.layout, np.zeros(1), belief.mean[np.newaxis], belief.factor[np.newaxis]).at(0)
+def body_estimate(belief: Gaussian, intervals: bool = True) -> BodyEstimate:
+    """The body as a belief over a layout with block s sees it; see `body_history`."""
+    arrays = np.zeros(1), belief.mean[np.newaxis], belief.factor[np.newaxis]
+    return _bodies(belief.layout, *arrays, intervals).at(0)
 
 
-def body_history(history: EstimateHistory) -> BodyHistory:
-    """The body after every epoch of a history whose layout has block s; not a number where the history is not finite."""
-    return _bodies(history.layout, history.time, history.mean, history.factor)
+def body_history(history: EstimateHistory, intervals: bool = True) -> BodyHistory:
+    """The body after every epoch of a history whose layout has block s; not a number where the history is not finite.
+
+    Parameters
+    ----------
+    intervals: whether deviations cover four of the belief; else they are the mean squares of an error alone, as of a bound.
+    """
+    return _bodies(history.layout, history.time, history.mean, history.factor, intervals)
 
 
-def _bodies(layout: StateLayout, time: np.ndarray, mean: np.ndarray, factor: np.ndarray) -> BodyHistory:
+def _bodies(
+    layout: StateLayout, time: np.ndarray, mean: np.ndarray, factor: np.ndarray, intervals: bool
+) -> BodyHistory:
     centre, centre_std = _block(layout, CENTRE_OF_MASS, mean, factor)
     drag, drag_std = _block(layout, DRAG, mean, factor)
     return BodyHistory(
         time=time,
-        **by_stretches(len(time), lambda rows: _inertias(layout, mean[rows], factor[rows])),
+        **by_stretches(len(time), lambda rows: _inertias(layout, mean[rows], factor[rows], intervals)),
         center_of_mass_g=centre,
         center_of_mass_std=centre_std,
         drag=None if drag is None else drag[:, 0],
@@ -141,7 +151,9 @@ def _bodies(layout: StateLayout, time: np.ndarray, mean: np.ndarray, factor: np.
     )
 
 
-def _inertias(layout: StateLayout, mean: np.ndarray, factor: np.ndarray) -> dict[str, np.ndarray]:
+def _inertias(
+    layout: StateLayout, mean: np.ndarray, factor: np.ndarray, intervals: bool
+) -> dict[str, np.ndarray]:
     """Moments and axes with their covariances, by the names of a `BodyHistory`."""
     J, derivative = _inertia(layout)(mean)
     moments, vectors = _principal(J.reshape(-1, 3, 3))
@@ -160,26 +172,45 @@ def _inertias(layout: StateLayout, mean: np.ndarray, factor: np.ndarray) -> dict
         "log_ratios": np.log(moments[:, [2, 1]] / moments[:, [1, 0]]),
         "log_ratios_std": np.linalg.norm(logs, axis=2),
     }
-    _widen(layout, mean, factor, found)
+    vague = _widen(layout, mean, factor, found)
+    if intervals and vague.size:
+        _cover(mean[vague][:, layout.mean_slice("s")], factor[vague][:, layout.slice("s")], found, vague)
     found["principal_axes_cov"] = _bounded(found["principal_axes_cov"])
     return found
 
 
-def _widen(layout: StateLayout, mean: np.ndarray, factor: np.ndarray, found: dict[str, np.ndarray]) -> None:
-    """Put integrals over the belief in place of the first order where that is not enough."""
+def _widen(
+    layout: StateLayout, mean: np.ndarray, factor: np.ndarray, found: dict[str, np.ndarray]
+) -> Int[np.ndarray, " v"]:
+    """Put integrals over the belief in place of the first order where that is not enough; these rows."""
     masses = factor[:, layout.slice("s")]
     axes_std = np.sqrt(np.einsum("nkk->nk", found["principal_axes_cov"]).max(axis=1))
     widest = np.maximum(np.linalg.norm(masses, axis=(1, 2)), axes_std)
     known = np.isfinite(masses).all(axis=(1, 2)) & np.isfinite(found["principal_moments"]).all(axis=1)
     vague = np.flatnonzero(known & (widest > FIRST_ORDER_STD))
     if not vague.size:
-        return
+        return vague
     axes = np.swapaxes(found["principal_axes_g"][vague], 1, 2)
     moments, ratios, turns = body_spread(mean[vague][:, layout.mean_slice("s")], masses[vague], axes)
     found["principal_moments_cov"][vague] = moments
     found["log_ratios_std"][vague] = np.sqrt(np.einsum("nkk->nk", ratios))
     undetermined = np.einsum("nkk->nk", found["principal_axes_cov"][vague]) > UNDETERMINED_STD**2
     found["principal_axes_cov"][vague] = _with_std(turns, undetermined)
+    return vague
+
+
+def _cover(
+    s: Float[np.ndarray, "v 5"],
+    factor: Float[np.ndarray, "v 5 e"],
+    found: dict[str, np.ndarray],
+    rows: Int[np.ndarray, " v"],
+) -> None:
+    """Widen deviations of moments and log ratios to what these depart by within four of the belief, correlations kept."""
+    moments, ratios = widest_departures(s, principal_steps(factor))
+    std = np.sqrt(np.einsum("nkk->nk", found["principal_moments_cov"][rows]))
+    share = np.fmax(moments / np.where(std > 0, std, np.inf), 1.0)
+    found["principal_moments_cov"][rows] *= share[:, :, np.newaxis] * share[:, np.newaxis]
+    found["log_ratios_std"][rows] = np.fmax(found["log_ratios_std"][rows], ratios)
 
 
 def _principal(J: Float[np.ndarray, "n 3 3"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 3"]]:

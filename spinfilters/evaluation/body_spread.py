@@ -37,8 +37,7 @@ def body_spread(
 
     Not a number where a body at such a deviation is none to rounding.
     """
-    directions, deviations, _ = np.linalg.svd(factor, full_matrices=False)
-    steps = directions * np.minimum(deviations, WIDEST)[:, np.newaxis]
+    steps = principal_steps(factor)
     points, weights = _cubature()
     offsets = np.einsum("pe,nke->npk", points, steps)
     J = _moved_inertia()(np.repeat(s[:, np.newaxis], offsets.shape[1], 1), offsets)[0].reshape(
@@ -52,6 +51,12 @@ def body_spread(
     ratios = np.log(moments[..., [2, 1]] / moments[..., [1, 0]])
     turns = _turns(axes, vectors)
     return _covariance(scaled, weights), _covariance(ratios, weights), _covariance(turns, weights)
+
+
+def principal_steps(factor: Float[np.ndarray, "n 5 e"]) -> Float[np.ndarray, "n 5 5"]:
+    """Principal directions of a covariance as columns, of the length of their deviations up to `WIDEST`."""
+    directions, deviations, _ = np.linalg.svd(factor, full_matrices=False)
+    return directions * np.minimum(deviations, WIDEST)[:, np.newaxis]
 
 
 def _covariance(

@@ -53,7 +53,7 @@ def error_bound(limits: EstimateHistory, errors: TruthErrors, fitted: bool) -> E
     limits: the truth with the bound's covariance, at the epochs of the trajectory that has the errors.
     fitted: see `ErrorBound`.
     """
-    body = _body(body_history(limits).at(-1), fitted)
+    body = _body(body_history(limits, intervals=False).at(-1), fitted)
     return ErrorBound(trajectory_of(limits), errors.rows, body, fitted)
 
 

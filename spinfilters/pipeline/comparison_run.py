@@ -92,6 +92,8 @@ def write_comparison(
     open_run_folder(folder)
     with locked_run(folder):
         _write_and_draw(folder, comparison, settings, report)
+        if not comparison.interrupted:
+            _write_report(folder, comparison)
 
 
 def _compare_and_write(
@@ -104,10 +106,14 @@ def _compare_and_write(
         optional_outputs.check(setup, settings)
     comparison = compare_estimators(setup, settings, report, _checkpoints(output, setup, settings))
     _write_and_draw(folder, comparison, settings, report)
-    if optional_outputs is not None and not comparison.interrupted:
-        optional_outputs.write(
-            folder, comparison, settings, lambda done, total: report("convergence", done, total)
-        )
+    if comparison.interrupted:
+        return comparison
+    try:
+        if optional_outputs is not None:
+            optional_outputs.write(
+                folder, comparison, settings, lambda done, total: report("convergence", done, total)
+            )
+    finally:  # the page stands, whatever came of these
         _write_report(folder, comparison)
     return comparison
 
@@ -137,7 +143,6 @@ def _write_and_draw(folder: Path, comparison: Comparison, settings: Settings, re
     draw_run(
         FigureData.from_comparison(comparison), folder, lambda done, total: report("figures", done, total)
     )
-    _write_report(folder, comparison)
 
 
 def _write_report(folder: Path, comparison: Comparison) -> None:

@@ -1,7 +1,7 @@
 """All doubts about the estimates of a run that more than their own numbers tell."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 from spinfilters.estimators.history import EstimateHistory
@@ -36,6 +36,8 @@ class Doubts:
     shared: list[str]
     of_filters: list[str]
     smoother: EstimateHistory | None
+    _agreements: dict[str, list[str]] = field(default_factory=dict)
+    _noise: dict[str, list[str]] = field(default_factory=dict)
 
     def of(self, evaluation: Evaluation, entry: AnyEntry) -> list[str]:
         """About one estimator."""
@@ -44,8 +46,8 @@ class Doubts:
         if not entry.continues:
             own = smoother_noise_diagnostics(evaluation.history, self.setup, self.settings)
             return [*self.shared, *own, *self._of_landmarks]
-        agreement = agreement_diagnostics(evaluation, self.smoother)
-        noise = [] if entry.is_baseline or agreement else self._noise(evaluation)
+        agreement = self._agreement_of(evaluation)
+        noise = [] if entry.is_baseline or agreement else self._noise_of(evaluation)
         return [*self.shared, *self.of_filters, *agreement, *noise]
 
     @cached_property
@@ -54,12 +56,22 @@ class Doubts:
         if not self.setup.initial.has_landmarks:
             return []
         for each in self.evaluations:
-            if each.name != SMOOTHER and not agreement_diagnostics(each, self.smoother):
-                return self._noise(each)
+            if each.name != SMOOTHER and not self._agreement_of(each):
+                return self._noise_of(each)
         return []
 
-    def _noise(self, evaluation: Evaluation) -> list[str]:
-        return filter_noise_diagnostics(evaluation.history, self.setup, self.settings)
+    def _agreement_of(self, evaluation: Evaluation) -> list[str]:
+        """With the smoother, asked once of a filter."""
+        if evaluation.name not in self._agreements:
+            self._agreements[evaluation.name] = agreement_diagnostics(evaluation, self.smoother)
+        return self._agreements[evaluation.name]
+
+    def _noise_of(self, evaluation: Evaluation) -> list[str]:
+        """Of a filter's own epochs, asked once."""
+        if evaluation.name not in self._noise:
+            found = filter_noise_diagnostics(evaluation.history, self.setup, self.settings)
+            self._noise[evaluation.name] = found
+        return self._noise[evaluation.name]
 
 
 def doubts_of(evaluations: Sequence[Evaluation], setup: Setup, settings: Settings) -> Doubts:

@@ -44,7 +44,7 @@ Make = Callable[[InitialisationOptions], InitialEstimate]
 
 def moments_std_of(start: InitialEstimate) -> float:
     """Largest standard deviation of a principal moment at the end of a start, relative to the largest moment."""
-    return float(np.max(body_estimate(start.belief).principal_moments_std))
+    return float(np.max(body_estimate(start.belief, intervals=False).principal_moments_std))
 
 
 def long_enough_initialisation(

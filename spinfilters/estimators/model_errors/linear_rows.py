@@ -87,7 +87,7 @@ class Columns:
         return cls(sensors, steps, seen, np.concatenate([each.prior for each in parts], axis=1))
 
 
-def _summed(
+def summed(
     index: Int[np.ndarray, " r"], count: int, part: Float[np.ndarray, "r a m"]
 ) -> Float[np.ndarray, "k a m"]:
     """Sums of the rows of each index."""
@@ -101,12 +101,27 @@ def _flat(part: Float[np.ndarray, "a b m"]) -> Float[np.ndarray, "c m"]:
 
 
 @dataclass(frozen=True)
-class _Gradient:
+class Gradient:
     """J'H: (k, d, m) of moving components, (c, m) of constants, (L, 3, m) of landmarks."""
 
     moving: Float[np.ndarray, "k d m"]
     constant: Float[np.ndarray, "c m"]
     landmarks: Float[np.ndarray, "L 3 m"]
+
+
+@dataclass(frozen=True)
+class HalfSolved:
+    """A^-1 b with J'J = A A': (L, 3, m) of landmarks, (k, v, m) of chained errors, (n, m) of poses and constants."""
+
+    landmarks: Float[np.ndarray, "L 3 m"]
+    chained: Float[np.ndarray, "k v m"]
+    kept: Float[np.ndarray, "n m"]
+
+    @property
+    def gram(self) -> Float[np.ndarray, "m m"]:
+        """b'P b."""
+        parts = (_flat(self.landmarks), _flat(self.chained), self.kept)
+        return sum((part.T @ part for part in parts), np.zeros((self.kept.shape[1],) * 2))
 
 
 @dataclass(frozen=True)
@@ -164,10 +179,10 @@ class LinearRows:
             return np.zeros((0, len(ordering.order) + 1))
         return prior_rows(ordering, self.here.trajectory[0], prior)
 
-    def _columns(self, sensor: SensorRows) -> Int[np.ndarray, " c"]:
+    def columns_of(self, sensor: SensorRows) -> Int[np.ndarray, " c"]:
         return self.problem.motion.sensor_columns(sensor)[:-1]
 
-    def _gradient(self, right: Columns) -> _Gradient:
+    def _gradient(self, right: Columns) -> Gradient:
         ordering, m = self.problem.ordering, right.count
         d, J = len(ordering.moving), self.here.dynamics.rows[:, :, :-1]
         every = np.zeros((ordering.epochs, len(ordering.order), m))
@@ -175,7 +190,7 @@ class LinearRows:
             self.problem.motion.sensors, self.sensor_rows, right.sensors, strict=True
         ):
             by_row = np.swapaxes(rows[:, :, :-1], 1, 2) @ part
-            every[:, self._columns(sensor)] += _summed(sensor.epoch, ordering.epochs, by_row)
+            every[:, self.columns_of(sensor)] += summed(sensor.epoch, ordering.epochs, by_row)
         by_step = np.swapaxes(J, 1, 2) @ right.steps
         every[:-1, :d] += by_step[:, :d]
         every[1:, :d] += by_step[:, d : 2 * d]
@@ -186,33 +201,39 @@ class LinearRows:
             fit = self.normal.eliminated
             assert fit is not None
             by_row = np.swapaxes(self.observation_rows[:, :, :-1], 1, 2) @ right.observations
-            every[:, :6] += _summed(fit.observations.epoch, ordering.epochs, by_row[:, :6])
-            landmarks += _summed(fit.observations.landmark, len(landmarks), by_row[:, 6:])
-        return _Gradient(every[:, :d], constant, landmarks)
+            every[:, :6] += summed(fit.observations.epoch, ordering.epochs, by_row[:, :6])
+            landmarks += summed(fit.observations.landmark, len(landmarks), by_row[:, 6:])
+        return Gradient(every[:, :d], constant, landmarks)
 
-    def _solved(self, b: _Gradient) -> _Gradient:
-        """P b."""
+    def half_solved(self, b: Gradient) -> HalfSolved:
+        """A^-1 b."""
         ordering, fit, s = self.problem.ordering, self.normal.eliminated, self.solution
         K, p, m = ordering.epochs, len(ordering.pose), b.constant.shape[1]
         pose, g = b.moving[:, :p].copy(), b.landmarks
         if fit is not None:
             g = np.linalg.solve(self._landmark_sqrts, np.where(fit.is_constrained[:, None, None], g, 0.0))
-            seen, landmark = fit.observations.epoch, fit.observations.landmark
-            pose -= _summed(seen, K, np.swapaxes(fit.coupling, 1, 2) @ g[landmark])
+            pose -= (self._coupling @ g.reshape(-1, m)).reshape(pose.shape)
         chained, X = self._forward(b.moving[:, p:]), s.tridiagonal.coupling[:, :, :-1]
         rest = np.concatenate([pose.reshape(K * p, m), b.constant])
         rest -= X.reshape(-1, X.shape[2]).T @ chained.reshape(-1, m)
         half = solve_triangular(s.information_sqrt, rest, lower=True, check_finite=False)
-        kept = solve_triangular(s.information_sqrt, half, lower=True, trans=1, check_finite=False)
+        return HalfSolved(g, chained, half)
+
+    def _solved(self, b: Gradient) -> Gradient:
+        """P b."""
+        ordering, fit, s = self.problem.ordering, self.normal.eliminated, self.solution
+        K, p, m = ordering.epochs, len(ordering.pose), b.constant.shape[1]
+        half = self.half_solved(b)
+        g, chained, X = half.landmarks, half.chained, s.tridiagonal.coupling[:, :, :-1]
+        kept = solve_triangular(s.information_sqrt, half.kept, lower=True, trans=1, check_finite=False)
         moving = np.empty_like(b.moving)
         moving[:, :p] = kept[: K * p].reshape(K, p, m)
         moving[:, p:] = self._back(chained - X @ kept)
         if fit is not None:
-            seen, landmark = fit.observations.epoch, fit.observations.landmark
-            follow = _summed(landmark, len(g), fit.coupling @ moving[seen, :p])
+            follow = (self._coupling.T @ moving[:, :p].reshape(-1, m)).reshape(g.shape)
             g = np.linalg.solve(np.swapaxes(self._landmark_sqrts, 1, 2), g - follow)
             g[~fit.is_constrained] = 0.0
-        return _Gradient(moving, kept[K * p :], g)
+        return Gradient(moving, kept[K * p :], g)
 
     def _forward(self, b: Float[np.ndarray, "k v m"]) -> Float[np.ndarray, "k v m"]:
         """n_k = L_k^-1 (b_k - F_k-1' n_k-1)."""
@@ -240,16 +261,28 @@ class LinearRows:
         return np.where(fit.is_constrained[:, None, None], fit.information_sqrt, np.eye(3))
 
     @cached_property
+    def _coupling(self) -> csr_array:
+        """Of poses (rows, epoch by epoch) with landmarks (columns), as factors of the latter leave it."""
+        fit = self.normal.eliminated
+        assert fit is not None
+        p, seen, landmark = len(self.problem.ordering.pose), fit.observations.epoch, fit.observations.landmark
+        rows = np.broadcast_to((p * seen[:, None] + np.arange(p))[:, None], fit.coupling.shape)
+        columns = np.broadcast_to((3 * landmark[:, None] + np.arange(3))[:, :, None], fit.coupling.shape)
+        shape = p * self.problem.ordering.epochs, 3 * len(self.here.points)
+        told = np.where(fit.is_constrained[landmark, None, None], fit.coupling, 0.0)
+        return csr_array((told.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
+
+    @cached_property
     def _inverses(self) -> Float[np.ndarray, "k v v"]:
         """L_k^-1."""
         return np.linalg.inv(np.tril(self.solution.tridiagonal.information_sqrts))
 
-    def _explained(self, e: _Gradient, count: int) -> Columns:
+    def _explained(self, e: Gradient, count: int) -> Columns:
         """J e."""
         constant = np.broadcast_to(e.constant, (len(e.moving), *e.constant.shape))
         states = np.concatenate([e.moving, constant], axis=1)
         sensors = tuple(
-            rows[:, :, :-1] @ states[sensor.epoch[:, None], self._columns(sensor)]
+            rows[:, :, :-1] @ states[sensor.epoch[:, None], self.columns_of(sensor)]
             for sensor, rows in zip(self.problem.motion.sensors, self.sensor_rows, strict=True)
         )
         both = np.concatenate([e.moving[:-1], e.moving[1:], constant[:-1]], axis=1)

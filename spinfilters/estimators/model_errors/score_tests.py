@@ -16,10 +16,11 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from scipy.stats import chi2
 
 from spinfilters.estimators.model_errors.alternative import Alternative
+from spinfilters.estimators.model_errors.epoch_information import information_by_epoch
 from spinfilters.estimators.model_errors.linear_rows import Columns
 from spinfilters.estimators.model_errors.noise_components import NoiseComponents
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
@@ -28,8 +29,6 @@ LEAST_LEFT: Final = 1e-5
 """Share of a direction's information that states and landmarks must leave; with less it is consistent with any size."""
 MOST_EPOCHS: Final = 60
 """At which an error drawn by epoch is looked for; of a longer recording they are chosen evenly."""
-TOGETHER: Final = 48
-"""Right-hand sides that are solved for at once."""
 VARIANCES: Final = np.logspace(-2, 6, 65)
 """Of an error by epoch that are tried, in those that its most telling direction is known to."""
 
@@ -150,7 +149,7 @@ def _by_epoch(
     error, columns = named
     K = len(motion.time)
     chosen = np.unique(np.linspace(0, K - 1, min(K, MOST_EPOCHS)).astype(int))
-    F = _information_by_epoch(motion, columns, chosen)
+    F = information_by_epoch(motion.rows, columns, chosen)
     u = _score_by_epoch(motion, columns, left)[chosen].reshape(-1)
     if not np.isfinite(F).all() or np.trace(F) < LEAST_LEFT * float(np.trace(columns.gram(columns))):
         return None
@@ -203,22 +202,3 @@ def _score_by_epoch(motion: SmoothedMotion, columns: Columns, left: Columns) -> 
     if columns.observations is not None and left.observations is not None and seen is not None:
         np.add.at(found, seen, np.swapaxes(columns.observations, 1, 2) @ left.observations)
     return found
-
-
-def _information_by_epoch(
-    motion: SmoothedMotion, columns: Columns, chosen: Int[np.ndarray, " c"]
-) -> Float[np.ndarray, "n n"]:
-    """F among the errors of the chosen epochs."""
-    q, K = columns.count, len(motion.time)
-    F = np.empty((len(chosen) * q, len(chosen) * q))
-    each = max(TOGETHER // q, 1)
-    for first in range(0, len(chosen), each):
-        part = chosen[first : first + each]
-        sizes = np.zeros((K, q, len(part) * q))
-        for number, epoch in enumerate(part):
-            sizes[epoch, :, number * q : (number + 1) * q] = np.eye(q)
-        after = motion.rows.residual(_drawn(motion, columns, sizes))
-        F[:, first * q : first * q + len(part) * q] = _score_by_epoch(motion, columns, after)[chosen].reshape(
-            len(chosen) * q, -1
-        )
-    return (F + F.T) / 2

@@ -36,13 +36,14 @@ def reinitialised(
     landmark = observations.landmark[rows]
     one, other = _pairs(landmark)
     agree = _distance(own, covariance, one, other) < gate
-    votes = np.bincount(one[agree], minlength=len(rows))
+    one, other = _both_ways(one[agree], other[agree], len(rows))
+    votes = np.bincount(one, minlength=len(rows))
     order = np.lexsort((votes, landmark))
     winners = order[np.flatnonzero(np.diff(landmark[order], append=-1))]
     winners = winners[votes[winners] >= OBSERVATIONS_NEEDED]
     if not len(winners):
         return None
-    kept = agree & np.isin(one, winners)
+    kept = np.isin(one, winners)
     moved = points.copy()
     moved[landmark[winners]] = _means(one[kept], other[kept], own, covariance)[winners]
     return moved
@@ -75,12 +76,20 @@ def _by_landmark(
 
 
 def _pairs(landmark: Int[np.ndarray, " r"]) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
-    """Every ordered pair of rows of one landmark, a row with itself included; landmarks ascend."""
-    first = np.searchsorted(landmark, landmark, side="left")
-    count = np.searchsorted(landmark, landmark, side="right") - first
-    one = np.repeat(np.arange(len(landmark)), count)
+    """Every pair of two rows of one landmark, the earlier first; landmarks ascend."""
+    row = np.arange(len(landmark))
+    count = np.searchsorted(landmark, landmark, side="right") - row - 1
+    one = np.repeat(row, count)
     within = np.arange(len(one)) - np.repeat(np.cumsum(count) - count, count)
-    return one, first[one] + within
+    return one, one + 1 + within
+
+
+def _both_ways(
+    one: Int[np.ndarray, " p"], other: Int[np.ndarray, " p"], rows: int
+) -> tuple[Int[np.ndarray, " q"], Int[np.ndarray, " q"]]:
+    """Ordered pairs, each row with itself among them."""
+    itself = np.arange(rows)
+    return np.concatenate([one, other, itself]), np.concatenate([other, one, itself])
 
 
 def _distance(
@@ -89,9 +98,15 @@ def _distance(
     one: np.ndarray,
     other: np.ndarray,
 ) -> Float[np.ndarray, " p"]:
-    away = points[one] - points[other]
+    """Mahalanobis distance of two points, by the adjugate of their covariances' sum."""
+    x, y, z = (points[one] - points[other]).T
     spread = covariance[one] + covariance[other]
-    return np.sqrt(np.einsum("pi,pi->p", away, np.linalg.solve(spread, away[..., None])[..., 0]))
+    a, b, c = spread[:, 0, 0], spread[:, 1, 1], spread[:, 2, 2]
+    d, e, f = spread[:, 1, 0], spread[:, 2, 0], spread[:, 2, 1]
+    first, second, third = b * c - f * f, e * f - d * c, d * f - e * b
+    square = first * x * x + (a * c - e * e) * y * y + (a * b - d * d) * z * z
+    square += 2 * (second * x * y + third * x * z + (d * e - a * f) * y * z)
+    return np.sqrt(np.maximum(square, 0.0) / (a * first + d * second + e * third))
 
 
 def _means(

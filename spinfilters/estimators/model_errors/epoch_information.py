@@ -1,0 +1,59 @@
+"""Information on errors that are drawn anew at every epoch, by the solved rows of a smoothing problem.
+
+F = H'M H = H'H - z'z with z = A^-1 J'H, J'J = A A': H is that of one epoch alone, so that H'H is block-diagonal and J'H holds the
+states and landmarks of that epoch; no column of the length of all measurements is formed.
+"""
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.estimators.model_errors.linear_rows import Columns, Gradient, LinearRows, summed
+
+
+def information_by_epoch(
+    rows: LinearRows, columns: Columns, chosen: Int[np.ndarray, " c"]
+) -> Float[np.ndarray, "n n"]:
+    """F among the errors of the chosen epochs, epoch by epoch, of measured columns."""
+    q, count = columns.count, len(chosen)
+    F = -rows.half_solved(_gradient(rows, columns, chosen)).gram
+    own = np.zeros((rows.problem.ordering.epochs, q, q))
+    for epochs, part in _parts(rows, columns):
+        own += summed(epochs, len(own), np.swapaxes(part, 1, 2) @ part)
+    number = np.arange(count)
+    blocks = F.reshape(count, q, count, q)
+    blocks[number, :, number] += own[chosen]
+    return F
+
+
+def _gradient(rows: LinearRows, columns: Columns, chosen: Int[np.ndarray, " c"]) -> Gradient:
+    """J'H, a column for each chosen epoch and error."""
+    ordering, fit, q, count = rows.problem.ordering, rows.normal.eliminated, columns.count, len(chosen)
+    K, d, number = ordering.epochs, len(ordering.moving), np.arange(count)
+    every = np.zeros((K, len(ordering.order), count, q))
+    for sensor, J, part in zip(rows.problem.motion.sensors, rows.sensor_rows, columns.sensors, strict=True):
+        by_epoch = summed(sensor.epoch, K, np.swapaxes(J[:, :, :-1], 1, 2) @ part)[chosen]
+        every[chosen[:, None], rows.columns_of(sensor), number[:, None]] += by_epoch
+    landmarks = np.zeros((len(rows.here.points), 3, count * q))
+    if fit is not None and rows.observation_rows is not None and columns.observations is not None:
+        place = np.full(K, -1)
+        place[chosen] = number
+        own = np.flatnonzero(place[fit.observations.epoch] >= 0)
+        at, landmark = place[fit.observations.epoch[own]], fit.observations.landmark[own]
+        by_row = np.swapaxes(rows.observation_rows[own, :, :-1], 1, 2) @ columns.observations[own]
+        every[chosen, :6, number] += summed(at, count, by_row[:, :6])
+        seen = summed(landmark * count + at, len(landmarks) * count, by_row[:, 6:])
+        seen = seen.reshape(len(landmarks), count, 3, q)
+        landmarks = np.swapaxes(seen, 1, 2).reshape(len(landmarks), 3, count * q)
+    flat = every.reshape(K, -1, count * q)
+    return Gradient(flat[:, :d], flat[:, d:].sum(axis=0), landmarks)
+
+
+def _parts(
+    rows: LinearRows, columns: Columns
+) -> list[tuple[Int[np.ndarray, " r"], Float[np.ndarray, "r i q"]]]:
+    """Epochs and columns of the rows of every sensor, and of the observations."""
+    sensors, observations = rows.problem.motion.sensors, rows.problem.observations
+    found = [(s.epoch, part) for s, part in zip(sensors, columns.sensors, strict=True)]
+    if observations is not None and columns.observations is not None:
+        found.append((observations.epoch, columns.observations))
+    return found

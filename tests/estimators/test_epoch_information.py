@@ -1,0 +1,68 @@
+"""Information on errors of single epochs: what is formed without long columns is H'M H."""
+
+import numpy as np
+import pytest
+from jaxtyping import Float
+
+from spinfilters.estimators.model_errors.alternatives.clock import ClockJitter
+from spinfilters.estimators.model_errors.epoch_information import information_by_epoch
+from spinfilters.estimators.model_errors.hypotheses import solved_near
+from spinfilters.estimators.model_errors.linear_rows import Columns
+from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
+from spinfilters.estimators.timeline import times_of
+from spinfilters.pipeline import model_errors
+from spinfilters.pipeline.setup import prepare
+from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
+
+CHOSEN = np.array([0, 3, 4, 11])
+
+
+def smoothed(kind: str) -> SmoothedMotion:
+    """About the initialisation of a short recording; tracks without their map."""
+    scenario = Scenario(kind=kind, rate_rpm=RICH_RPM, epochs=16, landmarks=40)
+    dataset = simulate(scenario)
+    dataset = without_map(dataset) if dataset.known_map is not None else dataset
+    settings = Settings(process={"gravity": False}, initialisation={"share": 1.0})  # pyright: ignore[reportArgumentType]
+    setup = prepare(dataset, settings)
+    problem = model_errors._problem(setup, len(setup.initial.mean))  # pyright: ignore[reportPrivateUsage]
+    points = model_errors._placed(problem, setup.initial.mean)  # pyright: ignore[reportPrivateUsage]
+    rows = solved_near(problem, setup.initial.mean, points)
+    assert rows is not None
+    return SmoothedMotion(times_of(setup.timeline[: len(setup.initial.mean)]), rows)
+
+
+def of_one_epoch(motion: SmoothedMotion, columns: Columns, epoch: int) -> Columns:
+    """Columns that are zero at all other epochs."""
+    problem, nothing = motion.rows.problem, motion.rows.nothing(columns.count)
+    pairs = zip(problem.motion.sensors, columns.sensors, strict=True)
+    sensors = tuple(np.where((s.epoch == epoch)[:, None, None], part, 0.0) for s, part in pairs)
+    seen = columns.observations
+    if seen is not None and problem.observations is not None:
+        seen = np.where((problem.observations.epoch == epoch)[:, None, None], seen, 0.0)
+    return Columns(sensors, nothing.steps, seen, nothing.prior)
+
+
+def projected(motion: SmoothedMotion, columns: Columns) -> Float[np.ndarray, "n n"]:
+    """H'M H by the residual of every column."""
+    every = Columns.joined([of_one_epoch(motion, columns, epoch) for epoch in CHOSEN])
+    return every.gram(motion.rows.residual(every))
+
+
+@pytest.mark.parametrize("kind", ["pose", "gyro", "stereo-tracks"])
+def test_the_information_is_that_of_the_projected_columns(kind: str) -> None:
+    motion = smoothed(kind)
+    columns = ClockJitter().columns(motion)
+    assert columns is not None
+    both = Columns.joined([columns, columns.times(np.array([[0.3]]))])
+    generator = np.random.default_rng(0)
+    sensors = tuple(part * generator.uniform(0.5, 2, part.shape) for part in both.sensors)
+    seen = (
+        None
+        if both.observations is None
+        else both.observations * generator.uniform(0.5, 2, both.observations.shape)
+    )
+    mixed = Columns(sensors, both.steps, seen, both.prior)
+    expected = projected(motion, mixed)
+    found = information_by_epoch(motion.rows, mixed, CHOSEN)
+    np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())

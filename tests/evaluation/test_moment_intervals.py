@@ -1,0 +1,108 @@
+"""Deviations of moments and log ratios that hold for errors of four of them."""
+
+import numpy as np
+import pytest
+from jaxtyping import Float
+
+from spinfilters.dynamics.mass_distribution import from_inertia
+from spinfilters.evaluation.body import BodyEstimate, body_estimate
+from spinfilters.evaluation.moment_intervals import REACH, widest_departures
+from spinfilters.state.gaussian import Gaussian
+from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
+
+LAYOUT = StateLayout(ROTATION_BLOCKS)
+BODIES = {
+    "thesis": (0.8328, 0.9688, 1.0),
+    "needle": (0.03, 0.99, 1.0),
+    "plate": (0.4, 0.61, 1.0),
+    "near a sphere": (0.97, 0.985, 1.0),
+    "axially symmetric": (0.6, 0.999, 1.0),
+}
+DRAWS = 20_000
+
+
+def thin(seed: int, largest: float) -> Float[np.ndarray, "5 5"]:
+    """A factor of a covariance in random directions, one of them known far worse than the others."""
+    directions = np.linalg.qr(np.random.default_rng(seed).standard_normal((5, 5)))[0]
+    return directions * (largest * np.array([1.0, 0.3, 0.1, 0.03, 0.01]))
+
+
+def belief(moments: tuple[float, ...], steps: Float[np.ndarray, "5 5"]) -> Gaussian:
+    """About a body along the axes g."""
+    mean, factor = LAYOUT.origin(), 1e-3 * np.eye(LAYOUT.error_dim)
+    mean[LAYOUT.mean_slice("s")] = from_inertia(np.diag(moments))
+    factor[LAYOUT.slice("s"), LAYOUT.slice("s")] = steps
+    return Gaussian(LAYOUT, mean, factor)
+
+
+def logs_of(about: Gaussian, errors: Float[np.ndarray, "n 5"]) -> Float[np.ndarray, "n 3"]:
+    """Logarithms of the principal moments, ascending, at errors of the mass distribution."""
+    whole = np.zeros((len(errors), LAYOUT.error_dim))
+    whole[:, LAYOUT.slice("s")] = errors
+    s = LAYOUT.retract(about.mean, whole)[:, LAYOUT.mean_slice("s")]
+    L = np.zeros((len(s), 3, 3))
+    L[:, [0, 1, 2], [0, 1, 2]] = np.exp(np.stack([s[:, 0], s[:, 1], -s[:, 0] - s[:, 1]], axis=1))
+    L[:, [1, 2, 2], [0, 0, 1]] = s[:, 2:]
+    second = np.linalg.eigvalsh(L @ np.swapaxes(L, 1, 2))
+    return np.log((second.sum(axis=1, keepdims=True) - second)[:, ::-1])
+
+
+def sizes(logs: Float[np.ndarray, "n 3"], body: BodyEstimate) -> Float[np.ndarray, "n 4"]:
+    """Departures of J_min / J_max, J_mid / J_max, k1, k2 from those published, in stated standard deviations."""
+    moments = np.exp(logs[:, :2] - logs[:, 2:]) - body.principal_moments[:2]
+    ratios = logs[:, [2, 1]] - logs[:, [1, 0]] - [body.k1, body.k2]
+    std = [*body.principal_moments_std[:2], body.k1_std, body.k2_std]
+    return np.abs(np.concatenate([moments, ratios], axis=1)) / std
+
+
+@pytest.mark.parametrize("largest", [0.03, 0.15])
+@pytest.mark.parametrize("moments", BODIES.values(), ids=BODIES)
+def test_errors_beyond_four_deviations_are_as_rare_as_those_of_a_gaussian(
+    moments: tuple[float, float, float], largest: float
+) -> None:
+    about = belief(moments, thin(len(BODIES), largest))
+    steps = about.factor[LAYOUT.slice("s"), LAYOUT.slice("s")]
+    drawn = np.random.default_rng(0).standard_normal((DRAWS, 5)) @ steps.T
+    beyond = (sizes(logs_of(about, drawn), body_estimate(about)) > REACH).mean(axis=0)
+    assert beyond.max() < 5e-4  # of a Gaussian 6e-5, of the length of two such numbers 3.4e-4
+
+
+def test_mean_squares_alone_promise_what_they_do_not_keep() -> None:
+    about = belief(BODIES["thesis"], thin(len(BODIES), 0.15))
+    steps = about.factor[LAYOUT.slice("s"), LAYOUT.slice("s")]
+    drawn = logs_of(about, np.random.default_rng(0).standard_normal((DRAWS, 5)) @ steps.T)
+    by_mean_square = (sizes(drawn, body_estimate(about, intervals=False)) > REACH).mean(axis=0)
+    assert by_mean_square.max() > 2e-3
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_intervals_reach_as_far_as_any_of_many_points_on_the_sphere(seed: int) -> None:
+    about, generator = belief(BODIES["near a sphere"], thin(seed, 0.1)), np.random.default_rng(seed)
+    steps = about.factor[LAYOUT.slice("s"), LAYOUT.slice("s")]
+    u = generator.standard_normal((DRAWS, 5))
+    logs = logs_of(about, REACH * u / np.linalg.norm(u, axis=1, keepdims=True) @ steps.T)
+    own = logs_of(about, np.zeros((1, 5)))
+    moments, ratios = widest_departures(about.mean[np.newaxis, LAYOUT.mean_slice("s")], steps[np.newaxis])
+    there = np.abs(np.exp(logs - logs[:, 2:]) - np.exp(own - own[:, 2:])).max(axis=0)[:2] / REACH
+    np.testing.assert_array_less(0.97 * there, moments[0, :2])
+    np.testing.assert_array_less(moments[0, :2], 1.1 * there)
+    apart = np.abs((logs - own)[:, [2, 1]] - (logs - own)[:, [1, 0]]).max(axis=0) / REACH
+    np.testing.assert_array_less(0.97 * apart, ratios[0])
+
+
+def test_correlations_of_moments_stay() -> None:
+    about = belief(BODIES["thesis"], thin(1, 0.15))
+    wide, narrow = (
+        body_estimate(about, intervals).principal_moments_cov[:2, :2] for intervals in (True, False)
+    )
+    correlations = [cov[0, 1] / np.sqrt(cov[0, 0] * cov[1, 1]) for cov in (wide, narrow)]
+    assert correlations[0] == pytest.approx(correlations[1])
+    assert np.all(np.diag(wide) >= np.diag(narrow))
+    assert np.any(np.diag(wide) > 1.2 * np.diag(narrow))
+
+
+def test_no_uncertainty_reaches_nowhere() -> None:
+    s = from_inertia(np.diag([0.5, 0.75, 1.0]))[np.newaxis]
+    moments, ratios = widest_departures(s, np.zeros((1, 5, 5)))
+    np.testing.assert_allclose(moments, 0.0, atol=1e-14)
+    np.testing.assert_allclose(ratios, 0.0, atol=1e-14)
