@@ -214,9 +214,12 @@ def _cover(
 
 
 def _principal(J: Float[np.ndarray, "n 3 3"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 3"]]:
-    """Principal moments and axes (columns), not a number where J is not finite."""
+    """Principal moments, positive even of a needle, and axes (columns); not a number where J is not finite."""
     good = np.asarray(np.isfinite(J).all(axis=(1, 2)))
     moments, vectors = np.linalg.eigh(np.where(good[:, np.newaxis, np.newaxis], J, np.eye(3)))
+    moments = np.maximum(
+        moments, np.finfo(float).eps * moments[:, 2:]
+    )  # a needle's smallest is rounding, of either sign
     moments[~good], vectors[~good] = np.nan, np.nan
     return moments, vectors
 

@@ -16,7 +16,7 @@ from matplotlib.patches import Patch
 
 from spinfilters.data.atomic_write import write_bytes
 from spinfilters.data.input_file import reason
-from spinfilters.errors import NUMERICAL_ERRORS
+from spinfilters.errors import NUMERICAL_ERRORS, InputError
 
 BLUE: Final[str] = "#0072B2"
 RED: Final[str] = "#D55E00"
@@ -162,9 +162,10 @@ def half_width(errors: Float[np.ndarray, "n k"], bands: Float[np.ndarray, "n k"]
 
 def draw_figure(draw: Callable[[], Figure], path: Path) -> None:
     """Draw and save; a note takes the place of a picture whose numbers cannot be drawn. Errors: `save_figure`."""
+    figure = drawn(draw, path.stem)
     try:
         with np.errstate(all="ignore"):
-            save_figure(draw(), path)
+            save_figure(figure, path)
     except NUMERICAL_ERRORS as error:
         save_figure(_undrawable(path.stem, error), path)
 
@@ -174,7 +175,7 @@ def drawn(draw: Callable[[], Figure], name: str) -> Figure:
     try:
         with np.errstate(all="ignore"):
             return draw()
-    except NUMERICAL_ERRORS as error:
+    except (*NUMERICAL_ERRORS, InputError) as error:  # an estimated body need not be one that a model takes
         return _undrawable(name, error)
 
 

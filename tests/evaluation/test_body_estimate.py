@@ -9,7 +9,7 @@ from estimate_samples import AXES, FULL, MOMENTS, history_of, sample_factor, sam
 from spinfilters.dynamics.mass_distribution import inertia_matrix
 from spinfilters.evaluation.body import UNDETERMINED_STD, body_estimate, body_history
 from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.layout import StateLayout
+from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 
 SAMPLES = 4000
 SAMPLING = 4 / np.sqrt(2 * SAMPLES)
@@ -109,3 +109,14 @@ def test_centre_of_mass_and_drag_are_given_where_the_state_has_them() -> None:
     assert full.drag is None
     assert full.center_of_mass_std is not None
     np.testing.assert_allclose(full.center_of_mass_std, belief(6).std[FULL.slice("c")])
+
+
+def test_moments_of_a_needle_beyond_rounding_are_positive() -> None:
+    layout = StateLayout(ROTATION_BLOCKS)
+    for turn in range(20):
+        mean = layout.origin()
+        s = np.array([20.0, -10.0, 3.0 * turn, 1.0, -2.0]) if turn else np.array([25.0, -12.0, 0.0, 0.0, 0.0])
+        mean[layout.mean_slice("s")] = s
+        body = body_estimate(Gaussian(layout, mean, 1e-3 * np.eye(layout.error_dim)))
+        assert (body.principal_moments > 0).all()
+        assert np.isfinite([body.k1, body.k2]).all()

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from spinfilters.errors import InputError
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
 from spinfilters.pipeline.figure_entry import picture_files
 from spinfilters.pipeline.figures import FigureData, draw_run
@@ -97,8 +98,16 @@ def test_a_picture_that_raises_is_replaced_by_a_note_and_the_others_are_drawn(
     def singular(*_: object) -> Any:
         raise np.linalg.LinAlgError("Singular matrix")
 
-    for name in ("summary", "consistency"):
-        monkeypatch.setattr(f"spinfilters.plots.{name}.{name}_figure", singular)
+    def impossible(*_: object) -> Any:
+        raise InputError("principal_moments: Jxx = -1e-17 kg m^2 is not positive; give three that are")
+
+    monkeypatch.setattr("spinfilters.plots.summary.summary_figure", singular)
+    monkeypatch.setattr("spinfilters.plots.consistency.consistency_figure", impossible)
     replaced = notes(monkeypatch)
     drawn(comparisons["gyro"], tmp_path / "run", lambda history: history)
-    assert replaced == [f"{name} cannot be drawn: Singular matrix" for name in ("summary", "consistency")]
+    assert [text.partition(":")[0] for text in replaced] == [
+        "summary cannot be drawn",
+        "consistency cannot be drawn",
+    ]
+    assert "Singular matrix" in replaced[0]
+    assert "is not positive" in replaced[1]
