@@ -20,12 +20,13 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.dynamics.mass_distribution import DIMENSION
+from spinfilters.evaluation.body_spread import axis_turns
 
 REACH: Final[float] = 4.0
 """Standard deviations of the mass distribution at which the interval ends: those that ``ok`` speaks of."""
-STEPS: Final[int] = 4
+STEPS: Final[int] = 3
 """Of a search along the gradient."""
-FRACTIONS: Final = np.array([0.25, 0.5, 0.75, 1.0])
+FRACTIONS: Final = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 """Of a direction that are looked at: a ratio that is bounded by one is nearest to it inside."""
 UPPER, LOWER = [0, 1, 0], [2, 2, 1]
 """Moments (ascending) of the log ratios y: numerator and denominator."""
@@ -58,8 +59,7 @@ def widest_departures(
     """
     absurd = ~(np.abs(s).max(axis=1) < LARGEST_LOG)
     bodies = _Bodies(_lower_factors(np.where(absurd[:, np.newaxis], 0.0, s)), steps, axes)
-    lowest, highest = _intervals(bodies)
-    y = bodies.at(np.zeros((len(s), 1, DIMENSION)))[0][:, 0]
+    y, lowest, highest = _intervals(bodies)
     y[absurd] = np.nan
     far = np.maximum(highest - y, y - lowest) / REACH
     moments = np.maximum(np.exp(highest) - np.exp(y), np.exp(y) - np.exp(lowest))[:, :3] / REACH
@@ -79,12 +79,9 @@ class _Bodies:
         self, u: Float[np.ndarray, "n p 5"]
     ) -> tuple[Float[np.ndarray, "n p 6"], Float[np.ndarray, "n p 6 5"]]:
         """y, and its gradient by u; that of a turn as seen from the axes there."""
-        values, V = np.linalg.eigh(_symmetric(u @ np.swapaxes(self.steps, 1, 2)))
-        B = self.L[:, np.newaxis] @ V
-        A = B * np.exp(values / 2)[..., np.newaxis, :]
-        p, vectors = np.linalg.eigh(A @ np.swapaxes(A, -1, -2))
-        p = np.maximum(p, np.finfo(float).eps * p[..., 2:])[..., ::-1]  # as moments ascend
-        vectors, R = _aligned(vectors[..., ::-1], self.axes)
+        values, V, B = self._errors(u)
+        p, vectors = _principal(B, values)
+        vectors, R = _aligned(vectors, self.axes)
         w = np.swapaxes(vectors, -1, -2) @ B
         one, other = w[..., [0, 1, 2, *LAST], :], w[..., [0, 1, 2, *AFTER], :]
         inner = (
@@ -102,6 +99,20 @@ class _Bodies:
         y = np.concatenate([logs[..., UPPER] - logs[..., LOWER], turns], axis=-1)
         return y, np.concatenate([ratios, turned], axis=-2)
 
+    def values(self, u: Float[np.ndarray, "n p 5"]) -> Float[np.ndarray, "n p 6"]:
+        """y; the turns are those of one rotation, about one axis more than its own where the others turn far."""
+        values, _, B = self._errors(u)
+        p, vectors = _principal(B, values)
+        logs = np.log(p.sum(axis=-1, keepdims=True) - p)
+        return np.concatenate([logs[..., UPPER] - logs[..., LOWER], axis_turns(self.axes, vectors)], axis=-1)
+
+    def _errors(
+        self, u: Float[np.ndarray, "n p 5"]
+    ) -> tuple[Float[np.ndarray, "n p 3"], Float[np.ndarray, "n p 3 3"], Float[np.ndarray, "n p 3 3"]]:
+        """l, V and L V."""
+        values, V = np.linalg.eigh(_symmetric(u @ np.swapaxes(self.steps, 1, 2)))
+        return values, V, self.L[:, np.newaxis] @ V
+
     def along(
         self, u: Float[np.ndarray, "n 12 5"]
     ) -> tuple[Float[np.ndarray, "n 12"], Float[np.ndarray, "n 12 5"]]:
@@ -113,14 +124,16 @@ class _Bodies:
         return SIGNS * y[:, each, SOUGHT], slope / np.where(length > 0, length, 1.0)
 
 
-def _intervals(bodies: _Bodies) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6"]]:
-    """The smallest and the largest of each y within `REACH` deviations."""
+def _intervals(
+    bodies: _Bodies,
+) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6"]]:
+    """Each y itself, the smallest and the largest within `REACH` deviations."""
     n = len(bodies.L)
-    y, _ = bodies.at(np.broadcast_to(REACH * DIRECTIONS, (n, *DIRECTIONS.shape)))
+    y = bodies.values(np.broadcast_to(REACH * DIRECTIONS, (n, *DIRECTIONS.shape)))
     u = _farthest(bodies, REACH * DIRECTIONS[np.concatenate([y.argmax(axis=1), y.argmin(axis=1)], axis=1)])
     inside = (FRACTIONS[:, np.newaxis, np.newaxis] * u[:, np.newaxis]).reshape(n, -1, DIMENSION)
-    found, _ = bodies.at(inside)
-    return found.min(axis=1), found.max(axis=1)
+    found = bodies.values(inside)
+    return found[:, 0], found.min(axis=1), found.max(axis=1)
 
 
 def _farthest(bodies: _Bodies, u: Float[np.ndarray, "n 12 5"]) -> Float[np.ndarray, "n 12 5"]:
@@ -134,6 +147,15 @@ def _farthest(bodies: _Bodies, u: Float[np.ndarray, "n 12 5"]) -> Float[np.ndarr
         u, slope = np.where(better, moved, u), np.where(better, steeper, slope)
         value, share = np.maximum(value, reached), np.where(better, share, share / 3)
     return u
+
+
+def _principal(
+    B: Float[np.ndarray, "n p 3 3"], values: Float[np.ndarray, "n p 3"]
+) -> tuple[Float[np.ndarray, "n p 3"], Float[np.ndarray, "n p 3 3"]]:
+    """Second moments and their axes (columns) of B exp(diag(values)) B', in the order of ascending moments of inertia."""
+    A = B * np.exp(values / 2)[..., np.newaxis, :]
+    p, vectors = np.linalg.eigh(A @ np.swapaxes(A, -1, -2))
+    return np.maximum(p, np.finfo(float).eps * p[..., 2:])[..., ::-1], vectors[..., ::-1]
 
 
 def _aligned(
