@@ -5,9 +5,9 @@ are the eigenvalues of J and principal axes its eigenvectors. Covariances of wha
 
     d lambda_k = u_k' dJ u_k,   d u_k = sum over j != k of u_j (u_j' dJ u_k) / (lambda_k - lambda_j),
 
-with dJ by the error of the state; all others are integrals over the belief (`body_spread`), and those of moments and log ratios
-are widened to a quarter of what these depart by within four deviations of the belief (`moment_intervals`) where that is more. The
-moments are sorted: where two agree within their uncertainty, the estimated gap is biased outwards.
+with dJ by the error of the state; all others are integrals over the belief (`body_spread`), widened to a quarter of what the
+quantity departs by within four deviations of the belief (`moment_intervals`) where that is more. The moments are sorted: where two
+agree within their uncertainty, the estimated gap is biased outwards.
 """
 
 from dataclasses import dataclass
@@ -205,12 +205,14 @@ def _cover(
     found: dict[str, np.ndarray],
     rows: Int[np.ndarray, " v"],
 ) -> None:
-    """Widen deviations of moments and log ratios to what these depart by within four of the belief, correlations kept."""
-    moments, ratios = widest_departures(s, principal_steps(factor))
-    std = np.sqrt(np.einsum("nkk->nk", found["principal_moments_cov"][rows]))
-    share = np.fmax(moments / np.where(std > 0, std, np.inf), 1.0)
-    found["principal_moments_cov"][rows] *= share[:, :, np.newaxis] * share[:, np.newaxis]
+    """Widen deviations to a quarter of what four of the belief make of moments, ratios and axes, correlations kept."""
+    axes = np.swapaxes(found["principal_axes_g"][rows], 1, 2)
+    moments, ratios, turns = widest_departures(s, principal_steps(factor), axes)
     found["log_ratios_std"][rows] = np.fmax(found["log_ratios_std"][rows], ratios)
+    for name, departure in (("principal_moments_cov", moments), ("principal_axes_cov", turns)):
+        std = np.sqrt(np.einsum("nkk->nk", found[name][rows]))
+        share = np.fmax(departure / np.where(std > 0, std, np.inf), 1.0)
+        found[name][rows] *= share[:, :, np.newaxis] * share[:, np.newaxis]
 
 
 def _principal(J: Float[np.ndarray, "n 3 3"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 3"]]:

@@ -49,7 +49,7 @@ def body_spread(
     moments[~bodies] = np.nan
     scaled = moments / moments[..., 2:]
     ratios = np.log(moments[..., [2, 1]] / moments[..., [1, 0]])
-    turns = _turns(axes, vectors)
+    turns = axis_turns(axes, vectors)
     return _covariance(scaled, weights), _covariance(ratios, weights), _covariance(turns, weights)
 
 
@@ -77,7 +77,7 @@ def _cubature() -> tuple[Float[np.ndarray, "p 5"], Float[np.ndarray, " p"]]:
     return points, np.concatenate([[0.0], np.full(2 * n, 4 / (n + 2) ** 2), np.full(len(corners), corner)])
 
 
-def _turns(
+def axis_turns(
     axes: Float[np.ndarray, "n 3 3"], vectors: Float[np.ndarray, "n p 3 3"]
 ) -> Float[np.ndarray, "n p 3"]:
     """The shortest rotation vectors, in axes b, from the axes to eigenvectors of whatever signs."""

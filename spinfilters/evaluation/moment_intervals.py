@@ -1,124 +1,177 @@
-"""Intervals of moments and log ratios within four standard deviations of a mass distribution.
+"""Intervals of moments, log ratios and axes within four standard deviations of a mass distribution.
 
-A standard deviation tells how wide a Gaussian is. Where the mass distribution has one, moments have none: the ratio of two nearly
-equal moments is a root of a sum of squares, with the tails of a chi-square, and an error of three deviations of the mass
-distribution was one of five of the ratio. So the ends of
+A standard deviation tells how wide a Gaussian is. Where the mass distribution has one, moments and axes have none: the ratio of two
+nearly equal moments is a root of a sum of squares, with the tails of a chi-square, their axes turn by an angle whose tangent is a
+quotient, and an error of three deviations of the mass distribution was one of five of the ratio. So the ends of
 
-    { y(s [+] F u): |u| <= R },   y = ln (J_min / J_max), ln (J_mid / J_max), ln (J_min / J_mid),
+    { y(s [+] F u): |u| <= R },   y = ln (J_min / J_max), ln (J_mid / J_max), ln (J_min / J_mid), turns of the axes,
 
 are sought, the profile likelihood's interval of y at R deviations. At an end u is parallel to the gradient of y by u: u is moved
 along it on the sphere as long as y goes on. With D the error of S and w_k = V' L' a_k for an eigenvector a_k of S = L exp(D) L',
-D = V diag(l) V', the second moments p_k have
+D = V diag(l) V',
 
-    d p_k / dD = V (Phi o w_k w_k') V',   Phi_ij = (exp l_i - exp l_j) / (l_i - l_j).
+    a_i' dS/dD a_j = V (Phi o w_i w_j') V',   Phi_ij = (exp l_i - exp l_j) / (l_i - l_j).
 """
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float
 
 from spinfilters.dynamics.mass_distribution import DIMENSION
+from spinfilters.evaluation.body_spread import axis_turns
 
 REACH: Final[float] = 4.0
 """Standard deviations of the mass distribution at which the interval ends: those that ``ok`` speaks of."""
-STEPS: Final[int] = 4
+STEPS: Final[int] = 3
 """Of a search along the gradient."""
-FRACTIONS: Final = np.array([0.25, 0.5, 0.75])
-"""Of a direction that are looked at, too: a ratio that is bounded by one is nearest to it inside."""
-PAIRS: Final = np.array([[0, 2], [1, 2], [0, 1]])
+FRACTIONS: Final = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
+"""Of a direction that are looked at: a ratio that is bounded by one is nearest to it inside."""
+UPPER, LOWER = [0, 1, 0], [2, 2, 1]
 """Moments (ascending) of the log ratios y: numerator and denominator."""
-SIGNS, SOUGHT = np.repeat([1.0, -1.0], 3), np.tile(np.arange(3), 2)
-"""Of the six searches: largest (1) or smallest (-1), and of which y."""
+AFTER, LAST = [1, 2, 0], [2, 0, 1]
+"""Axes that a turn about each axis takes into each other."""
+SIGNS, SOUGHT = np.repeat([1.0, -1.0], 6), np.tile(np.arange(6), 2)
+"""Of the twelve searches: largest (1) or smallest (-1), and of which y."""
 LARGEST_LOG: Final = 30.0
 """Of the numbers of a mass distribution, beyond which second moments differ by more than numbers resolve."""
+SMALLEST_GAP: Final = 1e-12
+"""Of second moments, relative to the largest: below it rounding decides."""
 DIRECTIONS: Final = np.concatenate([np.eye(DIMENSION), -np.eye(DIMENSION)])
 """That searches begin from, of the one that lies farthest out."""
+Departures = tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 2"], Float[np.ndarray, "n 3"]]
+"""Of the moments (largest = 1), of their log ratios k1, k2, and of the axes about themselves, rad."""
 
 
 def widest_departures(
-    s: Float[np.ndarray, "n 5"], steps: Float[np.ndarray, "n 5 5"]
-) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 2"]]:
-    """Largest departures within `REACH` deviations over `REACH`, of moments (largest = 1) and log ratios k1, k2.
+    s: Float[np.ndarray, "n 5"], steps: Float[np.ndarray, "n 5 5"], axes: Float[np.ndarray, "n 3 3"]
+) -> Departures:
+    """Largest departures within `REACH` deviations, over `REACH`.
 
     Parameters
     ----------
-    s: mass distributions.   steps: F of their errors, principal directions by column, of moderate length.
+    s: mass distributions.   steps: F of their errors, principal directions by column, of moderate length.   axes: columns.
 
     Returns
     -------
     Not a number where s is beyond `LARGEST_LOG`, a body only to rounding.
     """
     absurd = ~(np.abs(s).max(axis=1) < LARGEST_LOG)
-    L = _lower_factors(np.where(absurd[:, np.newaxis], 0.0, s))
-    lowest, highest = _intervals(L, steps)
-    y = _log_ratios(L, steps, np.zeros((len(s), 1, DIMENSION)))[0][:, 0]
+    bodies = _Bodies(_lower_factors(np.where(absurd[:, np.newaxis], 0.0, s)), steps, axes)
+    y, lowest, highest = _intervals(bodies)
     y[absurd] = np.nan
-    ratios = np.maximum(highest - y, y - lowest)
-    moments = np.maximum(np.exp(highest) - np.exp(y), np.exp(y) - np.exp(lowest))
+    far = np.maximum(highest - y, y - lowest) / REACH
+    moments = np.maximum(np.exp(highest) - np.exp(y), np.exp(y) - np.exp(lowest))[:, :3] / REACH
     moments[:, 2] = 0.0
-    return moments / REACH, ratios[:, 1:] / REACH
+    return moments, far[:, 1:3], far[:, 3:]
+
+
+@dataclass(frozen=True)
+class _Bodies:
+    """Mass distributions: factors L of their second moments, steps F of their errors, axes as columns."""
+
+    L: Float[np.ndarray, "n 3 3"]
+    steps: Float[np.ndarray, "n 5 5"]
+    axes: Float[np.ndarray, "n 3 3"]
+
+    def at(
+        self, u: Float[np.ndarray, "n p 5"]
+    ) -> tuple[Float[np.ndarray, "n p 6"], Float[np.ndarray, "n p 6 5"]]:
+        """y, and its gradient by u; that of a turn as seen from the axes there."""
+        values, V, B = self._errors(u)
+        p, vectors = _principal(B, values)
+        vectors, R = _aligned(vectors, self.axes)
+        w = np.swapaxes(vectors, -1, -2) @ B
+        one, other = w[..., [0, 1, 2, *LAST], :], w[..., [0, 1, 2, *AFTER], :]
+        inner = (
+            _quotients(values)[..., np.newaxis, :, :] * one[..., :, np.newaxis] * other[..., np.newaxis, :]
+        )
+        V = V[..., np.newaxis, :, :]
+        slopes = _by_components(V @ inner @ np.swapaxes(V, -1, -2)) @ self.steps[:, np.newaxis]
+        moments = p.sum(axis=-1, keepdims=True) - p
+        own, turned = slopes[..., :3, :], slopes[..., 3:, :]
+        relative = (own.sum(axis=-2, keepdims=True) - own) / moments[..., np.newaxis]
+        gap, floor = p[..., AFTER] - p[..., LAST], SMALLEST_GAP * p[..., :1]
+        turned = turned / np.where(np.abs(gap) < floor, floor, gap)[..., np.newaxis]
+        ratios, logs = relative[..., UPPER, :] - relative[..., LOWER, :], np.log(moments)
+        turns = np.arctan2(R[..., LAST, AFTER], R[..., AFTER, AFTER])
+        y = np.concatenate([logs[..., UPPER] - logs[..., LOWER], turns], axis=-1)
+        return y, np.concatenate([ratios, turned], axis=-2)
+
+    def values(self, u: Float[np.ndarray, "n p 5"]) -> Float[np.ndarray, "n p 6"]:
+        """y; the turns are those of one rotation, about one axis more than its own where the others turn far."""
+        values, _, B = self._errors(u)
+        p, vectors = _principal(B, values)
+        logs = np.log(p.sum(axis=-1, keepdims=True) - p)
+        return np.concatenate([logs[..., UPPER] - logs[..., LOWER], axis_turns(self.axes, vectors)], axis=-1)
+
+    def _errors(
+        self, u: Float[np.ndarray, "n p 5"]
+    ) -> tuple[Float[np.ndarray, "n p 3"], Float[np.ndarray, "n p 3 3"], Float[np.ndarray, "n p 3 3"]]:
+        """l, V and L V."""
+        values, V = np.linalg.eigh(_symmetric(u @ np.swapaxes(self.steps, 1, 2)))
+        return values, V, self.L[:, np.newaxis] @ V
+
+    def along(
+        self, u: Float[np.ndarray, "n 12 5"]
+    ) -> tuple[Float[np.ndarray, "n 12"], Float[np.ndarray, "n 12 5"]]:
+        """What each search wants large, and the direction in which it grows."""
+        y, slope = self.at(u)
+        each = np.arange(len(SOUGHT))
+        slope = SIGNS[:, np.newaxis] * slope[:, each, SOUGHT]
+        length = np.linalg.norm(slope, axis=2, keepdims=True)
+        return SIGNS * y[:, each, SOUGHT], slope / np.where(length > 0, length, 1.0)
 
 
 def _intervals(
-    L: Float[np.ndarray, "n 3 3"], steps: Float[np.ndarray, "n 5 5"]
-) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
-    """The smallest and the largest of each log ratio y within `REACH` deviations."""
-    points = np.broadcast_to(REACH * DIRECTIONS, (len(L), *DIRECTIONS.shape))
-    y, _ = _log_ratios(L, steps, points)
-    u = DIRECTIONS[np.concatenate([y.argmax(axis=1), y.argmin(axis=1)], axis=1)]
-    u = _farthest(L, steps, REACH * u)
-    inside = (FRACTIONS[:, np.newaxis, np.newaxis] * u[:, np.newaxis]).reshape(len(L), -1, DIMENSION)
-    found = _log_ratios(L, steps, np.concatenate([u, inside], axis=1))[0]
-    return found.min(axis=1), found.max(axis=1)
+    bodies: _Bodies,
+) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6"]]:
+    """Each y itself, the smallest and the largest within `REACH` deviations."""
+    n = len(bodies.L)
+    y = bodies.values(np.broadcast_to(REACH * DIRECTIONS, (n, *DIRECTIONS.shape)))
+    u = _farthest(bodies, REACH * DIRECTIONS[np.concatenate([y.argmax(axis=1), y.argmin(axis=1)], axis=1)])
+    inside = (FRACTIONS[:, np.newaxis, np.newaxis] * u[:, np.newaxis]).reshape(n, -1, DIMENSION)
+    found = bodies.values(inside)
+    return found[:, 0], found.min(axis=1), found.max(axis=1)
 
 
-def _farthest(
-    L: Float[np.ndarray, "n 3 3"], steps: Float[np.ndarray, "n 5 5"], u: Float[np.ndarray, "n 6 5"]
-) -> Float[np.ndarray, "n 6 5"]:
+def _farthest(bodies: _Bodies, u: Float[np.ndarray, "n 12 5"]) -> Float[np.ndarray, "n 12 5"]:
     """Points on the sphere where each search ends."""
-    (value, slope), share = _along(L, steps, u), np.ones((len(L), 6, 1))
+    (value, slope), share = bodies.along(u), np.ones((*u.shape[:2], 1))
     for _ in range(STEPS):
         moved = u + share * REACH * slope
         moved *= REACH / np.maximum(np.linalg.norm(moved, axis=2, keepdims=True), np.finfo(float).tiny)
-        reached, steeper = _along(L, steps, moved)
+        reached, steeper = bodies.along(moved)
         better = (reached > value)[..., np.newaxis]
         u, slope = np.where(better, moved, u), np.where(better, steeper, slope)
         value, share = np.maximum(value, reached), np.where(better, share, share / 3)
     return u
 
 
-def _along(
-    L: Float[np.ndarray, "n 3 3"], steps: Float[np.ndarray, "n 5 5"], u: Float[np.ndarray, "n 6 5"]
-) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 5"]]:
-    """What each search wants large, and the direction in which it grows."""
-    y, slope = _log_ratios(L, steps, u)
-    own = np.arange(6)
-    slope = SIGNS[:, np.newaxis] * slope[:, own, SOUGHT]
-    length = np.linalg.norm(slope, axis=2, keepdims=True)
-    return SIGNS * y[:, own, SOUGHT], slope / np.where(length > 0, length, 1.0)
-
-
-def _log_ratios(
-    L: Float[np.ndarray, "n 3 3"], steps: Float[np.ndarray, "n 5 5"], u: Float[np.ndarray, "n p 5"]
-) -> tuple[Float[np.ndarray, "n p 3"], Float[np.ndarray, "n p 3 5"]]:
-    """y and its gradient by u."""
-    values, V = np.linalg.eigh(_symmetric(u @ np.swapaxes(steps, 1, 2)))
-    B = L[:, np.newaxis] @ V
+def _principal(
+    B: Float[np.ndarray, "n p 3 3"], values: Float[np.ndarray, "n p 3"]
+) -> tuple[Float[np.ndarray, "n p 3"], Float[np.ndarray, "n p 3 3"]]:
+    """Second moments and their axes (columns) of B exp(diag(values)) B', in the order of ascending moments of inertia."""
     A = B * np.exp(values / 2)[..., np.newaxis, :]
     p, vectors = np.linalg.eigh(A @ np.swapaxes(A, -1, -2))
-    p = np.maximum(p, np.finfo(float).eps * p[..., 2:])
-    w = np.swapaxes(vectors, -1, -2) @ B
+    return np.maximum(p, np.finfo(float).eps * p[..., 2:])[..., ::-1], vectors[..., ::-1]
+
+
+def _aligned(
+    vectors: Float[np.ndarray, "n p 3 3"], axes: Float[np.ndarray, "n 3 3"]
+) -> tuple[Float[np.ndarray, "n p 3 3"], Float[np.ndarray, "n p 3 3"]]:
+    """Eigenvectors with the signs that are nearest to the axes, and their components along these."""
+    R = np.swapaxes(axes, 1, 2)[:, np.newaxis] @ vectors
+    signs = np.where(np.diagonal(R, axis1=-2, axis2=-1) < 0, -1.0, 1.0)[..., np.newaxis, :]
+    return vectors * signs, R * signs
+
+
+def _quotients(values: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3 3"]:
+    """Phi of eigenvalues of D."""
     half = (values[..., :, np.newaxis] - values[..., np.newaxis, :]) / 2
     quotient = np.where(half == 0, 1.0, np.sinh(half) / np.where(half == 0, 1.0, half))
-    phi = (quotient * np.exp(half + values[..., np.newaxis, :]))[..., np.newaxis, :, :]
-    V = V[..., np.newaxis, :, :]
-    G = V @ (phi * w[..., :, np.newaxis] * w[..., np.newaxis, :]) @ np.swapaxes(V, -1, -2)
-    slopes = _by_components(G) @ steps[:, np.newaxis]
-    moments = (p.sum(axis=-1, keepdims=True) - p)[..., ::-1]
-    relative = (slopes.sum(axis=-2, keepdims=True) - slopes)[..., ::-1, :] / moments[..., np.newaxis]
-    logs, upper, lower = np.log(moments), PAIRS[:, 0], PAIRS[:, 1]
-    return logs[..., upper] - logs[..., lower], relative[..., upper, :] - relative[..., lower, :]
+    return quotient * np.exp(half + values[..., np.newaxis, :])
 
 
 def _lower_factors(s: Float[np.ndarray, "n 5"]) -> Float[np.ndarray, "n 3 3"]:
@@ -139,4 +192,5 @@ def _symmetric(d: Float[np.ndarray, "n p 5"]) -> Float[np.ndarray, "n p 3 3"]:
 def _by_components(G: Float[np.ndarray, "*n 3 3"]) -> Float[np.ndarray, "*n 5"]:
     """The derivative by the components of D of what has the derivative G by D."""
     first, second = G[..., 0, 0] - G[..., 2, 2], G[..., 1, 1] - G[..., 2, 2]
-    return np.stack([first, second, 2 * G[..., 1, 0], 2 * G[..., 2, 0], 2 * G[..., 2, 1]], axis=-1)
+    off = [G[..., 1, 0] + G[..., 0, 1], G[..., 2, 0] + G[..., 0, 2], G[..., 2, 1] + G[..., 1, 2]]
+    return np.stack([first, second, *off], axis=-1)

@@ -42,7 +42,8 @@ class Doubts:
     def of(self, evaluation: Evaluation, entry: AnyEntry) -> list[str]:
         """About one estimator."""
         if self.setup.is_given:
-            return [*self.shared, *(self.of_filters if entry.continues else [])]
+            own = [*self.of_filters, *self._agreement_of(evaluation)] if entry.continues else []
+            return [*self.shared, *own]
         if not entry.continues:
             own = smoother_noise_diagnostics(evaluation.history, self.setup, self.settings)
             return [*self.shared, *own, *self._of_landmarks]
@@ -77,12 +78,12 @@ class Doubts:
 def doubts_of(evaluations: Sequence[Evaluation], setup: Setup, settings: Settings) -> Doubts:
     """The doubts of a run, as far as they are the same for several estimators.
 
-    Where the initialisation was given, filters alone are studied, by the thousand: what their innovations tell is all.
+    Where the initialisation was given, filters alone are studied, by the thousand: what their innovations tell is all, and the
+    smoother where the belief is too wide for a linearisation.
     """
     if setup.is_given:
-        return Doubts(
-            setup, settings, evaluations, shared_diagnostics(setup), filter_diagnostics(setup), None
-        )
+        shared, reference = shared_diagnostics(setup), reference_smoother([], setup, settings)
+        return Doubts(setup, settings, evaluations, shared, filter_diagnostics(setup), reference)
     smoothers = [each.history for each in evaluations if each.name == SMOOTHER]
     return Doubts(
         setup,

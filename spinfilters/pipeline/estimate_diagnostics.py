@@ -6,7 +6,7 @@ from spinfilters.evaluation.agreement import expected_nees
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.pipeline.diagnostics import RICHER
 from spinfilters.pipeline.inertia_evidence import inertia_evidence
-from spinfilters.pipeline.initialisation_length import LARGEST_DEPARTURE
+from spinfilters.pipeline.initialisation_length import LARGEST_DEPARTURE, is_bent
 from spinfilters.pipeline.setup import Setup
 from spinfilters.pipeline.smoother_run import smooth_at_once
 from spinfilters.settings.run_settings import Settings
@@ -22,7 +22,7 @@ LEAST_EVIDENCE = 30.0
 def reference_smoother(
     histories: list[EstimateHistory], setup: Setup, settings: Settings
 ) -> EstimateHistory | None:
-    """The smoother that filters are held against: one of these histories, or made where the initialisation was vague.
+    """The smoother that filters are held against: one of these histories, or made where what they begin from is vague.
 
     None where it has failed, or where it would have to be made with landmarks.
     """
@@ -30,6 +30,7 @@ def reference_smoother(
         if history.status.verdict is not Verdict.FAILED:
             return history
     vague = setup.initial.departure > LARGEST_DEPARTURE
+    vague |= setup.is_given and is_bent(setup.initial.belief)
     if histories or not vague or setup.initial.has_landmarks:
         return None
     try:

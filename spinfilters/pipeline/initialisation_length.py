@@ -107,7 +107,7 @@ def _checked(
     With landmarks nothing is compared: which observations are believed differs between filter and smoother.
     """
     start = make(options)
-    determined = _is_bent(start.belief) and moments_std_of(start) <= DETERMINED_STD
+    determined = is_bent(start.belief) and moments_std_of(start) <= DETERMINED_STD
     count = len(start.mean)
     if not determined or start.has_landmarks or count == len(timeline):
         return start
@@ -125,7 +125,7 @@ def _length(belief: Gaussian, mean: np.ndarray) -> float:
     return float(np.sqrt(normalised_square(away[np.newaxis], belief.factor[np.newaxis])[0]))
 
 
-def _is_bent(belief: Gaussian) -> bool:
+def is_bent(belief: Gaussian) -> bool:
     """Whether a belief is wide enough for a filter's linearisation to count."""
     layout, rate = belief.layout, belief.mean[belief.layout.mean_slice(RATE.name)]
     masses, rates = (np.linalg.norm(belief.factor[layout.slice(b)], 2) for b in "sw")

@@ -1,4 +1,4 @@
-"""Deviations of moments and log ratios that hold for errors of four of them."""
+"""Deviations of moments, log ratios and axes that hold for errors of four of them."""
 
 import numpy as np
 import pytest
@@ -35,16 +35,30 @@ def belief(moments: tuple[float, ...], steps: Float[np.ndarray, "5 5"]) -> Gauss
     return Gaussian(LAYOUT, mean, factor)
 
 
-def logs_of(about: Gaussian, errors: Float[np.ndarray, "n 5"]) -> Float[np.ndarray, "n 3"]:
-    """Logarithms of the principal moments, ascending, at errors of the mass distribution."""
+def bodies_of(
+    about: Gaussian, errors: Float[np.ndarray, "n 5"]
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 3"]]:
+    """Logarithms of the principal moments, ascending, and axes (columns) at errors of the mass distribution."""
     whole = np.zeros((len(errors), LAYOUT.error_dim))
     whole[:, LAYOUT.slice("s")] = errors
     s = LAYOUT.retract(about.mean, whole)[:, LAYOUT.mean_slice("s")]
     L = np.zeros((len(s), 3, 3))
     L[:, [0, 1, 2], [0, 1, 2]] = np.exp(np.stack([s[:, 0], s[:, 1], -s[:, 0] - s[:, 1]], axis=1))
     L[:, [1, 2, 2], [0, 0, 1]] = s[:, 2:]
-    second = np.linalg.eigvalsh(L @ np.swapaxes(L, 1, 2))
-    return np.log((second.sum(axis=1, keepdims=True) - second)[:, ::-1])
+    second, axes = np.linalg.eigh(L @ np.swapaxes(L, 1, 2))
+    return np.log((second.sum(axis=1, keepdims=True) - second)[:, ::-1]), axes[:, :, ::-1]
+
+
+def logs_of(about: Gaussian, errors: Float[np.ndarray, "n 5"]) -> Float[np.ndarray, "n 3"]:
+    """Logarithms alone."""
+    return bodies_of(about, errors)[0]
+
+
+def axis_sizes(axes: Float[np.ndarray, "n 3 3"], body: BodyEstimate) -> Float[np.ndarray, "n 3"]:
+    """Angles between axes and those published, in stated standard deviations: an axis moves by the turns about the others."""
+    along = np.einsum("kg,ngk->nk", body.principal_axes_g, axes)
+    turns = np.diag(body.principal_axes_cov)
+    return np.arccos(np.minimum(np.abs(along), 1.0)) / np.sqrt(turns.sum() - turns)
 
 
 def sizes(logs: Float[np.ndarray, "n 3"], body: BodyEstimate) -> Float[np.ndarray, "n 4"]:
@@ -63,16 +77,22 @@ def test_errors_beyond_four_deviations_are_as_rare_as_those_of_a_gaussian(
     about = belief(moments, thin(len(BODIES), largest))
     steps = about.factor[LAYOUT.slice("s"), LAYOUT.slice("s")]
     drawn = np.random.default_rng(0).standard_normal((DRAWS, 5)) @ steps.T
-    beyond = (sizes(logs_of(about, drawn), body_estimate(about)) > REACH).mean(axis=0)
+    logs, axes = bodies_of(about, drawn)
+    body = body_estimate(about)
+    each = np.concatenate([sizes(logs, body), axis_sizes(axes, body)], axis=1)
+    beyond = (each > REACH).mean(axis=0)
     assert beyond.max() < 5e-4  # of a Gaussian 6e-5, of the length of two such numbers 3.4e-4
 
 
-def test_mean_squares_alone_promise_what_they_do_not_keep() -> None:
-    about = belief(BODIES["thesis"], thin(len(BODIES), 0.15))
+@pytest.mark.parametrize(("moments", "largest"), [("thesis", 0.15), ("near a sphere", 0.03)])
+def test_mean_squares_alone_promise_what_they_do_not_keep(moments: str, largest: float) -> None:
+    about = belief(BODIES[moments], thin(len(BODIES), largest))
     steps = about.factor[LAYOUT.slice("s"), LAYOUT.slice("s")]
-    drawn = logs_of(about, np.random.default_rng(0).standard_normal((DRAWS, 5)) @ steps.T)
-    by_mean_square = (sizes(drawn, body_estimate(about, intervals=False)) > REACH).mean(axis=0)
-    assert by_mean_square.max() > 2e-3
+    logs, axes = bodies_of(about, np.random.default_rng(0).standard_normal((DRAWS, 5)) @ steps.T)
+    body = body_estimate(about, intervals=False)
+    each = [(size > REACH).mean(axis=0).max() for size in (sizes(logs, body), axis_sizes(axes, body))]
+    assert max(each) > 1.5e-3
+    assert moments == "thesis" or each[1] > 1e-3
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -82,7 +102,8 @@ def test_intervals_reach_as_far_as_any_of_many_points_on_the_sphere(seed: int) -
     u = generator.standard_normal((DRAWS, 5))
     logs = logs_of(about, REACH * u / np.linalg.norm(u, axis=1, keepdims=True) @ steps.T)
     own = logs_of(about, np.zeros((1, 5)))
-    moments, ratios = widest_departures(about.mean[np.newaxis, LAYOUT.mean_slice("s")], steps[np.newaxis])
+    s, axes = about.mean[np.newaxis, LAYOUT.mean_slice("s")], body_estimate(about).principal_axes_g.T
+    moments, ratios, _ = widest_departures(s, steps[np.newaxis], axes[np.newaxis])
     there = np.abs(np.exp(logs - logs[:, 2:]) - np.exp(own - own[:, 2:])).max(axis=0)[:2] / REACH
     np.testing.assert_array_less(0.97 * there, moments[0, :2])
     np.testing.assert_array_less(moments[0, :2], 1.1 * there)
@@ -103,6 +124,5 @@ def test_correlations_of_moments_stay() -> None:
 
 def test_no_uncertainty_reaches_nowhere() -> None:
     s = from_inertia(np.diag([0.5, 0.75, 1.0]))[np.newaxis]
-    moments, ratios = widest_departures(s, np.zeros((1, 5, 5)))
-    np.testing.assert_allclose(moments, 0.0, atol=1e-14)
-    np.testing.assert_allclose(ratios, 0.0, atol=1e-14)
+    for departure in widest_departures(s, np.zeros((1, 5, 5)), np.eye(3)[np.newaxis]):
+        np.testing.assert_allclose(departure, 0.0, atol=1e-14)
