@@ -69,7 +69,7 @@ def depth_map(
     if nearest < radius / 10 or box is None:
         return None
     first, last, top, bottom = box
-    strength = rig.fx * rig.baseline_m
+    strength = rig.left.fx * rig.baseline_m
     smallest, largest = int(strength / farthest), int(np.ceil(strength / nearest))
     begin = max(first - largest, 0)
     left, right = (np.ascontiguousarray(image[top:bottom, begin:last]) for image in pair)
@@ -144,9 +144,9 @@ def _image_box(
     """First and last column and row (the last ones excluded) of a sphere in the left image; None where it is not in it."""
     near = max(centre[2] - radius, 1e-6)
     focal, middle, size = (
-        np.array([rig.fx, rig.fy]),
-        np.array([rig.cx, rig.cy]),
-        np.array([rig.width, rig.height]),
+        np.array([rig.left.fx, rig.left.fy]),
+        np.array([rig.left.cx, rig.left.cy]),
+        np.array([rig.left.width, rig.left.height]),
     )
     across = middle + focal * centre[:2] / max(centre[2], near)
     reach = focal * radius / near + 2

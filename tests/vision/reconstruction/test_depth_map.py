@@ -4,10 +4,10 @@ import cv2
 import numpy as np
 import pytest
 
-from spinfilters.data.camera import StereoRig
+from spinfilters.data.camera import PinholeCamera, StereoRig
 from spinfilters.vision.reconstruction.depth_map import depth_map, refined_disparity
 
-RIG = StereoRig(300.0, 300.0, 159.5, 119.5, 320, 240, 0.1)
+RIG = StereoRig(PinholeCamera(300.0, 300.0, 159.5, 119.5, 320, 240), 0.1)
 
 
 def _texture(seed: int) -> np.ndarray:
@@ -40,7 +40,7 @@ def test_the_refinement_finds_a_fraction_of_a_pixel_and_its_deviation(noise: flo
 
 
 def test_a_wall_has_its_depth_where_it_lies_within_the_sphere() -> None:
-    depth = RIG.fx * RIG.baseline_m / 30.37
+    depth = RIG.left.fx * RIG.baseline_m / 30.37
     seen = depth_map(_pair(30.37), RIG, (np.array([0.0, 0.0, depth]), 0.2))
     assert seen is not None
     assert np.nanmedian(seen.depth) == pytest.approx(depth, rel=2e-3)
