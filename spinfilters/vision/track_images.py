@@ -66,10 +66,10 @@ def track_images(
     document = {
         "losses": losses.document,
         "noise": {"place_px2": tracks.noise.place, "disparity_px2": tracks.noise.disparity},
-        "shared_errors": {
-            "place": tracks.shared.place,
-            "disparity": tracks.shared.disparity,
-            "group": tracks.shared.group,
+        "error_correlation": {
+            "place": tracks.correlation.place,
+            "disparity": tracks.correlation.disparity,
+            "inflation": tracks.correlation.inflation,
         },
     }
     return TrackedImages(_dataset(folder, rectification, tracks.stream), losses, document)
