@@ -127,12 +127,17 @@ def _finished(
 
 
 def _required(epochs: list[EpochObservations]) -> list[EpochObservations]:
-    if len(epochs) < FEWEST_EPOCHS:
-        raise InputError(
-            f"the pose of {len(epochs)} pair(s) was found, at least {FEWEST_EPOCHS} are needed; look at the images: a textured "
-            "body must be sharp and in both of them"
-        )
+    require_epochs(len(epochs))
     return epochs
+
+
+def require_epochs(count: int) -> None:
+    """InputError: so few epochs with a pose."""
+    if count < FEWEST_EPOCHS:
+        raise InputError(
+            f"the pose of {count} pair(s) was found, at least {FEWEST_EPOCHS} are needed; a textured body must be sharp in both "
+            "images, these taken at one time, and cam0 the left camera"
+        )
 
 
 def _settled(
