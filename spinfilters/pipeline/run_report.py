@@ -150,8 +150,6 @@ def _dense_sections(folder: Path) -> dict[str, str]:
 def _dimensions(document: dict[str, Any]) -> str:
     sizes = zip("xyz", document["dimensions_m"], document["dimensions_std_m"], strict=True)
     rows = [[axis, f"{1e3 * float(size):.1f}", f"{1e3 * float(std):.1f}"] for axis, size, std in sizes]
-    sides = zip(document["box_m"], document["box_std_m"], strict=True)
-    rows += [["smallest box", f"{1e3 * float(size):.1f}", f"{1e3 * float(std):.1f}"] for size, std in sides]
     words = f"Of the surface of {int(document['epochs'])} pairs, voxels of {1e3 * float(document['voxel_m']):.1f} mm."
     return table(["principal axis", "extent [mm]", "standard deviation [mm]"], rows, 1) + note(words)
 

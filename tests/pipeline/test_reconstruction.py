@@ -4,7 +4,6 @@ import json
 import shutil
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from spinfilters.api.image_recordings import ImageScenario, render
@@ -58,9 +57,6 @@ def test_a_dense_model_has_the_size_of_the_body_and_stands_in_the_report(
     assert document["epochs"] == 8
     # half a revolution shows a part of the box, none of it farther out than its corners
     assert RADIUS_M < max(document["dimensions_m"]) < 2.2 * RADIUS_M
-    assert document["box_m"] == sorted(document["box_m"])
-    assert np.prod(document["box_m"]) <= 1.001 * np.prod(document["dimensions_m"])
-    assert min(document["box_std_m"]) > 0
     content = read_ply(place / "model.ply")
     assert len(content.triangles) == document["triangles"] > 100
     text = (run / "report.html").read_text(encoding="utf-8")

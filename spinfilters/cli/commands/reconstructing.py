@@ -15,8 +15,8 @@ def add_reconstruct(commands: Subparsers) -> argparse.ArgumentParser:
         "reconstruct",
         help="dense model of the body of a run made of stereo images",
         description="Depth of every stereo pair, fused into one surface in principal axes by the motion that the run estimated. "
-        "Writes RUN/reconstruction/model.ply, reconstruction.json (dimensions along the principal axes and of the smallest box, "
-        "with standard deviations), reprojection.gif, and RUN/report.html with the model to turn.",
+        "Writes RUN/reconstruction/model.ply, reconstruction.json (dimensions with standard deviations), reprojection.gif, and "
+        "RUN/report.html with the model to turn.",
     )
     reconstruct.add_argument(
         "run", metavar="RUN", help="folder made by compare or estimate from stereo images"

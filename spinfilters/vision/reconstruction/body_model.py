@@ -1,4 +1,4 @@
-"""Surface model of a body in principal axes, and its dimensions along them and those of its shape, with standard deviations."""
+"""Surface model of a body in principal axes, and its dimensions along them with standard deviations."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 
 from spinfilters.errors import InputError
 from spinfilters.vision.reconstruction.distance_volume import GROUPS, DistanceVolume
-from spinfilters.vision.reconstruction.smallest_box import box_near, smallest_box
 from spinfilters.vision.reconstruction.surface_nets import surface_of
 
 FEWEST_TRIANGLES: Final = 100
@@ -29,7 +28,6 @@ class BodyModel:
     ----------
     vertices: (v, 3) m from the centre of mass, principal axes.   triangles: (f, 3), anticlockwise seen from outside.
     grey: (v,) 0..255.   dimensions, dimensions_std: (3,) m, extents along the principal axes.
-    box, box_std: (3,) m, sides of the smallest box around it, ascending; they do not depend on where the principal axes are.
     """
 
     vertices: Float[np.ndarray, "v 3"]
@@ -37,8 +35,6 @@ class BodyModel:
     grey: Float[np.ndarray, " v"]
     dimensions: Float[np.ndarray, " 3"]
     dimensions_std: Float[np.ndarray, " 3"]
-    box: Float[np.ndarray, " 3"]
-    box_std: Float[np.ndarray, " 3"]
 
     def share_near(self, points: Float[np.ndarray, "k 3"], distance: float) -> float:
         """Share of points (m, principal axes) that are not farther from a vertex than a distance, m."""
@@ -65,21 +61,12 @@ def body_model(volume: DistanceVolume, axes_cov: Float[np.ndarray, "3 3"] | None
             f"depth of {volume.count} pair(s) makes a surface of {len(surface.triangles)} triangles; give sharper images of a "
             "textured body, or more of them"
         )
-    vertices, box = surface.vertices, smallest_box(surface.vertices)
-    others = [_largest_part(volume, group).vertices for group in range(GROUPS)]
-    rounding = (ROUNDING_STD_VOXELS * volume.grid.voxel) ** 2
-    turned = 0.0 if axes_cov is None else _turned(vertices, axes_cov).var(axis=0)
-    along = _jackknife_variance([_extents(each) for each in others])
-    around = _jackknife_variance([_extents(each, box.axes) for each in others])
-    return BodyModel(
-        vertices,
-        surface.triangles,
-        surface.grey,
-        np.ptp(vertices, axis=0),
-        np.sqrt(along + turned + rounding),
-        box.extents,
-        np.sqrt(around + rounding),
-    )
+    dimensions = np.ptp(surface.vertices, axis=0)
+    others = np.array([_extents(volume, group) for group in range(GROUPS)])
+    jackknife = (GROUPS - 1) / GROUPS * ((others - others.mean(axis=0)) ** 2).sum(axis=0)
+    turned = 0.0 if axes_cov is None else _turned(surface.vertices, axes_cov).var(axis=0)
+    std = np.sqrt(jackknife + turned + (ROUNDING_STD_VOXELS * volume.grid.voxel) ** 2)
+    return BodyModel(surface.vertices, surface.triangles, surface.grey, dimensions, std)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,21 +88,10 @@ def _turned(
     )
 
 
-def _extents(
-    vertices: Float[np.ndarray, "v 3"], near: Float[np.ndarray, "3 3"] | None = None
-) -> Float[np.ndarray, " 3"]:
-    """Along the axes, or of the smallest box with axes near some, m; NaN without a surface."""
-    if not len(vertices):
-        return np.full(3, np.nan)
-    if near is None:
-        return np.ptp(vertices, axis=0)
-    return box_near(vertices[ConvexHull(vertices).vertices], near).extents
-
-
-def _jackknife_variance(others: list[Float[np.ndarray, " 3"]]) -> Float[np.ndarray, " 3"]:
-    """From estimates without a group of epochs each."""
-    away = np.array(others) - np.mean(others, axis=0)
-    return (GROUPS - 1) / GROUPS * (away**2).sum(axis=0)
+def _extents(volume: DistanceVolume, without: int) -> Float[np.ndarray, " 3"]:
+    """Along the axes, m, without a group of epochs; NaN where they make no surface."""
+    vertices = _largest_part(volume, without).vertices
+    return np.ptp(vertices, axis=0) if len(vertices) else np.full(3, np.nan)
 
 
 def _largest_part(volume: DistanceVolume, without: int | None = None) -> _Surface:
