@@ -34,7 +34,7 @@ WIDEST = {"t": 1.0, "a": 3.0, "v": 3.0, "w": 3.0, "c": 1.0, "s": 1.0}
 """Prior standard deviations, that of t in ranges: drawn from 1e-5 of these up, log-uniformly."""
 OUTLIER = 1e7
 """Of a wrong observation, px: beyond the gate of every prior, so that means stay where linear models hold."""
-PIXELS_PER_RADIAN = RIG.fx
+PIXELS_PER_RADIAN = RIG.left.fx
 
 
 @dataclass(frozen=True)

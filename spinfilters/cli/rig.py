@@ -3,7 +3,7 @@
 import argparse
 
 from spinfilters.cli.console import wide_console
-from spinfilters.data.camera import StereoRig
+from spinfilters.data.camera import PinholeCamera, StereoRig
 from spinfilters.errors import InputError
 from spinfilters.vision.rig_accuracy import rig_accuracy
 
@@ -11,12 +11,14 @@ from spinfilters.vision.rig_accuracy import rig_accuracy
 def rig(options: argparse.Namespace) -> int:
     """Print how well a rig measures at a distance."""
     pair = StereoRig(
-        options.focal,
-        options.focal,
-        (options.width - 1) / 2,
-        (options.height - 1) / 2,
-        options.width,
-        options.height,
+        PinholeCamera(
+            options.focal,
+            options.focal,
+            (options.width - 1) / 2,
+            (options.height - 1) / 2,
+            options.width,
+            options.height,
+        ),
         options.baseline,
     )
     found = rig_accuracy(pair, options.distance, options.pixel_std)

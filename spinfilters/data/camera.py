@@ -1,6 +1,8 @@
 """Calibrations of one camera or a stereo pair, in the `sensor.yaml` files of the EuRoC layout."""
 
 from dataclasses import dataclass, fields
+from itertools import chain
+from operator import attrgetter
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -31,6 +33,8 @@ _FOCAL_LENGTH, _CENTRE, _SIZE = (
 )
 COEFFICIENTS: Final[int] = 4
 """Of the distortion of a lens: k1, k2, p1, p2 (`spinfilters.geometry.lenses.RadialTangentialLens`)."""
+PERFECT: Final = (0.0,) * COEFFICIENTS
+"""Coefficients of a lens that does not distort."""
 CAMERA_RANGES: Final[dict[str, NumberRange]] = {
     "fx": _FOCAL_LENGTH,
     "fy": _FOCAL_LENGTH,
@@ -44,18 +48,18 @@ CAMERA_RANGES: Final[dict[str, NumberRange]] = {
 
 
 @dataclass(frozen=True)
-class StereoRig:
-    """A parallel pinhole pair: the right camera is the left one moved by the baseline along x.
+class PinholeCamera:
+    """One pinhole camera.
 
     Parameters
     ----------
-    fx, fy, cx, cy: focal lengths and principal point of both cameras, px.
-    width, height: of the images, px.   baseline_m: m, positive.
-    distortion: four coefficients of the left lens, then of the right; none of rectified pixels.
+    fx, fy, cx, cy: focal lengths and principal point, px.
+    width, height: of the images, px.
+    distortion: four coefficients of the lens; none of rectified pixels.
 
     Raises
     ------
-    InputError: a value out of its range in `CAMERA_RANGES`, coefficients of another number of lenses.
+    InputError: a value out of its range in `CAMERA_RANGES`, another number of coefficients.
     """
 
     fx: float
@@ -64,43 +68,24 @@ class StereoRig:
     cy: float
     width: int
     height: int
-    baseline_m: float
     distortion: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        _check(self, "stereo rig", lenses=2)
-
-    @property
-    def calibration(self) -> Float[np.ndarray, " c"]:
-        """(fx, fy, cx, cy px, baseline m), then the coefficients of distorted lenses."""
-        return np.array([self.fx, self.fy, self.cx, self.cy, self.baseline_m, *self.distortion])
-
-    @property
-    def left(self) -> "PinholeCamera":
-        """The left camera alone."""
-        own = self.distortion[:COEFFICIENTS]
-        return PinholeCamera(self.fx, self.fy, self.cx, self.cy, self.width, self.height, own)
-
-
-@dataclass(frozen=True)
-class PinholeCamera:
-    """One pinhole camera. Parameters and errors: `StereoRig`, without the baseline, of one lens."""
-
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    width: int
-    height: int
-    distortion: tuple[float, ...] = ()
-
-    def __post_init__(self) -> None:
-        _check(self, "camera", lenses=1)
+        for field in fields(self):
+            value = getattr(self, field.name)
+            for number in value if isinstance(value, tuple) else (value,):
+                CAMERA_RANGES[field.name].require(f"camera: {field.name}", number)
+        _require_lens("camera", self.distortion)
 
     @property
     def calibration(self) -> Float[np.ndarray, " c"]:
         """(fx, fy, cx, cy px), then the coefficients of a distorted lens."""
-        return np.array([self.fx, self.fy, self.cx, self.cy, *self.distortion])
+        return np.array([*self.intrinsics, *self.distortion])
+
+    @property
+    def intrinsics(self) -> tuple[float, float, float, float]:
+        """Focal lengths and principal point, px."""
+        return self.fx, self.fy, self.cx, self.cy
 
     @property
     def left(self) -> "PinholeCamera":
@@ -108,26 +93,51 @@ class PinholeCamera:
         return self
 
 
+@dataclass(frozen=True)
+class StereoRig:
+    """A parallel pinhole pair: the right camera is the left one moved by the baseline along x, with a lens of its own.
+
+    Parameters
+    ----------
+    left: camera.   baseline_m: m, positive.   right_distortion: four coefficients of the right lens; none of rectified pixels.
+
+    Raises
+    ------
+    InputError: a baseline out of its range in `CAMERA_RANGES`, another number of coefficients.
+    """
+
+    left: PinholeCamera
+    baseline_m: float
+    right_distortion: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        CAMERA_RANGES["baseline_m"].require("stereo rig: baseline_m", self.baseline_m)
+        for number in self.right_distortion:
+            CAMERA_RANGES["distortion"].require("stereo rig: right_distortion", number)
+        _require_lens("stereo rig", self.right_distortion)
+
+    @property
+    def calibration(self) -> Float[np.ndarray, " c"]:
+        """(fx, fy, cx, cy px, baseline m), then the coefficients of both lenses where one of them distorts."""
+        lenses = (self.left.distortion, self.right_distortion)
+        both = [each or PERFECT for each in lenses] if any(lenses) else []
+        return np.array([*self.left.intrinsics, self.baseline_m, *chain(*both)])
+
+
 Rig = StereoRig | PinholeCamera
 """What a data set with a camera is calibrated with."""
 
 
-class _Camera(NamedTuple):
-    intrinsics: Float[np.ndarray, "4"]
-    size: tuple[int, int]
+class _PlacedCamera(NamedTuple):
+    camera: PinholeCamera
     pose: Float[np.ndarray, "4 4"]
-    distortion: tuple[float, ...]
 
 
-def _check(rig: Rig, name: str, lenses: int) -> None:
-    """InputError: see `StereoRig`."""
-    for field in fields(rig):
-        value = getattr(rig, field.name)
-        for number in value if isinstance(value, tuple) else (value,):
-            CAMERA_RANGES[field.name].require(f"{name}: {field.name}", number)
-    if len(rig.distortion) not in (0, lenses * COEFFICIENTS):
+def _require_lens(name: str, distortion: tuple[float, ...]) -> None:
+    """InputError: coefficients that are neither none nor those of one lens."""
+    if len(distortion) not in (0, COEFFICIENTS):
         raise InputError(
-            f"{name}: distortion has {len(rig.distortion)} coefficients; give {COEFFICIENTS} of each lens, or none"
+            f"{name}: distortion has {len(distortion)} coefficients; give {COEFFICIENTS} of each lens, or none"
         )
 
 
@@ -141,11 +151,11 @@ def read_stereo_rig(folder: Path) -> StereoRig:
     """
     left, right = (_read_camera(folder / file) for file in RIG_FILES)
     path = folder / RIG_FILES[1]
-    for key, a, b in zip(("intrinsics", "resolution"), left[:2], right[:2], strict=True):
-        if not np.array_equal(a, b):
+    for key, of in (("intrinsics", attrgetter("intrinsics")), ("resolution", attrgetter("width", "height"))):
+        a, b = of(left.camera), of(right.camera)
+        if a != b:
             raise InputError(
-                f"{path_text(path)}: {key} are {np.array(b).tolist()}, cam0 has {np.array(a).tolist()}; "
-                "give the common ones of the rectified pair"
+                f"{path_text(path)}: {key} are {list(b)}, cam0 has {list(a)}; give the common ones of the rectified pair"
             )
     relative = np.linalg.solve(left.pose, right.pose)
     if np.abs(relative[:3, :3] - np.eye(3)).max() > ROTATION_TOLERANCE:
@@ -153,59 +163,45 @@ def read_stereo_rig(folder: Path) -> StereoRig:
             f"{path_text(path)}: T_BS turns cam1 against cam0; rectify the pair and give the parallel cameras"
         )
     baseline = _baseline(path, relative[:3, 3])
-    width, height = right.size
-    fx, fy, cx, cy = right.intrinsics.tolist()
     try:
-        return StereoRig(fx, fy, cx, cy, width, height, baseline, _both(left, right))
+        return StereoRig(left.camera, baseline, right.camera.distortion)
     except InputError as error:
         raise InputError(f"{path_text(path)}: {error}") from None
 
 
 def read_camera(folder: Path) -> PinholeCamera:
     """Camera of `cam0/sensor.yaml`. InputError: as `read_stereo_rig`, of one camera."""
-    path = folder / RIG_FILES[0]
-    camera = _read_camera(path)
-    width, height = camera.size
-    fx, fy, cx, cy = camera.intrinsics.tolist()
-    try:
-        return PinholeCamera(fx, fy, cx, cy, width, height, camera.distortion)
-    except InputError as error:
-        raise InputError(f"{path_text(path)}: {error}") from None
+    return _read_camera(folder / RIG_FILES[0]).camera
 
 
 def write_stereo_rig(rig: StereoRig, folder: Path) -> None:
     """Write both `sensor.yaml` files below the folder, the body frame being the left camera. Atomic each."""
-    _write_cameras(rig, folder, (0.0, rig.baseline_m))
+    write_camera(rig.left, folder)
+    _write_camera(rig.left, folder / RIG_FILES[1], rig.baseline_m, rig.right_distortion)
 
 
 def write_camera(camera: PinholeCamera, folder: Path) -> None:
     """Write `cam0/sensor.yaml` below the folder, the body frame being the camera. Atomic."""
-    _write_cameras(camera, folder, (0.0,))
+    _write_camera(camera, folder / RIG_FILES[0], 0.0, camera.distortion)
 
 
-def _write_cameras(rig: Rig, folder: Path, shifts: tuple[float, ...]) -> None:
-    """Each camera moved by so much along x, m."""
-    intrinsics = [float(value) for value in (rig.fx, rig.fy, rig.cx, rig.cy)]
-    for number, (file, shift) in enumerate(zip(RIG_FILES, shifts, strict=False)):
-        own = rig.distortion[COEFFICIENTS * number : COEFFICIENTS * (number + 1)] or (0.0,) * COEFFICIENTS
-        pose = np.eye(4)
-        pose[0, 3] = shift
-        make_folder((folder / file).parent)
-        text = sensor_text(intrinsics, (rig.width, rig.height), pose, own)
-        write_text(folder / file, text)
+def _write_camera(camera: PinholeCamera, file: Path, shift: float, distortion: tuple[float, ...]) -> None:
+    """Moved by so much along x, m, with a lens of these coefficients."""
+    pose = np.eye(4)
+    pose[0, 3] = shift
+    make_folder(file.parent)
+    intrinsics = [float(value) for value in camera.intrinsics]
+    write_text(file, sensor_text(intrinsics, (camera.width, camera.height), pose, distortion or PERFECT))
 
 
-def _read_camera(path: Path) -> _Camera:
+def _read_camera(path: Path) -> _PlacedCamera:
     found = read_sensor_file(path)
-    return _Camera(found.intrinsics, found.size, found.pose, _distortion(path, found))
-
-
-def _both(left: _Camera, right: _Camera) -> tuple[float, ...]:
-    """Coefficients of both lenses; none where neither distorts."""
-    if not left.distortion and not right.distortion:
-        return ()
-    perfect = (0.0,) * COEFFICIENTS
-    return (*(left.distortion or perfect), *(right.distortion or perfect))
+    fx, fy, cx, cy = found.intrinsics.tolist()
+    distortion = _distortion(path, found)
+    try:
+        return _PlacedCamera(PinholeCamera(fx, fy, cx, cy, *found.size, distortion), found.pose)
+    except InputError as error:
+        raise InputError(f"{path_text(path)}: {error}") from None
 
 
 def _distortion(path: Path, camera: SensorFile) -> tuple[float, ...]:

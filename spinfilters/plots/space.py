@@ -44,7 +44,9 @@ def draw_wires(axes: Axes3D, semi_axes: Float[np.ndarray, "3"], colour: str) -> 
 
 def frustum_edges(rig: Rig, depth: float) -> Float[np.ndarray, "8 2 3"]:
     """Edges of the left camera's field of view down to a depth (m), in camera axes."""
-    corners = np.array([[0, 0], [rig.width, 0], [rig.width, rig.height], [0, rig.height]], dtype=float)
+    corners = np.array(
+        [[0, 0], [rig.left.width, 0], [rig.left.width, rig.left.height], [0, rig.left.height]], dtype=float
+    )
     calibration = rig.left.calibration
     far = depth * monocular_camera(calibration).rays_of(corners, calibration)
     sides = np.stack([np.zeros_like(far), far], axis=1)

@@ -7,14 +7,14 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinfilters.data.camera import Rig, StereoRig
+from spinfilters.data.camera import PinholeCamera, Rig, StereoRig
 from spinfilters.errors import InputError
 from spinfilters.geometry.cameras import Monocular
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.sensors.visibility import Surface, facing
 from spinfilters.state.layout import StateLayout
 
-RIG = StereoRig(fx=466.7, fy=466.7, cx=320.0, cy=240.0, width=640, height=480, baseline_m=0.09)
+RIG = StereoRig(PinholeCamera(fx=466.7, fy=466.7, cx=320.0, cy=240.0, width=640, height=480), baseline_m=0.09)
 """The Goggles' cameras (Tweddle 2013, Tables 5.1 and 5.4)."""
 
 DEPTHS = (0.65, 1.5)
@@ -154,7 +154,7 @@ def could_stay_in_view(
 @cache
 def _half_sizes() -> tuple[float, float]:
     """Of the image of `RIG` at a depth of 1 m, m."""
-    corner = np.array([RIG.width, RIG.height], dtype=float)
+    corner = np.array([RIG.left.width, RIG.left.height], dtype=float)
     half_width, half_height, _ = Monocular().rays_of(corner, RIG.left.calibration).tolist()
     return half_width, half_height
 
@@ -177,8 +177,8 @@ class TrackCamera:
     def sees(self, pixels: Float[np.ndarray, "*n k v"]) -> Bool[np.ndarray, "*n k"]:
         """Whether every image holds its pixel."""
         u, v = pixels[..., list(self.horizontal)], pixels[..., 1]
-        inside = (u.min(axis=-1) >= 0) & (u.max(axis=-1) < self.rig.width)
-        return inside & (v >= 0) & (v < self.rig.height)
+        inside = (u.min(axis=-1) >= 0) & (u.max(axis=-1) < self.rig.left.width)
+        return inside & (v >= 0) & (v < self.rig.left.height)
 
 
 class FeatureTracks(NamedTuple):

@@ -119,7 +119,7 @@ class MonocularSensor(Sensor):
     ) -> Float[np.ndarray, "count 2"]:
         """Uniform over the image."""
         assert rig is not None  # a data set with a camera always has one
-        return generator.uniform(0.0, [rig.width, rig.height], (count, 2))
+        return generator.uniform(0.0, [rig.left.width, rig.left.height], (count, 2))
 
     def points_at_infinity(
         self, count: int, rig: Rig | None, generator: np.random.Generator

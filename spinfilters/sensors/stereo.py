@@ -103,7 +103,7 @@ class StereoSensor(Sensor):
     ) -> Float[np.ndarray, "count 3"]:
         """Uniform over both images, at a disparity of at least zero, where a matcher looks."""
         assert rig is not None  # a data set with stereo measurements always has one
-        pixels = generator.uniform(0.0, [rig.width, rig.height, rig.width], (count, 3))
+        pixels = generator.uniform(0.0, [rig.left.width, rig.left.height, rig.left.width], (count, 3))
         pixels[:, [2, 0]] = np.sort(pixels[:, [2, 0]], axis=1)
         return pixels
 
@@ -112,7 +112,7 @@ class StereoSensor(Sensor):
     ) -> Float[np.ndarray, "count 3"]:
         """Anywhere in the left image, without disparity."""
         assert rig is not None
-        u, v = generator.uniform(0, rig.width, count), generator.uniform(0, rig.height, count)
+        u, v = generator.uniform(0, rig.left.width, count), generator.uniform(0, rig.left.height, count)
         return np.stack([u, v, u], axis=1)
 
     def storable(self, values: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:

@@ -223,7 +223,7 @@ class Tracker:
         assert self.landmarks is not None
         R, at = matrix_from_quaternion(pose[3:]), self._at(pose, np.arange(self.landmarks.count))
         pixels = pixels_of(at, self._rig)
-        size = np.array([self._rig.width, self._rig.height])
+        size = np.array([self._rig.left.width, self._rig.left.height])
         inside = (
             self.landmarks.active
             & (at[:, 2] > 0)

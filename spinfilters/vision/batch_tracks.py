@@ -15,9 +15,9 @@ from spinfilters.geometry.cameras import stereo_pair
 from spinfilters.vision.association import EPOCHS, Tracker
 from spinfilters.vision.bundle_adjustment import Adjusted, Observations, adjust
 from spinfilters.vision.epoch_observations import EpochObservations
+from spinfilters.vision.error_correlation import ErrorCorrelation, LandmarkResiduals, error_correlation
 from spinfilters.vision.front_end import FrontEndOptions
 from spinfilters.vision.loss_count import LossCount
-from spinfilters.vision.shared_errors import SharedErrors, shared_errors
 from spinfilters.vision.stereo_matching import StereoFeatures
 from spinfilters.vision.track_noise import FEWEST, TrackNoise, identified
 
@@ -34,13 +34,13 @@ class Tracks:
     Attributes
     ----------
     stream: of the sensor "stereo", with a covariance per row.   poses: (e, 7) of g at its epochs, without dynamics.
-    noise: identified.   shared: how alike the errors of observations from like directions are.
+    noise: identified.   correlation: of the errors of a landmark's observations.
     """
 
     stream: MeasurementStream
     poses: Float[np.ndarray, "e 7"]
     noise: TrackNoise
-    shared: SharedErrors
+    correlation: ErrorCorrelation
 
 
 @dataclass(frozen=True)
@@ -115,31 +115,29 @@ def _finished(
     good = _explained(adjusted)
     losses.lose(STAGE, "of landmarks seen once", sum(len(each.ids) for each in epochs) - len(sequence))
     losses.lose(STAGE, "against the map", int(np.count_nonzero(~good)))
-    residuals, _ = adjusted.residuals(sequence.observations)
-    directions = _directions(adjusted, sequence.observations)
-    shared = shared_errors(
-        residuals[good],
-        sequence.part(good).observations.landmark,
-        sequence.part(good).observations.epoch,
-        directions[good],
-    )
+    correlation = error_correlation(_whitened(adjusted, sequence, noise).part(good))
     kept = sequence.part(good)
     kept = kept.part(np.bincount(kept.ids)[kept.ids] > 1)
     losses.lose(STAGE, "of landmarks seen once", int(np.count_nonzero(good)) - len(kept))
     losses.keep(STAGE, len(kept))
-    covariance = shared.inflated(noise).covariance(kept.size, kept.residual)
+    covariance = correlation.inflated(noise).covariance(kept.size, kept.residual)
     _, ids = np.unique(kept.ids, return_inverse=True)
     stream = MeasurementStream("stereo", kept.time, kept.observations.values, ids, covariance)
-    return Tracks(stream, adjusted.poses, noise, shared)
+    return Tracks(stream, adjusted.poses, noise, correlation)
 
 
 def _required(epochs: list[EpochObservations]) -> list[EpochObservations]:
-    if len(epochs) < FEWEST_EPOCHS:
-        raise InputError(
-            f"the pose of {len(epochs)} pair(s) was found, at least {FEWEST_EPOCHS} are needed; look at the images: a textured "
-            "body must be sharp and in both of them"
-        )
+    require_epochs(len(epochs))
     return epochs
+
+
+def require_epochs(count: int) -> None:
+    """InputError: so few epochs with a pose."""
+    if count < FEWEST_EPOCHS:
+        raise InputError(
+            f"the pose of {count} pair(s) was found, at least {FEWEST_EPOCHS} are needed; a textured body must be sharp in both "
+            "images, these taken at one time, and cam0 the left camera"
+        )
 
 
 def _settled(
@@ -166,12 +164,19 @@ def _explained(adjusted: Adjusted) -> Bool[np.ndarray, " n"]:
     return np.linalg.norm(adjusted.whitened, axis=1) <= LARGEST_ERROR
 
 
-def _directions(adjusted: Adjusted, observations: Observations) -> Float[np.ndarray, "n 3"]:
-    """Unit directions from landmarks to the camera, frame g."""
-    rotations = matrix_from_quaternion(adjusted.poses[:, 3:])
-    camera = -np.einsum("eji,ej->ei", rotations, adjusted.poses[:, :3])
-    away = camera[observations.epoch] - adjusted.points[observations.landmark]
-    return away / np.linalg.norm(away, axis=1, keepdims=True)
+def _whitened(adjusted: Adjusted, sequence: _Sequence, noise: TrackNoise) -> LandmarkResiduals:
+    """What bundle adjustment leaves of place and disparity, which are independent of one another."""
+    observations = sequence.observations
+    place, disparity = noise.variances(sequence.size, sequence.residual)
+    std = np.sqrt(np.column_stack([place, place, disparity]))
+    return LandmarkResiduals(
+        observations.landmark,
+        adjusted.points[observations.landmark],
+        matrix_from_quaternion(adjusted.poses[:, 3:])[observations.epoch],
+        adjusted.poses[observations.epoch, :3],
+        adjusted.residuals(observations)[0] / std,
+        adjusted.by_landmark(observations) / std[:, :, None],
+    )
 
 
 def _sequence(epochs: list[EpochObservations]) -> _Sequence:

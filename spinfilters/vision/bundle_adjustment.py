@@ -26,6 +26,9 @@ LOSS: Final = 3.0
 RIDGE: Final = 1e-9
 """Share of its own trace that is added to a landmark's information, so that one seen once has an inverse."""
 
+PLACE_AND_DISPARITY: Final = np.array([[1.0, 0, 0], [0, 1, 0], [1, 0, -1]])
+"""Of (u_left, v_left, u_right)."""
+
 
 @dataclass(frozen=True)
 class Observations:
@@ -71,14 +74,20 @@ class Adjusted:
         """Residuals of u_left, v_left and disparity (px), and the share of each one's variance that the fit has left: of the
         landmarks exactly, of the poses as a mean."""
         root = np.linalg.cholesky(observations.covariance)
-        T = np.array([[1.0, 0, 0], [0, 1, 0], [1, 0, -1]])
-        residual = np.einsum("ij,njk,nk->ni", T, root, self.whitened)
-        J, inverse = T @ root @ self.jacobian, np.linalg.inv(self.information)[observations.landmark]
+        residual = np.einsum("ij,njk,nk->ni", PLACE_AND_DISPARITY, root, self.whitened)
+        J, inverse = (
+            self.by_landmark(observations),
+            np.linalg.inv(self.information)[observations.landmark],
+        )
         explained = np.einsum("nij,njk,nik->ni", J, inverse, J)
-        total = np.einsum("ij,njk,ik->ni", T, observations.covariance, T)
+        total = np.einsum("ij,njk,ik->ni", PLACE_AND_DISPARITY, observations.covariance, PLACE_AND_DISPARITY)
         freedom = np.clip(1 - explained / total, 0.0, 1.0)
         by_poses = 6 * (len(self.poses) - 1) / max(float(freedom.sum()), 1.0)
         return residual, freedom * max(1 - by_poses, 0.1)
+
+    def by_landmark(self, observations: Observations) -> Float[np.ndarray, "n 3 3"]:
+        """Derivative of predicted u_left, v_left and disparity by the landmark, px/m."""
+        return PLACE_AND_DISPARITY @ np.linalg.cholesky(observations.covariance) @ self.jacobian
 
 
 @cache

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import UInt8, UInt16
 
 from spinfilters.data.input_file import path_text, require_folder, require_text_table, value_text
 from spinfilters.errors import InputError
@@ -20,8 +20,14 @@ IMAGES: Final = "data"
 SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".pgm", ".bmp", ".tif", ".tiff")
 LARGEST_IMAGE_FILE: Final = 200_000_000
 """Bytes."""
+FIRST_AND_LAST: Final = ((b"\x89PNG\r\n\x1a\n", b"IEND"), (b"\xff\xd8", b"\xff\xd9"))
+"""Bytes at the beginning and the end of a whole PNG and JPEG: decoders fill what is missing with grey."""
+LONGEST_TRAILER: Final = 65536
+"""Bytes that some programs write behind the end."""
 STAGE: Final = "image pairs"
 _NANOSECOND = 1e-9
+
+Grey = UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"]
 
 
 class StampedPair(NamedTuple):
@@ -42,7 +48,7 @@ class ImagePair(NamedTuple):
 
 @dataclass
 class PairReader:
-    """Reads pairs and counts those that cannot be used.
+    """Reads pairs and counts those that cannot be used; grey values of more than 8 bits are scaled by the largest so far.
 
     Attributes
     ----------
@@ -51,20 +57,23 @@ class PairReader:
 
     size: tuple[int, int]
     losses: LossCount
+    _bits: int = 8
     _last: tuple[np.ndarray | None, np.ndarray | None] = (None, None)
 
     def read(self, stamped: StampedPair) -> ImagePair | None:
         """The pair, or None where an image is missing, is no image, has another size, or repeats the last (a frozen camera)."""
         images = []
         for path in (stamped.left, stamped.right):
-            image, cause = read_image(path)
+            image, cause = _decoded(path)
             if image is not None and image.shape[::-1] != self.size:
                 cause = f"of another size than {self.size[0]} x {self.size[1]}"
             if image is None or cause is not None:
                 self.losses.lose(STAGE, cause or "not an image")
                 return None
             images.append(image)
-        return self.checked(ImagePair(stamped.time, *images))
+        self._bits = max(self._bits, *map(_bits, images))
+        left, right = (_of_eight_bits(image, self._bits) for image in images)
+        return self.checked(ImagePair(stamped.time, left, right))
 
     def checked(self, pair: ImagePair) -> ImagePair | None:
         """A pair in memory, or None where a camera repeats its last image."""
@@ -83,6 +92,12 @@ class PairReader:
 
 def read_image(path: Path) -> tuple[UInt8[np.ndarray, "h w"] | None, str | None]:
     """Grey values of an image file, or why there are none."""
+    image, cause = _decoded(path)
+    return (None if image is None else _of_eight_bits(image, _bits(image))), cause
+
+
+def _decoded(path: Path) -> tuple[Grey | None, str | None]:
+    """Grey values as the file has them, or why there are none."""
     try:
         if os.stat(path).st_size > LARGEST_IMAGE_FILE:
             return None, "larger than an image file may be"
@@ -91,11 +106,28 @@ def read_image(path: Path) -> tuple[UInt8[np.ndarray, "h w"] | None, str | None]
         return None, "missing"
     if not data.size:
         return None, "empty"
+    begin, end = data[:8].tobytes(), data[-LONGEST_TRAILER:].tobytes()
+    if any(begin.startswith(first) and last not in end for first, last in FIRST_AND_LAST):
+        return None, "cut short"
     try:
-        image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)
+        image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
     except cv2.error:
         image = None
-    return (image, None) if image is not None else (None, "not an image")
+    if image is None:
+        return None, "not an image"
+    if image.dtype not in (np.uint8, np.uint16):
+        return None, "not of 8 or 16 bits"
+    return image, None
+
+
+def _bits(image: Grey) -> int:
+    """Of the largest grey value, at least 8: cameras of 10, 12 and 14 bits write 16."""
+    return max(int(image.max()).bit_length(), 8)
+
+
+def _of_eight_bits(image: Grey, bits: int) -> UInt8[np.ndarray, "h w"]:
+    """Grey values of so many bits as 8."""
+    return image if image.dtype == np.uint8 else cv2.convertScaleAbs(image, alpha=2.0 ** (8 - bits))
 
 
 def stamped_pairs(folder: Path, losses: LossCount) -> list[StampedPair]:

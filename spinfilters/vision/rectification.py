@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from spinfilters.attitude.conversions import multiply, quaternion_from_matrix
-from spinfilters.data.camera import StereoRig
+from spinfilters.data.camera import PinholeCamera, StereoRig
 from spinfilters.data.truth import Truth
 from spinfilters.errors import InputError
 from spinfilters.vision.raw_rig import RawRig
@@ -57,7 +57,7 @@ class Rectification:
             first[:2, 2].tolist(),
             self.rig.size,
         )
-        return StereoRig(fx, fy, cx, cy, width, height, float(baseline))
+        return StereoRig(PinholeCamera(fx, fy, cx, cy, width, height), float(baseline))
 
     @cached_property
     def _maps(self) -> list[tuple[np.ndarray, np.ndarray]]:

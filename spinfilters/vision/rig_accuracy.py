@@ -38,11 +38,11 @@ def rig_accuracy(rig: StereoRig, distance: float, pixel_std: float) -> RigAccura
     ]
     inverse = np.linalg.inv(pixels_by_point(point, rig)[0])
     std = pixel_std * np.sqrt(np.diag(inverse @ inverse.T))
-    half_angle = np.arctan(rig.width / 2 / rig.fx)
+    half_angle = np.arctan(rig.left.width / 2 / rig.left.fx)
     return RigAccuracy(
         moved[0],
         moved[1],
         std,
         float(rig.baseline_m / 2 / np.tan(half_angle)),
-        float(rig.baseline_m * rig.fx),
+        float(rig.baseline_m * rig.left.fx),
     )

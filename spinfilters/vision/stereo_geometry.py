@@ -23,18 +23,18 @@ class NearPairs(NamedTuple):
 def pixels_of(at: Float[np.ndarray, "n 3"], rig: StereoRig) -> Float[np.ndarray, "n 3"]:
     """(u_left, v_left, u_right) of points of the camera frame; not meant for points behind it."""
     z = np.maximum(at[:, 2], NEAREST_DEPTH)
-    u, v = rig.fx * at[:, 0] / z + rig.cx, rig.fy * at[:, 1] / z + rig.cy
-    return np.stack([u, v, u - rig.fx * rig.baseline_m / z], axis=1)
+    u, v = rig.left.fx * at[:, 0] / z + rig.left.cx, rig.left.fy * at[:, 1] / z + rig.left.cy
+    return np.stack([u, v, u - rig.left.fx * rig.baseline_m / z], axis=1)
 
 
 def pixels_by_point(at: Float[np.ndarray, "n 3"], rig: StereoRig) -> Float[np.ndarray, "n 3 3"]:
     """Jacobian of the pixels by the point, px/m."""
     x, y, z = at.T
     J = np.zeros((len(at), 3, 3))
-    J[:, 0, 0] = J[:, 2, 0] = rig.fx / z
-    J[:, 1, 1] = rig.fy / z
-    J[:, 0, 2], J[:, 1, 2] = -rig.fx * x / z**2, -rig.fy * y / z**2
-    J[:, 2, 2] = -rig.fx * (x - rig.baseline_m) / z**2
+    J[:, 0, 0] = J[:, 2, 0] = rig.left.fx / z
+    J[:, 1, 1] = rig.left.fy / z
+    J[:, 0, 2], J[:, 1, 2] = -rig.left.fx * x / z**2, -rig.left.fy * y / z**2
+    J[:, 2, 2] = -rig.left.fx * (x - rig.baseline_m) / z**2
     return J
 
 

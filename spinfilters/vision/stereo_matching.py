@@ -99,7 +99,7 @@ def _best_on_row(
         return np.zeros((0, 2), dtype=int)
     gap = left.pixels[:, None] - right.pixels[None]
     nearest, farthest = options.depths
-    scale = rig.fx * rig.baseline_m
+    scale = rig.left.fx * rig.baseline_m
     tolerance = options.row_tolerance + 0.1 * left.size[:, None]
     allowed = (
         (np.abs(gap[..., 1]) <= tolerance)

@@ -15,10 +15,10 @@ from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.data.settings_files import read_toml
 from spinfilters.data.truth import read_truth
 from spinfilters.errors import InputError
-from spinfilters.vision.batch_tracks import batch_tracks
+from spinfilters.vision.batch_tracks import batch_tracks, require_epochs
 from spinfilters.vision.epoch_observations import EpochObservations
 from spinfilters.vision.front_end import FrontEndOptions, OnlineFrontEnd, StereoPoints
-from spinfilters.vision.image_folder import PairReader, read_pairs, stamped_pairs
+from spinfilters.vision.image_folder import CAMERAS, STAGE, PairReader, read_pairs, stamped_pairs
 from spinfilters.vision.loss_count import LossCount
 from spinfilters.vision.raw_rig import read_raw_rig
 from spinfilters.vision.rectification import Rectification
@@ -60,16 +60,17 @@ def track_images(
             points.append((pair.time, finder.of(pair)))
         progress("features", number, len(stamped))
     with _naming(folder, losses):
+        _require_pairs(losses, len(stamped))
         tracks = batch_tracks(
             points, rectification.stereo, options, losses, lambda *at: progress("tracks", *at)
         )
     document = {
         "losses": losses.document,
         "noise": {"place_px2": tracks.noise.place, "disparity_px2": tracks.noise.disparity},
-        "shared_errors": {
-            "place": tracks.shared.place,
-            "disparity": tracks.shared.disparity,
-            "group": tracks.shared.group,
+        "error_correlation": {
+            "place": tracks.correlation.place,
+            "disparity": tracks.correlation.disparity,
+            "inflation": tracks.correlation.inflation,
         },
     }
     return TrackedImages(_dataset(folder, rectification, tracks.stream), losses, document)
@@ -98,6 +99,7 @@ def track_images_online(
             epochs.append(epoch)
         progress("images", number, len(stamped))
     with _naming(folder, front_end.losses):
+        _require_pairs(front_end.losses, len(stamped))
         stream = online_stream(epochs)
     dataset = _dataset(folder, rectification, stream)
     return TrackedImages(dataset, front_end.losses, {"losses": front_end.losses.document})
@@ -105,8 +107,7 @@ def track_images_online(
 
 def online_stream(epochs: list[EpochObservations]) -> MeasurementStream:
     """Stream of the observations of some epochs. InputError: fewer than two of them."""
-    if len(epochs) < 2:
-        raise InputError(f"the pose of {len(epochs)} pair(s) was found, at least 2 are needed")
+    require_epochs(len(epochs))
     counts = [len(epoch.ids) for epoch in epochs]
     return MeasurementStream(
         "stereo",
@@ -115,6 +116,14 @@ def online_stream(epochs: list[EpochObservations]) -> MeasurementStream:
         np.concatenate([epoch.ids for epoch in epochs]),
         np.concatenate([epoch.covariance for epoch in epochs]),
     )
+
+
+def _require_pairs(losses: LossCount, count: int) -> None:
+    """InputError: none of so many pairs can be used."""
+    if not losses.kept[STAGE]:
+        raise InputError(
+            f"none of {count} pairs can be used; give whole images of the size that {CAMERAS[0]}/sensor.yaml states"
+        )
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from spinfilters.data.camera import StereoRig
+from spinfilters.data.camera import PinholeCamera, StereoRig
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_options import DatasetOptions
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
@@ -13,7 +13,7 @@ from spinfilters.data.track_files import KnownMap
 from spinfilters.data.truth import Truth
 
 REAL_DATA = Path(__file__).parents[3] / "shared" / "data"
-RIG = StereoRig(fx=466.7, fy=466.8, cx=320.5, cy=240.25, width=640, height=480, baseline_m=0.0912345678901)
+RIG = StereoRig(PinholeCamera(466.7, 466.8, 320.5, 240.25, 640, 480), baseline_m=0.0912345678901)
 
 GYRO = "time_s,wx,wy,wz\n0.0,0.1,0.2,0.3\n0.01,0.1,0.2,0.3\n0.02,0.1,0.2,0.3\n"
 TUM = "# timestamp tx ty tz qx qy qz qw\n0.0 0 0 1 0 0 0 1\n0.5 0 0 1 0 0 0 1\n1.0 0 0 1 0 0 0 1\n"

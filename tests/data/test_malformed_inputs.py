@@ -267,7 +267,7 @@ def test_a_faulty_data_set_is_refused_in_one_line_that_names_the_fault(tmp_path:
     name, content, value = STEREO_FAULTS[fault]
     spoil(stereo_folder(tmp_path), name, content)
     message = message_of(lambda: read_dataset(tmp_path))
-    assert message.startswith(str(tmp_path / name.replace("*", "1")))
+    assert message.startswith(str(tmp_path / name.replace("*", "0")))
     assert value in message
 
 

@@ -217,16 +217,18 @@ def test_a_smooth_spin_is_not_clipped_however_fast_it_is(samples: int, scale: fl
 @pytest.mark.parametrize("value", [0, -1])
 def test_a_rig_without_extent_cannot_be_made(field: str, value: int) -> None:
     changed: dict[str, Any] = {field: value if field in ("width", "height") else float(value)}
+    of = RIG if field == "baseline_m" else RIG.left
     with pytest.raises(InputError, match=field):
-        replace(RIG, **changed)
+        replace(of, **changed)
 
 
 @pytest.mark.parametrize("field", ["fx", "fy", "cx", "cy", "baseline_m"])
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_a_rig_that_is_not_finite_cannot_be_made(field: str, value: float) -> None:
     changed: dict[str, Any] = {field: value}
+    of = RIG if field == "baseline_m" else RIG.left
     with pytest.raises(InputError, match=field):
-        replace(RIG, **changed)
+        replace(of, **changed)
 
 
 def test_a_data_set_of_stereo_measurements_needs_a_rig() -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spinfilters.data.camera import StereoRig
 from spinfilters.data.dataset import Dataset, read_dataset
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.measurement_log import MeasurementLog
@@ -32,13 +33,13 @@ def raw(kind: str) -> Dataset:
     dataset = rectified(kind)
     (stream,), rig = dataset.log.streams, dataset.rig
     assert rig is not None
-    own = rig.calibration
-    if kind == "stereo-tracks":
-        distorted = replace(rig, distortion=(*LEFT, *RIGHT))
+    own, left = rig.calibration, replace(rig.left, distortion=LEFT)
+    if isinstance(rig, StereoRig):
+        distorted = replace(rig, left=left, right_distortion=RIGHT)
         points = stereo_pair(own).points_of(stream.values, own)
         values = stereo_pair(distorted.calibration).pixels_of(points, distorted.calibration)
     else:
-        distorted = replace(rig, distortion=LEFT)
+        distorted = left
         rays = monocular_camera(own).rays_of(stream.values, own)
         values = monocular_camera(distorted.calibration).pixels_of(rays, distorted.calibration)
     assert np.abs(values - stream.values).max() > 3.0

@@ -24,7 +24,7 @@ from run_samples import (
     rotation_runs,
 )
 
-from spinfilters.data.camera import StereoRig
+from spinfilters.data.camera import PinholeCamera, StereoRig
 from spinfilters.errors import InputError
 from spinfilters.evaluation.evaluation import evaluate
 from spinfilters.evaluation.flips import count_flips
@@ -40,7 +40,7 @@ from spinfilters.plots.summary import headline, summary_figure
 from spinfilters.simulation.inspector import circling
 
 FULL, ROTATIONS = full_runs(), rotation_runs()
-RIG = StereoRig(fx=466.7, fy=466.7, cx=320.0, cy=240.0, width=640, height=480, baseline_m=0.09)
+RIG = StereoRig(PinholeCamera(fx=466.7, fy=466.7, cx=320.0, cy=240.0, width=640, height=480), baseline_m=0.09)
 POINTS = np.random.default_rng(0).standard_normal((300, 3)) * 0.05
 CIRCLE = circling(INTERVAL * np.arange(FRAMES), np.array([0.0, 0.0, 0.6]))
 CONDITIONS = ("Map unknown, seed 3.", "Noise: pixels 1 px; disturbances: torque 1e-06 (rad/s^2)^2/Hz.")

@@ -91,7 +91,7 @@ def test_outliers_lie_anywhere_in_the_images() -> None:
     np.testing.assert_array_equal(ids, same_ids)
     wrong = (before.values != after.values).any(axis=1)
     assert wrong.sum() == round(0.5 * len(before))
-    size, drawn = np.array([RIG.width, RIG.height, RIG.width]), after.values[wrong]
+    size, drawn = np.array([RIG.left.width, RIG.left.height, RIG.left.width]), after.values[wrong]
     assert (drawn >= 0).all()
     assert (drawn < size).all()
     assert (drawn[:, 0] >= drawn[:, 2]).all()
@@ -99,7 +99,7 @@ def test_outliers_lie_anywhere_in_the_images() -> None:
     np.testing.assert_allclose(
         (drawn / size).mean(axis=0), [2 / 3, 1 / 2, 1 / 3], atol=sampling / np.sqrt(12)
     )
-    columns = np.concatenate([drawn[:, 0], drawn[:, 2]]) / RIG.width
+    columns = np.concatenate([drawn[:, 0], drawn[:, 2]]) / RIG.left.width
     np.testing.assert_allclose(np.quantile(columns, [0.25, 0.75]), [0.25, 0.75], atol=sampling / 2)
 
 

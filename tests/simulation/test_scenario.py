@@ -141,8 +141,8 @@ def test_only_landmarks_that_face_the_camera_inside_both_images_are_seen() -> No
     assert stream.ids is not None
     u_left, v, u_right = stream.values.T
     assert (u_right >= 0).all()
-    assert (u_left <= RIG.width).all()
-    assert ((v >= 0) & (v <= RIG.height)).all()
+    assert (u_left <= RIG.left.width).all()
+    assert ((v >= 0) & (v <= RIG.left.height)).all()
     rows = np.searchsorted(np.unique(stream.time), stream.time)
     outward = dataset.known_map.points[stream.ids]
     R = matrix_from_quaternion(states[rows][:, FULL.mean_slice("a")])

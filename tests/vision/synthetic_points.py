@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from spinfilters.data.camera import StereoRig
+from spinfilters.data.camera import PinholeCamera, StereoRig
 from spinfilters.vision.features import Features
 from spinfilters.vision.stereo_matching import StereoFeatures
 
-RIG = StereoRig(466.7, 466.7, 320.0, 240.0, 640, 480, 0.09)
+RIG = StereoRig(PinholeCamera(466.7, 466.7, 320.0, 240.0, 640, 480), 0.09)
 SIZE, RESIDUAL = 3.0, 0.1
 
 
@@ -30,8 +30,10 @@ class Ball:
         facing = np.einsum("ni,ni->n", self.points @ R.T, -at) > 0.35 * 0.11 * np.linalg.norm(at, axis=1)
         rows = np.flatnonzero(facing)
         x, y, z = at[rows].T
-        u = RIG.fx * x / z + RIG.cx
-        values = np.stack([u, RIG.fy * y / z + RIG.cy, u - RIG.fx * RIG.baseline_m / z], axis=1)
+        u = RIG.left.fx * x / z + RIG.left.cx
+        values = np.stack(
+            [u, RIG.left.fy * y / z + RIG.left.cy, u - RIG.left.fx * RIG.baseline_m / z], axis=1
+        )
         values += pixel_std * self.generator.standard_normal(values.shape)
         shown = rows.copy()
         swapped = self.generator.random(len(rows)) < wrong

@@ -6,7 +6,6 @@ from scipy.spatial.transform import Rotation
 from synthetic_points import RIG, Ball
 
 from spinfilters.vision.bundle_adjustment import Observations, adjust
-from spinfilters.vision.shared_errors import shared_errors
 from spinfilters.vision.track_noise import TrackNoise, identified
 
 NOISE = TrackNoise((0.01, 0.004), (0.004, 0.5))
@@ -73,28 +72,3 @@ def test_noise_is_identified_with_its_dependence_on_size_and_residual() -> None:
     errors = generator.standard_normal((20000, 3)) * np.sqrt(np.column_stack([place, place, disparity]))
     found = identified(errors, np.ones_like(errors), size, residual)
     np.testing.assert_allclose(found.variances(size, residual), (place, disparity), rtol=0.12)
-
-
-def test_shared_errors_are_told_from_white_noise() -> None:
-    generator = np.random.default_rng(0)
-    landmark = np.repeat(np.arange(400), 6)
-    directions = np.tile([0.0, 0.0, -1.0], (2400, 1))
-    white = generator.standard_normal((2400, 3))
-    shared = generator.standard_normal((400, 3))[landmark]
-    epoch = np.tile(np.arange(6), 400)
-    alone = shared_errors(white, landmark, epoch, directions)
-    half = shared_errors((white + shared) / np.sqrt(2), landmark, epoch, directions)
-    assert alone.place < 0.03
-    assert half.place == pytest.approx(0.5, abs=0.05)
-    assert half.disparity == pytest.approx(0.5, abs=0.06)
-    assert half.group == pytest.approx(6.0)
-    mean_of_six = np.var((white + shared)[:, 0].reshape(400, 6).mean(axis=1)) / 2
-    inflated = half.inflated(TrackNoise((1.0, 0.0), (1.0, 0.0))).place[0] / 6
-    assert inflated == pytest.approx(mean_of_six, rel=0.12)
-
-
-def test_directions_that_differ_share_nothing() -> None:
-    landmark, epoch = np.repeat(np.arange(300), 2), np.tile([0, 1], 300)
-    directions = np.tile([[0.0, 0.0, -1.0], [0.0, 0.6, -0.8]], (300, 1))
-    found = shared_errors(np.ones((600, 3)), landmark, epoch, directions)
-    assert (found.place, found.group) == (0.0, 1.0)

@@ -15,7 +15,8 @@ from spinfilters.errors import InputError
 from spinfilters.geometry.cameras import stereo_pair
 from spinfilters.vision.features import DETECTORS
 from spinfilters.vision.front_end import FrontEndOptions
-from spinfilters.vision.image_folder import STAGE
+from spinfilters.vision.image_folder import STAGE, PairReader, StampedPair, read_pairs, stamped_pairs
+from spinfilters.vision.loss_count import LossCount
 from spinfilters.vision.track_images import TrackedImages, track_images, track_images_online
 
 
@@ -121,6 +122,55 @@ def test_images_that_cannot_be_used_are_counted_by_cause(damaged: Path) -> None:
     assert tracked.losses.kept[STAGE] == 3
 
 
+def test_images_that_are_cut_short_are_counted_and_say_nothing(
+    damaged: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    whole = _image(damaged, "cam0", 1).read_bytes()
+    _image(damaged, "cam0", 1).write_bytes(whole[: len(whole) // 2])
+    _image(damaged, "cam1", 2).write_bytes(whole[:30])
+    grey = cv2.imread(str(_image(damaged, "cam1", 3)), cv2.IMREAD_GRAYSCALE)
+    assert grey is not None
+    jpeg = cv2.imencode(".jpg", grey)[1].tobytes()
+    _image(damaged, "cam1", 3).write_bytes(jpeg[: len(jpeg) // 2])
+    reader = PairReader((320, 240), LossCount())
+    pairs = list(read_pairs(stamped_pairs(damaged, reader.losses), reader))
+    assert [pair is None for pair in pairs] == [False, True, True, True, False, False]
+    assert reader.losses.lost == {(STAGE, "cut short"): 3}
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(("bits", "channels"), [(8, 3), (12, 1), (16, 1), (16, 3)])
+def test_colour_and_more_bits_tell_what_eight_grey_bits_tell(bits: int, channels: int, damaged: Path) -> None:
+    paths = [_image(damaged, camera, 0) for camera in ("cam0", "cam1")]
+    images = [cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in paths]
+    for path, image in zip(paths, images, strict=True):
+        assert image is not None
+        deep = image.astype(np.uint16) << (bits - 8) if bits > 8 else image
+        cv2.imwrite(str(path), np.repeat(deep[..., None], channels, axis=2))
+    pair = PairReader((320, 240), LossCount()).read(StampedPair(0.0, *paths))
+    assert pair is not None
+    for image, expected in zip(pair[1:], images, strict=True):
+        np.testing.assert_array_equal(image, expected)
+
+
+def test_a_calibration_of_another_camera_is_refused(damaged: Path) -> None:
+    for camera in ("cam0", "cam1"):
+        path = damaged / camera / "sensor.yaml"
+        path.write_text(path.read_text().replace("[320, 240]", "[640, 480]"))
+    with pytest.raises(
+        InputError, match=r"none of 6 pairs.*cam0/sensor\.yaml.*6 of another size than 640 x 480"
+    ):
+        track_images(damaged)
+
+
+def test_exchanged_cameras_are_refused_with_the_cure(damaged: Path) -> None:
+    (damaged / "cam0" / "data").rename(damaged / "other")
+    (damaged / "cam1" / "data").rename(damaged / "cam0" / "data")
+    (damaged / "other").rename(damaged / "cam1" / "data")
+    with pytest.raises(InputError, match=r"pose of 0 pair.*cam0 the left camera"):
+        track_images(damaged)
+
+
 def test_darker_images_of_one_epoch_lose_no_epoch(damaged: Path) -> None:
     for camera in ("cam0", "cam1"):
         path = _image(damaged, camera, 3)
@@ -144,7 +194,7 @@ def test_darker_images_of_one_epoch_lose_no_epoch(damaged: Path) -> None:
         (lambda folder: (folder / "cam0" / "data.csv").write_text("5,a.png\n"), "common time stamps"),
         (
             lambda folder: [_image(folder, "cam0", k).write_bytes(b"x") for k in range(6)],
-            "pose of 0 pair.*6 not an image",
+            "none of 6 pairs.*6 not an image",
         ),
     ],
 )

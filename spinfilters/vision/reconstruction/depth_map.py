@@ -13,7 +13,7 @@ from typing import Final
 
 import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, UInt8
 
 from spinfilters.data.camera import StereoRig
 from spinfilters.vision.disparity import disparity_map
@@ -31,8 +31,8 @@ LEAST_STD_PX: Final = 0.1
 NEIGHBOURS: Final = 2.0
 """Factor on the standard deviation: neighbours are refined too, which makes residuals smaller and errors larger (measured on a
 textured wall with noise of 3 and 6 grey values: 2.05)."""
-RIM_PX: Final = 2
-"""Around pixels without disparity that is left out: windows there see two surfaces."""
+RIM_PX: Final = WINDOW // 2
+"""Around pixels without depth that is left out: so far beyond an outline, windows still correlate by the surface within it."""
 
 Grey = Float[np.ndarray, "h w"]
 Sphere = tuple[Float[np.ndarray, " 3"], float]
@@ -69,7 +69,7 @@ def depth_map(
     if nearest < radius / 10 or box is None:
         return None
     first, last, top, bottom = box
-    strength = rig.fx * rig.baseline_m
+    strength = rig.left.fx * rig.baseline_m
     smallest, largest = int(strength / farthest), int(np.ceil(strength / nearest))
     begin = max(first - largest, 0)
     left, right = (np.ascontiguousarray(image[top:bottom, begin:last]) for image in pair)
@@ -96,10 +96,16 @@ def refined_disparity(
         window = _Window(left, gradients, right, (columns - current, rows))
         current += np.clip(window.step, -LARGEST_STEP_PX, LARGEST_STEP_PX)
     window = _Window(left, gradients, right, (columns - current, rows))
-    solid = cv2.erode(found.astype(np.uint8), np.ones((2 * RIM_PX + 1,) * 2, np.uint8)) > 0
-    good = solid & (np.abs(current - start) <= LARGEST_CHANGE_PX) & (window.correlation >= LEAST_CORRELATION)
+    good = found & (np.abs(current - start) <= LARGEST_CHANGE_PX) & (window.correlation >= LEAST_CORRELATION)
+    good &= _inside(good)
     std = np.maximum(window.std, LEAST_STD_PX)
     return np.where(good, current, np.nan).astype(float), np.where(good, std, np.nan).astype(float)
+
+
+def _inside(good: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+    """Pixels farther than a rim from what has no depth; single pixels without are no outline."""
+    square = np.ones((2 * RIM_PX + 1,) * 2, np.uint8)
+    return cv2.erode(cv2.morphologyEx(good.astype(np.uint8), cv2.MORPH_CLOSE, square), square) > 0
 
 
 class _Window:
@@ -144,9 +150,9 @@ def _image_box(
     """First and last column and row (the last ones excluded) of a sphere in the left image; None where it is not in it."""
     near = max(centre[2] - radius, 1e-6)
     focal, middle, size = (
-        np.array([rig.fx, rig.fy]),
-        np.array([rig.cx, rig.cy]),
-        np.array([rig.width, rig.height]),
+        np.array([rig.left.fx, rig.left.fy]),
+        np.array([rig.left.cx, rig.left.cy]),
+        np.array([rig.left.width, rig.left.height]),
     )
     across = middle + focal * centre[:2] / max(centre[2], near)
     reach = focal * radius / near + 2

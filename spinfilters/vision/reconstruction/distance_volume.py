@@ -80,7 +80,9 @@ class DistanceVolume:
         row, column = np.nonzero(np.isfinite(seen.depth))
         depth, std, grey = (values[row, column] for values in (seen.depth, seen.std, seen.grey))
         u, v = column + seen.corner[0], row + seen.corner[1]
-        rays = np.stack([(u - rig.cx) / rig.fx, (v - rig.cy) / rig.fy, np.ones(len(u))], axis=1)
+        rays = np.stack(
+            [(u - rig.left.cx) / rig.left.fx, (v - rig.left.cy) / rig.left.fy, np.ones(len(u))], axis=1
+        )
         points = (depth[:, None] * rays - t_cp) @ R_cp
         rays = rays @ R_cp / np.linalg.norm(rays, axis=1, keepdims=True)
         voxel, pixel, distance = self._along(points, rays)

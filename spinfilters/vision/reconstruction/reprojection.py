@@ -25,12 +25,12 @@ def reprojection(
     model: BodyModel, rig: StereoRig, R_cp: Float[np.ndarray, "3 3"], t_cp: Float[np.ndarray, " 3"]
 ) -> Picture:
     """Image of the model in its own grey values, for a pose of the principal axes in the left camera, at `HEIGHT_PX`."""
-    scale = HEIGHT_PX / rig.height
-    shape = HEIGHT_PX, round(rig.width * scale)
+    scale = HEIGHT_PX / rig.left.height
+    shape = HEIGHT_PX, round(rig.left.width * scale)
     at = (model.vertices @ R_cp.T + t_cp)[model.triangles]
     with np.errstate(divide="ignore", invalid="ignore"):
-        column = rig.fx * at[..., 0] / at[..., 2] + rig.cx
-        row = rig.fy * at[..., 1] / at[..., 2] + rig.cy
+        column = rig.left.fx * at[..., 0] / at[..., 2] + rig.left.cx
+        row = rig.left.fy * at[..., 1] / at[..., 2] + rig.left.cy
         surface = visible_surface(
             (np.stack([column, row], axis=-1) + 0.5) * scale - 0.5, 1 / at[..., 2], shape
         )

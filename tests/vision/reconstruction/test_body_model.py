@@ -3,20 +3,23 @@
 import numpy as np
 import pytest
 
-from spinfilters.data.camera import StereoRig
+from spinfilters.data.camera import PinholeCamera, StereoRig
 from spinfilters.errors import InputError
 from spinfilters.vision.reconstruction.body_model import _turned, body_model
 from spinfilters.vision.reconstruction.depth_map import DepthMap
 from spinfilters.vision.reconstruction.distance_volume import DistanceVolume, Grid
 from spinfilters.vision.reconstruction.reprojection import HEIGHT_PX, animation, beside, reprojection
 
-RIG = StereoRig(250.0, 250.0, 59.5, 44.5, 120, 90, 0.1)
+RIG = StereoRig(PinholeCamera(250.0, 250.0, 59.5, 44.5, 120, 90), 0.1)
 RADIUS, AWAY = 0.08, np.array([0.0, 0.0, 0.5])
 
 
 def _depth_of_a_ball(generator: np.random.Generator, noise: float) -> DepthMap:
     columns, rows = np.meshgrid(np.arange(120), np.arange(90))
-    rays = np.stack([(columns - RIG.cx) / RIG.fx, (rows - RIG.cy) / RIG.fy, np.ones((90, 120))], axis=-1)
+    rays = np.stack(
+        [(columns - RIG.left.cx) / RIG.left.fx, (rows - RIG.left.cy) / RIG.left.fy, np.ones((90, 120))],
+        axis=-1,
+    )
     a, b = (rays**2).sum(axis=-1), rays @ AWAY
     inside = b**2 - a * (AWAY @ AWAY - RADIUS**2)
     depth = np.where(inside > 0, (b - np.sqrt(np.maximum(inside, 0))) / a, np.nan)
@@ -69,7 +72,7 @@ def test_a_reprojection_covers_what_the_camera_saw_and_becomes_an_animation() ->
     seen = np.isfinite(_depth_of_a_ball(np.random.default_rng(0), 0.0).depth)
     assert drawn.shape == (HEIGHT_PX, 320)
     assert np.count_nonzero(drawn) == pytest.approx(
-        (HEIGHT_PX / RIG.height) ** 2 * np.count_nonzero(seen), rel=0.05
+        (HEIGHT_PX / RIG.left.height) ** 2 * np.count_nonzero(seen), rel=0.05
     )
     picture = beside(np.zeros((90, 120), np.uint8), drawn)
     assert animation([picture, picture[::-1].copy()]).startswith(b"GIF89a")

@@ -4,10 +4,10 @@ import cv2
 import numpy as np
 import pytest
 
-from spinfilters.data.camera import StereoRig
+from spinfilters.data.camera import PinholeCamera, StereoRig
 from spinfilters.vision.reconstruction.depth_map import depth_map, refined_disparity
 
-RIG = StereoRig(300.0, 300.0, 159.5, 119.5, 320, 240, 0.1)
+RIG = StereoRig(PinholeCamera(300.0, 300.0, 159.5, 119.5, 320, 240), 0.1)
 
 
 def _texture(seed: int) -> np.ndarray:
@@ -40,7 +40,7 @@ def test_the_refinement_finds_a_fraction_of_a_pixel_and_its_deviation(noise: flo
 
 
 def test_a_wall_has_its_depth_where_it_lies_within_the_sphere() -> None:
-    depth = RIG.fx * RIG.baseline_m / 30.37
+    depth = RIG.left.fx * RIG.baseline_m / 30.37
     seen = depth_map(_pair(30.37), RIG, (np.array([0.0, 0.0, depth]), 0.2))
     assert seen is not None
     assert np.nanmedian(seen.depth) == pytest.approx(depth, rel=2e-3)
@@ -58,3 +58,23 @@ def test_noise_without_a_counterpart_has_next_to_no_depth() -> None:
 @pytest.mark.parametrize("centre", [(0.0, 0.0, -1.0), (0.0, 0.0, 0.1), (5.0, 0.0, 1.0)])
 def test_a_sphere_that_is_not_before_the_camera_has_no_depth(centre: tuple[float, float, float]) -> None:
     assert depth_map(_pair(30.0), RIG, (np.array(centre), 0.2)) is None
+
+
+def test_what_lies_outside_an_outline_has_no_depth() -> None:
+    """A disc before darkness; windows half beyond its outline correlate as well as those within."""
+    rows, columns = np.mgrid[:240, :320]
+    noise = np.random.default_rng(3)
+    images = [
+        np.where(np.hypot(columns - 180 + shift, rows - 120) < 60, image, noise.integers(0, 4, image.shape))
+        for image, shift in zip(_pair(0.0), (0.0, 30.0), strict=True)
+    ]
+    images[1] = np.where(images[1] > 3, np.roll(images[0], -30, axis=1), images[1])
+    depth = RIG.left.fx * RIG.baseline_m / 30.0
+    seen = depth_map(
+        (images[0].astype(np.uint8), images[1].astype(np.uint8)), RIG, (np.array([0.0, 0.0, depth]), 0.25)
+    )
+    assert seen is not None
+    row, column = np.nonzero(np.isfinite(seen.depth))
+    away = np.hypot(column + seen.corner[0] - 180, row + seen.corner[1] - 120)
+    assert len(away) > 0.6 * np.pi * 60**2
+    assert away.max() <= 60.5
