@@ -33,7 +33,7 @@ _STEPS = 8
 
 
 @dataclass(frozen=True, eq=False)
-class _Drift:
+class Drift:
     """Uniform motion of the origin of g: place and velocity (6,), times of the poses from 0 to 1, scatter in m (infinite: none)."""
 
     motion: Float[np.ndarray, "6"]
@@ -43,6 +43,10 @@ class _Drift:
     def along(self, number: int) -> Float[np.ndarray, "3 6"]:
         """Derivative of the place of pose ``number`` by the motion."""
         return np.hstack([np.eye(3), np.eye(3) * self.times[number]])
+
+    def place(self, number: int) -> Float[np.ndarray, "3"]:
+        """Of the origin of g at pose ``number``, m."""
+        return self.along(number) @ self.motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +75,7 @@ def adjusted_faces(
     planes: of every scan, in the order of ``tracked.matches``.   size: of the body, m.
     """
     for _ in range(_STEPS):
-        drift = _drift(tracked, size)
+        drift = uniform_drift(tracked, size)
         blocks = [_blocks(tracked, drift, k, seen, size, robust=True) for k, seen in enumerate(planes)]
         free = _free(tracked, size)
         S, side = _marginal(blocks)
@@ -101,7 +105,7 @@ def with_map_errors(
     tracked: TrackedFaces, planes: Sequence[Sequence[FittedPlane]], size: float
 ) -> TrackedFaces:
     """With the covariance of the faces, and its share in that of the poses; parameters of `adjusted_faces`."""
-    drift, count = _drift(tracked, size), 3 * len(tracked.faces)
+    drift, count = uniform_drift(tracked, size), 3 * len(tracked.faces)
     blocks = [_blocks(tracked, drift, k, seen, size) for k, seen in enumerate(planes)]
     free = _free(tracked, size)
     M = (free @ np.linalg.solve(free.T @ _marginal(blocks)[0] @ free, free.T))[:count, :count]
@@ -121,13 +125,13 @@ def with_map_errors(
     return replace(tracked, poses=poses, covariance=M, common=common)
 
 
-def _drift(tracked: TrackedFaces, size: float) -> _Drift:
+def uniform_drift(tracked: TrackedFaces, size: float) -> Drift:
     """Fitted to the poses' origins; medians keep poses out that do not determine theirs."""
     times = np.array([pose.time for pose in tracked.poses])
     times = (times - times[0]) / max(float(np.ptp(times)), 1e-300)
     places = np.array([pose.translation for pose in tracked.poses])
     if len(times) < FEWEST_FOR_DRIFT:
-        return _Drift(np.concatenate([places[0], places[-1] - places[0]]), times, np.inf)
+        return Drift(np.concatenate([places[0], places[-1] - places[0]]), times, np.inf)
     A, weights = np.column_stack([np.ones_like(times), times]), np.ones(len(times))
     found, scatter = np.zeros((2, 3)), np.inf
     for _ in range(_STEPS):
@@ -135,12 +139,12 @@ def _drift(tracked: TrackedFaces, size: float) -> _Drift:
         off = np.linalg.norm(places - A @ found, axis=1)
         scatter = max(float(np.median(off)), STRICTEST * size)
         weights = 1 / (1 + (off / (3 * scatter)) ** 2)
-    return _Drift(found.reshape(-1), times, scatter)
+    return Drift(found.reshape(-1), times, scatter)
 
 
 def _blocks(
     tracked: TrackedFaces,
-    drift: _Drift,
+    drift: Drift,
     number: int,
     seen: Sequence[FittedPlane],
     size: float,

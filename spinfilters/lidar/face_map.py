@@ -32,6 +32,7 @@ class TrackedFaces:
     matches: for every scan, the face of each of its planes.
     covariance: (3 F, 3 F) of the faces: two tangent components of the normal (`Face.tangents`) and the offset, m; zero before it
         is known.   common: what it adds to the covariance of every pose.
+    contradicted: number of scans with a plane that lies where the body's uniform drift leaves no face.
     """
 
     poses: tuple[ScanPose, ...]
@@ -39,6 +40,7 @@ class TrackedFaces:
     matches: tuple[tuple[int, ...], ...]
     covariance: Float[np.ndarray, "f f"] = field(default_factory=lambda: np.zeros((0, 0)))
     common: tuple[Float[np.ndarray, "6 6"], ...] = ()
+    contradicted: int = 0
 
 
 def normal_equations(

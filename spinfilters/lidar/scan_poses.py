@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from spinfilters.errors import InputError
 from spinfilters.lidar.edge_model import with_edges
+from spinfilters.lidar.face_consistency import MOST_CONTRADICTED
 from spinfilters.lidar.face_map import TrackedFaces
 from spinfilters.lidar.face_tracking import track_faces
 from spinfilters.lidar.planes import FEWEST, FittedPlane, extract_planes
@@ -92,6 +93,8 @@ def scan_poses(
         poses, faces = _poses(times, clouds, planes, engine)
     if faces is not None:
         poses = _with_edges(faces, clouds, noise)
+        if faces.contradicted:
+            remarks.append(_contradicted(faces.contradicted, len(poses)))
     blind = [k for k, pose in enumerate(poses) if pose.undetermined]
     if blind:
         remarks.append(
@@ -140,6 +143,12 @@ def _with_edges(
         with_edges(pose, points, faces.faces, noise, size, common)
         for pose, points, common in zip(faces.poses, clouds, faces.common, strict=True)
     ]
+
+
+def _contradicted(count: int, total: int) -> str:
+    if count > MOST_CONTRADICTED * total:
+        return f"{count} of {total} scans put the body where no uniform drift leads: forces act, or faces are taken for one another"
+    return f"{count} scans lose a plane that no face of the drifting body explains"
 
 
 def _extent(points: Float[np.ndarray, "n 3"]) -> float:
