@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float
@@ -41,6 +42,30 @@ class TrackedFaces:
     covariance: Float[np.ndarray, "f f"] = field(default_factory=lambda: np.zeros((0, 0)))
     common: tuple[Float[np.ndarray, "6 6"], ...] = ()
     contradicted: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class FaceInformation:
+    """What one scan tells of its pose (6: rotation in L, translation) and of the faces (3 each), as normal equations.
+
+    Attributes
+    ----------
+    own: (6, 6).   cross: (6, f).   shared: (f, f).   own_side: (6,), shared_side: (f,) right-hand sides.
+    """
+
+    own: Float[np.ndarray, "6 6"]
+    cross: Float[np.ndarray, "6 f"]
+    shared: Float[np.ndarray, "f f"]
+    own_side: Float[np.ndarray, "6"]
+    shared_side: Float[np.ndarray, " f"]
+
+
+class FaceEvidence(Protocol):
+    """Measurements of faces: fitted planes, or single ranges."""
+
+    def of(self, tracked: TrackedFaces, number: int, robust: bool) -> FaceInformation:
+        """Information of scan ``number``; outliers have less say where it is ``robust``."""
+        ...
 
 
 def normal_equations(

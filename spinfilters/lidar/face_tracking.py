@@ -8,7 +8,13 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
-from spinfilters.lidar.face_adjustment import FEWEST_FOR_DRIFT, adjusted_faces, merged_faces, with_map_errors
+from spinfilters.lidar.face_adjustment import (
+    FEWEST_FOR_DRIFT,
+    PlaneEvidence,
+    adjusted_faces,
+    merged_faces,
+    with_map_errors,
+)
 from spinfilters.lidar.face_consistency import consistent_faces
 from spinfilters.lidar.face_map import (
     Face,
@@ -125,13 +131,15 @@ def _adjusted(
         poses = [
             _posed(pose, faces, m, seen, size) for pose, m, seen in zip(poses, matches, planes, strict=True)
         ]
-    tracked = adjusted_faces(TrackedFaces(tuple(poses), tuple(faces), tuple(matches)), planes, size)
+    tracked = adjusted_faces(
+        TrackedFaces(tuple(poses), tuple(faces), tuple(matches)), PlaneEvidence(planes), size
+    )
     merged = merged_faces(tracked, size)
     if len(merged.faces) < len(tracked.faces):
-        tracked = adjusted_faces(merged, planes, size)
+        tracked = adjusted_faces(merged, PlaneEvidence(planes), size)
     found = consistent_faces(_all_posed(tracked, planes, size), planes, size)
-    tracked, planes = adjusted_faces(found.tracked, found.planes, size), found.planes
-    tracked = with_map_errors(_all_posed(tracked, planes, size), planes, size)
+    tracked, planes = adjusted_faces(found.tracked, PlaneEvidence(found.planes), size), found.planes
+    tracked = with_map_errors(_all_posed(tracked, planes, size), PlaneEvidence(planes), size)
     return replace(tracked, contradicted=found.contradicted)
 
 

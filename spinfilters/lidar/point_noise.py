@@ -16,7 +16,7 @@ from spinfilters.lidar.scan import Scan
 
 FLOOR: Final = 1e-10
 """Least standard deviation of a point across a plane, m: rounding at a kilometre."""
-_PATCH, _PATCHES, _BINS, _LOOKED_AT = 25, 1500, 8, 4000
+_PATCH, _PATCHES, _BINS, _LOOKED_AT, _SCANS = 25, 1500, 8, 4000, 5
 _PARAMETERS = 3  # of a plane
 
 
@@ -60,11 +60,12 @@ def identified_noise(scans: Sequence[Scan]) -> PointNoise:
     """Range and angle noise from what neighbouring rays differ by: the medians of small planes' residuals.
 
     The residual variance of ranges on a plane is range_std^2 + (slope angle_std)^2, the slope being that of the range over the
-    angles; medians within bins of slope keep edges out. Azimuth and elevation are taken alike.
+    angles; medians within bins of slope keep edges out. Azimuth and elevation are taken alike. Scans of the whole sequence are
+    looked at: where all faces are steep, ranges hardly tell their own noise.
     """
-    samples = [
-        _patch_residuals(scan.points) for scan in scans[:5] if np.count_nonzero(scan.is_return) > 2 * _PATCH
-    ]
+    usable = [scan for scan in scans if np.count_nonzero(scan.is_return) > 2 * _PATCH]
+    chosen = np.unique(np.linspace(0, len(usable) - 1, min(_SCANS, len(usable))).astype(int))
+    samples = [_patch_residuals(usable[k].points) for k in chosen]
     if not samples:
         return PointNoise(0.0, 0.0, 0.0)
     slope, variance = np.concatenate(samples, axis=1)
