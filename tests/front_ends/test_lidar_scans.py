@@ -65,6 +65,7 @@ def test_scans_tell_rates_centre_of_mass_and_moments(dataset: Dataset) -> None:
 def test_one_wrong_pose_does_not_displace_the_truth(dataset: Dataset) -> None:
     (stream,), truth = dataset.log.streams, dataset.truth
     assert truth is not None
+    assert truth.center_of_mass_g is not None
     values = stream.values.copy()
     values[7, :3] += [0.0, 0.0, 0.8]
     values[9, 3:] = [1.0, 0.0, 0.0, 0.0]
