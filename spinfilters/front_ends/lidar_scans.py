@@ -22,10 +22,13 @@ from spinfilters.data.raw_data import RawDataReader
 from spinfilters.data.truth import Truth
 from spinfilters.errors import InputError
 from spinfilters.lidar.scan_files import read_scan
-from spinfilters.lidar.scan_pose import nearest_rotation
+from spinfilters.lidar.scan_pose import nearest_rotation, rotation_vector
 from spinfilters.lidar.scan_poses import ScanPoses, scan_poses
 
 SCAN_FOLDER: Final = "scans"
+LARGE: Final = 25.0
+"""Squared error of a pose, in standard deviations, at which its weight is halved."""
+_STEPS = 8
 
 
 def read_scans(folder: Path, truth: Truth | None) -> tuple[MeasurementStream, Truth | None, str]:
@@ -83,13 +86,9 @@ def in_frame_of(stream: MeasurementStream, truth: Truth) -> Truth:
         return truth
     true, measured = matrix_from_quaternion(truth.q_ig[rows]), matrix_from_quaternion(stream.values[:, 3:])
     place = truth.center_of_mass[rows] - true @ truth.center_of_mass_g
-    weights = (
-        np.ones(len(rows))
-        if stream.covariance is None
-        else 1 / np.trace(stream.covariance[:, 3:, 3:], axis1=1, axis2=2)
-    )
-    turn = nearest_rotation(np.einsum("n,nji,njk->ik", weights, true, measured))
-    shift = np.linalg.solve(*_places(true, stream, place))
+    P = np.broadcast_to(np.eye(6), (len(rows), 6, 6)) if stream.covariance is None else stream.covariance
+    turn = _common_rotation(true, measured, P[:, 3:, 3:])
+    shift = _common_shift(true, stream.values[:, :3] - place, P[:, :3, :3])
     q = quaternion_from_matrix(turn)
     axes = truth.principal_axes_g
     return replace(
@@ -100,17 +99,33 @@ def in_frame_of(stream: MeasurementStream, truth: Truth) -> Truth:
     )
 
 
-def _places(
-    true: Float[np.ndarray, "n 3 3"], stream: MeasurementStream, place: Float[np.ndarray, "n 3"]
-) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
-    """Normal equations of the origin of the scans' g in that of the truth, m."""
-    H, b = np.zeros((3, 3)), np.zeros(3)
-    for k, R in enumerate(true):
-        P = np.eye(3) if stream.covariance is None else stream.covariance[k, :3, :3]
-        W = R.T @ np.linalg.inv(P) @ R
-        H += W
-        b += W @ R.T @ (stream.values[k, :3] - place[k])
-    return H, b
+def _common_rotation(
+    true: Float[np.ndarray, "n 3 3"], measured: Float[np.ndarray, "n 3 3"], P: Float[np.ndarray, "n 3 3"]
+) -> Float[np.ndarray, "3 3"]:
+    """Rotation of the scans' g in that of the truth; a pose that is wrong has little say (Cauchy)."""
+    weights = 1 / np.trace(P, axis1=1, axis2=2)
+    loss, turn = np.ones(len(true)), np.eye(3)
+    for _ in range(_STEPS):
+        turn = nearest_rotation(np.einsum("n,nji,njk->ik", loss * weights, true, measured))
+        apart = np.array([rotation_vector((R @ turn).T @ Q) for R, Q in zip(true, measured, strict=True)])
+        loss = 1 / (1 + weights * np.sum(apart**2, axis=1) / LARGE)
+    return turn
+
+
+def _common_shift(
+    true: Float[np.ndarray, "n 3 3"], apart: Float[np.ndarray, "n 3"], P: Float[np.ndarray, "n 3 3"]
+) -> Float[np.ndarray, "3"]:
+    """Origin of the scans' g in that of the truth, m; a pose that is wrong has little say (Cauchy)."""
+    W = np.linalg.inv(P)
+    loss, shift = np.ones(len(true)), np.zeros(3)
+    for _ in range(_STEPS):
+        weighted = np.swapaxes(true, 1, 2) @ (loss[:, None, None] * W)
+        shift = np.linalg.solve(
+            np.sum(weighted @ true, axis=0), np.sum(weighted @ apart[:, :, None], axis=0)[:, 0]
+        )
+        off = apart - true @ shift
+        loss = 1 / (1 + np.einsum("ni,nij,nj->n", off, W, off) / LARGE)
+    return shift
 
 
 READER = RawDataReader("lidar-scans", "lidar-poses", read_scans)

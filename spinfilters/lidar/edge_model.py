@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.special import ndtr
 
 from spinfilters.lidar.face_map import Face
@@ -42,12 +42,11 @@ def with_edges(
     ----------
     points: frame L, m.   size: of the body, m.   common: share of the map's errors in the pose's covariance.
     """
-    angles = np.stack(angles_of(points), axis=1)
-    kept = np.flatnonzero(inside_of(angles, noise))
-    kept = kept[np.linspace(0, len(kept) - 1, min(_MOST, len(kept))).astype(int)] if len(kept) else kept
-    if len(kept) < FEWEST or border_reach(angles, noise).max() < WIDE:
+    kept = inner_rays(points, noise, _MOST)
+    if kept is None:
         return pose
-    angles, measured = angles[kept], np.linalg.norm(points[kept], axis=1)
+    points = points[kept]
+    angles, measured = np.stack(angles_of(points), axis=1), np.linalg.norm(points, axis=1)
     R, t = pose.rotation, pose.translation
     scale, H, chi = np.repeat([_DELTA, _DELTA * size], 3), np.zeros((6, 6)), np.inf
     for _ in range(_STEPS):
@@ -56,7 +55,7 @@ def with_edges(
         good = np.isfinite(residual)
         if good.mean() < 0.9:
             return pose
-        moved = [_moved(R, t, step) for step in np.diag(scale)]
+        moved = [moved_pose(R, t, step) for step in np.diag(scale)]
         ahead = [expected_ranges(angles, faces, *each, noise)[0] for each in moved]
         J = np.nan_to_num((np.stack(ahead, axis=1) - expected[:, None]) / scale / std[:, None])
         residual, weight = (
@@ -66,7 +65,7 @@ def with_edges(
         chi = float(np.mean(np.minimum(residual[good] ** 2, _LARGE**2)))
         H = (J * weight[:, None]).T @ J
         step = np.linalg.solve(H + np.diag(np.repeat([1.0, 1 / size], 3) ** 2), J.T @ (weight * residual))
-        R, t = _moved(R, t, step)
+        R, t = moved_pose(R, t, step)
         if np.abs(step).max() < 1e-9:
             break
     covariance, lacking = pose_covariance(H / max(1.0, chi), R, size)
@@ -74,6 +73,17 @@ def with_edges(
     if not (gained and chi < FITTING and np.isfinite(t).all()):
         return pose
     return replace(pose, rotation=R, translation=t, covariance=covariance + common, undetermined=lacking)
+
+
+def inner_rays(
+    points: Float[np.ndarray, "n 3"], noise: PointNoise, most: int
+) -> Int[np.ndarray, " k"] | None:
+    """At most so many rays within the outline, evenly; None of too few, or where edges are no wider than a ray."""
+    angles = np.stack(angles_of(points), axis=1)
+    kept = np.flatnonzero(inside_of(angles, noise))
+    if len(kept) < FEWEST or border_reach(angles, noise).max() < WIDE:
+        return None
+    return kept[np.linspace(0, len(kept) - 1, min(most, len(kept))).astype(int)]
 
 
 def expected_ranges(
@@ -132,7 +142,8 @@ def _larger(
     )
 
 
-def _moved(
+def moved_pose(
     R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"], step: Float[np.ndarray, "6"]
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
+    """A pose after a rotation in L, rad, and a translation, m."""
     return rotation_matrix(step[:3]) @ R, t + step[3:]

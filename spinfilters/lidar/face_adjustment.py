@@ -15,7 +15,14 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.lidar.face_map import Face, TrackedFaces, face_jacobian, residual_and_jacobian
+from spinfilters.lidar.face_map import (
+    Face,
+    FaceEvidence,
+    FaceInformation,
+    TrackedFaces,
+    face_jacobian,
+    residual_and_jacobian,
+)
 from spinfilters.lidar.planes import FittedPlane
 from spinfilters.lidar.scan_pose import ROTATION_PRIOR, body_side, rotation_matrix, skew
 
@@ -33,7 +40,7 @@ _STEPS = 8
 
 
 @dataclass(frozen=True, eq=False)
-class _Drift:
+class Drift:
     """Uniform motion of the origin of g: place and velocity (6,), times of the poses from 0 to 1, scatter in m (infinite: none)."""
 
     motion: Float[np.ndarray, "6"]
@@ -44,35 +51,39 @@ class _Drift:
         """Derivative of the place of pose ``number`` by the motion."""
         return np.hstack([np.eye(3), np.eye(3) * self.times[number]])
 
+    def place(self, number: int) -> Float[np.ndarray, "3"]:
+        """Of the origin of g at pose ``number``, m."""
+        return self.along(number) @ self.motion
+
 
 @dataclass(frozen=True, eq=False)
-class _Blocks:
-    """Normal equations of one scan: its pose (6: rotation in L, translation) and what is shared (faces 3 each, drift 6).
+class PlaneEvidence:
+    """Fitted planes of every scan, in the order of the matches; a `FaceEvidence`."""
 
-    Attributes
-    ----------
-    own: (6, 6).   cross: (6, m).   shared: (m, m).   own_side: (6,), shared_side: (m,) right-hand sides.
-    """
+    planes: Sequence[Sequence[FittedPlane]]
 
-    own: Float[np.ndarray, "6 6"]
-    cross: Float[np.ndarray, "6 m"]
-    shared: Float[np.ndarray, "m m"]
-    own_side: Float[np.ndarray, "6"]
-    shared_side: Float[np.ndarray, " m"]
+    def of(self, tracked: TrackedFaces, number: int, robust: bool) -> FaceInformation:
+        """See `FaceEvidence`; the loss of a plane is Cauchy's."""
+        pose, count = tracked.poses[number], 3 * len(tracked.faces)
+        own, cross, shared = np.zeros((6, 6)), np.zeros((6, count)), np.zeros((count, count))
+        own_side, shared_side = np.zeros(6), np.zeros(count)
+        for plane, k in zip(self.planes[number], tracked.matches[number], strict=True):
+            at = slice(3 * k, 3 * k + 3)
+            residual, J = residual_and_jacobian(plane, tracked.faces[k], pose.rotation, pose.translation)
+            F = face_jacobian(plane, tracked.faces[k], pose.rotation, pose.translation)
+            W = np.linalg.inv(plane.covariance + 1e-30 * np.eye(3))
+            W /= 1 + residual @ W @ residual / LARGE if robust else 1.0
+            own, shared[at, at] = own + J.T @ W @ J, shared[at, at] + F.T @ W @ F
+            cross[:, at] += J.T @ W @ F
+            own_side, shared_side[at] = own_side - J.T @ W @ residual, shared_side[at] - F.T @ W @ residual
+        return FaceInformation(own, cross, shared, own_side, shared_side)
 
 
-def adjusted_faces(
-    tracked: TrackedFaces, planes: Sequence[Sequence[FittedPlane]], size: float
-) -> TrackedFaces:
-    """Faces and poses of least squares, with a Cauchy loss of every plane.
-
-    Parameters
-    ----------
-    planes: of every scan, in the order of ``tracked.matches``.   size: of the body, m.
-    """
+def adjusted_faces(tracked: TrackedFaces, evidence: FaceEvidence, size: float) -> TrackedFaces:
+    """Faces and poses of robust least squares; ``size`` of the body in m."""
     for _ in range(_STEPS):
-        drift = _drift(tracked, size)
-        blocks = [_blocks(tracked, drift, k, seen, size, robust=True) for k, seen in enumerate(planes)]
+        drift = uniform_drift(tracked, size)
+        blocks = [_blocks(tracked, drift, k, evidence, size, robust=True) for k in range(len(tracked.poses))]
         free = _free(tracked, size)
         S, side = _marginal(blocks)
         step = free @ np.linalg.solve(free.T @ S @ free, free.T @ side)
@@ -97,18 +108,16 @@ def merged_faces(tracked: TrackedFaces, size: float) -> TrackedFaces:
     return replace(tracked, faces=tuple(faces[k] for k in kept), matches=matches)
 
 
-def with_map_errors(
-    tracked: TrackedFaces, planes: Sequence[Sequence[FittedPlane]], size: float
-) -> TrackedFaces:
-    """With the covariance of the faces, and its share in that of the poses; parameters of `adjusted_faces`."""
-    drift, count = _drift(tracked, size), 3 * len(tracked.faces)
-    blocks = [_blocks(tracked, drift, k, seen, size) for k, seen in enumerate(planes)]
+def with_map_errors(tracked: TrackedFaces, evidence: FaceEvidence, size: float) -> TrackedFaces:
+    """With the covariance of the faces, and its share in that of the poses."""
+    drift, count = uniform_drift(tracked, size), 3 * len(tracked.faces)
+    blocks = [_blocks(tracked, drift, k, evidence, size) for k in range(len(tracked.poses))]
     free = _free(tracked, size)
     M = (free @ np.linalg.solve(free.T @ _marginal(blocks)[0] @ free, free.T))[:count, :count]
     own = _without_shift(tracked)
     M = own @ M @ own.T
     loose = replace(drift, scatter=np.inf)
-    alone = [_blocks(tracked, loose, k, seen, size) for k, seen in enumerate(planes)]
+    alone = [_blocks(tracked, loose, k, evidence, size) for k in range(len(tracked.poses))]
     arms = [
         body_side(-np.linalg.solve(each.own, each.cross[:, :count]), pose.rotation)
         for each, pose in zip(alone, tracked.poses, strict=True)
@@ -121,13 +130,13 @@ def with_map_errors(
     return replace(tracked, poses=poses, covariance=M, common=common)
 
 
-def _drift(tracked: TrackedFaces, size: float) -> _Drift:
+def uniform_drift(tracked: TrackedFaces, size: float) -> Drift:
     """Fitted to the poses' origins; medians keep poses out that do not determine theirs."""
     times = np.array([pose.time for pose in tracked.poses])
     times = (times - times[0]) / max(float(np.ptp(times)), 1e-300)
     places = np.array([pose.translation for pose in tracked.poses])
     if len(times) < FEWEST_FOR_DRIFT:
-        return _Drift(np.concatenate([places[0], places[-1] - places[0]]), times, np.inf)
+        return Drift(np.concatenate([places[0], places[-1] - places[0]]), times, np.inf)
     A, weights = np.column_stack([np.ones_like(times), times]), np.ones(len(times))
     found, scatter = np.zeros((2, 3)), np.inf
     for _ in range(_STEPS):
@@ -135,30 +144,22 @@ def _drift(tracked: TrackedFaces, size: float) -> _Drift:
         off = np.linalg.norm(places - A @ found, axis=1)
         scatter = max(float(np.median(off)), STRICTEST * size)
         weights = 1 / (1 + (off / (3 * scatter)) ** 2)
-    return _Drift(found.reshape(-1), times, scatter)
+    return Drift(found.reshape(-1), times, scatter)
 
 
 def _blocks(
     tracked: TrackedFaces,
-    drift: _Drift,
+    drift: Drift,
     number: int,
-    seen: Sequence[FittedPlane],
+    evidence: FaceEvidence,
     size: float,
     robust: bool = False,
-) -> _Blocks:
-    pose, count = tracked.poses[number], 3 * len(tracked.faces)
-    own = np.diag(np.repeat([ROTATION_PRIOR, size], 3) ** -2.0)
-    cross, shared = np.zeros((6, count + 6)), np.zeros((count + 6, count + 6))
-    own_side, shared_side = np.zeros(6), np.zeros(count + 6)
-    for plane, k in zip(seen, tracked.matches[number], strict=True):
-        at = slice(3 * k, 3 * k + 3)
-        residual, J = residual_and_jacobian(plane, tracked.faces[k], pose.rotation, pose.translation)
-        F = face_jacobian(plane, tracked.faces[k], pose.rotation, pose.translation)
-        W = np.linalg.inv(plane.covariance + 1e-30 * np.eye(3))
-        W /= 1 + residual @ W @ residual / LARGE if robust else 1.0
-        own, shared[at, at] = own + J.T @ W @ J, shared[at, at] + F.T @ W @ F
-        cross[:, at] += J.T @ W @ F
-        own_side, shared_side[at] = own_side - J.T @ W @ residual, shared_side[at] - F.T @ W @ residual
+) -> FaceInformation:
+    """Evidence of one scan, the drift (6, after the faces) and what is known before: its pose is somewhere near."""
+    told, pose, count = evidence.of(tracked, number, robust), tracked.poses[number], 3 * len(tracked.faces)
+    own = told.own + np.diag(np.repeat([ROTATION_PRIOR, size], 3) ** -2.0)
+    cross, shared = np.pad(told.cross, ((0, 0), (0, 6))), np.pad(told.shared, (0, 6))
+    own_side, shared_side = told.own_side.copy(), np.pad(told.shared_side, (0, 6))
     along, weight = drift.along(number), drift.scatter**-2.0
     off = weight * (pose.translation - along @ drift.motion)
     own[3:, 3:] += weight * np.eye(3)
@@ -166,10 +167,10 @@ def _blocks(
     shared[count:, count:] += weight * along.T @ along + np.eye(6) / size**2 / len(drift.times)
     own_side[3:] -= off
     shared_side[count:] += along.T @ off
-    return _Blocks(own, cross, shared, own_side, shared_side)
+    return FaceInformation(own, cross, shared, own_side, shared_side)
 
 
-def _marginal(blocks: Sequence[_Blocks]) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, " m"]]:
+def _marginal(blocks: Sequence[FaceInformation]) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, " m"]]:
     """Normal equations of what is shared, the poses eliminated."""
     S, side = 0.0, 0.0
     for each in blocks:
@@ -200,7 +201,9 @@ def _freedom(face: Face) -> Float[np.ndarray, "3 6"]:
     )
 
 
-def _moved(tracked: TrackedFaces, blocks: Sequence[_Blocks], step: Float[np.ndarray, " m"]) -> TrackedFaces:
+def _moved(
+    tracked: TrackedFaces, blocks: Sequence[FaceInformation], step: Float[np.ndarray, " m"]
+) -> TrackedFaces:
     """Faces after a step, and the poses that it leads to."""
     poses, faces = [], []
     for pose, each in zip(tracked.poses, blocks, strict=True):

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float
@@ -32,6 +33,7 @@ class TrackedFaces:
     matches: for every scan, the face of each of its planes.
     covariance: (3 F, 3 F) of the faces: two tangent components of the normal (`Face.tangents`) and the offset, m; zero before it
         is known.   common: what it adds to the covariance of every pose.
+    contradicted: number of scans with a plane that lies where the body's uniform drift leaves no face.
     """
 
     poses: tuple[ScanPose, ...]
@@ -39,6 +41,31 @@ class TrackedFaces:
     matches: tuple[tuple[int, ...], ...]
     covariance: Float[np.ndarray, "f f"] = field(default_factory=lambda: np.zeros((0, 0)))
     common: tuple[Float[np.ndarray, "6 6"], ...] = ()
+    contradicted: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class FaceInformation:
+    """What one scan tells of its pose (6: rotation in L, translation) and of the faces (3 each), as normal equations.
+
+    Attributes
+    ----------
+    own: (6, 6).   cross: (6, f).   shared: (f, f).   own_side: (6,), shared_side: (f,) right-hand sides.
+    """
+
+    own: Float[np.ndarray, "6 6"]
+    cross: Float[np.ndarray, "6 f"]
+    shared: Float[np.ndarray, "f f"]
+    own_side: Float[np.ndarray, "6"]
+    shared_side: Float[np.ndarray, " f"]
+
+
+class FaceEvidence(Protocol):
+    """Measurements of faces: fitted planes, or single ranges."""
+
+    def of(self, tracked: TrackedFaces, number: int, robust: bool) -> FaceInformation:
+        """Information of scan ``number``; outliers have less say where it is ``robust``."""
+        ...
 
 
 def normal_equations(

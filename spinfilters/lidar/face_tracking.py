@@ -8,7 +8,14 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
-from spinfilters.lidar.face_adjustment import FEWEST_FOR_DRIFT, adjusted_faces, merged_faces, with_map_errors
+from spinfilters.lidar.face_adjustment import (
+    FEWEST_FOR_DRIFT,
+    PlaneEvidence,
+    adjusted_faces,
+    merged_faces,
+    with_map_errors,
+)
+from spinfilters.lidar.face_consistency import consistent_faces
 from spinfilters.lidar.face_map import (
     Face,
     TrackedFaces,
@@ -124,15 +131,26 @@ def _adjusted(
         poses = [
             _posed(pose, faces, m, seen, size) for pose, m, seen in zip(poses, matches, planes, strict=True)
         ]
-    tracked = adjusted_faces(TrackedFaces(tuple(poses), tuple(faces), tuple(matches)), planes, size)
+    tracked = adjusted_faces(
+        TrackedFaces(tuple(poses), tuple(faces), tuple(matches)), PlaneEvidence(planes), size
+    )
     merged = merged_faces(tracked, size)
     if len(merged.faces) < len(tracked.faces):
-        tracked = adjusted_faces(merged, planes, size)
+        tracked = adjusted_faces(merged, PlaneEvidence(planes), size)
+    found = consistent_faces(_all_posed(tracked, planes, size), planes, size)
+    tracked, planes = adjusted_faces(found.tracked, PlaneEvidence(found.planes), size), found.planes
+    tracked = with_map_errors(_all_posed(tracked, planes, size), PlaneEvidence(planes), size)
+    return replace(tracked, contradicted=found.contradicted)
+
+
+def _all_posed(tracked: TrackedFaces, planes: Sequence[Sequence[FittedPlane]], size: float) -> TrackedFaces:
+    """Every pose from the faces that its scan sees."""
+    faces = list(tracked.faces)
     poses = [
-        _posed(pose, list(tracked.faces), m, seen, size)
+        _posed(pose, faces, m, seen, size)
         for pose, m, seen in zip(tracked.poses, tracked.matches, planes, strict=True)
     ]
-    return with_map_errors(replace(tracked, poses=tuple(poses)), planes, size)
+    return replace(tracked, poses=tuple(poses))
 
 
 def _drifting(

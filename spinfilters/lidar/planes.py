@@ -22,6 +22,10 @@ SMALLEST_SHARE: Final = 0.004
 """Of the scan's points, at least."""
 BORDER: Final = 2.0
 """Standard deviations of the angles within which the border of a plane is left out: jittering beams cross it."""
+FRONT: Final = 5.0
+"""Standard deviations of its distance that the lidar must be before a plane."""
+GRAZING: Final = 0.01
+"""Cosine of incidence, at least: a line of rays at one elevation is a cone, which differs from a plane along the beams by less."""
 WIDE: Final = 0.5
 """Rays that a border is wide, from which it counts."""
 _SEEDS, _SUBSET, _ROUNDS, _MOST = 30, 1500, 6, 24
@@ -50,6 +54,13 @@ class FittedPlane:
     def distances(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
         """Signed distances of points, m."""
         return (points - self.centroid) @ self.normal
+
+    @property
+    def shows_its_front(self) -> bool:
+        """Whether the lidar is clearly before it: a plane along the beams, such as that of one line of rays, has no front."""
+        distance, gradient = abs(self.normal @ self.centroid), np.append(self.centroid @ self.tangents, 1.0)
+        least = FRONT * np.sqrt(gradient @ self.covariance @ gradient)
+        return bool(distance > max(least, GRAZING * float(np.linalg.norm(self.centroid))))
 
 
 def fitted_plane(
@@ -137,11 +148,12 @@ def _separated(
     """Planes fitted again to the points that are clearly theirs and not at their border."""
     for _ in range(2):
         rows = rows_of_planes(points, angles, planes, noise)
-        planes = [
+        fitted = [
             fitted_plane(points[own], noise, plane.normal)
             for plane, own in zip(planes, rows, strict=True)
             if len(own) >= FEWEST and _is_wide(points[own], plane, noise)
         ]
+        planes = [plane for plane in fitted if plane.shows_its_front]
     return sorted(planes, key=lambda plane: -plane.count)
 
 

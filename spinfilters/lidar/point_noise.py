@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -16,7 +15,10 @@ from spinfilters.lidar.scan import Scan
 
 FLOOR: Final = 1e-10
 """Least standard deviation of a point across a plane, m: rounding at a kilometre."""
-_PATCH, _PATCHES, _BINS, _LOOKED_AT = 25, 1500, 8, 4000
+_PATCH, _PATCHES, _LOOKED_AT, _SCANS = 25, 1500, 4000, 5
+_EDGES: Final = (0.2, 0.4, 0.6, 0.8)  # of bins of slope, quantiles
+_FEWEST_IN_BIN = 10
+_ALIKE = 0.001  # how strongly both angles are held to be alike, in terms of what the slopes tell
 _PARAMETERS = 3  # of a plane
 
 
@@ -59,32 +61,43 @@ def _lateral(points: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "n 3"]
 def identified_noise(scans: Sequence[Scan]) -> PointNoise:
     """Range and angle noise from what neighbouring rays differ by: the medians of small planes' residuals.
 
-    The residual variance of ranges on a plane is range_std^2 + (slope angle_std)^2, the slope being that of the range over the
-    angles; medians within bins of slope keep edges out. Azimuth and elevation are taken alike.
+    The residual variance of ranges on a plane is range_std^2 + (slope_a azimuth_std)^2 + (slope_e elevation_std)^2, with the slopes
+    of the range over the angles; medians within bins of both slopes keep edges out. Scans of the whole sequence are looked at, for
+    where all faces are steep, ranges hardly tell their own noise. Angles that the slopes do not tell apart are taken alike.
     """
-    samples = [
-        _patch_residuals(scan.points) for scan in scans[:5] if np.count_nonzero(scan.is_return) > 2 * _PATCH
-    ]
+    usable = [scan for scan in scans if np.count_nonzero(scan.is_return) > 2 * _PATCH]
+    chosen = np.unique(np.linspace(0, len(usable) - 1, min(_SCANS, len(usable))).astype(int))
+    samples = [_patch_residuals(usable[k].points) for k in chosen]
     if not samples:
         return PointNoise(0.0, 0.0, 0.0)
-    slope, variance = np.concatenate(samples, axis=1)
-    edges = np.quantile(slope, np.linspace(0, 1, _BINS + 1))
-    rows, values = [], []
-    for low, high in pairwise(edges):
-        inside = (slope >= low) & (slope <= high)
-        if inside.sum() > 10:
-            rows.append([1.0, np.median(slope[inside])])
+    return _noise_of_slopes(np.concatenate(samples, axis=1))
+
+
+def _noise_of_slopes(samples: Float[np.ndarray, "3 m"]) -> PointNoise:
+    """Noise from squared slopes of the range over azimuth and elevation, (m/rad)^2, and unbiased residual variances, m^2."""
+    *slopes, variance = samples
+    bins = [np.searchsorted(np.quantile(each, _EDGES), each) for each in slopes]
+    rows, values, shares = [], [], []
+    for cell in np.unique(np.stack(bins), axis=1).T:
+        inside = (bins[0] == cell[0]) & (bins[1] == cell[1])
+        if inside.sum() > _FEWEST_IN_BIN:
+            rows.append([1.0, *(np.median(each[inside]) for each in slopes)])
             values.append(np.median(variance[inside]))
+            shares.append(np.sqrt(np.count_nonzero(inside)))
+    if not rows:
+        return PointNoise(0.0, 0.0, 0.0)
     A, b = np.array(rows), np.array(values)
-    weights = 1 / np.maximum(b, FLOOR**2)
+    weights = np.array(shares) / np.maximum(b, FLOOR**2)
     scale = np.maximum(np.abs(A).max(axis=0), 1e-300)
-    squares = nnls(A / scale * weights[:, None], b * weights)[0] / scale
-    angle = float(np.sqrt(squares[1]))
-    return PointNoise(float(np.sqrt(squares[0])), angle, angle)
+    scale[1:] = scale[1:].max()
+    whitened = A / scale * weights[:, None]
+    alike = _ALIKE * np.linalg.norm(whitened) * np.array([[0.0, 1.0, -1.0]])
+    squares = nnls(np.concatenate([whitened, alike]), np.append(b * weights, 0.0))[0] / scale
+    return PointNoise(*np.sqrt(squares).tolist())
 
 
-def _patch_residuals(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "2 m"]:
-    """Squared slope of the range over the angles, (m/rad)^2, and residual variance, m^2, of planes through neighbouring rays.
+def _patch_residuals(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3 m"]:
+    """Squared slopes of the range over the angles, (m/rad)^2, and residual variance, m^2, of planes through neighbouring rays.
 
     The range is fitted rather than a plane in space: where beams lie closer than the noise a cloud is thickest along the range.
     """
@@ -101,4 +114,4 @@ def _patch_residuals(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "2 m
     freedom = _PATCH - _PARAMETERS
     slope = solution[:, :2, 0] / width[:, :, 0]
     variance = np.sum(residual**2, axis=1) / float(chi2.median(freedom))
-    return np.stack([np.sum(slope**2, axis=1), variance])
+    return np.stack([*(slope.T**2), variance])

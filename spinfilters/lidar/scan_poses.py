@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.errors import InputError
-from spinfilters.lidar.edge_model import with_edges
+from spinfilters.lidar.edge_adjustment import edge_adjusted
+from spinfilters.lidar.face_consistency import MOST_CONTRADICTED
 from spinfilters.lidar.face_map import TrackedFaces
 from spinfilters.lidar.face_tracking import track_faces
 from spinfilters.lidar.planes import FEWEST, FittedPlane, extract_planes
@@ -83,15 +84,18 @@ def scan_poses(
     clouds = [scan.points for scan in usable]
     moving = any(np.ptp(scan.point_times) > 0 for scan in usable)
     smeared = replace(noise, range_std=noise.range_std + SMEAR * _extent(clouds[0])) if moving else noise
-    planes = _planes(clouds, smeared, seed)
-    by_faces = planes is not None
+    by_faces = _has_faces(clouds, smeared, seed)
+    planes = _planes(clouds, smeared, seed) if by_faces else None
     poses, faces = _poses(times, clouds, planes, engine)
     for _ in range(DESKEWED if moving else 0):
         clouds = [_deskewed(scan, poses, k) for k, scan in enumerate(usable)]
         planes = _planes(clouds, noise, seed) if by_faces else None
         poses, faces = _poses(times, clouds, planes, engine)
     if faces is not None:
-        poses = _with_edges(faces, clouds, noise)
+        faces = edge_adjusted(faces, clouds, noise, _extent(clouds[0]))
+        poses = faces.poses
+        if faces.contradicted:
+            remarks.append(_contradicted(faces.contradicted, len(poses)))
     blind = [k for k, pose in enumerate(poses) if pose.undetermined]
     if blind:
         remarks.append(
@@ -100,16 +104,20 @@ def scan_poses(
     return ScanPoses(tuple(poses), tuple(usable), faces, noise, tuple(remarks))
 
 
-def _planes(
-    clouds: Sequence[Float[np.ndarray, "n 3"]], noise: PointNoise, seed: int
-) -> list[list[FittedPlane]] | None:
-    """Planes of every scan; None of a body without faces, told by its first scans."""
+def _has_faces(clouds: Sequence[Float[np.ndarray, "n 3"]], noise: PointNoise, seed: int) -> bool:
+    """Whether most points of three scans lie on planes."""
     generator = np.random.default_rng(seed)
     looked_at = clouds[:: max(1, len(clouds) // 3)][:3]
     found = [extract_planes(points, noise, generator) for points in looked_at]
     flat = np.median([_excess(planes) for planes, _ in found]) < MOST_EXCESS
-    if np.median([share for _, share in found]) < PLANE_SHARE or not flat:
-        return None
+    return bool(np.median([share for _, share in found]) >= PLANE_SHARE and flat)
+
+
+def _planes(
+    clouds: Sequence[Float[np.ndarray, "n 3"]], noise: PointNoise, seed: int
+) -> list[list[FittedPlane]]:
+    """Planes of every scan."""
+    generator = np.random.default_rng(seed)
     return [extract_planes(points, noise, generator)[0] for points in clouds]
 
 
@@ -132,14 +140,10 @@ def _poses(
     return faces.poses, faces
 
 
-def _with_edges(
-    faces: TrackedFaces, clouds: Sequence[Float[np.ndarray, "n 3"]], noise: PointNoise
-) -> list[ScanPose]:
-    size = _extent(clouds[0])
-    return [
-        with_edges(pose, points, faces.faces, noise, size, common)
-        for pose, points, common in zip(faces.poses, clouds, faces.common, strict=True)
-    ]
+def _contradicted(count: int, total: int) -> str:
+    if count > MOST_CONTRADICTED * total:
+        return f"{count} of {total} scans put the body where no uniform drift leads: forces act, or faces are taken for one another"
+    return f"{count} scans lose a plane that no face of the drifting body explains"
 
 
 def _extent(points: Float[np.ndarray, "n 3"]) -> float:

@@ -1,13 +1,16 @@
 """Scans of a tumbling body are compared like any recording."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from spinfilters.attitude.conversions import angle_between
 from spinfilters.data.dataset import Dataset, read_dataset
 from spinfilters.errors import InputError
+from spinfilters.front_ends.lidar_scans import in_frame_of
 from spinfilters.lidar.mesh import box
 from spinfilters.lidar.ray_pattern import RayPattern
 from spinfilters.lidar.scan_errors import rvs_noise
@@ -57,6 +60,19 @@ def test_scans_tell_rates_centre_of_mass_and_moments(dataset: Dataset) -> None:
     assert dataset.truth is not None
     assert dataset.truth.principal_moments is not None
     np.testing.assert_allclose(moments, dataset.truth.principal_moments, atol=0.02)
+
+
+def test_one_wrong_pose_does_not_displace_the_truth(dataset: Dataset) -> None:
+    (stream,), truth = dataset.log.streams, dataset.truth
+    assert truth is not None
+    assert truth.center_of_mass_g is not None
+    values = stream.values.copy()
+    values[7, :3] += [0.0, 0.0, 0.8]
+    values[9, 3:] = [1.0, 0.0, 0.0, 0.0]
+    told = in_frame_of(replace(stream, values=values), truth)
+    assert told.center_of_mass_g is not None
+    np.testing.assert_allclose(told.center_of_mass_g, truth.center_of_mass_g, rtol=0, atol=3e-5)
+    assert angle_between(told.q_ig, truth.q_ig).max() < 1e-4
 
 
 def test_a_folder_of_scans_that_cannot_be_used_is_refused(folder: Path, tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spinfilters.lidar.face_adjustment import adjusted_faces, merged_faces, with_map_errors
+from spinfilters.lidar.face_adjustment import PlaneEvidence, adjusted_faces, merged_faces, with_map_errors
 from spinfilters.lidar.face_map import Face, TrackedFaces
 from spinfilters.lidar.planes import FittedPlane
 from spinfilters.lidar.scan_pose import ScanPose, rotation_matrix
@@ -57,7 +57,7 @@ def test_wrong_faces_are_adjusted_to_the_shape_that_all_planes_show() -> None:
     rough = tuple(Face(rotation_matrix(e) @ f.normal, 0.502) for e, f in zip(tilts, FACES, strict=True))
     start = TrackedFaces(true.poses, rough, true.matches)
     assert shape_error(start) > 1e-3
-    assert shape_error(adjusted_faces(start, planes, SIZE)) < 3e-4
+    assert shape_error(adjusted_faces(start, PlaneEvidence(planes), SIZE)) < 3e-4
 
 
 def shape_error(found: TrackedFaces) -> float:
@@ -70,7 +70,7 @@ def shape_error(found: TrackedFaces) -> float:
 
 def test_the_covariance_of_poses_holds_what_the_faces_do_to_them() -> None:
     start, planes = seen(1e-3, np.random.default_rng(1))
-    found = with_map_errors(start, planes, SIZE)
+    found = with_map_errors(start, PlaneEvidence(planes), SIZE)
     assert found.covariance.shape == (18, 18)
     assert np.linalg.eigvalsh(found.covariance)[0] > -1e-12
     for before, after, more in zip(start.poses, found.poses, found.common, strict=True):

@@ -1,0 +1,115 @@
+"""The map of faces adjusted to all ranges within the outline, where faces are few beams wide.
+
+Beams that jitter mix the faces at every edge. Planes fitted to the points that are clearly theirs are tilted by what their gates
+let in, alike in all scans: angles between faces are wrong by more than their covariance. Ranges of the convex body have no gates.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.lidar.edge_model import FITTING, expected_ranges, inner_rays, moved_pose, with_edges
+from spinfilters.lidar.face_adjustment import adjusted_faces, with_map_errors
+from spinfilters.lidar.face_map import Face, FaceInformation, TrackedFaces
+from spinfilters.lidar.point_noise import PointNoise
+from spinfilters.lidar.ray_pattern import angles_of
+
+_MOST, _DELTA = 1000, 1e-6
+_LARGE = 4.0  # standard deviations beyond which a range counts less (Huber)
+MOST_SCANS: Final = 60
+"""Whose ranges adjust a map; with more scans planes alone make it."""
+
+
+@dataclass(frozen=True, eq=False)
+class RangeEvidence:
+    """Ranges, m, of beams (azimuth, elevation, rad) of every scan; a `FaceEvidence`. ``size``: of the body, m."""
+
+    angles: Sequence[Float[np.ndarray, "n 2"]]
+    ranges: Sequence[Float[np.ndarray, " n"]]
+    noise: PointNoise
+    size: float
+
+    def of(self, tracked: TrackedFaces, number: int, robust: bool) -> FaceInformation:
+        """See `FaceEvidence`; the information is smaller where residuals are larger than the noise."""
+        J, residual = self._linearised(tracked, number)
+        weight = np.minimum(1.0, _LARGE / np.maximum(np.abs(residual), 1e-12)) if robust else 1.0
+        scale = max(1.0, _reduced(residual))
+        weighted = (J.T * weight) / scale
+        H, b = weighted @ J, weighted @ residual
+        return FaceInformation(H[:6, :6], H[:6, 6:], H[6:, 6:], b[:6], b[6:])
+
+    def reduced_chi_square(self, tracked: TrackedFaces) -> float:
+        """Of the scan that fits worst."""
+        return max(_reduced(self._linearised(tracked, k)[1]) for k in range(len(self.ranges)))
+
+    def _linearised(
+        self, tracked: TrackedFaces, number: int
+    ) -> tuple[Float[np.ndarray, "n m"], Float[np.ndarray, " n"]]:
+        """Derivatives of whitened ranges by the pose and by all faces, and residuals; rays without a face are left out."""
+        pose, faces, angles = tracked.poses[number], tracked.faces, self.angles[number]
+        expected, std = expected_ranges(angles, faces, pose.rotation, pose.translation, self.noise)
+        steps = np.repeat([_DELTA, _DELTA * self.size], 3)
+        ahead = [
+            expected_ranges(angles, faces, *moved_pose(pose.rotation, pose.translation, step), self.noise)[0]
+            for step in np.diag(steps)
+        ]
+        for k, face in enumerate(faces):
+            for step in np.diag([_DELTA, _DELTA, _DELTA * self.size]):
+                others = [*faces[:k], _changed(face, step), *faces[k + 1 :]]
+                ahead.append(expected_ranges(angles, others, pose.rotation, pose.translation, self.noise)[0])
+        scale = np.concatenate([steps, np.tile([_DELTA, _DELTA, _DELTA * self.size], len(faces))])
+        J = (np.stack(ahead, axis=1) - expected[:, None]) / scale / std[:, None]
+        residual = (self.ranges[number] - expected) / std
+        good = np.isfinite(residual) & np.isfinite(J).all(axis=1)
+        return J[good], residual[good]
+
+
+def edge_adjusted(
+    tracked: TrackedFaces, clouds: Sequence[Float[np.ndarray, "n 3"]], noise: PointNoise, size: float
+) -> TrackedFaces:
+    """Faces and poses of all ranges, or the given ones with edges: beams do not jitter, too many scans, the body is not convex.
+
+    Parameters
+    ----------
+    clouds: points of every scan, frame L, m.   size: of the body, m.
+    """
+    rays = [inner_rays(points, noise, _MOST) for points in clouds]
+    if len(clouds) > MOST_SCANS or not tracked.faces or any(each is None for each in rays):
+        return _posed_with_edges(tracked, clouds, noise, size)
+    chosen = [points[rows] for points, rows in zip(clouds, rays, strict=True) if rows is not None]
+    angles = [np.stack(angles_of(points), axis=1) for points in chosen]
+    evidence = RangeEvidence(angles, [np.linalg.norm(points, axis=1) for points in chosen], noise, size)
+    found = adjusted_faces(tracked, evidence, size)
+    sound = all(np.isfinite(pose.translation).all() for pose in found.poses)
+    if not sound or evidence.reduced_chi_square(found) > FITTING:
+        return _posed_with_edges(tracked, clouds, noise, size)
+    bare = tuple(
+        replace(new, covariance=old.covariance - more)
+        for new, old, more in zip(found.poses, tracked.poses, tracked.common, strict=True)
+    )
+    none = tuple(np.zeros((6, 6)) for _ in bare)
+    posed = _posed_with_edges(replace(found, poses=bare, common=none), clouds, noise, size)
+    return replace(with_map_errors(posed, evidence, size), contradicted=tracked.contradicted)
+
+
+def _posed_with_edges(
+    tracked: TrackedFaces, clouds: Sequence[Float[np.ndarray, "n 3"]], noise: PointNoise, size: float
+) -> TrackedFaces:
+    poses = (
+        with_edges(pose, points, tracked.faces, noise, size, common)
+        for pose, points, common in zip(tracked.poses, clouds, tracked.common, strict=True)
+    )
+    return replace(tracked, poses=tuple(poses))
+
+
+def _reduced(residual: Float[np.ndarray, " n"]) -> float:
+    return float(np.mean(np.minimum(residual**2, _LARGE**2))) if len(residual) else np.inf
+
+
+def _changed(face: Face, step: Float[np.ndarray, "3"]) -> Face:
+    """A face after two tangent components of its normal and its offset have changed."""
+    normal = face.normal + face.tangents @ step[:2]
+    return Face(normal / np.linalg.norm(normal), face.offset + float(step[2]))

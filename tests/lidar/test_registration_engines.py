@@ -1,0 +1,50 @@
+"""Every registration engine finds the same pose from the same start, with the same honest information."""
+
+import numpy as np
+import pytest
+
+from spinfilters.lidar.registration import (
+    PointToPlane,
+    RegistrationEngine,
+    SmallGicp,
+    cloud_of,
+    registered,
+)
+from spinfilters.lidar.scan_pose import rotation_matrix, rotation_vector
+
+EYE = np.array([-3.0, 0.0, 0.0])
+ROTATION, TRANSLATION = rotation_matrix(np.array([0.05, -0.04, 0.06])), np.array([0.03, -0.02, 0.01])
+STD = 5e-4
+
+
+def surface(seed: int) -> np.ndarray:
+    """Points of a bumpy height field before the lidar, m, with noise."""
+    generator = np.random.default_rng(seed)
+    y, z = generator.uniform(-1, 1, (2, 4000))
+    x = 0.15 * np.sin(3 * y + 1) * np.cos(2.5 * z) + 0.2 * y**2 + 0.1 * z**2
+    return np.column_stack([x, y, z]) + STD * generator.standard_normal((4000, 3))
+
+
+def found_with(engine: RegistrationEngine) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation and translation errors of a cloud that was moved, and the information they should have."""
+    target = cloud_of(surface(0), EYE, 3000)
+    moved = (surface(1) - TRANSLATION) @ ROTATION
+    source = cloud_of(moved, (EYE - TRANSLATION) @ ROTATION, 3000)
+    found = registered(source, target, np.eye(3), np.zeros(3), 0.3, engine)
+    turned = rotation_vector(found.rotation @ ROTATION.T)
+    return np.concatenate([turned, found.translation - TRANSLATION]), found.information
+
+
+def test_own_engine_is_as_far_off_as_it_says() -> None:
+    error, information = found_with(PointToPlane())
+    assert np.linalg.norm(error[:3]) < 1e-3
+    assert error @ information @ error < 30.0  # six degrees of freedom
+
+
+def test_small_gicp_agrees_with_the_own_engine() -> None:
+    pytest.importorskip("small_gicp", reason="the extra lidar is not installed")
+    own, _ = found_with(PointToPlane())
+    error, information = found_with(SmallGicp())
+    assert np.linalg.norm(error[:3] - own[:3]) < 1e-3
+    assert np.linalg.norm(error[3:] - own[3:]) < 1e-3
+    assert error @ information @ error < 60.0
