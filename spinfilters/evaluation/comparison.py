@@ -86,7 +86,11 @@ def comparison_cells(evaluations: Sequence[Evaluation], conditions: Sequence[str
         title=(*title_sentences(evaluations), *conditions),
         headings=(*headings, *([BOUND_COLUMN] if bounded else [])),
         sections=tuple(tuple(row for row in section if row is not None) for section in rows),
-        captions=(*epoch_sentences(evaluations), *([BOUND_CAPTION] if bounded else [])),
+        captions=(
+            *epoch_sentences(evaluations),
+            *([BOUND_CAPTION] if bounded else []),
+            *([PARTS_CAPTION] if any(e.history.calibration is not None for e in evaluations) else []),
+        ),
     )
 
 
@@ -150,6 +154,20 @@ def _moment(index: int, part: int) -> Cell:
     return cell
 
 
+def _parts_row(name: str, quantity: str, unit_in_si: float = 1.0, component: int | None = None) -> Row:
+    """Random and calibration part of a standard deviation: of one component, or the length of all."""
+
+    def cell(column: Column) -> str | None:
+        part = column.evaluation.deviation_parts.get(quantity)
+        if part is None or column.evaluation.history.calibration is None:
+            return None
+        both = (part.random, part.calibration)
+        sizes = [math.hypot(*each) if component is None else float(each[component]) for each in both]
+        return " / ".join(f"{size / unit_in_si:.2g}" for size in sizes)
+
+    return Row(name, cell)
+
+
 def _moment_error(index: int) -> Row:
     def shown(body: BodyErrors | None, sign: str) -> str | None:
         return (
@@ -165,6 +183,7 @@ def _moment_rows(name: str, index: int) -> tuple[Row, ...]:
     return (
         Row(name, _moment(index, 0)),
         Row("  standard deviation", _moment(index, 1)),
+        _parts_row("    random / calibration", "principal_moments", component=index),
         _moment_error(index),
     )
 
@@ -256,6 +275,19 @@ MOTIONS = (
 )
 """What moves: name, unit, and that in SI."""
 
+LATEST = (
+    ("position", "position_m", "mm", 1e-3),
+    ("attitude", "attitude_rad", "deg", DEGREE),
+    ("velocity", "velocity_m_s", "mm/s", 1e-3),
+    ("rate", "rate_rad_s", "deg/s", DEGREE),
+    ("centre of mass", "center_of_mass_m", "mm", 1e-3),
+)
+"""What stands of the deviations of the latest state: name, key of its parts, unit, and that in SI."""
+PARTS_CAPTION = (
+    "random / calibration: parts of the standard deviation after the last epoch, whose squares add up to the square of the total; the "
+    "second comes of the calibration's own uncertainty."
+)
+
 SECTIONS: tuple[tuple[Row, ...], ...] = (
     (
         Row("status", lambda c: str(c.evaluation.history.status.verdict)),
@@ -281,6 +313,10 @@ SECTIONS: tuple[tuple[Row, ...], ...] = (
         *(row for block in BLOCKS.values() for row in _constant_rows(block)),
     ),
     tuple(_rms_row(f"{name} error [{unit}]", name, scale, _shared) for name, unit, scale in MOTIONS),
+    tuple(
+        _parts_row(f"{name}: random / calibration [{unit}]", quantity, scale)
+        for name, quantity, unit, scale in LATEST
+    ),
     (
         Row("NEES per dof", _nees(_shared)),
         *(Row(f"  {block.label}", _nees(_shared, block.name)) for block in BLOCKS.values()),

@@ -54,6 +54,10 @@ class Columns:
             np.zeros((self.count, other.count)),
         )
 
+    def scaled(self, factor: float) -> "Columns":
+        """All columns times a number."""
+        return self.times(factor * np.eye(self.count))
+
     def times(self, coefficients: Float[np.ndarray, "m o"]) -> "Columns":
         """Combinations of the columns."""
         seen = None if self.observations is None else self.observations @ coefficients
@@ -110,6 +114,19 @@ class _Gradient:
 
 
 @dataclass(frozen=True)
+class Sensitivity:
+    """Errors of a solution by m right-hand sides.
+
+    Attributes
+    ----------
+    states: (k, n, m) of every epoch, components in the order of the layout.   landmarks: (L, 3, m), zero of those not told.
+    """
+
+    states: Float[np.ndarray, "k n m"]
+    landmarks: Float[np.ndarray, "L 3 m"]
+
+
+@dataclass(frozen=True)
 class LinearRows:
     """A solved linear problem; its rows must be in memory (`Problem.is_long` is false)."""
 
@@ -152,6 +169,14 @@ class LinearRows:
         seen = None if self.observation_rows is None else np.zeros((len(self.observation_rows), 3, count))
         steps = np.zeros((*self.here.dynamics.rows.shape[:2], count))
         return Columns(sensors, steps, seen, np.zeros((len(self._prior_rows), count)))
+
+    def sensitivity(self, right: Columns) -> Sensitivity:
+        """P J'H: by how much the solution moves per unit of each right-hand side."""
+        ordering, solved = self.problem.ordering, self._solved(self._gradient(right))
+        states = np.empty((ordering.epochs, len(ordering.order), right.count))
+        states[:, ordering.moving] = solved.moving
+        states[:, ordering.constant] = solved.constant
+        return Sensitivity(states, solved.landmarks)
 
     def residual(self, right: Columns) -> Columns:
         """M H."""
