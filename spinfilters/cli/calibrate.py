@@ -9,8 +9,8 @@ import numpy as np
 
 from spinfilters.cli.console import wide_console
 from spinfilters.data.atomic_write import write_json, write_text
-from spinfilters.data.sensor_yaml import deviations_text
 from spinfilters.data.output_folder import output_folder, refuse_foreign
+from spinfilters.data.sensor_yaml import deviations_text
 from spinfilters.plots.calibration import calibration_figure
 from spinfilters.plots.style import save_figure
 from spinfilters.vision.calibration_check import BoardMeasurement, CheckResult, checks, measured_board

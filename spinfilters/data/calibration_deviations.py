@@ -25,7 +25,9 @@ def with_told_deviations(options: DatasetOptions, folder: Path) -> DatasetOption
 
 def told_deviations(folder: Path) -> Mapping[str, float]:
     """Of a folder's one or two cameras; the larger of two. Errors: `with_told_deviations`."""
-    cameras = {path: read_sensor_file(path) for path in (folder / file for file in RIG_FILES) if path.is_file()}
+    cameras = {
+        path: read_sensor_file(path) for path in (folder / file for file in RIG_FILES) if path.is_file()
+    }
     found: dict[str, float] = {}
     for path, camera in cameras.items():
         for name, value in _of_camera(camera, list(cameras.values())).items():

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from spinfilters.data.number_range import NumberRange
-from spinfilters.plugins import PluginGroup, by_name
+from spinfilters.errors import InputError
+from spinfilters.plugins import PluginGroup
 
 Moved = Callable[[Any, Any, Any], tuple[Any, Any]]
 """Gives measured values and the parameters of a measurement, were the calibration larger by an error: CasADi expressions."""
@@ -70,7 +71,14 @@ PARAMETERS: Final = PluginGroup(
 
 def consider_parameters() -> Mapping[str, ConsiderParameter]:
     """By name. InputError: a plug-in that cannot be loaded, a name that stands twice."""
-    return by_name(PARAMETERS, "calibration parameter")
+    found: dict[str, ConsiderParameter] = {}
+    for each in sorted(PARAMETERS.entries, key=lambda each: each.order):
+        if each.name in found:
+            raise InputError(
+                f"calibration parameter {each.name!r} is registered twice; uninstall one plug-in"
+            )
+        found[each.name] = each
+    return found
 
 
 def exact_calibration(sensors: Iterable[str]) -> dict[str, float]:

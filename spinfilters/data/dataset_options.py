@@ -139,9 +139,7 @@ def _check_calibration(deviations: Mapping[str, Any]) -> None:
     parameters = consider_parameters() if deviations else {}
     for name, value in deviations.items():
         if name not in parameters:
-            raise InputError(
-                f"calibration.{value_text(name)[1:-1]} is unknown; use {', '.join(parameters)}"
-            )
+            raise InputError(f"calibration.{value_text(name)[1:-1]} is unknown; use {', '.join(parameters)}")
         parameters[name].allowed.require(f"calibration.{name}", value)
 
 

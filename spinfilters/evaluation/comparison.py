@@ -284,8 +284,8 @@ LATEST = (
 )
 """What stands of the deviations of the latest state: name, key of its parts, unit, and that in SI."""
 PARTS_CAPTION = (
-    "random / calibration: parts of the standard deviation after the last epoch, whose squares add up to the square of the total; the "
-    "second comes of the calibration's own uncertainty."
+    "random / calibration: parts of the standard deviation after the last epoch, whose squares add up to that of the total; the second "
+    "is what the calibration's own uncertainty adds."
 )
 
 SECTIONS: tuple[tuple[Row, ...], ...] = (

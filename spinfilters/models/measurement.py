@@ -13,7 +13,6 @@ from spinfilters.attitude.expressions import Expression
 from spinfilters.state.layout import StateLayout
 from spinfilters.symbolic import Compiled, Vectorised, building
 
-
 ByError = Callable[[Expression, Expression, Expression], tuple[Expression, Expression]]
 """Gives a measured value and the parameters of its measurement, were the calibration larger by an error."""
 
@@ -130,7 +129,7 @@ class MeasurementModel(ABC):
     def by_error(
         self, moved: ByError, size: int, x: Float[np.ndarray, "k m"], parameters: Float[np.ndarray, "k p"]
     ) -> Float[np.ndarray, "k r e"]:
-        """Derivative of the innovations of expected values by an error of the calibration, which ``moved`` tells what to do with."""
+        """Derivative of the innovations of expected values by an error of the calibration."""
         rows = self._by_error(moved, size)(x, parameters)[0]
         return rows.reshape(len(x), self.dim, size)
 

@@ -35,7 +35,9 @@ from spinfilters.pipeline.setup import Setup
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.status import Verdict
 
-UNKNOWN: Final = "what errors of the calibration do to it could not be computed: its deviations are of chance alone"
+UNKNOWN: Final = (
+    "what errors of the calibration do to it could not be computed: its deviations are of chance alone"
+)
 
 
 @dataclass(frozen=True)

@@ -131,9 +131,7 @@ def _smoothed_trajectory(
     return best.mean[:most]
 
 
-def linear_problem(
-    setup: "Setup", epochs: Timeline, ids: Int[np.ndarray, " L"] | None = None
-) -> Problem:
+def linear_problem(setup: "Setup", epochs: Timeline, ids: Int[np.ndarray, " L"] | None = None) -> Problem:
     """The smoothing problem of some epochs, the first among them, with landmarks of these ids, or of all where none are given."""
     if ids is None:
         ids = np.unique(seen_ids(epochs)) if setup.initial.has_landmarks else np.zeros(0, dtype=int)

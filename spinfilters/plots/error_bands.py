@@ -65,7 +65,9 @@ def error_bands_figure(evaluation: Evaluation) -> Figure:
         fontsize="large",
     )
     band = Patch(color=line.color, alpha=0.2, label=f"±{SIGMAS:g} σ of the estimator")
-    random = Line2D([], [], color=line.color, label="the same without errors of the calibration", **RANDOM_STYLE)
+    random = Line2D(
+        [], [], color=line.color, label="the same without errors of the calibration", **RANDOM_STYLE
+    )
     parts = [] if rows[0].random is None else [random]
     legend_below(figure, [line.handle, band, *parts, *start_handle(end_of_initialisation)])
     return figure

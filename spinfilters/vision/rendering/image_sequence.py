@@ -103,5 +103,9 @@ def write_sequence(
         progress(number + 1, len(stamps))
     write_raw_rig(stage.rig, folder)
     write_truth(truth, folder)
-    document = {"kind": "stereo-images", "description": description, "calibration": exact_calibration(("stereo",))}
+    document = {
+        "kind": "stereo-images",
+        "description": description,
+        "calibration": exact_calibration(("stereo",)),
+    }
     write_toml(folder / "dataset.toml", document)
