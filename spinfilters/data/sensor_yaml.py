@@ -21,8 +21,8 @@ DISTORTION_KEY: Final = "distortion_coefficients"
 INTRINSICS_STD, POSITION_STD = "intrinsics_std", "position_std"
 """Keys of what `spinfilters calibrate` says of the uncertainty; others need not."""
 _INTRINSICS_DEVIATION, _PLACE_DEVIATION = (
-    NumberRange(1e-9, 1e4, "px", zero=True),
-    NumberRange(1e-12, 1e3, "m", zero=True),
+    NumberRange(0, 1e4, "px"),
+    NumberRange(0, 1e3, "m"),
 )
 
 

@@ -284,8 +284,8 @@ LATEST = (
 )
 """What stands of the deviations of the latest state: name, key of its parts, unit, and that in SI."""
 PARTS_CAPTION = (
-    "random / calibration: parts of the standard deviation after the last epoch, whose squares add up to that of the total; the second "
-    "is what the calibration's own uncertainty adds."
+    "random / calibration: parts of the standard deviation after the last epoch, whose squares add up; the second is what the "
+    "calibration's own uncertainty adds."
 )
 
 SECTIONS: tuple[tuple[Row, ...], ...] = (

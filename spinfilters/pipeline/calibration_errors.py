@@ -3,7 +3,8 @@
 Smoother: S = P J'H by the factors of its linear problem (`spinfilters.estimators.model_errors.calibration_sensitivity`). Filter: it
 runs once more for each independent error, with the measurements as they would be were the calibration wrong by one deviation, from
 an initialisation that has moved by its own S; the difference is what Schmidt's recursion carries along, of whatever filter it is,
-and costs nothing while it runs.
+and costs nothing while it runs. A smoother whose rows do not fit in memory together is solved once more likewise, and one of
+landmarks that lets go of old epochs takes the differences of an EKF.
 """
 
 from collections.abc import Iterator
@@ -23,14 +24,12 @@ from spinfilters.estimators.model_errors.hypotheses import solved_near
 from spinfilters.estimators.model_errors.linear_rows import Sensitivity
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.estimators.run import run
+from spinfilters.estimators.smoothing.factors.sensor_rows import STRETCH
+from spinfilters.estimators.smoothing.problem.least_squares import problem_of
+from spinfilters.estimators.smoothing.solver.batch_smoother import NO_LANDMARKS, smooth_problem
 from spinfilters.estimators.timeline import LogTimeline, Timeline, times_of
-from spinfilters.pipeline.estimator_entry import AnyEntry
-from spinfilters.pipeline.model_errors import (
-    MOST_EPOCHS,
-    MOST_EPOCHS_WITH_MAP,
-    landmarks_placed,
-    linear_problem,
-)
+from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries
+from spinfilters.pipeline.model_errors import MOST_EPOCHS_WITH_MAP, landmarks_placed, linear_problem
 from spinfilters.pipeline.setup import Setup
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.status import Verdict
@@ -58,7 +57,7 @@ class CalibrationErrors:
             return history
         try:
             with np.errstate(all="ignore"):  # what is not finite becomes a status
-                errors = self._of_filter(history, entry) if entry.continues else self._smoothed(history)
+                errors = self._errors(history, entry)
                 known = errors is not None and np.isfinite(errors).all()
                 counted = history.considering(errors) if errors is not None and known else None
         except NUMERICAL_ERRORS:
@@ -67,22 +66,46 @@ class CalibrationErrors:
             return replace(history, status=history.status.degraded(UNKNOWN))
         return counted
 
-    def _smoothed(self, history: EstimateHistory) -> Float[np.ndarray, "n e c"] | None:
-        found = self._sensitivity(self.setup.timeline[: len(history.time)], history.mean)
-        return None if found is None else found.states
+    def _errors(self, history: EstimateHistory, entry: AnyEntry) -> Float[np.ndarray, "n e c"] | None:
+        epochs, first = self.setup.timeline[: len(history.time)], len(self.setup.initial.mean)
+        if entry.continues:
+            return self._of_filter(entry, epochs, history.mean[history.initialisation :])
+        if not self.setup.initial.has_landmarks and len(epochs) > STRETCH:
+            return self._of_long_smoother(epochs, history.mean)
+        if not self.setup.initial.has_landmarks or len(epochs) <= MOST_EPOCHS_WITH_MAP:
+            found = self._sensitivity(epochs, history.mean)
+            return None if found is None else found.states
+        ekf, initial = estimator_entries()["mekf"], self.setup.initial
+        means = self._run(ekf, epochs, np.zeros(initial.factor.shape[:2]), np.zeros(initial.points.shape))
+        return None if means is None else self._of_filter(ekf, epochs[: first + len(means)], means)
 
-    def _of_filter(self, history: EstimateHistory, entry: AnyEntry) -> Float[np.ndarray, "n e c"] | None:
-        """Differences of the filter's estimates from those of data with an error each."""
-        begun = self._initialisation
+    def _of_long_smoother(
+        self, epochs: Timeline, trajectory: Float[np.ndarray, "k m"]
+    ) -> Float[np.ndarray, "k e c"]:
+        """Differences of what all epochs together say of data with an error each."""
+
+        def smoothed(timeline: Timeline) -> Float[np.ndarray, "k m"]:
+            setup, loss = self.setup, self.settings.smoother.robust_loss
+            problem = problem_of(setup.process, timeline, NO_LANDMARKS, setup.initial.prior, 2, loss)
+            return smooth_problem(problem, trajectory).mean
+
+        local, here = self.setup.process.layout.local, smoothed(epochs)
+        return np.stack([local(here, smoothed(moved)) for moved in self._timelines(epochs)], axis=2)
+
+    def _of_filter(
+        self, entry: AnyEntry, epochs: Timeline, means: Float[np.ndarray, "j m"]
+    ) -> Float[np.ndarray, "k e c"] | None:
+        """Differences of a filter's estimates, those of the initialisation in front, from those of data with an error each."""
+        begun, columns = self._initialisation, []
         if begun is None:
             return None
-        columns, first = [], history.initialisation
-        for number, moved in enumerate(self._timelines(self.setup.timeline[: len(history.time)])):
-            states = self._run(entry, moved, begun.states[:, :, number], begun.landmarks[:, :, number])
-            if states is None or len(states) != len(history.time) - first:
+        for number, moved in enumerate(self._timelines(epochs)):
+            before, landmarks = begun.states[:, :, number], begun.landmarks[:, :, number]
+            states = self._run(entry, moved, before, landmarks)
+            if states is None:
                 return None
-            away = history.layout.local(history.mean[first:], states)
-            columns.append(np.concatenate([begun.states[:first, :, number], away]))
+            away = self.setup.process.layout.local(means, states)
+            columns.append(np.concatenate([before, away]))
         return np.stack(columns, axis=2)
 
     def _run(
@@ -92,7 +115,7 @@ class CalibrationErrors:
         states: Float[np.ndarray, "k e"],
         landmarks: Float[np.ndarray, "L 3"],
     ) -> Float[np.ndarray, "n m"] | None:
-        """States of a filter behind an initialisation that has moved; None where it fails."""
+        """States of a filter behind an initialisation that has moved; None where it fails. KeyboardInterrupt: Ctrl-C."""
         setup = self.setup
         mean = setup.process.layout.retract(setup.initial.mean, states)
         initial = replace(setup.initial, mean=mean, points=setup.initial.points + landmarks)
@@ -100,8 +123,13 @@ class CalibrationErrors:
         moved = replace(setup, timeline=timeline, initial=initial, belief=belief)
         estimator = entry.build(moved, self.settings)
         entry.begin(estimator, moved)
-        found = run(estimator, moved.end_of_initialisation, timeline[len(mean) :])
-        return None if found.status.verdict is Verdict.FAILED else found.mean
+        rest = timeline[len(mean) :]
+        found = run(estimator, moved.end_of_initialisation, rest)
+        if found.status.verdict is Verdict.FAILED:
+            return None
+        if len(found.time) < len(rest):
+            raise KeyboardInterrupt
+        return found.mean
 
     def _timelines(self, epochs: Timeline) -> Iterator[Timeline]:
         """The epochs under each independent error, by one deviation."""
@@ -123,16 +151,14 @@ class CalibrationErrors:
     def _sensitivity(
         self, epochs: Timeline, trajectory: Float[np.ndarray, "k m"], ids: Int[np.ndarray, " L"] | None = None
     ) -> Sensitivity | None:
-        """Of epochs smoothed together; of a long recording of some of them, and between these interpolated."""
-        most = MOST_EPOCHS_WITH_MAP if self.setup.initial.has_landmarks else MOST_EPOCHS
-        rows = np.unique(np.linspace(0, len(trajectory) - 1, min(most, len(trajectory))).round().astype(int))
-        chosen = epochs if len(rows) == len(trajectory) else [epochs[int(row)] for row in rows]
-        problem = linear_problem(self.setup, chosen, ids)
-        solved = solved_near(problem, trajectory[rows], landmarks_placed(problem, trajectory[rows]))
-        if solved is None:
-            return None
-        found = smoothed_sensitivity(SmoothedMotion(times_of(chosen), solved), self.considered)
-        return found if chosen is epochs else replace(found, states=_between(rows, found.states))
+        """Of epochs smoothed together."""
+        problem = linear_problem(self.setup, epochs, ids)
+        solved = solved_near(problem, trajectory, landmarks_placed(problem, trajectory))
+        return (
+            None
+            if solved is None
+            else smoothed_sensitivity(SmoothedMotion(times_of(epochs), solved), self.considered)
+        )
 
 
 def with_error(epochs: LogTimeline, considered: ConsideredDeviation, error: np.ndarray) -> LogTimeline:
@@ -149,12 +175,3 @@ def with_error(epochs: LogTimeline, considered: ConsideredDeviation, error: np.n
             part = replace(part, every=Measurement(every.model, *changed, every.ids))
         sensors.append(part)
     return replace(epochs, sensors=tuple(sensors))
-
-
-def _between(rows: Int[np.ndarray, " r"], states: Float[np.ndarray, "r e c"]) -> Float[np.ndarray, "k e c"]:
-    """Numbers of some rows, and of those between them by lines."""
-    every = np.arange(rows[-1] + 1)
-    behind = np.minimum(np.searchsorted(rows, every, "right"), len(rows) - 1)
-    before = behind - 1
-    share = ((every - rows[before]) / (rows[behind] - rows[before]))[:, None, None]
-    return states[before] + share * (states[behind] - states[before])

@@ -16,7 +16,7 @@ def _moved(values: Expression, parameters: Expression, error: Expression) -> tup
 PARAMETER: Final = ConsiderParameter(
     name="baseline_std",
     words="baseline",
-    allowed=NumberRange(1e-9, 0.1, "of the baseline", zero=True),
+    allowed=NumberRange(0, 0.1, "of the baseline"),
     default=1e-3,
     sensors=("stereo",),
     moved=_moved,

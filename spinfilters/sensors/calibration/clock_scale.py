@@ -8,7 +8,7 @@ from spinfilters.data.number_range import NumberRange
 PARAMETER: Final = ConsiderParameter(
     name="clock_scale_std",
     words="scale of the clock",
-    allowed=NumberRange(1e-12, 0.1, "of durations", zero=True),
+    allowed=NumberRange(0, 0.1, "of durations"),
     default=1e-4,
     order=4,
 )

@@ -16,7 +16,7 @@ def _moved(values: Expression, parameters: Expression, error: Expression) -> tup
 PARAMETER: Final = ConsiderParameter(
     name="focal_std",
     words="focal length",
-    allowed=NumberRange(1e-9, 0.1, "of the focal length", zero=True),
+    allowed=NumberRange(0, 0.1, "of the focal length"),
     default=1e-3,
     sensors=("stereo", "monocular"),
     moved=_moved,

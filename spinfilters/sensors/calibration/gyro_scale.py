@@ -15,7 +15,7 @@ def _moved(values: Expression, parameters: Expression, error: Expression) -> tup
 PARAMETER: Final = ConsiderParameter(
     name="gyro_scale_std",
     words="scale of the gyro",
-    allowed=NumberRange(1e-9, 0.1, "of the rate", zero=True),
+    allowed=NumberRange(0, 0.1, "of the rate"),
     default=5e-3,
     sensors=("gyro",),
     moved=_moved,

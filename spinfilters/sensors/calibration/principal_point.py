@@ -16,7 +16,7 @@ def _moved(values: Expression, parameters: Expression, error: Expression) -> tup
 PARAMETER: Final = ConsiderParameter(
     name="center_std",
     words="principal point",
-    allowed=NumberRange(1e-6, 1e3, "px", zero=True),
+    allowed=NumberRange(0, 1e3, "px"),
     default=0.5,
     sensors=("stereo", "monocular"),
     size=2,

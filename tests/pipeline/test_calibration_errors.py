@@ -1,0 +1,168 @@
+"""Errors of the calibration in what a run says: which are considered, what they add, and how it is told."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.dataset_options import DatasetOptions
+from spinfilters.errors import InputError
+from spinfilters.estimators.history import EstimateHistory
+from spinfilters.evaluation.comparison import comparison_cells
+from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.pipeline.calibration_errors import UNKNOWN, CalibrationErrors
+from spinfilters.pipeline.comparison_run import compare_dataset
+from spinfilters.pipeline.conditions import conditions_of
+from spinfilters.pipeline.estimation import Comparison
+from spinfilters.pipeline.estimator_entry import estimator_entries
+from spinfilters.pipeline.setup import prepare
+from spinfilters.runs.history_file import read_history, write_history
+from spinfilters.runs.run_summary import summary
+from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.scenario import Scenario, simulate
+from spinfilters.state.status import Verdict
+
+CLOCK = 0.01
+
+
+@cache
+def poses() -> Dataset:
+    """A rich motion."""
+    return simulate(replace(Scenario.rich(), kind="pose", epochs=50))
+
+
+def settings(*estimators: str, **deviations: float) -> Settings:
+    """That state the calibration."""
+    return Settings(estimators=estimators or ("mekf",), calibration=deviations)  # pyright: ignore[reportArgumentType]
+
+
+@cache
+def compared() -> Comparison:
+    """A filter and the smoother, the clock being wrong by a percent."""
+    return compare_dataset(poses(), settings("mekf", "smoother", clock_scale_std=CLOCK))
+
+
+def by_name(name: str) -> Evaluation:
+    """Of that comparison."""
+    return next(each for each in compared().evaluations if each.name == name)
+
+
+@pytest.mark.parametrize("name", ["mekf", "smoother"])
+def test_a_wrong_clock_adds_its_share_of_velocities_and_rates(name: str) -> None:
+    history = by_name(name).history
+    assert history.calibration is not None
+    layout, last = history.layout, history.calibration[-1, :, 0]
+    for block in ("v", "w"):
+        value = history.mean[-1, layout.mean_slice(block)]
+        np.testing.assert_allclose(
+            last[layout.slice(block)], -CLOCK * value, atol=0.1 * CLOCK * np.abs(value).max()
+        )
+
+
+def test_a_filter_and_the_smoother_agree_in_the_last_epoch() -> None:
+    mekf, smoother = (by_name(name).history.calibration for name in ("mekf", "smoother"))
+    assert mekf is not None
+    assert smoother is not None
+    deviation = np.linalg.norm(by_name("smoother").history.factor[-1], axis=1)
+    np.testing.assert_allclose(mekf[-1, :, 0] / deviation, smoother[-1, :, 0] / deviation, atol=0.2)
+
+
+def test_an_exact_calibration_changes_nothing() -> None:
+    setup = prepare(poses(), settings())
+    exact = CalibrationErrors(setup, settings())
+    history = by_name("mekf").history
+    assert exact.considered == ()
+    assert exact.counted(history, estimator_entries()["mekf"]) is history
+
+
+def test_the_random_part_is_that_of_an_exact_calibration() -> None:
+    alone = compare_dataset(poses(), settings("mekf")).evaluations[0].history
+    assert alone.calibration is None
+    total = by_name("mekf").history
+    random = total.random_factor()
+    np.testing.assert_allclose(random @ np.swapaxes(random, 1, 2), alone.covariance, atol=1e-10)
+
+
+def test_parts_add_up_and_are_told_in_summary_and_table() -> None:
+    document = summary(compared())
+    told = document["estimators"]["mekf"]["deviation_parts"]
+    total = by_name("mekf").trajectory.std_rate[-1]
+    np.testing.assert_allclose(
+        np.hypot(told["rate_rad_s"]["random"], told["rate_rad_s"]["calibration"]), total
+    )
+    assert max(told["rate_rad_s"]["calibration"]) > max(told["rate_rad_s"]["random"])
+    assert document["conditions"]["calibration"] == {
+        "clock_scale_std": {"value": CLOCK, "unit": "1", "source": "stated"}
+    }
+    assert any("scale of the clock 1 %" in line for line in document["conditions"]["sentences"])
+    rows = [row[0] for section in comparison_cells(compared().evaluations).sections for row in section]
+    assert "rate: random / calibration [deg/s]" in rows
+
+
+def test_a_data_set_that_is_silent_is_not_taken_for_exact() -> None:
+    silent = replace(poses(), options=replace(poses().options, calibration={}))
+    setup = prepare(silent, settings())
+    (clock,) = setup.calibration
+    assert (clock.source, clock.std) == ("prior", clock.parameter.default)
+    assert any("(assumed)" in line for line in conditions_of(setup).sentences)
+    settled = prepare(silent, settings(clock_scale_std=0.0))
+    assert not CalibrationErrors(settled, settings()).considered
+
+
+def test_what_a_state_estimates_is_not_considered() -> None:
+    gyro = simulate(replace(Scenario.rich(), kind="gyro", epochs=60))
+    silent = replace(gyro, options=DatasetOptions(gyro_noise_std=0.002))
+    estimated = replace(
+        settings(), initialisation=replace(settings().initialisation, gyro_scale_error_std=0.01)
+    )
+    assert {each.parameter.name for each in prepare(silent, settings()).calibration} == {
+        "gyro_scale_std",
+        "clock_scale_std",
+    }
+    assert {each.parameter.name for each in prepare(silent, estimated).calibration} == {"clock_scale_std"}
+
+
+def test_a_filter_that_does_not_stand_the_error_is_degraded(monkeypatch: pytest.MonkeyPatch) -> None:
+    setup = prepare(poses(), settings(clock_scale_std=CLOCK))
+    errors = CalibrationErrors(setup, settings())
+    monkeypatch.setattr(CalibrationErrors, "_run", lambda *_: None)
+    history = replace(by_name("mekf").history, calibration=None)
+    status = errors.counted(history, estimator_entries()["mekf"]).status
+    assert status.verdict is Verdict.DEGRADED
+    assert UNKNOWN in status.reasons
+
+
+def test_a_stopped_filter_stops_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    setup = prepare(poses(), settings(clock_scale_std=CLOCK))
+    history = replace(by_name("mekf").history, calibration=None)
+
+    def stopped(*_: object) -> EstimateHistory:
+        return replace(history, time=history.time[:1], mean=history.mean[:1])
+
+    monkeypatch.setattr("spinfilters.pipeline.calibration_errors.run", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        CalibrationErrors(setup, settings()).counted(history, estimator_entries()["mekf"])
+
+
+def test_a_history_file_keeps_the_parts(tmp_path: Path) -> None:
+    history = by_name("mekf").history
+    write_history(tmp_path / "history.npz", history)
+    read = read_history(tmp_path / "history.npz")
+    assert read.calibration is not None
+    assert history.calibration is not None
+    np.testing.assert_array_equal(read.calibration, history.calibration)
+    thinned = history.thinned(3)
+    assert thinned.calibration is not None
+    assert len(thinned.calibration) == len(thinned.time)
+
+
+@pytest.mark.parametrize("value", [-0.001, float("nan"), 0.5, "much", True])
+def test_a_setting_that_is_no_deviation_is_one_line(value: float) -> None:
+    with pytest.raises(
+        InputError, match="calibration.focal_std is .*from 0 to 0.1 of the focal length"
+    ) as refused:
+        settings(focal_std=value)
+    assert "\n" not in str(refused.value)
