@@ -8,10 +8,12 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
+from spinfilters.evaluation.deviation_rows import LATEST_ROWS, PARTS_CAPTION, parts_row
 from spinfilters.evaluation.errors import BodyErrors, RmsErrors
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.evaluation.formatting import with_uncertainty
 from spinfilters.evaluation.span import ALWAYS, SpanErrors, shared_begin, span_errors
+from spinfilters.evaluation.table_row import DEGREE, Cell, Column, Row
 from spinfilters.evaluation.usage import ObservationUse, observation_use, title_sentences
 from spinfilters.state.block import StateBlock
 from spinfilters.state.blocks import BLOCKS
@@ -21,34 +23,6 @@ BOUND_CAPTION = (
     "BOUND: Cramer-Rao, the least standard deviation given all epochs; of what moves a smoother can reach it, a filter in its last "
     "epoch only."
 )
-DEGREE = float(np.deg2rad(1.0))
-
-
-@dataclass(frozen=True)
-class Column:
-    """What a column of the table is filled from.
-
-    Attributes
-    ----------
-    use, errors: over the epochs that all estimators have.   every: errors over all of this estimator's own, where these are more.
-    """
-
-    evaluation: Evaluation
-    use: ObservationUse | None
-    errors: SpanErrors | None
-    every: SpanErrors | None
-
-
-Cell = Callable[[Column], str | None]
-
-
-@dataclass(frozen=True)
-class Row:
-    """A row: its name, what an estimator's cell shows, and what the bound's does; None where there is nothing to show."""
-
-    name: str
-    cell: Cell
-    bound: Cell = lambda _: None
 
 
 @dataclass(frozen=True)
@@ -154,20 +128,6 @@ def _moment(index: int, part: int) -> Cell:
     return cell
 
 
-def _parts_row(name: str, quantity: str, unit_in_si: float = 1.0, component: int | None = None) -> Row:
-    """Random and calibration part of a standard deviation: of one component, or the length of all."""
-
-    def cell(column: Column) -> str | None:
-        part = column.evaluation.deviation_parts.get(quantity)
-        if part is None or column.evaluation.history.calibration is None:
-            return None
-        both = (part.random, part.calibration)
-        sizes = [math.hypot(*each) if component is None else float(each[component]) for each in both]
-        return " / ".join(f"{size / unit_in_si:.2g}" for size in sizes)
-
-    return Row(name, cell)
-
-
 def _moment_error(index: int) -> Row:
     def shown(body: BodyErrors | None, sign: str) -> str | None:
         return (
@@ -183,7 +143,7 @@ def _moment_rows(name: str, index: int) -> tuple[Row, ...]:
     return (
         Row(name, _moment(index, 0)),
         Row("  standard deviation", _moment(index, 1)),
-        _parts_row("    random / calibration", "principal_moments", component=index),
+        parts_row("    random / calibration", "principal_moments", component=index),
         _moment_error(index),
     )
 
@@ -275,19 +235,6 @@ MOTIONS = (
 )
 """What moves: name, unit, and that in SI."""
 
-LATEST = (
-    ("position", "position_m", "mm", 1e-3),
-    ("attitude", "attitude_rad", "deg", DEGREE),
-    ("velocity", "velocity_m_s", "mm/s", 1e-3),
-    ("rate", "rate_rad_s", "deg/s", DEGREE),
-    ("centre of mass", "center_of_mass_m", "mm", 1e-3),
-)
-"""What stands of the deviations of the latest state: name, key of its parts, unit, and that in SI."""
-PARTS_CAPTION = (
-    "random / calibration: parts of the standard deviation after the last epoch, whose squares add up; the second is what the "
-    "calibration's own uncertainty adds."
-)
-
 SECTIONS: tuple[tuple[Row, ...], ...] = (
     (
         Row("status", lambda c: str(c.evaluation.history.status.verdict)),
@@ -313,10 +260,7 @@ SECTIONS: tuple[tuple[Row, ...], ...] = (
         *(row for block in BLOCKS.values() for row in _constant_rows(block)),
     ),
     tuple(_rms_row(f"{name} error [{unit}]", name, scale, _shared) for name, unit, scale in MOTIONS),
-    tuple(
-        _parts_row(f"{name}: random / calibration [{unit}]", quantity, scale)
-        for name, quantity, unit, scale in LATEST
-    ),
+    LATEST_ROWS,
     (
         Row("NEES per dof", _nees(_shared)),
         *(Row(f"  {block.label}", _nees(_shared, block.name)) for block in BLOCKS.values()),

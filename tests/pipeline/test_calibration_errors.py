@@ -162,7 +162,7 @@ def test_a_history_file_keeps_the_parts(tmp_path: Path) -> None:
 @pytest.mark.parametrize("value", [-0.001, float("nan"), 0.5, "much", True])
 def test_a_setting_that_is_no_deviation_is_one_line(value: float) -> None:
     with pytest.raises(
-        InputError, match="calibration.focal_std is .*from 0 to 0.1 of the focal length"
+        InputError, match=r"calibration\.focal_std is .*from 0 to 0.1 of the focal length"
     ) as refused:
         settings(focal_std=value)
     assert "\n" not in str(refused.value)
