@@ -9,10 +9,12 @@ import pytest
 
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_options import DatasetOptions
+from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.comparison import comparison_cells
 from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.models.process import ProcessNoise
 from spinfilters.pipeline.calibration_errors import UNKNOWN, CalibrationErrors
 from spinfilters.pipeline.comparison_run import compare_dataset
 from spinfilters.pipeline.conditions import conditions_of
@@ -164,3 +166,13 @@ def test_a_setting_that_is_no_deviation_is_one_line(value: float) -> None:
     ) as refused:
         settings(focal_std=value)
     assert "\n" not in str(refused.value)
+
+
+def test_a_left_handed_gyro_shows_another_body_as_well_as_the_right_one() -> None:
+    body = replace(Scenario.rich(), kind="gyro", principal_moments=(1.0, 0.8, 0.55), epochs=80)
+    dataset = simulate(replace(body, gyro_std=1e-4, noise=ProcessNoise(1e-9, 1e-9)))
+    rates = dataset.log.stream("gyro")
+    mirrored = MeasurementLog((replace(rates, values=rates.values * [1.0, 1.0, -1.0]),))
+    (left,) = compare_dataset(replace(dataset, log=mirrored, truth=None), settings()).evaluations
+    assert left.history.status.verdict is Verdict.OK
+    np.testing.assert_allclose(left.body.principal_moments, [0.5091, 0.8727, 1.0], atol=2e-3)
