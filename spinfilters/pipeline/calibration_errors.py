@@ -19,6 +19,7 @@ from spinfilters.data.consider_parameter import ConsideredDeviation
 from spinfilters.errors import NUMERICAL_ERRORS
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.history import EstimateHistory
+from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.model_errors.calibration_sensitivity import smoothed_sensitivity
 from spinfilters.estimators.model_errors.hypotheses import solved_near
 from spinfilters.estimators.model_errors.linear_rows import Sensitivity
@@ -119,7 +120,9 @@ class CalibrationErrors:
         setup = self.setup
         mean = setup.process.layout.retract(setup.initial.mean, states)
         initial = replace(setup.initial, mean=mean, points=setup.initial.points + landmarks)
-        belief = initial.joint_belief(self.settings.landmarks)
+        belief = replace(setup.belief, mean=mean[-1])
+        if isinstance(belief, LandmarkBelief):  # whose map is in frame g yet
+            belief = replace(belief, points=belief.points + landmarks)
         moved = replace(setup, timeline=timeline, initial=initial, belief=belief)
         estimator = entry.build(moved, self.settings)
         entry.begin(estimator, moved)
