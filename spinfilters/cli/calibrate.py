@@ -41,7 +41,7 @@ def calibrate(options: argparse.Namespace) -> int:
     measured = measured_board(found.rig, found.views, board)
     results = checks(found.rig, measured, board) if options.check else []
     with output_folder(folder, COMMAND) as place:
-        write_raw_rig(found.rig, place, _deviations(found))
+        write_raw_rig(found.rig, place, stated_deviations(found))
         write_text(place / "opencv.yml", _opencv_text(found.rig))
         write_json(place / "calibration.json", _document(found, measured, results, losses))
         if options.check:
@@ -63,7 +63,7 @@ def _figure(found: StereoCalibration, pair: tuple[Path, Path]) -> Any:
     )
 
 
-def _deviations(found: StereoCalibration) -> tuple[str, str]:
+def stated_deviations(found: StereoCalibration) -> tuple[str, str]:
     """What each camera's file says of its uncertainty; the place of the right one is the baseline."""
     left, right = ([camera.std[key] for key in PARAMETERS[:4]] for camera in found.cameras)
     return deviations_text(left), deviations_text(right, found.baseline_std)
