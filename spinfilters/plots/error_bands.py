@@ -1,13 +1,11 @@
 """Errors of one estimator within the bands that it promises; without a truth, estimates with bands."""
 
 from dataclasses import dataclass, replace
-from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from spinfilters.evaluation.evaluation import Evaluation
@@ -19,13 +17,12 @@ from spinfilters.plots.style import (
     half_width,
     legend_below,
     mark_start,
+    random_handle,
     start_handle,
     tidy,
 )
 
 DEGREES = 180.0 / np.pi
-RANDOM_STYLE: Final[dict[str, Any]] = {"linewidth": 0.7, "linestyle": ":"}
-"""Of the edges of a band without errors of the calibration."""
 
 
 @dataclass(frozen=True)
@@ -65,10 +62,7 @@ def error_bands_figure(evaluation: Evaluation) -> Figure:
         fontsize="large",
     )
     band = Patch(color=line.color, alpha=0.2, label=f"±{SIGMAS:g} σ of the estimator")
-    random = Line2D(
-        [], [], color=line.color, label="the same without errors of the calibration", **RANDOM_STYLE
-    )
-    parts = [] if rows[0].random is None else [random]
+    parts = [] if rows[0].random is None else [random_handle()]
     legend_below(figure, [line.handle, band, *parts, *start_handle(end_of_initialisation)])
     return figure
 
@@ -87,8 +81,7 @@ def _panel(axes: Axes, time: np.ndarray, row: _Row, axis: int, line: EstimatorLi
     centre = np.zeros_like(value) if row.about_zero else value
     line.fill(axes, time, centre, band)
     if row.random is not None:
-        edges = centre[:, np.newaxis] + np.outer(row.random[:, axis], (-SIGMAS, SIGMAS))
-        axes.plot(time, edges, color=line.color, **RANDOM_STYLE)
+        line.edge(axes, time, centre, SIGMAS * row.random[:, axis])
     if value.any():
         line.draw(axes, time, value)
     if row.about_zero:
