@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_options import DatasetOptions
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.errors import InputError
-from spinfilters.estimators.history import EstimateHistory
+from spinfilters.estimators.history import EPOCH_ARRAYS, EstimateHistory
 from spinfilters.evaluation.comparison import comparison_cells
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.models.process import ProcessNoise
@@ -25,7 +26,7 @@ from spinfilters.pipeline.setup import prepare
 from spinfilters.runs.history_file import read_history, write_history
 from spinfilters.runs.run_summary import summary
 from spinfilters.settings.run_settings import Settings
-from spinfilters.simulation.scenario import Scenario, simulate
+from spinfilters.simulation.scenario import Scenario, simulate, without_map
 from spinfilters.state.blocks.gyro_scale import GYRO_SCALE
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 from spinfilters.state.status import Verdict
@@ -70,6 +71,39 @@ def test_a_filter_and_the_smoother_agree_in_the_last_epoch() -> None:
     assert smoother is not None
     deviation = np.linalg.norm(by_name("smoother").history.factor[-1], axis=1)
     np.testing.assert_allclose(mekf[-1, :, 0] / deviation, smoother[-1, :, 0] / deviation, atol=0.2)
+
+
+def test_a_smoother_too_long_for_memory_says_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    chosen = settings("smoother", clock_scale_std=CLOCK)
+    errors = CalibrationErrors(prepare(poses(), chosen), chosen)
+    at_once = by_name("smoother").history
+    monkeypatch.setattr("spinfilters.pipeline.calibration_errors.STRETCH", 10)
+    again = errors.counted(replace(at_once, factor=at_once.random_factor()), estimator_entries()["smoother"])
+    assert at_once.calibration is not None
+    assert again.calibration is not None
+    deviation = np.linalg.norm(at_once.factor, axis=2)[1:]
+    away = again.calibration[1:, :, 0] - at_once.calibration[1:, :, 0]
+    assert np.abs(away / deviation).max() < 0.05
+
+
+def test_a_smoother_that_lets_go_of_epochs_scales_with_the_baseline(monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario, chosen = (
+        replace(Scenario.rich(), epochs=26, landmarks=50),
+        settings("smoother", baseline_std=0.01),
+    )
+    setup = prepare(without_map(simulate(scenario)), chosen)
+    monkeypatch.setattr("spinfilters.pipeline.calibration_errors.MOST_EPOCHS_WITH_MAP", 10)
+    whole = by_name("smoother").history
+    first = {name: getattr(whole, name)[: scenario.epochs] for name in EPOCH_ARRAYS}
+    history = replace(whole, calibration=None, observations=None, **first)
+    found = CalibrationErrors(setup, chosen).counted(history, estimator_entries()["smoother"]).calibration
+    assert found is not None
+    layout, count = setup.process.layout, len(setup.initial.mean)
+    ahead = setup.process.step(setup.initial.mean[-1], scenario.interval)  # the filter's first epoch
+    mean = np.vstack([setup.initial.mean, ahead])
+    t, R = mean[:, layout.mean_slice("t")], matrix_from_quaternion(mean[:, layout.mean_slice("a")])
+    expected = 0.01 * (t - R @ (R[0].T @ t[0]))  # the first pose defines frame g
+    np.testing.assert_allclose(found[: count + 1, layout.slice("t"), 0], expected, atol=2e-4)
 
 
 def test_an_exact_calibration_changes_nothing() -> None:
