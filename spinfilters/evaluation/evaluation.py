@@ -176,7 +176,7 @@ def _described(history: EstimateHistory) -> tuple[Evaluation, Trajectory]:
     except NUMERICAL_ERRORS as error:
         status = history.status.failed(f"the estimate could not be evaluated ({reason(error)})")
         mean, factor = np.full_like(history.mean, np.nan), np.full_like(history.factor, np.nan)
-        lost = replace(history, mean=mean, factor=factor, status=status)
+        lost = replace(history, mean=mean, factor=factor, status=status, calibration=None)
         return Evaluation(lost), trajectory_of(lost)
 
 
