@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from spinfilters.attitude.conversions import matrix_from_quaternion, quaternion_from_euler321
 from spinfilters.conventions import RPM
+from spinfilters.data.consider_parameter import exact_calibration
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_options import DatasetOptions
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
@@ -141,7 +142,8 @@ def _recording(
     kept = generator.random(len(time)) >= case.dropped
     kept[0] = True
     values = measure(case, states, generator)[kept]
-    stated = replace(DatasetOptions(), force_psd=case.psd, torque_psd=case.psd, **options)
+    exact = DatasetOptions(calibration=exact_calibration((case.kind,)))
+    stated = replace(exact, force_psd=case.psd, torque_psd=case.psd, **options)
     log = MeasurementLog((MeasurementStream(case.kind, time[kept], values),))
     return Recording(Dataset(kind=case.kind, log=log, description=case.name, options=stated), states[kept])
 

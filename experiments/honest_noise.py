@@ -235,10 +235,10 @@ def _errors(evaluation: Evaluation, truth: Truth) -> tuple[float, dict[str, floa
     if own is None:
         return np.nan, {}
     rms = {name: value for name, value in vars(own.rms).items() if value}
-    return (_body_nees(evaluation.history, truth) if own.nees is None else own.nees), rms
+    return (body_nees(evaluation.history, truth) if own.nees is None else own.nees), rms
 
 
-def _body_nees(history: EstimateHistory, truth: Truth) -> float:
+def body_nees(history: EstimateHistory, truth: Truth) -> float:
     """Per degree of freedom of rate and mass distribution, which need no frame i: of a gyro, whose axes are g."""
     layout = history.layout
     blocks = [*range(*layout.slice("w").indices(99)), *range(*layout.slice("s").indices(99))]

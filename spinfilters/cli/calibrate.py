@@ -10,6 +10,7 @@ import numpy as np
 from spinfilters.cli.console import wide_console
 from spinfilters.data.atomic_write import write_json, write_text
 from spinfilters.data.output_folder import output_folder, refuse_foreign
+from spinfilters.data.sensor_yaml import deviations_text
 from spinfilters.plots.calibration import calibration_figure
 from spinfilters.plots.style import save_figure
 from spinfilters.vision.calibration_check import BoardMeasurement, CheckResult, checks, measured_board
@@ -40,7 +41,7 @@ def calibrate(options: argparse.Namespace) -> int:
     measured = measured_board(found.rig, found.views, board)
     results = checks(found.rig, measured, board) if options.check else []
     with output_folder(folder, COMMAND) as place:
-        write_raw_rig(found.rig, place)
+        write_raw_rig(found.rig, place, stated_deviations(found))
         write_text(place / "opencv.yml", _opencv_text(found.rig))
         write_json(place / "calibration.json", _document(found, measured, results, losses))
         if options.check:
@@ -60,6 +61,12 @@ def _figure(found: StereoCalibration, pair: tuple[Path, Path]) -> Any:
     return calibration_figure(
         images, disparity_map(*images, largest=found.rig.left.width // 4), found.view_errors
     )
+
+
+def stated_deviations(found: StereoCalibration) -> tuple[str, str]:
+    """What each camera's file says of its uncertainty; the place of the right one is the baseline."""
+    left, right = ([camera.std[key] for key in PARAMETERS[:4]] for camera in found.cameras)
+    return deviations_text(left), deviations_text(right, found.baseline_std)
 
 
 def _document(

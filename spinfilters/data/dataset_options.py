@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Final
 
+from spinfilters.data.consider_parameter import consider_parameters
 from spinfilters.data.input_file import path_text, value_text
 from spinfilters.data.number_range import NumberRange
 from spinfilters.data.sensor_format import noise_options
@@ -35,6 +36,7 @@ class DatasetOptions:
     force_psd, torque_psd: of the white disturbances, see `spinfilters.models.process`.   None where the file is silent.
     frames: in words, what the frames i and g of this data set are.
     notes: numbers and words for the reader, such as a seed; no estimator looks at them.
+    calibration: standard deviations of the calibration by `ConsiderParameter.name`, those that the data set tells.
 
     Raises
     ------
@@ -46,6 +48,7 @@ class DatasetOptions:
     torque_psd: float | None
     frames: str
     notes: Mapping[str, Note]
+    calibration: Mapping[str, float]
 
     def __init__(
         self,
@@ -54,6 +57,7 @@ class DatasetOptions:
         torque_psd: float | None = None,
         frames: str = "",
         notes: Mapping[str, Note] | None = None,
+        calibration: Mapping[str, float] | None = None,
         **noise: float | None,
     ) -> None:
         ranges = noise_ranges()
@@ -64,7 +68,8 @@ class DatasetOptions:
             if value is not None:
                 ranges[name].require(name, value)
         stated = {k: v for k, v in given.items() if v is not None and k not in DENSITIES}
-        values = (stated, force_psd, torque_psd, frames, dict(notes or {}))
+        _check_calibration(calibration or {})
+        values = (stated, force_psd, torque_psd, frames, dict(notes or {}), dict(calibration or {}))
         for name, field in zip(_FIELDS, values, strict=True):
             object.__setattr__(self, name, field)
 
@@ -83,7 +88,8 @@ class DatasetOptions:
         """The options that are given, as keys of dataset.toml."""
         values = {key: getattr(self, key) for key in (*noise_ranges(), "frames")}
         given = {key: value for key, value in values.items() if value not in (None, "")}
-        return given | ({"notes": dict(self.notes)} if self.notes else {})
+        tables = {"calibration": dict(self.calibration), "notes": dict(self.notes)}
+        return given | {name: table for name, table in tables.items() if table}
 
 
 _FIELDS = tuple(each.name for each in fields(DatasetOptions))
@@ -97,7 +103,7 @@ def options_from_toml(path: Path, document: Mapping[str, Any]) -> DatasetOptions
     InputError: an unknown key, a value of another type, a standard deviation that is not positive.
     """
     noise = noise_ranges()
-    known = [*noise, "frames", "notes"]
+    known = [*noise, "frames", "calibration", "notes"]
     given = {key: value for key, value in document.items() if key not in ("kind", "description")}
     for key, value in given.items():
         if key not in known:
@@ -124,8 +130,17 @@ def _expected(key: str) -> str:
         if key in noise_ranges()
         else "expected text"
         if key == "frames"
-        else "expected a table [notes]"
+        else f"expected a table [{key}]"
     )
+
+
+def _check_calibration(deviations: Mapping[str, Any]) -> None:
+    """InputError: an unknown parameter, a deviation out of its range."""
+    parameters = consider_parameters() if deviations else {}
+    for name, value in deviations.items():
+        if name not in parameters:
+            raise InputError(f"calibration.{value_text(name)[1:-1]} is unknown; use {', '.join(parameters)}")
+        parameters[name].allowed.require(f"calibration.{name}", value)
 
 
 def _check_notes(path: Path, notes: Mapping[str, Any]) -> None:

@@ -1,6 +1,6 @@
 """One camera's `sensor.yaml` of the EuRoC layout, as it is written: what its numbers mean is for those who read it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.data.input_file import path_text, value_text
-from spinfilters.data.number_range import LENGTH
+from spinfilters.data.number_range import LENGTH, NumberRange
 from spinfilters.data.settings_files import numbers, read_yaml
 from spinfilters.errors import InputError
 
@@ -18,6 +18,12 @@ ROTATION_TOLERANCE: Final[float] = 1e-4
 DISTORTION_MODELS: Final[tuple[str, ...]] = ("radial-tangential", "radtan", "plumb_bob")
 """Names of the distortion of Brown: of the EuRoC layout, Kalibr and ROS."""
 DISTORTION_KEY: Final = "distortion_coefficients"
+INTRINSICS_STD, POSITION_STD = "intrinsics_std", "position_std"
+"""Keys of what `spinfilters calibrate` says of the uncertainty; others need not."""
+_INTRINSICS_DEVIATION, _PLACE_DEVIATION = (
+    NumberRange(0, 1e4, "px"),
+    NumberRange(0, 1e3, "m"),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +34,8 @@ class SensorFile:
     ----------
     intrinsics: (fx, fy, cx, cy), px.   size: width and height, px.   pose: T_BS, camera to body, m.
     distortion: coefficients as they are given, none where there are none.   model: of the distortion, as it is given.
+    intrinsics_std: standard deviations of the intrinsics, px.   position_std: of the camera's place in the body, m. None where the
+        file is silent.
     """
 
     intrinsics: Float[np.ndarray, " 4"]
@@ -35,6 +43,8 @@ class SensorFile:
     pose: Float[np.ndarray, "4 4"]
     distortion: Float[np.ndarray, " k"]
     model: object
+    intrinsics_std: Float[np.ndarray, " 4"] | None = None
+    position_std: float | None = None
 
 
 def read_sensor_file(path: Path) -> SensorFile:
@@ -68,8 +78,9 @@ def read_sensor_file(path: Path) -> SensorFile:
     distortion = (
         numbers(path, DISTORTION_KEY, coefficients, (len(coefficients),)) if coefficients else np.zeros(0)
     )
+    pose = _pose(path, settings["T_BS"])
     return SensorFile(
-        intrinsics, image_size(path, resolution), _pose(path, settings["T_BS"]), distortion, model
+        intrinsics, image_size(path, resolution), pose, distortion, model, *_deviations(path, settings)
     )
 
 
@@ -79,7 +90,7 @@ def sensor_text(
     pose: Float[np.ndarray, "4 4"],
     distortion: Sequence[float],
 ) -> str:
-    """A `sensor.yaml` that `read_sensor_file` reads to the same numbers."""
+    """A `sensor.yaml` that `read_sensor_file` reads to the same numbers; `deviations_text` may follow it."""
     return (
         "sensor_type: camera\n"
         f"T_BS:\n  cols: 4\n  rows: 4\n  data: {pose.ravel().tolist()}\n"
@@ -89,6 +100,12 @@ def sensor_text(
         f"distortion_model: {DISTORTION_MODELS[0]}\n"
         f"{DISTORTION_KEY}: {[float(value) for value in distortion]}\n"
     )
+
+
+def deviations_text(intrinsics_std: Sequence[float], position_std: float | None = None) -> str:
+    """Lines of a `sensor.yaml` that state standard deviations: of the intrinsics px, of the camera's place m."""
+    place = "" if position_std is None else f"{POSITION_STD}: {float(position_std)}\n"
+    return f"{INTRINSICS_STD}: {[float(value) for value in intrinsics_std]}\n{place}"
 
 
 def image_size(path: Path, resolution: Float[np.ndarray, " 2"]) -> tuple[int, int]:
@@ -105,6 +122,20 @@ def is_rotation(matrix: Float[np.ndarray, "3 3"]) -> bool:
     """Whether a matrix is one, to `ROTATION_TOLERANCE`."""
     orthonormal = np.abs(matrix @ matrix.T - np.eye(3)).max() <= ROTATION_TOLERANCE
     return bool(orthonormal and np.linalg.det(matrix) > 0.0)
+
+
+def _deviations(
+    path: Path, settings: Mapping[str, Any]
+) -> tuple[Float[np.ndarray, " 4"] | None, float | None]:
+    """InputError: deviations of another number or out of range."""
+    of_intrinsics, of_place = settings.get(INTRINSICS_STD), settings.get(POSITION_STD)
+    if of_intrinsics is not None:
+        of_intrinsics = numbers(path, INTRINSICS_STD, of_intrinsics, (4,))
+        for value in of_intrinsics.tolist():
+            _INTRINSICS_DEVIATION.require(f"{path_text(path)}: {INTRINSICS_STD}: a number", value)
+    if of_place is not None:
+        _PLACE_DEVIATION.require(f"{path_text(path)}: {POSITION_STD}", of_place)
+    return of_intrinsics, None if of_place is None else float(of_place)
 
 
 def _pose(path: Path, value: Any) -> Float[np.ndarray, "4 4"]:

@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 
 from spinfilters.errors import ShapeError
 from spinfilters.estimators.estimator import UpdateReport
+from spinfilters.estimators.filters.square_root_update import lower_roots
 from spinfilters.estimators.identification.components import VarianceComponent
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
@@ -39,6 +40,8 @@ class EstimateHistory:
         counted. The filter's own begin behind them.
     observations: (n,) what was measured in each epoch, used or not; None where that is not told.
     noise: levels identified that the estimate rests on in the end; empty where they are those of the initialisation.
+    calibration: (n, e, c) error of every epoch by each independent error of the calibration, times its deviation; counted in
+        ``factor``. None where the calibration is exact.
     """
 
     name: str
@@ -56,6 +59,7 @@ class EstimateHistory:
     initialisation: int = 0
     observations: Int[np.ndarray, " n"] | None = None
     noise: tuple[VarianceComponent, ...] = ()
+    calibration: Float[np.ndarray, "n e c"] | None = None
 
     @property
     def own(self) -> slice:
@@ -74,11 +78,32 @@ class EstimateHistory:
         observed = None if self.observations is None else self.observations[rows]
         initialisation = len(range(*rows.indices(self.initialisation)))
         thinned = {name: getattr(self, name)[rows] for name in EPOCH_ARRAYS}
+        thinned["calibration"] = None if self.calibration is None else self.calibration[rows]
         return replace(self, initialisation=initialisation, observations=observed, **thinned)
 
     def belief(self, index: int) -> Gaussian:
         """Belief after the epoch of this index."""
         return Gaussian(self.layout, self.mean[index], self.factor[index])
+
+    def considering(self, calibration: Float[np.ndarray, "n e c"]) -> "EstimateHistory":
+        """With errors of the calibration in its covariance, P + C C'."""
+        finite = np.isfinite(self.factor).all(axis=(1, 2))
+        factor = self.factor.copy()
+        factor[finite] = lower_roots(np.concatenate([factor[finite], calibration[finite]], axis=2))
+        return replace(self, factor=factor, calibration=calibration)
+
+    def random_factor(self, rows: slice = slice(None)) -> Float[np.ndarray, "r e e"]:
+        """Of some epochs' covariance without what errors of the calibration add; not triangular then.
+
+        The difference is taken of correlations, so that units have no say in what rounding leaves.
+        """
+        factor = self.factor[rows]
+        if self.calibration is None:
+            return factor
+        scale = np.maximum(np.linalg.norm(factor, axis=2), np.finfo(float).tiny)[:, :, np.newaxis]
+        total, known = factor / scale, self.calibration[rows] / scale
+        values, vectors = np.linalg.eigh(total @ np.swapaxes(total, 1, 2) - known @ np.swapaxes(known, 1, 2))
+        return scale * vectors * np.sqrt(np.maximum(values, 0.0))[:, np.newaxis]
 
     @property
     def covariance(self) -> Float[np.ndarray, "n e e"]:

@@ -5,7 +5,8 @@ filter's N(x_f, P_f) has the expected NEES
 
     E e' P_f^-1 e = tr(P_f^-1 P_s) + d' P_f^-1 d,   d = x_s - x_f,
 
-which is the number of components for a filter that loses nothing: then d has the covariance P_f - P_s.
+which is the number of components for a filter that loses nothing: then d has the covariance P_f - P_s. Errors of the calibration
+are in both, and not counted.
 """
 
 import numpy as np
@@ -24,9 +25,9 @@ def expected_nees(history: EstimateHistory, smoother: EstimateHistory) -> Float[
     rows = np.arange(history.initialisation, count)
     rows = rows[finite_epochs(history)[rows] & finite_epochs(smoother)[rows]]
     away = layout.local(history.mean[rows], smoother.mean[rows])
-    seen = np.concatenate([smoother.factor[rows], away[..., np.newaxis]], axis=2)
+    seen = np.concatenate([smoother.random_factor()[rows], away[..., np.newaxis]], axis=2)
     result = np.full(len(rows), np.inf)
-    for k, (factor, columns) in enumerate(zip(history.factor[rows], seen, strict=True)):
+    for k, (factor, columns) in enumerate(zip(history.random_factor()[rows], seen, strict=True)):
         try:
             result[k] = np.square(np.linalg.solve(factor, columns)).sum() / layout.error_dim
         except np.linalg.LinAlgError:

@@ -8,10 +8,12 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
+from spinfilters.evaluation.deviation_rows import LATEST_ROWS, PARTS_CAPTION, parts_row
 from spinfilters.evaluation.errors import BodyErrors, RmsErrors
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.evaluation.formatting import numbers, with_uncertainty
 from spinfilters.evaluation.span import ALWAYS, SpanErrors, shared_begin, span_errors
+from spinfilters.evaluation.table_row import DEGREE, Cell, Column, Row
 from spinfilters.evaluation.usage import ObservationUse, observation_use, title_sentences
 from spinfilters.state.block import StateBlock
 from spinfilters.state.blocks import BLOCKS
@@ -21,34 +23,6 @@ BOUND_CAPTION = (
     "BOUND: Cramer-Rao, the least standard deviation given all epochs; of what moves a smoother can reach it, a filter in its last "
     "epoch only."
 )
-DEGREE = float(np.deg2rad(1.0))
-
-
-@dataclass(frozen=True)
-class Column:
-    """What a column of the table is filled from.
-
-    Attributes
-    ----------
-    use, errors: over the epochs that all estimators have.   every: errors over all of this estimator's own, where these are more.
-    """
-
-    evaluation: Evaluation
-    use: ObservationUse | None
-    errors: SpanErrors | None
-    every: SpanErrors | None
-
-
-Cell = Callable[[Column], str | None]
-
-
-@dataclass(frozen=True)
-class Row:
-    """A row: its name, what an estimator's cell shows, and what the bound's does; None where there is nothing to show."""
-
-    name: str
-    cell: Cell
-    bound: Cell = lambda _: None
 
 
 @dataclass(frozen=True)
@@ -86,7 +60,11 @@ def comparison_cells(evaluations: Sequence[Evaluation], conditions: Sequence[str
         title=(*title_sentences(evaluations), *conditions),
         headings=(*headings, *([BOUND_COLUMN] if bounded else [])),
         sections=tuple(tuple(row for row in section if row is not None) for section in rows),
-        captions=(*epoch_sentences(evaluations), *([BOUND_CAPTION] if bounded else [])),
+        captions=(
+            *epoch_sentences(evaluations),
+            *([BOUND_CAPTION] if bounded else []),
+            *([PARTS_CAPTION] if any(e.history.calibration is not None for e in evaluations) else []),
+        ),
     )
 
 
@@ -165,6 +143,7 @@ def _moment_rows(name: str, index: int) -> tuple[Row, ...]:
     return (
         Row(name, _moment(index, 0)),
         Row("  standard deviation", _moment(index, 1)),
+        parts_row("    random / calibration", "principal_moments", component=index),
         _moment_error(index),
     )
 
@@ -281,6 +260,7 @@ SECTIONS: tuple[tuple[Row, ...], ...] = (
         *(row for block in BLOCKS.values() for row in _constant_rows(block)),
     ),
     tuple(_rms_row(f"{name} error [{unit}]", name, scale, _shared) for name, unit, scale in MOTIONS),
+    LATEST_ROWS,
     (
         Row("NEES per dof", _nees(_shared)),
         *(Row(f"  {block.label}", _nees(_shared, block.name)) for block in BLOCKS.values()),

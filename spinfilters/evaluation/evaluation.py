@@ -18,6 +18,7 @@ from spinfilters.evaluation.consistency import (
     nis_ratio,
     normalised_errors,
 )
+from spinfilters.evaluation.deviation_parts import DeviationPart, deviation_parts, without_calibration
 from spinfilters.evaluation.error_bound import ErrorBound
 from spinfilters.evaluation.errors import Alignment, BodyErrors, TruthErrors, body_errors, truth_errors
 from spinfilters.evaluation.reported_constants import ConstantEstimate, constant_estimates
@@ -74,10 +75,21 @@ class Evaluation:
         """Drag, gyro bias and the like after the last epoch, by the name of their block."""
         return constant_estimates(self.history.belief(-1))
 
+    @cached_property
+    def deviation_parts(self) -> dict[str, DeviationPart]:
+        """Standard deviations after the last epoch in parts, by quantity."""
+        return deviation_parts(self.history)
+
+    @property
+    def random_trajectory(self) -> Trajectory | None:
+        """The motion with the random part of its deviations alone; None where the calibration adds nothing."""
+        exact = self.history.calibration is None
+        return None if exact else trajectory_of(without_calibration(self.history))
+
     def with_fields(self, **changes: Any) -> "Evaluation":
         """With other errors; what has been made of the history stays."""
         changed = replace(self, **changes)
-        for name in ("body", "constants"):
+        for name in ("body", "constants", "deviation_parts"):
             if name in self.__dict__:
                 changed.__dict__[name] = self.__dict__[name]
         return changed
@@ -164,7 +176,7 @@ def _described(history: EstimateHistory) -> tuple[Evaluation, Trajectory]:
     except NUMERICAL_ERRORS as error:
         status = history.status.failed(f"the estimate could not be evaluated ({reason(error)})")
         mean, factor = np.full_like(history.mean, np.nan), np.full_like(history.factor, np.nan)
-        lost = replace(history, mean=mean, factor=factor, status=status)
+        lost = replace(history, mean=mean, factor=factor, status=status, calibration=None)
         return Evaluation(lost), trajectory_of(lost)
 
 

@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from spinfilters.attitude.conversions import continuous_quaternions, quaternion_from_matrix
 from spinfilters.data.atomic_write import make_folder, write_toml
+from spinfilters.data.consider_parameter import exact_calibration
 from spinfilters.data.dataset import DATASET_FILE
 from spinfilters.data.truth import Truth, write_truth
 from spinfilters.errors import InputError
@@ -106,4 +107,5 @@ def write_sequence(folder: Path, scans: list[Scan], truth: Truth, description: s
     for number, scan in enumerate(scans):
         write_scan(folder / SCAN_FOLDER / f"{number:0{digits}d}.ply", scan)
     write_truth(truth, folder)
-    write_toml(folder / DATASET_FILE, {"kind": kind, "description": description})
+    exact = exact_calibration(("lidar",))
+    write_toml(folder / DATASET_FILE, {"kind": kind, "description": description, "calibration": exact})

@@ -13,6 +13,9 @@ from spinfilters.attitude.expressions import Expression
 from spinfilters.state.layout import StateLayout
 from spinfilters.symbolic import Compiled, Vectorised, building
 
+ByError = Callable[[Expression, Expression, Expression], tuple[Expression, Expression]]
+"""Gives a measured value and the parameters of its measurement, were the calibration larger by an error."""
+
 
 class Linearisation(NamedTuple):
     """A sensor about a state, k values at once.
@@ -122,6 +125,41 @@ class MeasurementModel(ABC):
         innovation, jacobian, valid, log_noise = made
         jacobian = jacobian.reshape(*innovation.shape, len(self.columns))
         return Linearisation(innovation, jacobian, valid[:, 0] > 0, log_noise[:, 0])
+
+    def by_error(
+        self, moved: ByError, size: int, x: Float[np.ndarray, "k m"], parameters: Float[np.ndarray, "k p"]
+    ) -> Float[np.ndarray, "k r e"]:
+        """Derivative of the innovations of expected values by an error of the calibration."""
+        rows = self._by_error(moved, size)(x, parameters)[0]
+        return rows.reshape(len(x), self.dim, size)
+
+    def with_error(
+        self,
+        moved: ByError,
+        error: Float[np.ndarray, " e"],
+        values: Float[np.ndarray, "k v"],
+        parameters: Float[np.ndarray, "k p"],
+    ) -> tuple[Float[np.ndarray, "k v"], Float[np.ndarray, "k p"]]:
+        """Values and parameters of measurements, were the calibration larger by an error."""
+        _, p, z = self._symbols
+        e = ca.SX.sym("e", len(error))
+        function = ca.Function("with_error", [z, p, e], list(moved(z, p, e)))
+        changed, accompanying = Compiled.interpreted(function)(values, parameters, error)
+        return changed, accompanying
+
+    @cached_property
+    def _by_error(self) -> Callable[[ByError, int], Compiled]:
+        return cache(self._build_by_error)
+
+    @building()
+    def _build_by_error(self, moved: ByError, size: int) -> Compiled:
+        x, p, _ = self._symbols
+        e, state = ca.SX.sym("e", size), self.layout.unpack(x)
+        measured, parameters = moved(self.symbolic(state, p), p, e)
+        away = self.innovation(self.symbolic(state, parameters), measured)
+        jacobian = ca.substitute(ca.jacobian(away, e), e, ca.SX.zeros(size))
+        function = ca.Function(f"{self.name.replace('-', '_')}_by_error", [x, p], [row_by_row(jacobian)])
+        return Compiled.interpreted(function)
 
     @cached_property
     def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:

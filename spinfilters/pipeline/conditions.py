@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from spinfilters.data.consider_parameter import ConsideredDeviation
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.data.sensor_format import sensor_format
 from spinfilters.estimators.identification.components import VarianceComponent
@@ -15,7 +16,7 @@ from spinfilters.sensors.registry import sensor_of
 
 STATED, IDENTIFIED, PRIOR = "stated", "identified", "prior"
 FORCE_UNIT, TORQUE_UNIT = "(m/s^2)^2/Hz", "(rad/s^2)^2/Hz"
-MOST_LINES, LONGEST = 4, 200
+MOST_LINES, LONGEST = 5, 240
 """Of sentences that are read from a file."""
 
 
@@ -75,7 +76,7 @@ class Conditions:
     ----------
     map: "known" or "unknown", None where no landmark is seen.   landmarks: of a known map.
     sensors, disturbances: their noise.   seed: of a simulated data set.
-    contradictions: sentences on how the truth contradicts itself.
+    contradictions: sentences on how the truth contradicts itself.   calibration: deviations that are considered.
     """
 
     map: str | None
@@ -84,6 +85,7 @@ class Conditions:
     disturbances: tuple[StatedNoise, ...]
     seed: int | None
     contradictions: tuple[str, ...] = ()
+    calibration: tuple[ConsideredDeviation, ...] = ()
 
     @property
     def sentences(self) -> list[str]:
@@ -92,7 +94,9 @@ class Conditions:
         first = [] if self.map is None else [f"Map {self.map}{known}."]
         first += [] if self.seed is None else [f"Seed {self.seed}."]
         noise = f"Noise: {_listed(self.sensors)}; disturbances: {_listed(self.disturbances)}."
-        return [*([" ".join(first)] if first else []), noise, *self.contradictions]
+        counted = [_counted(each) for each in self.calibration if each.std > 0]
+        calibration = [f"Deviations count errors of {', '.join(counted)}."] if counted else []
+        return [*([" ".join(first)] if first else []), noise, *calibration, *self.contradictions]
 
     @property
     def document(self) -> dict[str, Any]:
@@ -103,6 +107,10 @@ class Conditions:
             "landmarks_known": self.landmarks,
             "seed": self.seed,
             "noise": {each.name: each.document for each in noise},
+            "calibration": {
+                each.parameter.name: {"value": each.std, "unit": each.parameter.unit, "source": each.source}
+                for each in self.calibration
+            },
             "truth_contradictions": list(self.contradictions),
             "sentences": self.sentences,
         }
@@ -122,6 +130,7 @@ def conditions_of(setup: Setup) -> Conditions:
         tuple(_disturbances(setup)),
         seed if isinstance(seed, int) and not isinstance(seed, bool) else None,
         () if dataset.truth is None else tuple(contradictions(dataset.truth)),
+        setup.calibration,
     )
 
 
@@ -173,6 +182,13 @@ def _identified_options(setup: Setup) -> set[str | None]:
 def _median_std(covariance: np.ndarray) -> float:
     """Median over all rows of the standard deviation along an axis."""
     return float(np.sqrt(np.median(np.einsum("nii->ni", covariance))))
+
+
+def _counted(considered: ConsideredDeviation) -> str:
+    """Name and deviation of a parameter in words."""
+    parameter, std = considered.parameter, considered.std
+    size = f"{100 * std:.2g} %" if parameter.unit == "1" else f"{std:.2g} {parameter.unit}"
+    return f"{parameter.words} {size}{' (assumed)' if considered.source == PRIOR else ''}"
 
 
 def _listed(noise: tuple[StatedNoise, ...]) -> str:

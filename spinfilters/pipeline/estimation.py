@@ -14,6 +14,7 @@ from spinfilters.estimators.run import NO_EPOCH_LEFT, rehearse, run
 from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
+from spinfilters.pipeline.calibration_errors import CalibrationErrors
 from spinfilters.pipeline.diagnostics import with_verdict
 from spinfilters.pipeline.doubts import doubts_of
 from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries
@@ -102,16 +103,20 @@ def compare_estimators(
     maps: dict[str, np.ndarray] = {}
     interrupted = False
     _check(settings, setup)
-    entries = estimator_entries()
+    entries, calibration = estimator_entries(), CalibrationErrors(setup, settings)
     try:
         for name in settings.estimators:
             with np.errstate(all="ignore"):  # what is not finite becomes a status
                 history, points = _estimated(
                     entries[name], setup, settings, _Company(progress, store_of, extent.rehearsing)
                 )
+            interrupted = _is_cut_short(history, len(setup.timeline))
+            try:
+                history = history if interrupted else calibration.counted(history, entries[name])
+            except KeyboardInterrupt:
+                interrupted = True
             evaluations.append(_evaluated(history, setup))
             maps |= _maps(name, points)
-            interrupted = _is_cut_short(history, len(setup.timeline))
             if interrupted:
                 break
     except KeyboardInterrupt:

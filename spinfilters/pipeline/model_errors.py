@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from spinfilters.data.sensor_format import sensor_format
 from spinfilters.errors import NUMERICAL_ERRORS
@@ -27,7 +27,7 @@ from spinfilters.estimators.smoothing.factors.landmark_observations import OBSER
 from spinfilters.estimators.smoothing.problem.landmark_reinitialisation import reinitialised
 from spinfilters.estimators.smoothing.problem.least_squares import Problem, problem_of
 from spinfilters.estimators.smoothing.solver.annealing import GATE
-from spinfilters.estimators.timeline import times_of
+from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.state.status import Verdict
 
@@ -93,8 +93,9 @@ def _tested(
     setup: "Setup", trajectory: Float[np.ndarray, "k m"], errors: Iterable[Alternative]
 ) -> TestedModels:
     """Tests at the noise levels of the setup; where residuals contradict these, at those that the data would have, too."""
-    problem, time = _problem(setup, len(trajectory)), times_of(setup.timeline[: len(trajectory)])
-    solved = solved_near(problem, trajectory, _placed(problem, trajectory))
+    epochs = setup.timeline[: len(trajectory)]
+    problem, time = linear_problem(setup, epochs), times_of(epochs)
+    solved = solved_near(problem, trajectory, landmarks_placed(problem, trajectory))
     if solved is None:
         return TestedModels()
     model, every = _noise_model(setup, problem), tuple(errors)
@@ -130,13 +131,14 @@ def _smoothed_trajectory(
     return best.mean[:most]
 
 
-def _problem(setup: "Setup", count: int) -> Problem:
-    epochs = setup.timeline[:count]
-    ids = np.unique(seen_ids(epochs)) if setup.initial.has_landmarks else np.zeros(0, dtype=int)
+def linear_problem(setup: "Setup", epochs: Timeline, ids: Int[np.ndarray, " L"] | None = None) -> Problem:
+    """The smoothing problem of some epochs, the first among them, with landmarks of these ids, or of all where none are given."""
+    if ids is None:
+        ids = np.unique(seen_ids(epochs)) if setup.initial.has_landmarks else np.zeros(0, dtype=int)
     return problem_of(setup.process, epochs, ids, setup.initial.prior, OBSERVATIONS_NEEDED)
 
 
-def _placed(problem: Problem, trajectory: Float[np.ndarray, "k m"]) -> Float[np.ndarray, "L 3"]:
+def landmarks_placed(problem: Problem, trajectory: Float[np.ndarray, "k m"]) -> Float[np.ndarray, "L 3"]:
     """Landmarks where most of their observations from a trajectory agree, m, frame g."""
     observations = problem.observations
     if observations is None:

@@ -12,6 +12,7 @@ from spinfilters.estimators.identification.residuals import residuals_of
 from spinfilters.estimators.identification.working_solutions import WorkingSolutions
 from spinfilters.estimators.smoothing.problem.least_squares import Stage, problem_of
 from spinfilters.estimators.smoothing.solver.batch_smoother import NO_LANDMARKS, NO_POINTS
+from spinfilters.evaluation.deviation_parts import without_calibration
 from spinfilters.evaluation.noise_tests import MEASUREMENTS, FilterTests, NoiseTest, filter_tests
 from spinfilters.pipeline.setup import Setup
 from spinfilters.settings.run_settings import Settings
@@ -36,7 +37,7 @@ def filter_noise_diagnostics(history: EstimateHistory, setup: Setup, settings: S
         return []
     with np.errstate(all="ignore"):
         try:
-            found = filter_tests(history, setup.process)
+            found = filter_tests(without_calibration(history), setup.process)
         except NUMERICAL_ERRORS:
             return []
     tests = {DENSITY_OF.get(name, name): test for name, test in found.noise.items()}

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinfilters.data.consider_parameter import ConsideredDeviation
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.input_file import reason
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
@@ -20,6 +21,7 @@ from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, b
 from spinfilters.geometry.camera_trajectory import CameraTrajectory
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.pipeline.acceleration import with_acceleration_if_told
+from spinfilters.pipeline.considered_calibration import considered_deviations
 from spinfilters.pipeline.gyro_noise import FIRST_SCALE, GyroNoise, identify_gyro_noise, white_level
 from spinfilters.pipeline.identified_noise import NoisyModels, Unstated, with_identified_noise
 from spinfilters.pipeline.initialisation_length import Make, long_enough_initialisation
@@ -61,6 +63,7 @@ class Setup:
         states.
     unstated: names of all noise that nobody states.   sought: what of it is identified, by sensor.
     is_given: whether the initialisation was not made from the data, as in studies of filters alone.
+    calibration: deviations of the calibration that are considered.
     """
 
     dataset: Dataset
@@ -75,6 +78,7 @@ class Setup:
     unstated: frozenset[str] = frozenset()
     sought: Unstated = NOTHING_SOUGHT
     is_given: bool = False
+    calibration: tuple[ConsideredDeviation, ...] = ()
 
     @property
     def end_of_initialisation(self) -> float:
@@ -164,18 +168,11 @@ def _setup(dataset: Dataset, settings: Settings, initial: Given | None) -> Setup
         points = start.points
     belief = start.joint_belief(settings.landmarks)
     return Setup(
-        dataset,
-        made.process,
-        made.timeline,
-        made.noise,
-        start,
-        belief,
-        points,
-        gyro_noise,
-        components,
+        *(dataset, made.process, made.timeline, made.noise, start, belief, points, gyro_noise, components),
         unstated_names(dataset, settings),
         NOTHING_SOUGHT if initial is not None else silent,
         initial is not None,
+        considered_deviations(dataset, settings, layout),
     )
 
 

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.trajectory import Trajectory
 from spinfilters.plots.style import (
     SIGMAS,
     EstimatorLine,
@@ -16,6 +17,7 @@ from spinfilters.plots.style import (
     half_width,
     legend_below,
     mark_start,
+    random_handle,
     start_handle,
     tidy,
 )
@@ -32,6 +34,8 @@ class _Row:
     values: Float[np.ndarray, "n 3"]
     std: Float[np.ndarray, "n 3"]
     about_zero: bool
+    random: Float[np.ndarray, "n 3"] | None = None
+    """Part of the standard deviations that is chance; None where that is all."""
 
 
 def error_bands_figure(evaluation: Evaluation) -> Figure:
@@ -39,7 +43,7 @@ def error_bands_figure(evaluation: Evaluation) -> Figure:
 
     Without a truth the estimates themselves, with the attitude's uncertainty about zero.
     """
-    rows = _error_rows(evaluation) if evaluation.errors is not None else _estimate_rows(evaluation)
+    rows = _rows(evaluation)
     time = evaluation.history.time if evaluation.errors is None else evaluation.errors.time
     end_of_initialisation = evaluation.history.initialisation_end
     figure = Figure(figsize=(11.0, 1.0 + 1.95 * len(rows)), layout="constrained")
@@ -58,14 +62,26 @@ def error_bands_figure(evaluation: Evaluation) -> Figure:
         fontsize="large",
     )
     band = Patch(color=line.color, alpha=0.2, label=f"±{SIGMAS:g} σ of the estimator")
-    legend_below(figure, [line.handle, band, *start_handle(end_of_initialisation)])
+    parts = [] if rows[0].random is None else [random_handle()]
+    legend_below(figure, [line.handle, band, *parts, *start_handle(end_of_initialisation)])
     return figure
+
+
+def _rows(evaluation: Evaluation) -> list[_Row]:
+    """With the random part of their deviations where the calibration adds to it."""
+    build = _estimate_rows if evaluation.errors is None else _error_rows
+    rows, chance = build(evaluation, evaluation.trajectory), evaluation.random_trajectory
+    if chance is None:
+        return rows
+    return [replace(row, random=part.std) for row, part in zip(rows, build(evaluation, chance), strict=True)]
 
 
 def _panel(axes: Axes, time: np.ndarray, row: _Row, axis: int, line: EstimatorLine) -> None:
     value, band = row.values[:, axis], SIGMAS * row.std[:, axis]
     centre = np.zeros_like(value) if row.about_zero else value
     line.fill(axes, time, centre, band)
+    if row.random is not None:
+        line.edge(axes, time, centre, SIGMAS * row.random[:, axis])
     if value.any():
         line.draw(axes, time, value)
     if row.about_zero:
@@ -96,8 +112,8 @@ def _inside(rows: list[_Row], own: Bool[np.ndarray, " n"]) -> str:
     return f", {100 * share:.1f} % inside in its own {np.count_nonzero(own)} epochs (99.7 % expected)"
 
 
-def _error_rows(evaluation: Evaluation) -> list[_Row]:
-    errors, trajectory = evaluation.errors, evaluation.trajectory
+def _error_rows(evaluation: Evaluation, trajectory: Trajectory) -> list[_Row]:
+    errors = evaluation.errors
     assert errors is not None
     i_axes, g_axes = _names("i"), _names("g")
     kept = errors.rows
@@ -114,8 +130,7 @@ def _error_rows(evaluation: Evaluation) -> list[_Row]:
     ]
 
 
-def _estimate_rows(evaluation: Evaluation) -> list[_Row]:
-    trajectory = evaluation.trajectory
+def _estimate_rows(_: Evaluation, trajectory: Trajectory) -> list[_Row]:
     i_axes, nothing = _names("i"), np.zeros((len(trajectory.time), 3))
     attitude = _Row("attitude ± [deg]", _names("g"), nothing, DEGREES * trajectory.std_attitude, True)
     rate = _Row("rate [deg/s]", i_axes, DEGREES * trajectory.rate_i, DEGREES * trajectory.std_rate, False)

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from spinfilters.evaluation.body import BodyHistory, body_history
+from spinfilters.evaluation.deviation_parts import without_calibration
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.evaluation.formatting import with_uncertainty
 from spinfilters.evaluation.span import initialisation_end
@@ -22,6 +23,7 @@ from spinfilters.plots.style import (
     legend_below,
     mark_start,
     plot_truth,
+    random_handle,
     start_handle,
     tidy,
     truth_handle,
@@ -38,11 +40,16 @@ def inertia_figure(
     figure = Figure(figsize=(10.0, 6.4), layout="constrained")
     panels = figure.subplots(2, 1, sharex=True)
     lines = estimator_lines([evaluation.name for evaluation in evaluations])
-    histories = [body_history(evaluation.history.thinned(MOST_DRAWN)) for evaluation in evaluations]
+    drawn = [evaluation.history.thinned(MOST_DRAWN) for evaluation in evaluations]
+    histories = [body_history(history) for history in drawn]
+    random = [None if h.calibration is None else body_history(without_calibration(h)) for h in drawn]
     time, end_of_initialisation = histories[0].time, initialisation_end(evaluations)
     for index, axes in enumerate(panels):
-        for bodies, line in zip(histories, lines, strict=True):
+        for bodies, chance, line in zip(histories, random, lines, strict=True):
             _ratio(axes, bodies, index, line)
+            if chance is not None:
+                half = SIGMAS * chance.principal_moments_std[:, index]
+                line.edge(axes, chance.time, chance.principal_moments[:, index], half)
         if true_moments is not None:
             value = np.sort(true_moments)[index] / np.max(true_moments)
             plot_truth(axes, time[[0, -1]], np.array([value, value]))
@@ -55,7 +62,8 @@ def inertia_figure(
     handles = [line.handle for line in lines]
     truth = [] if true_moments is None else [truth_handle()]
     band = Patch(color=GREY, alpha=0.3, label=f"±{SIGMAS:g} σ")
-    legend_below(figure, [*handles, band, *truth, *start_handle(end_of_initialisation)])
+    parts = [random_handle()] if any(each is not None for each in random) else []
+    legend_below(figure, [*handles, band, *parts, *truth, *start_handle(end_of_initialisation)])
     return figure
 
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -50,6 +50,9 @@ _DPI = 150
 _LETTER_INCHES, _HANDLE_INCHES = 0.078, 0.75  # of a legend's entries at the default font size
 
 
+_RANDOM: Final[dict[str, Any]] = {"linewidth": 0.7, "linestyle": ":"}
+
+
 @dataclass(frozen=True)
 class EstimatorLine:
     """How one estimator is drawn in every panel of a figure."""
@@ -67,6 +70,12 @@ class EstimatorLine:
     def fill(self, axes: Axes, time: np.ndarray, centre: np.ndarray, half: np.ndarray) -> None:
         """A translucent band."""
         fill_band(axes, time, centre, half, self.color)
+
+    def edge(self, axes: Axes, time: np.ndarray, centre: np.ndarray, half: np.ndarray) -> None:
+        """Edges of a band without errors of the calibration."""
+        for curve in (centre - half, centre + half):
+            rows = extremes(curve)
+            axes.plot(time[rows], curve[rows], color=self.color, **_RANDOM)
 
     @property
     def handle(self) -> Line2D:
@@ -119,6 +128,11 @@ def mark_start(axes: Axes, first: float, end_of_initialisation: float | None) ->
 def start_handle(end_of_initialisation: float | None) -> list[Artist]:
     """Legend entry of `mark_start`, none when there is no initialisation."""
     return [] if end_of_initialisation is None else [Patch(color=BLACK, alpha=0.1, label=INITIALISATION)]
+
+
+def random_handle() -> Line2D:
+    """Legend entry of `EstimatorLine.edge`."""
+    return Line2D([], [], color=BLACK, label="the same without errors of the calibration", **_RANDOM)
 
 
 def truth_handle(label: str = "truth") -> Line2D:

@@ -5,7 +5,7 @@ from pathlib import Path
 from zipfile import ZIP_DEFLATED
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from spinfilters.errors import ShapeError
 from spinfilters.estimators.history import EPOCH_ARRAYS, EstimateHistory, checked_epochs
@@ -13,8 +13,8 @@ from spinfilters.runs.npz_file import DAMAGED, read_arrays, unusable, write_arra
 from spinfilters.state.layout import StateLayout
 from spinfilters.state.status import EstimatorStatus, Verdict
 
-INITIALISATION, OBSERVATIONS = "initialisation", "observations"
-"""Keys that files of older versions do not have."""
+INITIALISATION, OBSERVATIONS, CALIBRATION = "initialisation", "observations", "calibration"
+"""Keys that files of older versions do not have, and the last not those of an exact calibration."""
 
 
 def write_history(path: Path, history: EstimateHistory) -> None:
@@ -29,6 +29,8 @@ def write_history(path: Path, history: EstimateHistory) -> None:
     epochs = {INITIALISATION: np.array(history.initialisation)}
     if history.observations is not None:
         epochs[OBSERVATIONS] = history.observations
+    if history.calibration is not None:
+        epochs[CALIBRATION] = history.calibration
     write_arrays(path, {**arrays, **epochs, **words}, ZIP_DEFLATED)
 
 
@@ -51,6 +53,7 @@ def read_history(path: Path, cure: str = "make the run again") -> EstimateHistor
         if not (np.isfinite(numbers["time"]).all() and (np.diff(numbers["time"]) > 0).all()):
             raise ValueError("its time does not run forwards")
         initialisation, observations = _initialisation(arrays, numbers), _observations(arrays, numbers)
+        calibration = _calibration(arrays, numbers)
     except DAMAGED as error:
         raise unusable(path, "history of a run", error, cure) from None
     return EstimateHistory(
@@ -60,6 +63,7 @@ def read_history(path: Path, cure: str = "make the run again") -> EstimateHistor
         initialisation=initialisation,
         observations=observations,
         noise=(),
+        calibration=calibration,
         **numbers,
     )
 
@@ -87,4 +91,16 @@ def _observations(
         raise ShapeError(
             f"{OBSERVATIONS} is {told.dtype} of shape {told.shape}, expected a whole number per epoch"
         )
+    return told
+
+
+def _calibration(
+    arrays: Mapping[str, np.ndarray], numbers: Mapping[str, np.ndarray]
+) -> Float[np.ndarray, "n e c"] | None:
+    """Errors by those of the calibration; None where the file does not tell. Raises ShapeError."""
+    told = arrays.get(CALIBRATION)
+    if told is None:
+        return None
+    if told.ndim != 3 or told.shape[:2] != numbers["factor"].shape[:2] or told.dtype.kind != "f":
+        raise ShapeError(f"{CALIBRATION} is {told.dtype} of shape {told.shape}, expected a matrix per epoch")
     return told

@@ -56,7 +56,7 @@ _UNFINISHED = re.compile(r"\.[0-9a-f]{16}\.part")
 """Names of what was being written when a run was killed (`spinfilters.data.atomic_write`)."""
 
 DECISIVE = ("kind", "log", "truth", "rig", "known_map", "inspector")
-"""Parts of a data set that decide the numbers of a run, with the noise among its options."""
+"""Parts of a data set that decide the numbers of a run, with noise and calibration among its options."""
 
 
 def open_run_folder(folder: Path) -> None:

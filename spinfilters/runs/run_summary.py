@@ -155,6 +155,7 @@ def _estimator(evaluation: Evaluation, shared: float) -> dict[str, Any]:
         "k2": body.k2,
         "k2_std": body.k2_std,
         **constant_numbers(evaluation.constants),
+        "deviation_parts": {name: part.document for name, part in evaluation.deviation_parts.items()},
         "nis_per_dof": evaluation.nis_ratio,
         "errors": errors if evaluation.errors is not None else None,
     }

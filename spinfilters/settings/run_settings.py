@@ -18,6 +18,7 @@ from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.estimators.robust.outlier_rejection import RobustOptions
 from spinfilters.models.process import ProcessNoise
 from spinfilters.pipeline.estimator_entry import estimator_names
+from spinfilters.settings.calibration_settings import CalibrationSettings
 from spinfilters.settings.former_keys import with_present_keys
 from spinfilters.settings.sensor_settings import AUTO, Auto, SensorSettings
 from spinfilters.settings.smoother_settings import SmootherSettings
@@ -80,6 +81,7 @@ class Settings:
     estimators: tuple[str, ...] = DEFAULT_ESTIMATORS
     process: ProcessSettings = field(default_factory=ProcessSettings)
     sensors: SensorSettings = field(default_factory=SensorSettings)
+    calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
     initialisation: InitialisationOptions = field(default_factory=InitialisationOptions)
     ukf: SigmaPointOptions = field(default_factory=SigmaPointOptions)
     landmarks: LandmarkOptions = field(default_factory=LandmarkOptions)

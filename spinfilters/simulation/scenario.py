@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from spinfilters.attitude.conversions import matrix_from_quaternion, quaternion_from_euler321
 from spinfilters.conventions import RPM
+from spinfilters.data.consider_parameter import exact_calibration
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_options import DatasetOptions
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
@@ -289,7 +290,8 @@ def _truth(scenario: Scenario, motion: Motion) -> Truth:
 
 
 def _options(scenario: Scenario, sensor_noise: Mapping[str, float]) -> DatasetOptions:
-    """Noise of the sensor and of the motion; what is zero is none to state."""
+    """Noise of the sensor and of the motion, what is zero is none to state; a calibration without error."""
     motion = {"force_psd": scenario.noise.force_psd, "torque_psd": scenario.noise.torque_psd}
     stated = {name: value for name, value in {**motion, **sensor_noise}.items() if value > 0}
-    return replace(DatasetOptions(notes={"seed": scenario.seed}), **stated)
+    exact = exact_calibration(dataset_kinds()[kind].name for kind in scenario.kinds)
+    return replace(DatasetOptions(notes={"seed": scenario.seed}, calibration=exact), **stated)

@@ -120,11 +120,16 @@ def raw_camera(path: Path, told: SensorFile) -> RawCamera:
     )
 
 
-def write_raw_rig(rig: RawRig, folder: Path) -> None:
-    """Write both `sensor.yaml` files below the folder. Atomic each."""
-    for camera, file in zip((rig.left, rig.right), RIG_FILES, strict=True):
+def write_raw_rig(rig: RawRig, folder: Path, deviations: tuple[str, str] = ("", "")) -> None:
+    """Write both `sensor.yaml` files below the folder. Atomic each.
+
+    Parameters
+    ----------
+    deviations: lines of `deviations_text` for each camera.
+    """
+    for camera, file, stated in zip((rig.left, rig.right), RIG_FILES, deviations, strict=True):
         make_folder((folder / file).parent)
-        write_text(folder / file, camera_text(camera))
+        write_text(folder / file, camera_text(camera) + stated)
 
 
 def camera_text(camera: RawCamera) -> str:

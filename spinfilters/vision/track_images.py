@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from spinfilters.data.calibration_deviations import with_told_deviations
 from spinfilters.data.dataset import DATASET_FILE, Dataset
+from spinfilters.data.dataset_options import DatasetOptions, options_from_toml
 from spinfilters.data.input_file import path_text, printable
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.data.settings_files import read_toml
@@ -147,9 +149,11 @@ def _rectification(folder: Path) -> Rectification:
 
 
 def _dataset(folder: Path, rectification: Rectification, stream: MeasurementStream) -> Dataset:
-    path, description = folder / DATASET_FILE, ""
+    path, description, options = folder / DATASET_FILE, "", DatasetOptions()
     if os.path.lexists(path):
-        description = printable(str(read_toml(path).get("description", "")))
+        document = read_toml(path)
+        description = printable(str(document.get("description", "")))
+        options = options_from_toml(path, {key: document[key] for key in ("calibration",) if key in document})
     truth = read_truth(folder)
     return Dataset(
         kind="stereo-tracks",
@@ -158,4 +162,5 @@ def _dataset(folder: Path, rectification: Rectification, stream: MeasurementStre
         description=f"tracks of {description or printable(folder.name)}",
         truth=None if truth is None else rectification.truth(truth),
         rig=rectification.stereo,
+        options=with_told_deviations(options, folder),
     )

@@ -25,8 +25,8 @@ def smoothed(kind: str) -> SmoothedMotion:
     dataset = without_map(dataset) if dataset.known_map is not None else dataset
     settings = Settings(process={"gravity": False}, initialisation={"share": 1.0})  # pyright: ignore[reportArgumentType]
     setup = prepare(dataset, settings)
-    problem = model_errors._problem(setup, len(setup.initial.mean))  # pyright: ignore[reportPrivateUsage]
-    points = model_errors._placed(problem, setup.initial.mean)  # pyright: ignore[reportPrivateUsage]
+    problem = model_errors.linear_problem(setup, setup.timeline[: len(setup.initial.mean)])
+    points = model_errors.landmarks_placed(problem, setup.initial.mean)
     rows = solved_near(problem, setup.initial.mean, points)
     assert rows is not None
     return SmoothedMotion(times_of(setup.timeline[: len(setup.initial.mean)]), rows)

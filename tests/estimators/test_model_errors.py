@@ -47,8 +47,8 @@ def smoothed(kind: str) -> SmoothedMotion:
     """About the most probable motion."""
     setup = prepared(kind)
     trajectory = setup.initial.mean
-    problem = model_errors._problem(setup, len(trajectory))  # pyright: ignore[reportPrivateUsage]
-    placed = model_errors._placed(problem, trajectory)  # pyright: ignore[reportPrivateUsage]
+    problem = model_errors.linear_problem(setup, setup.timeline[: len(trajectory)])
+    placed = model_errors.landmarks_placed(problem, trajectory)
     rows = solved_near(problem, trajectory, placed)
     assert rows is not None
     return SmoothedMotion(times_of(setup.timeline[: len(trajectory)]), rows)
@@ -169,7 +169,7 @@ def test_the_likelihood_is_greatest_near_the_true_noise() -> None:
     setup = prepared("pose")
     trajectory, found = setup.initial.mean, []
     for factor in (0.2, 1.0, 5.0):
-        problem = model_errors._problem(setup, len(trajectory))  # pyright: ignore[reportPrivateUsage]
+        problem = model_errors.linear_problem(setup, setup.timeline[: len(trajectory)])
         sensors = tuple(replace(each, scale=np.full(6, factor)) for each in problem.motion.sensors)
         other = replace(problem, motion=replace(problem.motion, sensors=sensors))
         solved = solve(other, other.at(trajectory, np.zeros((0, 3))), SolverOptions())

@@ -7,6 +7,7 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 import pytest
 
 from spinfilters.data.atomic_write import write_toml
+from spinfilters.data.consider_parameter import consider_parameters
 from spinfilters.data.number_range import NumberRange
 from spinfilters.errors import InputError
 from spinfilters.estimators.initialisation.options import InitialisationOptions
@@ -40,6 +41,7 @@ OTHER_NAMES = {
     "shape": 1.0,
     "tolerance": 1e-3,
     "gravity": False,
+    **dict.fromkeys(consider_parameters(), 0.05),
 }
 """Of settings that cannot take one more than their default."""
 

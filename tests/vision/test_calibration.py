@@ -11,14 +11,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from spinfilters.api.image_recordings import example_rig
+from spinfilters.cli.calibrate import stated_deviations
 from spinfilters.cli.main import main
+from spinfilters.data.calibration_deviations import told_deviations
 from spinfilters.data.sensor_yaml import read_sensor_file
 from spinfilters.errors import InputError
 from spinfilters.vision.calibration_check import checks, measured_board
 from spinfilters.vision.calibration_images import Board, BoardView, board_views, image_pairs
 from spinfilters.vision.disparity import disparity_map, with_occlusions
 from spinfilters.vision.loss_count import LossCount
-from spinfilters.vision.raw_rig import RawRig, camera_text, raw_camera, read_raw_rig
+from spinfilters.vision.raw_rig import RawRig, camera_text, raw_camera, read_raw_rig, write_raw_rig
 from spinfilters.vision.stereo_calibration import StereoCalibration, calibrate_stereo
 
 BOARD, SIZE = Board(7, 5, 0.03), (640, 480)
@@ -159,6 +161,15 @@ def test_images_without_a_board_are_counted_and_refused(tmp_path: Path) -> None:
         board_views(image_pairs(tmp_path), Board(7, 5, 0.03), losses)
     assert losses.lost["board images", "without the board"] == 4
     shutil.rmtree(tmp_path)
+
+
+def test_the_files_of_a_calibration_tell_its_deviations(exact: StereoCalibration, tmp_path: Path) -> None:
+    write_raw_rig(exact.rig, tmp_path, stated_deviations(exact))
+    found, baseline = told_deviations(tmp_path), np.linalg.norm(exact.rig.relative_position)
+    assert found["baseline_std"] == pytest.approx(exact.baseline_std / baseline)
+    ratios = [each.std["fx"] / each.K[0, 0] for each in exact.cameras]
+    assert max(ratios) <= found["focal_std"] < 2 * max(ratios)
+    np.testing.assert_array_equal(read_raw_rig(tmp_path).left.intrinsics, exact.rig.left.intrinsics)
 
 
 def test_rig_answers_as_the_thesis_does(capsys: pytest.CaptureFixture[str]) -> None:

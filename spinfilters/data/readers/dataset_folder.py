@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from spinfilters.data.calibration_deviations import with_told_deviations
 from spinfilters.data.covariance_files import with_covariance
 from spinfilters.data.dataset import DATASET_FILE, LANDMARK_FILE, Dataset, calibrations_of
 from spinfilters.data.dataset_options import DatasetOptions, options_from_toml
@@ -61,7 +62,7 @@ def _read_folder(folder: Path) -> Dataset:
         raise InputError(
             f"{path_text(path)}: kind is {value_text(kind)}, expected one of {', '.join(kinds)}; correct it"
         )
-    log = _read_log(folder, kinds[kind])
+    log, options = _read_log(folder, kinds[kind]), options_from_toml(path, document)
     landmarks, cameras = folder / LANDMARK_FILE, calibrations_of(log)
     return Dataset(
         kind=kind,
@@ -72,7 +73,7 @@ def _read_folder(folder: Path) -> Dataset:
         rig=cameras[0].read(folder) if cameras else None,
         known_map=read_landmarks(landmarks) if os.path.lexists(landmarks) else None,
         inspector=read_inspector(folder, log),
-        options=options_from_toml(path, document),
+        options=with_told_deviations(options, folder) if cameras else options,
     )
 
 
@@ -90,7 +91,7 @@ def _read_raw(folder: Path, reader: RawDataReader, description: str, options: Da
         truth=truth,
         rig=cameras[0].read(folder) if cameras else None,
         inspector=read_inspector(folder, log) if cameras else None,
-        options=options,
+        options=with_told_deviations(options, folder) if cameras else options,
     )
 
 

@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.estimators.filters.square_root_update import triangular_factor
+from spinfilters.estimators.filters.square_root_update import lower_roots
 from spinfilters.estimators.identification.components import VarianceComponent
 from spinfilters.estimators.identification.noise_model import NoiseModel
 from spinfilters.estimators.identification.residuals import Residuals, residuals_of
@@ -77,8 +77,7 @@ class Identified:
         if not np.isfinite(factors).all():
             return factors
         spread = np.einsum("ckn,cd->knd", self.sensitivity, _symmetric_sqrt(self.covariance))
-        both = np.concatenate([factors, spread], axis=2)
-        return np.array([triangular_factor(each.T) for each in both])
+        return lower_roots(np.concatenate([factors, spread], axis=2))
 
 
 def identify(

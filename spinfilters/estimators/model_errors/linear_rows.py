@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 from scipy.linalg import solve_triangular
 from scipy.sparse import csr_array
 
+from spinfilters.estimators.model_errors.solved_columns import Gradient, HalfSolved, Sensitivity, flat
 from spinfilters.estimators.smoothing.factors.motion_factors import SensorRows, prior_rows
 from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
 from spinfilters.estimators.smoothing.problem.least_squares import (
@@ -50,9 +51,13 @@ class Columns:
     def gram(self, other: "Columns") -> Float[np.ndarray, "m o"]:
         """Products of columns, summed over all rows."""
         return sum(
-            (_flat(a).T @ _flat(b) for a, b in zip(self.parts, other.parts, strict=True)),
+            (flat(a).T @ flat(b) for a, b in zip(self.parts, other.parts, strict=True)),
             np.zeros((self.count, other.count)),
         )
+
+    def scaled(self, factor: float) -> "Columns":
+        """All columns times a number."""
+        return self.times(factor * np.eye(self.count))
 
     def times(self, coefficients: Float[np.ndarray, "m o"]) -> "Columns":
         """Combinations of the columns."""
@@ -94,34 +99,6 @@ def summed(
     rows = len(index)
     which = csr_array((np.ones(rows), index, np.arange(rows + 1)), shape=(rows, count)).T
     return (which @ part.reshape(rows, -1)).reshape(count, *part.shape[1:])
-
-
-def _flat(part: Float[np.ndarray, "a b m"]) -> Float[np.ndarray, "c m"]:
-    return part.reshape(-1, part.shape[2])
-
-
-@dataclass(frozen=True)
-class Gradient:
-    """J'H: (k, d, m) of moving components, (c, m) of constants, (L, 3, m) of landmarks."""
-
-    moving: Float[np.ndarray, "k d m"]
-    constant: Float[np.ndarray, "c m"]
-    landmarks: Float[np.ndarray, "L 3 m"]
-
-
-@dataclass(frozen=True)
-class HalfSolved:
-    """A^-1 b with J'J = A A': (L, 3, m) of landmarks, (k, v, m) of chained errors, (n, m) of poses and constants."""
-
-    landmarks: Float[np.ndarray, "L 3 m"]
-    chained: Float[np.ndarray, "k v m"]
-    kept: Float[np.ndarray, "n m"]
-
-    @property
-    def gram(self) -> Float[np.ndarray, "m m"]:
-        """b'P b."""
-        parts = (_flat(self.landmarks), _flat(self.chained), self.kept)
-        return sum((part.T @ part for part in parts), np.zeros((self.kept.shape[1],) * 2))
 
 
 @dataclass(frozen=True)
@@ -167,6 +144,14 @@ class LinearRows:
         seen = None if self.observation_rows is None else np.zeros((len(self.observation_rows), 3, count))
         steps = np.zeros((*self.here.dynamics.rows.shape[:2], count))
         return Columns(sensors, steps, seen, np.zeros((len(self._prior_rows), count)))
+
+    def sensitivity(self, right: Columns) -> Sensitivity:
+        """P J'H: by how much the solution moves per unit of each right-hand side."""
+        ordering, solved = self.problem.ordering, self._solved(self._gradient(right))
+        states = np.empty((ordering.epochs, len(ordering.order), right.count))
+        states[:, ordering.moving] = solved.moving
+        states[:, ordering.constant] = solved.constant
+        return Sensitivity(states, solved.landmarks)
 
     def residual(self, right: Columns) -> Columns:
         """M H."""

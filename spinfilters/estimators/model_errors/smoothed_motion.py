@@ -2,17 +2,21 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
+import casadi as ca
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinfilters.attitude.conversions import matrix_from_quaternion
+from spinfilters.data.consider_parameter import ConsiderParameter
 from spinfilters.dynamics.mass_distribution import inertia_matrix
 from spinfilters.estimators.model_errors.linear_rows import Columns, LinearRows
 from spinfilters.models.measurement import MeasurementModel
-from spinfilters.state.blocks.rigid_body import ATTITUDE, CENTRE_OF_MASS, MASS_DISTRIBUTION, POSITION, RATE
+from spinfilters.models.process import derivative
+from spinfilters.state.blocks.rigid_body import ATTITUDE, MASS_DISTRIBUTION, POSITION, RATE
 from spinfilters.state.blocks.rigid_body import VELOCITY as CENTRE_VELOCITY
+from spinfilters.state.layout import StateLayout
+from spinfilters.symbolic import Compiled
 
 
 @dataclass(frozen=True)
@@ -35,14 +39,11 @@ class MeasuredRows:
     jacobian: Float[np.ndarray, "r i n"]
     whitening: Float[np.ndarray, "r i i"]
 
-    def by_calibration(self, parameter: int) -> Float[np.ndarray, "r v"]:
-        """Derivative of the predicted values by a parameter."""
-        step = 1e-4 * np.maximum(np.abs(self.parameters[:, parameter]), 1e-2)
-        moved = [self.parameters.copy() for _ in range(2)]
-        for sign, parameters in zip((1, -1), moved, strict=True):
-            parameters[:, parameter] += sign * step
-        ahead, behind = (self.model.predict(self.states, parameters) for parameters in moved)
-        return (ahead - behind) / (2 * step[:, None])
+    def by_calibration(self, parameter: ConsiderParameter) -> Float[np.ndarray, "r i e"] | None:
+        """Change of the innovations per unit of an error of the calibration; None of one that is not of this sensor."""
+        if parameter.moved is None or self.model.name not in parameter.sensors:
+            return None
+        return self.model.by_error(parameter.moved, parameter.size, self.states, self.parameters)
 
 
 Shift = Callable[[MeasuredRows], Float[np.ndarray, "r i m"] | None]
@@ -89,14 +90,12 @@ class SmoothedMotion:
     @cached_property
     def change(self) -> Float[np.ndarray, "k n"]:
         """Derivative of the state's error by time, components in the order of the layout, 1/s."""
-        layout, w = self.rows.problem.layout, self.rates
+        layout = self.rows.problem.layout
+        by_time = _derivative(layout)(self.rows.here.trajectory)[0]
         found = np.zeros((len(self.time), layout.error_dim))
-        found[:, layout.slice(ATTITUDE.name)] = w
-        found[:, layout.slice(RATE.name)] = self.rate_change
-        if self.translates:
-            arm = np.cross(w, self.block(CENTRE_OF_MASS.name))
-            turned = np.einsum("kij,kj->ki", matrix_from_quaternion(self.block(ATTITUDE.name)), arm)
-            found[:, layout.slice(POSITION.name)] = self.block(CENTRE_VELOCITY.name) - turned
+        found[:, layout.slice(ATTITUDE.name)] = self.rates
+        for name in (RATE.name, *((POSITION.name, CENTRE_VELOCITY.name) if self.translates else ())):
+            found[:, layout.slice(name)] = by_time[:, layout.mean_slice(name)]
         return found
 
     def disturbed(
@@ -108,14 +107,23 @@ class SmoothedMotion:
 
         Each step takes half of it before and half of it behind, which is enough for a direction to test.
         """
-        ordering, rows = self.rows.problem.ordering, self.rows.here.dynamics.rows
+        layout = self.rows.problem.layout
         given = [(RATE.name, angular), (CENTRE_VELOCITY.name, linear)]
         count = next(each.shape[2] for _, each in given if each is not None)
-        kicks = np.zeros((len(self.time), ordering.layout.error_dim, count))
+        kicks = np.zeros((len(self.time), layout.error_dim, count))
         for name, each in given:
             if each is not None:
-                kicks[:, ordering.layout.slice(name)] = each
-        kicks, d = kicks[:, ordering.moving], len(ordering.moving)
+                kicks[:, layout.slice(name)] = each
+        return self._driven(kicks)
+
+    def longer(self) -> Columns:
+        """Right-hand sides of taking all durations for longer, per unit of their relative error."""
+        return self._driven(-self.change[:, :, None])
+
+    def _driven(self, change: Float[np.ndarray, "k n m"]) -> Columns:
+        """Right-hand sides of changes of the state by time, components in the order of the layout, 1/s per unit."""
+        ordering, rows, count = self.rows.problem.ordering, self.rows.here.dynamics.rows, change.shape[2]
+        kicks, d = change[:, ordering.moving], len(ordering.moving)
         half = np.diff(self.time)[:, None, None] / 2
         steps = half * (rows[:, :, :d] @ kicks[:-1] - rows[:, :, d : 2 * d] @ kicks[1:])
         nothing = self.rows.nothing(count)
@@ -188,3 +196,10 @@ class SmoothedMotion:
                 MeasuredRows(group.model, None, group.rows, epoch, x, parameters, jacobian, whitening)
             )
         return found
+
+
+@cache
+def _derivative(layout: StateLayout) -> Compiled:
+    """Derivative of a state by time without noise; interpreted, for it is called a few times in a run."""
+    x = ca.SX.sym("x", layout.mean_dim)
+    return Compiled.interpreted(ca.Function("change", [x], [derivative(layout, x)]))

@@ -11,6 +11,7 @@ from jaxtyping import Float, UInt8
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.data.atomic_write import make_folder, write_bytes, write_text, write_toml
+from spinfilters.data.consider_parameter import exact_calibration
 from spinfilters.data.truth import Truth, write_truth
 from spinfilters.vision.raw_rig import RawCamera, RawRig, write_raw_rig
 from spinfilters.vision.rendering.body_view import Appearance, View, body_image
@@ -102,4 +103,9 @@ def write_sequence(
         progress(number + 1, len(stamps))
     write_raw_rig(stage.rig, folder)
     write_truth(truth, folder)
-    write_toml(folder / "dataset.toml", {"kind": "stereo-images", "description": description})
+    document = {
+        "kind": "stereo-images",
+        "description": description,
+        "calibration": exact_calibration(("stereo",)),
+    }
+    write_toml(folder / "dataset.toml", document)

@@ -1,15 +1,17 @@
 """Errors of cameras: their calibration, the right one of a pair, and the hand that holds them."""
 
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.data.consider_parameter import ConsiderParameter
 from spinfilters.estimators.model_errors.alternative import Alternative
 from spinfilters.estimators.model_errors.linear_rows import Columns
 from spinfilters.estimators.model_errors.smoothed_motion import MeasuredRows, SmoothedMotion
 from spinfilters.models.sensors.monocular_landmark import MonocularLandmark
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark
+from spinfilters.sensors.calibration import baseline, focal_length, principal_point
 
 CALIBRATION: Final = 3
 """First parameter of a camera's calibration (fx, fy, cx, cy px, of a pair the baseline m): the point stands before it."""
@@ -55,25 +57,33 @@ class CameraShake(_CameraAlternative):
         return by
 
 
-class FocalLength(_CameraAlternative):
+class _CalibrationAlternative(Alternative):
+    """An error of the calibration, as estimates consider it: the data are of a larger number than they are read with."""
+
+    parameter: ClassVar[ConsiderParameter]
+
+    def columns(self, motion: SmoothedMotion) -> Columns | None:
+        def of_data(each: MeasuredRows) -> Float[np.ndarray, "r i m"] | None:
+            by = each.by_calibration(self.parameter)
+            return None if by is None else -by
+
+        return motion.shifted(of_data)
+
+
+class FocalLength(_CalibrationAlternative):
     """Relative error of both focal lengths."""
 
     name, phrase, unit = "focal-length", "an error of the focal length", "of it"
     cure = "calibrate the cameras again (spinfilters calibrate)"
-
-    def of_pixels(self, each: MeasuredRows) -> Float[np.ndarray, "r i m"]:
-        along = [each.by_calibration(CALIBRATION + k) * each.parameters[:, [CALIBRATION + k]] for k in (0, 1)]
-        return (along[0] + along[1])[:, :, None]
+    parameter = focal_length.PARAMETER
 
 
-class PrincipalPoint(_CameraAlternative):
+class PrincipalPoint(_CalibrationAlternative):
     """Error of (cx, cy), px."""
 
     name, phrase, unit = "principal-point", "an error of the principal point", "px"
     cure = "calibrate the cameras again (spinfilters calibrate)"
-
-    def of_pixels(self, each: MeasuredRows) -> Float[np.ndarray, "r i m"]:
-        return np.stack([each.by_calibration(CALIBRATION + k) for k in (2, 3)], axis=2)
+    parameter = principal_point.PARAMETER
 
 
 class Distortion(_CameraAlternative):
@@ -101,15 +111,12 @@ class _PairAlternative(_CameraAlternative):
         return motion.shifted(lambda each: self.of_pixels(each) if pair(each) else None)
 
 
-class Baseline(_PairAlternative):
+class Baseline(_CalibrationAlternative):
     """Relative error of the baseline."""
 
     name, phrase, unit = "baseline", "an error of the baseline", "of it"
     cure = "calibrate the pair again (spinfilters calibrate)"
-
-    def of_pixels(self, each: MeasuredRows) -> Float[np.ndarray, "r i m"]:
-        number = CALIBRATION + 4
-        return (each.by_calibration(number) * each.parameters[:, [number]])[:, :, None]
+    parameter = baseline.PARAMETER
 
 
 class RightCameraTurned(_PairAlternative):

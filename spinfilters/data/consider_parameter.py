@@ -1,0 +1,87 @@
+"""Consider parameters: numbers of a calibration that estimates take as given although they are uncertain (Schmidt 1966)."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from spinfilters.data.number_range import NumberRange
+from spinfilters.errors import InputError
+from spinfilters.plugins import PluginGroup
+
+Moved = Callable[[Any, Any, Any], tuple[Any, Any]]
+"""Gives measured values and the parameters of a measurement, were the calibration larger by an error: CasADi expressions."""
+
+
+@dataclass(frozen=True)
+class ConsiderParameter:
+    """One number of a calibration: a key of the tables [calibration] of settings and dataset.toml.
+
+    Attributes
+    ----------
+    name: the key of its standard deviation.   words: what it is called.   allowed: range of the deviation, with its unit.
+    default: deviation where nobody states one.
+    sensors: that it is of, by name; none of the clock, by which all durations are scaled.
+    size: how many independent errors share the deviation.
+    moved: see `Moved`; None of the clock.
+    block: of a state that estimates it, which need not consider it then; empty where none does.
+    order: of tables.
+    """
+
+    name: str
+    words: str
+    allowed: NumberRange
+    default: float
+    sensors: tuple[str, ...] = ()
+    size: int = 1
+    moved: Moved | None = None
+    block: str = ""
+    order: int = 50
+
+    @property
+    def unit(self) -> str:
+        """Of the deviation; "1" of a relative one."""
+        return self.allowed.unit if self.allowed.unit in UNITS else "1"
+
+    def concerns(self, sensors: Iterable[str]) -> bool:
+        """Whether it is of one of these sensors, as the clock is of all."""
+        return not self.sensors or bool(set(self.sensors) & set(sensors))
+
+
+@dataclass(frozen=True)
+class ConsideredDeviation:
+    """A consider parameter with its deviation, and whether anybody stated that.
+
+    Attributes
+    ----------
+    source: "stated" or "prior".
+    """
+
+    parameter: ConsiderParameter
+    std: float
+    source: str
+
+
+UNITS: Final = ("px",)
+"""Of deviations that are not relative."""
+PARAMETERS: Final = PluginGroup(
+    "spinfilters.sensors.calibration", "PARAMETER", ConsiderParameter, group="spinfilters.calibration"
+)
+"""All of them: one per module of that package, and those of the entry points ``spinfilters.calibration``."""
+
+
+def consider_parameters() -> Mapping[str, ConsiderParameter]:
+    """By name. InputError: a plug-in that cannot be loaded, a name that stands twice."""
+    found: dict[str, ConsiderParameter] = {}
+    for each in sorted(PARAMETERS.entries, key=lambda each: each.order):
+        if each.name in found:
+            raise InputError(
+                f"calibration parameter {each.name!r} is registered twice; uninstall one plug-in"
+            )
+        found[each.name] = each
+    return found
+
+
+def exact_calibration(sensors: Iterable[str]) -> dict[str, float]:
+    """Deviations of a simulated calibration, which has no error, for `DatasetOptions.calibration`."""
+    names = tuple(sensors)
+    return {name: 0.0 for name, each in consider_parameters().items() if each.concerns(names)}

@@ -1,0 +1,40 @@
+"""Rows of the table that tell what errors of the calibration add to standard deviations."""
+
+import math
+from typing import Final
+
+from spinfilters.evaluation.table_row import DEGREE, Column, Row
+
+PARTS_CAPTION: Final = (
+    "random / calibration: parts of the standard deviation after the last epoch, whose squares add up; the second is what the "
+    "calibration's own uncertainty adds."
+)
+
+
+def parts_row(name: str, quantity: str, unit_in_si: float = 1.0, component: int | None = None) -> Row:
+    """Random and calibration part of a standard deviation: of one component, or the length of all."""
+
+    def cell(column: Column) -> str | None:
+        if column.evaluation.history.calibration is None:
+            return None
+        part = column.evaluation.deviation_parts.get(quantity)
+        if part is None:
+            return None
+        both = (part.random, part.calibration)
+        sizes = [math.hypot(*each) if component is None else float(each[component]) for each in both]
+        return " / ".join(f"{size / unit_in_si:.2g}" for size in sizes)
+
+    return Row(name, cell)
+
+
+LATEST_ROWS: Final = tuple(
+    parts_row(f"{name}: random / calibration [{unit}]", quantity, scale)
+    for name, quantity, unit, scale in (
+        ("position", "position_m", "mm", 1e-3),
+        ("attitude", "attitude_rad", "deg", DEGREE),
+        ("velocity", "velocity_m_s", "mm/s", 1e-3),
+        ("rate", "rate_rad_s", "deg/s", DEGREE),
+        ("centre of mass", "center_of_mass_m", "mm", 1e-3),
+    )
+)
+"""Of the latest state and the centre of mass in g."""

@@ -1,0 +1,40 @@
+"""A row of the table that sets estimators side by side, and what its columns are filled from."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.span import SpanErrors
+from spinfilters.evaluation.usage import ObservationUse
+
+DEGREE: Final = float(np.deg2rad(1.0))
+
+
+@dataclass(frozen=True)
+class Column:
+    """What a column of the table is filled from.
+
+    Attributes
+    ----------
+    use, errors: over the epochs that all estimators have.   every: errors over all of this estimator's own, where these are more.
+    """
+
+    evaluation: Evaluation
+    use: ObservationUse | None
+    errors: SpanErrors | None
+    every: SpanErrors | None
+
+
+Cell = Callable[[Column], str | None]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row: its name, what an estimator's cell shows, and what the bound's does; None where there is nothing to show."""
+
+    name: str
+    cell: Cell
+    bound: Cell = lambda _: None

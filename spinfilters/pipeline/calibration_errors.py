@@ -1,0 +1,180 @@
+"""What errors of the calibration add to the covariance of estimates.
+
+Smoother: S = P J'H by the factors of its linear problem (`spinfilters.estimators.model_errors.calibration_sensitivity`). Filter: it
+runs once more for each independent error, with the measurements as they would be were the calibration wrong by one deviation, from
+an initialisation that has moved by its own S; the difference is what Schmidt's recursion carries along, of whatever filter it is,
+and costs nothing while it runs. A smoother whose rows do not fit in memory together is solved once more likewise, and one of
+landmarks that lets go of old epochs takes the differences of an EKF.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.data.consider_parameter import ConsideredDeviation
+from spinfilters.errors import NUMERICAL_ERRORS
+from spinfilters.estimators.estimator import Measurement
+from spinfilters.estimators.history import EstimateHistory
+from spinfilters.estimators.landmarks.belief import LandmarkBelief
+from spinfilters.estimators.model_errors.calibration_sensitivity import smoothed_sensitivity
+from spinfilters.estimators.model_errors.hypotheses import solved_near
+from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
+from spinfilters.estimators.model_errors.solved_columns import Sensitivity
+from spinfilters.estimators.run import run
+from spinfilters.estimators.smoothing.factors.sensor_rows import STRETCH
+from spinfilters.estimators.smoothing.problem.least_squares import problem_of
+from spinfilters.estimators.smoothing.solver.batch_smoother import NO_LANDMARKS, smooth_problem
+from spinfilters.estimators.timeline import LogTimeline, Timeline, times_of
+from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries
+from spinfilters.pipeline.model_errors import MOST_EPOCHS_WITH_MAP, landmarks_placed, linear_problem
+from spinfilters.pipeline.setup import Setup
+from spinfilters.settings.run_settings import Settings
+from spinfilters.state.status import Verdict
+
+UNKNOWN: Final = (
+    "what errors of the calibration do to it could not be computed: its deviations are of chance alone"
+)
+
+
+@dataclass(frozen=True)
+class CalibrationErrors:
+    """Of one run."""
+
+    setup: Setup
+    settings: Settings
+
+    @property
+    def considered(self) -> tuple[ConsideredDeviation, ...]:
+        """Those that are not zero."""
+        return tuple(each for each in self.setup.calibration if each.std > 0)
+
+    def counted(self, history: EstimateHistory, entry: AnyEntry) -> EstimateHistory:
+        """A history with what errors of the calibration add to its covariance; ``degraded`` where that cannot be computed."""
+        if not self.considered or history.status.verdict is Verdict.FAILED:
+            return history
+        try:
+            with np.errstate(all="ignore"):  # what is not finite becomes a status
+                errors = self._errors(history, entry)
+                known = errors is not None and np.isfinite(errors).all()
+                counted = history.considering(errors) if errors is not None and known else None
+        except NUMERICAL_ERRORS:
+            counted = None
+        if counted is None or not np.isfinite(counted.factor).all():
+            return replace(history, status=history.status.degraded(UNKNOWN))
+        return counted
+
+    def _errors(self, history: EstimateHistory, entry: AnyEntry) -> Float[np.ndarray, "n e c"] | None:
+        epochs, first = self.setup.timeline[: len(history.time)], len(self.setup.initial.mean)
+        if entry.continues:
+            return self._of_filter(entry, epochs, history.mean[history.initialisation :])
+        if not self.setup.initial.has_landmarks and len(epochs) > STRETCH:
+            return self._of_long_smoother(epochs, history.mean)
+        if not self.setup.initial.has_landmarks or len(epochs) <= MOST_EPOCHS_WITH_MAP:
+            found = self._sensitivity(epochs, history.mean)
+            return None if found is None else found.states
+        ekf, initial = estimator_entries()["mekf"], self.setup.initial
+        means = self._run(ekf, epochs, np.zeros(initial.factor.shape[:2]), np.zeros(initial.points.shape))
+        return None if means is None else self._of_filter(ekf, epochs[: first + len(means)], means)
+
+    def _of_long_smoother(
+        self, epochs: Timeline, trajectory: Float[np.ndarray, "k m"]
+    ) -> Float[np.ndarray, "k e c"]:
+        """Differences of what all epochs together say of data with an error each."""
+
+        def smoothed(timeline: Timeline) -> Float[np.ndarray, "k m"]:
+            setup, loss = self.setup, self.settings.smoother.robust_loss
+            problem = problem_of(setup.process, timeline, NO_LANDMARKS, setup.initial.prior, 2, loss)
+            return smooth_problem(problem, trajectory).mean
+
+        local, here = self.setup.process.layout.local, smoothed(epochs)
+        return np.stack([local(here, smoothed(moved)) for moved in self._timelines(epochs)], axis=2)
+
+    def _of_filter(
+        self, entry: AnyEntry, epochs: Timeline, means: Float[np.ndarray, "j m"]
+    ) -> Float[np.ndarray, "k e c"] | None:
+        """Differences of a filter's estimates, those of the initialisation in front, from those of data with an error each."""
+        begun, columns = self._initialisation, []
+        if begun is None:
+            return None
+        for number, moved in enumerate(self._timelines(epochs)):
+            before, landmarks = begun.states[:, :, number], begun.landmarks[:, :, number]
+            states = self._run(entry, moved, before, landmarks)
+            if states is None:
+                return None
+            away = self.setup.process.layout.local(means, states)
+            columns.append(np.concatenate([before, away]))
+        return np.stack(columns, axis=2)
+
+    def _run(
+        self,
+        entry: AnyEntry,
+        timeline: Timeline,
+        states: Float[np.ndarray, "k e"],
+        landmarks: Float[np.ndarray, "L 3"],
+    ) -> Float[np.ndarray, "n m"] | None:
+        """States of a filter behind an initialisation that has moved; None where it fails. KeyboardInterrupt: Ctrl-C."""
+        setup = self.setup
+        mean = setup.process.layout.retract(setup.initial.mean, states)
+        initial = replace(setup.initial, mean=mean, points=setup.initial.points + landmarks)
+        belief = replace(setup.belief, mean=mean[-1])
+        if isinstance(belief, LandmarkBelief):  # whose map is in frame g yet
+            belief = replace(belief, points=belief.points + landmarks)
+        moved = replace(setup, timeline=timeline, initial=initial, belief=belief)
+        estimator = entry.build(moved, self.settings)
+        entry.begin(estimator, moved)
+        rest = timeline[len(mean) :]
+        found = run(estimator, moved.end_of_initialisation, rest)
+        if found.status.verdict is Verdict.FAILED:
+            return None
+        if len(found.time) < len(rest):
+            raise KeyboardInterrupt
+        return found.mean
+
+    def _timelines(self, epochs: Timeline) -> Iterator[Timeline]:
+        """The epochs under each independent error, by one deviation."""
+        assert isinstance(epochs, LogTimeline)
+        for each in self.considered:
+            for error in each.std * np.eye(each.parameter.size):
+                yield with_error(epochs, each, error)
+
+    @cached_property
+    def _initialisation(self) -> Sensitivity | None:
+        """Of the initialisation; nothing of one that was given."""
+        initial = self.setup.initial
+        if self.setup.is_given:
+            count = sum(each.parameter.size for each in self.considered)
+            states = np.zeros((*initial.factor.shape[:2], count))
+            return Sensitivity(states, np.zeros((*initial.points.shape, count)))
+        return self._sensitivity(self.setup.timeline[: len(initial.mean)], initial.mean, initial.ids)
+
+    def _sensitivity(
+        self, epochs: Timeline, trajectory: Float[np.ndarray, "k m"], ids: Int[np.ndarray, " L"] | None = None
+    ) -> Sensitivity | None:
+        """Of epochs smoothed together."""
+        problem = linear_problem(self.setup, epochs, ids)
+        solved = solved_near(problem, trajectory, landmarks_placed(problem, trajectory))
+        return (
+            None
+            if solved is None
+            else smoothed_sensitivity(SmoothedMotion(times_of(epochs), solved), self.considered)
+        )
+
+
+def with_error(epochs: LogTimeline, considered: ConsideredDeviation, error: np.ndarray) -> LogTimeline:
+    """Epochs as they would be, were the calibration larger by an error."""
+    parameter = considered.parameter
+    if parameter.moved is None:
+        begin = epochs.time[0]
+        return replace(epochs, time=begin + (epochs.time - begin) * (1 + error[0]))
+    sensors = []
+    for part in epochs.sensors:
+        every = part.every
+        if every.model.name in parameter.sensors:
+            changed = every.model.with_error(parameter.moved, error, every.values, every.parameters)
+            part = replace(part, every=Measurement(every.model, *changed, every.ids))
+        sensors.append(part)
+    return replace(epochs, sensors=tuple(sensors))

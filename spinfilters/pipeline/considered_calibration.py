@@ -1,0 +1,26 @@
+"""Deviations of the calibration that a run considers: settings first, then the data set's own, then priors."""
+
+from typing import Final
+
+from spinfilters.data.consider_parameter import ConsideredDeviation, consider_parameters
+from spinfilters.data.dataset import Dataset
+from spinfilters.settings.run_settings import AUTO, Settings
+from spinfilters.state.layout import StateLayout
+
+STATED, PRIOR = "stated", "prior"
+NOTHING_CONSIDERED: Final[tuple[ConsideredDeviation, ...]] = ()
+
+
+def considered_deviations(
+    dataset: Dataset, settings: Settings, layout: StateLayout
+) -> tuple[ConsideredDeviation, ...]:
+    """Of the sensors of a data set and of its clock, but for those of numbers that the state holds. Some may be zero."""
+    found = []
+    for name, parameter in consider_parameters().items():
+        if not parameter.concerns(dataset.log.sensors) or parameter.block in layout.blocks:
+            continue
+        stated = getattr(settings.calibration, name, AUTO)  # of a plug-in that came after the settings
+        told = dataset.options.calibration.get(name) if stated == AUTO else float(stated)
+        std = parameter.default if told is None else told
+        found.append(ConsideredDeviation(parameter, std, PRIOR if told is None else STATED))
+    return tuple(found)

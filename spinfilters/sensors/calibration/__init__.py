@@ -1,0 +1,1 @@
+"""Consider parameters of sensors' calibrations, a file each."""

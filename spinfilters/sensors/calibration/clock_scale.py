@@ -1,0 +1,14 @@
+"""Relative error of the clock that stamps all measurements: it scales all durations, and with them velocities and rates."""
+
+from typing import Final
+
+from spinfilters.data.consider_parameter import ConsiderParameter
+from spinfilters.data.number_range import NumberRange
+
+PARAMETER: Final = ConsiderParameter(
+    name="clock_scale_std",
+    words="scale of the clock",
+    allowed=NumberRange(0, 0.1, "of durations"),
+    default=1e-4,
+    order=4,
+)
