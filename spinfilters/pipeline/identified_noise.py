@@ -33,8 +33,8 @@ class NoisyModels:
     start: InitialEstimate
 
 
-Initialise = Callable[[TorqueFreeProcess, SensorNoise], NoisyModels]
-"""Binds a data set to noise and makes its initialisation."""
+Initialise = Callable[[TorqueFreeProcess, SensorNoise, InitialEstimate | None], NoisyModels]
+"""Binds a data set to noise and makes its initialisation, from that at other noise where there is one."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def with_identified_noise(
     The density of a disturbance is taken for its mean, exp(var ln density) times the most probable, and covariances widen by what
     is not known of the levels (`Identified`).
     """
-    made, found = make(process, noise), None
+    made, found = make(process, noise, None), None
     if not unstated:
         return made, ()
     for _ in range(ROUNDS - 1):
@@ -69,7 +69,7 @@ def with_identified_noise(
         if identified is None:
             break
         before, found = _levels(made, unstated), identified
-        made = make(*_expected(made, identified))
+        made = make(*_expected(made, identified), made.start)
         after = _levels(made, unstated)
         if all(abs(np.log(after[name] / before[name])) < ALIKE for name in after):
             break
