@@ -52,10 +52,14 @@ def with_draws(
 
 def _number(kind: str, key: str, value: Mapping[str, Any]) -> DrawnNumber:
     limits = value.get(LOG_UNIFORM) if value.keys() == {LOG_UNIFORM} else None
-    known = isinstance(limits, list) and len(limits) == 2
-    if not known or not all(isinstance(x, float) for x in limits) or not 0 < limits[0] < limits[1]:
+    if not isinstance(limits, list) or not _ascend(limits):
         raise InputError(
             f"{kind}.{key} is {value_text(value)}; give a number, or {{ {LOG_UNIFORM} = [1.0, 2.0] }} with two positive ones that "
             "ascend, with decimal points"
         )
     return DrawnNumber(kind, key, *limits)
+
+
+def _ascend(limits: list[Any]) -> bool:
+    """Whether these are two positive numbers with a decimal point that ascend."""
+    return len(limits) == 2 and all(isinstance(x, float) for x in limits) and 0 < limits[0] < limits[1]

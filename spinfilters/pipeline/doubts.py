@@ -12,11 +12,12 @@ from spinfilters.pipeline.estimate_diagnostics import (
     motion_diagnostics,
     reference_smoother,
 )
-from spinfilters.pipeline.estimator_entry import AnyEntry
+from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries
 from spinfilters.pipeline.model_errors import model_error_diagnostics
-from spinfilters.pipeline.noise_diagnostics import filter_noise_diagnostics, smoother_noise_diagnostics
+from spinfilters.pipeline.noise_diagnostics import filter_noise_diagnostics
 from spinfilters.pipeline.setup import Setup
 from spinfilters.pipeline.smoother_run import NAME as SMOOTHER
+from spinfilters.pipeline.stated_levels import stated_level_diagnostics
 from spinfilters.settings.run_settings import Settings
 
 
@@ -42,11 +43,19 @@ class Doubts:
         if self.setup.is_given:
             return [*self.shared, *(self.of_filters if entry.continues else [])]
         if not entry.continues:
-            own = smoother_noise_diagnostics(evaluation.history, self.setup, self.settings)
-            return [*self.shared, *own, *self._of_landmarks]
+            return [*self.shared, *self.of_levels, *self._of_landmarks]
         agreement = agreement_diagnostics(evaluation, self.smoother)
         noise = [] if entry.is_baseline or agreement else self._noise(evaluation)
-        return [*self.shared, *self.of_filters, *agreement, *noise]
+        levels = [] if entry.is_baseline else self.of_levels
+        return [*self.shared, *levels, *self.of_filters, *agreement, *noise]
+
+    @cached_property
+    def of_levels(self) -> list[str]:
+        """About stated levels of noise."""
+        entries = estimator_entries()
+        own = [each.history for each in self.evaluations if not entries[each.name].is_baseline]
+        first = [] if self.smoother is None else [self.smoother]
+        return stated_level_diagnostics(self.setup, self.settings, [*first, *own])
 
     @cached_property
     def _of_landmarks(self) -> list[str]:
@@ -59,6 +68,9 @@ class Doubts:
         return []
 
     def _noise(self, evaluation: Evaluation) -> list[str]:
+        """What its own updates say of the noise, where nothing has been said of it yet."""
+        if self.of_levels:
+            return []
         return filter_noise_diagnostics(evaluation.history, self.setup, self.settings)
 
 

@@ -58,8 +58,8 @@ def with_identified_noise(
 ) -> tuple[NoisyModels, tuple[VarianceComponent, ...]]:
     """The initialisation with the noise that its own epochs identify; without it where they identify none.
 
-    The density of a disturbance is taken for its mean, exp(var ln density) times the most probable, and covariances widen by what
-    is not known of the levels (`Identified`).
+    The density of a disturbance is taken for its mean (`VarianceComponent.expected`), and covariances widen by what is not known of
+    the levels (`Identified`).
     """
     made, found = make(process, noise, None), None
     if not unstated:
