@@ -208,7 +208,10 @@ def test_a_density_that_the_prior_alone_tells_is_not_raised() -> None:
     assert raised_logarithm(100.0) == 0.0
 
 
-IDENTIFIED = {"process.torque": NoiseScale(np.log(4.0) - raised_logarithm(0.02), 100.0), "sensor.pose": NoiseScale(0.0, 200.0)}
+IDENTIFIED = {
+    "process.torque": NoiseScale(np.log(4.0) - raised_logarithm(0.02), 100.0),
+    "sensor.pose": NoiseScale(0.0, 200.0),
+}
 
 
 def test_identified_levels_are_scaled_to_their_means_and_go_on_by_a_part_of_the_epochs() -> None:
