@@ -21,6 +21,7 @@ from spinfilters.estimators.smoothing.problem.least_squares import problem_of, w
 from spinfilters.estimators.smoothing.solver.batch_smoother import NO_LANDMARKS, NO_POINTS
 from spinfilters.pipeline.identified_noise import Unstated, noise_model
 from spinfilters.pipeline.setup import Setup
+from spinfilters.pipeline.stated_noise import log_with_noise
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.status import Verdict
 
@@ -53,9 +54,15 @@ def stated_level_diagnostics(
 
 @dataclass(frozen=True)
 class _Levels:
-    """All levels of a problem, and states near the most probable ones."""
+    """All levels of a problem, and states near the most probable ones.
+
+    Attributes
+    ----------
+    by_rows: names of those that every row of a sensor states for itself.
+    """
 
     setup: Setup
+    by_rows: frozenset[str]
     model: NoiseModel
     trajectory: Float[np.ndarray, "k m"]
     points: Float[np.ndarray, "L 3"]
@@ -79,13 +86,13 @@ class _Levels:
         model = noise_model(problem, setup.noise, _every_level(setup))
         if model is None:
             return None
-        return cls(setup, _at(model, used or ()), trajectory, points)
+        return cls(setup, _levels_of_rows(setup, settings), _at(model, used or ()), trajectory, points)
 
     @cached_property
     def doubts(self) -> list[str]:
         """See the module's function."""
         tests = level_tests(self.model, self.trajectory, self.points)
-        unstated = self.setup.unstated
+        unstated = self.setup.unstated - self.by_rows
         white = self.setup.gyro_noise is None  # what is correlated is told as white noise that weighs as much
         asked = [test for test in tests if test.name not in unstated or (white and test.score > 0)]
         worst = max(asked, key=lambda test: abs(test.score), default=None)
@@ -104,11 +111,24 @@ class _Levels:
         level = found.components[number]
         is_density = level.name in DISTURBANCES
         half = 1.0 if is_density else 0.5
-        stated = level.value * float(np.exp(-half * found.log_variance[number]))
+        times = float(np.exp(half * found.log_variance[number]))
+        if level.name in self.by_rows:
+            std = times * half * level.log_std
+            return (
+                f"{level.name}: the data have {times:.3g} +- {std:.1g} times the deviations that the rows state ({score:.0f} deviations "
+                "of chance): state others, or leave them out to have them identified"
+            )
+        stated = level.value / times
         told = f"{level.value:.3g} +- {level.std:.1g}" if level.told else f"less than {level.upper:.2g}"
         cure = "state another, or leave it out to have it identified"
         table, cure = ("process", f"{cure}, or the model is wrong") if is_density else ("sensors", cure)
         return f"{table}.{level.name} is {stated:.3g}, the data have {told} ({score:.0f} deviations of chance): {cure}"
+
+
+def _levels_of_rows(setup: Setup, settings: Settings) -> frozenset[str]:
+    streams = log_with_noise(setup.dataset.log, settings).streams
+    rows = [stream for stream in streams if stream.covariance is not None]
+    return frozenset(option.name for stream in rows for option in sensor_format(stream.sensor).noise)
 
 
 def _every_level(setup: Setup) -> Unstated:

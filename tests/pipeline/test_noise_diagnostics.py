@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from experiments.honest_cases import Case, recordings
+from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.evaluation.noise_tests import MEASUREMENTS, FilterTests, NoiseTest, filter_tests
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
 from spinfilters.pipeline.noise_diagnostics import (
@@ -86,6 +87,26 @@ def test_a_deviation_wrong_by_half_is_doubted_with_the_number(deviation: float) 
 def test_densities_stated_too_small_are_doubted() -> None:
     run = compared(density=0.04)
     assert all("process." in own[0] or "correlated" in own[0] for own in doubts(run))
+
+
+@pytest.mark.parametrize("factor", [1 / 1.5, 1.0, 1.5])
+def test_deviations_that_rows_state_are_tested_too(factor: float) -> None:
+    dataset = simulate(replace(Scenario.common_workload(RICH_RPM, 1), kind="pose"))
+    streams = tuple(
+        replace(stream, covariance=None if stream.covariance is None else factor**2 * stream.covariance)
+        for stream in dataset.log.streams
+    )
+    assert streams[0].covariance is not None
+    setup = prepare(replace(dataset, log=MeasurementLog(streams)), SETTINGS)
+    history = compare_estimators(setup, replace(SETTINGS, estimators=("mekf",)), lambda *_: None)
+    found = stated_level_diagnostics(setup, SETTINGS, [history.evaluations[0].history])
+    if factor == 1.0:
+        assert found == []
+    else:
+        times = float(
+            re.findall(r"the data have ([\d.]+) .* times the deviations that the rows state", found[0])[0]
+        )
+        assert times * factor == pytest.approx(1.0, rel=0.15)
 
 
 @pytest.mark.parametrize("density", [0.1, 10.0])
