@@ -114,9 +114,10 @@ class _Levels:
         times = float(np.exp(half * found.log_variance[number]))
         if level.name in self.by_rows:
             std = times * half * level.log_std
+            told = f"{times:.3g} +- {std:.1g} times the deviations that the rows state"
             return (
-                f"{level.name}: the data have {times:.3g} +- {std:.1g} times the deviations that the rows state ({score:.0f} deviations "
-                "of chance): state others, or leave them out to have them identified"
+                f"{level.name}: the data have {told} ({score:.0f} deviations of chance): state others, or leave them out to have "
+                "them identified"
             )
         stated = level.value / times
         told = f"{level.value:.3g} +- {level.std:.1g}" if level.told else f"less than {level.upper:.2g}"
