@@ -7,6 +7,9 @@ from dataclasses import dataclass, field, fields, replace
 from itertools import product
 from typing import Any, Final
 
+import numpy as np
+
+from spinfilters.campaigns.drawn_factors import DrawnNumber, drawn_numbers, with_draws
 from spinfilters.campaigns.factors import (
     FACTORS,
     BeliefFactor,
@@ -36,12 +39,18 @@ class Cell:
     Attributes
     ----------
     levels: of every factor, as text: the columns of its rows.   settings: with the cell's estimator alone.
+    recording: with the smallest of what is drawn.   drawn: numbers of it that every seed draws.
     """
 
     levels: Mapping[str, str]
     recording: RecordingFactors
     belief: BeliefFactor
     settings: Settings
+    drawn: tuple[DrawnNumber, ...] = ()
+
+    def recording_of(self, seeds: np.random.SeedSequence) -> RecordingFactors:
+        """What the recording of a seed is made of."""
+        return with_draws(self.recording, self.drawn, seeds)
 
     @property
     def estimator(self) -> str:
@@ -167,15 +176,19 @@ class _TableMaker:
     def cell(self, levels: Mapping[str, Any]) -> Cell:
         """The cell of a combination of levels."""
         parts = {kind: self._part(kind, levels) for kind in (*_TABLES, "settings")}
-        settings = replace(parts["settings"], estimators=(levels["estimator"],))
-        belief, _ = parts.pop("belief"), parts.pop("settings")
-        recording = RecordingFactors(**parts)
+        drawn = tuple(number for part in parts.values() for number in part.drawn)
+        tables = {kind: part.table for kind, part in parts.items()}
+        settings = replace(tables.pop("settings"), estimators=(levels["estimator"],))
+        belief = tables.pop("belief")
+        recording = RecordingFactors(**tables)
         key = "scenario" + str(recording)
         if key not in self._made:
             self._made[key] = recording.scenario  # refuses what cannot be simulated
-        return Cell({name: _text(level) for name, level in levels.items()}, recording, belief, settings)
+        return Cell(
+            {name: _text(level) for name, level in levels.items()}, recording, belief, settings, drawn
+        )
 
-    def _part(self, kind: str, levels: Mapping[str, Any]) -> Any:
+    def _part(self, kind: str, levels: Mapping[str, Any]) -> "_Part":
         tables = self._document.get(kind, {})
         level = levels[kind]
         if level != BASE and level not in tables:
@@ -189,12 +202,24 @@ class _TableMaker:
             self._made[key] = self._checked(kind, merged)
         return self._made[key]
 
-    def _checked(self, kind: str, table: dict[str, Any]) -> Any:
+    def _checked(self, kind: str, table: dict[str, Any]) -> "_Part":
         if kind != "settings":
-            return validated(_StudyFile, {kind: table})[kind]
+            drawn = () if kind == "belief" else drawn_numbers(kind, table)
+            for number in drawn:
+                _ = validated(_StudyFile, {kind: {number.key: number.largest}})
+            fixed = table | {number.key: number.smallest for number in drawn}
+            return _Part(validated(_StudyFile, {kind: fixed})[kind], drawn)
         if "estimators" in table:
             raise InputError("settings.estimators is given by the factor estimator; leave it out")
-        return settings_from(table, "settings")
+        return _Part(settings_from(table, "settings"))
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A checked table of a level, with the smallest in the place of what is drawn, and what is drawn."""
+
+    table: Any
+    drawn: tuple[DrawnNumber, ...] = ()
 
 
 def _merged(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:

@@ -100,7 +100,10 @@ class SensorFactor:
 
 @dataclass(frozen=True)
 class NoiseFactor:
-    """True noise of the sensors and densities of the disturbances; estimators are told it unless ``settings`` say otherwise."""
+    """True noise of the sensors and densities of the disturbances.
+
+    Estimators are told it unless ``settings`` say otherwise, or it is not stated.
+    """
 
     pixel_std: Annotated[float, STD] = 1.0
     position_std_m: Annotated[float, STD] = 0.005
@@ -113,6 +116,19 @@ class NoiseFactor:
     )
     force_psd: Annotated[float, PSD] = THESIS_NOISE.force_psd
     torque_psd: Annotated[float, PSD] = THESIS_NOISE.torque_psd
+    stated: Annotated[bool, TruthValue()] = True
+
+    @property
+    def levels(self) -> dict[str, float]:
+        """By the name of the noise option or density."""
+        return {
+            "pixel_std": self.pixel_std,
+            "pose_position_std": self.position_std_m,
+            "pose_rotation_std": self.rotation_std_rad,
+            "gyro_noise_std": self.gyro_std_rad_s,
+            "force_psd": self.force_psd,
+            "torque_psd": self.torque_psd,
+        }
 
 
 @dataclass(frozen=True)

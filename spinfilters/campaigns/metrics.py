@@ -1,12 +1,17 @@
 """What a campaign keeps of an evaluation: one number per column."""
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int
 
-from spinfilters.campaigns.schema import BLOCKS, BODY_ERRORS, ERRORS, MOST_EPOCHS
+from spinfilters.campaigns.schema import BLOCKS, BODY_ERRORS, ERRORS, LEVELS, MOST_EPOCHS
 from spinfilters.campaigns.stated_errors import LARGEST, stated_errors
 from spinfilters.data.truth import Truth
+from spinfilters.estimators.history import EstimateHistory
+from spinfilters.estimators.identification.components import VarianceComponent
+from spinfilters.evaluation.consistency import normalised_square, true_states
 from spinfilters.evaluation.errors import BodyErrors, RmsErrors, TruthErrors
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.evaluation.span import span_errors
@@ -26,7 +31,9 @@ def metrics(evaluation: Evaluation, truth: Truth | None) -> dict[str, Any]:
     }
     if truth is None or evaluation.errors is None:
         return found
-    return found | _error_metrics(evaluation) | _nees_metrics(evaluation) | _rightness(evaluation, truth)
+    return (
+        found | _error_metrics(evaluation) | _nees_metrics(evaluation, truth) | _rightness(evaluation, truth)
+    )
 
 
 def bound_metrics(evaluation: Evaluation) -> dict[str, Any]:
@@ -37,6 +44,15 @@ def bound_metrics(evaluation: Evaluation) -> dict[str, Any]:
     span = span_errors(evaluation, begin)
     rms = {} if span is None or span.bound is None else _rms("bound", span.bound)
     return rms | _body("bound", bound.body)
+
+
+def noise_metrics(identified: Sequence[VarianceComponent], true: Mapping[str, float]) -> dict[str, Any]:
+    """The columns of the identified levels of noise beside the true ones."""
+    found: dict[str, Any] = {f"true_{name}": level for name, level in true.items()}
+    for each in identified:
+        if each.name in LEVELS:
+            found |= {f"found_{each.name}": each.value, f"log_std_{each.name}": each.log_std}
+    return found
 
 
 def _rightness(evaluation: Evaluation, truth: Truth) -> dict[str, Any]:
@@ -82,8 +98,10 @@ def _body(prefix: str, body: BodyErrors) -> dict[str, Any]:
     return {f"{prefix}_{name}": value for name, value in zip(BODY_ERRORS, each, strict=True)}
 
 
-def _nees_metrics(evaluation: Evaluation) -> dict[str, Any]:
+def _nees_metrics(evaluation: Evaluation, truth: Truth) -> dict[str, Any]:
     nees, begin = evaluation.nees, evaluation.own_begin
+    if nees is None and begin is not None and not evaluation.history.layout.translates:
+        return _body_nees(evaluation.history, truth)
     own = None if nees is None or begin is None else nees.within(begin, np.inf)
     if own is None:
         return {}
@@ -98,3 +116,19 @@ def _nees_metrics(evaluation: Evaluation) -> dict[str, Any]:
         "nees_time_s": own.time[kept].tolist(),
         "nees_over_time": (own.total[kept] / own.dof).tolist(),
     }
+
+
+def _body_nees(history: EstimateHistory, truth: Truth) -> dict[str, Any]:
+    """Of rate and mass distribution, which need no frame i: of a gyro, whose axes are those of g."""
+    layout, own = history.layout, history.own
+    error = layout.local(history.mean, true_states(truth, layout)[: len(history.mean)])[own]
+
+    columns = {block: np.arange(layout.error_dim)[layout.slice(block)] for block in "ws"}
+
+    def of(at: Int[np.ndarray, " j"]) -> Float[np.ndarray, " n"]:
+        return normalised_square(error[:, at], history.factor[own][:, at]) / len(at)
+
+    both = np.concatenate(list(columns.values()))
+    total = of(both)
+    each = {f"nees_{block}": float(np.mean(of(at))) for block, at in columns.items()}
+    return {"dof": len(both), "nees": float(np.mean(total)), "nees_last": float(total[-1]), **each}

@@ -13,12 +13,13 @@ class RunSeeds:
     measurements: np.random.SeedSequence
     faults: np.random.SeedSequence
     belief: np.random.SeedSequence
+    factors: np.random.SeedSequence
 
 
 def run_seeds(root: int, seed: int) -> RunSeeds:
     """Those of the seed of a number: child ``seed`` of ``SeedSequence(root)``."""
     child = np.random.SeedSequence(root, spawn_key=(seed,))
-    return RunSeeds(*child.spawn(4))
+    return RunSeeds(*child.spawn(5))
 
 
 def whole_number(sequence: np.random.SeedSequence) -> int:

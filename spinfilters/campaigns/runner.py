@@ -11,8 +11,9 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from spinfilters.campaigns.factor_table import Cell
+from spinfilters.campaigns.factors import RecordingFactors
 from spinfilters.campaigns.initial_belief import prepared_with_drawn_belief
-from spinfilters.campaigns.metrics import bound_metrics, metrics
+from spinfilters.campaigns.metrics import bound_metrics, metrics, noise_metrics
 from spinfilters.campaigns.randomness import run_seeds, whole_number
 from spinfilters.campaigns.schema import TIMES
 from spinfilters.campaigns.study import Run, Study
@@ -28,7 +29,7 @@ from spinfilters.pipeline.setup import Setup, prepare
 from spinfilters.simulation.faults import with_faults
 from spinfilters.simulation.motion import Motion
 from spinfilters.simulation.motion_in_view import motion_in_view
-from spinfilters.simulation.scenario import measured, without_map
+from spinfilters.simulation.scenario import measured, without_map, without_noise
 
 LONGEST_REASON: Final = 500
 """Characters of a row's reason."""
@@ -65,15 +66,14 @@ class Runner:
 
     def recording(self, run: Run) -> Dataset:
         """The data set of a run."""
-        cell = self.study.cells[run.cell]
-        factors = cell.recording
-        return self._once("recording", (run.seed, factors), lambda: self._simulated(run, cell))
+        factors = self._factors(run)
+        return self._once("recording", (run.seed, factors), lambda: self._simulated(run, factors))
 
     def setup(self, run: Run) -> Setup:
         """The run's data set, initialised."""
         cell = self.study.cells[run.cell]
         dataset = self.recording(run)
-        key = (run.seed, cell.recording, cell.belief, cell.settings.process, cell.settings.sensors)
+        key = (run.seed, self._factors(run), cell.belief, cell.settings.process, cell.settings.sensors)
         key = (*key, cell.settings.initialisation, cell.settings.landmarks)
         with self._timed("initialise"):
             return self._once("prepared", key, lambda: self._initialised(run, cell, dataset))
@@ -93,9 +93,14 @@ class Runner:
         evaluation = self.evaluated(run, bound == "run")
         with self._timed("evaluate"):
             truth = self.recording(run).truth
-            found = metrics(evaluation, truth)
+            found = metrics(evaluation, truth) | self._levels(run, evaluation)
         limits = self._motion_bound(run) if bound == "motion" else bound_metrics(evaluation)
         return {"outcome": "done", "reason": ""} | found | limits
+
+    def _levels(self, run: Run, evaluation: Evaluation) -> Row:
+        """True and identified levels of noise."""
+        identified = evaluation.history.noise or self.setup(run).identified
+        return noise_metrics(identified, self._factors(run).noise.levels)
 
     def _motion_bound(self, run: Run) -> dict[str, Any]:
         """The bound of the cell's first seed."""
@@ -110,10 +115,14 @@ class Runner:
             self._spent = spent
         return self._bounds[run.cell]
 
-    def _simulated(self, run: Run, cell: Cell) -> Dataset:
+    def _factors(self, run: Run) -> RecordingFactors:
+        """What the run's recording is made of."""
+        seeds = run_seeds(self.study.options.root_seed, run.seed)
+        return self.study.cells[run.cell].recording_of(seeds.factors)
+
+    def _simulated(self, run: Run, factors: RecordingFactors) -> Dataset:
         with self._timed("simulate"):
-            seeds, factors = run_seeds(self.study.options.root_seed, run.seed), cell.recording
-            scenario = factors.scenario
+            seeds, scenario = run_seeds(self.study.options.root_seed, run.seed), factors.scenario
             key = (run.seed, factors.motion, factors.body, scenario.noise, scenario.kind)
             motion: Motion = self._once(
                 "motion", key, lambda: motion_in_view(scenario, np.random.default_rng(seeds.motion))
@@ -121,6 +130,8 @@ class Runner:
             dataset = measured(scenario, motion, np.random.default_rng(seeds.measurements))
             if not factors.sensor.known_map:
                 dataset = without_map(dataset)
+            if not factors.noise.stated:
+                dataset = without_noise(dataset)
             return with_faults(dataset, factors.fault.faults, whole_number(seeds.faults))
 
     def _initialised(self, run: Run, cell: Cell, dataset: Dataset) -> Setup:

@@ -10,6 +10,15 @@ BODY_ERRORS: Final = ("moment_1", "moment_2", "k1", "k2", "center_of_mass_m")
 """At the last epoch; moments relative to the largest."""
 BLOCKS: Final = ("t", "a", "v", "w", "c", "s")
 """Of the state, whose NEES per degree of freedom is kept."""
+LEVELS: Final = (
+    "pixel_std",
+    "pose_position_std",
+    "pose_rotation_std",
+    "gyro_noise_std",
+    "force_psd",
+    "torque_psd",
+)
+"""Of noise: true, as identified (absent where it is stated), and the deviation of its ln variance."""
 TIMES: Final[tuple[str, ...]] = ("simulate", "initialise", "estimate", "evaluate")
 """Seconds of processor time of one run's parts."""
 OUTCOMES: Final = ("done", "refused", "raised", "timeout", "killed")
@@ -42,6 +51,9 @@ _FIXED: Final[tuple[tuple[str, pa.DataType], ...]] = (
     *((f"error_{name}", _NUMBER) for name in BODY_ERRORS),
     *((f"std_{name}", _NUMBER) for name in BODY_ERRORS[:4]),
     *((f"bound_{name}", _NUMBER) for name in (*ERRORS, *BODY_ERRORS)),
+    *((f"true_{name}", _NUMBER) for name in LEVELS),
+    *((f"found_{name}", _NUMBER) for name in LEVELS),
+    *((f"log_std_{name}", _NUMBER) for name in LEVELS),
     ("nees_time_s", pa.list_(pa.float32())),
     ("nees_over_time", pa.list_(pa.float32())),
     ("version", _TEXT),

@@ -12,11 +12,12 @@ from spinfilters.pipeline.estimate_diagnostics import (
     motion_diagnostics,
     reference_smoother,
 )
-from spinfilters.pipeline.estimator_entry import AnyEntry
+from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries
 from spinfilters.pipeline.model_errors import model_error_diagnostics
-from spinfilters.pipeline.noise_diagnostics import filter_noise_diagnostics, smoother_noise_diagnostics
+from spinfilters.pipeline.noise_diagnostics import filter_noise_diagnostics
 from spinfilters.pipeline.setup import Setup
 from spinfilters.pipeline.smoother_run import NAME as SMOOTHER
+from spinfilters.pipeline.stated_levels import stated_level_diagnostics
 from spinfilters.settings.run_settings import Settings
 
 
@@ -45,11 +46,19 @@ class Doubts:
             own = [*self.of_filters, *self._agreement_of(evaluation)] if entry.continues else []
             return [*self.shared, *own]
         if not entry.continues:
-            own = smoother_noise_diagnostics(evaluation.history, self.setup, self.settings)
-            return [*self.shared, *own, *self._of_landmarks]
+            return [*self.shared, *self.of_levels, *self._of_landmarks]
         agreement = self._agreement_of(evaluation)
         noise = [] if entry.is_baseline or agreement else self._noise_of(evaluation)
-        return [*self.shared, *self.of_filters, *agreement, *noise]
+        levels = [] if entry.is_baseline else self.of_levels
+        return [*self.shared, *levels, *self.of_filters, *agreement, *noise]
+
+    @cached_property
+    def of_levels(self) -> list[str]:
+        """About stated levels of noise."""
+        entries = estimator_entries()
+        own = [each.history for each in self.evaluations if not entries[each.name].is_baseline]
+        first = [] if self.smoother is None else [self.smoother]
+        return stated_level_diagnostics(self.setup, self.settings, [*first, *own])
 
     @cached_property
     def _of_landmarks(self) -> list[str]:
@@ -68,7 +77,9 @@ class Doubts:
         return self._agreements[evaluation.name]
 
     def _noise_of(self, evaluation: Evaluation) -> list[str]:
-        """Of a filter's own epochs, asked once."""
+        """Of a filter's own epochs, asked once, where nothing has been said of the noise yet."""
+        if self.of_levels:
+            return []
         if evaluation.name not in self._noise:
             found = filter_noise_diagnostics(evaluation.history, self.setup, self.settings)
             self._noise[evaluation.name] = found

@@ -33,8 +33,8 @@ class NoisyModels:
     start: InitialEstimate
 
 
-Initialise = Callable[[TorqueFreeProcess, SensorNoise], NoisyModels]
-"""Binds a data set to noise and makes its initialisation."""
+Initialise = Callable[[TorqueFreeProcess, SensorNoise, InitialEstimate | None], NoisyModels]
+"""Binds a data set to noise and makes its initialisation, from that at other noise where there is one."""
 
 
 @dataclass(frozen=True)
@@ -58,18 +58,18 @@ def with_identified_noise(
 ) -> tuple[NoisyModels, tuple[VarianceComponent, ...]]:
     """The initialisation with the noise that its own epochs identify; without it where they identify none.
 
-    The density of a disturbance is taken for its mean, exp(var ln density) times the most probable, and covariances widen by what
-    is not known of the levels (`Identified`).
+    The density of a disturbance is taken for its mean (`VarianceComponent.expected`), and covariances widen by what is not known of
+    the levels (`Identified`).
     """
-    made, found = make(process, noise), None
+    made, found = make(process, noise, None), None
     if not unstated:
         return made, ()
     for _ in range(ROUNDS - 1):
-        identified = _identified(made, unstated)
+        identified = _identified(made, unstated, found is None)
         if identified is None:
             break
         before, found = _levels(made, unstated), identified
-        made = make(*_expected(made, identified))
+        made = make(*_expected(made, identified), made.start)
         after = _levels(made, unstated)
         if all(abs(np.log(after[name] / before[name])) < ALIKE for name in after):
             break
@@ -97,14 +97,18 @@ def noise_model(problem: Problem, noise: SensorNoise, unstated: Unstated) -> Noi
     return NoiseModel(problem, tuple(components), densities) if components or densities else None
 
 
-def _identified(made: NoisyModels, unstated: Unstated) -> Identified | None:
+def _identified(made: NoisyModels, unstated: Unstated, from_residuals: bool) -> Identified | None:
+    """From the levels of the median residuals, or from those that the initialisation was made with."""
     start = made.start
     if start.has_failed or not np.isfinite(start.mean).all():
         return None
     epochs = made.timeline[: len(start.mean)]
     problem = problem_of(made.process, epochs, start.ids, start.prior, OBSERVATIONS_NEEDED)
     model = noise_model(problem, made.noise, unstated)
-    found = None if model is None else identify(model, start.mean, start.points)
+    if model is None:
+        return None
+    first = None if from_residuals else np.zeros(len(model.components) + len(model.densities))
+    found = identify(model, start.mean, start.points, first)
     return found if found is not None and found.converged else None
 
 

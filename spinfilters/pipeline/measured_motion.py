@@ -2,7 +2,8 @@
 
 from spinfilters.data.sensor_format import sensor_format
 from spinfilters.estimators.initialisation.initial_motion import InitialMotion, initial_motion
-from spinfilters.pipeline.setup import Setup, camera_view, initial_samples
+from spinfilters.pipeline.first_epochs import initial_samples
+from spinfilters.pipeline.setup import Setup, camera_view
 
 
 def measured_motion(setup: Setup) -> InitialMotion:

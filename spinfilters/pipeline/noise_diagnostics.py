@@ -7,11 +7,7 @@ import numpy as np
 from spinfilters.data.sensor_format import sensor_format
 from spinfilters.errors import NUMERICAL_ERRORS
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.estimators.identification.components import DISTURBANCES, ComponentRows
-from spinfilters.estimators.identification.residuals import residuals_of
-from spinfilters.estimators.identification.working_solutions import WorkingSolutions
-from spinfilters.estimators.smoothing.problem.least_squares import Stage, problem_of
-from spinfilters.estimators.smoothing.solver.batch_smoother import NO_LANDMARKS, NO_POINTS
+from spinfilters.estimators.identification.components import DISTURBANCES
 from spinfilters.evaluation.deviation_parts import without_calibration
 from spinfilters.evaluation.noise_tests import MEASUREMENTS, FilterTests, NoiseTest, filter_tests
 from spinfilters.pipeline.setup import Setup
@@ -24,8 +20,6 @@ LARGEST_RATIO = 1.5
 """Of a variance to the stated one, below which the difference does not matter: deviations of 1.22."""
 LARGEST_AUTOCORRELATION = 0.15
 """Of a filter's corrections, below which what is left of a model error does not matter."""
-TINY = 1e-9
-"""Of a sum of squares, relative to one."""
 DENSITY_OF = {"torque": "torque_psd", "force": "force_psd"}
 """Options of the process by the source of the disturbance."""
 
@@ -45,17 +39,6 @@ def filter_noise_diagnostics(history: EstimateHistory, setup: Setup, settings: S
     if correlated:  # which white noise of the measurements is not, whatever its size
         tests.pop(MEASUREMENTS, None)
     return [*noise_doubts(tests, setup), *correlated]
-
-
-def smoother_noise_diagnostics(history: EstimateHistory, setup: Setup, settings: Settings) -> list[str]:
-    """Doubts of smoothed epochs, sensor by sensor; none with landmarks, whose residuals are not at hand."""
-    if setup.initial.has_landmarks or history.status.verdict is Verdict.FAILED:
-        return []
-    try:
-        with np.errstate(all="ignore"):
-            return noise_doubts(_smoother_tests(history, setup, settings), setup)
-    except NUMERICAL_ERRORS:
-        return []
 
 
 def noise_doubts(tests: Mapping[str, NoiseTest], setup: Setup) -> list[str]:
@@ -103,34 +86,3 @@ def _of_whiteness(found: FilterTests, setup: Setup) -> list[str]:
         f"corrections of neighbouring epochs are correlated ({found.autocorrelation:.2f}, {found.whiteness_score:.0f} deviations "
         "of chance): an error of model, clock or calibration that is no noise, or disturbances that are understated"
     ]
-
-
-def _smoother_tests(history: EstimateHistory, setup: Setup, settings: Settings) -> dict[str, NoiseTest]:
-    """By sensor and density. The average information falls with the squares that it is made of, its expectation does not."""
-    epochs = setup.timeline[: len(history.time)]
-    problem = problem_of(
-        setup.process, epochs, NO_LANDMARKS, setup.initial.prior, 2, settings.smoother.robust_loss
-    )
-    if problem.is_long:
-        return {}
-    here = problem.at(history.mean, NO_POINTS)
-    normal = problem.normal(here, Stage(settings.smoother.robust_loss))
-    if not normal.solved:
-        return {}
-    components = tuple(
-        ComponentRows(sensor.model.name, 1.0, {k: tuple(range(sensor.model.dim))})
-        for k, sensor in enumerate(problem.motion.sensors)
-    )
-    noise = setup.process.noise
-    densities = [
-        name
-        for name in DISTURBANCES
-        if getattr(noise, name) > 0 and (setup.process.layout.translates or name != "force_psd")
-    ]
-    found = residuals_of(problem, here, normal, components, densities)
-    information = WorkingSolutions(problem, here, normal, found.sources).variances_information
-    names = (*(each.name for each in components), *densities)
-    return {
-        name: NoiseTest(float(r), float(S), 4 * float(F * max(S / max(r, TINY), 1.0)), float(S))
-        for name, r, S, F in zip(names, found.squares, found.redundancy, information, strict=True)
-    }

@@ -1,6 +1,6 @@
 """A data set and settings made ready for any estimator: process, timeline, start."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,9 +22,9 @@ from spinfilters.geometry.camera_trajectory import CameraTrajectory
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.pipeline.acceleration import with_acceleration_if_told
 from spinfilters.pipeline.considered_calibration import considered_deviations
+from spinfilters.pipeline.first_epochs import FirstEpochs
 from spinfilters.pipeline.gyro_noise import FIRST_SCALE, GyroNoise, identify_gyro_noise, white_level
 from spinfilters.pipeline.identified_noise import NoisyModels, Unstated, with_identified_noise
-from spinfilters.pipeline.initialisation_length import Make, long_enough_initialisation
 from spinfilters.pipeline.stated_noise import (
     disturbances,
     log_with_noise,
@@ -46,8 +46,6 @@ from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 NOTHING_SOUGHT = Unstated({}, ())
 WHOLE_RECORDING = 400
 """Samples, at most, from which the error of a rate sensor is identified."""
-LEADING_EPOCHS = 16
-"""Of the sensor that tells most of a motion, in an initialisation, where faster sensors stand beside it."""
 
 
 @dataclass(frozen=True)
@@ -149,18 +147,17 @@ def _setup(dataset: Dataset, settings: Settings, initial: Given | None) -> Setup
             noise = replace(noise, **{option: gyro_noise.scale_std})
     silent = unstated_noise(log, dataset, settings, unknown)
 
-    def bound(process: TorqueFreeProcess, noise: SensorNoise) -> NoisyModels:
+    def bound(process: TorqueFreeProcess, noise: SensorNoise, before: InitialEstimate | None) -> NoisyModels:
         timeline = build_timeline(log, layout, noise, view)
         if len(timeline) < 5:
             raise InputError(f"{len(timeline)} epoch(s) are too few for a motion; give at least 5")
         if initial is not None:
             return NoisyModels(process, noise, timeline, initial(layout))
-        make = _initialiser(replace(dataset, log=log), process, timeline, noise)
-        options = _with_leading_epochs(settings.initialisation, log, timeline)
-        return NoisyModels(process, noise, timeline, _start(process, timeline, make, options))
+        first = FirstEpochs(replace(dataset, log=log), view, process, timeline, noise)
+        return NoisyModels(process, noise, timeline, first.smoothed(settings.initialisation, before))
 
     if initial is not None:
-        made, components = bound(process, noise), ()
+        made, components = bound(process, noise, None), ()
     else:
         made, components = with_identified_noise(bound, process, noise, silent)
     start, points = made.start, None if dataset.known_map is None else dataset.known_map.points
@@ -192,80 +189,11 @@ def _layout(log: MeasurementLog, settings: Settings) -> StateLayout:
     return layout
 
 
-def _start(
-    process: TorqueFreeProcess, timeline: Timeline, make: Make, options: InitialisationOptions
-) -> InitialEstimate:
-    """The smoothed first epochs; where their numbers lead nowhere none of them is finite, and its status says why."""
-    try:
-        with np.errstate(all="ignore"):  # what is not finite becomes a status
-            return long_enough_initialisation(process, timeline, make, options)
-    except NUMERICAL_ERRORS as error:
-        return InitialEstimate.failed(process.layout, options.count(timeline), reason(error))
-
-
 def camera_view(dataset: Dataset) -> CameraView | None:
     """What rows of landmarks are measured against, None without any."""
     if dataset.rig is None:
         return None
     return CameraView(dataset.known_map, dataset.rig.calibration, CameraTrajectory.of(dataset.inspector))
-
-
-def initial_samples(
-    streams: Sequence[MeasurementStream], noise: SensorNoise, view: CameraView | None
-) -> MotionSamples:
-    """Initial motion samples of the stream that tells most of the motion.
-
-    Landmarks are asked before places, these before attitudes, these before rates.
-
-    Raises
-    ------
-    InputError: streams that do not tell a motion.
-    """
-    for stream in sorted(streams, key=_told, reverse=True):
-        samples = sensor_of(stream.sensor).initial_motion(stream, noise, view)
-        if samples is not None:
-            return samples
-    raise InputError(
-        f"{' and '.join(s.sensor for s in streams)} measurements do not tell how the body moves at first; "
-        "give those of another sensor too"
-    )
-
-
-def _told(stream: MeasurementStream) -> tuple[bool, ...]:
-    """How much of a motion a stream tells, to be compared."""
-    sensor = sensor_of(stream.sensor)
-    return sensor_format(stream.sensor).has_landmarks, sensor.sees_place, sensor.tells_frames
-
-
-def _with_leading_epochs(
-    options: InitialisationOptions, log: MeasurementLog, timeline: Timeline
-) -> InitialisationOptions:
-    """With so many epochs that `LEADING_EPOCHS` of the sensor that tells most of the motion are among them.
-
-    Beside a fast gyro the first epochs would hold none or two of a camera.
-    """
-    leading = max(log.streams, key=_told).epoch_times
-    last = leading[min(LEADING_EPOCHS, len(leading)) - 1]
-    count = int(np.searchsorted(times_of(timeline), last, "right"))
-    return replace(options, epochs=max(options.epochs, count))
-
-
-def _initialiser(
-    dataset: Dataset, process: TorqueFreeProcess, timeline: Timeline, noise: SensorNoise
-) -> Make:
-    """What makes an initialisation of this data set: nothing of landmarks after its last epoch is looked at."""
-    view = camera_view(dataset)
-
-    def make(options: InitialisationOptions) -> InitialEstimate:
-        end = timeline[options.count(timeline) - 1].time
-        streams = [
-            stream.slice(timeline[0].time, end) if sensor_format(stream.sensor).has_landmarks else stream
-            for stream in dataset.log.streams
-        ]
-        samples = initial_samples([stream for stream in streams if stream is not None], noise, view)
-        return initialise(process, timeline, samples, options)
-
-    return make
 
 
 def _identify(

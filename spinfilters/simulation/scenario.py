@@ -253,6 +253,13 @@ def without_map(dataset: Dataset) -> Dataset:
     return replace(dataset, known_map=None)
 
 
+def without_noise(dataset: Dataset) -> Dataset:
+    """The same data, which say nothing of their noise."""
+    streams = tuple(replace(stream, covariance=None) for stream in dataset.log.streams)
+    options = replace(dataset.options, force_psd=None, torque_psd=None, sensor_noise={})
+    return replace(dataset, log=MeasurementLog(streams), options=options)
+
+
 def first_state(scenario: Scenario, layout: StateLayout) -> Float[np.ndarray, " m"]:
     """The state at time zero, before any disturbance."""
     R_gb = _principal_axes(scenario)

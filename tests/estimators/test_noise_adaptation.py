@@ -15,10 +15,12 @@ from spinfilters.estimators.filters.noise_adaptation import (
     BLOCK,
     CYCLE,
     LARGEST_SCALE,
+    PRIOR_INFORMATION,
     AdaptationOptions,
     NoiseAdaptation,
     NoiseEvidence,
     NoiseScale,
+    raised_logarithm,
     residual_evidence,
 )
 from spinfilters.estimators.filters.square_root_update import MeasurementPrediction, square_root_update
@@ -191,7 +193,25 @@ def test_a_horizon_out_of_range_is_refused(name: str, value: float) -> None:
         AdaptationOptions(**{name: value})
 
 
-IDENTIFIED = {"process.torque": NoiseScale(np.log(4.0) - 0.02, 100.0), "sensor.pose": NoiseScale(0.0, 200.0)}
+@pytest.mark.parametrize("count", [15, 60, 240])
+def test_a_density_that_squares_tell_is_raised_to_its_mean(count: int) -> None:
+    theta = np.linspace(-3, 6, 20_001)
+    log_posterior = 0.5 * theta - 0.5 * count * (theta + np.exp(-theta))  # flat in the standard deviation
+    weight = np.exp(log_posterior - log_posterior.max())
+    mean = float(np.sum(weight * np.exp(theta)) / np.sum(weight))
+    likeliest = theta[np.argmax(weight)]
+    assert np.log(mean) - likeliest == pytest.approx(raised_logarithm(2 / count), rel=0.25)
+
+
+def test_a_density_that_the_prior_alone_tells_is_not_raised() -> None:
+    assert raised_logarithm(1 / PRIOR_INFORMATION) == 0.0
+    assert raised_logarithm(100.0) == 0.0
+
+
+IDENTIFIED = {
+    "process.torque": NoiseScale(np.log(4.0) - raised_logarithm(0.02), 100.0),
+    "sensor.pose": NoiseScale(0.0, 200.0),
+}
 
 
 def test_identified_levels_are_scaled_to_their_means_and_go_on_by_a_part_of_the_epochs() -> None:
@@ -214,7 +234,7 @@ def test_a_filter_goes_on_from_a_wrong_level_to_the_right_one(wrong: float) -> N
     logarithms = []
     for seed in range(SEEDS):
         estimator = _started(MultiplicativeEkf, seed, Stated(truth=DISTURBED), NONE)
-        estimator.adapt_from({"process.torque": NoiseScale(np.log(wrong) - 1.0, 2.0)})
+        estimator.adapt_from({"process.torque": NoiseScale(np.log(wrong) - raised_logarithm(1.0), 2.0)})
         estimator.start(estimator.belief)
         estimator._adaptation._predictions = CYCLE - BLOCK
         for epoch in range(1, BLOCK):

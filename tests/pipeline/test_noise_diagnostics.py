@@ -1,5 +1,6 @@
 """Chi-square tests of a filter's noise: clean runs pass, wrong levels are told by their ratio."""
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 from experiments.honest_cases import Case, recordings
+from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.evaluation.noise_tests import MEASUREMENTS, FilterTests, NoiseTest, filter_tests
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
 from spinfilters.pipeline.noise_diagnostics import (
@@ -14,10 +16,11 @@ from spinfilters.pipeline.noise_diagnostics import (
     LARGEST_SCORE,
     filter_noise_diagnostics,
     noise_doubts,
-    smoother_noise_diagnostics,
 )
 from spinfilters.pipeline.setup import prepare
+from spinfilters.pipeline.stated_levels import stated_level_diagnostics
 from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 
 SETTINGS = Settings(estimators=("mekf", "smoother"))
 POSE = Case("pose of noise tests", kind="pose", epochs=150)
@@ -45,11 +48,12 @@ def found_by(run: Comparison) -> FilterTests:
 
 
 def doubts(run: Comparison) -> list[list[str]]:
-    """Of filter and smoother."""
+    """Of the filter's updates, and of all levels at the smoother's states and at the filter's."""
     mekf, smoother = run.evaluations
     return [
         filter_noise_diagnostics(mekf.history, run.setup, SETTINGS),
-        smoother_noise_diagnostics(smoother.history, run.setup, SETTINGS),
+        stated_level_diagnostics(run.setup, SETTINGS, [smoother.history]),
+        stated_level_diagnostics(run.setup, SETTINGS, [mekf.history]),
     ]
 
 
@@ -58,7 +62,7 @@ def test_true_levels_pass_every_test() -> None:
     assert set(found.noise) == {MEASUREMENTS, "torque", "force"}
     assert max(abs(test.score) for test in found.noise.values()) < 4
     assert abs(found.whiteness_score) < 4
-    assert doubts(compared()) == [[], []]
+    assert doubts(compared()) == [[], [], []]
     assert compared().evaluations[0].history.status.verdict == "ok"
 
 
@@ -67,8 +71,15 @@ def test_a_deviation_wrong_by_half_is_doubted_with_the_number(deviation: float) 
     run = compared(deviation=deviation)
     ratio = found_by(run).noise[MEASUREMENTS].ratio
     assert np.sqrt(ratio) * deviation == pytest.approx(1.0, abs=0.2)
-    for own in doubts(run):
-        assert "measurements have" in own[0]
+    of_filter, *of_levels = doubts(run)
+    assert "measurements have" in of_filter[0]
+    for own in of_levels:
+        assert re.search(
+            r"^sensors\.pose_\w+_std is .*the data have [\d.]+ \+- .*deviations of chance", own[0]
+        )
+        found = float(re.findall(r"the data have ([\d.]+)", own[0])[0])
+        true = POSE.noise_std * (0.5 if "position" in own[0] else 1.0)
+        assert found == pytest.approx(true, rel=0.15)
         assert len(own[0]) < 300
     assert all(evaluation.history.status.verdict != "ok" for evaluation in run.evaluations)
 
@@ -76,6 +87,44 @@ def test_a_deviation_wrong_by_half_is_doubted_with_the_number(deviation: float) 
 def test_densities_stated_too_small_are_doubted() -> None:
     run = compared(density=0.04)
     assert all("process." in own[0] or "correlated" in own[0] for own in doubts(run))
+
+
+@pytest.mark.parametrize("factor", [1 / 1.5, 1.0, 1.5])
+def test_deviations_that_rows_state_are_tested_too(factor: float) -> None:
+    dataset = simulate(replace(Scenario.common_workload(RICH_RPM, 1), kind="pose"))
+    streams = tuple(
+        replace(stream, covariance=None if stream.covariance is None else factor**2 * stream.covariance)
+        for stream in dataset.log.streams
+    )
+    assert streams[0].covariance is not None
+    setup = prepare(replace(dataset, log=MeasurementLog(streams)), SETTINGS)
+    history = compare_estimators(setup, replace(SETTINGS, estimators=("mekf",)), lambda *_: None)
+    found = stated_level_diagnostics(setup, SETTINGS, [history.evaluations[0].history])
+    if factor == 1.0:
+        assert found == []
+    else:
+        times = float(
+            re.findall(r"the data have ([\d.]+) .* times the deviations that the rows state", found[0])[0]
+        )
+        assert times * factor == pytest.approx(1.0, rel=0.15)
+
+
+@pytest.mark.parametrize("density", [0.1, 10.0])
+def test_densities_of_a_gyro_wrong_by_ten_are_doubted_with_the_number(density: float) -> None:
+    scenario = replace(Scenario.common_workload(RICH_RPM, 0), kind="gyro")
+    dataset = simulate(scenario)
+    stated = replace(dataset.options, torque_psd=density * scenario.noise.torque_psd)
+    setup = prepare(replace(dataset, options=stated), SETTINGS)
+    run = compare_estimators(setup, SETTINGS, lambda *_: None)
+    (doubt,) = stated_level_diagnostics(setup, SETTINGS, [run.evaluations[0].history])
+    assert doubt.startswith(f"process.torque_psd is {density * scenario.noise.torque_psd:.3g}, the data have")
+    found = float(re.findall(r"the data have (\S+)", doubt)[0])
+    assert abs(np.log(found / scenario.noise.torque_psd)) < 1
+    assert all(doubt in evaluation.history.status.reasons for evaluation in run.evaluations)
+
+
+def test_the_correlation_of_corrections_tells_densities_stated_too_small() -> None:
+    run = compared(density=0.04)
     assert found_by(run).whiteness_score > LARGEST_SCORE
 
 
@@ -100,7 +149,9 @@ def test_neither_a_small_ratio_nor_a_small_score_is_a_doubt() -> None:
 def test_a_filter_that_adapts_its_noise_is_not_tested_for_what_it_was_told() -> None:
     run = compared(deviation=3.0)
     adapting = replace(SETTINGS, adaptation=replace(SETTINGS.adaptation, measurement=50.0))
-    assert filter_noise_diagnostics(run.evaluations[0].history, run.setup, adapting) == []
+    history = run.evaluations[0].history
+    assert filter_noise_diagnostics(history, run.setup, adapting) == []
+    assert stated_level_diagnostics(run.setup, adapting, [history]) == []
 
 
 def test_a_test_of_nothing_says_nothing() -> None:

@@ -11,7 +11,8 @@ from spinfilters.data.dataset import Dataset, read_dataset
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.errors import InputError
 from spinfilters.pipeline.estimation import compare_estimators
-from spinfilters.pipeline.setup import LEADING_EPOCHS, prepare
+from spinfilters.pipeline.first_epochs import LEADING_EPOCHS
+from spinfilters.pipeline.setup import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario
 from spinfilters.simulation.scenario import simulate as simulate_scenario

@@ -41,6 +41,24 @@ BLOCK, CYCLE = 16, 256
 EKF on poses 2.6 times one that is not, so that all together cost a tenth; what is lost is little beside what was identified."""
 
 
+PRIOR_INFORMATION = 0.5
+"""Of the logarithm of a level, by a prior that is flat in its standard deviation."""
+
+
+def raised_logarithm(variance: float) -> float:
+    """Logarithm of a density's mean over the most probable one.
+
+    A sum of n squares tells a density to 2 / n in the variance of its logarithm; its mean lies by as much above the most probable.
+    Where the prior tells the rest, which bounds a density from below alone, it does not: only the data's share of the information
+    raises.
+
+    Parameters
+    ----------
+    variance: of the density's logarithm.
+    """
+    return variance * max(1.0 - PRIOR_INFORMATION * variance, 0.0)
+
+
 HORIZON = NumberRange(1, 1e9, "updates", zero=True)
 
 
@@ -128,7 +146,7 @@ class NoiseAdaptation:
     ----------
     identified: scales by source ("sensor.pose", "process.torque") with the information that an identification has gathered. They go
         on from there, by a part of the epochs (`BLOCK`) and forgetting nothing where the options give no horizon; a density is
-        scaled to its mean, exp(var ln density) times the most probable.
+        scaled to its mean (`raised_logarithm`).
     """
 
     def __init__(
@@ -234,7 +252,9 @@ class NoiseAdaptation:
 
     def _scale(self, name: str) -> float:
         level = self.level(name)
-        raised = 2 / level.information if name in self.identified and name.startswith("process.") else 0.0
+        raised = 0.0
+        if name in self.identified and name.startswith("process."):
+            raised = raised_logarithm(2 / level.information)
         return float(np.exp(level.logarithm + raised))
 
     @property

@@ -6,6 +6,8 @@ from typing import Final
 
 import numpy as np
 
+from spinfilters.estimators.filters.noise_adaptation import raised_logarithm
+
 FORCE_PSD: Final = "force_psd"
 TORQUE_PSD: Final = "torque_psd"
 DISTURBANCES: Final = (FORCE_PSD, TORQUE_PSD)
@@ -59,8 +61,8 @@ class VarianceComponent:
 
     @property
     def expected(self) -> float:
-        """Level to estimate with: of a density its mean, exp(var ln density) times the most probable."""
-        return self.value * (float(np.exp(self.log_std**2)) if self.is_density else 1.0)
+        """Level to estimate with: of a density its mean."""
+        return self.value * (float(np.exp(raised_logarithm(self.log_std**2))) if self.is_density else 1.0)
 
     @property
     def upper(self) -> float:

@@ -20,6 +20,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.estimators.filters.noise_adaptation import PRIOR_INFORMATION
 from spinfilters.estimators.filters.square_root_update import lower_roots
 from spinfilters.estimators.identification.components import VarianceComponent
 from spinfilters.estimators.identification.noise_model import NoiseModel
@@ -40,7 +41,7 @@ SETTLED: Final[float] = 0.05
 LONGEST_STEP: Final[float] = 3.0
 """Of ln variance, in one iteration."""
 GAINS: Final[tuple[float, float]] = (0.1, 4.0)
-PRIOR_SLOPE: Final[float] = 1.0
+PRIOR_SLOPE: Final[float] = 2 * PRIOR_INFORMATION
 """Of twice the log prior by ln variance: flat in the standard deviation."""
 SMALLEST_REDUNDANCY: Final[float] = 1e-3
 TINY: Final[float] = float(np.finfo(float).tiny)
@@ -118,7 +119,7 @@ def identify(
 def _covariance(information: Float[np.ndarray, "c c"]) -> Float[np.ndarray, "c c"]:
     """Of ln variances, prior included. Average information need not be positive where residuals contradict the levels."""
     values, vectors = np.linalg.eigh(information)
-    return vectors / (np.maximum(values, 0.0) + PRIOR_SLOPE / 2) @ vectors.T
+    return vectors / (np.maximum(values, 0.0) + PRIOR_INFORMATION) @ vectors.T
 
 
 def _components(

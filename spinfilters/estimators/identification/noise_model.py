@@ -40,6 +40,14 @@ class NoiseModel:
         motion = replace(motion, sensors=sensors, process=self._process(log_variance))
         return replace(self.problem, motion=motion, observations=observations)
 
+    def at(self, log_variance: Float[np.ndarray, " c"]) -> "NoiseModel":
+        """The model whose problem is stated with these levels."""
+        values = self.values(log_variance)
+        components = tuple(
+            replace(each, value=value) for each, value in zip(self.components, values, strict=False)
+        )
+        return NoiseModel(self.scaled(log_variance), components, self.densities)
+
     def first(self, here: LinearizationPoint) -> Float[np.ndarray, " c"]:
         """ln variances at which the median residual of every component is the expected one; those of disturbances as stated."""
         found = np.zeros(len(self.components) + len(self.densities))

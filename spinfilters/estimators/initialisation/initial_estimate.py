@@ -9,6 +9,7 @@ from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.estimators.smoothing.joint_belief import joint_belief
 from spinfilters.estimators.smoothing.linear.marginals import Marginals
+from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.models.gauge import GAUGE_DIM
 from spinfilters.state.gaussian import Gaussian
@@ -34,6 +35,7 @@ class InitialEstimate:
     noise_ratio: standard deviation of the observations over the stated, from the initial guess; None where it does not tell.
     departure: of a filter from the smoother of the same measurements, in standard deviations; zero where none was tried.
     status: whether it can be trusted, with reasons.
+    guess: that it was smoothed from, whose landmarks are all that the first epochs show; None where it is not known.
     """
 
     layout: StateLayout
@@ -55,6 +57,7 @@ class InitialEstimate:
     noise_ratio: float | None = None
     departure: float = 0.0
     status: EstimatorStatus = field(default_factory=EstimatorStatus)
+    guess: InitialGuess | None = None
 
     @classmethod
     def failed(cls, layout: StateLayout, epochs: int, reason: str) -> "InitialEstimate":

@@ -103,7 +103,41 @@ def initialise(
     status = found.status
     if not found.converged:
         status = status.degraded(f"the start did not settle in {found.iterations} iterations")
-    return replace(found, momentum_residual=momentum_residual, noise_ratio=samples.noise_ratio, status=status)
+    return replace(
+        found,
+        momentum_residual=momentum_residual,
+        noise_ratio=samples.noise_ratio,
+        status=status,
+        guess=guess,
+    )
+
+
+def initialised_again(
+    process: ProcessModel, timeline: Timeline, before: InitialEstimate, options: InitialisationOptions
+) -> InitialEstimate | None:
+    """Smooth the first epochs at other noise, from an estimate of them at the noise before.
+
+    Motion, map and associations are those of the estimate. None where it has fewer epochs, or the fit is not clear, as where there
+    may be several optima: then the measurements are to be asked anew.
+    """
+    count = options.count(timeline)
+    if before.guess is None or count > len(before.mean) or not np.isfinite(before.mean).all():
+        return None
+    ids, points = before.guess.ids, before.guess.points.copy()
+    order = np.argsort(ids)
+    points[order[np.searchsorted(ids, before.ids, sorter=order)]] = before.points
+    guess = InitialGuess(before.mean[:count], ids, points)
+    found = smooth_first_epochs(
+        process, timeline[:count], guess, before.prior, SmoothingOptions(options.iterations)
+    )
+    if not _is_clear(found):
+        return None
+    return replace(
+        found,
+        momentum_residual=before.momentum_residual,
+        noise_ratio=before.noise_ratio,
+        guess=before.guess,
+    )
 
 
 def smooth_first_epochs(

@@ -1,0 +1,115 @@
+"""First epochs of a data set, smoothed: what every estimator sets out from."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.input_file import reason
+from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.data.sensor_format import sensor_format
+from spinfilters.errors import NUMERICAL_ERRORS, InputError
+from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
+from spinfilters.estimators.initialisation.initialiser import initialise, initialised_again
+from spinfilters.estimators.initialisation.options import InitialisationOptions
+from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, times_of
+from spinfilters.models.process import TorqueFreeProcess
+from spinfilters.pipeline.initialisation_length import long_enough_initialisation
+from spinfilters.sensors.registry import sensor_of
+from spinfilters.sensors.sensor import MotionSamples
+
+LEADING_EPOCHS = 16
+"""Of the sensor that tells most of a motion, in an initialisation, where faster sensors stand beside it."""
+
+
+@dataclass(frozen=True)
+class FirstEpochs:
+    """Those of a data set, with models and noise.
+
+    Attributes
+    ----------
+    view: what rows of landmarks are measured against, None without any.
+    """
+
+    dataset: Dataset
+    view: CameraView | None
+    process: TorqueFreeProcess
+    timeline: Timeline
+    noise: SensorNoise
+
+    def smoothed(
+        self, options: InitialisationOptions, before: InitialEstimate | None = None
+    ) -> InitialEstimate:
+        """As many as filters need; where their numbers lead nowhere none of them is finite, and its status says why.
+
+        Parameters
+        ----------
+        before: of the same data at other noise, whose motion, map and associations are used again where they serve.
+        """
+        options = self._with_leading_epochs(options)
+        if before is not None:
+            options = replace(options, epochs=max(options.epochs, len(before.mean)))
+            options = replace(options, duration=max(options.duration, self._duration(len(before.mean))))
+
+        def make(options: InitialisationOptions) -> InitialEstimate:
+            again = None
+            if before is not None:
+                again = initialised_again(self.process, self.timeline, before, options)
+            return self._made(options) if again is None else again
+
+        try:
+            with np.errstate(all="ignore"):  # what is not finite becomes a status
+                return long_enough_initialisation(self.process, self.timeline, make, options)
+        except NUMERICAL_ERRORS as error:
+            return InitialEstimate.failed(self.process.layout, options.count(self.timeline), reason(error))
+
+    def _made(self, options: InitialisationOptions) -> InitialEstimate:
+        """From the measurements alone; nothing of landmarks after the last epoch is looked at."""
+        end = self.timeline[options.count(self.timeline) - 1].time
+        streams = [
+            stream.slice(self.timeline[0].time, end) if sensor_format(stream.sensor).has_landmarks else stream
+            for stream in self.dataset.log.streams
+        ]
+        samples = initial_samples([s for s in streams if s is not None], self.noise, self.view)
+        return initialise(self.process, self.timeline, samples, options)
+
+    def _duration(self, epochs: int) -> float:
+        return self.timeline[epochs - 1].time - self.timeline[0].time
+
+    def _with_leading_epochs(self, options: InitialisationOptions) -> InitialisationOptions:
+        """With so many epochs that `LEADING_EPOCHS` of the sensor that tells most of the motion are among them.
+
+        Beside a fast gyro the first epochs would hold none or two of a camera.
+        """
+        leading = max(self.dataset.log.streams, key=_told).epoch_times
+        last = leading[min(LEADING_EPOCHS, len(leading)) - 1]
+        count = int(np.searchsorted(times_of(self.timeline), last, "right"))
+        return replace(options, epochs=max(options.epochs, count))
+
+
+def initial_samples(
+    streams: Sequence[MeasurementStream], noise: SensorNoise, view: CameraView | None
+) -> MotionSamples:
+    """Initial motion samples of the stream that tells most of the motion.
+
+    Landmarks are asked before places, these before attitudes, these before rates.
+
+    Raises
+    ------
+    InputError: streams that do not tell a motion.
+    """
+    for stream in sorted(streams, key=_told, reverse=True):
+        samples = sensor_of(stream.sensor).initial_motion(stream, noise, view)
+        if samples is not None:
+            return samples
+    raise InputError(
+        f"{' and '.join(s.sensor for s in streams)} measurements do not tell how the body moves at first; "
+        "give those of another sensor too"
+    )
+
+
+def _told(stream: MeasurementStream) -> tuple[bool, ...]:
+    """How much of a motion a stream tells, to be compared."""
+    sensor = sensor_of(stream.sensor)
+    return sensor_format(stream.sensor).has_landmarks, sensor.sees_place, sensor.tells_frames

@@ -1,0 +1,156 @@
+"""Stated noise levels beside the data: which of them these contradict, with the level that they have."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.data.sensor_format import sensor_format
+from spinfilters.errors import NUMERICAL_ERRORS
+from spinfilters.estimators.history import EstimateHistory
+from spinfilters.estimators.identification.components import DISTURBANCES, VarianceComponent
+from spinfilters.estimators.identification.identify import Identified, identify
+from spinfilters.estimators.identification.level_tests import level_tests
+from spinfilters.estimators.identification.noise_model import NoiseModel
+from spinfilters.estimators.smoothing.factors.landmark_observations import OBSERVATIONS_NEEDED
+from spinfilters.estimators.smoothing.factors.motion_factors import STRETCH
+from spinfilters.estimators.smoothing.problem.least_squares import problem_of, with_common_constants
+from spinfilters.estimators.smoothing.solver.batch_smoother import NO_LANDMARKS, NO_POINTS
+from spinfilters.pipeline.identified_noise import Unstated, noise_model
+from spinfilters.pipeline.setup import Setup
+from spinfilters.pipeline.stated_noise import log_with_noise
+from spinfilters.settings.run_settings import Settings
+from spinfilters.state.status import Verdict
+
+LARGEST_SCORE: Final = 4.0
+"""Standard deviations beyond which a test is no chance: one of 8000 levels that are right."""
+LARGEST_RATIO: Final = 1.5
+"""Of a variance to the stated one, below which the difference does not matter: deviations of 1.22."""
+
+
+def stated_level_diagnostics(
+    setup: Setup, settings: Settings, histories: Sequence[EstimateHistory]
+) -> list[str]:
+    """A sentence about the level that the data contradict most, for one that is wrong shows in the tests of the others.
+
+    A level that nobody states may be too large, which its identification means it to be.
+
+    Parameters
+    ----------
+    histories: of which the first that has not failed gives the states; with landmarks the initialisation does.
+    """
+    if settings.adaptation.measurement or settings.adaptation.process:
+        return []
+    try:
+        with np.errstate(all="ignore"):
+            levels = _Levels.of(setup, settings, histories)
+            return [] if levels is None else levels.doubts
+    except NUMERICAL_ERRORS:
+        return []
+
+
+@dataclass(frozen=True)
+class _Levels:
+    """All levels of a problem, and states near the most probable ones.
+
+    Attributes
+    ----------
+    by_rows: names of those that every row of a sensor states for itself.
+    """
+
+    setup: Setup
+    by_rows: frozenset[str]
+    model: NoiseModel
+    trajectory: Float[np.ndarray, "k m"]
+    points: Float[np.ndarray, "L 3"]
+
+    @classmethod
+    def of(cls, setup: Setup, settings: Settings, histories: Sequence[EstimateHistory]) -> "_Levels | None":
+        """Of the initialisation's epochs with landmarks, else of all that an estimator came through, up to `STRETCH`."""
+        start = setup.initial
+        trajectory, ids, points, needed, used = start.mean, start.ids, start.points, OBSERVATIONS_NEEDED, None
+        if not start.has_landmarks:
+            history = next((h for h in histories if h.status.verdict is not Verdict.FAILED), None)
+            if history is None or history.layout != setup.process.layout:
+                return None
+            mean = history.mean[:STRETCH]
+            trajectory = np.ascontiguousarray(with_common_constants(history.layout, mean[::-1])[::-1])
+            ids, points, needed, used = NO_LANDMARKS, NO_POINTS, 2, history.noise
+        if not np.isfinite(trajectory).all():
+            return None
+        epochs = setup.timeline[: len(trajectory)]
+        problem = problem_of(setup.process, epochs, ids, start.prior, needed, settings.smoother.robust_loss)
+        model = noise_model(problem, setup.noise, _every_level(setup))
+        if model is None:
+            return None
+        return cls(setup, _levels_of_rows(setup, settings), _at(model, used or ()), trajectory, points)
+
+    @cached_property
+    def doubts(self) -> list[str]:
+        """See the module's function."""
+        tests = level_tests(self.model, self.trajectory, self.points)
+        unstated = self.setup.unstated - self.by_rows
+        white = self.setup.gyro_noise is None  # what is correlated is told as white noise that weighs as much
+        asked = [test for test in tests if test.name not in unstated or (white and test.score > 0)]
+        worst = max(asked, key=lambda test: abs(test.score), default=None)
+        if worst is None or not abs(worst.score) > LARGEST_SCORE:
+            return []
+        count = len(self.model.components) + len(self.model.densities)
+        found = identify(self.model, self.trajectory, self.points, np.zeros(count))
+        if found is None:
+            return []
+        k = [each.name for each in found.components].index(worst.name)
+        if not abs(found.log_variance[k]) > np.log(LARGEST_RATIO):
+            return []
+        return [self._sentence(found, k, abs(worst.score))]
+
+    def _sentence(self, found: Identified, number: int, score: float) -> str:
+        level = found.components[number]
+        is_density = level.name in DISTURBANCES
+        half = 1.0 if is_density else 0.5
+        times = float(np.exp(half * found.log_variance[number]))
+        if level.name in self.by_rows:
+            std = times * half * level.log_std
+            told = f"{times:.3g} +- {std:.1g} times the deviations that the rows state"
+            return (
+                f"{level.name}: the data have {told} ({score:.0f} deviations of chance): state others, or leave them out to have "
+                "them identified"
+            )
+        stated = level.value / times
+        told = f"{level.value:.3g} +- {level.std:.1g}" if level.told else f"less than {level.upper:.2g}"
+        cure = "state another, or leave it out to have it identified"
+        table, cure = ("process", f"{cure}, or the model is wrong") if is_density else ("sensors", cure)
+        return f"{table}.{level.name} is {stated:.3g}, the data have {told} ({score:.0f} deviations of chance): {cure}"
+
+
+def _levels_of_rows(setup: Setup, settings: Settings) -> frozenset[str]:
+    streams = log_with_noise(setup.dataset.log, settings).streams
+    rows = [stream for stream in streams if stream.covariance is not None]
+    return frozenset(option.name for stream in rows for option in sensor_format(stream.sensor).noise)
+
+
+def _every_level(setup: Setup) -> Unstated:
+    """All levels as if nobody stated them."""
+    options: dict[str, dict[str, tuple[int, ...]]] = {}
+    for stream in setup.dataset.log.streams:
+        for option in sensor_format(stream.sensor).noise:
+            if option.components is not None:
+                options.setdefault(option.name, {})[stream.sensor] = option.components
+    noise = setup.process.noise
+    return Unstated(options, tuple(name for name in DISTURBANCES if getattr(noise, name) > 0))
+
+
+def _at(model: NoiseModel, levels: Sequence[VarianceComponent]) -> NoiseModel:
+    """The model at levels that an estimator has identified by itself."""
+    own = {each.name: each for each in levels}
+    names = (*(each.name for each in model.components), *model.densities)
+    before = dict(zip(names, model.values(np.zeros(len(names))), strict=True))
+    by = np.zeros(len(names))
+    for k, name in enumerate(names):
+        if name in own and before[name] > 0:
+            half = 1.0 if name in DISTURBANCES else 0.5
+            by[k] = np.log(own[name].value / before[name]) / half
+    return model.at(by)
