@@ -8,7 +8,9 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinfilters.models.batched_linearisation import LinearisedSteps
 from spinfilters.models.measurement import MeasurementModel
+from spinfilters.models.rotation_integrator import LinearisedStep
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
 from spinfilters.state.status import EstimatorStatus
@@ -76,9 +78,7 @@ class ProcessModel(Protocol):
 
     def step(self, x: Float[np.ndarray, "*batch m"], dt: float) -> Float[np.ndarray, "*batch m"]: ...
 
-    def linearise(
-        self, x: Float[np.ndarray, " m"], dt: float
-    ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "n n"], Float[np.ndarray, "n k"]]: ...
+    def linearise(self, x: Float[np.ndarray, " m"], dt: float) -> LinearisedStep: ...
 
     def linearise_steps(
         self,
@@ -86,7 +86,7 @@ class ProcessModel(Protocol):
         there: Float[np.ndarray, "s m"],
         dt: Float[np.ndarray, " s"],
         about: Float[np.ndarray, "s m"] | None = None,
-    ) -> tuple[Float[np.ndarray, "s n"], Float[np.ndarray, "s n n"], Float[np.ndarray, "s n k"]]: ...
+    ) -> LinearisedSteps: ...
 
 
 Snapshot = dict[str, np.ndarray]

@@ -7,6 +7,7 @@ same expressions and with the same control of their number, evaluated in lanes.
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -48,6 +49,20 @@ class StepBatch:
         return StepBatch(self.here[rows], self.there[rows], self.about[rows], self.dt[rows])
 
 
+class LinearisedSteps(NamedTuple):
+    """k steps to first order in their errors: e_there = defect + transition e_here + noise_factor n.
+
+    Attributes
+    ----------
+    defect: (k, n) error that takes ``there`` to the end of the step from ``here``.
+    transition: (k, n, n).   noise_factor: (k, n, q), of unit noise.
+    """
+
+    defect: Float[np.ndarray, "k n"]
+    transition: Float[np.ndarray, "k n n"]
+    noise_factor: Float[np.ndarray, "k n q"]
+
+
 class BatchedLinearisation:
     """Linearised steps from many states; see `RotationIntegrator`."""
 
@@ -62,7 +77,7 @@ class BatchedLinearisation:
         dt: Float[np.ndarray, " k"],
         densities: Float[np.ndarray, " 2"],
         about: Float[np.ndarray, "k m"] | None = None,
-    ) -> tuple[Float[np.ndarray, "k n"], Float[np.ndarray, "k n n"], Float[np.ndarray, "k n q"]]:
+    ) -> LinearisedSteps:
         """Defects, error transitions and noise factors of steps; see `TorqueFreeProcess.linearise_steps`.
 
         Raises
@@ -80,11 +95,9 @@ class BatchedLinearisation:
         for rows in _alike(self._integrator.turns(here, dt)):
             with suppress(IntegrationError):
                 defect[rows], transition[rows], noise[rows] = self._linearised(steps.chosen(rows), densities)
-        return defect, transition, noise
+        return LinearisedSteps(defect, transition, noise)
 
-    def _linearised(
-        self, steps: "StepBatch", densities: Float[np.ndarray, " 2"]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _linearised(self, steps: "StepBatch", densities: Float[np.ndarray, " 2"]) -> LinearisedSteps:
         """`linearise` with as many substeps for all as the longest turn needs."""
         here, dt = steps.here, steps.dt[:, None]
         count = self._integrator.first_count(here, float(dt.max())) if len(here) else 0
@@ -96,7 +109,7 @@ class BatchedLinearisation:
                 break
             count *= 2
         k, n = defect.shape
-        return defect, transition.reshape(k, n, n), noise.reshape(k, n, noise.shape[1] // n)
+        return LinearisedSteps(defect, transition.reshape(k, n, n), noise.reshape(k, n, noise.shape[1] // n))
 
     @cached_property
     @building()

@@ -9,6 +9,7 @@ weights keep it positive semidefinite, and which is exact for dt -> 0.
 from collections.abc import Callable
 from functools import lru_cache
 from math import hypot
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -43,6 +44,20 @@ SHARED = {"cse": True}
 
 class IntegrationError(SpinfiltersError, np.linalg.LinAlgError):
     """A step that the budget of substeps does not resolve. Its matrices would be wrong, like one that cannot be factorised."""
+
+
+class LinearisedStep(NamedTuple):
+    """A step of a motion to first order in its errors.
+
+    Attributes
+    ----------
+    after: (m,) the point at its end.   transition: (n, n) of the multiplicative error, or (n, n + constants).
+    noise_factor: (n, q) G of the noise covariance Q = G G'.
+    """
+
+    after: Float[np.ndarray, " m"]
+    transition: Float[np.ndarray, "n c"]
+    noise_factor: Float[np.ndarray, "n q"]
 
 
 class RotationIntegrator:
@@ -82,13 +97,13 @@ class RotationIntegrator:
 
     def linearise(
         self, x: Float[np.ndarray, " m"], dt: float, densities: Float[np.ndarray, " 2"]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Point after dt, error transition (n, n), factor (n, 6 or 12) of the noise covariance."""
+    ) -> LinearisedStep:
+        """The step of dt > 0 seconds under white noise of these densities; see `TorqueFreeProcess.linearise`."""
         count = self.first_count(x, dt)
         while True:
             after, error, transition, factor = self._lineariser(count)(x, dt, densities)
             if self.good(error, count):
-                return after, transition, factor
+                return LinearisedStep(after, transition, factor)
             count *= 2
 
     def step_function(self, count: int) -> ca.Function:
