@@ -74,7 +74,7 @@ def load_text(name: str, text: str, flags: tuple[str, ...]) -> ctypes.PyDLL | No
     if cc is None:
         return None
     machine = (platform.system(), platform.machine(), processor() if NATIVE in flags else "")
-    key = "\0".join((text, cc, " ".join(flags), ca.__version__, *machine))
+    key = "\0".join((text, cc, " ".join(flags), ca.CasadiMeta.version(), *machine))
     stem = f"{name}-{_digest(key.encode())}"
     try:
         with building():

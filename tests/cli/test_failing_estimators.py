@@ -1,6 +1,7 @@
 """An estimator that fails, in any way: the run goes on, and everything is written with `null` for what is not finite."""
 
 import shutil
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -28,15 +29,15 @@ def test_a_filter_that_stops_being_finite_leaves_the_others_complete(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    found = MultiplicativeEkf.belief
+    found, updates = MultiplicativeEkf.belief, Counter[int]()
 
     def belief(estimator: MultiplicativeEkf) -> Gaussian:
         known = found.fget(estimator)  # pyright: ignore[reportOptionalCall]
-        broken = getattr(estimator, "updates", 0) > frame
+        broken = updates[id(estimator)] > frame
         return replace(known, mean=known.mean * np.nan) if broken else known
 
     def update(estimator: MultiplicativeEkf, measurement: Any) -> Any:
-        estimator.updates = getattr(estimator, "updates", 0) + 1
+        updates[id(estimator)] += 1
         return original(estimator, measurement)
 
     original = MultiplicativeEkf.update

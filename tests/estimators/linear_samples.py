@@ -8,9 +8,8 @@ from jaxtyping import Float
 
 from spinfilters.attitude.expressions import Expression
 from spinfilters.estimators.estimator import Measurement
-from spinfilters.models.batched_linearisation import LinearisedSteps
+from spinfilters.models.linearised_step import LinearisedStep, LinearisedSteps
 from spinfilters.models.measurement import MeasurementModel
-from spinfilters.models.rotation_integrator import LinearisedStep
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
 

@@ -23,6 +23,7 @@ from spinfilters.estimators.filters.iterated_update import IterationOptions
 from spinfilters.estimators.filters.noise_adaptation import AdaptationOptions
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.evaluation.consistency import chi_square_band
+from spinfilters.models.landmark_sensor import LandmarkSensor
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
 from spinfilters.state.gaussian import Gaussian
@@ -104,6 +105,7 @@ def test_a_new_landmark_has_the_correlation_that_one_stereo_pair_gives_it():
     estimator.start(wide)
     measured = recorded.timeline[0].measurements[0]
     assert measured.ids is not None
+    assert isinstance(measured.model, LandmarkSensor)
     estimator.update(measured)
     belief = estimator.landmark_belief
     rows = [measured.ids.tolist().index(i) for i in belief.ids]

@@ -16,7 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg.lapack import dgeqrf, dtrtrs
+
+from spinfilters.linear_algebra.lapack import dgeqrf, dtrtrs
 
 LOG_2_PI = float(np.log(2 * np.pi))
 

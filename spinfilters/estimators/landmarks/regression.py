@@ -10,7 +10,6 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg.lapack import dtrtrs
 
 from spinfilters.estimators.filters.sigma_points import SigmaPointOptions, SigmaPoints, sigma_points
 from spinfilters.estimators.filters.square_root_update import (
@@ -21,6 +20,7 @@ from spinfilters.estimators.filters.square_root_update import (
 )
 from spinfilters.estimators.landmarks.observations import Observations
 from spinfilters.estimators.landmarks.steps import LinearisedObservations
+from spinfilters.linear_algebra.lapack import dtrtrs
 
 
 @dataclass(frozen=True)

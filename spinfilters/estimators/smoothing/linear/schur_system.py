@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg.lapack import dpotrf, dtrtri, dtrtrs
 
 from spinfilters.estimators.smoothing.factors.marginalization_prior import LinearizedPrior
 from spinfilters.estimators.smoothing.factors.motion_factors import NOTHING, InformationBlocks, Motion
@@ -23,6 +22,7 @@ from spinfilters.estimators.smoothing.linear.velocity_elimination import (
     VelocityElimination,
     eliminate_velocities,
 )
+from spinfilters.linear_algebra.lapack import dpotrf, dtrtri, dtrtrs
 from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION
 from spinfilters.symbolic.compiled import address
 
