@@ -12,9 +12,9 @@ from observability.system import Input
 from spinfilters.attitude.expressions import Expression
 from spinfilters.dynamics.mass_distribution import inertia
 from spinfilters.errors import InputError
+from spinfilters.models.linearised_step import LinearisedStep
 from spinfilters.models.measurement import row_by_row
 from spinfilters.models.process import TorqueFreeProcess, derivative
-from spinfilters.models.rotation_integrator import LinearisedStep
 from spinfilters.state.layout import StateLayout
 from spinfilters.symbolic import Compiled
 

@@ -8,9 +8,8 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinfilters.models.batched_linearisation import LinearisedSteps
+from spinfilters.models.linearised_step import LinearisedStep, LinearisedSteps
 from spinfilters.models.measurement import MeasurementModel
-from spinfilters.models.rotation_integrator import LinearisedStep
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
 from spinfilters.state.status import EstimatorStatus

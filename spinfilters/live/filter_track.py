@@ -22,6 +22,7 @@ class KeptEpoch:
 
     @property
     def time(self) -> float:
+        """Of the epoch, s."""
         return self.frame.time
 
 

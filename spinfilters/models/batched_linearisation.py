@@ -7,7 +7,6 @@ same expressions and with the same control of their number, evaluated in lanes.
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -21,6 +20,7 @@ from spinfilters.attitude.expressions import (
     short_mrp_from_quaternion,
 )
 from spinfilters.errors import InputError
+from spinfilters.models.linearised_step import LinearisedSteps
 from spinfilters.models.rotation_integrator import IntegrationError, RotationIntegrator, rotation_difference
 from spinfilters.models.rotation_parameters import rotation_parameters
 from spinfilters.models.step_count import FEWEST, boole_weights
@@ -47,20 +47,6 @@ class StepBatch:
     def chosen(self, rows: Int[np.ndarray, " r"]) -> "StepBatch":
         """Some of them."""
         return StepBatch(self.here[rows], self.there[rows], self.about[rows], self.dt[rows])
-
-
-class LinearisedSteps(NamedTuple):
-    """k steps to first order in their errors: e_there = defect + transition e_here + noise_factor n.
-
-    Attributes
-    ----------
-    defect: (k, n) error that takes ``there`` to the end of the step from ``here``.
-    transition: (k, n, n).   noise_factor: (k, n, q), of unit noise.
-    """
-
-    defect: Float[np.ndarray, "k n"]
-    transition: Float[np.ndarray, "k n n"]
-    noise_factor: Float[np.ndarray, "k n q"]
 
 
 class BatchedLinearisation:

@@ -20,9 +20,10 @@ from jaxtyping import Float
 from spinfilters.attitude.expressions import Expression, quaternion_rate, rotate
 from spinfilters.dynamics.mass_distribution import inertia
 from spinfilters.errors import InputError
-from spinfilters.models.batched_linearisation import BatchedLinearisation, LinearisedSteps
+from spinfilters.models.batched_linearisation import BatchedLinearisation
 from spinfilters.models.disturbed_steps import DisturbedSteps
-from spinfilters.models.rotation_integrator import LinearisedStep, RotationIntegrator
+from spinfilters.models.linearised_step import LinearisedStep, LinearisedSteps
+from spinfilters.models.rotation_integrator import RotationIntegrator
 from spinfilters.models.step_count import MAX_SUBSTEPS, substeps, turns
 from spinfilters.state.blocks.acceleration import ACCELERATION
 from spinfilters.state.layout import StateLayout

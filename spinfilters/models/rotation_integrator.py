@@ -9,7 +9,6 @@ weights keep it positive semidefinite, and which is exact for dt -> 0.
 from collections.abc import Callable
 from functools import lru_cache
 from math import hypot
-from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -26,6 +25,7 @@ from spinfilters.attitude.expressions import (
     short_mrp_from_quaternion,
 )
 from spinfilters.errors import InputError, SpinfiltersError
+from spinfilters.models.linearised_step import LinearisedStep
 from spinfilters.models.rotation_parameters import rotation_parameter_slices, rotation_parameters
 from spinfilters.models.step_count import FEWEST, MAX_SUBSTEPS, boole_weights, substeps, turns
 from spinfilters.state.blocks.acceleration import ACCELERATION
@@ -44,20 +44,6 @@ SHARED = {"cse": True}
 
 class IntegrationError(SpinfiltersError, np.linalg.LinAlgError):
     """A step that the budget of substeps does not resolve. Its matrices would be wrong, like one that cannot be factorised."""
-
-
-class LinearisedStep(NamedTuple):
-    """A step of a motion to first order in its errors.
-
-    Attributes
-    ----------
-    after: (m,) the point at its end.   transition: (n, n) of the multiplicative error, or (n, n + constants).
-    noise_factor: (n, q) G of the noise covariance Q = G G'.
-    """
-
-    after: Float[np.ndarray, " m"]
-    transition: Float[np.ndarray, "n c"]
-    noise_factor: Float[np.ndarray, "n q"]
 
 
 class RotationIntegrator:
@@ -166,6 +152,7 @@ class RotationIntegrator:
         return fine, rotation_difference(coarse, fine) / 15
 
     def substep(self) -> ca.Function:
+        """One substep of Runge-Kutta 4 as a function."""
         y, p, h = ca.SX.sym("y", 7), ca.SX.sym("p", self._parameter_count), ca.SX.sym("h")
         return ca.Function("substep", [y, p, h], [self._runge_kutta(y, p, h)], SHARED)
 

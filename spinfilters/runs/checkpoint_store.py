@@ -59,13 +59,16 @@ class NullStore(CheckpointStore):
     """Keeps nothing."""
 
     def resume(self, estimator: Estimator) -> Checkpoint | None:
+        """Nothing was kept."""
         return None
 
     def running(self, estimator: Estimator, rows: GrowingHistory) -> AbstractContextManager[AfterEpoch]:
+        """Keeps nothing on the way."""
         return nullcontext(lambda: None)
 
     def end(self, estimator: Estimator, history: EstimateHistory, rows: GrowingHistory) -> None:
-        return None
+        """Keeps nothing at the end."""
+        return
 
 
 StoreOf = Callable[[str], CheckpointStore]
@@ -87,6 +90,7 @@ class CheckpointFile(CheckpointStore):
     interval: CheckpointInterval = field(default_factory=CheckpointInterval)
 
     def resume(self, estimator: Estimator) -> Checkpoint | None:
+        """The checkpoint in the file. InputError: it is of another run, or damaged."""
         if not self.path.exists():
             return None
         found = load_checkpoint(self.path, estimator, self.fingerprint)
@@ -120,6 +124,7 @@ class CheckpointFile(CheckpointStore):
         save_checkpoint(self.path, estimator, rows, self.fingerprint)
 
     def end(self, estimator: Estimator, history: EstimateHistory, rows: GrowingHistory) -> None:
+        """Write the last checkpoint, or the history of an estimator that failed."""
         if history.status.verdict is Verdict.FAILED:
             make_folder(self.path.parent)
             save_ended(self.path, history, rows.begin, self.fingerprint)
