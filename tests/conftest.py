@@ -1,5 +1,6 @@
 """What all tests share: checked shapes, figures without a screen, Ctrl-C, and the recordings of `../shared/data`."""
 
+import gc
 import signal
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +17,12 @@ mpl.use("Agg")
 EMPTY_PICTURE = b"\x89PNG\r\n\x1a\n"
 """What every PNG begins with."""
 SHARED_DATA = Path(__file__).parents[2] / "shared" / "data"
+
+
+def pytest_collection_finish() -> None:
+    """Modules and tests live to the end: the garbage collector need not walk through them again and again."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -80,6 +80,10 @@ class _WithFactory:
     made: list[int] = field(default_factory=list)
 
 
+_ABSENT = object()
+"""Stands for an argument that a call leaves to its default."""
+
+
 def checked(function: Callable[..., Any]) -> Callable[..., Any]:
     """The function, with the shapes of its arguments and of its result checked after it has returned."""
     hints = {name: hint for name, hint in function.__annotations__.items() if _states_a_shape(hint)}
@@ -96,16 +100,15 @@ def checked(function: Callable[..., Any]) -> Callable[..., Any]:
     @wraps(function)
     def wrapper(*args: Any, **kwargs: Any) -> Any:
         result = function(*args, **kwargs)
-        given = [
-            _form(args[place]) if place < len(args) else _form(kwargs[name]) if name in kwargs else None
-            for place, name in places
-        ]
-        form = (*given, _form(result))
-        if form not in correct:
+        form: list[Any] = [_form(result)]
+        for place, name in places:
+            value = args[place] if place < len(args) else kwargs.get(name, _ABSENT)
+            form.append((value.dtype.num, value.shape) if type(value) is np.ndarray else _form(value))
+        if tuple(form) not in correct:
             bound = parameters.bind(*args, **kwargs)
             bound.apply_defaults()
             _check(function, hints, bound.arguments | {"return": result})
-            correct.add(form)
+            correct.add(tuple(form))
         return result
 
     return wrapper
@@ -114,7 +117,7 @@ def checked(function: Callable[..., Any]) -> Callable[..., Any]:
 def _form(value: Any) -> Any:
     """All that the check of a value depends on: two calls of one form are both right or both wrong."""
     if isinstance(value, np.ndarray):
-        return value.dtype, value.shape
+        return value.dtype.num, value.shape
     if isinstance(value, list | tuple):
         return type(value), *map(_form, value)
     return type(value), getattr(value, "shape", None)
