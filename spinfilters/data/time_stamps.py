@@ -22,7 +22,7 @@ MOST_TURNS: Final[float] = 100.0
 
 
 class RowsOfFile(Protocol):
-    """Rows of numbers that know where they stand in a file."""
+    """Rows of numbers with their lines in a file."""
 
     @property
     def path(self) -> Path:

@@ -1,4 +1,4 @@
-"""The steps of a whole trajectory linearised side by side: what `RotationIntegrator.linearise` gives, for many states at once.
+"""Batched linearisation of the process over a trajectory (`RotationIntegrator.linearise`).
 
 A smoother linearises the dynamics about every frame in every iteration. The substeps here are those of the integrator, from the
 same expressions and with the same control of their number, evaluated in lanes.
@@ -147,7 +147,7 @@ class BatchedLinearisation:
 
 
 def _alike(turns: Float[np.ndarray, " k"]) -> list[Int[np.ndarray, " r"]]:
-    """Steps by the size of their turns (rad): one long turn among short ones must not make all of them fine.
+    """Steps grouped by the size of their rotations, rad.
 
     Up to `ALIKE` times the median turn all belong together, which is every step of an ordinary recording.
     """
@@ -166,7 +166,7 @@ def _turn_between(there: Expression, after: Expression) -> Expression:
 
 
 def _numbers(count: int) -> Float[np.ndarray, "c 2"]:
-    """Of every substep: the weight of its noise, and how long that of the coarser run is in its place."""
+    """Noise weight and coarse step length of every substep."""
     numbers = np.zeros((count, 2))
     if count:
         numbers[:, 0], numbers[::2, 1] = boole_weights(count)[:count], 2.0

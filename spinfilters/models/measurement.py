@@ -166,7 +166,7 @@ class MeasurementModel(ABC):
 
     @building()
     def _build_innovations_at(self, count: int) -> Compiled:
-        """Landmarks are the loop of the compiled function and points the loop inside, so that neither is copied for the other."""
+        """Compiled loop over landmarks with points inside, without copies."""
         x, p, z = self._symbols
         W, state = ca.SX.sym("W", self.dim, self.dim), self.layout.unpack(x)
         away = W @ self.innovation(self.symbolic(state, p), z)

@@ -143,7 +143,7 @@ class TorqueFreeProcess:
         return len(self._disturbed.kicked)
 
     def linearise(self, x: Float[np.ndarray, " m"], dt: float) -> LinearisedStep:
-        """The point after dt, the transition of the multiplicative error, and a factor of the noise covariance Q = G G'."""
+        """Step of dt s with error transition and noise factor."""
         return self._integrator.linearise(x, dt, self._densities)
 
     def linearise_steps(
@@ -182,7 +182,7 @@ class TorqueFreeProcess:
         )
 
     def noise_covariance(self, x: Float[np.ndarray, " m"], dt: float) -> Float[np.ndarray, "n n"]:
-        """Q of the multiplicative error gathered over dt seconds, from the stochastic equation, for a motion that starts at x."""
+        """Q (n, n) of the multiplicative error over dt s from x."""
         factor = self.linearise(x, dt).noise_factor
         return factor @ factor.T
 
@@ -195,6 +195,6 @@ class TorqueFreeProcess:
 def _integrators(
     layout: StateLayout, tolerance: float
 ) -> tuple[RotationIntegrator, BatchedLinearisation, DisturbedSteps]:
-    """The compiled steps of a layout, made once in a process: building their expressions costs as much as smoothing."""
+    """Compiled steps of a layout, cached because building them is slow."""
     integrator = RotationIntegrator(layout, body_acceleration, tolerance)
     return integrator, BatchedLinearisation(layout, integrator), DisturbedSteps(layout, integrator)

@@ -43,7 +43,7 @@ SHARED = {"cse": True}
 
 
 class IntegrationError(SpinfiltersError, np.linalg.LinAlgError):
-    """A step that the budget of substeps does not resolve. Its matrices would be wrong, like one that cannot be factorised."""
+    """Step beyond the budget of substeps."""
 
 
 class RotationIntegrator:

@@ -23,7 +23,7 @@ class Fault(ABC):
 
 
 def with_faults(dataset: Dataset, faults: Sequence[Fault], seed: int) -> Dataset:
-    """The data set after all faults, one upon the other; the draws of a fault depend on the seed and its place only."""
+    """Data set after all faults, whose draws depend on seed and place."""
     for fault, sequence in zip(faults, np.random.SeedSequence(seed).spawn(len(faults)), strict=True):
         dataset = fault.apply(dataset, np.random.default_rng(sequence))
     return dataset
@@ -52,7 +52,7 @@ class WrongAssociations(Fault):
 
 @dataclass(frozen=True)
 class Outliers(Fault):
-    """In all, a ``fraction`` of the rows (rounded) of a sensor is replaced by values that have nothing to do with the body.
+    """Replacement of a ``fraction`` of a sensor's rows by outliers.
 
     Their distribution is the sensor's (`spinfilters.sensors.sensor.Sensor.outliers`).   sensor: None for that of the kind.
     """

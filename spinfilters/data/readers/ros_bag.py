@@ -93,7 +93,7 @@ class RosBagReader(DatasetReader):
 
 
 def _messages(path: Path, topic: str | None) -> tuple[str, str, Float[np.ndarray, "n m"]]:
-    """Topic, type, and rows of stamp (s) and numbers. InputError: the extra is missing, no bag, no topic that can be read."""
+    """Topic, type, and rows of stamp (s) and numbers. InputError: unreadable."""
     try:
         from rosbags.highlevel import AnyReader, AnyReaderError  # pyright: ignore[reportMissingImports]
         from rosbags.typesys import Stores, get_typestore  # pyright: ignore[reportMissingImports]

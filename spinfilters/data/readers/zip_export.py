@@ -63,7 +63,7 @@ class ZipReader(DatasetReader):
 
 
 class _Unpacked:
-    """Context of the folder with an archive's tables; an InputError within names the archive in its place."""
+    """Temporary folder of an archive's tables; InputErrors name the archive."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
