@@ -1,4 +1,4 @@
-"""The thesis' own chart: the principal frame at the centre of mass, and where the geometric frame stands in it."""
+"""The thesis' chart: principal frame at the centre of mass, pose of g."""
 
 import casadi as ca
 

@@ -1,4 +1,4 @@
-"""Cameras: how a point in the camera's frame (x right, y down, z forward) becomes pixels, and pixels a ray or a point.
+"""Camera models: projection (x right, y down, z forward) and its inverse.
 
 Written once, with the calibration as parameters: sensors, triangulation, consensus poses, figures and the simulator use it.
 """

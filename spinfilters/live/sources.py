@@ -1,4 +1,4 @@
-"""Where epochs come from: a data set at its own pace, a growing file, a pipe or a socket."""
+"""Sources of epochs: replayed data sets, growing files, pipes, sockets."""
 
 import os
 import select
@@ -30,7 +30,7 @@ class Source(ABC):
 
     @abstractmethod
     def epochs(self) -> Iterator[ArrivedEpoch | None]:
-        """Epochs in the order of arrival; None whenever nothing has come for a moment, for the caller to do other work."""
+        """Epochs in the order of arrival; None while nothing arrives."""
 
     @property
     def losses(self) -> dict[str, int]:

@@ -52,7 +52,7 @@ class CheckpointStore(ABC):
 
     @abstractmethod
     def end(self, estimator: Estimator, history: EstimateHistory, rows: GrowingHistory) -> None:
-        """Keep a run that has come to an end by itself: the estimator at its last epoch, or that it failed."""
+        """Keep a completed or failed run."""
 
 
 class NullStore(CheckpointStore):
@@ -72,7 +72,7 @@ class NullStore(CheckpointStore):
 
 
 StoreOf = Callable[[str], CheckpointStore]
-"""Gives every estimator's name its keeper."""
+"""Checkpoint store of an estimator's name."""
 
 
 @dataclass(frozen=True)

@@ -97,7 +97,7 @@ def refuse_foreign_run(folder: Path) -> None:
 
 
 def write_configuration(folder: Path, settings: Settings) -> None:
-    """config.toml: the settings and what the run was made with. It comes first and marks the folder as a run's.
+    """Write config.toml, which marks the folder as a run's.
 
     Numbers of an earlier run that was made otherwise do not outlive its configuration.
     """
@@ -160,7 +160,7 @@ def read_histories(folder: Path, names: Sequence[str]) -> list[EstimateHistory]:
 
 
 def finished_run(folder: Path, dataset: Dataset, settings: Settings) -> dict[str, Any] | None:
-    """Summary of a whole run that was made of the same data set, settings and versions; None where there is none."""
+    """Summary of a complete run of the same data set, settings and versions, or None."""
     try:
         if not _is_configured(folder, configuration(settings)):
             return None

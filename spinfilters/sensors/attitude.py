@@ -1,4 +1,4 @@
-"""A measured attitude of g in i: a star tracker's, or a scan match of which only the rotation is trusted."""
+"""Measured attitude of g in i."""
 
 import numpy as np
 from jaxtyping import Float

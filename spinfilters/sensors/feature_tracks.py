@@ -72,7 +72,7 @@ class EveryAppearance:
 
 @dataclass(frozen=True)
 class SomeAppearances:
-    """A landmark is known again, or missed, for a whole appearance (a stretch of frames in which it is in view).
+    """Re-detection model that decides for whole appearances of a landmark.
 
     The probability is the landmark's own, drawn from the Beta distribution with shapes ``alpha`` and ``beta``: few landmarks
     are distinct enough to be known again at every revolution.

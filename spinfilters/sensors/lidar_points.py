@@ -1,4 +1,4 @@
-"""Points of lidar scans in range and angles, each at its own instant, against the planes of the body that they lie on."""
+"""Points of lidar scans against the planes of the body."""
 
 from itertools import pairwise
 from typing import Final
