@@ -56,31 +56,39 @@ class Reals(Arithmetic):
     dtype = np.dtype(np.float64)
 
     def numbers(self, values: Sequence[Fraction]) -> Num[np.ndarray, " n"]:
+        """Nearest floats."""
         return np.array([float(value) for value in values], dtype=np.float64)
 
     def reduced(self, a: np.ndarray) -> np.ndarray:
+        """The same."""
         return a
 
     def negative(self, a: np.ndarray) -> np.ndarray:
+        """-a."""
         return -a
 
     def product(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """a b."""
         return a * b
 
     def inverse(self, a: np.ndarray) -> np.ndarray:
+        """1 / a; NotRegularError where a is 0."""
         if not np.all(a != 0):
             raise NotRegularError("division by 0")
         return 1 / a
 
     def exponential(self, a: np.ndarray, exact: Sequence[Fraction]) -> np.ndarray:
+        """exp(a)."""
         return np.exp(a)
 
     def root(self, a: np.ndarray) -> np.ndarray:
+        """The positive root; NotRegularError where a is not positive."""
         if not np.all(a > 0):
             raise NotRegularError("square root of a number that is not positive")
         return np.sqrt(a)
 
     def logarithm(self, a: np.ndarray) -> np.ndarray:
+        """log(a); NotRegularError where a is not positive."""
         if not np.all(a > 0):
             raise NotRegularError("logarithm of a number that is not positive")
         return np.log(a)

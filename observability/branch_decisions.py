@@ -1,4 +1,4 @@
-"""What a tape needs to know of its point before series are pushed through: which branch is taken, and exact exponents."""
+"""Branches and exact exponents of a tape at a point."""
 
 from dataclasses import dataclass
 from fractions import Fraction

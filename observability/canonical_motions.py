@@ -1,4 +1,4 @@
-"""Ten motions in which a body shows different things of itself, as exact numbers in every chart, and points to see it by."""
+"""Ten canonical motions as exact numbers in every chart, and landmarks."""
 
 import math
 from collections.abc import Sequence

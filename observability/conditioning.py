@@ -11,7 +11,7 @@ prints dt = alpha sqrt(3), and both worked examples are inverted with it.)
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float
@@ -219,7 +219,7 @@ def _rate_unit(rotation: Float[np.ndarray, "6 6"], start: float) -> float:
 
     middle = float(np.log(start))
     reach = abs(middle) + FARTHEST_UNIT
-    found = minimize_scalar(badness, bounds=(middle - reach, middle + reach), method="bounded")
+    found: Any = minimize_scalar(badness, bounds=(middle - reach, middle + reach), method="bounded")
     if improves(np.exp(badness(middle)), np.exp(found.fun)):
         return float(np.exp(found.x))
     return start

@@ -1,4 +1,4 @@
-"""The null space in words: which named symmetries span it, and whether each holds for finite moves too."""
+"""Null space in terms of named symmetries, checked for finite moves."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

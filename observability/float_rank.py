@@ -1,4 +1,4 @@
-"""The same rows in floats: singular values, how clear the rank is, and null vectors to look at."""
+"""Rank in floats: singular values and null vectors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

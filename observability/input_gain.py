@@ -1,4 +1,4 @@
-"""What known inputs add to a question: rank and bounds beside those of the same question without them."""
+"""Gain of known inputs: rank and bounds with and without them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

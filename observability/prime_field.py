@@ -36,33 +36,41 @@ class PrimeField(Arithmetic):
         self._base = pow(base, 2, PRIME)
 
     def numbers(self, values: Sequence[Fraction]) -> Num[np.ndarray, " n"]:
+        """Residues of the fractions."""
         return np.array([residue(value, PRIME) for value in values], dtype=np.uint64)
 
     def reduced(self, a: np.ndarray) -> np.ndarray:
+        """The sum modulo p."""
         return a - (a // _P) * _P
 
     def negative(self, a: np.ndarray) -> np.ndarray:
+        """p - a."""
         return np.where(a == 0, a, _P - a)
 
     def product(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """a b modulo p."""
         return self.reduced(a * b)
 
     def inverse(self, a: np.ndarray) -> np.ndarray:
+        """1 / a modulo p; NotRegularError where a is 0."""
         if not np.all(a):
             raise NotRegularError("division by 0")
         inverses = [pow(int(number), -1, PRIME) for number in a.ravel()]
         return np.array(inverses, dtype=np.uint64).reshape(a.shape)
 
     def exponential(self, a: np.ndarray, exact: Sequence[Fraction]) -> np.ndarray:
+        """Powers of a fixed base, which obey the same rules."""
         powers = [pow(self._base, residue(value, ORDER), PRIME) for value in exact]
         return np.array(powers, dtype=np.uint64).reshape(a.shape)
 
     def root(self, a: np.ndarray) -> np.ndarray:
+        """Of 1 alone; NotRegularError of other numbers."""
         if not np.all(a == 1):
             raise NotRegularError("an exact square root is taken of 1 only")
         return a
 
     def logarithm(self, a: np.ndarray) -> np.ndarray:
+        """Of 1 alone; NotRegularError of other numbers."""
         if not np.all(a == 1):
             raise NotRegularError("an exact logarithm is taken of 1 only")
         return np.zeros_like(a)

@@ -1,4 +1,4 @@
-"""A tape over truncated power series in time whose coefficients carry tangents: Lie derivatives and gradients without symbols.
+"""Truncated power series with tangents: Lie derivatives and gradients without symbols.
 
 The k-th Taylor coefficient of an output along the motion is its k-th Lie derivative divided by k!, and the coefficient's tangents
 are that derivative's gradient. Each operation costs one convolution per order, so the whole grows as the square of the order,

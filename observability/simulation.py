@@ -1,4 +1,4 @@
-"""Outputs of a system along its motion, by Taylor series of the same tapes: to rounding, over many states at once."""
+"""Outputs of a system along its motion, by Taylor series."""
 
 from dataclasses import dataclass
 from fractions import Fraction

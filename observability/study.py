@@ -1,4 +1,4 @@
-"""How the bound depends on the motion, the duration, the frame rate and the number of landmarks."""
+"""Bound against motion, duration, frame rate and number of landmarks."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""A system to analyse: a chart's motion, the sensors that watch it, and the inputs that are known."""
+"""System to analyse: chart, sensors, known inputs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -175,7 +175,7 @@ class System:
 
 
 def _check_axes(axes: Sequence[Rationals]) -> None:
-    """A tape reads a float as the simplest fraction that rounds to it, which need not be the one that was meant."""
+    """Refuse axes that are no exact fractions."""
     numbers = [number for axis in axes for number in axis]
     if len(numbers) != 9 or rationals([float(number) for number in numbers]) != tuple(numbers):
         raise InputError(

@@ -1,18 +1,28 @@
 """What all tests share: checked shapes, figures without a screen, Ctrl-C, and the recordings of `../shared/data`."""
 
+import gc
 import signal
 from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib as mpl
 import pytest
+from matplotlib.figure import Figure
 from shape_checks import check_shapes_of
 
 check_shapes_of("spinfilters")
 check_shapes_of("observability")
 mpl.use("Agg")
 
+EMPTY_PICTURE = b"\x89PNG\r\n\x1a\n"
+"""What every PNG begins with."""
 SHARED_DATA = Path(__file__).parents[2] / "shared" / "data"
+
+
+def pytest_collection_finish() -> None:
+    """Modules and tests live to the end: the garbage collector need not walk through them again and again."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -20,6 +30,12 @@ def ctrl_c_interrupts() -> None:
     """Where tests are started in the background the shell has Ctrl-C ignored, and tests of it could not pass."""
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture
+def unrendered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compose pictures and write an empty PNG in their place: rendering takes most of a small run's time, and has its tests."""
+    monkeypatch.setattr(Figure, "savefig", lambda _, target, **__: target.write(EMPTY_PICTURE))
 
 
 @pytest.fixture(scope="session")

@@ -44,6 +44,20 @@ def test_an_argument_of_another_shape_that_is_silently_accepted_is_found() -> No
         total(np.ones(4))
 
 
+def test_a_wrong_shape_is_found_after_right_ones_and_every_time() -> None:
+    @checked
+    def last(v: Float[np.ndarray, " 3"], *, of: Float[np.ndarray, " 2"] | None = None) -> float:
+        return float(v[-1]) + (0.0 if of is None else float(of[-1]))
+
+    for _ in range(2):
+        assert last(np.ones(3), of=np.ones(2)) == last(np.ones(3)) + 1
+        for wrong, of in ((np.ones(4), None), (np.ones(3), np.ones(3))):
+            with pytest.raises(WrongShapeError, match="last: "):
+                last(wrong, of=of)
+        with pytest.raises(WrongShapeError, match="last: v is not"):
+            last([1.0, 2.0, 3.0, 4.0])  # pyright: ignore[reportArgumentType]
+
+
 def test_an_axis_name_has_one_meaning_within_a_call() -> None:
     @checked
     def both(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " n"]) -> int:

@@ -6,11 +6,11 @@ the process model's linearisation is half.
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg.lapack import dpotrf, dtrtrs
 
 from spinfilters.estimators.estimator import ProcessModel
 from spinfilters.estimators.smoothing.factors.motion_factors import NOISE_FLOOR
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
+from spinfilters.linear_algebra.lapack import dpotrf, dtrtrs
 from spinfilters.state.layout import StateLayout
 
 MOVING = 12

@@ -12,6 +12,7 @@ from observability.system import Input
 from spinfilters.attitude.expressions import Expression
 from spinfilters.dynamics.mass_distribution import inertia
 from spinfilters.errors import InputError
+from spinfilters.models.linearised_step import LinearisedStep
 from spinfilters.models.measurement import row_by_row
 from spinfilters.models.process import TorqueFreeProcess, derivative
 from spinfilters.state.layout import StateLayout
@@ -70,14 +71,12 @@ class DrivenMotion:
 
     def step(self, x: Float[np.ndarray, " m"], start: float, dt: float) -> Float[np.ndarray, " m"]:
         """The point ``dt`` s after ``start``, s."""
-        return self.linearise(x, start, dt)[0]
+        return self.linearise(x, start, dt).after
 
-    def linearise(
-        self, x: Float[np.ndarray, " m"], start: float, dt: float
-    ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "n k"], Float[np.ndarray, "n q"]]:
-        """The point, its derivatives by the error of x and by the logarithm of the inertia's scale, and the noise factor."""
+    def linearise(self, x: Float[np.ndarray, " m"], start: float, dt: float) -> LinearisedStep:
+        """The step, whose transition is by the error of x and, after it, the logarithm of the inertia's scale."""
         n, count = self._process.layout.error_dim, self._count(x, dt)
-        transition, factor = np.eye(n, n + self.constants), self._process.linearise(x, dt)[2]
+        transition, factor = np.eye(n, n + self.constants), self._process.linearise(x, dt).noise_factor
         h = dt / count
         for k in range(count):
             time = start + k * h
@@ -86,7 +85,7 @@ class DrivenMotion:
             rows = rows.reshape(n, n + 1)
             transition = rows[:, :n] @ transition
             transition[:, n:] += rows[:, n : n + self.constants]
-        return x, transition, factor
+        return LinearisedStep(x, transition, factor)
 
     def _count(self, x: Float[np.ndarray, " m"], dt: float) -> int:
         turn = float(np.linalg.norm(x[self._process.layout.mean_slice("w")])) * dt

@@ -1,4 +1,4 @@
-"""The bound of what people ask for: place of the centre of mass, inertia ratios, and the rest block by block."""
+"""Bounds of derived quantities and of blocks."""
 
 from functools import cache
 
@@ -70,7 +70,7 @@ def _by_mass(layout: StateLayout, jacobian: Float[np.ndarray, "k 5"]) -> Float[n
 
 
 def weak_direction_in_words(bound: Bound) -> str:
-    """The components that make up nearly all of the least known direction, and what remains of the prior along it."""
+    """Main components of the least known direction, and its share of the prior."""
     direction, remains = bound.weak_direction
     order = np.argsort(-np.abs(direction))
     count = int(np.searchsorted(np.cumsum(direction[order] ** 2), 0.95)) + 1

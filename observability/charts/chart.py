@@ -1,4 +1,4 @@
-"""What a chart is: named blocks of numbers, how they move, and what a sensor sees of them."""
+"""Chart of a state: blocks, rates, and what sensors see."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence

@@ -29,17 +29,21 @@ class FilterChart(Chart):
         self.blocks = (*own, SCALE) if with_scale else own
 
     def rates(self, values: Values) -> Values:
+        """Rates of the filters' process without noise."""
         rates = self.layout.unpack(derivative(self.layout, self.layout.pack(values)))
         return rates | {"n": 0 * values["n"]} if "n" in values else rates
 
     def seen(self, values: Values) -> Values:
+        """All blocks but the masses and the scale."""
         return {name: value for name, value in values.items() if name not in ("s", "n")}
 
     def torque_field(self, values: Values) -> Values:
+        """J^-1 over the scale."""
         scale = ca.exp(-values["n"]) if "n" in values else 1
         return {"w": scale * ca.inv_minor(inertia(values["s"]))}
 
     def directions(self, values: Values) -> Expression:
+        """Derivative of the retraction at 0."""
         d = ca.SX.sym("d", self.layout.error_dim)
         moved = self.layout.retract_expression(self.layout.pack(values), d)
         own = ca.substitute(ca.jacobian(moved, d), d, ca.SX.zeros(*d.shape))
@@ -50,6 +54,7 @@ class FilterChart(Chart):
         return super().change(values, moved | {"s": moved.get("S", moved["s"])})
 
     def settled(self, moved: Values) -> Values:
+        """s of the second moments that a move has left."""
         if "S" not in moved:
             return moved
         S = moved["S"]

@@ -1,4 +1,4 @@
-"""The thesis' own chart: the principal frame at the centre of mass, and where the geometric frame stands in it."""
+"""The thesis' chart: principal frame at the centre of mass, pose of g."""
 
 import casadi as ca
 
@@ -44,6 +44,7 @@ class PrincipalChart(Chart):
         )
 
     def rates(self, values: Values) -> Values:
+        """Euler's equations in principal axes, and the kinematics of r and q_ib."""
         rates = {name: 0 * value for name, value in values.items()}
         rates["w"] = body_acceleration(values["w"], principal_inertia(values))
         if "q_ib" in values:
@@ -53,6 +54,7 @@ class PrincipalChart(Chart):
         return rates
 
     def seen(self, values: Values) -> Values:
+        """q_ig, w in g axes, t = r - R_ig c, v and c."""
         if "q_ib" not in values:
             return {"w": values["w"]}
         q = product(values["q_ib"], conjugate(values["q_gb"]))

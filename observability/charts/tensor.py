@@ -24,6 +24,7 @@ class TensorChart(Chart):
         )
 
     def rates(self, values: Values) -> Values:
+        """Euler's equations in g axes, and the kinematics of t and q."""
         rates = {name: 0 * value for name, value in values.items()}
         rates["w"] = body_acceleration(values["w"], symmetric(values["J"]))
         if "q" in values:
@@ -33,9 +34,11 @@ class TensorChart(Chart):
         return rates
 
     def seen(self, values: Values) -> Values:
+        """All blocks but the inertia."""
         return {name: value for name, value in values.items() if name != "J"}
 
     def torque_field(self, values: Values) -> Values:
+        """J^-1."""
         return {"w": ca.inv_minor(symmetric(values["J"]))}
 
 

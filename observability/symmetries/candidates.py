@@ -9,7 +9,7 @@ from observability.charts.principal import PrincipalChart
 from observability.charts.tensor import TensorChart, entries, symmetric
 from observability.rational import Rationals, as_floats
 from observability.symmetries.geometric import GeometricMoves
-from observability.symmetries.principal import principal_symmetries
+from observability.symmetries.principal_moves import principal_symmetries
 from observability.symmetries.symmetry import Symmetry, gauge_axes
 from observability.system import System
 from spinfilters.attitude.expressions import Expression

@@ -124,7 +124,7 @@ def inertial_symmetries(place: str | None, attitude: str | None) -> Iterator[Sym
 
 
 def turns_like_drift(slow_turn: Callable[[int | None], Move]) -> Iterator[Symmetry]:
-    """What one or two landmarks of a body at rest take for drift while it is small: turns about their line (None) and the axes."""
+    """Small rotations that landmarks of a body at rest take for drift."""
     group = "turn that looks like drift"
     yield Symmetry(group, "turn about the line of two landmarks", slow_turn(None), 0.02)
     for k in range(3):

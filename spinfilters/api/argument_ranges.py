@@ -1,4 +1,4 @@
-"""What the numbers of a simulated motion and of a question to the analyser may be; nothing heavy is imported here."""
+"""Ranges of arguments; nothing heavy is imported here."""
 
 from typing import Final
 

@@ -1,4 +1,4 @@
-"""Runs on a Dask cluster: its workers each keep a process of their own, so that a run ends there as it ends on this machine."""
+"""Runs on a Dask cluster, one process per worker."""
 
 import json
 import logging

@@ -37,7 +37,7 @@ class Shard:
 
 @dataclass(frozen=True)
 class Advance:
-    """How far a campaign is: runs done and in all, rows that say that a run did not end well, seconds left by the pace so far."""
+    """Progress of a campaign: runs done, total, faulty rows, seconds left."""
 
     done: int
     total: int

@@ -1,4 +1,4 @@
-"""Seeds of a run: children of the study's root by their number alone, so that results do not depend on who runs what."""
+"""Seeds of a run, derived from the study's root by number."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class RunSeeds:
-    """Independent generators of one seed of a study: every cell has the same, so that cells are compared on the same draws."""
+    """Independent generators of one seed, the same for every cell."""
 
     motion: np.random.SeedSequence
     measurements: np.random.SeedSequence

@@ -1,4 +1,4 @@
-"""Rows of a campaign on disk: append-only Parquet parts, and a journal of what has come since the last part.
+"""Rows of a campaign as Parquet parts and a journal.
 
 A row is in the journal as soon as it is there, as a line of JSON, so that a kill at any moment loses none; parts are written whole
 and then take the journal's place. A line that a kill has cut short is no row.

@@ -39,7 +39,7 @@ T = TypeVar("T")
 
 
 class Runner:
-    """Runs of a study, one at a time. What successive runs share is made once; no row depends on what ran before."""
+    """Runs of a study, one at a time and independent of their order."""
 
     def __init__(self, study: Study) -> None:
         self.study = study

@@ -1,4 +1,4 @@
-"""Columns of a campaign's rows: what a run is asked, what came out, and what it took."""
+"""Columns of a campaign's rows: factors, results, cost."""
 
 from typing import Final
 
@@ -76,5 +76,5 @@ def schema(factors: list[str]) -> pa.Schema:
 
 
 def is_volatile(column: str) -> bool:
-    """Whether a column tells when and where a run was made, and so differs when it is made again."""
+    """Whether a column differs when a run is repeated."""
     return column.startswith(VOLATILE)

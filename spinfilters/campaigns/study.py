@@ -1,4 +1,4 @@
-"""A study: what is asked, as a table of factors times seeds; read from TOML, checked whole before anything runs."""
+"""Study: a validated table of factors times seeds."""
 
 import hashlib
 import json
@@ -48,7 +48,7 @@ class Study:
         return len(self.cells) * self.options.seeds
 
     def run(self, index: int) -> Run:
-        """The run of a number: all cells of the first seed come first, so that more seeds only add runs behind."""
+        """Run of a number; all cells of the first seed come first."""
         seed, cell = divmod(index, len(self.cells))
         return Run(index, cell, seed)
 

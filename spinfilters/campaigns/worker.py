@@ -1,4 +1,4 @@
-"""A process that makes runs: reads a study and then numbers of runs from its input, answers each with its row, as lines of JSON.
+"""Worker process: numbers of runs in, rows out, as lines of JSON.
 
     python -m spinfilters.campaigns.worker
 

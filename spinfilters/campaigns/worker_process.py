@@ -1,4 +1,4 @@
-"""A worker's process as who asks it sees it: runs go in, rows come out, and its death is a row too."""
+"""Client of a worker process; its death becomes a row."""
 
 import json
 import os

@@ -3,7 +3,7 @@
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -41,25 +41,33 @@ RESULT_FILE, TABLE_FILE, PICTURE_FILE = "condition.json", "condition.csv", "cond
 TIME_STEP, RATE_RPM = 0.5, (0.5, 10.0, 0.5)
 
 
+class Findings(NamedTuple):
+    """What the command writes and prints: ``condition.json``, lines of ``condition.csv``, a table and a picture."""
+
+    document: dict[str, Any]
+    lines: list[str]
+    table: Table
+    figure: Figure
+
+
 def condition(options: argparse.Namespace) -> int:
     """Compute, write JSON, CSV and a picture, print the table."""
     folder = Path(options.output)
     refuse_foreign(folder, COMMAND)
-    if options.run is None:
-        document, lines, table, figure = _of_time_step(options)
-    else:
-        document, lines, table, figure = _of_run(options)
+    found = _of_time_step(options) if options.run is None else _of_run(options)
     with output_folder(folder, COMMAND) as place:
-        write_text(place / TABLE_FILE, "".join(f"{line}\n" for line in lines))
-        save_figure(figure, place / PICTURE_FILE)
-        write_json(place / RESULT_FILE, document)
+        write_text(place / TABLE_FILE, "".join(f"{line}\n" for line in found.lines))
+        save_figure(found.figure, place / PICTURE_FILE)
+        write_json(place / RESULT_FILE, found.document)
     console = wide_console()
-    console.print(table)
-    console.print("\n".join([*document["text"], f"written to {folder}"]), highlight=False, soft_wrap=True)
+    console.print(found.table)
+    console.print(
+        "\n".join([*found.document["text"], f"written to {folder}"]), highlight=False, soft_wrap=True
+    )
     return 0
 
 
-def _of_time_step(options: argparse.Namespace) -> tuple[dict[str, Any], list[str], Table, Figure]:
+def _of_time_step(options: argparse.Namespace) -> Findings:
     dt = TIME_STEP if options.time_step is None else options.time_step
     alpha = best_velocity_unit(dt) if options.alpha is None else options.alpha
     rate = RPM * np.array(options.rate_rpm or RATE_RPM)
@@ -81,7 +89,7 @@ def _of_time_step(options: argparse.Namespace) -> tuple[dict[str, Any], list[str
     table = Table("process noise over the time step", "units", "condition number")
     for noise, units, value in rows:
         table.add_row(noise, units, f"{value:.4g}")
-    return document, _sweep(alpha, rate), table, conditioning_figure(rate, (dt, alpha))
+    return Findings(document, _sweep(alpha, rate), table, conditioning_figure(rate, (dt, alpha)))
 
 
 def _noise_rows(dt: float, alpha: float, rate: Float[np.ndarray, " 3"]) -> list[tuple[str, str, float]]:
@@ -122,7 +130,7 @@ def _cell(value: float) -> str:
     return f"{value:.9g}" if np.isfinite(value) else ""
 
 
-def _of_run(options: argparse.Namespace) -> tuple[dict[str, Any], list[str], Table, Figure]:
+def _of_run(options: argparse.Namespace) -> Findings:
     if any(value is not None for value in (options.time_step, options.alpha, options.rate_rpm)):
         raise InputError(
             "a run has its own time steps and rates; give RUN, or --time-step, --alpha and --rate-rpm"
@@ -140,7 +148,7 @@ def _of_run(options: argparse.Namespace) -> tuple[dict[str, Any], list[str], Tab
         "estimators": {each.name: _document(each) for each in found},
         "text": [_improvement(each) for each in found],
     }
-    return document, lines, table, covariance_figure(found)
+    return Findings(document, lines, table, covariance_figure(found))
 
 
 def _histories(run: Path) -> list[Path]:

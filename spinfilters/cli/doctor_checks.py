@@ -39,7 +39,7 @@ DERIVATIVE_TOLERANCE: Final[float] = 1e-6
 
 
 class CheckError(Exception):
-    """A check ran to its end and its result is not what it must be; the text holds the numbers."""
+    """Check with a wrong result; the text holds the numbers."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def figure_drawn() -> str:
 
 
 def cache_is_private() -> str:
-    """The folder of compiled libraries can be written, by nobody else, and what is built there can be loaded."""
+    """Privacy of the cache folder, and loading of what is built there."""
     if compiler() is None:
         return "not needed without a compiler"
     folder = private_folder()

@@ -91,7 +91,7 @@ def _complain(text: str) -> int:
 
 
 def _place(error: BaseException) -> str:
-    """Where in this program it happened: file, line and function of the innermost frame that is its own."""
+    """File, line and function of the innermost frame of the package."""
     frames = traceback.extract_tb(error.__traceback__)
     root = Path(__file__).parents[2]
     own = [f for f in frames if any(Path(f.filename).is_relative_to(root / name) for name in PACKAGES)]

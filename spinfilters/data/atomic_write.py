@@ -1,4 +1,4 @@
-"""A file that appears complete or not at all: every writer of the project goes through here."""
+"""Atomic writing of files."""
 
 import json
 import math
@@ -17,7 +17,7 @@ from spinfilters.errors import InputError
 
 @contextmanager
 def atomic_file(path: Path) -> Iterator[BinaryIO]:
-    """A binary stream that becomes `path` when the block ends well, and vanishes when it does not.
+    """Binary stream that becomes `path` when the block succeeds, else vanishes.
 
     The bytes go to a hidden name in the same folder, reach the disk (fsync), and then replace the target in
     one step, so a reader sees the old file or the new one.

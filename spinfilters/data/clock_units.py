@@ -23,7 +23,7 @@ _CALENDAR = (8e8, 4.2e9)  # s from 1970 of the years 1995 to 2100
 def clock_unit(
     path: Path, name: str, time: Float[np.ndarray, " n"], speed: Float[np.ndarray, " n"] | None
 ) -> str:
-    """Unit of a clock that states none: by its calendar date, else the only one at which sampling and motion are plausible.
+    """Unit of a clock that states none, by calendar date or plausible sampling.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def clock_unit(
 
 
 def _plausible_units(time: Float[np.ndarray, " n"], step: float) -> list[str]:
-    """Seconds of stamps that are no whole numbers and step by little, else all at which sampling is neither slow nor fast."""
+    """Units at which the sampling rate is plausible."""
     whole = bool((time == np.round(time)).all())
     if not step or (step < LONGEST_STEP and not whole):
         return ["s"]

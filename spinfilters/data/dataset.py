@@ -106,7 +106,7 @@ class Dataset:
 
     @contextmanager
     def naming(self) -> Iterator[None]:
-        """Put `name` in front of every InputError about the measurements, which do not know where they come from."""
+        """Prefix InputErrors about the measurements with `name`."""
         try:
             yield
         except InputError as error:

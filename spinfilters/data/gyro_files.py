@@ -107,7 +107,7 @@ def write_gyro_csv(path: Path, stream: MeasurementStream) -> None:
 
 
 def saturated(rate: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-    """Whether a component of the rate is clipped, as its axis shows: samples pile up, side by side, at its largest |rate|.
+    """Whether a component of the rate is clipped at its largest magnitude.
 
     An axis that is there most of the time spins steadily and is not taken for clipped.
     """

@@ -96,7 +96,7 @@ def heading_of(text: str, bare: Quantity | None = None) -> Heading | None:
 
 
 def _parts(text: str) -> tuple[str, str]:
-    """Name and bracketed unit in lower case, the unit empty without one; an index in brackets stays with the name."""
+    """Name and bracketed unit in lower case; an index stays with the name."""
     plain = text.strip().strip('"').strip()
     found = _BRACKETS.search(plain)
     if found is None or found[1] in ("0", "1", "2", "txt", "float", "int"):
@@ -157,7 +157,7 @@ def _component(words: list[str], unit: str, bare: Quantity | None) -> Heading | 
 
 
 def _tells_rate(stem: str, unit: str) -> bool:
-    """Whether a unit that only rates have makes a column one whose name, in any language, does not tell."""
+    """Whether a unit is one of rates only."""
     return unit != "1/s" and not stem.startswith(("acc", "mag", "euler", "roll"))
 
 

@@ -1,4 +1,4 @@
-"""A file from a stranger: is it there, is it text, is it of a size that a measurement can have.
+"""Validated reading of untrusted files.
 
 Every error of the readers is one line that names the file, the line or value, and the cure; `named` and
 `shown` keep it one printable line whatever a file name or a cell contains.

@@ -159,7 +159,7 @@ def first_disorder(time: Float[np.ndarray, " n"], repeats: bool) -> int | None:
 
 
 def first_repeated_landmark(time: Float[np.ndarray, " n"], ids: Int[np.ndarray, " n"]) -> int | None:
-    """First row whose landmark was already seen at the same time (s), None when there is none; times are in order."""
+    """First row that repeats a landmark at the same time, or None."""
     if not _repeats(time, ids):
         return None
     order = np.lexsort((ids, time))
@@ -168,7 +168,7 @@ def first_repeated_landmark(time: Float[np.ndarray, " n"], ids: Int[np.ndarray, 
 
 
 def _repeats(time: Float[np.ndarray, " n"], ids: Int[np.ndarray, " n"]) -> bool:
-    """Whether any pair of time and id stands twice, or numbers are too large to tell at once."""
+    """Whether a pair of time and id may stand twice."""
     if not len(ids):
         return False
     first, last = int(ids.min()), int(ids.max())

@@ -1,4 +1,4 @@
-"""Ranges of numbers that people give. In settings, on the command line and in the small files of a data set."""
+"""Ranges of numbers given by users."""
 
 import math
 from dataclasses import dataclass

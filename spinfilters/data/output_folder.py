@@ -1,4 +1,4 @@
-"""A folder of results that appears whole or not at all, and never over what somebody else put there.
+"""Atomic output folders that overwrite no foreign files.
 
 A list of the files that a command wrote, with their digests, lies among them. What is not in that list, or was changed since, is
 somebody else's.
@@ -28,7 +28,7 @@ _UNPUBLISHED = re.compile(rf"\.[0-9a-f]{{16}}\.part/{_NEW}/")
 
 @contextmanager
 def output_folder(folder: Path, command: str) -> Iterator[Path]:
-    """A place to write a command's files in, which become the folder's when the block ends well, instead of its earlier ones.
+    """Staging folder whose files replace the command's earlier ones on success.
 
     Until then, and when the block ends otherwise (disk full, Ctrl-C), the folder stays as it was.
 
@@ -94,7 +94,7 @@ def _written_by(folder: Path, command: str) -> Mapping[str, object]:
 
 
 def _files(folder: Path) -> list[str]:
-    """Names of all files and links below a folder, without what a killed command was still writing."""
+    """Names of all files and links below a folder, unfinished ones excepted."""
     found = []
     for place, folders, files in os.walk(folder):
         links = [name for name in folders if os.path.islink(os.path.join(place, name))]
@@ -115,7 +115,7 @@ def _digest(path: Path) -> str:
 
 
 def _publish(stage: Path, target: Path) -> None:
-    """Put the new files in the place of the old ones, which come back when that does not succeed."""
+    """Replace the old files by the new ones, or restore them."""
     if not target.exists():
         os.rename(stage / _NEW, target)
         return

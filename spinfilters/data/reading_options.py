@@ -1,4 +1,4 @@
-"""What a user states of a recording that its file does not tell: units, clock, sampling rate, topic."""
+"""Units, clock, sampling rate and topic stated by the user."""
 
 from dataclasses import dataclass, fields
 from typing import Final

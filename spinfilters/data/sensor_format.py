@@ -1,4 +1,4 @@
-"""How the measurements of a sensor are stored: columns, files, noise levels; the registry fills it, the readers iterate it."""
+"""Storage format of a sensor's measurements: columns, files, noise levels."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""One camera's `sensor.yaml` of the EuRoC layout, as it is written: what its numbers mean is for those who read it."""
+"""A camera's `sensor.yaml` in the EuRoC layout."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""A table of numbers in a text file: parsed at full speed, read line by line only to name what is wrong."""
+"""Tables of numbers in text files."""
 
 import csv
 import math
@@ -50,7 +50,7 @@ class Table:
     layout: TableFormat
 
     def line(self, row: int) -> int:
-        """Line number (from 1) in the file of a row (from 0): reads the file again, so for errors only."""
+        """Line number (from 1) of a row (from 0), for error messages."""
         for index, (number, _) in enumerate(_data_lines(self.path, self.layout)):
             if index == row:
                 return number

@@ -161,7 +161,7 @@ def _whole_row(where: str, line: str, layout: TextLayout) -> list[str]:
 def _plain_columns(
     path: Path, layout: TextLayout, columns: Sequence[int]
 ) -> tuple[Float[np.ndarray, "n m"], Sequence[int]] | None:
-    """Numbers and line numbers of a table in which every row is whole, parsed at full speed; None of any other."""
+    """Numbers and line numbers of a table of complete rows, else None."""
     delimiter = layout.delimiter
     if delimiter is None:
         return None
@@ -231,7 +231,7 @@ def _lines(path: Path, encoding: str) -> Iterator[tuple[int, str]]:
 
 
 def _not_text(path: Path, encoding: str, number: int, error: UnicodeError) -> InputError:
-    """The first byte that is not of the encoding; the decoder reads ahead, so of UTF-8 its line is looked for."""
+    """InputError for the first byte that is not of the encoding."""
     if not encoding.startswith("utf-8"):
         return InputError(
             f"{path_text(path)}: line {number + 1}: is not UTF-16 ({reason(error)}); save it as UTF-8 text"

@@ -22,13 +22,17 @@ MOST_TURNS: Final[float] = 100.0
 
 
 class RowsOfFile(Protocol):
-    """Rows of numbers that know where they stand in a file."""
+    """Rows of numbers with their lines in a file."""
 
     @property
-    def path(self) -> Path: ...
+    def path(self) -> Path:
+        """The file."""
+        ...
 
     @property
-    def values(self) -> Float[np.ndarray, "n m"]: ...
+    def values(self) -> Float[np.ndarray, "n m"]:
+        """(n, m) numbers of the rows."""
+        ...
 
     def error(self, row: int, text: str) -> InputError:
         """An InputError that names the file and the line of a row."""

@@ -69,6 +69,7 @@ class EmbeddedFilter(Estimator):
         self._fast = self._not_finite = 0
 
     def start(self, belief: Gaussian | LandmarkBelief) -> None:
+        """Begin with a belief, landmarks included; what does not fit in the map's slots is left out."""
         n = self.layout.error_dim
         self._slots = MapSlots(self.options.landmarks)
         self._fast = self._not_finite = 0
@@ -82,6 +83,7 @@ class EmbeddedFilter(Estimator):
 
     @property
     def belief(self) -> Gaussian:
+        """State with its covariance, in frame g."""
         f = self._filter
         mean = np.array(f.x, dtype=float)
         rows = self._upper() * np.sqrt(np.array(f.d, dtype=float))
@@ -123,6 +125,7 @@ class EmbeddedFilter(Estimator):
 
     @property
     def status(self) -> EstimatorStatus:
+        """Degraded by steps too fast for the substeps, or not finite."""
         status = EstimatorStatus()
         if self._fast:
             status = status.degraded(
@@ -135,11 +138,13 @@ class EmbeddedFilter(Estimator):
         return status
 
     def predict(self, dt: float) -> None:
+        """Advance by dt s; a step that would not stay finite is left out and counted."""
         result = self._call("sf_predict", self._real(dt))
         self._fast += result == FAST
         self._not_finite += result > FAST
 
     def update(self, measurement: Measurement) -> UpdateReport:
+        """Update with a measurement, value by value. InputError: a sensor that was not emitted."""
         name = measurement.model.name
         if name not in self.options.sensors:
             raise InputError(
@@ -156,12 +161,14 @@ class EmbeddedFilter(Estimator):
         return UpdateReport(nis, dof, used, len(measurement.values) - used)
 
     def snapshot(self) -> Snapshot:
+        """Bytes of the filter and its map."""
         arrays = {"filter": _bytes(self._filter), **self._slots.snapshot()}
         arrays |= {"move": self._move.copy(), "move_rows": self._move_rows.copy()}
         arrays["counts"] = np.array([self._fast, self._not_finite])
         return arrays if self._map is None else arrays | {"map": _bytes(self._map)}
 
     def restore(self, snapshot: Snapshot) -> None:
+        """Go back to a snapshot."""
         _fill(self._filter, snapshot["filter"])
         if self._map is not None:
             _fill(self._map, snapshot["map"])

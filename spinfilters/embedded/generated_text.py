@@ -1,4 +1,4 @@
-"""The generated part of a filter's C: model functions, and the configuration that the hand-written part is compiled with."""
+"""Generated C of a filter: model functions and configuration."""
 
 import re
 from textwrap import fill, wrap

@@ -14,7 +14,7 @@ class MapSlots:
         self._now = 0
 
     def places(self, ids: Int[np.ndarray, " k"]) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " f"]]:
-        """Places of distinct ids, at most as many as there are, and those of them that begin anew."""
+        """Slots of distinct ids, and which of them are new."""
         self._now += 1
         found = np.array([self._places.get(key, -1) for key in ids.tolist()], dtype=np.int64)
         self._last[found[found >= 0]] = self._now

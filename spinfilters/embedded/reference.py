@@ -83,20 +83,21 @@ class ReferenceFilter:
             H[:, model.columns] = np.concatenate([row for _, row in rows])
             self._correct(H, np.concatenate([rho for rho, _ in rows]))
         for value, place in zip(values, places.tolist(), strict=True):
-            self._keep_house(model, (value, camera, place), used)
+            self._keep_house(model, value, camera, place, used.get(place))
 
     def _keep_house(
         self,
         model: LandmarkSensor,
-        seen: tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " c"], int],
-        used: dict[int, bool | None],
+        value: Float[np.ndarray, " 3"],
+        camera: Float[np.ndarray, " c"],
+        place: int,
+        used: bool | None,
     ) -> None:
-        value, camera, place = seen
         landmark, pose = self.landmarks.get(place), self.covariance[np.ix_(model.columns, model.columns)]
         if landmark is not None:
-            if used[place] is None:
+            if used is None:
                 return
-            if used[place]:
+            if used:
                 self._move(model, landmark, value, camera)
                 return
             landmark.wrong += 1

@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinfilters.models.linearised_step import LinearisedStep, LinearisedSteps
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
@@ -76,9 +77,7 @@ class ProcessModel(Protocol):
 
     def step(self, x: Float[np.ndarray, "*batch m"], dt: float) -> Float[np.ndarray, "*batch m"]: ...
 
-    def linearise(
-        self, x: Float[np.ndarray, " m"], dt: float
-    ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "n n"], Float[np.ndarray, "n k"]]: ...
+    def linearise(self, x: Float[np.ndarray, " m"], dt: float) -> LinearisedStep: ...
 
     def linearise_steps(
         self,
@@ -86,7 +85,7 @@ class ProcessModel(Protocol):
         there: Float[np.ndarray, "s m"],
         dt: Float[np.ndarray, " s"],
         about: Float[np.ndarray, "s m"] | None = None,
-    ) -> tuple[Float[np.ndarray, "s n"], Float[np.ndarray, "s n n"], Float[np.ndarray, "s n k"]]: ...
+    ) -> LinearisedSteps: ...
 
 
 Snapshot = dict[str, np.ndarray]

@@ -16,11 +16,11 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg.lapack import dtrtrs
 
 from spinfilters.estimators.filters.noise_adaptation import SOURCES, motion_evidence
 from spinfilters.estimators.filters.square_root_update import triangular_factor
 from spinfilters.estimators.history import EstimateHistory
+from spinfilters.linear_algebra.lapack import dtrtrs
 from spinfilters.models.process import TorqueFreeProcess
 
 MOST_EPOCHS: Final = 1500

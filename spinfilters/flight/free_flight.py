@@ -58,7 +58,7 @@ def find_flights(dataset: Dataset) -> list[FreeFlight]:
 
 
 def flights_within(dataset: Dataset) -> list[FreeFlight]:
-    """Free flights of a recording that is not all flight; none of one that is, or in which flight is not looked for."""
+    """Free flights of a recording that is not all flight."""
     if dataset.sensor not in _FINDERS:
         return []
     flights = find_flights(dataset)

@@ -105,7 +105,7 @@ def _smallest(error: Float[np.ndarray, "m 6 6"], size: Float[np.ndarray, "m 6 6"
 
 
 def inertia_tensor(history: RotationHistory, start: int, end: int) -> Float[np.ndarray, "3 3"]:
-    """Inertia of the least error over a stretch, of unit largest moment; nothing says that it is a body's."""
+    """Least-squares inertia over a stretch, of unit largest moment, not necessarily physical."""
     rows, angle = history.momentum[start:end], history.angle[start:end]
     basis, _ = np.linalg.qr(np.column_stack([np.ones(len(angle)), angle - angle.mean()]))
     flat = rows.reshape(len(rows), 18)

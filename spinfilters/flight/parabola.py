@@ -128,7 +128,7 @@ def _flights(log: PoseLog, piece: Stretch, gravity: Float[np.ndarray, " 3"], fac
 
 
 def _falls(log: PoseLog, stretch: Stretch, gravity: Float[np.ndarray, " 3"]) -> bool:
-    """Whether a stretch is long, one parabola all along, and its acceleration gravity: a body that rolls has another one."""
+    """Whether a stretch is one parabola with the acceleration of gravity."""
     if log.time[stretch.end - 1] - log.time[stretch.start] < SHORTEST * (1 - 1e-9):
         return False
     acceleration, error = acceleration_of(log, stretch)
@@ -151,7 +151,7 @@ def _floating(log: PoseLog, piece: Stretch) -> list[Stretch]:
 def _windows(
     log: PoseLog, piece: Stretch, weakest: float, factor: float = 1.0
 ) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"]] | None:
-    """Windows so long that an acceleration of that size, m/s^2, cannot hide in the noise; None where none fits."""
+    """Windows long enough to resolve an acceleration, m/s^2, or None."""
     duration = factor * np.sqrt(2 * LARGEST_ERROR * log.noise * _CURVATURE / weakest)
     time = log.time[piece.start : piece.end]
     last = np.maximum(np.searchsorted(time, time + duration), np.arange(len(time)) + int(factor * FEWEST) - 1)

@@ -1,5 +1,7 @@
 """Absolute orientation: the rigid motion between two sets of matched points."""
 
+from typing import NamedTuple
+
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -28,12 +30,25 @@ def absolute_orientation(
     return q[0], t[0]
 
 
+class AbsoluteOrientations(NamedTuple):
+    """Rigid motions of h sets of points.
+
+    Attributes
+    ----------
+    q: (h, 4) q_ab.   t: (h, 3) t_ab, m.   determined: (h,) whether the points determine them: those not on one line do.
+    """
+
+    q: Float[np.ndarray, "h 4"]
+    t: Float[np.ndarray, "h 3"]
+    determined: Bool[np.ndarray, " h"]
+
+
 def absolute_orientations(
     points_a: Float[np.ndarray, "h n 3"],
     points_b: Float[np.ndarray, "h n 3"],
     weights: Float[np.ndarray, "h n"],
-) -> tuple[Float[np.ndarray, "h 4"], Float[np.ndarray, "h 3"], Bool[np.ndarray, " h"]]:
-    """(q_ab, t_ab) of h sets at once, and which of them their points determine (those not on one line do).
+) -> AbsoluteOrientations:
+    """Rigid motions between h sets of matched points at once.
 
     Horn's closed form: the quaternion is the eigenvector of the largest eigenvalue of N (Tweddle 2013, Eqs 2.104-2.108, with the
     means of 2.104-2.105 corrected; Horn 1987). A point of weight zero has no say; the weights of a set must not all be zero.
@@ -45,7 +60,7 @@ def absolute_orientations(
     largest = np.maximum(np.abs(values[:, 3]), np.finfo(float).tiny)
     q = vectors[:, [1, 2, 3, 0], 3] * np.where(vectors[:, :1, 3] >= 0, 1.0, -1.0)
     t = mean_a - mean_b @ np.swapaxes(matrix_from_quaternion(q), 1, 2)
-    return q, t[:, 0], values[:, 3] - values[:, 2] > SINGULAR * largest
+    return AbsoluteOrientations(q, t[:, 0], values[:, 3] - values[:, 2] > SINGULAR * largest)
 
 
 def rigid_motions(

@@ -1,4 +1,4 @@
-"""Cameras: how a point in the camera's frame (x right, y down, z forward) becomes pixels, and pixels a ray or a point.
+"""Camera models: projection (x right, y down, z forward) and its inverse.
 
 Written once, with the calibration as parameters: sensors, triangulation, consensus poses, figures and the simulator use it.
 """
@@ -38,11 +38,15 @@ class Camera(ABC):
 
     @property
     @abstractmethod
-    def pixel_dim(self) -> int: ...
+    def pixel_dim(self) -> int:
+        """Numbers of an observation."""
+        ...
 
     @property
     @abstractmethod
-    def parameter_dim(self) -> int: ...
+    def parameter_dim(self) -> int:
+        """Numbers of the calibration."""
+        ...
 
     @abstractmethod
     def project(self, point: Expression, calibration: Expression) -> Expression:
@@ -100,17 +104,21 @@ class Monocular(Camera):
 
     @property
     def pixel_dim(self) -> int:
+        """(u, v)."""
         return 2
 
     @property
     def parameter_dim(self) -> int:
+        """(fx, fy, cx, cy) and the lens."""
         return 4 + self.lens.parameter_dim
 
     def project(self, point: Expression, calibration: Expression) -> Expression:
+        """(u, v) px of a point, m."""
         xy = point[:2] / ca.fmax(point[2], NEAREST_DEPTH)
         return _to_pixels(self.lens.distort(xy, self._lens_coefficients(calibration)), calibration)
 
     def ray(self, pixels: Expression, calibration: Expression) -> Expression:
+        """(x/z, y/z, 1) of (u, v)."""
         xy = _from_pixels(pixels, calibration)
         return ca.vertcat(self.lens.undistort(xy, self._lens_coefficients(calibration)), 1)
 
@@ -128,13 +136,16 @@ class StereoPair(Camera):
 
     @property
     def pixel_dim(self) -> int:
+        """(u_left, v, u_right)."""
         return 3
 
     @property
     def parameter_dim(self) -> int:
+        """(fx, fy, cx, cy, baseline) and the lens."""
         return 5 + 2 * self.lens.parameter_dim
 
     def project(self, point: Expression, calibration: Expression) -> Expression:
+        """(u_left, v, u_right) px of a point, m."""
         depth = ca.fmax(point[2], NEAREST_DEPTH)
         xy, shift = point[:2] / depth, calibration[4] / depth
         left = _to_pixels(self.lens.distort(xy, self._lens_coefficients(calibration)), calibration)
@@ -144,6 +155,7 @@ class StereoPair(Camera):
         return ca.vertcat(left, _to_pixels(right, calibration)[0])
 
     def ray(self, pixels: Expression, calibration: Expression) -> Expression:
+        """(x/z, y/z, 1) of the left pixel."""
         xy = _from_pixels(pixels[:2], calibration)
         return ca.vertcat(self.lens.undistort(xy, self._lens_coefficients(calibration)), 1)
 

@@ -40,15 +40,19 @@ class PerfectLens(Lens):
     parameter_dim = 0
 
     def distort(self, xy: Expression, coefficients: Expression) -> Expression:
+        """The same (x, y)."""
         return xy
 
     def undistort(self, xy: Expression, coefficients: Expression) -> Expression:
+        """The same (x, y)."""
         return xy
 
     def undistort_x(self, x: Expression, y: Expression, coefficients: Expression) -> Expression:
+        """The same x."""
         return x
 
     def valid(self, xy: Expression, coefficients: Expression) -> Expression:
+        """Everywhere."""
         return ca.DM(1)
 
 
@@ -62,6 +66,7 @@ class RadialTangentialLens(Lens):
     parameter_dim = 4
 
     def distort(self, xy: Expression, coefficients: Expression) -> Expression:
+        """(x', y') of (x, y)."""
         k1, k2, p1, p2 = (coefficients[k] for k in range(4))
         x, y = xy[0], xy[1]
         square = x * x + y * y
@@ -72,6 +77,7 @@ class RadialTangentialLens(Lens):
         )
 
     def undistort(self, xy: Expression, coefficients: Expression) -> Expression:
+        """(x, y) of (x', y'), by Newton's method."""
         guess = xy
         for _ in range(ITERATIONS):
             guess = guess - ca.solve(
@@ -80,6 +86,7 @@ class RadialTangentialLens(Lens):
         return guess
 
     def undistort_x(self, x: Expression, y: Expression, coefficients: Expression) -> Expression:
+        """x of x' and y, by Newton's method."""
         guess = x
         for _ in range(ITERATIONS):
             at = ca.vertcat(guess, y)

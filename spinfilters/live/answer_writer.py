@@ -1,4 +1,4 @@
-"""Answers on their way out, by a thread of its own: one who does not read them does not hold up the filter."""
+"""Writer of answers in a thread of its own, so that a slow reader blocks no filter."""
 
 import queue
 import threading

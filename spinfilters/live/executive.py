@@ -1,4 +1,4 @@
-"""The executive: the filter answers every epoch at once, the smoother puts it on a better past when it is ready.
+"""Executive: a filter answers every epoch, a smoother corrects its past.
 
 Nothing is counted twice. A hand-over of time T holds all measurements up to T; the filter goes back to T, takes that state, and
 does the epochs after T again. A smoother that begins anew takes the filter's belief of T as its prior and measurements after T.
@@ -81,7 +81,7 @@ class Executive:
                 return
 
     def run(self, epochs: Iterator[ArrivedEpoch | None]) -> Iterator[Answer]:
-        """Answers in the order of arrival; the smoother is served between them, and its process ended in the end."""
+        """Answers in the order of arrival, the smoother served between them."""
         try:
             self.rehearse(self._setup.rehearsal)
             self._begin_smoother(first=True)
@@ -94,7 +94,7 @@ class Executive:
             self.summary.events.update(self.supervisor.events)
 
     def serve(self) -> None:
-        """Take in the latest hand-over, one epoch of it at a time, and see that there is a smoother."""
+        """Apply the latest hand-over step by step, and keep a smoother running."""
         if not self._options.smoother:
             return
         found = self.supervisor.hand_overs()
@@ -253,7 +253,7 @@ class Executive:
         self.supervisor.begin(self._task(build, 0.0, self.track.time))
 
     def _task(self, build: Build, own_time: float, instant: float) -> SmootherTask:
-        """With as many modes as the filter has, so that it goes on with what it computes with already."""
+        """Task of the smoother, with as many modes as the filter."""
         filter_, landmarks = self.track.estimator, self._options.landmarks
         if isinstance(filter_, MultiplicativeFilter) and filter_.mode_count:
             landmarks = replace(landmarks, modes=filter_.mode_count, explained=0.0)

@@ -22,6 +22,7 @@ class KeptEpoch:
 
     @property
     def time(self) -> float:
+        """Of the epoch, s."""
         return self.frame.time
 
 
@@ -61,7 +62,7 @@ class FilterTrack:
         return index > 0 and self._kept[index - 1].time == time
 
     def take(self, frame: Epoch) -> list[UpdateReport] | None:
-        """Take in an epoch, at its place in time; None where it would have made the filter infinite and was left out.
+        """Update with an epoch at its time; None where it was left out as not finite.
 
         It must lie after `oldest` and at no epoch that is there.
         """
@@ -87,7 +88,7 @@ class FilterTrack:
             self.estimator.restore(self._kept[-1].after)
 
     def begin_rebase(self, time: float, begin: Callable[[Estimator], None]) -> None:
-        """Have the filter begin anew at the epoch of this time; it answers as before until `rebase_step` has caught up.
+        """Restart the filter at a past epoch, in steps by `rebase_step`.
 
         Raises
         ------

@@ -11,7 +11,7 @@ GAP, JUMP = 3.0, 30.0
 
 
 class GapRule:
-    """A time far ahead is believed once a second epoch follows it: a single wrong one must not make all later epochs late.
+    """Rule for epochs far ahead: accepted once a second epoch confirms their time.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ class GapRule:
         self._held: ArrivedEpoch | None = None
 
     def jump(self, arrived: ArrivedEpoch, now: float) -> tuple[bool, ArrivedEpoch | None]:
-        """Whether an epoch is kept back for its time, and the one kept back before, where this one confirms it."""
+        """Whether an epoch is held back, and the held one that it confirms."""
         before, self._held = self._held, None
         limit = min(self._largest, JUMP * self._usual)
         if arrived.time - now <= limit:

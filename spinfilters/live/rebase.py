@@ -56,7 +56,7 @@ def rebase(estimator: Estimator, given: HandOver) -> None:
 
 
 def with_modes(belief: LandmarkBelief, rank: int) -> LandmarkBelief:
-    """The same belief with at least so many modes, on the last of which nothing depends: what computes with so many is there."""
+    """The belief padded to at least so many modes."""
     n, r = belief.layout.error_dim, belief.modes.shape[2]
     more = max(rank - r, 0)
     modes = np.pad(belief.modes, [(0, 0), (0, 0), (0, more)])

@@ -1,4 +1,4 @@
-"""Where epochs come from: a data set at its own pace, a growing file, a pipe or a socket."""
+"""Sources of epochs: replayed data sets, growing files, pipes, sockets."""
 
 import os
 import select
@@ -30,7 +30,7 @@ class Source(ABC):
 
     @abstractmethod
     def epochs(self) -> Iterator[ArrivedEpoch | None]:
-        """Epochs in the order of arrival; None whenever nothing has come for a moment, for the caller to do other work."""
+        """Epochs in the order of arrival; None while nothing arrives."""
 
     @property
     def losses(self) -> dict[str, int]:
@@ -45,6 +45,7 @@ class Replay(Source):
         self._log, self._begin, self._speed = log, begin, speed
 
     def epochs(self) -> Iterator[ArrivedEpoch | None]:
+        """Epochs when they are due."""
         began = time.monotonic()
         for instant in self._log.times[self._log.times > self._begin].tolist():
             due = began + (instant - self._begin) / self._speed
@@ -73,9 +74,11 @@ class Lines(Source):
 
     @property
     def losses(self) -> dict[str, int]:
+        """Lines and epochs that were lost, by kind."""
         return dict(Counter(self.reader.losses) + self._own)
 
     def epochs(self) -> Iterator[ArrivedEpoch | None]:
+        """Epochs as their last line arrives."""
         self._looked = quiet = time.monotonic()
         rest = b""
         while True:

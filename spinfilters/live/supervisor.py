@@ -7,6 +7,7 @@ import socket
 import time
 from collections import Counter
 from dataclasses import dataclass
+from multiprocessing.process import BaseProcess
 
 import numpy as np
 
@@ -49,8 +50,8 @@ class SmootherSupervisor:
         self, layout: StateLayout, models: dict[str, MeasurementModel], options: SupervisionOptions
     ) -> None:
         self._layout, self._models, self._options = layout, models, options
-        self._process: multiprocessing.process.BaseProcess | None = None
-        self._killed: list[multiprocessing.process.BaseProcess] = []
+        self._process: BaseProcess | None = None
+        self._killed: list[BaseProcess] = []
         self._channel: Channel | None = None
         self._last = self._ended = -np.inf
         self._handed, self._outstanding = 0, 0

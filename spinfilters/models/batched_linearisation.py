@@ -1,4 +1,4 @@
-"""The steps of a whole trajectory linearised side by side: what `RotationIntegrator.linearise` gives, for many states at once.
+"""Batched linearisation of the process over a trajectory (`RotationIntegrator.linearise`).
 
 A smoother linearises the dynamics about every frame in every iteration. The substeps here are those of the integrator, from the
 same expressions and with the same control of their number, evaluated in lanes.
@@ -20,6 +20,7 @@ from spinfilters.attitude.expressions import (
     short_mrp_from_quaternion,
 )
 from spinfilters.errors import InputError
+from spinfilters.models.linearised_step import LinearisedSteps
 from spinfilters.models.rotation_integrator import IntegrationError, RotationIntegrator, rotation_difference
 from spinfilters.models.rotation_parameters import rotation_parameters
 from spinfilters.models.step_count import FEWEST, boole_weights
@@ -62,7 +63,7 @@ class BatchedLinearisation:
         dt: Float[np.ndarray, " k"],
         densities: Float[np.ndarray, " 2"],
         about: Float[np.ndarray, "k m"] | None = None,
-    ) -> tuple[Float[np.ndarray, "k n"], Float[np.ndarray, "k n n"], Float[np.ndarray, "k n q"]]:
+    ) -> LinearisedSteps:
         """Defects, error transitions and noise factors of steps; see `TorqueFreeProcess.linearise_steps`.
 
         Raises
@@ -80,11 +81,9 @@ class BatchedLinearisation:
         for rows in _alike(self._integrator.turns(here, dt)):
             with suppress(IntegrationError):
                 defect[rows], transition[rows], noise[rows] = self._linearised(steps.chosen(rows), densities)
-        return defect, transition, noise
+        return LinearisedSteps(defect, transition, noise)
 
-    def _linearised(
-        self, steps: "StepBatch", densities: Float[np.ndarray, " 2"]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _linearised(self, steps: "StepBatch", densities: Float[np.ndarray, " 2"]) -> LinearisedSteps:
         """`linearise` with as many substeps for all as the longest turn needs."""
         here, dt = steps.here, steps.dt[:, None]
         count = self._integrator.first_count(here, float(dt.max())) if len(here) else 0
@@ -96,7 +95,7 @@ class BatchedLinearisation:
                 break
             count *= 2
         k, n = defect.shape
-        return defect, transition.reshape(k, n, n), noise.reshape(k, n, noise.shape[1] // n)
+        return LinearisedSteps(defect, transition.reshape(k, n, n), noise.reshape(k, n, noise.shape[1] // n))
 
     @cached_property
     @building()
@@ -148,7 +147,7 @@ class BatchedLinearisation:
 
 
 def _alike(turns: Float[np.ndarray, " k"]) -> list[Int[np.ndarray, " r"]]:
-    """Steps by the size of their turns (rad): one long turn among short ones must not make all of them fine.
+    """Steps grouped by the size of their rotations, rad.
 
     Up to `ALIKE` times the median turn all belong together, which is every step of an ordinary recording.
     """
@@ -167,7 +166,7 @@ def _turn_between(there: Expression, after: Expression) -> Expression:
 
 
 def _numbers(count: int) -> Float[np.ndarray, "c 2"]:
-    """Of every substep: the weight of its noise, and how long that of the coarser run is in its place."""
+    """Noise weight and coarse step length of every substep."""
     numbers = np.zeros((count, 2))
     if count:
         numbers[:, 0], numbers[::2, 1] = boole_weights(count)[:count], 2.0

@@ -30,9 +30,11 @@ class RestingCamera(CameraPoseModel):
     parameter_dim = 0
 
     def in_camera(self, point: Expression, parameters: Expression) -> Expression:
+        """p_c = p_i."""
         return point
 
     def in_inertial(self, point: Expression, parameters: Expression) -> Expression:
+        """p_i = p_c."""
         return point
 
 
@@ -43,9 +45,11 @@ class MovingCamera(CameraPoseModel):
     parameter_dim = 7
 
     def in_camera(self, point: Expression, parameters: Expression) -> Expression:
+        """p_c = R_ic' (p_i - t_ic)."""
         return rotate(conjugate(parameters[3:]), point - parameters[:3])
 
     def in_inertial(self, point: Expression, parameters: Expression) -> Expression:
+        """p_i = R_ic p_c + t_ic."""
         return rotate(parameters[3:], point) + parameters[:3]
 
 

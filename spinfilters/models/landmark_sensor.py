@@ -98,7 +98,7 @@ class LandmarkSensor(MeasurementModel):
         )
 
     def build(self) -> None:
-        """Make what `new_landmarks` runs, where an epoch without new landmarks would leave it to a later one."""
+        """Build the function of `new_landmarks` in advance."""
         self._new_landmarks.build()
 
     @cached_property

@@ -34,6 +34,19 @@ class Linearisation(NamedTuple):
     log_noise: Float[np.ndarray, " k"]
 
 
+class InnovationsAtPoints(NamedTuple):
+    """k innovations at p points, whitened by the noise at one of them.
+
+    Attributes
+    ----------
+    innovation: (k, dim, p).   valid: (k,) where all points are.   log_noise: (k,) log determinant of the noise factor.
+    """
+
+    innovation: Float[np.ndarray, "k r p"]
+    valid: Bool[np.ndarray, " k"]
+    log_noise: Float[np.ndarray, " k"]
+
+
 class MeasurementModel(ABC):
     """A sensor over a state layout. A subclass writes expressions only; everything numeric is derived here.
 
@@ -101,10 +114,11 @@ class MeasurementModel(ABC):
         x: Float[np.ndarray, " m"],
         parameters: Float[np.ndarray, "k p2"],
         measured: Float[np.ndarray, "k v"],
-    ) -> tuple[Float[np.ndarray, "k r p"], Bool[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-        """Innovations at many points, whitened by the noise at ``x``; where all are valid; log determinant of the noise factor."""
+    ) -> InnovationsAtPoints:
+        """Innovations at many points, whitened by the noise at ``x``."""
         innovation, valid, log_noise = self._innovations_at(len(points))(points.T, x, parameters, measured)
-        return innovation.reshape(len(measured), self.dim, len(points)), valid[:, 0] > 0, log_noise[:, 0]
+        innovation = innovation.reshape(len(measured), self.dim, len(points))
+        return InnovationsAtPoints(innovation, valid[:, 0] > 0, log_noise[:, 0])
 
     def whitening(
         self, x: Float[np.ndarray, "*batch m"], parameters: Float[np.ndarray, "*batch p"]
@@ -190,7 +204,7 @@ class MeasurementModel(ABC):
 
     @building()
     def _build_innovations_at(self, count: int) -> Compiled:
-        """Landmarks are the loop of the compiled function and points the loop inside, so that neither is copied for the other."""
+        """Compiled loop over landmarks with points inside, without copies."""
         x, p, z = self._symbols
         W, state = ca.SX.sym("W", self.dim, self.dim), self.layout.unpack(x)
         away = W @ self.innovation(self.symbolic(state, p), z)

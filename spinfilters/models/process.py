@@ -22,6 +22,7 @@ from spinfilters.dynamics.mass_distribution import inertia
 from spinfilters.errors import InputError
 from spinfilters.models.batched_linearisation import BatchedLinearisation
 from spinfilters.models.disturbed_steps import DisturbedSteps
+from spinfilters.models.linearised_step import LinearisedStep, LinearisedSteps
 from spinfilters.models.rotation_integrator import RotationIntegrator
 from spinfilters.models.step_count import MAX_SUBSTEPS, substeps, turns
 from spinfilters.state.blocks.acceleration import ACCELERATION
@@ -141,10 +142,8 @@ class TorqueFreeProcess:
         """Components of a state that white disturbances act on."""
         return len(self._disturbed.kicked)
 
-    def linearise(
-        self, x: Float[np.ndarray, " m"], dt: float
-    ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "n n"], Float[np.ndarray, "n k"]]:
-        """The point after dt, the transition of the multiplicative error, and a factor of the noise covariance Q = G G'."""
+    def linearise(self, x: Float[np.ndarray, " m"], dt: float) -> LinearisedStep:
+        """Step of dt s with error transition and noise factor."""
         return self._integrator.linearise(x, dt, self._densities)
 
     def linearise_steps(
@@ -153,18 +152,13 @@ class TorqueFreeProcess:
         there: Float[np.ndarray, "k m"],
         dt: Float[np.ndarray, " k"],
         about: Float[np.ndarray, "k m"] | None = None,
-    ) -> tuple[Float[np.ndarray, "k n"], Float[np.ndarray, "k n n"], Float[np.ndarray, "k n q"]]:
-        """k steps at once, about where they were to lead: e_there = defect + transition e_here + factor n.
+    ) -> LinearisedSteps:
+        """k steps at once, about where they were to lead.
 
         Parameters
         ----------
         there: with the mass distribution of ``here``.   about: points at which slopes are taken: those of ``here`` with other
         constants, or None for ``here``.
-
-        Returns
-        -------
-        The error that takes ``there`` to the point dt after ``here``, and `linearise`'s transition and factor of errors about
-        ``there``.
         """
         return self._many.linearise(here, there, dt, self._densities, about)
 
@@ -188,8 +182,8 @@ class TorqueFreeProcess:
         )
 
     def noise_covariance(self, x: Float[np.ndarray, " m"], dt: float) -> Float[np.ndarray, "n n"]:
-        """Q of the multiplicative error gathered over dt seconds, from the stochastic equation, for a motion that starts at x."""
-        factor = self.linearise(x, dt)[2]
+        """Q (n, n) of the multiplicative error over dt s from x."""
+        factor = self.linearise(x, dt).noise_factor
         return factor @ factor.T
 
     @property
@@ -201,6 +195,6 @@ class TorqueFreeProcess:
 def _integrators(
     layout: StateLayout, tolerance: float
 ) -> tuple[RotationIntegrator, BatchedLinearisation, DisturbedSteps]:
-    """The compiled steps of a layout, made once in a process: building their expressions costs as much as smoothing."""
+    """Compiled steps of a layout, cached because building them is slow."""
     integrator = RotationIntegrator(layout, body_acceleration, tolerance)
     return integrator, BatchedLinearisation(layout, integrator), DisturbedSteps(layout, integrator)

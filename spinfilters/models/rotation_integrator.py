@@ -25,6 +25,7 @@ from spinfilters.attitude.expressions import (
     short_mrp_from_quaternion,
 )
 from spinfilters.errors import InputError, SpinfiltersError
+from spinfilters.models.linearised_step import LinearisedStep
 from spinfilters.models.rotation_parameters import rotation_parameter_slices, rotation_parameters
 from spinfilters.models.step_count import FEWEST, MAX_SUBSTEPS, boole_weights, substeps, turns
 from spinfilters.state.blocks.acceleration import ACCELERATION
@@ -42,7 +43,7 @@ SHARED = {"cse": True}
 
 
 class IntegrationError(SpinfiltersError, np.linalg.LinAlgError):
-    """A step that the budget of substeps does not resolve. Its matrices would be wrong, like one that cannot be factorised."""
+    """Step beyond the budget of substeps."""
 
 
 class RotationIntegrator:
@@ -82,13 +83,13 @@ class RotationIntegrator:
 
     def linearise(
         self, x: Float[np.ndarray, " m"], dt: float, densities: Float[np.ndarray, " 2"]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Point after dt, error transition (n, n), factor (n, 6 or 12) of the noise covariance."""
+    ) -> LinearisedStep:
+        """The step of dt > 0 seconds under white noise of these densities; see `TorqueFreeProcess.linearise`."""
         count = self.first_count(x, dt)
         while True:
             after, error, transition, factor = self._lineariser(count)(x, dt, densities)
             if self.good(error, count):
-                return after, transition, factor
+                return LinearisedStep(after, transition, factor)
             count *= 2
 
     def step_function(self, count: int) -> ca.Function:
@@ -151,6 +152,7 @@ class RotationIntegrator:
         return fine, rotation_difference(coarse, fine) / 15
 
     def substep(self) -> ca.Function:
+        """One substep of Runge-Kutta 4 as a function."""
         y, p, h = ca.SX.sym("y", 7), ca.SX.sym("p", self._parameter_count), ca.SX.sym("h")
         return ca.Function("substep", [y, p, h], [self._runge_kutta(y, p, h)], SHARED)
 

@@ -40,13 +40,16 @@ class IsotropicNoise(SensorNoiseModel):
 
     @property
     def parameter_dim(self) -> int:
+        """The standard deviation."""
         return 1
 
     def factor(self, parameters: Expression, added: Expression | float = 0.0) -> Expression:
+        """sqrt(std^2 + added) I."""
         std = parameters[0] if isinstance(added, float) else ca.sqrt(parameters[0] ** 2 + added)
         return std * ca.DM.eye(self.dim)
 
     def difference_std(self, parameters: Expression, one: int, other: int) -> Expression:
+        """sqrt(2) std."""
         return ca.sqrt(2) * parameters[0]
 
 
@@ -56,15 +59,18 @@ class CorrelatedNoise(SensorNoiseModel):
 
     @property
     def parameter_dim(self) -> int:
+        """Entries of the Cholesky factor."""
         return self.dim * (self.dim + 1) // 2
 
     def factor(self, parameters: Expression, added: Expression | float = 0.0) -> Expression:
+        """Cholesky factor of L L' + added I."""
         root = factor_of(parameters, self.dim)
         if isinstance(added, float):
             return root
         return ca.chol(root @ root.T + added * ca.SX.eye(self.dim)).T
 
     def difference_std(self, parameters: Expression, one: int, other: int) -> Expression:
+        """Length of the difference of two rows of the factor."""
         root = factor_of(parameters, self.dim)
         return ca.norm_2(root[one, :] - root[other, :])
 

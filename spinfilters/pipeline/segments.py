@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -152,14 +152,21 @@ def pool(results: Sequence[SegmentResult], settings: Settings) -> dict[str, Pool
     }
 
 
-def segment_medians(
-    results: Sequence[SegmentResult], settings: Settings
-) -> dict[str, tuple[float, float, int, int]]:
-    """Per estimator: median J1/J3 and J2/J3 of the segments that are ``ok``, how many those are, and of how many."""
+class SegmentMedians(NamedTuple):
+    """Medians of J1/J3 and J2/J3 over the segments that are ``ok``, how many those are, and of how many; NaN where none is."""
+
+    smallest_ratio: float
+    middle_ratio: float
+    good: int
+    total: int
+
+
+def segment_medians(results: Sequence[SegmentResult], settings: Settings) -> dict[str, SegmentMedians]:
+    """Median inertia ratios of the segments that are ``ok``, per estimator."""
     medians = {}
     for name in settings.estimators:
         estimates = [r.summary["estimators"][name] for r in results if r.summary is not None]
         good = np.array([e["principal_moments"][:2] for e in estimates if e["status"] == "ok"]).reshape(-1, 2)
         middle = np.median(good, axis=0) if len(good) else np.full(2, np.nan)
-        medians[name] = (float(middle[0]), float(middle[1]), len(good), len(results))
+        medians[name] = SegmentMedians(float(middle[0]), float(middle[1]), len(good), len(results))
     return medians

@@ -59,7 +59,7 @@ def study_figure(study: Study, title: str) -> Figure:
 
 
 def _bound_panel(axes: Axes, found: Report) -> None:
-    """Over time; what the first frame defines, and knows without a doubt, does not stretch the scale."""
+    """Bounds over time; gauge-fixed first values do not stretch the scale."""
     for quantity, values in found.quantities.items():
         axes.semilogy(found.reference.time, values, **(_style(quantity) | _prior_note(found, quantity)))
     learnt = [values[1:].min(initial=values[-1]) for values in found.quantities.values()]
@@ -68,7 +68,7 @@ def _bound_panel(axes: Axes, found: Report) -> None:
 
 
 def _style(quantity: Quantity) -> dict[str, str]:
-    """The place of the centre of mass is often known as well as the centre itself: dashes show both."""
+    """Line style; dashes where two quantities may coincide."""
     name, unit = quantity
     return {
         "color": COLOURS[quantity],

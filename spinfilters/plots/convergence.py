@@ -1,4 +1,4 @@
-"""How a smoother's estimates settle: every epoch's estimate after every solve, and the body's after every solve.
+"""Convergence of a smoother's estimates over its solves.
 
 After Tweddle (2013), Figures 6-33 to 6-41: iterations (epochs taken in) and time span the plane, scales are logarithmic.
 Motions are told by the length of their error, beside its standard deviation in the same scale of colours: equal colours are an

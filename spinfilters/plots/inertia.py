@@ -74,7 +74,7 @@ def _ratio(axes: Axes, bodies: BodyHistory, index: int, line: EstimatorLine) -> 
 
 
 def _limits(axes: Axes, histories: Sequence[BodyHistory], index: int) -> None:
-    """All but the widest tenth of the bands, and no ratio beyond 0 and 1, where no body is."""
+    """Limits with 90 % of the bands, within 0 and 1."""
     low = min(_quantile(b, index, -SIGMAS, 0.1, 1.0) for b in histories)
     high = max(_quantile(b, index, SIGMAS, 0.9, 0.0) for b in histories)
     drawn = np.concatenate([np.zeros(0), *(np.asarray(line.get_ydata(), dtype=float) for line in axes.lines)])

@@ -1,4 +1,4 @@
-"""The polhode of an estimated motion: the path of the rate on the body, on both ellipsoids of its inertia."""
+"""Polhode of an estimated motion on both ellipsoids of its inertia."""
 
 import numpy as np
 from matplotlib.figure import Figure

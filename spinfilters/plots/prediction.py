@@ -1,4 +1,4 @@
-"""What is predicted after the last epoch: how fast the estimators become unsure, and how the body will turn."""
+"""Prediction of motion and uncertainty after the last epoch."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Body rates of every estimator against the truth or the gyro: here a tumble shows its flips."""
+"""Body rates of every estimator against the truth or the gyro."""
 
 from collections.abc import Sequence
 

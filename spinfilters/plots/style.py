@@ -86,7 +86,7 @@ class EstimatorLine:
 
 
 def estimator_lines(names: Sequence[str]) -> list[EstimatorLine]:
-    """Lines for estimators in this order: where they agree both show, thin dashes upon a wide line."""
+    """Line styles of estimators that stay visible where they agree."""
     free = iter(_OTHERS * (1 + len(names) // len(_OTHERS)))
     return [
         EstimatorLine(
@@ -97,7 +97,7 @@ def estimator_lines(names: Sequence[str]) -> list[EstimatorLine]:
 
 
 def extremes(*curves: np.ndarray) -> Int[np.ndarray, " k"] | slice:
-    """Points of curves that a picture can show: of a long one the smallest and largest of every stretch, and both ends."""
+    """Indices of curves that a picture can show: extremes of every stretch."""
     count = len(curves[0])
     if count <= MOST_DRAWN:
         return slice(None)
@@ -169,13 +169,13 @@ def finite_quantile(values: np.ndarray, share: float, otherwise: float = 0.0) ->
 
 
 def half_width(errors: Float[np.ndarray, "n k"], bands: Float[np.ndarray, "n k"]) -> float:
-    """Half height of a panel that shows all errors and all but the widest tenth of the bands, as far as they are finite."""
+    """Half height of a panel with all errors and 90 % of the bands."""
     width = max(finite_quantile(np.abs(errors), 1.0), finite_quantile(bands, 0.9))
     return 1.15 * width if width > 0 else 1.0
 
 
 def draw_figure(draw: Callable[[], Figure], path: Path) -> None:
-    """Draw and save; a note takes the place of a picture whose numbers cannot be drawn. Errors: `save_figure`."""
+    """Draw and save, or save a note of the failure. Errors: `save_figure`."""
     figure = drawn(draw, path.stem)
     try:
         with np.errstate(all="ignore"):

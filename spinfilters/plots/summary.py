@@ -94,7 +94,7 @@ def headline(evaluations: Sequence[Evaluation]) -> str:
 
 
 def _flips(evaluation: Evaluation) -> str:
-    """How often the rotation about the intermediate axis reverses in the time that follows; of no known axis nothing is said."""
+    """Number of flips in words, empty without a known axis."""
     body = evaluation.body
     if not knows_intermediate_axis(body):
         return "seen for "

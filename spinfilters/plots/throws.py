@@ -1,4 +1,4 @@
-"""Inertia fitted to many throws of one body: do they agree with one another and with a reference?"""
+"""Inertia ratios of many throws against each other and a reference."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -100,7 +100,7 @@ def _no_body(axes: Axes) -> None:
 
 
 def _limits(throws: Sequence[Throw], reference: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """What shows the sound throws and the reference well; a degraded one beyond is drawn on the border."""
+    """Limits that show sound throws and the reference."""
     points = [throw.ratios for throw in throws if not throw.degraded] or [throw.ratios for throw in throws]
     points = np.array(points if reference is None else [*points, reference])
     low, high = points.min(axis=0), points.max(axis=0)

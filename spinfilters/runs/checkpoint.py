@@ -1,4 +1,4 @@
-"""A checkpoint: the state of an estimator and the epochs it has done, as one file from which its run goes on bit for bit."""
+"""Checkpoint file of an estimator: its state and the epochs done."""
 
 import json
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ class Checkpoint:
 def save_checkpoint(
     path: Path, estimator: Estimator, rows: GrowingHistory, fingerprint: RunFingerprint
 ) -> None:
-    """Write the state of an estimator that stands where its rows end; the file is there whole or not at all.
+    """Write an estimator's state and records, atomically.
 
     On line, where no history is wanted, rows may be ``GrowingHistory(estimator.layout, time)``.
 
@@ -50,7 +50,7 @@ def save_ended(path: Path, history: EstimateHistory, begin: float, fingerprint: 
 
 
 def load_checkpoint(path: Path, estimator: Estimator, fingerprint: RunFingerprint) -> Checkpoint:
-    """Bring an estimator that was built alike to the state of a file, and return the epochs that led there.
+    """Restore an estimator built alike, and return the epochs done.
 
     An estimator whose run has ended is left as it is.
 

@@ -52,24 +52,27 @@ class CheckpointStore(ABC):
 
     @abstractmethod
     def end(self, estimator: Estimator, history: EstimateHistory, rows: GrowingHistory) -> None:
-        """Keep a run that has come to an end by itself: the estimator at its last epoch, or that it failed."""
+        """Keep a completed or failed run."""
 
 
 class NullStore(CheckpointStore):
     """Keeps nothing."""
 
     def resume(self, estimator: Estimator) -> Checkpoint | None:
+        """Nothing was kept."""
         return None
 
     def running(self, estimator: Estimator, rows: GrowingHistory) -> AbstractContextManager[AfterEpoch]:
+        """Keeps nothing on the way."""
         return nullcontext(lambda: None)
 
     def end(self, estimator: Estimator, history: EstimateHistory, rows: GrowingHistory) -> None:
-        return None
+        """Keeps nothing at the end."""
+        return
 
 
 StoreOf = Callable[[str], CheckpointStore]
-"""Gives every estimator's name its keeper."""
+"""Checkpoint store of an estimator's name."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +90,7 @@ class CheckpointFile(CheckpointStore):
     interval: CheckpointInterval = field(default_factory=CheckpointInterval)
 
     def resume(self, estimator: Estimator) -> Checkpoint | None:
+        """The checkpoint in the file. InputError: it is of another run, or damaged."""
         if not self.path.exists():
             return None
         found = load_checkpoint(self.path, estimator, self.fingerprint)
@@ -120,6 +124,7 @@ class CheckpointFile(CheckpointStore):
         save_checkpoint(self.path, estimator, rows, self.fingerprint)
 
     def end(self, estimator: Estimator, history: EstimateHistory, rows: GrowingHistory) -> None:
+        """Write the last checkpoint, or the history of an estimator that failed."""
         if history.status.verdict is Verdict.FAILED:
             make_folder(self.path.parent)
             save_ended(self.path, history, rows.begin, self.fingerprint)

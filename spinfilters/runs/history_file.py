@@ -69,7 +69,7 @@ def read_history(path: Path, cure: str = "make the run again") -> EstimateHistor
 
 
 def _initialisation(arrays: Mapping[str, np.ndarray], numbers: Mapping[str, np.ndarray]) -> int:
-    """How many epochs it has. A file that does not tell: those of a filter that took no time. Raises ShapeError."""
+    """Number of initialisation epochs, inferred for old files. Raises ShapeError."""
     epochs = len(numbers["time"])
     if INITIALISATION not in arrays:
         timed = np.flatnonzero(numbers["runtime"] > 0)

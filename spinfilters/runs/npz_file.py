@@ -69,7 +69,7 @@ def _write_array(member: IO[bytes], array: np.ndarray) -> None:
 
 
 def read_arrays(path: Path) -> dict[str, np.ndarray]:
-    """Read what `write_arrays` wrote; nothing in the file is evaluated, and no more is unpacked than the file may hold.
+    """Arrays of a file of `write_arrays`, of limited size, nothing evaluated.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
 
 
 def unusable(path: Path, expected: str, error: Exception, cure: str) -> InputError:
-    """What to raise for one of `DAMAGED`: the file, what it is not, why, and the cure, each once."""
+    """InputError for one of `DAMAGED`."""
     own = f"{path_text(path)}: "
     if isinstance(error, InputError) and str(error).startswith(own):
         error = InputError(str(error).removeprefix(own).partition("; ")[0])

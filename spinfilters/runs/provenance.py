@@ -22,7 +22,7 @@ def provenance() -> dict[str, str]:
 
 
 def git_commit() -> str | None:
-    """Commit of the checkout that the package lies in, with ``-dirty`` when files differ from it; None elsewhere."""
+    """Commit of the package's checkout, ``-dirty`` with changes; None elsewhere."""
     folder = Path(spinfilters.__file__).resolve().parents[1]
     if not (folder / ".git").exists():
         return None

@@ -97,7 +97,7 @@ def refuse_foreign_run(folder: Path) -> None:
 
 
 def write_configuration(folder: Path, settings: Settings) -> None:
-    """config.toml: the settings and what the run was made with. It comes first and marks the folder as a run's.
+    """Write config.toml, which marks the folder as a run's.
 
     Numbers of an earlier run that was made otherwise do not outlive its configuration.
     """
@@ -119,7 +119,7 @@ def mark_run_folder(folder: Path, settings: Settings) -> None:
 
 
 def write_run(folder: Path, comparison: Comparison, settings: Settings) -> None:
-    """Everything but the figures, in place of an earlier run; summary.json comes last, so that a folder with one is whole.
+    """Write everything but the figures; summary.json comes last.
 
     Checkpoints stay until then, and beyond where Ctrl-C cut the run short.
     """
@@ -160,7 +160,7 @@ def read_histories(folder: Path, names: Sequence[str]) -> list[EstimateHistory]:
 
 
 def finished_run(folder: Path, dataset: Dataset, settings: Settings) -> dict[str, Any] | None:
-    """Summary of a whole run that was made of the same data set, settings and versions; None where there is none."""
+    """Summary of a complete run of the same data set, settings and versions, or None."""
     try:
         if not _is_configured(folder, configuration(settings)):
             return None
@@ -212,7 +212,7 @@ def _is_run(folder: Path) -> bool:
 
 
 def _clear(folder: Path, source: Path | None) -> None:
-    """Remove the files of an earlier run, but not its data set when that is what the new run was made from, and no checkpoint."""
+    """Remove an earlier run's files except checkpoints and the data set in use."""
     pictures = (*picture_files(estimator_names()), PREDICTION_PICTURE, CONVERGENCE_PICTURE)
     for name in (SUMMARY_FILE, TRUTH_FILE, REPORT_FILE, EXPLANATIONS_FILE, *pictures):
         (folder / name).unlink(missing_ok=True)
@@ -224,7 +224,7 @@ def _clear(folder: Path, source: Path | None) -> None:
 
 
 def _remove(place: Path, names: Sequence[str]) -> None:
-    """Remove these files from a folder, what was left unfinished, and then the folders in which nothing is left."""
+    """Remove these and unfinished files, then empty folders."""
     for path in (*(place / name for name in names), *place.glob("**/.*.part")):
         if path.name in map(os.path.basename, names) or _UNFINISHED.fullmatch(path.name):
             with suppress(FileNotFoundError, NotADirectoryError):
@@ -235,7 +235,7 @@ def _remove(place: Path, names: Sequence[str]) -> None:
 
 
 def refuse_source_within(folder: Path, source: Path | None) -> None:
-    """Refuse to make a run from a file that it would replace: inside its folder only its data set may be what it is made from."""
+    """Refuse a run from a file that it would replace."""
     if source is None or _is_own_dataset(folder, source):
         return
     inner = [(folder / name).resolve() for name in (DATASET_FOLDER, *estimator_names())]

@@ -1,4 +1,4 @@
-"""A run folder is written by one process at a time: a lock that the system releases when its holder ends, however it ends."""
+"""Exclusive lock of a run folder, released when its process ends."""
 
 import errno
 import fcntl

@@ -1,4 +1,4 @@
-"""A measured attitude of g in i: a star tracker's, or a scan match of which only the rotation is trusted."""
+"""Measured attitude of g in i."""
 
 import numpy as np
 from jaxtyping import Float
@@ -42,15 +42,18 @@ class AttitudeSensor(Sensor):
     def bind(
         self, stream: MeasurementStream, layout: StateLayout, noise: SensorNoise, view: CameraView | None
     ) -> BoundStream:
+        """Attitudes with their noise, rad."""
         parameters = attitude_parameters(row_covariance(stream, np.full(3, noise.attitude_std)))
         return BoundStream(model_over(Attitude, layout), stream.time, stream.values, parameters)
 
     def initial_motion(
         self, stream: MeasurementStream, noise: SensorNoise, view: CameraView | None
     ) -> MotionSamples:
+        """Attitudes as samples of the motion."""
         return MotionSamples(stream.time, stream.values)
 
     def simulate(self, scene: Scene) -> SimulatedStream:
+        """True attitudes turned by white noise."""
         exact, std = scene.motion.block("a"), scene.noise.rotation_std
         noisy = StateLayout(("a",)).retract(exact, std * scene.generator.standard_normal((len(exact), 3)))
         return SimulatedStream(MeasurementStream(self.name, scene.motion.time, noisy), {"attitude_std": std})

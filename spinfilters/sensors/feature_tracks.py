@@ -25,18 +25,28 @@ class TrueMotion(Protocol):
     """A simulated motion (`spinfilters.simulation.motion.Motion`): states (n, mean_dim) of one layout at ``time`` (n,) s."""
 
     @property
-    def layout(self) -> StateLayout: ...
+    def layout(self) -> StateLayout:
+        """Blocks of the states."""
+        ...
 
     @property
-    def time(self) -> Float[np.ndarray, " n"]: ...
+    def time(self) -> Float[np.ndarray, " n"]:
+        """(n,) of the epochs, s."""
+        ...
 
     @property
-    def states(self) -> Float[np.ndarray, "n m"]: ...
+    def states(self) -> Float[np.ndarray, "n m"]:
+        """(n, mean_dim) true states."""
+        ...
 
     @property
-    def rotations(self) -> Float[np.ndarray, "n 3 3"]: ...
+    def rotations(self) -> Float[np.ndarray, "n 3 3"]:
+        """(n, 3, 3) R_ig."""
+        ...
 
-    def block(self, name: str) -> Float[np.ndarray, "n b"]: ...
+    def block(self, name: str) -> Float[np.ndarray, "n b"]:
+        """(n, dimension) of one block."""
+        ...
 
 
 class Recognition(Protocol):
@@ -62,7 +72,7 @@ class EveryAppearance:
 
 @dataclass(frozen=True)
 class SomeAppearances:
-    """A landmark is known again, or missed, for a whole appearance (a stretch of frames in which it is in view).
+    """Re-detection model that decides for whole appearances of a landmark.
 
     The probability is the landmark's own, drawn from the Beta distribution with shapes ``alpha`` and ``beta``: few landmarks
     are distinct enough to be known again at every revolution.

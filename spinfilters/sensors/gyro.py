@@ -65,6 +65,7 @@ class GyroSensor(Sensor):
     def bind(
         self, stream: MeasurementStream, layout: StateLayout, noise: SensorNoise, view: CameraView | None
     ) -> BoundStream:
+        """Rates with their noise, rad/s."""
         level = noise_level(stream, noise.gyro_noise_std)
         parameters = gyro_parameters(len(stream), level, noise.gyro_scale_std)
         return BoundStream(
@@ -74,16 +75,20 @@ class GyroSensor(Sensor):
     def initial_motion(
         self, stream: MeasurementStream, noise: SensorNoise, view: CameraView | None
     ) -> MotionSamples:
+        """Rates as samples of the motion."""
         return MotionSamples(stream.time, rates=stream.values)
 
     def measured_rates(self, stream: MeasurementStream) -> Float[np.ndarray, "n 3"]:
+        """(n, 3) rad/s, as they are."""
         return stream.values
 
     def diagnostics(self, stream: MeasurementStream) -> Sequence[str]:
+        """How many samples are saturated."""
         count = int(np.count_nonzero(saturated(stream.values)))
         return [f"{count} gyro samples are saturated"] if count else []
 
     def simulate(self, scene: Scene) -> SimulatedStream:
+        """True rates with bias and white noise."""
         rates = scene.motion.block("w")
         values = with_noise(rates + scene.noise.gyro_bias, scene.noise.gyro_std, scene.generator)
         stream = MeasurementStream(self.name, scene.motion.time, values)

@@ -24,6 +24,7 @@ class LidarSensor(Sensor):
     def bind(
         self, stream: MeasurementStream, layout: StateLayout, noise: SensorNoise, view: CameraView | None
     ) -> BoundStream:
+        """InputError: points of a lidar serve the analyser alone."""
         raise InputError("points of a lidar are not read by this version; give the poses of registered scans")
 
 

@@ -1,4 +1,4 @@
-"""Points of lidar scans in range and angles, each at its own instant, against the planes of the body that they lie on."""
+"""Points of lidar scans against the planes of the body."""
 
 from itertools import pairwise
 from typing import Final
@@ -67,6 +67,7 @@ class LidarPointsSensor(Sensor):
     def bind(
         self, stream: MeasurementStream, layout: StateLayout, noise: SensorNoise, view: CameraView | None
     ) -> BoundStream:
+        """Ranges, whose parameters are the rays, delays and faces."""
         _require_normals(stream)
         std = np.array([noise.lidar_range_std, noise.lidar_angle_std, noise.lidar_angle_std])
         z = stream.values

@@ -25,6 +25,7 @@ class LidarPosesSensor(PoseSensor):
     def initial_motion(
         self, stream: MeasurementStream, noise: SensorNoise, view: CameraView | None
     ) -> MotionSamples:
+        """Poses as samples of the motion."""
         kept = np.ones(len(stream), dtype=bool)
         if stream.covariance is not None:
             worst = np.linalg.eigvalsh(stream.covariance[:, 3:, 3:])[:, -1]

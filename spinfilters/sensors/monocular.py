@@ -105,6 +105,7 @@ class MonocularSensor(Sensor):
         return posed_samples(np.array(list(good)), np.array(list(good.values())), view)
 
     def simulate(self, scene: Scene) -> SimulatedStream:
+        """Pixels of the landmarks in view of one camera."""
         surface, motion, std = scene.surface, scene.seen, scene.front_end.pixel_std
         parameters = monocular_parameters(surface.points, CAMERA.calibration, std)
         camera = TrackCamera(model_over(MonocularLandmark, motion.layout), parameters, CAMERA)

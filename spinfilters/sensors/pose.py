@@ -85,6 +85,7 @@ class PoseSensor(Sensor):
     def bind(
         self, stream: MeasurementStream, layout: StateLayout, noise: SensorNoise, view: CameraView | None
     ) -> BoundStream:
+        """Poses with their noise, m and rad."""
         std = np.repeat([getattr(noise, name) for name in self._options], 3)
         parameters = pose_parameters(row_covariance(stream, std))
         return BoundStream(model_over(self.model, layout), stream.time, stream.values, parameters)
@@ -92,9 +93,11 @@ class PoseSensor(Sensor):
     def initial_motion(
         self, stream: MeasurementStream, noise: SensorNoise, view: CameraView | None
     ) -> MotionSamples:
+        """Poses as samples of the motion."""
         return pose_samples(stream)
 
     def simulate(self, scene: Scene) -> SimulatedStream:
+        """True poses with white noise in position and attitude."""
         small, motion = StateLayout(("t", "a")), scene.motion
         exact = np.concatenate([motion.block("t"), motion.block("a")], axis=1)
         stated = (scene.noise.position_std, scene.noise.rotation_std)

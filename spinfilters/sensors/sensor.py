@@ -202,7 +202,7 @@ def model_over(
     layout: StateLayout,
     *options: SensorNoiseModel | Camera | CameraPoseModel,
 ) -> MeasurementModel:
-    """A sensor's model over a layout, made once in a process: its expressions take longer to build than many smoothers.
+    """A sensor's model over a layout, cached.
 
     Parameters
     ----------

@@ -95,6 +95,7 @@ class StereoSensor(Sensor):
         return posed_samples(poses.time, poses.values, view)
 
     def simulate(self, scene: Scene) -> SimulatedStream:
+        """Pixels of the landmarks in view of both cameras."""
         stream, landmarks = stereo_tracks(scene.front_end, scene.surface, scene.seen, scene.generator)
         return SimulatedStream(stream, {PIXEL_STD.name: scene.front_end.pixel_std}, landmarks, RIG)
 

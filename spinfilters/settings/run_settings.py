@@ -27,7 +27,7 @@ DEFAULT_ESTIMATORS = ("mekf", "ukf", "smoother")
 
 
 class TruthValue:
-    """What a setting that is true or false admits: no number and no text, which pydantic takes for a bool by itself."""
+    """Strict bool of a setting: no number, no text."""
 
     def __str__(self) -> str:
         return "true or false"

@@ -29,7 +29,7 @@ FEW = 300
 
 @dataclass(frozen=True)
 class SmootherSettings:
-    """How the smoother works on tracks without a map; other sensors tie nothing together and are always smoothed in full.
+    """Settings of the smoother on tracks without a map.
 
     Attributes
     ----------

@@ -23,7 +23,7 @@ class Fault(ABC):
 
 
 def with_faults(dataset: Dataset, faults: Sequence[Fault], seed: int) -> Dataset:
-    """The data set after all faults, one upon the other; the draws of a fault depend on the seed and its place only."""
+    """Data set after all faults, whose draws depend on seed and place."""
     for fault, sequence in zip(faults, np.random.SeedSequence(seed).spawn(len(faults)), strict=True):
         dataset = fault.apply(dataset, np.random.default_rng(sequence))
     return dataset
@@ -39,6 +39,7 @@ class WrongAssociations(Fault):
         _require_fraction(self.fraction)
 
     def apply(self, dataset: Dataset, generator: np.random.Generator) -> Dataset:
+        """The data set with ids exchanged, epoch by epoch."""
         stream = landmark_stream(dataset)
         ids = _ids(stream).copy()
         for rows in _epoch_rows(stream):
@@ -51,7 +52,7 @@ class WrongAssociations(Fault):
 
 @dataclass(frozen=True)
 class Outliers(Fault):
-    """In all, a ``fraction`` of the rows (rounded) of a sensor is replaced by values that have nothing to do with the body.
+    """Replacement of a ``fraction`` of a sensor's rows by outliers.
 
     Their distribution is the sensor's (`spinfilters.sensors.sensor.Sensor.outliers`).   sensor: None for that of the kind.
     """
@@ -63,6 +64,7 @@ class Outliers(Fault):
         _require_fraction(self.fraction)
 
     def apply(self, dataset: Dataset, generator: np.random.Generator) -> Dataset:
+        """The data set with outliers of the sensor's own distribution."""
         stream = dataset.log.stream(self.sensor or dataset.sensor)
         values = stream.values.copy()
         rows = generator.choice(len(values), round(self.fraction * len(values)), replace=False)
@@ -78,6 +80,7 @@ class Dropout(Fault):
     end: float
 
     def apply(self, dataset: Dataset, generator: np.random.Generator) -> Dataset:
+        """The data set without the gap. InputError: a sensor would have no measurement left."""
         left = []
         for stream in dataset.log.streams:
             kept = np.flatnonzero((stream.time < self.start) | (stream.time > self.end))
@@ -98,6 +101,7 @@ class FrozenFrames(Fault):
     sensor: str | None = None
 
     def apply(self, dataset: Dataset, generator: np.random.Generator) -> Dataset:
+        """The data set with the repeated epochs. InputError: epochs outside the recording."""
         stream = dataset.log.stream(self.sensor or dataset.sensor)
         epochs, times = _epoch_rows(stream), stream.epoch_times
         last = self.frame + self.count
@@ -129,6 +133,7 @@ class PointsAtInfinity(Fault):
             )
 
     def apply(self, dataset: Dataset, generator: np.random.Generator) -> Dataset:
+        """The data set with the far points in every epoch."""
         stream = landmark_stream(dataset)
         sensor, times = sensor_of(stream.sensor), stream.epoch_times
         exact = np.tile(sensor.points_at_infinity(self.count, dataset.rig, generator), (len(times), 1))

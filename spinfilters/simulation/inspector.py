@@ -17,7 +17,7 @@ CIRCLE_PERIOD: Final = 60.0
 
 
 def circling(time: Float[np.ndarray, " n"], centre: Float[np.ndarray, " 3"]) -> CameraTrajectory:
-    """A circle in the plane of x and z about a point (m, frame i) at which the camera always looks; it begins as frame i.
+    """Circle in the xz plane about a point (m, frame i) in view; begins as frame i.
 
     It goes round -y, against the spin of the scenarios' bodies: an inspector that flies along with a body sees it rotate less, and
     learns less of it (a tenth less, once a minute beside a body of 10 rpm).

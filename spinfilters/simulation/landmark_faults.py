@@ -21,6 +21,7 @@ class NewIds(Fault):
             raise InputError(f"new ids from {self.start} s to {self.end} s; give an end after the start")
 
     def apply(self, dataset: Dataset, generator: np.random.Generator) -> Dataset:
+        """The data set with other ids in the interval."""
         stream = landmark_stream(dataset)
         assert stream.ids is not None
         hit = (stream.time >= self.start) & (stream.time < self.end)
@@ -39,6 +40,7 @@ class FewAtFirst(Fault):
             raise InputError(f"fraction {self.fraction} of landmarks seen at first must lie in (0, 1]")
 
     def apply(self, dataset: Dataset, generator: np.random.Generator) -> Dataset:
+        """The data set with few landmarks before the end."""
         stream = landmark_stream(dataset)
         assert stream.ids is not None
         ids = np.unique(stream.ids)

@@ -21,7 +21,7 @@ half a percent."""
 
 
 def motion_in_view(scenario: Scenario, generator: np.random.Generator) -> Motion:
-    """The first motion in view of at most ``scenario.candidates``, or the last; the first for sensors that see no landmark."""
+    """First motion in view of at most ``scenario.candidates``, or the last."""
     layout = StateLayout(FULL_BLOCKS)
     process = TorqueFreeProcess(layout, scenario.noise)
     start = first_state(scenario, layout)

@@ -57,7 +57,7 @@ def schedule_of(dataset: Dataset) -> Schedule:
 
 
 def with_transport_faults(schedule: Schedule, faults: Sequence[TransportFault], seed: int) -> Schedule:
-    """The schedule after all faults, one upon the other; the draws of a fault depend on the seed and its place only."""
+    """Schedule after all faults, whose draws depend on seed and place."""
     for fault, sequence in zip(faults, np.random.SeedSequence(seed).spawn(len(faults)), strict=True):
         schedule = fault.apply(schedule, np.random.default_rng(sequence))
     return schedule

@@ -195,7 +195,7 @@ class StateLayout:
 
 @cache
 def _retract_function(layout: StateLayout) -> Compiled:
-    """Made once in a process for equal layouts, as those below: expressions take longer to build than most recordings to smooth."""
+    """Retraction as a function, cached for equal layouts."""
     x, d = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("d", layout.error_dim)
     y = layout.unpack(layout.retract_expression(x, d))
     for block in layout.members:

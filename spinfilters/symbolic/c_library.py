@@ -74,7 +74,7 @@ def load_text(name: str, text: str, flags: tuple[str, ...]) -> ctypes.PyDLL | No
     if cc is None:
         return None
     machine = (platform.system(), platform.machine(), processor() if NATIVE in flags else "")
-    key = "\0".join((text, cc, " ".join(flags), ca.__version__, *machine))
+    key = "\0".join((text, cc, " ".join(flags), ca.CasadiMeta.version(), *machine))
     stem = f"{name}-{_digest(key.encode())}"
     try:
         with building():
@@ -123,11 +123,11 @@ def processor() -> str:
 
 
 def no_library(function: ca.Function) -> None:
-    """The loader for a function too small or too rarely called to be worth a compiler run: no library."""
+    """Loader of functions not worth compiling: no library."""
 
 
 def _undamaged(folder: Path, stem: str) -> Path | None:
-    """The cached library whose bytes have the digest in its name: to map one cut short kills the process."""
+    """Cached library whose bytes have the digest in its name, or None."""
     for library in folder.glob(f"{stem}-*.so"):
         if is_own_library(library) and library.stem == f"{stem}-{_digest(library.read_bytes())}":
             return library

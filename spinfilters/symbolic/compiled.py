@@ -54,7 +54,7 @@ class Compiled:
 
     @classmethod
     def interpreted(cls, function: ca.Function) -> "Compiled":
-        """The same without C: for an expression so rarely called that a second of compiling would not pay."""
+        """The function without C, for rarely called expressions."""
         return cls(function, no_library)
 
     @property
@@ -258,7 +258,7 @@ def _pointers(arrays: list[np.ndarray]) -> ctypes.Array[ctypes.c_void_p]:
 
 
 def address(array: np.ndarray) -> int:
-    """Where a contiguous array's data begin; of the writable ones, the usual case, in a quarter of the time."""
+    """Address of a contiguous array's data."""
     try:
         return ctypes.addressof(ctypes.c_char.from_buffer(array))  # pyright: ignore[reportArgumentType]
     except (TypeError, ValueError):  # read-only, or of no size

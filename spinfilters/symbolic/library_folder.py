@@ -65,7 +65,7 @@ def _make(folder: Path) -> None:
 
 
 def is_own_library(path: Path) -> bool:
-    """Whether a file in a private folder is a regular one of one name that nobody but the user has written."""
+    """Whether a file is regular, of one name, and writable by the user only."""
     found = path.lstat()
     return (
         stat.S_ISREG(found.st_mode)
@@ -120,7 +120,7 @@ def _exchangeable(found: os.stat_result) -> str | None:
 
 
 def _has_one_member(group: int) -> bool:
-    """Whether a group is the user's private one, as most systems make it: the user's first, of the user's name, with nobody else.
+    """Whether a group is the user's private one.
 
     Where such groups are usual so is a umask of 002, and with it folders that their group may write to.
     """

@@ -1,4 +1,4 @@
-"""Working time without the building of functions. A library is built once, and never by what is timed."""
+"""Processing time without the compilation of functions."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -30,7 +30,7 @@ class Matches:
 
 @dataclass(frozen=True)
 class MatchTable:
-    """Those of f epochs, each in a row as long as the longest: a shorter one goes on with copies of its last match.
+    """Matches of f epochs in rows of equal length, padded with the last match.
 
     Attributes
     ----------

@@ -112,8 +112,8 @@ def _quartic_roots(coefficients: Float[np.ndarray, "h 5"]) -> Float[np.ndarray, 
     good = np.asarray(np.isfinite(first).all(axis=1))
     companion[:, 0] = np.where(good[:, None], first, 0.0)
     roots: Complex[np.ndarray, "h 4"] = np.linalg.eigvals(companion).astype(complex)
-    real = good[:, None] & (np.abs(roots.imag) <= _REAL * np.abs(roots))
-    return np.where(real, roots.real, np.nan)
+    real = good[:, None] & (np.abs(np.imag(roots)) <= _REAL * np.abs(roots))
+    return np.where(real, np.real(roots), np.nan)
 
 
 def _refined(

@@ -23,7 +23,7 @@ def disparity_map(
     """
     count = -(-(largest - smallest + 1) // 16) * 16
     area = BLOCK * BLOCK
-    matcher = cv2.StereoSGBM_create(
+    matcher = cv2.StereoSGBM.create(
         minDisparity=smallest,
         numDisparities=count,
         blockSize=BLOCK,

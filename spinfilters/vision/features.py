@@ -55,7 +55,7 @@ class SiftDetector:
     """SIFT (Lowe 2004) with root descriptors (Arandjelovic and Zisserman 2012)."""
 
     def __init__(self) -> None:
-        self._sift = cv2.SIFT_create(
+        self._sift = cv2.SIFT.create(
             nfeatures=MOST_FEATURES, contrastThreshold=SIFT_CONTRAST, enable_precise_upscale=True
         )
 
@@ -72,7 +72,7 @@ class OrbDetector:
     """ORB (Rublee et al. 2011): several times faster, and less exact. Bits are kept as +1 and -1."""
 
     def __init__(self) -> None:
-        self._orb = cv2.ORB_create(nfeatures=MOST_FEATURES, fastThreshold=8)
+        self._orb = cv2.ORB.create(nfeatures=MOST_FEATURES, fastThreshold=8)
 
     def detect(self, image: UInt8[np.ndarray, "h w"]) -> Features:
         points, descriptors = self._orb.detectAndCompute(image, None)

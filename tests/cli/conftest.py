@@ -1,5 +1,6 @@
 """Recordings and runs that several tests of commands share; none of them may change one."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -49,3 +50,20 @@ def unmapped(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
         arguments = ["--estimators", "mekf,smoother", "--predict", "5", "--convergence", "-o", str(run)]
         assert main(["compare", str(recordings / "unmapped"), *arguments]) == 0
     return run
+
+
+@pytest.fixture(scope="session")
+def poses(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """20 frames of poses."""
+    folder = tmp_path_factory.mktemp("failing") / "poses"
+    write_dataset(simulate(Scenario(kind="pose", epochs=20)), folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def tracks(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Tracks without a map."""
+    folder = tmp_path_factory.mktemp("failing") / "tracks"
+    dataset = simulate(Scenario(rate_rpm=RICH_RPM, epochs=20, landmarks=80))
+    write_dataset(replace(dataset, known_map=None), folder)
+    return folder

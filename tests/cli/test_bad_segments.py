@@ -16,6 +16,7 @@ from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 
 HEADER = '"Time (s)","Gyroscope x (rad/s)","Gyroscope y (rad/s)","Gyroscope z (rad/s)","Absolute (rad/s)"'
+pytestmark = pytest.mark.usefixtures("unrendered")
 
 
 @pytest.fixture

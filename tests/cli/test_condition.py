@@ -68,6 +68,7 @@ def test_the_default_holds_velocity_in_its_best_unit(tmp_path: Path, capsys: pyt
 
 
 @pytest.mark.parametrize(("dt", "alpha"), [("0.1", "1"), ("3600", "4.81125e-4"), ("2", "30")])
+@pytest.mark.usefixtures("unrendered")
 def test_a_time_step_and_a_unit_get_the_number_of_the_corrected_section(
     tmp_path: Path, dt: str, alpha: str
 ) -> None:
@@ -80,6 +81,7 @@ def test_a_time_step_and_a_unit_get_the_number_of_the_corrected_section(
     assert found["best_time_step_s"] == pytest.approx(np.sqrt(3) / float(alpha))
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_the_table_on_disk_has_its_least_number_at_the_best_time_step(tmp_path: Path) -> None:
     conditioned(tmp_path, "--alpha", "1")
     rows = rows_of(tmp_path / "condition.csv")
@@ -89,6 +91,7 @@ def test_the_table_on_disk_has_its_least_number_at_the_best_time_step(tmp_path: 
     assert float(rows[0]["whole_jacobi"]) < float(rows[0]["whole_si"])
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_a_run_has_the_condition_numbers_of_its_own_covariance(tmp_path: Path) -> None:
     generator = np.random.default_rng(2)
     factors = generator.standard_normal((5, 20, 20)) + 5 * np.eye(20)
@@ -111,6 +114,7 @@ def test_an_epoch_without_a_covariance_has_no_number_and_stops_nothing() -> None
 
 
 @pytest.mark.parametrize("finite", [0, 2])
+@pytest.mark.usefixtures("unrendered")
 def test_a_run_without_covariances_has_null_in_the_document_and_a_dash_in_the_table(
     tmp_path: Path, finite: int, capsys: pytest.CaptureFixture
 ) -> None:
@@ -138,6 +142,7 @@ def test_a_run_without_covariances_has_null_in_the_document_and_a_dash_in_the_ta
 
 
 @pytest.mark.parametrize("arguments", [("--rate-rpm", "0", "0", "60"), ("--rate-rpm", "0", "400", "0")])
+@pytest.mark.usefixtures("unrendered")
 def test_a_fast_rate_shortens_the_curves_and_not_the_answer(
     tmp_path: Path, arguments: tuple[str, ...]
 ) -> None:
@@ -149,12 +154,14 @@ def test_a_fast_rate_shortens_the_curves_and_not_the_answer(
     assert rows[-1]["position_velocity_si"]
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_units_that_improve_nothing_are_not_recommended(tmp_path: Path) -> None:
     text = " ".join(conditioned(tmp_path, "--time-step", "2", "--alpha", "3")["text"])
     assert "no unit of rate improves on SI" in text
     assert "rates in" not in text
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_the_shortest_time_step_is_answered(tmp_path: Path) -> None:
     found = conditioned(tmp_path, "--time-step", "1e-6")
     numbers = found["condition_numbers"]

@@ -1,7 +1,7 @@
 """An estimator that fails, in any way: the run goes on, and everything is written with `null` for what is not finite."""
 
-import json
 import shutil
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -9,70 +9,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from failures import compared, of_casadi, singular
 
 from spinfilters.cli.main import main
-from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.smoothing.window import convergence_record
 from spinfilters.evaluation import evaluation
-from spinfilters.pipeline import convergence, optional_outputs, predictions, recording_bound, setup
+from spinfilters.pipeline import setup
 from spinfilters.pipeline.estimators import smoother
-from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 from spinfilters.state.gaussian import Gaussian
 
 pytestmark = pytest.mark.usefixtures("few_figures")
-
-NAMES = ("mekf", "ukf", "smoother")
-
-
-def singular(*_: object, **__: object) -> Any:
-    """What LAPACK says of a matrix that it cannot solve."""
-    raise np.linalg.LinAlgError("Singular matrix")
-
-
-def of_casadi(*_: object, **__: object) -> Any:
-    """What CasADi says, over several lines."""
-    raise RuntimeError(
-        "Error in Function::call for 'f' [SXFunction] at .../function.cpp:330:\nassertion failed"
-    )
-
-
-@pytest.fixture(scope="module")
-def poses(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """20 frames of poses."""
-    folder = tmp_path_factory.mktemp("failing") / "poses"
-    write_dataset(simulate(Scenario(kind="pose", epochs=20)), folder)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def tracks(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Tracks without a map."""
-    folder = tmp_path_factory.mktemp("failing") / "tracks"
-    dataset = simulate(Scenario(rate_rpm=RICH_RPM, epochs=20, landmarks=80))
-    write_dataset(replace(dataset, known_map=None), folder)
-    return folder
-
-
-def compared(recording: Path, run: Path, *options: str, names: tuple[str, ...] = NAMES) -> dict[str, Any]:
-    """The estimators of summary.json after a comparison, a drawing and a resumption that all end well."""
-    arguments = ["compare", str(recording), "--estimators", ",".join(names), "-o", str(run), *options]
-    assert main(arguments) == 0
-    check_whole(run, names)
-    assert main(["plot", str(run)]) == 0
-    assert main([*arguments, "--resume"]) == 0
-    return check_whole(run, names)
-
-
-def check_whole(run: Path, names: tuple[str, ...]) -> dict[str, Any]:
-    """A run folder that lacks nothing; its estimators' part of the summary."""
-    document = json.loads((run / "summary.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
-    assert list(document["estimators"]) == list(names)
-    for name in names:
-        assert (run / name / "trajectory.csv").exists()
-        assert (run / name / "history.npz").exists()
-        assert not (run / name / "checkpoint.npz").exists()
-    return document["estimators"]
 
 
 @pytest.mark.parametrize("frame", [0, 7])
@@ -83,15 +29,15 @@ def test_a_filter_that_stops_being_finite_leaves_the_others_complete(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    found = MultiplicativeEkf.belief
+    found, updates = MultiplicativeEkf.belief, Counter[int]()
 
     def belief(estimator: MultiplicativeEkf) -> Gaussian:
         known = found.fget(estimator)  # pyright: ignore[reportOptionalCall]
-        broken = getattr(estimator, "updates", 0) > frame
+        broken = updates[id(estimator)] > frame
         return replace(known, mean=known.mean * np.nan) if broken else known
 
     def update(estimator: MultiplicativeEkf, measurement: Any) -> Any:
-        estimator.updates = getattr(estimator, "updates", 0) + 1
+        updates[id(estimator)] += 1
         return original(estimator, measurement)
 
     original = MultiplicativeEkf.update
@@ -205,72 +151,6 @@ def test_a_body_that_cannot_be_evaluated_fails_its_estimator_alone(
     assert estimates["mekf"]["principal_moments"] == [None, None, None]
     assert estimates["mekf"]["k1"] is None
     assert estimates["ukf"]["status"] != "failed"
-
-
-def test_a_bound_that_raises_is_left_out(
-    poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(recording_bound, "_factors", of_casadi)
-    estimates = compared(poses, tmp_path / "run", names=("mekf",))
-    assert estimates["mekf"]["status"] != "failed"
-    assert estimates["mekf"]["errors"]["bound"] is None
-
-
-@pytest.mark.parametrize("error", [singular, of_casadi], ids=["numpy", "casadi"])
-def test_a_prediction_that_raises_is_left_out(
-    error: Callable[..., Any], poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(predictions, "predict_ahead", error)
-    compared(poses, tmp_path / "run", "--predict", "5", names=("mekf", "ukf"))
-    assert not (tmp_path / "run" / "prediction.png").exists()
-    assert not (tmp_path / "run" / "mekf" / "prediction.csv").exists()
-
-
-def test_a_prediction_of_one_estimator_that_is_not_finite_leaves_those_of_the_others(
-    poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    real, count = predictions.predict_ahead, 0
-
-    def predict(*arguments: Any) -> Any:
-        nonlocal count
-        count += 1
-        found = real(*arguments)
-        return replace(found, factor=found.factor * np.nan) if count % 2 else found
-
-    monkeypatch.setattr(predictions, "predict_ahead", predict)
-    compared(poses, tmp_path / "run", "--predict", "5", names=("mekf", "ukf"))
-    assert (tmp_path / "run" / "prediction.png").exists()
-    assert not (tmp_path / "run" / "mekf" / "prediction.csv").exists()
-    assert (tmp_path / "run" / "ukf" / "prediction.csv").exists()
-
-
-@pytest.mark.parametrize("solve", [0, 1, 12])
-def test_convergence_ends_at_a_solve_that_raises(
-    solve: int, tracks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    real, count = convergence_record.SlidingSmoother.add, 0
-
-    def add(smoother: Any, frame: Any, guess: Any = None) -> Any:
-        nonlocal count
-        count += 1
-        return singular() if count > solve and recording else real(smoother, frame, guess)
-
-    recording = False
-    written = convergence.write_convergence
-
-    def write(*arguments: Any) -> None:
-        nonlocal recording, count
-        recording, count = True, 0
-        written(*arguments)
-        recording = False
-
-    monkeypatch.setattr(convergence_record.SlidingSmoother, "add", add)
-    monkeypatch.setattr(optional_outputs.convergence, "write_convergence", write)
-    compared(tracks, tmp_path / "run", "--convergence", names=("smoother",))
-    assert (tmp_path / "run" / "convergence.png").exists()
-    with np.load(tmp_path / "run" / "smoother" / "convergence.npz") as file:
-        finite = np.isfinite(file["position"]).any(axis=(1, 2))
-    np.testing.assert_array_equal(finite, np.arange(20) < solve)
 
 
 @pytest.mark.parametrize("recording", ["poses", "tracks"])

@@ -55,6 +55,7 @@ def test_the_default_is_the_thesis_with_four_landmarks_and_lacks_its_gauge(
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else str(value),
 )
+@pytest.mark.usefixtures("unrendered")
 def test_every_sensor_and_input_has_its_rank(
     tmp_path: Path, arguments: list[str], rank: int, dimension: int
 ) -> None:
@@ -67,6 +68,7 @@ def test_every_sensor_and_input_has_its_rank(
     )
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_the_document_keeps_its_keys_and_says_what_rests_on_the_prior(tmp_path: Path) -> None:
     found = observed(tmp_path, "--rate-rpm", "0", "10", "0", "--torque", "y")
     old = {
@@ -89,6 +91,7 @@ def test_the_document_keeps_its_keys_and_says_what_rests_on_the_prior(tmp_path: 
     assert found["bound_verdicts"]["each moment, relative [1]"]["directions_not_determined"] == 2
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_a_gyro_in_the_filters_state_is_asked_for_the_attitude_that_it_does_not_determine(
     tmp_path: Path,
 ) -> None:
@@ -99,6 +102,7 @@ def test_a_gyro_in_the_filters_state_is_asked_for_the_attitude_that_it_does_not_
     assert "attitude" not in found["not_asked"]
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_directions_name_their_frame_and_moving_ones_their_epoch(tmp_path: Path) -> None:
     observed(tmp_path, "--sensor", "monocular")
     lines = (tmp_path / "observe.txt").read_text().splitlines()
@@ -112,6 +116,7 @@ def test_directions_name_their_frame_and_moving_ones_their_epoch(tmp_path: Path)
     assert "frame i along the camera's axes at the first frame" in axes
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_an_input_is_compared_with_the_same_question_without_it(tmp_path: Path) -> None:
     found = observed(tmp_path / "a", "--sensor", "monocular", "--frames", "60", "--manoeuvre", "x")
     alone = observed(tmp_path / "b", "--sensor", "monocular", "--frames", "60")
@@ -131,6 +136,7 @@ def test_an_input_is_compared_with_the_same_question_without_it(tmp_path: Path) 
     assert "Gain" not in (tmp_path / "b" / "observe.txt").read_text()
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_an_input_that_tells_nothing_is_said_to_tell_nothing(tmp_path: Path) -> None:
     found = observed(tmp_path, "--sensor", "pose", "--manoeuvre", "x", "--manoeuvre-size", "1e-6")
     assert found["gain_of_inputs"]["bounds_that_fall"] == {}
@@ -162,6 +168,7 @@ def test_help_names_every_sensor_and_the_axes(
         assert len(each.split()) > 4, f"no word of help: {each}"
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_a_second_run_replaces_the_first(tmp_path: Path) -> None:
     assert observed(tmp_path)["rank"] == 26
     assert observed(tmp_path, "--landmarks", "1")["rank"] == 17

@@ -19,6 +19,7 @@ def interrupted_at_rates(figure: Figure, path: Path) -> None:
     save_figure(figure, path)
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_a_run_whose_figures_were_interrupted_gets_those_it_lacks(
     originals: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from spinfilters.attitude.expressions import Expression
 from spinfilters.estimators.estimator import Measurement
+from spinfilters.models.linearised_step import LinearisedStep, LinearisedSteps
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
@@ -30,10 +31,8 @@ class LinearProcess:
     def step(self, x: Float[np.ndarray, "*batch n"], dt: float) -> Float[np.ndarray, "*batch n"]:
         return x @ self.transition(dt).T
 
-    def linearise(
-        self, x: Float[np.ndarray, " n"], dt: float
-    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"], Float[np.ndarray, "n k"]]:
-        return self.step(x, dt), self.transition(dt), np.sqrt(dt) * self.noise
+    def linearise(self, x: Float[np.ndarray, " n"], dt: float) -> LinearisedStep:
+        return LinearisedStep(self.step(x, dt), self.transition(dt), np.sqrt(dt) * self.noise)
 
     def linearise_steps(
         self,
@@ -41,10 +40,10 @@ class LinearProcess:
         there: Float[np.ndarray, "s n"],
         dt: Float[np.ndarray, " s"],
         about: Float[np.ndarray, "s n"] | None = None,
-    ) -> tuple[Float[np.ndarray, "s n"], Float[np.ndarray, "s n n"], Float[np.ndarray, "s n k"]]:
+    ) -> LinearisedSteps:
         every = [self.linearise(x, float(step)) for x, step in zip(here, dt, strict=True)]
         moved, transition, noise = (np.array(part) for part in zip(*every, strict=True))
-        return moved - there, transition, noise
+        return LinearisedSteps(moved - there, transition, noise)
 
 
 class LinearSensor(MeasurementModel):

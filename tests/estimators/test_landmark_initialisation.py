@@ -21,6 +21,7 @@ from spinfilters.estimators.initialisation.initialiser import (
     smooth_first_epochs,
 )
 from spinfilters.estimators.initialisation.options import InitialisationOptions
+from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
@@ -162,6 +163,7 @@ def test_the_joint_belief_is_that_of_the_dense_problem() -> None:
     dense, ids = _dense_covariance()
     count = len(_small().epochs)
     belief = _linearised().joint_belief(LandmarkOptions())
+    assert isinstance(belief, LandmarkBelief)
     first = MOVING * count + 8
     factor = belief.joint_factor()
     state = np.arange(MOVING * (count - 1), first)
@@ -178,7 +180,9 @@ def test_the_joint_belief_is_that_of_the_dense_problem() -> None:
 def test_with_enough_modes_landmarks_and_state_are_as_correlated_as_in_the_dense_problem() -> None:
     dense, _ = _dense_covariance()
     count = len(_small().epochs)
-    factor = _linearised().joint_belief(LandmarkOptions(modes=60, explained=0.0)).joint_factor()
+    belief = _linearised().joint_belief(LandmarkOptions(modes=60, explained=0.0))
+    assert isinstance(belief, LandmarkBelief)
+    factor = belief.joint_factor()
     rows = np.arange(MOVING * (count - 1), len(dense))
     expected = dense[np.ix_(rows, rows)]
     np.testing.assert_allclose(_scaled(factor @ factor.T, expected), _scaled(expected, expected), atol=2e-5)

@@ -171,21 +171,6 @@ def test_time_that_does_not_go_forwards_is_refused(attempt: Callable[[SlidingSmo
     np.testing.assert_array_equal(sliding.belief.factor, before.factor)
 
 
-@pytest.mark.parametrize(
-    "make",
-    [
-        lambda: SmootherOptions(iterations=0),
-        lambda: SmootherOptions(gate=0.0),
-        lambda: FixedLag(1),
-        lambda: LandmarkMarginalization(0.0),
-        lambda: LandmarkMarginalization(epochs=1),
-    ],
-)
-def test_options_without_a_meaning_are_refused(make: Callable[[], object]) -> None:
-    with pytest.raises(InputError, match="give"):
-        make()
-
-
 def _with_pose(epoch: Epoch, x: np.ndarray, std: float, generator: np.random.Generator) -> Epoch:
     noise = np.concatenate([std * generator.standard_normal(6), np.zeros(14)])
     values = LAYOUT.retract(x, noise)[None, :7]
@@ -244,33 +229,6 @@ def test_least_squares_as_the_kernel_rejects_nothing() -> None:
         _nonsense(f, np.random.default_rng(k)) if k == 5 else f for k, f in enumerate(sample(LONG).epochs)
     ]
     assert sum(sliding.add(epoch).rejected for epoch in epochs[:8]) == 0
-
-
-@pytest.mark.parametrize(
-    ("mode", "epochs", "std", "removed"),
-    [
-        (FixedLag(20), 20, 0.01, 0),
-        (FixedLag(20), 23, 0.01, 0),
-        (FixedLag(20), 24, 0.01, 4),
-        (FixedLag(20), 27, 0.01, 7),
-        (FixedLag(20), 60, 0.01, 16),
-        (FixedLag(20), 60, 0.1, 0),
-        (FixedLag(20), 123, 0.1, 0),
-        (FixedLag(20), 124, np.inf, 4),
-        (FixedLag(2), 3, 0.01, 1),
-        (FixedLag(8), 9, 0.01, 1),
-        (FixedLag(10), 11, 0.01, 0),
-        (FixedLag(10), 12, 0.01, 2),
-        (LandmarkMarginalization(epochs=150), 165, np.inf, 0),
-        (LandmarkMarginalization(epochs=150), 166, np.inf, 16),
-        (FullSmoothing(), 10_000, 0.001, 0),
-    ],
-    ids=str,
-)
-def test_epochs_leave_together_when_there_are_enough_of_them(
-    mode: WindowPolicy, epochs: int, std: float, removed: int
-) -> None:
-    assert mode.batch_size(epochs, std) == removed
 
 
 def test_epochs_that_have_left_do_not_count_against_the_fit_of_the_others() -> None:

@@ -5,15 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from smoothing_samples import LAYOUT, MIDDLE, perturbed, sample, solved
+from smoothing_samples import MIDDLE, perturbed, sample, solved
 
 from spinfilters.estimators.smoothing.factors import motion_factors as motion_file
 from spinfilters.estimators.smoothing.factors.landmark_observations import (
     LandmarkObservations,
     LinearObservations,
 )
-from spinfilters.estimators.smoothing.factors.motion_factors import whitened_steps, whitened_steps_in_numpy
-from spinfilters.estimators.smoothing.factors.variable_ordering import VariableOrdering
 from spinfilters.estimators.smoothing.kernels.compiled_kernels import kernels
 from spinfilters.estimators.smoothing.linear import landmark_elimination as elimination_file
 from spinfilters.estimators.smoothing.linear import schur_system as reduced_file
@@ -225,52 +223,6 @@ def test_the_first_block_that_is_not_positive_definite_is_reported(
     D, E, G = _system(3, 6, 0)
     D[wrong, 2, 2] = value
     assert eliminate_velocities(D, E, G, 6, 0).failed == wrong
-
-
-def _steps(
-    seed: int, count: int, has_landmarks: bool
-) -> tuple[VariableOrdering, np.ndarray, np.ndarray, np.ndarray]:
-    """Defects, transitions and noise factors of any numbers."""
-    random, n = np.random.default_rng(seed).standard_normal, LAYOUT.error_dim
-    ordering = VariableOrdering(LAYOUT, count + 1, has_landmarks)
-    return ordering, random((count, n)), random((count, n, n)), random((count, n, 12))
-
-
-@pytest.mark.parametrize("count", [0, 1, 5])
-@pytest.mark.parametrize("has_landmarks", [True, False])
-def test_steps_are_whitened_in_c_as_in_numpy(count: int, has_landmarks: bool) -> None:
-    _needs_kernels()
-    steps = _steps(count, count, has_landmarks)
-    for fast, plain in zip(whitened_steps(*steps), whitened_steps_in_numpy(*steps), strict=True):
-        assert fast.shape == plain.shape
-        np.testing.assert_allclose(fast, plain, rtol=1e-9, atol=1e-9)
-
-
-def test_whitened_steps_have_the_information_that_their_noise_leaves() -> None:
-    ordering, defect, transition, noise = _steps(3, 4, True)
-    rows, blocks = whitened_steps(ordering, defect, transition, noise)
-    d, c, moving = len(ordering.moving), len(ordering.constant), ordering.moving
-    assert rows.shape == (4, d, 2 * d + c + 1)
-    for k in range(4):
-        spread = noise[k][moving] @ noise[k][moving].T
-        told = transition[k][moving]
-        plain = np.hstack([-told[:, moving], np.eye(d), -told[:, ordering.constant], defect[k, moving, None]])
-        np.testing.assert_allclose(
-            blocks[k],
-            plain.T @ np.linalg.solve(spread, plain),
-            rtol=1e-6,
-            atol=1e-6 * np.abs(blocks[k]).max(),
-        )
-
-
-def test_a_step_that_is_not_finite_spoils_no_other() -> None:
-    _needs_kernels()
-    ordering, defect, transition, noise = _steps(4, 3, True)
-    expected = whitened_steps(ordering, defect, transition, noise)[1]
-    noise[1] = np.nan
-    blocks = whitened_steps(ordering, defect, transition, noise)[1]
-    assert np.isnan(blocks[1]).all()
-    np.testing.assert_array_equal(blocks[[0, 2]], expected[[0, 2]])
 
 
 def test_a_solve_without_a_compiler_is_that_with_one(

@@ -30,6 +30,7 @@ def test_there_are_examples_of_every_kind() -> None:
 
 
 @pytest.mark.parametrize(("command", "shown"), EXAMPLES, ids=[command for command, _ in EXAMPLES])
+@pytest.mark.usefixtures("unrendered")
 def test_an_example_prints_what_is_shown(
     command: str, shown: str, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:

@@ -42,6 +42,7 @@ def test_the_table_has_ours_before_the_baselines_and_the_defaults_among_them() -
 
 
 @pytest.mark.usefixtures("distribution")
+@pytest.mark.usefixtures("unrendered")
 def test_an_estimator_from_outside_is_compared_interrupted_and_resumed(tmp_path: Path) -> None:
     data, run = str(tmp_path / "data"), tmp_path / "run"
     assert main(["simulate", "-o", data, "--kind", "gyro", "--rate-rpm", "4", "9", "3"]) == 0

@@ -95,9 +95,8 @@ def compared(
     return found
 
 
-@cache
 def last_errors(kind: str) -> dict[str, LastErrors]:
-    """Of every estimator over all seeds."""
+    """Of every estimator over all seeds, in one pass."""
     totals, blocks = defaultdict(list), defaultdict(lambda: defaultdict(list))
     for seed in range(SEEDS):
         for history, squares, total in compared(kind, dataset(kind, seed), WITH_BIAS):
@@ -114,21 +113,25 @@ def last_errors(kind: str) -> dict[str, LastErrors]:
     }
 
 
-@pytest.mark.parametrize("estimator", ESTIMATORS)
 @pytest.mark.parametrize("kind", [GYRO, BESIDE_POSES])
-def test_nees_of_the_bias_of_other_blocks_and_of_all_lies_in_its_band(kind: str, estimator: str) -> None:
-    errors = last_errors(kind)[estimator]
-    for name, values in {"all": errors.total, **errors.blocks}.items():
-        dof = errors.dof if name == "all" else BLOCKS[name].dimension
-        low, high = chi_square_band(dof, SEEDS)
-        print(kind, estimator, name, f"{values.mean() / dof:.2f} in {low / dof:.2f} .. {high / dof:.2f}")
-        assert low < values.mean() < high, name
+def test_nees_of_the_bias_of_other_blocks_and_of_all_lies_in_its_band(kind: str) -> None:
+    found = last_errors(kind)
+    assert found.keys() == set(ESTIMATORS)
+    for estimator, errors in found.items():
+        for name, values in {"all": errors.total, **errors.blocks}.items():
+            dof = errors.dof if name == "all" else BLOCKS[name].dimension
+            low, high = chi_square_band(dof, SEEDS)
+            assert low < values.mean() < high, (estimator, name)
 
 
 @pytest.mark.parametrize("kind", [GYRO, BESIDE_POSES])
 def test_without_the_block_a_biased_gyro_makes_the_rate_overconfident(kind: str) -> None:
     squares = [
-        blocks["w"] for seed in range(3) for _, blocks, _ in compared(kind, dataset(kind, seed, 8.0), WITHOUT)
+        blocks["w"]
+        for seed in range(3)
+        for _, blocks, _ in compared(
+            kind, dataset(kind, seed, 8.0), replace(WITHOUT, estimators=("mekf", "smoother"))
+        )
     ]
     assert np.mean(squares) > 3 * chi_square_band(3, 3)[1]
 

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from mpl_toolkits.mplot3d import Axes3D
-from mpl_toolkits.mplot3d.art3d import Line3DCollection
+from mpl_toolkits.mplot3d.art3d import Line3D, Line3DCollection
 from run_samples import (
     FRAMES,
     INITIALISATION_EPOCHS,
@@ -246,9 +246,8 @@ def test_the_scene_shows_the_path_of_a_moving_inspector_and_its_view_from_the_en
     (axes,) = (each for each in figure.axes if isinstance(each, Axes3D))
     to_view = [0, 2, 1] * np.ones(3, dtype=int)
     expected = CIRCLE.poses[:, to_view] * [1, 1, -1]
-    paths = [
-        np.stack(line.get_data_3d(), axis=1) for line in axes.lines if len(line.get_data_3d()[0]) == FRAMES
-    ]
+    lines = (line.get_data_3d() for line in axes.lines if isinstance(line, Line3D))
+    paths = [np.stack(line, axis=1) for line in lines if len(line[0]) == FRAMES]
     assert any(np.allclose(path, expected) for path in paths)
     (frustum,) = (each for each in axes.collections if isinstance(each, Line3DCollection))
     corner = np.array(frustum._segments3d)[0, 0]

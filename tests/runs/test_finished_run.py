@@ -11,6 +11,7 @@ import pytest
 from forked import killed
 from swapped_ids import swapped
 
+from spinfilters.data.camera import StereoRig
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
@@ -107,7 +108,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Finished:
 
 def other_rig(dataset: Dataset) -> Dataset:
     """Cameras a little further apart."""
-    assert dataset.rig is not None
+    assert isinstance(dataset.rig, StereoRig)
     return replace(dataset, rig=replace(dataset.rig, baseline_m=1.01 * dataset.rig.baseline_m))
 
 

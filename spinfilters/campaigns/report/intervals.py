@@ -12,7 +12,7 @@ QUANTILE: Final = float(ndtri(0.975))
 
 @dataclass(frozen=True)
 class Interval:
-    """An estimate and the limits between which the true value lies with 95 %; not a number where too few values tell."""
+    """Estimate with its 95 % interval; NaN of too few values."""
 
     value: float
     low: float

@@ -114,7 +114,7 @@ def _summary(cell: int, levels: Mapping[str, str], rows: Any, over_time: NeesOve
 
 
 def confusion(rows: Any) -> dict[tuple[str, str], int]:
-    """How many rows said what and were what: (verdict, "right" or "wrong" or "unknown"); "no result" where a run gave none."""
+    """Counts of rows by verdict and by "right", "wrong" or "unknown"."""
     said = rows["verdict"].fillna("no result")
     was = rows["right"].map({True: "right", False: "wrong"}).fillna("unknown")
     return {(str(a), str(b)): int(n) for (a, b), n in rows.groupby([said, was]).size().items()}

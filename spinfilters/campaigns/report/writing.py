@@ -72,7 +72,7 @@ def write_report(folder: Path) -> Path:
 
 
 def failed_rows(table: pa.Table) -> pa.Table:
-    """Rows of runs that are called ok and are wrong, then of those without a result, then of those that failed."""
+    """Rows of wrong, missing and failed results, in this order."""
     said, was, ended = (table[name].to_pandas() for name in ("verdict", "right", "outcome"))
     wrong = (said == "ok") & (was == False)  # noqa: E712  unknown is not wrong
     masks = (wrong, ended != "done", said == "failed")

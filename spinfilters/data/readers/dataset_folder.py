@@ -34,9 +34,11 @@ class DatasetFolderReader(DatasetReader):
     words = "a folder"
 
     def recognises(self, path: Path) -> bool:
+        """Whether a path is a folder."""
         return os.path.isdir(path)
 
     def read(self, path: Path, segment: int | None) -> Dataset:
+        """Data set of the folder."""
         return _read_folder(path)
 
 

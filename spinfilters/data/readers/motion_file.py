@@ -32,13 +32,16 @@ class MotionFileReader(DatasetReader):
     words = "a gyro .csv"
 
     def recognises(self, path: Path) -> bool:
+        """Whether a file is a table by its suffix, and no part of a data set folder by its name."""
         return path.suffix.lower() in _SUFFIXES and path.name not in _parts() and not os.path.isdir(path)
 
     def read(self, path: Path, segment: int | None) -> Dataset:
+        """Data set of the table; its columns are known by their names."""
         bare: Quantity | None = "rate" if path.stem.lower().startswith("gyro") else None
         return motion_dataset(path, path.name, read_motion_table(path, self.options, bare))
 
     def stating(self, options: ReadingOptions) -> DatasetReader:
+        """The reader with what the user states of units and clock."""
         return MotionFileReader(options)
 
 

@@ -30,9 +30,11 @@ class PhoneExportReader(DatasetReader):
     words = "a phone export"
 
     def recognises(self, path: Path) -> bool:
+        """Whether a folder holds a phone's table of rates."""
         return _table(path, GYRO_TABLES) is not None and not os.path.isfile(path / DATASET_FILE)
 
     def read(self, path: Path, segment: int | None) -> Dataset:
+        """Rates of the phone, and its accelerometer where there is one."""
         table = read_motion_table(_table(path, GYRO_TABLES) or path, self.options, "rate")
         dataset = motion_dataset(path, f"phone recording {path.name}", table)
         beside = _table(path, ACCELEROMETER_TABLES)
@@ -41,6 +43,7 @@ class PhoneExportReader(DatasetReader):
         return replace(dataset, acceleration=read_acceleration(beside, self.options))
 
     def stating(self, options: ReadingOptions) -> DatasetReader:
+        """The reader with what the user states of units and clock."""
         return PhoneExportReader(options)
 
 

@@ -28,21 +28,26 @@ class PhyphoxReader(DatasetReader):
     has_segments = True
 
     def recognises(self, path: Path) -> bool:
+        """Whether a folder is phyphox' export."""
         return _phyphox_folder(path) is not None
 
     def read(self, path: Path, segment: int | None) -> Dataset:
+        """A kept segment, or the only one."""
         folder, recording = self._recording(path)
         return _trial(_dataset(folder, recording), phyphox_trial(folder, recording, segment))
 
     def whole(self, path: Path) -> Dataset:
+        """The whole recording, whatever is marked in it."""
         return _dataset(*self._recording(path))
 
     def segments(self, path: Path, on_refused: OnRefused | None) -> list[Dataset]:
+        """Every kept segment."""
         folder, recording = self._recording(path)
         whole = _dataset(folder, recording)
         return [_trial(whole, segment) for segment in phyphox_trials(folder, recording, on_refused)]
 
     def stating(self, options: ReadingOptions) -> DatasetReader:
+        """The reader with what the user states of units and clock."""
         return PhyphoxReader(options)
 
     def _recording(self, path: Path) -> tuple[Path, PhyphoxRecording]:

@@ -62,11 +62,13 @@ class RosBagReader(DatasetReader):
     words = "a ROS bag (.bag, .mcap)"
 
     def recognises(self, path: Path) -> bool:
+        """Whether a path is a bag of ROS 1 or 2 or an MCAP file, by its name."""
         if os.path.isdir(path):
             return os.path.isfile(path / "metadata.yaml") and not os.path.isfile(path / DATASET_FILE)
         return path.suffix.lower() in _SUFFIXES
 
     def read(self, path: Path, segment: int | None) -> Dataset:
+        """Rates or poses of one topic."""
         topic, kind, rows = _messages(path, self.options.topic)
         order = np.argsort(rows[:, 0], kind="stable")
         stamps, values = rows[order, 0], rows[order, 1:]
@@ -85,12 +87,13 @@ class RosBagReader(DatasetReader):
         return motion_dataset(path, path.name, MotionTable(stream, acceleration, tuple(remarks)))
 
     def stating(self, options: ReadingOptions) -> DatasetReader:
+        """The reader of the topic that the user states."""
         options.require_only(("topic",), "a ROS bag")
         return RosBagReader(options)
 
 
 def _messages(path: Path, topic: str | None) -> tuple[str, str, Float[np.ndarray, "n m"]]:
-    """Topic, type, and rows of stamp (s) and numbers. InputError: the extra is missing, no bag, no topic that can be read."""
+    """Topic, type, and rows of stamp (s) and numbers. InputError: unreadable."""
     try:
         from rosbags.highlevel import AnyReader, AnyReaderError  # pyright: ignore[reportMissingImports]
         from rosbags.typesys import Stores, get_typestore  # pyright: ignore[reportMissingImports]

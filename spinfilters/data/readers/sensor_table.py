@@ -22,9 +22,11 @@ class SensorTableReader(DatasetReader):
     words = ""
 
     def recognises(self, path: Path) -> bool:
+        """Always: this reader is asked last."""
         return True
 
     def read(self, path: Path, segment: int | None) -> Dataset:
+        """Data set of the one table."""
         return _read_file(path)
 
 

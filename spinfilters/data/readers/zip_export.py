@@ -34,9 +34,11 @@ class ZipReader(DatasetReader):
     has_segments = True
 
     def recognises(self, path: Path) -> bool:
+        """Whether a file is a zip archive by its suffix."""
         return path.suffix.lower() == ".zip" and not os.path.isdir(path)
 
     def read(self, path: Path, segment: int | None) -> Dataset:
+        """Data set of the archive, read as the folder that it packs."""
         with _Unpacked(path) as folder:
             reader = reader_of(folder, self.options)
             if segment is not None and not reader.has_segments:
@@ -44,21 +46,24 @@ class ZipReader(DatasetReader):
             return _named(path, reader.read(folder, segment))
 
     def whole(self, path: Path) -> Dataset:
+        """The whole recording of the archive."""
         with _Unpacked(path) as folder:
             return _named(path, reader_of(folder, self.options).whole(folder))
 
     def segments(self, path: Path, on_refused: OnRefused | None) -> list[Dataset]:
+        """Every kept segment of the archive."""
         with _Unpacked(path) as folder:
             return [
                 _named(path, each) for each in reader_of(folder, self.options).segments(folder, on_refused)
             ]
 
     def stating(self, options: ReadingOptions) -> DatasetReader:
+        """The reader with what the user states of units and clock."""
         return ZipReader(options)
 
 
 class _Unpacked:
-    """Context of the folder with an archive's tables; an InputError within names the archive in its place."""
+    """Temporary folder of an archive's tables; InputErrors name the archive."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

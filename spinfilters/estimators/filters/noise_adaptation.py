@@ -22,10 +22,10 @@ from typing import Annotated, NamedTuple, Protocol
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg.lapack import dtrtri, dtrtrs
 
 from spinfilters.data.number_range import NumberRange
 from spinfilters.errors import InputError
+from spinfilters.linear_algebra.lapack import dtrtri, dtrtrs
 from spinfilters.state.layout import StateLayout
 
 SOURCES = {"torque": slice(0, 6), "force": slice(6, None)}

@@ -12,10 +12,12 @@ See Anderson and Moore (1979), ch. 6, for the square-root array this rests on.
 
 from dataclasses import dataclass
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg.lapack import dgeqrf, dtrtrs
+
+from spinfilters.linear_algebra.lapack import dgeqrf, dtrtrs
 
 LOG_2_PI = float(np.log(2 * np.pi))
 
@@ -130,21 +132,26 @@ def lower_roots(rows: Float[np.ndarray, "k r c"]) -> Float[np.ndarray, "k r r"]:
     return np.swapaxes(np.linalg.qr(np.swapaxes(rows, 1, 2), mode="r"), 1, 2)
 
 
+class CompressedMeasurement(NamedTuple):
+    """Informative rows of a whitened measurement, and the squared length of the rest, which does not depend on the state."""
+
+    innovation: Float[np.ndarray, " q"]
+    jacobian: Float[np.ndarray, "q c"]
+    residual: float
+
+
 def compressed(
     innovation: Float[np.ndarray, " k"], jacobian: Float[np.ndarray, "k c"]
-) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, "q c"], float]:
-    """Rotate a tall whitened measurement into c informative rows.
-
-    Returns those, and the squared length of the rest, which does not depend on the state.
-    """
+) -> CompressedMeasurement:
+    """Rotate a tall whitened measurement into c informative rows."""
     k, c = jacobian.shape
     if k <= c:
-        return innovation, jacobian, 0.0
+        return CompressedMeasurement(innovation, jacobian, 0.0)
     array = np.empty((k, c + 1), order="F")
     array[:, :c] = jacobian
     array[:, c] = innovation
     R = dgeqrf(array, overwrite_a=1)[0]
-    return R[:c, c].copy(), R[:c, :c] * _lower_ones(c).T, float(R[c, c] ** 2)
+    return CompressedMeasurement(R[:c, c].copy(), R[:c, :c] * _lower_ones(c).T, float(R[c, c] ** 2))
 
 
 @cache

@@ -109,7 +109,7 @@ def identify(
             covariance = _covariance(working.information)
             components = _components(model, theta, covariance)
             return Identified(components, iteration, settled, theta, covariance, working.errors)
-        there, _, _ = advanced(problem, here, normal, (rule, rule.first))
+        there = advanced(problem, here, normal, rule, rule.first).point
         if there is None:
             return None
         theta, trajectory, points = theta + by, there.trajectory, there.points

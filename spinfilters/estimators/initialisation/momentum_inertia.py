@@ -1,6 +1,7 @@
 """Inertia from conserved angular momentum in closed form. R_k J w_k = h is linear in J and h."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -56,7 +57,7 @@ def fit_momentum(
     if with_drag:
         from scipy.optimize import minimize_scalar  # here alone: a tenth of a second of every command's start
 
-        found = minimize_scalar(
+        found: Any = minimize_scalar(
             lambda d: _smallest(rotations, rates, angle, d)[1], bounds=(0.0, LARGEST_DRAG), method="bounded"
         )
         drag = float(found.x)

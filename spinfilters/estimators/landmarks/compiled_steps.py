@@ -13,7 +13,13 @@ from spinfilters.estimators.filters.compiled_update import FLAGS, LANES, correct
 from spinfilters.estimators.filters.sigma_points import SigmaPoints
 from spinfilters.estimators.filters.square_root_update import LOG_2_PI, Correction
 from spinfilters.estimators.landmarks.numpy_steps import NEW_LANDMARK_SHARE, NumpySteps
-from spinfilters.estimators.landmarks.steps import Closing, NewModes, WhitenedRows
+from spinfilters.estimators.landmarks.steps import (
+    Closing,
+    LinearisedObservations,
+    NewLandmarks,
+    NewModes,
+    WhitenedRows,
+)
 from spinfilters.symbolic.c_library import load_text, with_signatures
 from spinfilters.symbolic.compiled import address
 
@@ -147,7 +153,7 @@ class CompiledSteps:
 
     def regressed(
         self, observations: "Observations", spread: "Spread", points: SigmaPoints
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    ) -> LinearisedObservations | None:
         o, (d, c) = observations, SHAPE
         k, loop, pose = len(o.at), o.sensor.observation_innovations.loop, spread.pose
         if not (k and loop) or o.sensor.dim != d or pose.shape != (c, c) or not spread.is_solvable:
@@ -164,11 +170,9 @@ class CompiledSteps:
             *(address(at), address(weights), self._map(o.landmarks)),
             *map(address, (rows, valid, log_noise)),
         )
-        return rows, valid > 0, log_noise
+        return LinearisedObservations(rows, valid > 0, log_noise)
 
-    def close(
-        self, stored: "LandmarkMap", closing: Closing
-    ) -> tuple[NewModes, Float[np.ndarray, "q 3 r"], Float[np.ndarray, "q 3 3"]]:
+    def close(self, stored: "LandmarkMap", closing: Closing) -> NewLandmarks:
         r, n, (k, _, c) = len(closing.remembered), closing.factor.shape[1], closing.by_pose.shape
         if (closing.white.shape[1], c) != SHAPE:
             return self._reference.close(stored, closing)
@@ -192,7 +196,7 @@ class CompiledSteps:
             self._map(stored),
         )
         stored.now += 1
-        return new, modes, roots
+        return NewLandmarks(new, modes, roots)
 
     def _map(self, stored: "LandmarkMap") -> int:
         """Address of those of the map's arrays, looked up when they are other arrays."""

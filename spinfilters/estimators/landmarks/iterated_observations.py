@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.estimators.filters.iterated_update import IterationOptions, agrees, iterate
-from spinfilters.estimators.landmarks.observations import LinearRows, Observations, Solved, corrected
+from spinfilters.estimators.landmarks.observations import Observations, Solved, corrected
+from spinfilters.estimators.landmarks.steps import LinearisedObservations
 
 
 @dataclass(frozen=True)
@@ -65,15 +66,15 @@ class IteratedObservations:
         return corrected(o, found, white, (used, weights), self.factor)
 
     @cached_property
-    def _about_mean(self) -> LinearRows:
+    def _about_mean(self) -> LinearisedObservations:
         return self.observations.rows_at(self.mean)
 
-    def _linear(self, error: Float[np.ndarray, " N"]) -> LinearRows:
+    def _linear(self, error: Float[np.ndarray, " N"]) -> LinearisedObservations:
         o, n = self.observations, self.observations.layout.error_dim
         points = o.points + o.modes @ error[n : n + o.modes.shape[2]]
         return o.rows_at(o.layout.retract(self.mean, error[:n]), points)
 
-    def _whitened(self, found: LinearRows) -> Float[np.ndarray, "u d"]:
+    def _whitened(self, found: LinearisedObservations) -> Float[np.ndarray, "u d"]:
         """The used innovations, that were whitened by the sensor's noise alone."""
         o, used = self.observations, self.first.used
         rows = self._about_mean.rows[used]

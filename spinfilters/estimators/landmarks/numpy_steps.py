@@ -13,7 +13,13 @@ from spinfilters.estimators.filters.square_root_update import (
     lower_roots,
     square_root_update,
 )
-from spinfilters.estimators.landmarks.steps import Closing, NewModes, WhitenedRows
+from spinfilters.estimators.landmarks.steps import (
+    Closing,
+    LinearisedObservations,
+    NewLandmarks,
+    NewModes,
+    WhitenedRows,
+)
 
 if TYPE_CHECKING:
     from spinfilters.estimators.landmarks.landmark_map import LandmarkMap
@@ -111,16 +117,14 @@ class NumpySteps:
 
     def regressed(
         self, observations: "Observations", spread: "Spread", points: SigmaPoints
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    ) -> LinearisedObservations | None:
         """What `Spread.regressed` gives, where it is computed otherwise; here always None."""
         return None
 
-    def close(
-        self, stored: "LandmarkMap", closing: Closing
-    ) -> tuple[NewModes, Float[np.ndarray, "q 3 r"], Float[np.ndarray, "q 3 3"]]:
+    def close(self, stored: "LandmarkMap", closing: Closing) -> NewLandmarks:
         """Finish an epoch after the correction.
 
-        The map moves to the next epoch; new landmarks' modes and roots are returned.
+        The map moves to the next epoch; returned is what new landmarks begin with.
         """
         c = closing.by_pose.shape[2]
         new = _new_modes(closing)
@@ -129,7 +133,7 @@ class NumpySteps:
         next_epoch(stored, new.kept[c:], new.dropped[c:], closing.error[c:])
         _observe(stored, closing, new)
         own = lower_roots(np.concatenate([closing.roots, closing.by_pose @ new.dropped[:c]], axis=2))
-        return new, closing.by_pose @ new.kept[:c], own
+        return NewLandmarks(new, closing.by_pose @ new.kept[:c], own)
 
 
 def next_epoch(

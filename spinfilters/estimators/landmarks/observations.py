@@ -9,25 +9,10 @@ from jaxtyping import Bool, Float, Int
 
 from spinfilters.estimators.filters.square_root_update import Correction
 from spinfilters.estimators.landmarks.landmark_map import LandmarkMap
-from spinfilters.estimators.landmarks.steps import WhitenedRows
+from spinfilters.estimators.landmarks.steps import LinearisedObservations, WhitenedRows
 from spinfilters.estimators.robust.outlier_rejection import SensorOutlierRejection
 from spinfilters.models.landmark_sensor import LandmarkSensor
 from spinfilters.state.layout import StateLayout
-
-
-@dataclass(frozen=True)
-class LinearRows:
-    """Observations about a point, whitened by the sensor's noise.
-
-    Attributes
-    ----------
-    rows: (k, d, c + 4) by the columns of the state, by the landmark (3), and the innovation.
-    valid: (k,).   log_noise: (k,) log determinant of the sensor's noise factor.
-    """
-
-    rows: Float[np.ndarray, "k d w"]
-    valid: Bool[np.ndarray, " k"]
-    log_noise: Float[np.ndarray, " k"]
 
 
 @dataclass(frozen=True)
@@ -69,7 +54,7 @@ class Observations:
 
     def rows_at(
         self, x: Float[np.ndarray, " m"], points: Float[np.ndarray, "k 3"] | None = None
-    ) -> LinearRows:
+    ) -> LinearisedObservations:
         """First derivatives at a state and at points, those of the map where none are given."""
         k, d = len(self.values), self.sensor.dim
         places = (self.landmarks.points, self.at) if points is None else (points, None)
@@ -78,7 +63,7 @@ class Observations:
         )
         rows = made.reshape(k, d, len(self.sensor.columns) + 4)
         good = (valid[:, 0] > 0) & np.isfinite(square[:, 0])
-        return LinearRows(rows, good, log_noise[:, 0])
+        return LinearisedObservations(rows, good, log_noise[:, 0])
 
 
 class Solved(NamedTuple):
@@ -119,7 +104,7 @@ def solve_at(
 
 def solve(
     observations: Observations,
-    linear: LinearRows,
+    linear: LinearisedObservations,
     factor: Float[np.ndarray, "N N"],
     guard: SensorOutlierRejection,
 ) -> Solved:
@@ -142,7 +127,7 @@ def _accepted(
 
 def _weighed(
     observations: Observations,
-    linear: LinearRows,
+    linear: LinearisedObservations,
     factor: Float[np.ndarray, "N N"],
     guard: SensorOutlierRejection,
 ) -> Solved:
@@ -162,7 +147,7 @@ def _weighed(
 
 def corrected(
     observations: Observations,
-    linear: LinearRows,
+    linear: LinearisedObservations,
     white: WhitenedRows,
     chosen: tuple[Int[np.ndarray, " u"], Float[np.ndarray, " u"]],
     factor: Float[np.ndarray, "N N"],

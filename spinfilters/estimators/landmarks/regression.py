@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float
-from scipy.linalg.lapack import dtrtrs
+from jaxtyping import Float
 
 from spinfilters.estimators.filters.sigma_points import SigmaPointOptions, SigmaPoints, sigma_points
 from spinfilters.estimators.filters.square_root_update import (
@@ -19,7 +18,9 @@ from spinfilters.estimators.filters.square_root_update import (
     lower_roots,
     triangular_factor,
 )
-from spinfilters.estimators.landmarks.observations import LinearRows, Observations
+from spinfilters.estimators.landmarks.observations import Observations
+from spinfilters.estimators.landmarks.steps import LinearisedObservations
+from spinfilters.linear_algebra.lapack import dtrtrs
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class Regression:
     mean: Float[np.ndarray, " m"]
     factor: Float[np.ndarray, "N N"]
 
-    def rows(self, options: SigmaPointOptions) -> LinearRows:
+    def rows(self, options: SigmaPointOptions) -> LinearisedObservations:
         """What `Observations.rows_at` gives, by regression."""
         o, n = self.observations, self.observations.layout.error_dim
         pose, modes = self.factor[o.sensor.columns], self.factor[n : n + o.landmarks.rank]
@@ -39,7 +40,7 @@ class Regression:
         states = o.layout.retract(self.mean, points.offsets[:, :s] @ self.factor[:n, :s].T)
         spread = Spread(states, pose[:, :s], modes[:, :s], triangular_factor(modes[:, s:].T))
         found = o.landmarks.steps.regressed(o, spread, points)
-        return LinearRows(*(spread.regressed(o, points) if found is None else found))
+        return spread.regressed(o, points) if found is None else found
 
 
 @dataclass(frozen=True)
@@ -64,10 +65,8 @@ class Spread:
         square = len(self.pose) == self.pose.shape[1]
         return square and is_lower(self.pose) and bool(np.diagonal(self.pose).all())
 
-    def regressed(
-        self, o: Observations, points: SigmaPoints
-    ) -> tuple[Float[np.ndarray, "k d w"], Bool[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-        """Fields of `LinearRows`."""
+    def regressed(self, o: Observations, points: SigmaPoints) -> LinearisedObservations:
+        """Observations regressed on errors of the pose, the modes and the landmark."""
         s, shared = self.pose.shape[1], o.modes @ self.modes
         own = lower_roots(np.concatenate([o.modes @ self.late, o.roots], axis=2))
         away, valid, log_noise = self._away(o, points, np.concatenate([shared, own], axis=2))
@@ -80,7 +79,7 @@ class Spread:
         every = np.concatenate([by_state, by_landmark, mean[..., None]], axis=2)
         rows = _solved_by_lower(root, every)
         log_noise = log_noise + np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
-        return rows, valid & np.isfinite(rows).all(axis=(1, 2)), log_noise
+        return LinearisedObservations(rows, valid & np.isfinite(rows).all(axis=(1, 2)), log_noise)
 
     def _away(
         self, o: Observations, points: SigmaPoints, moves: Float[np.ndarray, "k 3 q"]

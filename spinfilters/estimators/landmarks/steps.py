@@ -23,7 +23,35 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
+
+
+class LinearisedObservations(NamedTuple):
+    """Observations about a point, whitened by the sensor's noise.
+
+    Attributes
+    ----------
+    rows: (k, d, c + 4) by the columns of the state, by the landmark (3), and the innovation.
+    valid: (k,).   log_noise: (k,) log determinant of the sensor's noise factor.
+    """
+
+    rows: Float[np.ndarray, "k d w"]
+    valid: Bool[np.ndarray, " k"]
+    log_noise: Float[np.ndarray, " k"]
+
+
+class NewLandmarks(NamedTuple):
+    """What landmarks that enter the map share with the others, and their own.
+
+    Attributes
+    ----------
+    shared: how the modes of all landmarks change.   modes: (q, 3, r) of the new ones.
+    roots: (q, 3, 3) square roots of their own covariance.
+    """
+
+    shared: "NewModes"
+    modes: Float[np.ndarray, "q 3 r"]
+    roots: Float[np.ndarray, "q 3 3"]
 
 
 @dataclass(frozen=True)

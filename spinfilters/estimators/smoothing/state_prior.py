@@ -11,10 +11,14 @@ class StatePrior(Protocol):
     """A Gaussian of one state: a `FirstStatePrior`, or a `Gaussian`."""
 
     @property
-    def mean(self) -> Float[np.ndarray, " m"]: ...
+    def mean(self) -> Float[np.ndarray, " m"]:
+        """(mean_dim,) state."""
+        ...
 
     @property
-    def factor(self) -> Float[np.ndarray, "n n"]: ...
+    def factor(self) -> Float[np.ndarray, "n n"]:
+        """(n, n) square root of its covariance."""
+        ...
 
 
 @dataclass(frozen=True)

@@ -21,12 +21,15 @@ class Attitude(MeasurementModel):
     needs = ("a",)
 
     def symbolic(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        """q_ig."""
         return state["q"]
 
     def innovation(self, expected: Expression, measured: Expression) -> Expression:
+        """4 x MRP of the rotation from the expected to the measured attitude, rad."""
         return short_mrp_from_quaternion(product(conjugate(expected), measured))
 
     def noise_factor(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        """Of the parameters, rad."""
         return factor_of(parameters, 3)
 
 

@@ -34,12 +34,14 @@ class Gyro(MeasurementModel):
         self.needs = (*self.needs, *held)
 
     def symbolic(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        """Body rate in g axes, with scale error and bias where the state has them, rad/s."""
         rate = state["w"]
         if self.layout.has(GYRO_SCALE):
             rate = (1 + state["k"]) * rate
         return rate + state["b"] if self.layout.has(GYRO_BIAS) else rate
 
     def noise_factor(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        """White noise and, in proportion to the rate, an unknown scale, rad/s."""
         w, own = state["w"], self.noise.parameter_dim
         return self.noise.factor(parameters[:own], parameters[own] ** 2 * ca.dot(w, w))
 

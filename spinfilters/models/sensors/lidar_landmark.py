@@ -28,9 +28,11 @@ class LidarLandmark(MeasurementModel):
     needs = ("t", "a")
 
     def symbolic(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        """t + R_ig p_g, the point in frame i, m."""
         return state["t"] + rotate(state["q"], parameters[:3])
 
     def noise_factor(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        """Cholesky factor of the covariance along and across the beam, m."""
         p = self.symbolic(state, parameters)
         square = ca.fmax(ca.dot(p, p), NEAREST_RANGE**2)
         along = p @ p.T / square
@@ -38,6 +40,7 @@ class LidarLandmark(MeasurementModel):
         return ca.chol(ca.SX(parameters[3] ** 2 * along + across)).T
 
     def valid(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        """Positive beyond the nearest range."""
         p = self.symbolic(state, parameters)
         return ca.dot(p, p) - NEAREST_RANGE**2
 

@@ -38,10 +38,12 @@ class LidarPoint(MeasurementModel):
         self.needs = ("t", "a", "v", "w", "c", "s", *((DRAG.name,) if layout.has(DRAG) else ()))
 
     def symbolic(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        """Range at which the ray meets the face, m."""
         n, distance = self._plane(state, parameters)
         return distance / ca.dot(n, _beam(parameters))
 
     def noise_factor(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        """Of the range, with the angles' errors by the incidence, m."""
         n, distance = self._plane(state, parameters)
         angles = ca.SX.sym("angles", 2)
         expected = distance / ca.dot(n, _beam(angles))

@@ -39,12 +39,15 @@ class MonocularLandmark(MeasurementModel):
         self.parameter_dim = self._pose + pose.parameter_dim
 
     def symbolic(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        """Pixels (u, v) of the landmark."""
         return self.camera.project(self._in_camera(state, parameters), parameters[3 : self._noise])
 
     def noise_factor(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        """Of the pixels, px."""
         return self.noise.factor(parameters[self._noise : self._pose])
 
     def valid(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        """Positive before the camera, where the lens is one to one."""
         return self.camera.in_view(self._in_camera(state, parameters), parameters[3 : self._noise])
 
     def _in_camera(self, state: dict[str, Expression], parameters: Expression) -> Expression:

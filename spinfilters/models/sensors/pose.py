@@ -22,13 +22,16 @@ class Pose(MeasurementModel):
     needs = ("t", "a")
 
     def symbolic(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        """(t, q_ig)."""
         return ca.vertcat(state["t"], state["q"])
 
     def innovation(self, expected: Expression, measured: Expression) -> Expression:
+        """Difference of the positions, m, and 4 x MRP of that of the attitudes, rad."""
         turn = product(conjugate(expected[3:]), measured[3:])
         return ca.vertcat(measured[:3] - expected[:3], short_mrp_from_quaternion(turn))
 
     def noise_factor(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        """Lower factor of (t, a), m and rad."""
         return factor_of(parameters, 6)
 
 

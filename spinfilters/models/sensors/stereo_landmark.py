@@ -42,22 +42,27 @@ class StereoLandmark(LandmarkSensor):
         self.parameter_dim = self._pose + pose.parameter_dim
 
     def symbolic(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        """Pixels (u_left, v, u_right) of the landmark."""
         return self.camera.project(self._in_camera(state, parameters), parameters[3 : self._noise])
 
     def noise_factor(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        """Of the pixels, px."""
         return self.noise.factor(parameters[self._noise : self._pose])
 
     def valid(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        """Positive before the cameras, where the lens is one to one."""
         return self.camera.in_view(self._in_camera(state, parameters), parameters[3 : self._noise])
 
     def landmark(
         self, state: dict[str, Expression], measured: Expression, parameters: Expression
     ) -> Expression:
+        """Point (3,), m, frame g, that the pixels triangulate to."""
         seen = self.camera.backproject(measured, parameters[3 : self._noise], SMALLEST_DENOMINATOR)
         point = self.pose.in_inertial(seen, parameters[self._pose :])
         return rotate(conjugate(state["q"]), point - state["t"])
 
     def determined(self, measured: Expression, parameters: Expression) -> Expression:
+        """Positive where the disparity is clear of its own noise."""
         std = self.noise.difference_std(parameters[self._noise : self._pose], 0, 2)
         return self.camera.disparity(measured, parameters[3 : self._noise]) - SMALLEST_DISPARITY * std
 

@@ -13,4 +13,4 @@ if __name__ == "__main__":
     texts = library_texts(EmbedOptions("pose"))
     for name in ("spinfilter_config.h", "spinfilter_model.h", "spinfilter_model.c"):
         (HERE / name).write_text(texts[name])
-    (HERE / "casadi.txt").write_text(ca.__version__ + "\n")
+    (HERE / "casadi.txt").write_text(ca.CasadiMeta.version() + "\n")

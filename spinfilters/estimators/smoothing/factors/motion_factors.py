@@ -16,7 +16,12 @@ from jaxtyping import Bool, Float, Int
 
 from spinfilters.estimators.estimator import ProcessModel
 from spinfilters.estimators.robust.losses import LeastSquares, RobustLoss
-from spinfilters.estimators.smoothing.factors.sensor_rows import STRETCH, SensorRows, collect_sensors
+from spinfilters.estimators.smoothing.factors.sensor_rows import (
+    STRETCH,
+    SensorRows,
+    WeightedRows,
+    collect_sensors,
+)
 from spinfilters.estimators.smoothing.factors.variable_ordering import VariableOrdering
 from spinfilters.estimators.smoothing.kernels.compiled_kernels import kernels
 from spinfilters.estimators.smoothing.state_prior import StatePrior
@@ -125,11 +130,8 @@ class Motion:
         sensor: SensorRows,
         trajectory: Float[np.ndarray, "k m"],
         pose_only_loss: RobustLoss | None = None,
-    ) -> tuple[Float[np.ndarray, "r i c1"], Float[np.ndarray, " r"], Float[np.ndarray, " r"]]:
-        """Weighted whitened rows of one sensor.
-
-        Jacobian by the model's columns with the right-hand side, costs, and squared lengths of the innovations.
-        """
+    ) -> WeightedRows:
+        """Weighted whitened rows of one sensor about a trajectory."""
         loss = self.loss if pose_only_loss is None else pose_only_loss
         innovation, jacobian, valid, _ = sensor.model.linearise(
             trajectory[sensor.epoch], sensor.parameters, sensor.values
@@ -145,7 +147,7 @@ class Motion:
         if not np.all(weight == 1.0):
             rows *= weight[:, None, None]
             rows[~good] = 0.0
-        return rows, np.where(good, loss.cost(square), 0.0), square
+        return WeightedRows(rows, np.where(good, loss.cost(square), 0.0), square)
 
     def inliers(
         self,

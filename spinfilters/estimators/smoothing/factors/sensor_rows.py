@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -11,6 +12,20 @@ from spinfilters.models.measurement import MeasurementModel
 
 STRETCH = 2048
 """Epochs whose rows are in memory together: rows of an epoch take ten times the room of what they add to the linear problem."""
+
+
+class WeightedRows(NamedTuple):
+    """One sensor's measurements about a trajectory, whitened and weighted by a robust loss.
+
+    Attributes
+    ----------
+    rows: (r, i, c + 1) Jacobian by the model's columns, with the right-hand side as the last column.
+    costs: (r,) robust costs.   squares: (r,) squared lengths of the whitened innovations; infinite where the model does not apply.
+    """
+
+    rows: Float[np.ndarray, "r i c1"]
+    costs: Float[np.ndarray, " r"]
+    squares: Float[np.ndarray, " r"]
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,10 @@
 import ctypes
 from collections.abc import Callable
 from functools import cache
+from importlib import import_module
 from importlib.resources import files
 
 import numpy as np
-from scipy.linalg import cython_blas
 
 from spinfilters.symbolic.c_library import FLAGS, NATIVE, load_text, with_signatures
 
@@ -49,7 +49,7 @@ _MINUS, _ONE = (ctypes.byref(ctypes.c_double(number)) for number in (-1.0, 1.0))
 @cache
 def _dsyrk() -> Callable[..., None]:
     """SciPy's own BLAS, which takes parts of matrices as they lie."""
-    capsule = cython_blas.__pyx_capi__["dsyrk"]
+    capsule = import_module("scipy.linalg.cython_blas").__pyx_capi__["dsyrk"]
     name, place = ctypes.pythonapi.PyCapsule_GetName, ctypes.pythonapi.PyCapsule_GetPointer
     name.restype, name.argtypes = ctypes.c_char_p, [ctypes.py_object]
     place.restype, place.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]

@@ -2,10 +2,10 @@
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg.lapack import dtrtri
 
 from spinfilters.estimators.filters.square_root_update import triangular_factor
 from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
+from spinfilters.linear_algebra.lapack import dtrtri
 
 
 def latest_factor(solution: SchurSystem) -> Float[np.ndarray, "n n"]:

@@ -14,13 +14,13 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.linalg.lapack import dtrtri
 from scipy.sparse import bsr_array
 
 from spinfilters.estimators.filters.square_root_update import triangular_factor
 from spinfilters.estimators.smoothing.factors.sensor_rows import STRETCH
 from spinfilters.estimators.smoothing.linear.landmark_elimination import Eliminated
 from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
+from spinfilters.linear_algebra.lapack import dtrtri
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,10 @@ come last, so their covariance is in the corner of the Cholesky factor.
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg.lapack import dpotrf, dtrtri, dtrtrs
 
 from spinfilters.estimators.smoothing.factors.marginalization_prior import LinearizedPrior
 from spinfilters.estimators.smoothing.factors.motion_factors import NOTHING, InformationBlocks, Motion
@@ -22,6 +22,7 @@ from spinfilters.estimators.smoothing.linear.velocity_elimination import (
     VelocityElimination,
     eliminate_velocities,
 )
+from spinfilters.linear_algebra.lapack import dpotrf, dtrtri, dtrtrs
 from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION
 from spinfilters.symbolic.compiled import address
 
@@ -152,12 +153,16 @@ def assembled(
     return system
 
 
-def assembled_by_stretches(
-    motion: Motion, trajectory: Float[np.ndarray, "k m"]
-) -> tuple[InformationBlocks, InformationBlocks, LinearSystem]:
-    """Linear system of a long chain of epochs, assembled part by part.
+class AssembledMotion(NamedTuple):
+    """Linear system of a motion's factors, with the costs of sensors and dynamics, whose information blocks hold no rows."""
 
-    With the costs of sensors and dynamics, whose information blocks hold no rows.
+    sensors: InformationBlocks
+    dynamics: InformationBlocks
+    system: LinearSystem
+
+
+def assembled_by_stretches(motion: Motion, trajectory: Float[np.ndarray, "k m"]) -> AssembledMotion:
+    """Linear system of a long chain of epochs, assembled part by part.
 
     Never are the rows of more than `STRETCH` epochs in memory.
     """
@@ -174,7 +179,7 @@ def assembled_by_stretches(
             _add(ordering, LinearSystem(system.M, (D[rows], E[here], G[rows])), blocks)
         costs += [blocks.cost for _, blocks in parts]
     sensors, dynamics = (InformationBlocks(NOTHING, NOTHING, float(cost), NOTHING) for cost in costs)
-    return sensors, dynamics, system
+    return AssembledMotion(sensors, dynamics, system)
 
 
 def _add(ordering: VariableOrdering, system: LinearSystem, blocks: InformationBlocks) -> None:

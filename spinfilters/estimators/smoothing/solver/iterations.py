@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -119,7 +119,7 @@ def solve(
     while used < options.iterations and not converged:
         if on_iteration is not None:
             on_iteration(here, normal)
-        there, number, tries = advanced(problem, here, normal, (options.rule, number))
+        there, number, tries = advanced(problem, here, normal, options.rule, number)
         used, evaluated = used + 1, evaluated + tries
         if there is None:
             break
@@ -133,14 +133,24 @@ def solve(
     return Solved(here, normal, used, evaluated, converged, tuple(costs))
 
 
-def advanced(
-    problem: Problem, here: LinearizationPoint, normal: NormalEquations, control: tuple[StepRule, float]
-) -> tuple[LinearizationPoint | None, float, int]:
-    """Next linearisation point that fits no worse.
+class Advanced(NamedTuple):
+    """Outcome of one iteration.
 
-    With the step rule's number after it and how many points were tried; None where there is none.
+    Attributes
+    ----------
+    point: the next linearisation point, which fits no worse; None where there is none.
+    number: of the step rule, after it.   tries: points that were tried.
     """
-    rule, number = control
+
+    point: LinearizationPoint | None
+    number: float
+    tries: int
+
+
+def advanced(
+    problem: Problem, here: LinearizationPoint, normal: NormalEquations, rule: StepRule, number: float
+) -> Advanced:
+    """Next linearisation point that fits no worse, by a step rule and its present number."""
     allowed = here.cost(normal.used, normal.stage)
 
     def again(damping: float) -> NormalEquations:
@@ -155,9 +165,9 @@ def advanced(
         fallen = allowed - there.cost(normal.used, normal.stage)
         if fallen >= -COST_SLACK:
             gain = (fallen + COST_SLACK) / (step.predicted + COST_SLACK)
-            return there, rule.adapted(number, gain, step), tried
+            return Advanced(there, rule.adapted(number, gain, step), tried)
         number = rule.adapted(number, -1.0, step)
-    return None, number, rule.tries
+    return Advanced(None, number, rule.tries)
 
 
 def moved(problem: Problem, here: LinearizationPoint, step: Step) -> tuple[np.ndarray, np.ndarray]:

@@ -68,9 +68,11 @@ class GaussNewton(StepRule):
 
     @property
     def first(self) -> float:
+        """The whole step."""
         return 1.0
 
     def propose(self, solve: Solve, layout: StateLayout, number: float) -> Step | None:
+        """A share of the whole step."""
         normal = _solvable(solve)
         if normal is None:
             return None
@@ -78,6 +80,7 @@ class GaussNewton(StepRule):
         return _shared(normal, errors, min(number, _cap(layout, errors)))
 
     def adapted(self, number: float, gain: float, step: Step) -> float:
+        """Half of it after a failure, else the whole."""
         return step.size / 2 if gain <= 0 else 1.0
 
 
@@ -97,9 +100,11 @@ class LevenbergMarquardt(StepRule):
 
     @property
     def first(self) -> float:
+        """The first damping."""
         return self.damping
 
     def propose(self, solve: Solve, layout: StateLayout, number: float) -> Step | None:
+        """The step of the damped linear problem."""
         normal = solve(number)
         if isinstance(normal.solution, int):
             return None
@@ -107,6 +112,7 @@ class LevenbergMarquardt(StepRule):
         return _shared(normal, errors, _cap(layout, errors))
 
     def adapted(self, number: float, gain: float, step: Step) -> float:
+        """The damping raised after a failure, else by Nielsen's rule."""
         if gain <= 0:
             return number * self.raised
         return max(number * max(1 / 3, 1 - (2 * min(gain, 2.0) - 1) ** 3), 1e-12)
@@ -127,9 +133,11 @@ class Dogleg(StepRule):
 
     @property
     def first(self) -> float:
+        """The first radius."""
         return self.radius
 
     def propose(self, solve: Solve, layout: StateLayout, number: float) -> Step | None:
+        """The dogleg step within the radius."""
         normal = _solvable(solve)
         if normal is None:
             return None
@@ -147,6 +155,7 @@ class Dogleg(StepRule):
         return Step(errors, points, normal, normal.predicted_reduction - float(lost @ lost), share * cap)
 
     def adapted(self, number: float, gain: float, step: Step) -> float:
+        """A quarter of the radius after a poor step, twice after a good one."""
         if gain < 0.25:
             return number / 4
         return number * 2 if gain > 0.75 else number

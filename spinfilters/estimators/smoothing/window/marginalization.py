@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.linalg.lapack import dpstrf, dtpqrt, dtrtrs
 
 from spinfilters.estimators.smoothing.factors.landmark_observations import LinearObservations
 from spinfilters.estimators.smoothing.factors.marginalization_prior import (
@@ -31,6 +30,7 @@ from spinfilters.estimators.smoothing.window.marginalization_columns import (
     spread_step,
 )
 from spinfilters.estimators.smoothing.window.smoother_window import Window
+from spinfilters.linear_algebra.lapack import dpstrf, dtpqrt, dtrtrs
 
 NARROW, WIDE, WIDE_ENOUGH = 8, 32, 300
 """Columns per block of a QR decomposition, of matrices narrower than the last number and of others: what was fastest."""

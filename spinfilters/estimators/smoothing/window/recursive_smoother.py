@@ -116,7 +116,7 @@ class RecursiveSmoother(Estimator):
         return [UpdateReport(0.0, 0, accepted, rejected) for accepted, rejected in taken.counts]
 
     def update_epochs(self, epochs: Sequence[Epoch]) -> None:
-        """Take in epochs that have gathered, all later than the present time, and solve once: for one that has fallen behind."""
+        """Add several later epochs and solve once."""
         measured = [epoch for epoch in epochs if epoch.measurements]
         for epoch in measured:
             self._meet(epoch.measurements)

@@ -204,7 +204,7 @@ class SlidingSmoother:
         while count < self.options.iterations and linear.normal.solved:
             if not linear.normal.predicted_reduction > threshold:
                 break
-            there, _, _ = advanced(problem, linear.point, linear.normal, (GaussNewton(), 1.0))
+            there = advanced(problem, linear.point, linear.normal, GaussNewton(), 1.0).point
             if there is None:
                 break
             linear, count = linear_problem(problem, there, loss), count + 1

@@ -1,4 +1,4 @@
-"""Arrays of the epochs of a window with their measurements. They grow at one end and shrink at the other."""
+"""Arrays of the epochs of a window with their measurements."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -50,9 +50,11 @@ class FullSmoothing(WindowPolicy):
     determined: float = DETERMINED
 
     def marginalized_landmarks(self, window: Window, layout: StateLayout) -> Bool[np.ndarray, " L"]:
+        """None."""
         return np.zeros(len(window.ids), dtype=bool)
 
     def batch_size(self, epochs: int, mass_std: float) -> int:
+        """None."""
         return 0
 
 
@@ -77,6 +79,7 @@ class LandmarkMarginalization(WindowPolicy):
         _require_a_step(self.epochs)
 
     def marginalized_landmarks(self, window: Window, layout: StateLayout) -> Bool[np.ndarray, " L"]:
+        """Those unobserved for so many revolutions, once they are enough."""
         if not len(window.epochs):
             return np.zeros(len(window.ids), dtype=bool)
         time = np.array([epoch.time for epoch in window.epochs])
@@ -86,6 +89,7 @@ class LandmarkMarginalization(WindowPolicy):
         return gone if np.count_nonzero(gone) >= SMALLEST_LANDMARK_BATCH else np.zeros_like(gone)
 
     def batch_size(self, epochs: int, mass_std: float) -> int:
+        """Epochs beyond the window, once enough have gathered."""
         return _batch_size(self, self.epochs, epochs, mass_std)
 
 
@@ -105,9 +109,11 @@ class FixedLag(WindowPolicy):
         _require_a_step(self.epochs)
 
     def marginalized_landmarks(self, window: Window, layout: StateLayout) -> Bool[np.ndarray, " L"]:
+        """None but with their epochs."""
         return np.zeros(len(window.ids), dtype=bool)
 
     def batch_size(self, epochs: int, mass_std: float) -> int:
+        """Epochs beyond the window, once enough have gathered."""
         return _batch_size(self, self.epochs, epochs, mass_std)
 
 
