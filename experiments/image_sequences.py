@@ -98,12 +98,11 @@ def _line(case: Case, evaluation: Evaluation) -> str:
     moments = None if evaluation.body_errors is None else evaluation.body_errors.principal_moments
     errors = None if evaluation.errors is None else evaluation.errors.within(case.begin, np.inf)
     nees = None if evaluation.nees is None else evaluation.nees.within(evaluation.own_begin or 0.0, np.inf)
-    position = None if errors is None else errors.rms.position
-    if errors is None or position is None or nees is None or moments is None:
+    rms = None if errors is None else errors.rms
+    if rms is None or rms.position is None or rms.attitude is None or nees is None or moments is None:
         return f"| {case.name}, {evaluation.name} | {status.verdict} | no errors: {'; '.join(status.reasons)[:160]} |"
-    rms = errors.rms
     return (
-        f"| {case.name}, {evaluation.name} | {status.verdict} | {1e3 * position:.2f} mm | {degrees(rms.attitude):.3f} deg | "
+        f"| {case.name}, {evaluation.name} | {status.verdict} | {1e3 * rms.position:.2f} mm | {degrees(rms.attitude):.3f} deg | "
         f"{degrees(rms.rate):.3f} deg/s | {np.abs(moments).max():.4f} | {nees.mean:.2f} |"
         + "".join(f"\n    {reason[:240]}" for reason in status.reasons)
     )
