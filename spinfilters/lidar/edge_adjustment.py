@@ -17,8 +17,10 @@ from spinfilters.lidar.face_map import Face, FaceInformation, TrackedFaces
 from spinfilters.lidar.point_noise import PointNoise
 from spinfilters.lidar.ray_pattern import angles_of
 
-_MOST, _DELTA = 1000, 1e-6
+_DELTA = 1e-6
 _LARGE = 4.0  # standard deviations beyond which a range counts less (Huber)
+MOST_RAYS: Final = 2000
+"""Of a scan within the outline: planes of more points are better than the ranges of so many of them."""
 MOST_SCANS: Final = 60
 """Whose ranges adjust a map; with more scans planes alone make it."""
 
@@ -70,14 +72,18 @@ class RangeEvidence:
 def edge_adjusted(
     tracked: TrackedFaces, clouds: Sequence[Float[np.ndarray, "n 3"]], noise: PointNoise, size: float
 ) -> TrackedFaces:
-    """Faces and poses of all ranges, or the given ones with edges: beams do not jitter, too many scans, the body is not convex.
+    """Faces and poses of all ranges, or the given ones with edges: beams do not jitter, many rays or scans, the body is not convex.
 
     Parameters
     ----------
     clouds: points of every scan, frame L, m.   size: of the body, m.
     """
-    rays = [inner_rays(points, noise, _MOST) for points in clouds]
-    if len(clouds) > MOST_SCANS or not tracked.faces or any(each is None for each in rays):
+    rays = [inner_rays(points, noise, MOST_RAYS + 1) for points in clouds]
+    if (
+        len(clouds) > MOST_SCANS
+        or not tracked.faces
+        or any(each is None or len(each) > MOST_RAYS for each in rays)
+    ):
         return _posed_with_edges(tracked, clouds, noise, size)
     chosen = [points[rows] for points, rows in zip(clouds, rays, strict=True) if rows is not None]
     angles = [np.stack(angles_of(points), axis=1) for points in chosen]
