@@ -1,5 +1,6 @@
 """Feature points of one image: places, sizes and descriptors."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Protocol
 
@@ -78,7 +79,7 @@ class OrbDetector:
         points, descriptors = self._orb.detectAndCompute(image, None)
         if descriptors is None:
             return _features((), np.zeros((0, 256)))
-        signs = np.unpackbits(descriptors, axis=1).astype(np.float32) * 2 - 1
+        signs = np.unpackbits(np.asarray(descriptors, dtype=np.uint8), axis=1).astype(np.float32) * 2 - 1
         return _features(points, signs / np.sqrt(signs.shape[1]))
 
 
@@ -103,7 +104,7 @@ def exposure_gain(image: UInt8[np.ndarray, "h w"]) -> float:
     return float(np.clip(BRIGHT / max(brightest, 1.0), 1.0, LARGEST_GAIN))
 
 
-def _features(points: tuple[cv2.KeyPoint, ...] | list[cv2.KeyPoint], descriptors: np.ndarray) -> Features:
+def _features(points: Sequence[cv2.KeyPoint], descriptors: np.ndarray) -> Features:
     """Features without those that a detector finds twice at one place with another angle."""
     pixels = np.array([point.pt for point in points], dtype=float).reshape(-1, 2)
     size = np.array([point.size for point in points], dtype=float)

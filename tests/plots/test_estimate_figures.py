@@ -246,8 +246,8 @@ def test_the_scene_shows_the_path_of_a_moving_inspector_and_its_view_from_the_en
     (axes,) = (each for each in figure.axes if isinstance(each, Axes3D))
     to_view = [0, 2, 1] * np.ones(3, dtype=int)
     expected = CIRCLE.poses[:, to_view] * [1, 1, -1]
-    lines = (line.get_data_3d() for line in axes.lines if isinstance(line, Line3D))
-    paths = [np.stack(line, axis=1) for line in lines if len(line[0]) == FRAMES]
+    lines = (np.array(line.get_data_3d()) for line in axes.lines if isinstance(line, Line3D))
+    paths = [line.T for line in lines if line.shape[1] == FRAMES]
     assert any(np.allclose(path, expected) for path in paths)
     (frustum,) = (each for each in axes.collections if isinstance(each, Line3DCollection))
     corner = np.array(frustum._segments3d)[0, 0]
