@@ -9,13 +9,15 @@ from scipy.stats import chi2
 
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
 from spinfilters.estimators.model_errors.alternatives.acceleration import ConstantAcceleration
-from spinfilters.pipeline.model_errors import FALSE_ALARM, tested_about
+from spinfilters.pipeline.model_errors import tested_about
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.blocks.acceleration import ACCELERATION
 
 if TYPE_CHECKING:
     from spinfilters.pipeline.setup import Setup
 
+TOLD: Final = 1e-5
+"""Probability of as large an acceleration by chance, below which it is told from zero."""
 CLEAR_FIT: Final = 1.5
 """Rms of whitened residuals of the first epochs above which a score about them says little: the acceleration is tried."""
 
@@ -47,4 +49,4 @@ def _tells(start: InitialEstimate) -> bool:
     factor = start.factor[-1, start.layout.slice(ACCELERATION.name)]
     if start.has_failed or not (np.isfinite(value).all() and np.isfinite(factor).all()):
         return False
-    return bool(chi2.sf(value @ np.linalg.solve(factor @ factor.T, value), len(value)) < FALSE_ALARM)
+    return bool(chi2.sf(value @ np.linalg.solve(factor @ factor.T, value), len(value)) < TOLD)

@@ -13,7 +13,7 @@ from spinfilters.pipeline.estimate_diagnostics import (
     reference_smoother,
 )
 from spinfilters.pipeline.estimator_entry import AnyEntry
-from spinfilters.pipeline.model_errors import model_error_diagnostics
+from spinfilters.pipeline.model_errors import NOT_TESTED, TestedModels, tested_models
 from spinfilters.pipeline.noise_diagnostics import filter_noise_diagnostics, smoother_noise_diagnostics
 from spinfilters.pipeline.setup import Setup
 from spinfilters.pipeline.smoother_run import NAME as SMOOTHER
@@ -27,7 +27,7 @@ class Doubts:
     Attributes
     ----------
     shared: about every estimator.   of_filters: about those that continue from the initialisation.
-    smoother: that filters are held against, None where there is none.
+    smoother: that filters are held against, None where there is none.   models: tests of the models' errors.
     """
 
     setup: Setup
@@ -36,6 +36,7 @@ class Doubts:
     shared: list[str]
     of_filters: list[str]
     smoother: EstimateHistory | None
+    models: TestedModels = NOT_TESTED
 
     def of(self, evaluation: Evaluation, entry: AnyEntry) -> list[str]:
         """About one estimator."""
@@ -72,6 +73,7 @@ def doubts_of(evaluations: Sequence[Evaluation], setup: Setup, settings: Setting
             setup, settings, evaluations, shared_diagnostics(setup), filter_diagnostics(setup), None
         )
     smoothers = [each.history for each in evaluations if each.name == SMOOTHER]
+    models = tested_models(setup, evaluations)
     return Doubts(
         setup,
         settings,
@@ -79,8 +81,9 @@ def doubts_of(evaluations: Sequence[Evaluation], setup: Setup, settings: Setting
         [
             *shared_diagnostics(setup),
             *motion_diagnostics(setup, settings),
-            *model_error_diagnostics(setup, evaluations),
+            *models.reasons,
         ],
         filter_diagnostics(setup),
         reference_smoother(smoothers, setup, settings),
+        models,
     )

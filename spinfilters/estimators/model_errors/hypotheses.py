@@ -1,5 +1,6 @@
 """Linear problems about one motion under two explanations of a misfit: noise as stated, and noise as the data would have it."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -76,12 +77,14 @@ def solved_near(
     return LinearRows(problem, found.point, found.normal) if found.normal.solved else None
 
 
-def noise_of(model: NoiseModel, solved: LinearRows) -> NoiseComponents:
-    """Variance components of a solved problem."""
+def noise_of(model: NoiseModel, solved: LinearRows, stated: Collection[str] = frozenset()) -> NoiseComponents:
+    """Variance components of a solved problem; those that are not ``stated`` are identified."""
     problem, here = solved.problem, solved.here
     after = residuals_of(problem, here, solved.normal, model.components, model.densities)
     factors = tuple(source_factors(problem, here, model.densities))
-    return NoiseComponents(model.components, factors, after.redundancy)
+    names = (*(each.name for each in model.components), *model.densities)
+    known = np.array([name in stated for name in names])
+    return NoiseComponents(model.components, factors, after.redundancy, known)
 
 
 def is_doubtful(noise: NoiseComponents, solved: LinearRows) -> bool:

@@ -1,5 +1,6 @@
 """Errors of cameras: their calibration, the right one of a pair, and the hand that holds them."""
 
+from abc import abstractmethod
 from typing import Final
 
 import numpy as np
@@ -35,9 +36,9 @@ class _CameraAlternative(Alternative):
     def columns(self, motion: SmoothedMotion) -> Columns | None:
         return motion.shifted(lambda each: self.of_pixels(each) if _sees(each) else None)
 
-    def of_pixels(self, each: MeasuredRows) -> Float[np.ndarray, "r i m"] | None:
+    @abstractmethod
+    def of_pixels(self, each: MeasuredRows) -> Float[np.ndarray, "r i m"]:
         """Change of the observations in px per unit."""
-        raise NotImplementedError
 
 
 class CameraShake(_CameraAlternative):

@@ -50,6 +50,17 @@ class GyroBias(_GyroAlternative):
         return np.tile(np.eye(3), (len(motion.time), 1, 1))
 
 
+class GyroDrift(_GyroAlternative):
+    """w reads w + b s, with s from -1 at the begin to 1 in the end."""
+
+    name, phrase, unit = "gyro-drift", "a bias of the gyro that drifts", "rad/s"
+    cure = "let the gyro warm up, or take a shorter recording (--segment)"
+
+    def of_rates(self, motion: SmoothedMotion) -> Float[np.ndarray, "k 3 m"]:
+        time = motion.time
+        return ((2 * time - time[0] - time[-1]) / (time[-1] - time[0]))[:, None, None] * np.eye(3)
+
+
 class GyroScale(_GyroAlternative):
     """w reads (1 + k) w."""
 
@@ -82,4 +93,4 @@ class GyroLowPass(_GyroAlternative):
         return np.gradient(motion.rate_change, motion.time, axis=0)[:, :, None] / 2
 
 
-ALTERNATIVES: Final = (GyroBias(), GyroScale(), GyroMisalignment(), GyroLowPass())
+ALTERNATIVES: Final = (GyroBias(), GyroDrift(), GyroScale(), GyroMisalignment(), GyroLowPass())
