@@ -14,11 +14,13 @@ from spinfilters.estimators.identification.components import DISTURBANCES, FORCE
 from spinfilters.estimators.identification.noise_model import NoiseModel
 from spinfilters.estimators.model_errors.alternative import Alternative, table
 from spinfilters.estimators.model_errors.hypotheses import (
+    EVERY_MEASUREMENT,
     among_inliers,
     is_contradicted,
     is_doubtful,
     minus_twice_log_likelihood,
     noise_of,
+    rejects_in_a_row,
     solved_near,
     with_identified,
 )
@@ -28,6 +30,7 @@ from spinfilters.estimators.smoothing.factors.landmark_observations import OBSER
 from spinfilters.estimators.smoothing.problem.landmark_reinitialisation import reinitialised
 from spinfilters.estimators.smoothing.problem.least_squares import Problem, problem_of
 from spinfilters.estimators.smoothing.solver.annealing import GATE
+from spinfilters.estimators.smoothing.solver.batch_smoother import NO_POINTS
 from spinfilters.estimators.timeline import times_of
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.pipeline.wrong_units import WrongUnit, wrong_units
@@ -120,12 +123,15 @@ def _tested(
     """Tests at the noise levels of the setup; where residuals contradict these, at those that the data would have, too."""
     problem, time = _problem(setup, len(trajectory)), times_of(setup.timeline[: len(trajectory)])
     solved = solved_near(problem, trajectory, _placed(problem, trajectory))
+    rejected = solved is not None and problem.observations is None and rejects_in_a_row(solved)
+    if rejected:  # by gates, which would hide the error
+        solved = solved_near(problem, trajectory, NO_POINTS, EVERY_MEASUREMENT)
     if solved is None:
         return TestedModels(trouble="the smoothed motion cannot be linearised")
     model, every, stated_names = _noise_model(setup, problem), tuple(errors), _stated(setup)
     noise = noise_of(model, solved, stated_names)
     contradicted = is_contradicted(noise, solved)
-    identified = with_identified(model, solved) if is_doubtful(noise, solved) else None
+    identified = with_identified(model, solved) if not rejected and is_doubtful(noise, solved) else None
     if identified is None:
         return TestedModels(tuple(score_tests(SmoothedMotion(time, solved), noise, every)), contradicted)
     found = score_tests(SmoothedMotion(time, identified), noise_of(model, identified), every)

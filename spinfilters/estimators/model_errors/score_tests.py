@@ -8,7 +8,8 @@ part of an error for noise; the gain therefore counts by how much every variance
     gain = sum over components of (S + 1) ln((r + 1) / (r' + 1)),
 
 with r and r' its squared residuals before and after, S its redundancy: u'F^-1 u for small errors, and the fall of -2 ln of the
-likelihood profiled over the noise levels for large ones; r - r' of a level that is stated. How likely as much is without the
+likelihood profiled over the noise levels for large ones; r - r' of a level that is stated. The error is removed at its most
+probable size, beside what is plausible of it, and a size beyond that costs what it is less probable. How likely as much is without the
 error: `null_distributions`.
 """
 
@@ -133,11 +134,13 @@ def _tested(
     along = vectors[:, told]
     covariance = along / values[told] @ along.T
     size = covariance @ u
-    removed = left.minus(after.times((size / scale)[:, None]))
-    gain, dof = noise.gain(left, removed), float(told.sum())
-    p_value = gain_tail(gain.value, dof, gain.dof)
+    prior, dof = (scale * error.plausible) ** -2.0, float(told.sum())
+    probable = along @ np.linalg.solve(along.T @ (F + np.diag(prior)) @ along, along.T @ u)
+    gain = noise.gain(left, left.minus(after.times((probable / scale)[:, None])))
+    gained = gain.value - float(prior @ probable**2)
+    p_value = gain_tail(gained, dof, gain.dof)
     std = np.sqrt(np.diag(covariance)) / scale
-    return ScoreTest(error, size / scale, std, float(u @ size), dof, gain.value, p_value)
+    return ScoreTest(error, size / scale, std, float(u @ size), dof, gained, p_value)
 
 
 def _by_epoch(
@@ -153,7 +156,7 @@ def _by_epoch(
         return None
     values, vectors = np.linalg.eigh(F)
     values, along = np.maximum(values, 0.0), vectors.T @ u
-    variance, likelihood = _most_likely(values, along)
+    variance, likelihood = _most_likely(values, along, error.plausible**2)
     every = np.zeros((K, columns.count))
     drawn = vectors @ (variance * along / (1 + variance * values))
     every[chosen] = drawn.reshape(len(chosen), -1)
@@ -178,9 +181,12 @@ def _p_value(values: Float[np.ndarray, " n"], along: Float[np.ndarray, " n"], do
     return min(1.0, len(TESTED_VARIANCES) * found)
 
 
-def _most_likely(values: Float[np.ndarray, " n"], along: Float[np.ndarray, " n"]) -> tuple[float, float]:
+def _most_likely(
+    values: Float[np.ndarray, " n"], along: Float[np.ndarray, " n"], largest: float
+) -> tuple[float, float]:
     """Variance of independent errors with information ``values`` and scores ``along``, and its -2 ln likelihood ratio."""
     share = np.concatenate([[0.0], VARIANCES / max(float(values.max()), np.finfo(float).tiny)])[:, None]
+    share = np.minimum(share, largest)
     likelihood = (share * along**2 / (1 + share * values) - np.log1p(share * values)).sum(axis=1)
     best = int(likelihood.argmax())
     return float(share[best, 0]), float(likelihood[best])

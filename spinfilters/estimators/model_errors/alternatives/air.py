@@ -14,6 +14,7 @@ class AirResistance(Alternative):
     """v' loses k |v| v, i axes."""
 
     name, phrase, unit = "air-resistance", "air that brakes the path", "1/m"
+    plausible = 1.0
     cure = "take a slower or shorter throw, or state a larger process.force_psd"
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:

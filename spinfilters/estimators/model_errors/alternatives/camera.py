@@ -45,6 +45,7 @@ class CameraShake(_CameraAlternative):
     """A shift in px that all observations of an image have in common."""
 
     name, phrase, unit = "camera-shake", "a shift common to each image (camera shake)", "px"
+    plausible = 10.0
     cure = "fix the camera, or give its motion (inspector.tum)"
     by_epoch = True
 
@@ -60,6 +61,7 @@ class FocalLength(_CameraAlternative):
     """Relative error of both focal lengths."""
 
     name, phrase, unit = "focal-length", "an error of the focal length", "of it"
+    plausible = 0.05
     cure = "calibrate the cameras again (spinfilters calibrate)"
 
     def of_pixels(self, each: MeasuredRows) -> Float[np.ndarray, "r i m"]:
@@ -71,6 +73,7 @@ class PrincipalPoint(_CameraAlternative):
     """Error of (cx, cy), px."""
 
     name, phrase, unit = "principal-point", "an error of the principal point", "px"
+    plausible = 20.0
     cure = "calibrate the cameras again (spinfilters calibrate)"
 
     def of_pixels(self, each: MeasuredRows) -> Float[np.ndarray, "r i m"]:
@@ -85,6 +88,7 @@ class Distortion(_CameraAlternative):
         "distortion of the lens that the calibration lacks",
         "of the radius cubed",
     )
+    plausible = 0.3
     cure = "calibrate the cameras with distortion, and rectify the tracks"
 
     def of_pixels(self, each: MeasuredRows) -> Float[np.ndarray, "r i m"]:
@@ -106,6 +110,7 @@ class Baseline(_PairAlternative):
     """Relative error of the baseline."""
 
     name, phrase, unit = "baseline", "an error of the baseline", "of it"
+    plausible = 0.05
     cure = "calibrate the pair again (spinfilters calibrate)"
 
     def of_pixels(self, each: MeasuredRows) -> Float[np.ndarray, "r i m"]:
@@ -117,6 +122,7 @@ class RightCameraTurned(_PairAlternative):
     """Yaw, pitch and roll of the right camera, as far as they move its columns."""
 
     name, phrase, unit = "right-camera-turned", "a turned right camera", "rad"
+    plausible = 0.03
     cure = "calibrate the pair again and rectify (spinfilters calibrate)"
 
     def of_pixels(self, each: MeasuredRows) -> Float[np.ndarray, "r i m"]:
@@ -131,6 +137,7 @@ class RightCameraLate(Alternative):
     """The right image is taken later than the left one."""
 
     name, phrase, unit = "right-camera-late", "a right camera that triggers late", "s"
+    plausible = 0.03
     cure = "trigger both cameras together"
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
