@@ -143,6 +143,17 @@ def _tested(
     return TestedModels(tuple(found), contradicted)
 
 
+def minus_twice_log_evidence(setup: "Setup", trajectory: Float[np.ndarray, "k m"]) -> float | None:
+    """Of the first epochs, up to a constant of priors; None where they cannot be linearised about a trajectory."""
+    try:
+        with np.errstate(all="ignore"):
+            problem = _problem(setup, len(trajectory))
+            solved = solved_near(problem, trajectory, _placed(problem, trajectory))
+            return None if solved is None else minus_twice_log_likelihood(solved)
+    except NUMERICAL_ERRORS:
+        return None
+
+
 def _smoothed_trajectory(
     setup: "Setup", evaluations: Sequence[Evaluation]
 ) -> Float[np.ndarray, "k m"] | None:
