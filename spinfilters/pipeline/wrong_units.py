@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from spinfilters.data.camera import StereoRig
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.sensors.gyro import GYRO_FULL_SCALE
@@ -24,7 +25,9 @@ LARGEST_BASELINE: Final = 20.0
 FARTHEST: Final = 300.0
 """Of a tracked body from the origin of its poses, m."""
 SMOOTH: Final = 0.3
-"""Change of a rate from one sample to the next, relative to it, below which a body does not turn by more than pi in between."""
+"""Change of a rate from one sample to the next, relative to it, below which a body does not turn much in between."""
+LONGEST_TURN: Final = 6 * np.pi
+"""Rotation from one sample to the next of slow telemetry, rad."""
 
 
 @dataclass(frozen=True)
@@ -44,11 +47,9 @@ class WrongUnit:
 def wrong_units(dataset: Dataset) -> list[WrongUnit]:
     """Of every stream and of the cameras; empty where all are plausible."""
     found = [each for stream in dataset.log.streams for each in _of_stream(stream)]
-    if dataset.rig is not None and len(dataset.rig.calibration) > 4:
-        baseline = float(dataset.rig.calibration[4])
-        if baseline > LARGEST_BASELINE:
-            sentence = f"the cameras' baseline is {baseline:.3g} m"
-            found.append(WrongUnit("length-unit", sentence, "give the calibration in m, not in mm"))
+    if isinstance(dataset.rig, StereoRig) and dataset.rig.baseline_m > LARGEST_BASELINE:
+        sentence = f"the cameras' baseline is {dataset.rig.baseline_m:.3g} m"
+        found.append(WrongUnit("length-unit", sentence, "give the calibration in m, not in mm"))
     return list({each.name: each for each in found}.values())
 
 
@@ -72,7 +73,7 @@ def _of_rates(stream: MeasurementStream, rates: np.ndarray, interval: float) -> 
     sizes = np.linalg.norm(rates, axis=1)
     size, turn = float(np.median(sizes)), float(np.median(sizes)) * interval
     change = float(np.median(np.linalg.norm(np.diff(rates, axis=0), axis=1))) / max(size, 1e-300)
-    aliased = turn > np.pi and change < SMOOTH
+    aliased = turn > LONGEST_TURN and change < SMOOTH
     if not (aliased or size > GYRO_FULL_SCALE):
         return
     sentence = f"the {stream.sensor} reads {size:.3g} rad/s"

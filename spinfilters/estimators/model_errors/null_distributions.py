@@ -8,6 +8,7 @@ The gain of m constant errors, the fall of -2 ln of a likelihood profiled over n
 n ln(1 + m F / (n - m)) with F of Fisher's distribution, and chi-squared for levels that are known.
 """
 
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -16,7 +17,7 @@ from scipy.optimize import brentq
 from scipy.stats import chi2, f, norm
 
 NEAR_MEAN: Final = 1e-4
-"""Signed root of the likelihood ratio below which the saddlepoint is at the mean, and the probability about one half."""
+"""Signed root of the likelihood ratio below which the saddlepoint is at the mean, where its own formula is 0 / 0."""
 FEWEST: Final = 2.0
 """Degrees of freedom left for a noise level, at least."""
 
@@ -43,13 +44,14 @@ def _tail(w: Float[np.ndarray, " n"], count: Float[np.ndarray, " n"], value: flo
     cumulant = -0.5 * float((count * np.log1p(-2 * t * w)).sum())
     curvature = 2 * float((count * (w / (1 - 2 * t * w)) ** 2).sum())
     r = float(np.sign(t) * np.sqrt(max(2 * (t * value - cumulant), 0.0)))
-    if abs(r) < NEAR_MEAN:
-        return 0.5
+    if abs(r) < NEAR_MEAN:  # of Edgeworth's expansion
+        third = 8 * float((count * w**3).sum())
+        return 0.5 - third / (6 * np.sqrt(2 * np.pi) * curvature**1.5)
     v = t * np.sqrt(curvature)
     return float(np.clip(norm.sf(r + np.log(v / r) / r), 0.0, 1.0))
 
 
-def _far(slope, w: Float[np.ndarray, " n"]) -> float:
+def _far(slope: Callable[[float], float], w: Float[np.ndarray, " n"]) -> float:
     """A t so far below zero that the slope is negative there."""
     t = 1 / w.max()
     while slope(-t) > 0:

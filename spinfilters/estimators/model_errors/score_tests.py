@@ -9,8 +9,8 @@ part of an error for noise; the gain therefore counts by how much every variance
 
 with r and r' its squared residuals before and after, S its redundancy: u'F^-1 u for small errors, and the fall of -2 ln of the
 likelihood profiled over the noise levels for large ones; r - r' of a level that is stated. The error is removed at its most
-probable size, beside what is plausible of it, and a size beyond that costs what it is less probable. How likely as much is without the
-error: `null_distributions`.
+probable size, beside what is plausible of it, and a size beyond that costs what it is less probable. How likely as much is
+without the error: `null_distributions`.
 """
 
 from collections.abc import Iterable

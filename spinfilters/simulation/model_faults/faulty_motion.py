@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float
@@ -33,7 +33,8 @@ class Physics:
     ----------
     torque: rad/s^2, g axes.   acceleration: m/s^2, i axes.   drag: of the rotation, 1/rad.   air: of the path, 1/m.
     loss: of energy, k in J w' = ... - k |h| (w less its part along h).   rotor: h inside, in units of J times rad/s.
-    hinge: (9,) what the inertia gains until the end.   begin, end: (6,) rad/s^2 and m/s^2 while something touches the body.
+    hinge: (9,) what the inertia gains from begin to end, the body's own in the middle, relative to its largest entry.
+      begin, end: (6,) rad/s^2 and m/s^2 while something touches the body.
     """
 
     torque: Vector = field(default_factory=lambda: np.zeros(3))
@@ -49,7 +50,8 @@ class Physics:
     @classmethod
     def of(cls, per_unit: Mapping[str, Float[np.ndarray, " n"] | float], size: float) -> "Physics":
         """That of a fault of this size."""
-        return cls(**{name: np.multiply(value, size) for name, value in per_unit.items()})
+        scaled: dict[str, Any] = {name: np.multiply(value, size) for name, value in per_unit.items()}
+        return cls(**scaled)
 
     def touch(self, share: float) -> Float[np.ndarray, "6"]:
         """rad/s^2 and m/s^2 at a share of the recording."""
@@ -58,7 +60,7 @@ class Physics:
     def rate_change(self, inertia: Float[np.ndarray, "3 3"], w: Vector, share: float, span: float) -> Vector:
         """w' at a share of the recording of ``span`` s."""
         opening = np.max(inertia) * self.hinge.reshape(3, 3)
-        J = inertia + share * opening
+        J = inertia + (share - 0.5) * opening
         h = J @ w
         along = h / np.linalg.norm(h)
         lost = self.loss * np.linalg.norm(h) * (w - along * (along @ w)) + opening @ w / span

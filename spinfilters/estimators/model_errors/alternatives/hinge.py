@@ -13,8 +13,8 @@ from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 class Hinge(Alternative):
     """J gains J^1/2 B J^1/2 s, B symmetric and traceless, s from -1 to 1: with D for it J w' loses (D s)' w, and turns with D s w.
 
-    About the smoothed motion J dw' = (D s w) x w - D s w' - D s' w. What does not change with time is of the body's own shape, and a
-    B that is a multiple of the identity brakes the rotation as drag does.
+    About the smoothed motion J dw' = (D s w) x w - D s w' - D s' w. What is constant is of the body's own
+    shape, and a B that is a multiple of the identity brakes the rotation as drag does.
     """
 
     name, phrase, unit = "hinge", "parts that move inside (a hinge, an elbow)", "of the moments"
@@ -27,9 +27,7 @@ class Hinge(Alternative):
         share = ((motion.time - motion.time[0]) / half - 1)[:, None]
         values, axes = np.linalg.eigh(J)
         root = axes * np.sqrt(values) @ axes.T
-        gained = [
-            share * (np.cross(w @ D, w) - change @ D) - w @ D / half for D in root @ TRACELESS @ root
-        ]
+        gained = [share * (np.cross(w @ D, w) - change @ D) - w @ D / half for D in root @ TRACELESS @ root]
         return motion.disturbed(angular=np.linalg.solve(J, np.stack(gained, axis=2)))
 
 
