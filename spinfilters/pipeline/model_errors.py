@@ -39,7 +39,7 @@ from spinfilters.state.status import Verdict
 if TYPE_CHECKING:
     from spinfilters.pipeline.setup import Setup
 
-FALSE_ALARM: Final = 2e-3
+FALSE_ALARM: Final = 1e-2
 """Probability that a model error is named where all models are right: of all tests together (Bonferroni)."""
 NAMED: Final = 2
 """Errors that a verdict names at most."""

@@ -31,7 +31,7 @@ TELLING: Final = 20.0
 """Redundancy of a component from which such a ratio tells anything."""
 CHANCE: Final = 1e-6
 """Probability of larger residuals below which the noise level of a component is contradicted."""
-IN_A_ROW: Final = 3
+IN_A_ROW: Final = 2
 """Epochs without any measurement that counts, beyond which gross errors are none."""
 EVERY_MEASUREMENT: Final = Stage(LeastSquares(), pose_only_loss=LeastSquares())
 FEWEST_COUNTED: Final = 0.9
