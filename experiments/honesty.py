@@ -31,8 +31,9 @@ from spinfilters.plots.style import save_figure
 STUDIES: Final = Path(__file__).parent / "studies"
 EFFECT: Final = 5.0
 """Stated deviations of an error from which a wrong model ought to be found."""
-COLOURS: Final = ScalarMappable(LogNorm(0.5, 32.0), "RdYlGn_r")
-"""Of stated deviations; 4 is in the middle."""
+NORM: Final = LogNorm(0.5, 32.0)
+"""Stated deviations by colour; 4 is in the middle."""
+COLOURS: Final = ScalarMappable(NORM, "RdYlGn_r")
 TICKS: Final = (0.5, 1, 2, 4, 8, 16, 32)
 
 
@@ -181,7 +182,7 @@ def _draw(axes: Axes, study: SensorStudy) -> None:
             worst[row, column] = np.clip(max(ok, default=np.nan), 1e-3, 1e6)
             axes.text(column, row, f"{len(ok)}/{len(runs)}", ha="center", va="center", fontsize=7)
     axes.set_facecolor("0.88")
-    axes.imshow(worst, norm=COLOURS.norm, cmap=COLOURS.cmap, aspect="auto")
+    axes.imshow(worst, norm=NORM, cmap=COLOURS.cmap, aspect="auto")
     axes.set_xticks(range(len(sizes)), [f"{size:g}" for size in sizes])
     axes.set_yticks(range(len(faults)), [_label(study, fault) for fault in faults], fontsize=8)
     alarms = sum(not each.is_ok for each in study.clean)
