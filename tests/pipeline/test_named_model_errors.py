@@ -14,7 +14,6 @@ from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.pipeline import model_errors
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
 from spinfilters.pipeline.explanations import explanations
-from spinfilters.pipeline.model_errors import tested_models
 from spinfilters.pipeline.setup import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
@@ -131,7 +130,9 @@ def test_a_wrong_unit_is_named_first() -> None:
     dataset = recording(None, np.zeros(3), 0.4)
     (stream,) = dataset.log.streams
     millimetres = replace(stream, values=stream.values * [1e3, 1e3, 1e3, 1, 1, 1, 1])
-    models = tested_models(prepare(replace(dataset, log=MeasurementLog((millimetres,))), SMOOTHER), [])
+    models = model_errors.tested_models(
+        prepare(replace(dataset, log=MeasurementLog((millimetres,))), SMOOTHER), []
+    )
     assert models.names == ("length-unit",)
     assert "in m, not in mm" in models.reasons[0]
 
