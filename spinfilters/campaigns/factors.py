@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Final
 
+from spinfilters.data.input_file import value_text
 from spinfilters.data.number_range import LENGTH, RATE, SPEED, NumberRange
 from spinfilters.errors import InputError
 from spinfilters.models.process import THESIS_NOISE, ProcessNoise
@@ -18,6 +19,7 @@ from spinfilters.simulation.faults import (
     WrongAssociations,
 )
 from spinfilters.simulation.landmark_faults import FewAtFirst, NewIds
+from spinfilters.simulation.model_faults.faulty_recording import model_faults
 from spinfilters.simulation.scenario import THESIS_RPM, Scenario
 
 RPM = NumberRange(-1e6, 1e6, "rpm")
@@ -29,6 +31,7 @@ SECONDS = NumberRange(0.0, 1e9, "s")
 PSD = NumberRange(1e-20, 1e6, zero=True)
 EPOCHS = NumberRange(5, 100_000, whole=True)
 COUNT = NumberRange(0, 100_000, whole=True)
+MULTIPLE = NumberRange(1e-6, 1e6)
 Triple = tuple[Annotated[float, LENGTH], Annotated[float, LENGTH], Annotated[float, LENGTH]]
 
 
@@ -102,7 +105,9 @@ class SensorFactor:
 class NoiseFactor:
     """True noise of the sensors and densities of the disturbances.
 
-    Estimators are told it unless ``settings`` say otherwise, or it is not stated.
+    Attributes
+    ----------
+    stated: whether estimators are told it, unless ``settings`` say otherwise; if not, they identify it.
     """
 
     pixel_std: Annotated[float, STD] = 1.0
@@ -140,6 +145,8 @@ class FaultFactor:
     wrong_associations, outliers: shares.   dropout_s: begin and end.   frozen_epochs: first epoch and how many repeat it.
     points_at_infinity: how many in every epoch.   new_ids_s: begin and end of a time in which no landmark is known again.
     few_at_first: share of the landmarks that are seen at first, and until when (s).
+    model: what is wrong with the models (`spinfilters.simulation.model_faults`), "" for nothing.
+    model_size: of that, in multiples of a plain size of its own.
     """
 
     wrong_associations: Annotated[float, SHARE] = 0.0
@@ -149,6 +156,8 @@ class FaultFactor:
     points_at_infinity: Annotated[int, COUNT] = 0
     new_ids_s: tuple[Annotated[float, SECONDS], ...] = ()
     few_at_first: tuple[Annotated[float, SECONDS], ...] = ()
+    model: str = ""
+    model_size: Annotated[float, MULTIPLE] = 1.0
 
     def __post_init__(self) -> None:
         for name in ("dropout_s", "frozen_epochs", "new_ids_s", "few_at_first"):
@@ -158,6 +167,10 @@ class FaultFactor:
                 )
 
         _ = self.faults  # refuses what no recording can have
+        if self.model and self.model not in model_faults():
+            raise InputError(
+                f"fault.model is {value_text(self.model)}; use one of {', '.join(model_faults())}"
+            )
 
     @property
     def faults(self) -> list[Fault]:
@@ -220,7 +233,11 @@ class RecordingFactors:
     @property
     def scenario(self) -> Scenario:
         """What is simulated. InputError: an unknown kind, a body that does not lie in front of the camera."""
-        motion, body, sensor, noise = self.motion, self.body, self.sensor, self.noise
+        motion, body, sensor, noise, model = self.motion, self.body, self.sensor, self.noise, self.fault.model
+        if model and sensor.kind not in model_faults()[model].kinds:
+            raise InputError(
+                f"fault.model {model} is none of {sensor.kind}; use {' or '.join(model_faults()[model].kinds)}"
+            )
         return Scenario(
             kind=sensor.kind,
             principal_moments=body.principal_moments,

@@ -14,7 +14,7 @@ from spinfilters.campaigns.factor_table import Cell
 from spinfilters.campaigns.factors import RecordingFactors
 from spinfilters.campaigns.initial_belief import prepared_with_drawn_belief
 from spinfilters.campaigns.metrics import bound_metrics, metrics, noise_metrics
-from spinfilters.campaigns.randomness import run_seeds, whole_number
+from spinfilters.campaigns.randomness import RunSeeds, run_seeds, whole_number
 from spinfilters.campaigns.schema import TIMES
 from spinfilters.campaigns.study import Run, Study
 from spinfilters.data.dataset import Dataset
@@ -23,10 +23,11 @@ from spinfilters.errors import SpinfiltersError
 from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.evaluation.evaluation import Evaluation
-from spinfilters.pipeline.estimation import ComparisonExtent, compare_estimators
+from spinfilters.pipeline.estimation import Comparison, ComparisonExtent, compare_estimators
 from spinfilters.pipeline.recording_bound import with_bounds, without_bounds
 from spinfilters.pipeline.setup import Setup, prepare
 from spinfilters.simulation.faults import with_faults
+from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
 from spinfilters.simulation.motion import Motion
 from spinfilters.simulation.motion_in_view import motion_in_view
 from spinfilters.simulation.scenario import measured, without_map, without_noise
@@ -78,7 +79,7 @@ class Runner:
         with self._timed("initialise"):
             return self._once("prepared", key, lambda: self._initialised(run, cell, dataset))
 
-    def evaluated(self, run: Run, with_bound: bool) -> Evaluation:
+    def compared(self, run: Run, with_bound: bool) -> Comparison:
         """The run's estimator, evaluated."""
         setup, settings = self.setup(run), self.study.cells[run.cell].settings
         extent = ComparisonExtent(with_bounds if with_bound else without_bounds, _no_rehearsal)
@@ -86,14 +87,16 @@ class Runner:
             found = compare_estimators(setup, settings, lambda *_: None, extent=extent)
         if found.interrupted:
             raise KeyboardInterrupt
-        return found.evaluations[0]
+        return found
 
     def _result(self, run: Run) -> Row:
         bound = self.study.options.bound
-        evaluation = self.evaluated(run, bound == "run")
+        comparison = self.compared(run, bound == "run")
+        (evaluation,) = comparison.evaluations
         with self._timed("evaluate"):
             truth = self.recording(run).truth
             found = metrics(evaluation, truth) | self._levels(run, evaluation)
+            found["model_errors"] = " ".join(comparison.models.names)
         limits = self._motion_bound(run) if bound == "motion" else bound_metrics(evaluation)
         return {"outcome": "done", "reason": ""} | found | limits
 
@@ -109,7 +112,7 @@ class Runner:
             self._spent = dict.fromkeys(TIMES, 0.0)
             try:
                 first = self.study.run(run.cell)
-                self._bounds[run.cell] = bound_metrics(self.evaluated(first, with_bound=True))
+                self._bounds[run.cell] = bound_metrics(self.compared(first, with_bound=True).evaluations[0])
             except SpinfiltersError:
                 self._bounds[run.cell] = {}
             self._spent = spent
@@ -123,16 +126,24 @@ class Runner:
     def _simulated(self, run: Run, factors: RecordingFactors) -> Dataset:
         with self._timed("simulate"):
             seeds, scenario = run_seeds(self.study.options.root_seed, run.seed), factors.scenario
+            if model := factors.fault.model:
+                fault, drawn = model_faults()[model], (seeds.motion, seeds.measurements, seeds.faults)
+                dataset = faulty_recording(scenario, fault, factors.fault.model_size * fault.size, drawn)
+                return self._told(dataset, factors, seeds)
             key = (run.seed, factors.motion, factors.body, scenario.noise, scenario.kind)
             motion: Motion = self._once(
                 "motion", key, lambda: motion_in_view(scenario, np.random.default_rng(seeds.motion))
             )
             dataset = measured(scenario, motion, np.random.default_rng(seeds.measurements))
-            if not factors.sensor.known_map:
-                dataset = without_map(dataset)
-            if not factors.noise.stated:
-                dataset = without_noise(dataset)
-            return with_faults(dataset, factors.fault.faults, whole_number(seeds.faults))
+            return self._told(dataset, factors, seeds)
+
+    def _told(self, dataset: Dataset, factors: RecordingFactors, seeds: RunSeeds) -> Dataset:
+        """What estimators are told of a recording, with the faults of its measurements."""
+        if not factors.sensor.known_map:
+            dataset = without_map(dataset)
+        if not factors.noise.stated:
+            dataset = without_noise(dataset)
+        return with_faults(dataset, factors.fault.faults, whole_number(seeds.faults))
 
     def _initialised(self, run: Run, cell: Cell, dataset: Dataset) -> Setup:
         if self.study.options.initialisation == "data":

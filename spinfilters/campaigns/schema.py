@@ -35,6 +35,7 @@ _FIXED: Final[tuple[tuple[str, pa.DataType], ...]] = (
     ("reason", _TEXT),
     ("verdict", _TEXT),
     ("verdict_reasons", _TEXT),
+    ("model_errors", _TEXT),
     ("right", pa.bool_()),
     ("worst_error", _NUMBER),
     ("worst_quantity", _TEXT),

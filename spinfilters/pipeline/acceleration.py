@@ -1,4 +1,9 @@
-"""A constant acceleration (gravity) in the state where the first epochs of a recording ask for it and tell it."""
+"""A constant acceleration (gravity) in the state where the first epochs of a recording ask for it and tell it.
+
+Over an arc of much less than a turn the centripetal acceleration of an offset centre of mass, w x (w x c), is nearly constant and
+looks like gravity: with c known to 1 m a toss at 2.6 rad/s tells gravity to 3 m/s^2. How far origins of poses lie from centres of
+mass is then a hyperparameter, chosen by marginal likelihood among `CENTRE_STDS` unless the settings state it.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -7,15 +12,25 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy.stats import chi2
 
+from spinfilters.errors import InputError
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
 from spinfilters.estimators.model_errors.alternatives.acceleration import ConstantAcceleration
-from spinfilters.pipeline.model_errors import FALSE_ALARM, tested_about
+from spinfilters.pipeline.model_errors import minus_twice_log_evidence, tested_about
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.blocks.acceleration import ACCELERATION
+from spinfilters.state.blocks.rigid_body import CENTRE_OF_MASS
 
 if TYPE_CHECKING:
     from spinfilters.pipeline.setup import Setup
 
+TOLD: Final = 1e-5
+"""Probability of as large an acceleration by chance, below which it is told from zero."""
+CENTRE_STDS: Final = (0.1, 0.03)
+"""Of the prior of the centre of mass that are tried beside the default, m."""
+KNOWN_CENTRE: Final = 0.1
+"""Standard deviation of the centre of mass over that of its default prior, below which the motion tells it."""
+ALIKE: Final = 10.0
+"""Of -2 ln likelihood, within which the data do not tell two priors apart: the smaller offset is the plainer explanation."""
 CLEAR_FIT: Final = 1.5
 """Rms of whitened residuals of the first epochs above which a score about them says little: the acceleration is tried."""
 
@@ -23,10 +38,62 @@ CLEAR_FIT: Final = 1.5
 def with_acceleration_if_told(make: "Callable[[Settings], Setup]", settings: Settings) -> "Setup":
     """The setup without a constant acceleration, or with one where the first epochs ask for it and tell it from zero."""
     without = make(settings)
-    if not without.process.layout.translates or not _asks(without):
+    if not without.process.layout.translates:
         return without
-    accelerated = make(replace(settings, process=replace(settings.process, gravity=True)))
+    stated = settings.initialisation.centre_std != CENTRE_OF_MASS.prior_std
+    if not stated and not _knows_centre(without.initial):
+        likeliest = _likeliest(make, settings)
+        return without if likeliest is None else make(likeliest)
+    if not _asks(without):
+        return without
+    accelerated = make(_with(settings, gravity=True, centre_std=settings.initialisation.centre_std))
     return accelerated if _tells(accelerated.initial) else without
+
+
+def _likeliest(make: "Callable[[Settings], Setup]", settings: Settings) -> Settings | None:
+    """Settings with an acceleration that the first epochs tell from zero, if the likeliest of all have one."""
+    found: list[tuple[float, float, bool, Settings]] = []
+    for gravity in (False, True):
+        for std in (CENTRE_OF_MASS.prior_std, *CENTRE_STDS):
+            own = _with(settings, gravity, std)
+            tried = _tried(make, replace(own, initialisation=replace(own.initialisation, share=1.0)))
+            if tried is not None:
+                found.append((_cost(tried), std, gravity and _tells(tried.initial), own))
+    least = min((cost for cost, *_ in found), default=np.inf)
+    alike = [each for each in found if each[0] <= least + ALIKE and np.isfinite(each[0])]
+    _, _, told, best = min(alike, key=lambda each: (not each[2], each[1]), default=(0, 0, False, settings))
+    return best if told else None
+
+
+def _tried(make: "Callable[[Settings], Setup]", settings: Settings) -> "Setup | None":
+    try:
+        return make(settings)
+    except InputError:  # of which the caller's own settings tell
+        return None
+
+
+def _with(settings: Settings, gravity: bool, centre_std: float) -> Settings:
+    process = replace(settings.process, gravity=gravity)
+    return replace(
+        settings, process=process, initialisation=replace(settings.initialisation, centre_std=centre_std)
+    )
+
+
+def _knows_centre(start: InitialEstimate) -> bool:
+    """Whether the centre of mass is known from the motion, rather than from its prior."""
+    factor = start.factor[-1, start.layout.slice(CENTRE_OF_MASS.name)]
+    std = np.linalg.norm(factor, axis=1).max()
+    return bool(std < KNOWN_CENTRE * CENTRE_OF_MASS.prior_std)
+
+
+def _cost(setup: "Setup") -> float:
+    """-2 ln marginal likelihood of the first epochs; infinite where noise that nobody states is not identified from them."""
+    start = setup.initial
+    identified = any(each.told for each in setup.identified)  # else gates have refused everything
+    if (setup.sought and not identified) or start.has_failed or not np.isfinite(start.mean).all():
+        return np.inf
+    found = minus_twice_log_evidence(setup, start.mean)
+    return np.inf if found is None else found + 2 * float(np.log(start.prior.std).sum())
 
 
 def _asks(setup: "Setup") -> bool:
@@ -47,4 +114,4 @@ def _tells(start: InitialEstimate) -> bool:
     factor = start.factor[-1, start.layout.slice(ACCELERATION.name)]
     if start.has_failed or not (np.isfinite(value).all() and np.isfinite(factor).all()):
         return False
-    return bool(chi2.sf(value @ np.linalg.solve(factor @ factor.T, value), len(value)) < FALSE_ALARM)
+    return bool(chi2.sf(value @ np.linalg.solve(factor @ factor.T, value), len(value)) < TOLD)

@@ -13,7 +13,7 @@ from spinfilters.pipeline.estimate_diagnostics import (
     reference_smoother,
 )
 from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries
-from spinfilters.pipeline.model_errors import model_error_diagnostics
+from spinfilters.pipeline.model_errors import NOT_TESTED, TestedModels, tested_models
 from spinfilters.pipeline.noise_diagnostics import filter_noise_diagnostics
 from spinfilters.pipeline.setup import Setup
 from spinfilters.pipeline.smoother_run import NAME as SMOOTHER
@@ -28,7 +28,7 @@ class Doubts:
     Attributes
     ----------
     shared: about every estimator.   of_filters: about those that continue from the initialisation.
-    smoother: that filters are held against, None where there is none.
+    smoother: that filters are held against, None where there is none.   models: tests of the models' errors.
     """
 
     setup: Setup
@@ -37,6 +37,7 @@ class Doubts:
     shared: list[str]
     of_filters: list[str]
     smoother: EstimateHistory | None
+    models: TestedModels = NOT_TESTED
     _agreements: dict[str, list[str]] = field(default_factory=dict)
     _noise: dict[str, list[str]] = field(default_factory=dict)
 
@@ -96,6 +97,7 @@ def doubts_of(evaluations: Sequence[Evaluation], setup: Setup, settings: Setting
         shared, reference = shared_diagnostics(setup), reference_smoother([], setup, settings)
         return Doubts(setup, settings, evaluations, shared, filter_diagnostics(setup), reference)
     smoothers = [each.history for each in evaluations if each.name == SMOOTHER]
+    models = tested_models(setup, evaluations)
     return Doubts(
         setup,
         settings,
@@ -103,8 +105,9 @@ def doubts_of(evaluations: Sequence[Evaluation], setup: Setup, settings: Setting
         [
             *shared_diagnostics(setup),
             *motion_diagnostics(setup, settings),
-            *model_error_diagnostics(setup, evaluations),
+            *models.reasons,
         ],
         filter_diagnostics(setup),
         reference_smoother(smoothers, setup, settings),
+        models,
     )

@@ -16,8 +16,9 @@ from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
 from spinfilters.pipeline.calibration_errors import CalibrationErrors
 from spinfilters.pipeline.diagnostics import with_verdict
-from spinfilters.pipeline.doubts import doubts_of
+from spinfilters.pipeline.doubts import Doubts, doubts_of
 from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries
+from spinfilters.pipeline.model_errors import NOT_TESTED, TestedModels
 from spinfilters.pipeline.recording_bound import Bounding, with_bounds
 from spinfilters.pipeline.setup import Setup
 from spinfilters.runs.checkpoint_store import StoreOf, no_checkpoints
@@ -37,12 +38,14 @@ class Comparison:
     Attributes
     ----------
     maps: by estimator, the landmarks (k, 3) m in g that it ended with, or the map that all were given; empty without any.
+    models: tests of the models' errors.
     """
 
     setup: Setup
     evaluations: tuple[Evaluation, ...]
     interrupted: bool
     maps: Mapping[str, Float[np.ndarray, "k 3"]] = field(default_factory=dict)
+    models: TestedModels = NOT_TESTED
 
 
 @dataclass(frozen=True)
@@ -123,9 +126,10 @@ def compare_estimators(
         if not evaluations:
             raise
         interrupted = True
-    with_verdicts = _judge(evaluations, setup, settings)
+    doubts = doubts_of(evaluations, setup, settings)
+    with_verdicts = _judge(doubts, settings)
     bounded = with_verdicts if interrupted else extent.bounding(with_verdicts, setup)
-    return Comparison(setup, tuple(bounded), interrupted, maps)
+    return Comparison(setup, tuple(bounded), interrupted, maps, doubts.models)
 
 
 def _estimated(
@@ -248,9 +252,8 @@ def _evaluated(history: EstimateHistory, setup: Setup) -> Evaluation:
     return evaluate(observed, setup.dataset.truth, alignment)
 
 
-def _judge(evaluations: list[Evaluation], setup: Setup, settings: Settings) -> list[Evaluation]:
-    doubts = doubts_of(evaluations, setup, settings)
-    entries = estimator_entries()
+def _judge(doubts: Doubts, settings: Settings) -> list[Evaluation]:
+    evaluations, setup, entries = doubts.evaluations, doubts.setup, estimator_entries()
     peers = [evaluation for evaluation in evaluations if not entries[evaluation.name].is_baseline]
     with_verdicts = []
     for evaluation in evaluations:

@@ -15,7 +15,7 @@ from spinfilters.estimators.model_errors.alternative import Alternative
 from spinfilters.estimators.model_errors.score_tests import ScoreTest
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
-from spinfilters.pipeline.model_errors import TestedModels, tested_models
+from spinfilters.pipeline.model_errors import TestedModels
 from spinfilters.pipeline.setup import prepare
 from spinfilters.runs.run_folder import EXPLANATIONS_FILE
 from spinfilters.settings.run_settings import Settings
@@ -88,7 +88,7 @@ class Explanation:
 
 def explanations(comparison: Comparison, settings: Settings) -> tuple[TestedModels, list[Explanation]]:
     """Score tests of a comparison, and a refit of its best estimator with each alternative that is named and can be held."""
-    found = tested_models(comparison.setup, comparison.evaluations)
+    found = comparison.models
     name = "smoother" if "smoother" in settings.estimators else settings.estimators[0]
     refits = [
         _refit(comparison.setup.dataset, replace(settings, estimators=(name,)), test.error)
@@ -104,7 +104,7 @@ def write_explanations(folder: Path, comparison: Comparison, settings: Settings)
     document = {
         "schema": SCHEMA,
         "contradicted": found.contradicted,
-        "named": [each.error.name for each in found.named],
+        "named": list(found.names),
         "tests": [_test_document(each) for each in found.tests],
         "refits": [each.document for each in refits],
         "sentences": _sentences(found, refits),
@@ -122,11 +122,16 @@ def read_sentences(folder: Path) -> Sequence[str]:
 
 
 def _sentences(found: TestedModels, refits: Sequence[Explanation]) -> list[str]:
+    beside = [f"explain: {each}" for each in found.beside]
     if not found.named:
-        return ["explain: no error of the models is found"]
+        return beside or ["explain: no error of the models is found"]
     held = [each.sentence for each in refits]
     others = [each.error for each in found.named if not each.error.held_by]
-    return [*held, *(f"explain: {each.phrase} is no part of a state; {each.cure}" for each in others)]
+    return [
+        *beside,
+        *held,
+        *(f"explain: {each.phrase} is no part of a state; {each.cure}" for each in others),
+    ]
 
 
 def _refit(dataset: Dataset, settings: Settings, alternative: Alternative) -> Explanation:

@@ -1,23 +1,26 @@
 """Errors of the models that a recording shows: score tests about the smoothed motion, with reasons for the verdict."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinfilters.data.input_file import reason
 from spinfilters.data.sensor_format import sensor_format
 from spinfilters.errors import NUMERICAL_ERRORS
 from spinfilters.estimators.identification.components import DISTURBANCES, FORCE_PSD, ComponentRows
 from spinfilters.estimators.identification.noise_model import NoiseModel
 from spinfilters.estimators.model_errors.alternative import Alternative, table
 from spinfilters.estimators.model_errors.hypotheses import (
+    EVERY_MEASUREMENT,
     among_inliers,
     is_contradicted,
     is_doubtful,
     minus_twice_log_likelihood,
     noise_of,
+    rejects_in_a_row,
     solved_near,
     with_identified,
 )
@@ -27,41 +30,66 @@ from spinfilters.estimators.smoothing.factors.landmark_observations import OBSER
 from spinfilters.estimators.smoothing.problem.landmark_reinitialisation import reinitialised
 from spinfilters.estimators.smoothing.problem.least_squares import Problem, problem_of
 from spinfilters.estimators.smoothing.solver.annealing import GATE
+from spinfilters.estimators.smoothing.solver.batch_smoother import NO_POINTS
 from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.pipeline.wrong_units import WrongUnit, wrong_units
 from spinfilters.state.status import Verdict
 
 if TYPE_CHECKING:
     from spinfilters.pipeline.setup import Setup
 
-FALSE_ALARM: Final = 1e-5
-"""Probability of a score beyond which a model error is named."""
-CONTRADICTED: Final = 5e-4
-"""The same where residuals contradict the noise levels: about one alarm in a hundred over all alternatives."""
+FALSE_ALARM: Final = 1e-2
+"""Probability that a model error is named where all models are right: of all tests together (Bonferroni)."""
 NAMED: Final = 2
 """Errors that a verdict names at most."""
 MOST_EPOCHS_WITH_MAP, MOST_EPOCHS = 300, 1024
 """Of a recording that are tested: those of landmarks tie all poses together."""
 
 
-def model_error_diagnostics(setup: "Setup", evaluations: Sequence[Evaluation]) -> list[str]:
-    """The reason that names the errors that explain most, with what to do; empty where nothing is found."""
-    named = tested_models(setup, evaluations).named
-    return [f"the residuals show {'; or '.join(map(_phrase, named))}"] if named else []
-
-
 @dataclass(frozen=True)
 class TestedModels:
-    """Score tests of a recording, the most explaining first, and whether residuals contradict the noise levels it was told."""
+    """Score tests of a recording.
+
+    Attributes
+    ----------
+    tests: the most explaining first.   contradicted: whether residuals contradict the noise levels that the recording was told.
+    trouble: why there are no tests of a motion that was estimated; empty where there are.   units: that are probably others.
+    """
 
     tests: tuple[ScoreTest, ...] = ()
     contradicted: bool = False
+    trouble: str = ""
+    units: tuple[WrongUnit, ...] = ()
 
     @property
     def named(self) -> tuple[ScoreTest, ...]:
         """Those that a verdict names."""
-        beyond = CONTRADICTED if self.contradicted else FALSE_ALARM
+        beyond = FALSE_ALARM / max(len(self.tests), 1)
         return tuple(each for each in self.tests if each.p_value < beyond)[:NAMED]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the model errors in the verdict, the likeliest first."""
+        return (*(each.name for each in self.units), *(each.error.name for each in self.named))
+
+    @property
+    def reasons(self) -> list[str]:
+        """For doubt: the errors that explain most, with what to do."""
+        shown = [f"the residuals show {'; or '.join(map(_phrase, self.named))}"] if self.named else []
+        return [*self.beside, *shown]
+
+    @property
+    def beside(self) -> list[str]:
+        """For doubt beside tests: wrong units, and that no error could be looked for."""
+        units = [each.reason for each in self.units]
+        if not self.trouble:
+            return units
+        sentence = f"errors of the models could not be looked for ({self.trouble})"
+        return [*units, f"{sentence}: check the data set and its noise"]
+
+
+NOT_TESTED: Final = TestedModels()
 
 
 def _phrase(test: ScoreTest) -> str:
@@ -72,21 +100,21 @@ def _phrase(test: ScoreTest) -> str:
 
 def tested_models(setup: "Setup", evaluations: Sequence[Evaluation]) -> TestedModels:
     """Score tests about the motion of the best estimator that there is; none where nothing can be linearised."""
-    trajectory = _smoothed_trajectory(setup, evaluations)
+    trajectory, units = _smoothed_trajectory(setup, evaluations), tuple(wrong_units(setup.dataset))
     if trajectory is None:
-        return TestedModels()
-    return tested_about(setup, trajectory, table().values())
+        return replace(NOT_TESTED, units=units)
+    return replace(tested_about(setup, trajectory, table().values()), units=units)
 
 
 def tested_about(
     setup: "Setup", trajectory: Float[np.ndarray, "k m"], errors: Iterable[Alternative]
 ) -> TestedModels:
-    """Score tests of the first epochs about a trajectory near the most probable one; none where it cannot be linearised."""
+    """Score tests of the first epochs about a trajectory near the most probable one; where there are none, why."""
     try:
         with np.errstate(all="ignore"):
             return _tested(setup, trajectory, errors)
-    except NUMERICAL_ERRORS:
-        return TestedModels()
+    except NUMERICAL_ERRORS as error:
+        return TestedModels(trouble=reason(error))
 
 
 def _tested(
@@ -96,21 +124,35 @@ def _tested(
     epochs = setup.timeline[: len(trajectory)]
     problem, time = linear_problem(setup, epochs), times_of(epochs)
     solved = solved_near(problem, trajectory, landmarks_placed(problem, trajectory))
+    rejected = solved is not None and problem.observations is None and rejects_in_a_row(solved)
+    if rejected:  # by gates, which would hide the error
+        solved = solved_near(problem, trajectory, NO_POINTS, EVERY_MEASUREMENT)
     if solved is None:
-        return TestedModels()
-    model, every = _noise_model(setup, problem), tuple(errors)
-    noise = noise_of(model, solved)
+        return TestedModels(trouble="the smoothed motion cannot be linearised")
+    model, every, stated_names = _noise_model(setup, problem), tuple(errors), _stated(setup)
+    noise = noise_of(model, solved, stated_names)
     contradicted = is_contradicted(noise, solved)
-    identified = with_identified(model, solved) if is_doubtful(noise, solved) else None
+    identified = with_identified(model, solved) if not rejected and is_doubtful(noise, solved) else None
     if identified is None:
         return TestedModels(tuple(score_tests(SmoothedMotion(time, solved), noise, every)), contradicted)
     found = score_tests(SmoothedMotion(time, identified), noise_of(model, identified), every)
     stated = among_inliers(problem, identified)
     if stated is not None:
-        beside = score_tests(SmoothedMotion(time, stated), noise_of(model, stated), every)
+        beside = score_tests(SmoothedMotion(time, stated), noise_of(model, stated, stated_names), every)
         advantage = minus_twice_log_likelihood(stated) - minus_twice_log_likelihood(identified)
         found = likelier(found, beside, max(advantage, 0.0))
     return TestedModels(tuple(found), contradicted)
+
+
+def minus_twice_log_evidence(setup: "Setup", trajectory: Float[np.ndarray, "k m"]) -> float | None:
+    """Of the first epochs, up to a constant of priors; None where they cannot be linearised about a trajectory."""
+    try:
+        with np.errstate(all="ignore"):
+            problem = linear_problem(setup, setup.timeline[: len(trajectory)])
+            solved = solved_near(problem, trajectory, landmarks_placed(problem, trajectory))
+            return None if solved is None else minus_twice_log_likelihood(solved)
+    except NUMERICAL_ERRORS:
+        return None
 
 
 def _smoothed_trajectory(
@@ -129,6 +171,14 @@ def _smoothed_trajectory(
     best = next((each for each in good if each.name == "smoother"), good[0])
     most = MOST_EPOCHS_WITH_MAP if setup.initial.has_landmarks else MOST_EPOCHS
     return best.mean[:most]
+
+
+def _stated(setup: "Setup") -> frozenset[str]:
+    """Names of the noise levels that are not identified."""
+    with_own = [stream.sensor for stream in setup.dataset.log.streams if stream.covariance is not None]
+    options = {option.name for name in setup.dataset.log.sensors for option in sensor_format(name).noise}
+    own = {option.name for name in with_own for option in sensor_format(name).noise}
+    return frozenset((options | set(DISTURBANCES)) - setup.unstated | own)
 
 
 def linear_problem(setup: "Setup", epochs: Timeline, ids: Int[np.ndarray, " L"] | None = None) -> Problem:

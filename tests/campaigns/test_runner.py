@@ -86,7 +86,7 @@ def test_an_unexpected_error_is_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*_: object) -> None:
         raise ZeroDivisionError("the end\nof it")
 
-    monkeypatch.setattr(Runner, "evaluated", broken)
+    monkeypatch.setattr(Runner, "compared", broken)
     row = Runner(gyro_study()).row(1)
     assert (row["outcome"], row["reason"]) == ("raised", "ZeroDivisionError: the end of it")
     assert row["estimator"] == "ukf"

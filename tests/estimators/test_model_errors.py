@@ -186,6 +186,16 @@ def test_every_alternative_says_what_it_is_and_what_to_do() -> None:
         assert (each.block is None) == (not each.held_by)
 
 
+def test_a_sensor_of_which_nothing_counts_has_rows_of_no_number() -> None:
+    rows = smoothed("gyro").rows
+    (sensor,) = rows.problem.motion.sensors
+    none = replace(sensor, epoch=sensor.epoch[:0], values=sensor.values[:0], parameters=sensor.parameters[:0])
+    motion = replace(rows.problem.motion, sensors=(none,))
+    empty = LinearRows(replace(rows.problem, motion=motion), rows.here, rows.normal)
+    left = empty.residual(empty.nothing(2))
+    assert left.count == 2
+
+
 def test_a_log_of_one_sensor_has_no_delay_between_sensors() -> None:
     log = recording("gyro").log
     assert isinstance(log, MeasurementLog)

@@ -1,5 +1,6 @@
 """Linear problems about one motion under two explanations of a misfit: noise as stated, and noise as the data would have it."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -30,6 +31,9 @@ TELLING: Final = 20.0
 """Redundancy of a component from which such a ratio tells anything."""
 CHANCE: Final = 1e-6
 """Probability of larger residuals below which the noise level of a component is contradicted."""
+IN_A_ROW: Final = 2
+"""Epochs without any measurement that counts, beyond which gross errors are none."""
+EVERY_MEASUREMENT: Final = Stage(LeastSquares(), pose_only_loss=LeastSquares())
 FEWEST_COUNTED: Final = 0.9
 """Share of measurements that count, below which noise is identified anew."""
 
@@ -76,12 +80,14 @@ def solved_near(
     return LinearRows(problem, found.point, found.normal) if found.normal.solved else None
 
 
-def noise_of(model: NoiseModel, solved: LinearRows) -> NoiseComponents:
-    """Variance components of a solved problem."""
+def noise_of(model: NoiseModel, solved: LinearRows, stated: Collection[str] = frozenset()) -> NoiseComponents:
+    """Variance components of a solved problem; those that are not ``stated`` are identified."""
     problem, here = solved.problem, solved.here
     after = residuals_of(problem, here, solved.normal, model.components, model.densities)
     factors = tuple(source_factors(problem, here, model.densities))
-    return NoiseComponents(model.components, factors, after.redundancy)
+    names = (*(each.name for each in model.components), *model.densities)
+    known = np.array([name in stated for name in names])
+    return NoiseComponents(model.components, factors, after.redundancy, known)
 
 
 def is_doubtful(noise: NoiseComponents, solved: LinearRows) -> bool:
@@ -106,8 +112,23 @@ def rejects(solved: LinearRows) -> bool:
     return any(each.mean() < FEWEST_COUNTED for each in counted if each.size)
 
 
+def rejects_in_a_row(solved: LinearRows) -> bool:
+    """Whether gates reject all of several successive epochs, which gross errors of single measurements do not explain."""
+    time = np.arange(solved.problem.ordering.epochs)
+    measured, counted = np.zeros(len(time), dtype=bool), np.zeros(len(time), dtype=bool)
+    for sensor, rows in zip(solved.problem.motion.sensors, solved.sensor_rows, strict=True):
+        measured[sensor.epoch] = True
+        counted[sensor.epoch[np.abs(rows).max(axis=(1, 2), initial=0.0) > 0]] = True
+    empty = (measured & ~counted)[measured]
+    return bool(np.any(np.convolve(empty, np.ones(IN_A_ROW), "valid") == IN_A_ROW))
+
+
 def with_identified(model: NoiseModel, solved: LinearRows) -> LinearRows | None:
-    """The problem with the noise levels that it identifies itself, solved again."""
+    """The problem with the noise levels that it identifies itself, solved again.
+
+    None where it identifies none, or such that gates reject what they accept at the levels stated: a level that falls below what
+    the linearisation tells takes its measurements out, and then explains nothing.
+    """
     here = solved.here
     found = identify(model, here.trajectory, here.points)
     if found is None:
@@ -116,7 +137,8 @@ def with_identified(model: NoiseModel, solved: LinearRows) -> LinearRows | None:
     power = [2.0] * len(model.components) + [1.0] * len(model.densities)
     values = [each.value for each in found.components]
     log_variance = np.array(power) * np.log(np.divide(values, stated))
-    return solved_near(model.scaled(log_variance), here.trajectory, here.points)
+    again = solved_near(model.scaled(log_variance), here.trajectory, here.points)
+    return None if again is None or (rejects(again) and not rejects(solved)) else again
 
 
 def among_inliers(problem: Problem, inliers: LinearRows) -> LinearRows | None:

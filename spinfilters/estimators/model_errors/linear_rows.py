@@ -98,7 +98,8 @@ def summed(
     """Sums of the rows of each index."""
     rows = len(index)
     which = csr_array((np.ones(rows), index, np.arange(rows + 1)), shape=(rows, count)).T
-    return (which @ part.reshape(rows, -1)).reshape(count, *part.shape[1:])
+    flat = part.reshape(rows, part.shape[1] * part.shape[2])  # of no rows, -1 would tell no width
+    return (which @ flat).reshape(count, *part.shape[1:])
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,18 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from spinfilters.estimators.identification.components import ComponentRows
 from spinfilters.estimators.model_errors.linear_rows import Columns
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Fall of -2 ln likelihood, profiled over noise levels that ``dof`` degrees of freedom tell; infinite of known ones."""
+
+    value: float
+    dof: float
 
 
 @dataclass(frozen=True)
@@ -16,12 +24,13 @@ class NoiseComponents:
     Attributes
     ----------
     components: of sensors.   factors: (k - 1, d, i) of each disturbance, L^-1 G of its share G G' of a step's covariance L L'.
-    redundancy: S of each, expected squared residuals, sensors first.
+    redundancy: S of each, expected squared residuals, sensors first.   known: whether a level is stated, not identified.
     """
 
     components: tuple[ComponentRows, ...]
     factors: tuple[Float[np.ndarray, "k d i"], ...]
     redundancy: Float[np.ndarray, " c"]
+    known: Bool[np.ndarray, " c"]
 
     def squares(self, rest: Columns) -> Float[np.ndarray, " c"]:
         """Squared residuals of each component, of one column."""
@@ -37,7 +46,21 @@ class NoiseComponents:
         found += [float((np.einsum("kdi,kd->ki", W, steps) ** 2).sum()) for W in self.factors]
         return np.array(found)
 
-    def gain(self, before: Columns, after: Columns) -> float:
-        """Fall of -2 ln likelihood, profiled over the levels, from one residual to another."""
-        ratio = np.log((self.squares(before) + 1) / (self.squares(after) + 1))
-        return float((np.maximum(self.redundancy, 0.0) + 1) @ ratio)
+    @property
+    def dof(self) -> Float[np.ndarray, " c"]:
+        """Degrees of freedom that tell each level, that of its prior among them; infinite of known ones."""
+        return np.where(self.known, np.inf, np.maximum(self.redundancy, 0.0) + 1)
+
+    @property
+    def sensor_dof(self) -> float:
+        """Of the sensors' level that is told by fewest."""
+        return float(self.dof[: len(self.components)].min(initial=np.inf))
+
+    def gain(self, before: Columns, after: Columns) -> Gain:
+        """From one residual to another. Its degrees of freedom are those of the levels that fall, by their shares of the fall."""
+        r, left, dof = self.squares(before), self.squares(after), self.dof
+        logarithm = np.log((r + 1) / (left + 1))
+        each = np.where(self.known, r - left, np.where(self.known, 1.0, dof) * logarithm)
+        falls = np.maximum(each, 0.0)
+        per_dof = float((falls / dof).sum())
+        return Gain(float(each.sum()), float(falls.sum()) / per_dof if per_dof > 0 else np.inf)

@@ -8,7 +8,9 @@ part of an error for noise; the gain therefore counts by how much every variance
     gain = sum over components of (S + 1) ln((r + 1) / (r' + 1)),
 
 with r and r' its squared residuals before and after, S its redundancy: u'F^-1 u for small errors, and the fall of -2 ln of the
-likelihood profiled over the noise levels for large ones.
+likelihood profiled over the noise levels for large ones; r - r' of a level that is stated. The error is removed at its most
+probable size, beside what is plausible of it, and a size beyond that costs what it is less probable. How likely as much is
+without the error: `null_distributions`.
 """
 
 from collections.abc import Iterable
@@ -23,6 +25,7 @@ from spinfilters.estimators.model_errors.alternative import Alternative
 from spinfilters.estimators.model_errors.epoch_information import information_by_epoch
 from spinfilters.estimators.model_errors.linear_rows import Columns
 from spinfilters.estimators.model_errors.noise_components import NoiseComponents
+from spinfilters.estimators.model_errors.null_distributions import gain_tail, weighted_chi_square_tail
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 
 LEAST_LEFT: Final = 1e-5
@@ -31,6 +34,8 @@ MOST_EPOCHS: Final = 60
 """At which an error drawn by epoch is looked for; of a longer recording they are chosen evenly."""
 VARIANCES: Final = np.logspace(-2, 6, 65)
 """Of an error by epoch that are tried, in those that its most telling direction is known to."""
+TESTED_VARIANCES: Final = (0.1, 1.0, 10.0, 100.0)
+"""Likewise, for each of which there is a test: the most powerful one against it."""
 
 
 @dataclass(frozen=True)
@@ -40,8 +45,8 @@ class ScoreTest:
     Attributes
     ----------
     size, std: of its components, in its unit; of an error by epoch its standard deviation.
-    statistic, dof: of the score, chi-squared without the error.   p_value: of the greater of statistic and gain.
-    gain: see the module.
+    statistic, dof: of the score, chi-squared without the error.   gain: see the module.
+    p_value: probability of as much without the error.
     """
 
     error: Alternative
@@ -50,11 +55,7 @@ class ScoreTest:
     statistic: float
     dof: float
     gain: float
-
-    @property
-    def p_value(self) -> float:
-        """Probability of as much without the error."""
-        return float(chi2.sf(max(self.statistic, self.gain), self.dof))
+    p_value: float
 
     @property
     def merit(self) -> float:
@@ -95,7 +96,8 @@ def likelier(found: list[ScoreTest], beside: list[ScoreTest], advantage: float) 
         instead = other.get(each.error.name)
         gained = -np.inf if instead is None else instead.statistic - advantage
         if instead is not None and gained > each.gain:
-            each = replace(instead, statistic=gained, gain=gained)
+            beyond = float(chi2.sf(gained, instead.dof))
+            each = replace(instead, statistic=gained, gain=gained, p_value=min(beyond, each.p_value))
         best.append(each)
     return sorted(best, key=lambda each: -each.merit)
 
@@ -131,15 +133,13 @@ def _tested(
     along = vectors[:, told]
     covariance = along / values[told] @ along.T
     size = covariance @ u
-    removed = left.minus(after.times((size / scale)[:, None]))
-    return ScoreTest(
-        error,
-        size / scale,
-        np.sqrt(np.diag(covariance)) / scale,
-        float(u @ size),
-        float(told.sum()),
-        noise.gain(left, removed),
-    )
+    prior, dof = (scale * error.plausible) ** -2.0, float(told.sum())
+    probable = along @ np.linalg.solve(along.T @ (F + np.diag(prior)) @ along, along.T @ u)
+    gain = noise.gain(left, left.minus(after.times((probable / scale)[:, None])))
+    gained = gain.value - float(prior @ probable**2)
+    p_value = gain_tail(gained, dof, gain.dof)
+    std = np.sqrt(np.diag(covariance)) / scale
+    return ScoreTest(error, size / scale, std, float(u @ size), dof, gained, p_value)
 
 
 def _by_epoch(
@@ -155,21 +155,37 @@ def _by_epoch(
         return None
     values, vectors = np.linalg.eigh(F)
     values, along = np.maximum(values, 0.0), vectors.T @ u
-    variance, likelihood = _most_likely(values, along)
+    variance, likelihood = _most_likely(values, along, error.plausible**2)
     every = np.zeros((K, columns.count))
     drawn = vectors @ (variance * along / (1 + variance * values))
     every[chosen] = drawn.reshape(len(chosen), -1)
     free = float((variance * values / (1 + variance * values)).sum())
     removed = left.minus(motion.rows.residual(_drawn(motion, columns, every[:, :, None])))
-    gain = max(likelihood, noise.gain(left, removed) - 2 * free) * K / len(chosen)
+    gain = max(likelihood, noise.gain(left, removed).value - 2 * free) * K / len(chosen)
     curvature = float(((values / (1 + variance * values)) ** 2).sum()) / 2
     std = np.sqrt(1 / curvature) / (2 * np.sqrt(variance)) if variance else curvature**-0.25
-    return ScoreTest(error, np.array([np.sqrt(variance)]), np.array([std]), likelihood, 1.0, gain)
+    p_value = _p_value(values, along, noise.sensor_dof)
+    return ScoreTest(error, np.array([np.sqrt(variance)]), np.array([std]), likelihood, 1.0, gain, p_value)
 
 
-def _most_likely(values: Float[np.ndarray, " n"], along: Float[np.ndarray, " n"]) -> tuple[float, float]:
+def _p_value(values: Float[np.ndarray, " n"], along: Float[np.ndarray, " n"], dof: float) -> float:
+    """Of the most telling of the tests against `TESTED_VARIANCES`, of which there are several."""
+    told = values > LEAST_LEFT * values.max(initial=0.0)
+    v, squares, found = values[told], along[told] ** 2, 1.0
+    for each in TESTED_VARIANCES:
+        share = each / max(float(v.max(initial=0.0)), np.finfo(float).tiny)
+        weights = share * v / (1 + share * v)
+        form = float((weights * squares / v).sum())
+        found = min(found, weighted_chi_square_tail(weights, form, dof))
+    return min(1.0, len(TESTED_VARIANCES) * found)
+
+
+def _most_likely(
+    values: Float[np.ndarray, " n"], along: Float[np.ndarray, " n"], largest: float
+) -> tuple[float, float]:
     """Variance of independent errors with information ``values`` and scores ``along``, and its -2 ln likelihood ratio."""
     share = np.concatenate([[0.0], VARIANCES / max(float(values.max()), np.finfo(float).tiny)])[:, None]
+    share = np.minimum(share, largest)
     likelihood = (share * along**2 / (1 + share * values) - np.log1p(share * values)).sum(axis=1)
     best = int(likelihood.argmax())
     return float(share[best, 0]), float(likelihood[best])

@@ -1,5 +1,6 @@
 """Errors of cameras: their calibration, the right one of a pair, and the hand that holds them."""
 
+from abc import abstractmethod
 from typing import ClassVar, Final
 
 import numpy as np
@@ -37,15 +38,16 @@ class _CameraAlternative(Alternative):
     def columns(self, motion: SmoothedMotion) -> Columns | None:
         return motion.shifted(lambda each: self.of_pixels(each) if _sees(each) else None)
 
-    def of_pixels(self, each: MeasuredRows) -> Float[np.ndarray, "r i m"] | None:
+    @abstractmethod
+    def of_pixels(self, each: MeasuredRows) -> Float[np.ndarray, "r i m"]:
         """Change of the observations in px per unit."""
-        raise NotImplementedError
 
 
 class CameraShake(_CameraAlternative):
     """A shift in px that all observations of an image have in common."""
 
     name, phrase, unit = "camera-shake", "a shift common to each image (camera shake)", "px"
+    plausible = 10.0
     cure = "fix the camera, or give its motion (inspector.tum)"
     by_epoch = True
 
@@ -74,6 +76,7 @@ class FocalLength(_CalibrationAlternative):
     """Relative error of both focal lengths."""
 
     name, phrase, unit = "focal-length", "an error of the focal length", "of it"
+    plausible = 0.05
     cure = "calibrate the cameras again (spinfilters calibrate)"
     parameter = focal_length.PARAMETER
 
@@ -82,6 +85,7 @@ class PrincipalPoint(_CalibrationAlternative):
     """Error of (cx, cy), px."""
 
     name, phrase, unit = "principal-point", "an error of the principal point", "px"
+    plausible = 20.0
     cure = "calibrate the cameras again (spinfilters calibrate)"
     parameter = principal_point.PARAMETER
 
@@ -94,6 +98,7 @@ class Distortion(_CameraAlternative):
         "distortion of the lens that the calibration lacks",
         "of the radius cubed",
     )
+    plausible = 0.3
     cure = "calibrate the cameras with distortion, and rectify the tracks"
 
     def of_pixels(self, each: MeasuredRows) -> Float[np.ndarray, "r i m"]:
@@ -115,6 +120,7 @@ class Baseline(_CalibrationAlternative):
     """Relative error of the baseline."""
 
     name, phrase, unit = "baseline", "an error of the baseline", "of it"
+    plausible = 0.05
     cure = "calibrate the pair again (spinfilters calibrate)"
     parameter = baseline.PARAMETER
 
@@ -123,6 +129,7 @@ class RightCameraTurned(_PairAlternative):
     """Yaw, pitch and roll of the right camera, as far as they move its columns."""
 
     name, phrase, unit = "right-camera-turned", "a turned right camera", "rad"
+    plausible = 0.03
     cure = "calibrate the pair again and rectify (spinfilters calibrate)"
 
     def of_pixels(self, each: MeasuredRows) -> Float[np.ndarray, "r i m"]:
@@ -137,6 +144,7 @@ class RightCameraLate(Alternative):
     """The right image is taken later than the left one."""
 
     name, phrase, unit = "right-camera-late", "a right camera that triggers late", "s"
+    plausible = 0.03
     cure = "trigger both cameras together"
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:

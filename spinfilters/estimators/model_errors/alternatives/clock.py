@@ -14,6 +14,7 @@ class ClockJitter(Alternative):
     """Every epoch is measured earlier or later than it says."""
 
     name, phrase, unit = "clock-jitter", "jitter of the time stamps", "s"
+    plausible = 0.1
     cure = "stamp measurements where they are made, not where they arrive"
     by_epoch = True
 
@@ -37,6 +38,7 @@ class SensorDelay(Alternative):
     """All measurements of a sensor are late against those of the last one."""
 
     name, phrase, unit = "sensor-delay", "a time offset between the sensors", "s"
+    plausible = 0.2
     cure = "shift the time stamps of one of them"
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:

@@ -14,6 +14,7 @@ class Drag(Alternative):
     """w' loses d |w| w."""
 
     name, phrase, unit = "drag", "drag of the rotation", "1/rad"
+    plausible = 0.05
     cure = "set process.drag = true"
     block = DRAG
     held_by: ClassVar = {"process": {"drag": True}}

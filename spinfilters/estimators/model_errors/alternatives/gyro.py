@@ -42,6 +42,7 @@ class GyroBias(_GyroAlternative):
     """w reads w + b."""
 
     name, phrase, unit = "gyro-bias", "a bias of the gyro", "rad/s"
+    plausible = 0.1
     cure = "set initialisation.gyro_bias_std"
     block = GYRO_BIAS
     held_by: ClassVar = {"initialisation": {"gyro_bias_std": 0.05}}
@@ -50,10 +51,23 @@ class GyroBias(_GyroAlternative):
         return np.tile(np.eye(3), (len(motion.time), 1, 1))
 
 
+class GyroDrift(_GyroAlternative):
+    """w reads w + b s, with s from -1 at the begin to 1 in the end."""
+
+    name, phrase, unit = "gyro-drift", "a bias of the gyro that drifts", "rad/s"
+    plausible = 0.05
+    cure = "let the gyro warm up, or take a shorter recording (--segment)"
+
+    def of_rates(self, motion: SmoothedMotion) -> Float[np.ndarray, "k 3 m"]:
+        time = motion.time
+        return ((2 * time - time[0] - time[-1]) / (time[-1] - time[0]))[:, None, None] * np.eye(3)
+
+
 class GyroScale(_GyroAlternative):
     """w reads (1 + k) w."""
 
     name, phrase, unit = "gyro-scale", "an error of the gyro's scale", "of the rate"
+    plausible = 0.1
     cure = "set initialisation.gyro_scale_error_std, and check its unit (rad/s)"
     block = GYRO_SCALE
     held_by: ClassVar = {"initialisation": {"gyro_scale_error_std": GYRO_SCALE.prior_std}}
@@ -66,6 +80,7 @@ class GyroMisalignment(_GyroAlternative):
     """w reads (I + M) w, M symmetric and traceless."""
 
     name, phrase, unit = "gyro-misalignment", "misaligned axes of the gyro", "rad"
+    plausible = 0.1
     cure = "calibrate the gyro's axes and their scales"
 
     def of_rates(self, motion: SmoothedMotion) -> Float[np.ndarray, "k 3 m"]:
@@ -76,10 +91,11 @@ class GyroLowPass(_GyroAlternative):
     """Amplitudes fall with the square of the frequency: w reads w + tau^2 w'' / 2; its lag is a shift of time."""
 
     name, phrase, unit = "gyro-low-pass", "a low-pass filter within the gyro", "s^2"
+    plausible = 0.1
     cure = "set the gyro's bandwidth well above the wobble"
 
     def of_rates(self, motion: SmoothedMotion) -> Float[np.ndarray, "k 3 m"]:
         return np.gradient(motion.rate_change, motion.time, axis=0)[:, :, None] / 2
 
 
-ALTERNATIVES: Final = (GyroBias(), GyroScale(), GyroMisalignment(), GyroLowPass())
+ALTERNATIVES: Final = (GyroBias(), GyroDrift(), GyroScale(), GyroMisalignment(), GyroLowPass())

@@ -13,6 +13,7 @@ class EnergyLoss(Alternative):
     """J w' loses k |h| (w less its part along h): the kinetic energy falls, |h| stays."""
 
     name, phrase, unit = "energy-loss", "a loss of energy within the body", "1/rad"
+    plausible = 0.3
     cure = (
         "something sloshes or flexes inside: take a shorter recording, or state a larger process.torque_psd"
     )
@@ -30,6 +31,7 @@ class Rotor(Alternative):
     """J w' gains h_r x w of a constant angular momentum h_r inside, in units of J times rad/s."""
 
     name, phrase, unit = "rotor", "a rotor turning inside", "rad/s"
+    plausible = 1.0
     cure = "the body is a gyrostat and its moments cannot be told; stop the rotor while recording"
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:

@@ -1,0 +1,27 @@
+"""Drag of the air on a body's path."""
+
+from typing import Final
+
+import numpy as np
+
+from spinfilters.estimators.model_errors.alternative import Alternative
+from spinfilters.estimators.model_errors.linear_rows import Columns
+from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
+from spinfilters.state.blocks.rigid_body import VELOCITY
+
+
+class AirResistance(Alternative):
+    """v' loses k |v| v, i axes."""
+
+    name, phrase, unit = "air-resistance", "air that brakes the path", "1/m"
+    plausible = 1.0
+    cure = "take a slower or shorter throw, or state a larger process.force_psd"
+
+    def columns(self, motion: SmoothedMotion) -> Columns | None:
+        if not motion.translates:
+            return None
+        v = motion.block(VELOCITY.name)
+        return motion.disturbed(linear=-(np.linalg.norm(v, axis=1, keepdims=True) * v)[:, :, None])
+
+
+ALTERNATIVES: Final = (AirResistance(),)

@@ -1,0 +1,82 @@
+"""Values of a recording that no recording has in the unit in which they are read.
+
+A wrong unit scales time, rates or lengths by a factor that torque-free motion allows, so that no residual shows it. What shows it
+is the size of things: what cameras, bodies and gyros are like, and that rates change little while the body turns many times.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from spinfilters.data.camera import StereoRig
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.sensors.gyro import GYRO_FULL_SCALE
+from spinfilters.sensors.registry import sensor_of
+
+SHORTEST_INTERVAL: Final = 2e-5
+"""Between epochs of the fastest gyros, s."""
+LONGEST_INTERVAL: Final = 60.0
+"""Between images of the slowest cameras, s."""
+LARGEST_BASELINE: Final = 20.0
+"""Of a pair of cameras, m."""
+FARTHEST: Final = 300.0
+"""Of a tracked body from the origin of its poses, m."""
+SMOOTH: Final = 0.3
+"""Change of a rate from one sample to the next, relative to it, below which a body does not turn much in between."""
+LONGEST_TURN: Final = 6 * np.pi
+"""Rotation from one sample to the next of slow telemetry, rad."""
+
+
+@dataclass(frozen=True)
+class WrongUnit:
+    """A unit that is probably another: its name among model errors, what shows it, and what to do."""
+
+    name: str
+    sentence: str
+    cure: str
+
+    @property
+    def reason(self) -> str:
+        """For doubt."""
+        return f"{self.sentence}: {self.cure}"
+
+
+def wrong_units(dataset: Dataset) -> list[WrongUnit]:
+    """Of every stream and of the cameras; empty where all are plausible."""
+    found = [each for stream in dataset.log.streams for each in _of_stream(stream)]
+    if isinstance(dataset.rig, StereoRig) and dataset.rig.baseline_m > LARGEST_BASELINE:
+        sentence = f"the cameras' baseline is {dataset.rig.baseline_m:.3g} m"
+        found.append(WrongUnit("length-unit", sentence, "give the calibration in m, not in mm"))
+    return list({each.name: each for each in found}.values())
+
+
+def _of_stream(stream: MeasurementStream) -> Iterator[WrongUnit]:
+    times = stream.epoch_times
+    interval = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
+    if not SHORTEST_INTERVAL <= interval <= LONGEST_INTERVAL:
+        sentence = f"{stream.sensor} measurements are {interval:.3g} s apart"
+        yield WrongUnit("clock-unit", sentence, "state the unit of the time stamps (--clock ms, us or ns)")
+    rates = sensor_of(stream.sensor).measured_rates(stream)
+    if rates is not None and len(rates) > 1:
+        yield from _of_rates(stream, rates, interval)
+    elif sensor_of(stream.sensor).sees_place and stream.values.shape[1] == 7:
+        farthest = float(np.median(np.linalg.norm(stream.values[:, :3], axis=1)))
+        if farthest > FARTHEST:
+            sentence = f"the poses are {farthest:.3g} m away"
+            yield WrongUnit("length-unit", sentence, "give places in m, not in mm")
+
+
+def _of_rates(stream: MeasurementStream, rates: np.ndarray, interval: float) -> Iterator[WrongUnit]:
+    sizes = np.linalg.norm(rates, axis=1)
+    size, turn = float(np.median(sizes)), float(np.median(sizes)) * interval
+    change = float(np.median(np.linalg.norm(np.diff(rates, axis=0), axis=1))) / max(size, 1e-300)
+    aliased = turn > LONGEST_TURN and change < SMOOTH
+    if not (aliased or size > GYRO_FULL_SCALE):
+        return
+    sentence = f"the {stream.sensor} reads {size:.3g} rad/s"
+    if aliased:
+        sentence += f", {turn:.3g} rad between samples that differ by {change:.0%}"
+    yield WrongUnit("gyro-unit", sentence, "state the unit of its rates (--unit deg/s), or that of its clock")

@@ -1,0 +1,51 @@
+"""Units that are others show by the size of things."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from spinfilters.data.dataset import Dataset
+from spinfilters.pipeline.wrong_units import wrong_units
+from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
+from spinfilters.simulation.scenario import RICH_RPM, THESIS_RPM, Scenario, simulate
+
+KINDS = ("pose", "gyro", "stereo-tracks")
+
+
+def scenario(kind: str, **values: float) -> Scenario:
+    """Rich and short."""
+    return replace(Scenario(kind=kind, rate_rpm=RICH_RPM, epochs=20, landmarks=30), **values)
+
+
+def in_unit(name: str, kind: str, size: float) -> Dataset:
+    """With a unit that is ``size`` times too large."""
+    seeds = tuple(np.random.SeedSequence(1).spawn(3))
+    return faulty_recording(scenario(kind), model_faults()[name], size, seeds)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("interval", [0.005, 0.5, 5.0])
+@pytest.mark.parametrize("rate", [RICH_RPM, THESIS_RPM])
+def test_plausible_recordings_are_not_doubted(
+    kind: str, interval: float, rate: tuple[float, float, float]
+) -> None:
+    assert wrong_units(simulate(replace(scenario(kind, interval=interval), rate_rpm=rate))) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "size", "cure"),
+    [
+        ("clock-unit", "pose", 1e3, "--clock ms"),
+        ("clock-unit", "stereo-tracks", 1e9, "--clock ms"),
+        ("clock-unit", "gyro", 1e3, "--clock ms"),
+        ("gyro-unit", "gyro", 57.3, "--unit deg/s"),
+        ("length-unit", "pose", 1e3, "in m, not in mm"),
+        ("length-unit", "stereo-tracks", 1e3, "in m, not in mm"),
+    ],
+)
+def test_a_wrong_unit_is_named_with_its_cure(name: str, kind: str, size: float, cure: str) -> None:
+    found = {each.name: each for each in wrong_units(in_unit(name, kind, size))}
+    assert name in list(found)[:2]
+    assert cure in found[name].reason
+    assert len(found[name].reason) < 200
