@@ -65,14 +65,9 @@ def miscalibrated(dataset: Dataset, errors: Mapping[str, np.ndarray]) -> Dataset
     assert truth is not None
     if isinstance(rig, StereoRig):
         focal, centre = 1 - float(errors["focal_std"][0]), errors["center_std"].tolist()
-        rig = replace(
-            rig,
-            fx=focal * rig.fx,
-            fy=focal * rig.fy,
-            cx=rig.cx - centre[0],
-            cy=rig.cy - centre[1],
-            baseline_m=rig.baseline_m * (1 - float(errors["baseline_std"][0])),
-        )
+        moved = {"cx": rig.left.cx - centre[0], "cy": rig.left.cy - centre[1]}
+        left = replace(rig.left, fx=focal * rig.left.fx, fy=focal * rig.left.fy, **moved)
+        rig = replace(rig, left=left, baseline_m=rig.baseline_m * (1 - float(errors["baseline_std"][0])))
     truth = replace(truth, time=slower * truth.time)
     return replace(dataset, log=MeasurementLog(tuple(streams)), truth=truth, rig=rig)
 

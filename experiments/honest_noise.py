@@ -69,7 +69,7 @@ def rows_of(table: pd.DataFrame) -> Iterator[str]:
 def _numbers(silent: pd.DataFrame, stated: pd.DataFrame) -> Iterator[str]:
     ok = silent[silent["verdict"] == "ok"]
     yield f"{len(ok)} of {len(silent)} ({(stated['verdict'] == 'ok').sum()})"
-    nees = ok["nees"].to_numpy()
+    nees = np.asarray(ok["nees"], dtype=float)
     nees = nees[np.isfinite(nees)]
     yield f"{nees.mean():.2f}, {nees.max():.2f}, {(nees < LARGEST_NEES).mean():.0%}" if len(nees) else "-"
     yield f"{silent['nees'].mean():.2f}; {stated['nees'].mean():.2f}"

@@ -49,9 +49,7 @@ _DECIMALS, _ROUNDING = 9, 1e-9  # of the epochs of several sensors, s
 class Scenario:
     """What to simulate. The defaults are the thesis' body and motion: SPHERES-like, at 10 rpm about its intermediate axis.
 
-    They are easier than the thesis' own problem, which is `common_workload`: every landmark is recognised whenever it is in
-    view, and the
-    disturbing force has a 25th of the density.
+    The thesis' own problem, `common_workload`, is harder: not every landmark is recognised, and forces have 25 times the density.
 
     Attributes
     ----------
@@ -263,8 +261,7 @@ def without_noise(dataset: Dataset) -> Dataset:
 def first_state(scenario: Scenario, layout: StateLayout) -> Float[np.ndarray, " m"]:
     """The state at time zero, before any disturbance."""
     R_gb = _principal_axes(scenario)
-    x = layout.origin()
-    c = np.array(scenario.center_of_mass_g)
+    x, c = layout.origin(), np.array(scenario.center_of_mass_g)
     x[layout.mean_slice("t")] = np.array([0.0, 0.0, scenario.range_m]) - c
     x[layout.mean_slice("v")] = scenario.velocity
     x[layout.mean_slice("w")] = R_gb @ np.array(scenario.rate_rpm) * RPM
@@ -279,8 +276,7 @@ def _principal_axes(scenario: Scenario) -> Float[np.ndarray, "3 3"]:
 
 
 def _truth(scenario: Scenario, motion: Motion) -> Truth:
-    rotations = motion.rotations
-    order = np.argsort(scenario.principal_moments)
+    rotations, order = motion.rotations, np.argsort(scenario.principal_moments)
     axes = _principal_axes(scenario).T[order]
     axes[2] *= np.sign(np.linalg.det(axes))
     return Truth(

@@ -30,7 +30,8 @@ def runner(mass_distribution: float) -> Runner:
 
 def test_a_filter_that_went_astray_from_a_wide_belief_is_not_called_ok() -> None:
     wide = runner(0.1)
-    status = wide.evaluated(wide.study.run(WRONG), with_bound=False).history.status
+    (found,) = wide.compared(wide.study.run(WRONG), with_bound=False).evaluations
+    status = found.history.status
     assert status.verdict is Verdict.DEGRADED
     assert any("held against the smoother" in reason for reason in status.reasons)
 

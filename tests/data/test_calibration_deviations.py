@@ -3,9 +3,9 @@
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
+from spinfilters.data.camera import StereoRig
 from spinfilters.data.dataset import Dataset, read_dataset
 from spinfilters.data.dataset_options import DatasetOptions
 from spinfilters.data.dataset_writing import write_dataset
@@ -45,9 +45,9 @@ def test_a_calibration_file_tells_its_deviations(tracks: Dataset, tmp_path: Path
         with (folder / camera / "sensor.yaml").open("a") as file:
             file.write(text)
     rig, told = tracks.rig, read_dataset(folder).options.calibration
-    assert rig is not None
-    assert told["focal_std"] == pytest.approx(max(0.5 / rig.fx, 0.7 / rig.fy))
-    assert told["baseline_std"] == pytest.approx(1e-4 / getattr(rig, "baseline_m", np.nan))
+    assert isinstance(rig, StereoRig)
+    assert told["focal_std"] == pytest.approx(max(0.5 / rig.left.fx, 0.7 / rig.left.fy))
+    assert told["baseline_std"] == pytest.approx(1e-4 / rig.baseline_m)
     assert told["center_std"] == 0.25  # dataset.toml comes first
 
 

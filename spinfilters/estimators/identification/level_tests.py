@@ -54,7 +54,7 @@ def level_tests(
     for _ in range(STEPS):
         if not normal.solved:
             return ()
-        there, _, _ = advanced(problem, here, normal, (rule, rule.first))
+        there = advanced(problem, here, normal, rule, rule.first).point
         if there is None:
             return ()
         here, normal = there, problem.normal(there, STAGE)
