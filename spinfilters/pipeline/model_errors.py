@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 from spinfilters.data.input_file import reason
 from spinfilters.data.sensor_format import sensor_format
 from spinfilters.errors import NUMERICAL_ERRORS
+from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.identification.components import DISTURBANCES, FORCE_PSD, ComponentRows
 from spinfilters.estimators.identification.noise_model import NoiseModel
 from spinfilters.estimators.model_errors.alternative import Alternative, table
@@ -41,6 +42,8 @@ if TYPE_CHECKING:
 
 FALSE_ALARM: Final = 1e-2
 """Probability that a model error is named where all models are right: of all tests together (Bonferroni)."""
+LEAST_EFFECT: Final = 1.0
+"""Deviations by which removing an error moves some state of some epoch; of one that moves all by less, estimates stay honest."""
 NAMED: Final = 2
 """Errors that a verdict names at most."""
 MOST_EPOCHS_WITH_MAP, MOST_EPOCHS = 300, 1024
@@ -55,18 +58,26 @@ class TestedModels:
     ----------
     tests: the most explaining first.   contradicted: whether residuals contradict the noise levels that the recording was told.
     trouble: why there are no tests of a motion that was estimated; empty where there are.   units: that are probably others.
+    std: (k, n) stated deviations of the states that were tested, or None where they are unknown.
     """
 
     tests: tuple[ScoreTest, ...] = ()
     contradicted: bool = False
     trouble: str = ""
     units: tuple[WrongUnit, ...] = ()
+    std: Float[np.ndarray, "k n"] | None = None
 
     @property
     def named(self) -> tuple[ScoreTest, ...]:
-        """Those that a verdict names."""
+        """Those that a verdict names: beyond chance, and of an effect on the estimates."""
         beyond = FALSE_ALARM / max(len(self.tests), 1)
-        return tuple(each for each in self.tests if each.p_value < beyond)[:NAMED]
+        likely = (each for each in self.tests if each.p_value < beyond)
+        return tuple(each for each in likely if self.contradicted or self._effect(each) >= LEAST_EFFECT)[
+            :NAMED
+        ]
+
+    def _effect(self, test: ScoreTest) -> float:
+        return np.inf if self.std is None else test.effect(self.std)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -100,10 +111,12 @@ def _phrase(test: ScoreTest) -> str:
 
 def tested_models(setup: "Setup", evaluations: Sequence[Evaluation]) -> TestedModels:
     """Score tests about the motion of the best estimator that there is; none where nothing can be linearised."""
-    trajectory, units = _smoothed_trajectory(setup, evaluations), tuple(wrong_units(setup.dataset))
-    if trajectory is None:
+    best, units = _best(setup, evaluations), tuple(wrong_units(setup.dataset))
+    if best is None:
         return replace(NOT_TESTED, units=units)
-    return replace(tested_about(setup, trajectory, table().values()), units=units)
+    most = MOST_EPOCHS_WITH_MAP if setup.initial.has_landmarks else MOST_EPOCHS
+    std = np.linalg.norm(best.factor[:most], axis=2)
+    return replace(tested_about(setup, best.mean[:most], table().values()), units=units, std=std)
 
 
 def tested_about(
@@ -155,10 +168,8 @@ def minus_twice_log_evidence(setup: "Setup", trajectory: Float[np.ndarray, "k m"
         return None
 
 
-def _smoothed_trajectory(
-    setup: "Setup", evaluations: Sequence[Evaluation]
-) -> Float[np.ndarray, "k m"] | None:
-    """Of the estimator that used most measurements of each epoch: the smoother if it runs, else the first that has not failed."""
+def _best(setup: "Setup", evaluations: Sequence[Evaluation]) -> EstimateHistory | None:
+    """The estimator that used most measurements of each epoch: the smoother if it runs, else the first that has not failed."""
     good = [
         each.history
         for each in evaluations
@@ -166,11 +177,7 @@ def _smoothed_trajectory(
         and each.history.layout == setup.process.layout
         and np.isfinite(each.history.mean).all()
     ]
-    if not good:
-        return None
-    best = next((each for each in good if each.name == "smoother"), good[0])
-    most = MOST_EPOCHS_WITH_MAP if setup.initial.has_landmarks else MOST_EPOCHS
-    return best.mean[:most]
+    return next((each for each in good if each.name == "smoother"), good[0] if good else None)
 
 
 def _stated(setup: "Setup") -> frozenset[str]:

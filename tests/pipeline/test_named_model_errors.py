@@ -10,6 +10,8 @@ import pytest
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.errors import InputError
+from spinfilters.estimators.model_errors.alternative import table
+from spinfilters.estimators.model_errors.score_tests import ScoreTest
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.pipeline import model_errors
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
@@ -114,6 +116,20 @@ def test_tests_that_cannot_be_made_are_a_reason_for_doubt(monkeypatch: pytest.Mo
     assert status.verdict == "degraded"
     assert any("could not be looked for (no factor" in each for each in status.reasons)
     assert comparison.models.names == ()
+
+
+@pytest.mark.parametrize(
+    ("size", "contradicted", "names"),
+    [(0.5, False, ()), (0.5, True, ("torque",)), (1.5, False, ("torque",))],
+)
+def test_an_error_beyond_chance_is_named_where_it_moves_a_state(
+    size: float, contradicted: bool, names: tuple[str, ...]
+) -> None:
+    std = np.full((3, 2), 0.1)
+    shift = np.array([[0.0, 0.0], [0.01, -0.1 * size], [0.0, 0.02]])
+    one = np.ones(1)
+    test = ScoreTest(table()["torque"], one, one, 40.0, 1.0, 40.0, 1e-8, shift)
+    assert model_errors.TestedModels((test,), contradicted, std=std).names == names
 
 
 def test_epochs_that_gates_refuse_in_a_row_are_tested_and_no_outliers() -> None:

@@ -34,6 +34,8 @@ MOST_EPOCHS: Final = 60
 """At which an error drawn by epoch is looked for; of a longer recording they are chosen evenly."""
 VARIANCES: Final = np.logspace(-2, 6, 65)
 """Of an error by epoch that are tried, in those that its most telling direction is known to."""
+TELLING: Final = 1e-2
+"""Probability of a test below which its error is removed from the solution, to see what that changes."""
 TESTED_VARIANCES: Final = (0.1, 1.0, 10.0, 100.0)
 """Likewise, for each of which there is a test: the most powerful one against it."""
 
@@ -47,6 +49,7 @@ class ScoreTest:
     size, std: of its components, in its unit; of an error by epoch its standard deviation.
     statistic, dof: of the score, chi-squared without the error.   gain: see the module.
     p_value: probability of as much without the error.
+    shift: (k, n) by which the states of all epochs move once the error is removed; None of one that is not `TELLING`.
     """
 
     error: Alternative
@@ -56,6 +59,13 @@ class ScoreTest:
     dof: float
     gain: float
     p_value: float
+    shift: Float[np.ndarray, "k n"] | None = None
+
+    def effect(self, std: Float[np.ndarray, "k n"]) -> float:
+        """The largest move of a state in its deviations; infinite where it is not known."""
+        if self.shift is None or not (np.isfinite(self.shift).all() and std.shape == self.shift.shape):
+            return np.inf
+        return float(np.max(np.abs(self.shift) / np.where(std > 0, std, np.inf), initial=0.0))
 
     @property
     def merit(self) -> float:
@@ -112,15 +122,18 @@ def _constant(
     for error, columns in errors:
         own = slice(first, first + columns.count)
         first = own.stop
-        found.append(_tested(noise, (error, columns), after.part(own), left))
+        found.append(_tested(motion, noise, (error, columns, after.part(own)), left))
     return found
 
 
 def _tested(
-    noise: NoiseComponents, named: tuple[Alternative, Columns], after: Columns, left: Columns
+    motion: SmoothedMotion,
+    noise: NoiseComponents,
+    named: tuple[Alternative, Columns, Columns],
+    left: Columns,
 ) -> ScoreTest | None:
-    """One error of the whole recording; ``after`` is M H."""
-    error, columns = named
+    """One error of the whole recording, with H and M H."""
+    error, columns, after = named
     scale = np.sqrt(np.diag(columns.gram(columns)))
     if not (np.isfinite(scale).all() and scale.max(initial=0.0) > 0):
         return None
@@ -135,11 +148,18 @@ def _tested(
     size = covariance @ u
     prior, dof = (scale * error.plausible) ** -2.0, float(told.sum())
     probable = along @ np.linalg.solve(along.T @ (F + np.diag(prior)) @ along, along.T @ u)
-    gain = noise.gain(left, left.minus(after.times((probable / scale)[:, None])))
+    removed = (probable / scale)[:, None]
+    gain = noise.gain(left, left.minus(after.times(removed)))
     gained = gain.value - float(prior @ probable**2)
     p_value = gain_tail(gained, dof, gain.dof)
     std = np.sqrt(np.diag(covariance)) / scale
-    return ScoreTest(error, size / scale, std, float(u @ size), dof, gained, p_value)
+    shift = _shift(motion, columns.times(removed)) if p_value < TELLING else None
+    return ScoreTest(error, size / scale, std, float(u @ size), dof, gained, p_value, shift)
+
+
+def _shift(motion: SmoothedMotion, right: Columns) -> Float[np.ndarray, "k n"]:
+    """Of the states, by one right-hand side."""
+    return motion.rows.sensitivity(right).states[:, :, 0]
 
 
 def _by_epoch(
@@ -160,12 +180,15 @@ def _by_epoch(
     drawn = vectors @ (variance * along / (1 + variance * values))
     every[chosen] = drawn.reshape(len(chosen), -1)
     free = float((variance * values / (1 + variance * values)).sum())
-    removed = left.minus(motion.rows.residual(_drawn(motion, columns, every[:, :, None])))
-    gain = max(likelihood, noise.gain(left, removed).value - 2 * free) * K / len(chosen)
+    right = _drawn(motion, columns, every[:, :, None])
+    after = left.minus(motion.rows.residual(right))
+    gain = max(likelihood, noise.gain(left, after).value - 2 * free) * K / len(chosen)
     curvature = float(((values / (1 + variance * values)) ** 2).sum()) / 2
     std = np.sqrt(1 / curvature) / (2 * np.sqrt(variance)) if variance else curvature**-0.25
     p_value = _p_value(values, along, noise.sensor_dof)
-    return ScoreTest(error, np.array([np.sqrt(variance)]), np.array([std]), likelihood, 1.0, gain, p_value)
+    shift = _shift(motion, right) if p_value < TELLING else None
+    size = np.array([np.sqrt(variance)])
+    return ScoreTest(error, size, np.array([std]), likelihood, 1.0, gain, p_value, shift)
 
 
 def _p_value(values: Float[np.ndarray, " n"], along: Float[np.ndarray, " n"], dof: float) -> float:
