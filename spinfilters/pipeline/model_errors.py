@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.stats import chi2
 
 from spinfilters.data.input_file import reason
 from spinfilters.data.sensor_format import sensor_format
@@ -42,8 +43,9 @@ if TYPE_CHECKING:
 
 FALSE_ALARM: Final = 1e-2
 """Probability that a model error is named where all models are right: of all tests together (Bonferroni)."""
-LEAST_EFFECT: Final = 1.0
-"""Deviations by which removing an error moves some state of some epoch; of one that moves all by less, estimates stay honest."""
+LEAST_EFFECT: Final = 4.0
+"""Deviations, those that ``ok`` speaks of, by which removing an error moves some state of some epoch. One that moves all by less,
+and does not contradict the stated noise, leaves estimates honest."""
 NAMED: Final = 2
 """Errors that a verdict names at most."""
 MOST_EPOCHS_WITH_MAP, MOST_EPOCHS = 300, 1024
@@ -69,15 +71,15 @@ class TestedModels:
 
     @property
     def named(self) -> tuple[ScoreTest, ...]:
-        """Those that a verdict names: beyond chance, and of an effect on the estimates."""
+        """Those that a verdict names: the likeliest of those beyond chance, as far as they matter to the estimates."""
         beyond = FALSE_ALARM / max(len(self.tests), 1)
-        likely = (each for each in self.tests if each.p_value < beyond)
-        return tuple(each for each in likely if self.contradicted or self._effect(each) >= LEAST_EFFECT)[
-            :NAMED
-        ]
+        likely = [each for each in self.tests if each.p_value < beyond][:NAMED]
+        return tuple(each for each in likely if self.contradicted or self._matters(each, beyond))
 
-    def _effect(self, test: ScoreTest) -> float:
-        return np.inf if self.std is None else test.effect(self.std)
+    def _matters(self, test: ScoreTest, beyond: float) -> bool:
+        """Whether an error moves estimates, and is beyond chance at their noise levels, not only by what the levels fall."""
+        moves = self.std is None or test.effect(self.std) >= LEAST_EFFECT
+        return moves and float(chi2.sf(test.statistic, test.dof)) < beyond
 
     @property
     def names(self) -> tuple[str, ...]:

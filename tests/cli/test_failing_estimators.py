@@ -14,7 +14,7 @@ from failures import compared, of_casadi, singular
 from spinfilters.cli.main import main
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.evaluation import evaluation
-from spinfilters.pipeline import setup
+from spinfilters.pipeline import first_epochs
 from spinfilters.pipeline.estimators import smoother
 from spinfilters.state.gaussian import Gaussian
 
@@ -157,7 +157,7 @@ def test_a_body_that_cannot_be_evaluated_fails_its_estimator_alone(
 def test_first_frames_that_cannot_be_smoothed_fail_every_estimator_with_the_reason(
     recording: str, request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(setup, "_initialiser", lambda *_: singular)
+    monkeypatch.setattr(first_epochs, "initialise", singular)
     estimates = compared(request.getfixturevalue(recording), tmp_path / "run")
     for estimate in estimates.values():
         assert estimate["status"] == "failed"

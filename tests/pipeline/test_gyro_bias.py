@@ -11,6 +11,7 @@ from jaxtyping import Float
 from rich.console import Console
 
 from spinfilters.attitude.conversions import inverse, rotate
+from spinfilters.data.consider_parameter import exact_calibration
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.estimators.history import EstimateHistory
@@ -51,7 +52,9 @@ def beside_poses(seed: int, size: float = 1.0) -> Dataset:
         poses,
         log=MeasurementLog((gyro, *poses.log.streams)),
         truth=replace(truth, gyro_bias=bias),
-        options=replace(poses.options, gyro_noise_std=GYRO_STD),
+        options=replace(
+            poses.options, gyro_noise_std=GYRO_STD, calibration=exact_calibration(("pose", "gyro"))
+        ),
     )
 
 

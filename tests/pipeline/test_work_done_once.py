@@ -30,7 +30,7 @@ def test_the_first_filter_beside_a_smoother_of_landmarks_is_asked_once(
 ) -> None:
     agreements = counted(monkeypatch, doubts, "agreement_diagnostics", [])
     noise = counted(monkeypatch, doubts, "filter_noise_diagnostics", ["told"])
-    monkeypatch.setattr(doubts, "smoother_noise_diagnostics", lambda *_: [])
+    monkeypatch.setattr(doubts, "stated_level_diagnostics", lambda *_: [])
     setup: Any = SimpleNamespace(is_given=False, initial=SimpleNamespace(has_landmarks=True))
     pair: Any = [SimpleNamespace(name=name, history=None) for name in ("mekf", "smoother")]
     entries: Any = [SimpleNamespace(continues=name, is_baseline=False) for name in (True, False)]
