@@ -26,7 +26,7 @@ from spinfilters.estimators.model_errors.hypotheses import (
     solved_near,
     with_identified,
 )
-from spinfilters.estimators.model_errors.score_tests import ScoreTest, likelier, score_tests
+from spinfilters.estimators.model_errors.score_tests import Effect, ScoreTest, likelier, score_tests
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.estimators.smoothing.factors.landmark_observations import OBSERVATIONS_NEEDED, seen_ids
 from spinfilters.estimators.smoothing.problem.landmark_reinitialisation import reinitialised
@@ -43,9 +43,9 @@ if TYPE_CHECKING:
 
 FALSE_ALARM: Final = 1e-2
 """Probability that a model error is named where all models are right: of all tests together (Bonferroni)."""
-LEAST_EFFECT: Final = 4.0
-"""Deviations, those that ``ok`` speaks of, by which removing an error moves some state of some epoch. One that moves all by less,
-and does not contradict the stated noise, leaves estimates honest."""
+LEAST_EFFECT: Final = Effect(largest=10.0, rms=4.0)
+"""Deviations by which removing an error moves a state, at one epoch or over all. One that moves all by less, and does not contradict
+the stated noise, is left to the uncertainty: of a phone that is tossed there is always one, such as a hand that still touches it."""
 NAMED: Final = 2
 """Errors that a verdict names at most."""
 MOST_EPOCHS_WITH_MAP, MOST_EPOCHS = 300, 1024
@@ -78,7 +78,10 @@ class TestedModels:
 
     def _matters(self, test: ScoreTest, beyond: float) -> bool:
         """Whether an error moves estimates, and is beyond chance at their noise levels, not only by what the levels fall."""
-        moves = self.std is None or test.effect(self.std) >= LEAST_EFFECT
+        if self.std is None:
+            return True
+        effect = test.effect(self.std)
+        moves = effect.largest >= LEAST_EFFECT.largest or effect.rms >= LEAST_EFFECT.rms
         return moves and float(chi2.sf(test.statistic, test.dof)) < beyond
 
     @property

@@ -120,7 +120,7 @@ def test_tests_that_cannot_be_made_are_a_reason_for_doubt(monkeypatch: pytest.Mo
 
 @pytest.mark.parametrize(
     ("size", "contradicted", "names"),
-    [(2.0, False, ()), (2.0, True, ("torque",)), (6.0, False, ("torque",))],
+    [(5.0, False, ()), (5.0, True, ("torque",)), (8.0, False, ("torque",)), (11.0, False, ("torque",))],
 )
 def test_an_error_beyond_chance_is_named_where_it_moves_a_state(
     size: float, contradicted: bool, names: tuple[str, ...]

@@ -15,7 +15,7 @@ without the error: `null_distributions`.
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -40,6 +40,13 @@ TESTED_VARIANCES: Final = (0.1, 1.0, 10.0, 100.0)
 """Likewise, for each of which there is a test: the most powerful one against it."""
 
 
+class Effect(NamedTuple):
+    """Moves of the component of a state that moves most, in deviations: at one epoch, and root mean square over all."""
+
+    largest: float
+    rms: float
+
+
 @dataclass(frozen=True)
 class ScoreTest:
     """What one model error explains.
@@ -61,11 +68,14 @@ class ScoreTest:
     p_value: float
     shift: Float[np.ndarray, "k n"] | None = None
 
-    def effect(self, std: Float[np.ndarray, "k n"]) -> float:
-        """The largest move of a state in its deviations; infinite where it is not known."""
+    def effect(self, std: Float[np.ndarray, "k n"]) -> Effect:
+        """How far the states would move, in their deviations; infinite where it is not known."""
         if self.shift is None or not (np.isfinite(self.shift).all() and std.shape == self.shift.shape):
-            return np.inf
-        return float(np.max(np.abs(self.shift) / np.where(std > 0, std, np.inf), initial=0.0))
+            return Effect(np.inf, np.inf)
+        moved = np.abs(self.shift) / np.where(std > 0, std, np.inf)
+        return Effect(
+            float(moved.max(initial=0.0)), float(np.sqrt(np.mean(moved**2, axis=0)).max(initial=0.0))
+        )
 
     @property
     def merit(self) -> float:
