@@ -44,8 +44,8 @@ if TYPE_CHECKING:
 FALSE_ALARM: Final = 1e-2
 """Probability that a model error is named where all models are right: of all tests together (Bonferroni)."""
 LEAST_EFFECT: Final = Effect(largest=10.0, rms=4.0)
-"""Deviations by which removing an error moves a state, at one epoch or over all. One that moves all by less, and does not contradict
-the stated noise, is left to the uncertainty: of a phone that is tossed there is always one, such as a hand that still touches it."""
+"""Deviations by which removing an error moves a state, at one epoch or over all. One that moves all by less, and does not
+contradict the stated noise, is left to the uncertainty: of a tossed phone there is always one, as a hand that still touches."""
 NAMED: Final = 2
 """Errors that a verdict names at most."""
 MOST_EPOCHS_WITH_MAP, MOST_EPOCHS = 300, 1024
