@@ -15,15 +15,12 @@ from typing import Final
 
 import numpy as np
 
+from spinfilters.campaigns.metrics import nees_metrics
 from spinfilters.data.camera import StereoRig
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog
-from spinfilters.data.truth import Truth
-from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.consistency import normalised_square, true_states
 from spinfilters.evaluation.deviation_parts import without_calibration
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
-from spinfilters.evaluation.span import span_errors
 from spinfilters.pipeline.estimation import ComparisonExtent, compare_estimators
 from spinfilters.pipeline.setup import prepare
 from spinfilters.settings.run_settings import Settings
@@ -93,11 +90,7 @@ def honesty(scenario: Scenario, seed: int, estimators: Sequence[str]) -> Iterato
 
 def _nees(evaluation: Evaluation, dataset: Dataset) -> float:
     """Of the whole state over the estimator's own epochs; of a gyro's of rate and mass distribution."""
-    begin, truth = evaluation.own_begin, dataset.truth
-    found = None if begin is None else span_errors(evaluation, begin)
-    if found is None or truth is None:
-        return np.nan
-    return body_nees(evaluation.history, truth) if found.nees is None else found.nees
+    return np.nan if dataset.truth is None else nees_metrics(evaluation, dataset.truth).get("nees", np.nan)
 
 
 def main() -> None:
@@ -123,15 +116,6 @@ def main() -> None:
                 f"{name} {estimator}: total {np.nanmean(total):.2f} (at most {np.nanmax(total):.2f}), random part alone "
                 f"{np.nanmean(random):.1f}; ok {sum(each.is_ok for each in own)} of {len(own)}"
             )
-
-
-def body_nees(history: EstimateHistory, truth: Truth) -> float:
-    """Per degree of freedom of rate and mass distribution, which need no frame i: of a gyro, whose axes are g."""
-    layout = history.layout
-    blocks = [*range(*layout.slice("w").indices(99)), *range(*layout.slice("s").indices(99))]
-    error = layout.local(history.mean, true_states(truth, layout)[: len(history.mean)])
-    nees = normalised_square(error[history.own][:, blocks], history.factor[history.own][:, blocks])
-    return float(np.mean(nees)) / len(blocks)
 
 
 if __name__ == "__main__":

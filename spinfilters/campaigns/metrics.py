@@ -32,7 +32,7 @@ def metrics(evaluation: Evaluation, truth: Truth | None) -> dict[str, Any]:
     if truth is None or evaluation.errors is None:
         return found
     return (
-        found | _error_metrics(evaluation) | _nees_metrics(evaluation, truth) | _rightness(evaluation, truth)
+        found | _error_metrics(evaluation) | nees_metrics(evaluation, truth) | _rightness(evaluation, truth)
     )
 
 
@@ -98,7 +98,8 @@ def _body(prefix: str, body: BodyErrors) -> dict[str, Any]:
     return {f"{prefix}_{name}": value for name, value in zip(BODY_ERRORS, each, strict=True)}
 
 
-def _nees_metrics(evaluation: Evaluation, truth: Truth) -> dict[str, Any]:
+def nees_metrics(evaluation: Evaluation, truth: Truth) -> dict[str, Any]:
+    """NEES per degree of freedom over own epochs; of a gyro, without attitude."""
     nees, begin = evaluation.nees, evaluation.own_begin
     if nees is None and begin is not None and not evaluation.history.layout.translates:
         return _body_nees(evaluation.history, truth)
