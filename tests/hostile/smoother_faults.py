@@ -13,11 +13,13 @@ disturbances, and the band must show it.
 import argparse
 import os
 import signal
+import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import count
 
 import numpy as np
 
@@ -49,17 +51,16 @@ CONFIDENCE = 0.99
 SLIDING = SmootherSettings().options(LONG_RUN)
 
 
-def motion(seed: int, epochs: int) -> tuple[np.ndarray, list[ArrivedEpoch]]:
-    """Last true state, and what a gyro says of every epoch."""
+def motion(seed: int) -> Iterator[tuple[np.ndarray, ArrivedEpoch]]:
+    """True states, and what a gyro says of them, without end."""
     rng, process = np.random.default_rng(seed), TorqueFreeProcess(LAYOUT, ProcessNoise(PSD, PSD))
-    x, made = LAYOUT.retract(truth(), STD * rng.normal(size=len(STD))), []
-    for k in range(epochs):
+    x = LAYOUT.retract(truth(), STD * rng.normal(size=len(STD)))
+    for k in count(1):
         x, _, noise = process.linearise(x, INTERVAL)
         x = LAYOUT.retract(x, noise @ rng.normal(size=noise.shape[1]))
-        instant = np.array([INTERVAL * (k + 1)])
+        instant = np.array([INTERVAL * k])
         values = x[LAYOUT.mean_slice("w")][None] + RATE_STD * rng.normal(size=(1, 3))
-        made.append(ArrivedEpoch(float(instant[0]), (MeasurementStream("gyro", instant, values),)))
-    return x, made
+        yield x, ArrivedEpoch(float(instant[0]), (MeasurementStream("gyro", instant, values),))
 
 
 @dataclass
@@ -72,10 +73,10 @@ class Fault:
 
 
 class FaultyRun:
-    """Epochs on the clock, with a fault every so many."""
+    """Epochs on the clock until all faults are over, with one so many epochs after the smoother came back from the last."""
 
     def __init__(self, seed: int, faults: int, believed: float) -> None:
-        self.state, self.given = motion(seed, (faults + 1) * EPOCHS_OF_A_FAULT)
+        self.state, self.given, self._seed = truth(), 0, seed
         process = TorqueFreeProcess(LAYOUT, ProcessNoise(believed * PSD, believed * PSD))
         filter_ = MultiplicativeEkf(process)
         filter_.start(Gaussian(LAYOUT, truth(), np.diag(STD)))
@@ -84,34 +85,31 @@ class FaultyRun:
         self.executive = Executive(setup, LiveOptions(supervision=supervision, history=500, sliding=SLIDING))
         self.faults: Counter[str] = Counter()
         self.back: list[float] = []
-        self._rng, self._fault, self._wanted = np.random.default_rng(seed), None, 0
+        self._rng, self._fault, self._wanted = np.random.default_rng(seed), None, faults
+        self._quiet = 0
 
     def answers(self) -> Iterator[Answer]:
         """All of them."""
         return self.executive.run(self._arriving())
 
     def _arriving(self) -> Iterator[ArrivedEpoch | None]:
-        for k, epoch in enumerate(self.given):
-            self._wanted += k % EPOCHS_OF_A_FAULT == EPOCHS_OF_A_FAULT // 2 and k > EPOCHS_OF_A_FAULT
+        for self.state, epoch in motion(self._seed):
+            self.given, self._quiet = self.given + 1, self._quiet + 1
             yield ArrivedEpoch(epoch.time, epoch.streams)
             due = time.monotonic() + INTERVAL / PACE
             while time.monotonic() < due:
                 self._meddle()
                 yield None
                 time.sleep(0.002)
-        end = time.monotonic() + BACK_WITHIN
-        while self._fault is not None and time.monotonic() < end:
-            self._meddle()
-            yield None
-            time.sleep(0.002)
-        if self._fault is not None:
-            self.back.append(np.inf)
+            if len(self.back) == self._wanted and self._quiet > EPOCHS_OF_A_FAULT:
+                return
 
     def _meddle(self) -> None:
         """Begin a fault that is due, go on with one, and see whether the smoother is back."""
         pid, handed = self.executive.supervisor.pid, self.executive.summary.events["hand-over"]
         if self._fault is None:
-            if self._wanted > self.faults.total() and pid is not None and handed:
+            due = self._wanted > self.faults.total() and self._quiet > EPOCHS_OF_A_FAULT
+            if due and pid is not None and handed:
                 self._begin(str(self._rng.choice(KINDS)), pid, handed)
             return
         now = time.monotonic()
@@ -120,9 +118,9 @@ class FaultyRun:
             _signal(pid, signal.SIGSTOP if stopped else signal.SIGCONT)
         if now < self._fault.over:
             self._fault.handed = handed
-        elif handed > self._fault.handed:
-            self.back.append(now - self._fault.over)
-            self._fault = None
+        elif handed > self._fault.handed or now - self._fault.over > BACK_WITHIN:
+            self.back.append(now - self._fault.over if handed > self._fault.handed else np.inf)
+            self._fault, self._quiet = None, 0
 
     def _begin(self, kind: str, pid: int, handed: int) -> None:
         self.faults[kind] += 1
@@ -153,17 +151,23 @@ def main() -> int:
     parser.add_argument("--believed", type=float, default=1.0)
     options = parser.parse_args()
     faults, events, back, nees = Counter[str](), Counter[str](), list[float](), list[float]()
-    count, wanted, infinite = 0, 0, 0
+    answered, wanted, infinite = 0, 0, 0
     for seed in range(options.runs):
         run = FaultyRun(seed, options.faults, options.believed)
-        last, wanted = None, wanted + len(run.given)
+        last = None
         for answer in run.answers():
-            count, last = count + 1, answer
+            answered, last = answered + 1, answer
             json_line(answer)  # refuses what is not finite
             infinite += not np.isfinite(answer.belief.factor).all()
         assert last is not None
+        wanted += run.given
         error = LAYOUT.local(last.belief.mean, run.state)
         nees.append(float(error @ np.linalg.solve(last.belief.covariance, error)))
+        longest = max(run.back, default=0.0)
+        print(
+            f"run {seed + 1} of {options.runs}: {run.faults.total()} faults, back after at most {longest:.1f} s",
+            file=sys.stderr,
+        )
         faults, events, back = faults + run.faults, events + run.executive.summary.events, back + run.back
     low, high = (
         float(limit) / LAYOUT.error_dim
@@ -171,12 +175,12 @@ def main() -> int:
     )
     mean = float(np.mean(nees)) / LAYOUT.error_dim
     print(
-        f"{faults.total()} faults {dict(faults)}; {count} of {wanted} epochs answered, {infinite} not finite"
+        f"{faults.total()} faults {dict(faults)}; {answered} of {wanted} epochs answered, {infinite} not finite"
     )
     print(f"NEES per dof of {options.runs} last answers: mean {mean:.2f}, band {low:.2f} to {high:.2f}")
     print(f"back in use after {np.median(back):.1f} s, at most {max(back):.1f} s, {len(back)} times")
     print(f"events: {dict(sorted(events.items()))}")
-    wrong = count < wanted or infinite or not low < mean < high or max(back) > BACK_WITHIN
+    wrong = answered < wanted or infinite or not low < mean < high or max(back) > BACK_WITHIN
     return int(wrong or len(back) < faults.total())
 
 
