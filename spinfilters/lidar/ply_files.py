@@ -47,7 +47,10 @@ class PlyContent:
 
 @dataclass(frozen=True)
 class _Element:
-    """An element of the header: its properties as (name, type), or as (name, count type, item type) of a list."""
+    """An element of the header with its properties.
+
+    Each as (name, type), or as (name, count type, item type) of a list.
+    """
 
     name: str
     count: int
@@ -84,7 +87,10 @@ def write_ply(
     comments: tuple[str, ...],
     triangles: Int[np.ndarray, "f 3"] | None = None,
 ) -> None:
-    """Binary PLY of points with these properties (float64, int32 or uint8), and of triangles of them. Atomic."""
+    """Write a binary PLY of points and triangles, atomically.
+
+    Properties of float64, int32 or uint8.
+    """
     kinds = {"f": ("double", "<f8"), "i": ("int", "<i4"), "u": ("uchar", "u1")}
     layout = [(name, kinds[values.dtype.kind][1]) for name, values in columns.items()]
     count = len(next(iter(columns.values())))

@@ -1,4 +1,7 @@
-"""Tracks of a whole sequence: visual odometry, bundle adjustment, global association, and the noise of what comes out."""
+"""Tracks of a whole sequence of images.
+
+Visual odometry, bundle adjustment, global association, and the noise of what comes out.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -70,7 +70,10 @@ class SiftDetector:
 
 
 class OrbDetector:
-    """ORB (Rublee et al. 2011): several times faster, and less exact. Bits are kept as +1 and -1."""
+    """ORB features (Rublee et al. 2011): faster and less exact.
+
+    Bits are kept as +1 and -1.
+    """
 
     def __init__(self) -> None:
         self._orb = cv2.ORB.create(nfeatures=MOST_FEATURES, fastThreshold=8)

@@ -132,7 +132,7 @@ class LinearRows:
 
     @cached_property
     def observation_rows(self) -> Float[np.ndarray, "N 3 10"] | None:
-        """Rows [J | y] of observations by pose and landmark, zero of those that do not count."""
+        """Rows [J | y] of observations by pose and landmark, zero of outliers."""
         fit, linear = self.normal.eliminated, self.here.linear
         if fit is None or linear is None:
             return None

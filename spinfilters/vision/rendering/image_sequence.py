@@ -1,4 +1,4 @@
-"""A sequence of rendered stereo pairs of a true motion, as a data set folder in the EuRoC layout."""
+"""Rendered stereo pairs of a true motion in the EuRoC layout."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field

@@ -35,7 +35,10 @@ class TriangleMesh:
 
     @cached_property
     def normals(self) -> Float[np.ndarray, "f 3 3"]:
-        """Outward unit normal at each corner of each face: of the face, or of a smooth surface (`SMOOTH_FACES`)."""
+        """Outward unit normal at each corner of each face.
+
+        Of the face, or of a smooth surface (`SMOOTH_FACES`).
+        """
         a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
         areas = np.cross(b - a, c - a)
         if len(self.faces) <= SMOOTH_FACES:
@@ -46,13 +49,18 @@ class TriangleMesh:
         return _unit(sums)[self.faces]
 
     def scaled_to(self, radius: float) -> "TriangleMesh":
-        """The mesh centred in its bounding box, with the farthest vertex at this distance from the centre, m."""
+        """The mesh centred in its bounding box and scaled.
+
+        The farthest vertex is at this distance from the centre, m.
+        """
         centred = self.vertices - (self.vertices.max(axis=0) + self.vertices.min(axis=0)) / 2
         return TriangleMesh(centred * (radius / np.linalg.norm(centred, axis=1).max()), self.faces)
 
 
 def named_mesh(shape: str, radius: float) -> TriangleMesh:
-    """A polyhedron of `POLYHEDRA`, or the mesh of a file (.obj, binary .stl, or a table of vertices and faces).
+    """A polyhedron of `POLYHEDRA`, or the mesh of a file.
+
+    .obj, binary .stl, or a table of vertices and faces.
 
     Raises
     ------
@@ -111,7 +119,10 @@ def _convex(points: Float[np.ndarray, "v 3"]) -> TriangleMesh:
 
 
 def _from_rows(data: bytes) -> tuple[list[list[float]], np.ndarray]:
-    """Rows 'v x y z' and 'f a b c' (from 1, or from 0 where a row says so; OBJ's a/b/c keep the first), polygons as fans."""
+    """Mesh of rows 'v x y z' and 'f a b c', polygons as fans.
+
+    From 1, or from 0 where a row says so; OBJ's a/b/c keep the first.
+    """
     vertices, faces = [], []
     for line in data.decode("utf-8", "replace").splitlines():
         words = line.split()

@@ -1,4 +1,7 @@
-"""A constant acceleration of the centre of mass: gravity, thrust, drag of the air on a fast throw."""
+"""Constant acceleration of the centre of mass.
+
+Gravity, thrust, drag of the air on a fast throw.
+"""
 
 from typing import ClassVar, Final
 

@@ -1,4 +1,4 @@
-"""Errors of cameras: their calibration, the right one of a pair, and the hand that holds them."""
+"""Errors of cameras: calibration, right camera of a pair, motion of the hand."""
 
 from abc import abstractmethod
 from typing import ClassVar, Final
@@ -25,7 +25,10 @@ def _sees(each: MeasuredRows) -> bool:
 
 
 def _normalised(each: MeasuredRows) -> tuple[Float[np.ndarray, "r i"], Float[np.ndarray, "r i"]]:
-    """Predicted pixels over the focal length, about the principal point, and the focal length of each component."""
+    """Normalised image coordinates of predicted pixels, and the focal lengths.
+
+    About the principal point, for each component.
+    """
     pixels, calibration = each.model.predict(each.states, each.parameters), each.parameters[:, CALIBRATION:]
     columns = [U, V, U][: pixels.shape[1]]
     focal, centre = calibration[:, columns], calibration[:, [2 + k for k in columns]]
@@ -60,7 +63,10 @@ class CameraShake(_CameraAlternative):
 
 
 class _CalibrationAlternative(Alternative):
-    """An error of the calibration, as estimates consider it: the data are of a larger number than they are read with."""
+    """Error of the calibration, as estimates consider it.
+
+    The data are of a larger number than they are read with.
+    """
 
     parameter: ClassVar[ConsiderParameter]
 

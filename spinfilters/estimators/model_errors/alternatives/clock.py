@@ -23,7 +23,10 @@ class ClockJitter(Alternative):
 
 
 class ClockDrift(Alternative):
-    """The clock runs ever faster or slower: epochs are late by the square of the time from the middle, in units of its span."""
+    """Linear drift of the clock.
+
+    Epochs are late by the square of the time from the middle, in units of its span.
+    """
 
     name, phrase, unit = "clock-drift", "a drift of the clock's rate", "s over the recording"
     cure = "check the clock, and the unit of the time stamps"

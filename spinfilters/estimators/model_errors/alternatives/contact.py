@@ -1,4 +1,4 @@
-"""A hand or the ground that still touches the body in the first epochs, or touches it again in the last."""
+"""Contact with a hand or the ground in the first or last epochs."""
 
 from dataclasses import dataclass
 from typing import Final

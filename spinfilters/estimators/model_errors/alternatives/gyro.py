@@ -52,7 +52,10 @@ class GyroBias(_GyroAlternative):
 
 
 class GyroDrift(_GyroAlternative):
-    """w reads w + b s, with s from -1 at the begin to 1 in the end."""
+    """Linear drift of the gyro bias.
+
+    w reads w + b s, with s from -1 at the begin to 1 in the end.
+    """
 
     name, phrase, unit = "gyro-drift", "a bias of the gyro that drifts", "rad/s"
     plausible = 0.05
@@ -88,7 +91,10 @@ class GyroMisalignment(_GyroAlternative):
 
 
 class GyroLowPass(_GyroAlternative):
-    """Amplitudes fall with the square of the frequency: w reads w + tau^2 w'' / 2; its lag is a shift of time."""
+    """Low-pass filter of the gyro.
+
+    w reads w + tau^2 w'' / 2: amplitudes fall with the square of the frequency; its lag is a shift of time.
+    """
 
     name, phrase, unit = "gyro-low-pass", "a low-pass filter within the gyro", "s^2"
     plausible = 0.1

@@ -10,7 +10,10 @@ from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 
 
 class EnergyLoss(Alternative):
-    """J w' loses k |h| (w less its part along h): the kinetic energy falls, |h| stays."""
+    """Energy dissipation: the kinetic energy falls, the angular momentum stays.
+
+    J w' loses k |h| (w less its part along h).
+    """
 
     name, phrase, unit = "energy-loss", "a loss of energy within the body", "1/rad"
     plausible = 0.3
@@ -28,7 +31,10 @@ class EnergyLoss(Alternative):
 
 
 class Rotor(Alternative):
-    """J w' gains h_r x w of a constant angular momentum h_r inside, in units of J times rad/s."""
+    """Constant angular momentum h_r of a rotor inside.
+
+    J w' gains h_r x w; h_r in units of J times rad/s.
+    """
 
     name, phrase, unit = "rotor", "a rotor turning inside", "rad/s"
     plausible = 1.0
