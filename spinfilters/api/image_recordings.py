@@ -87,7 +87,10 @@ def render(scenario: ImageScenario, folder: Path, progress: Callable[[int, int],
 
 
 def example_rig(size: tuple[int, int] = _SIZE) -> RawRig:
-    """A rig as it is built: lenses that distort, cameras 0.3 deg from parallel; focal length and baseline of the thesis."""
+    """Example of a raw rig: distorting lenses, cameras 0.3 deg from parallel.
+
+    Focal length and baseline of the thesis.
+    """
     width, height = size
     focal = _FOCAL_PX * width / _SIZE[0]
     turned = np.array([[1.0, -0.002, 0.004], [0.002, 1.0, -0.003], [-0.004, 0.003, 1.0]])

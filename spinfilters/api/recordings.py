@@ -38,7 +38,9 @@ def load(
     rate: float | None = None,
     topic: str | None = None,
 ) -> Dataset:
-    """Data set of a folder or file: whatever ``spinfilters compare`` reads; of stereo images it is their tracks.
+    """Data set of a folder or file.
+
+    Whatever ``spinfilters compare`` reads; of stereo images it is their tracks.
 
     Parameters
     ----------
@@ -80,7 +82,9 @@ def simulate(
     beside: Mapping[str, float] | None = None,
     progress: Progress = silent,
 ) -> Dataset:
-    """Simulated data set with truth, as ``spinfilters simulate`` writes it: of the thesis' body, camera, noise and disturbances.
+    """Simulated data set with truth, as ``spinfilters simulate`` writes it.
+
+    Of the thesis' body, camera, noise and disturbances.
 
     Parameters
     ----------

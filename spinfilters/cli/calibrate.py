@@ -64,7 +64,10 @@ def _figure(found: StereoCalibration, pair: tuple[Path, Path]) -> Any:
 
 
 def stated_deviations(found: StereoCalibration) -> tuple[str, str]:
-    """What each camera's file says of its uncertainty; the place of the right one is the baseline."""
+    """Standard deviations that each camera's file states.
+
+    The place of the right one is the baseline.
+    """
     left, right = ([camera.std[key] for key in PARAMETERS[:4]] for camera in found.cameras)
     return deviations_text(left), deviations_text(right, found.baseline_std)
 

@@ -44,7 +44,10 @@ class CheckError(Exception):
 
 @dataclass(frozen=True)
 class Check:
-    """One self-check: ``measure`` returns a short text of numbers or raises; ``cure`` is what to do then."""
+    """One self-check.
+
+    ``measure`` returns a short text of numbers or raises; ``cure`` is what to do then.
+    """
 
     name: str
     measure: Callable[[], str]
@@ -81,7 +84,10 @@ def process_linearisation() -> str:
 
 
 def filters_run() -> str:
-    """Both filters on two seconds of a simulated gyro, from a sphere turning at the first measured rate."""
+    """Both filters on two seconds of a simulated gyro.
+
+    From a sphere turning at the first measured rate.
+    """
     process = TorqueFreeProcess(StateLayout(ROTATION_BLOCKS), ProcessNoise())
     log = simulate(Scenario(kind="gyro", epochs=20, interval=0.1)).log
     timeline = build_timeline(log, process.layout, SensorNoise())

@@ -26,7 +26,10 @@ DEBUG: Final[str] = "SPINFILTERS_DEBUG"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; returns the exit code: 0, or 2 for anything that the user can mend."""
+    """Run a command.
+
+    Returns the exit code: 0, or 2 for anything that the user can mend.
+    """
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # before NumPy loads: threads only slow matrices this small
     if isinstance(sys.stdout, io.TextIOWrapper):  # a file name need not be text that the terminal has

@@ -18,7 +18,10 @@ SMALLEST_VARIANCE: Final[float] = 1e-24
 
 
 def covariance_columns(sensor: str) -> tuple[str, ...]:
-    """Header of a sensor's covariance table: the time, then the lower triangle c00, c10, c11, c20 ..."""
+    """Header of a sensor's covariance table.
+
+    The time, then the lower triangle c00, c10, c11, c20 ...
+    """
     rows, columns = np.tril_indices(sensor_format(sensor).dimension)
     return ("time_s", *(f"c{i}{j}" for i, j in zip(rows.tolist(), columns.tolist(), strict=True)))
 

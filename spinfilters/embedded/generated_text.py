@@ -50,7 +50,9 @@ def model_texts(options: EmbedOptions) -> tuple[str, str]:
 
 
 def function_text(function: ca.Function) -> str:
-    """A function of scalar expressions as C: inputs and outputs by name, no work arrays, numbers of the filter's precision.
+    """A function of scalar expressions as C.
+
+    Inputs and outputs by name, no work arrays, numbers of the filter's precision.
 
     Raises
     ------
@@ -151,7 +153,10 @@ def config_text(options: EmbedOptions) -> str:
 
 
 def noise_weights(substeps: int) -> list[float]:
-    """Weights of the noise at the nodes of a prediction: Simpson's of two substeps, Boole's of more."""
+    """Weights of the noise at the nodes of a prediction.
+
+    Simpson's of two substeps, Boole's of more.
+    """
     return list(SIMPSON) if substeps == 2 else [float(weight) for weight in boole_weights(substeps)]
 
 
@@ -167,7 +172,10 @@ def _starts(rows: list[list[int]]) -> list[int]:
 
 
 def _ends(g: list[list[int]], moving: int) -> list[int]:
-    """Columns that a row of [Phi U | G] fills, at most, once the rows below it have been taken out."""
+    """Columns that a row of [Phi U | G] fills, at most.
+
+    Once the rows below it have been taken out.
+    """
     ends = [moving + 1 + max(row) for row in g]
     assert moving % 3 == 0
     return [-(-max(ends[k:]) // 3) * 3 for k in range(len(ends))]

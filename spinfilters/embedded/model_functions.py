@@ -39,8 +39,9 @@ def model_functions(options: EmbedOptions) -> list[ca.Function]:
 
 
 def inertia_function() -> ca.Function:
-    """s (5) to J (6, lower triangle column by column) and its first five entries' derivatives (5 x 5) by the error of s.
+    """J and its first five entries' derivatives by the error of s.
 
+    s (5) to J (6, lower triangle column by column), derivatives (5 x 5).
     The scale of J does not matter, so that of J33 is put into the other five.
     """
     s, d = ca.SX.sym("s", 5), ca.SX.sym("d", 5)
@@ -65,8 +66,9 @@ def substep_function() -> ca.Function:
 
 
 def transition_expression(layout: StateLayout) -> tuple[list[ca.SX], list[ca.SX]]:
-    """Inputs and (point after, transition n x n, noise factor n x k) of a step from those of its rotation.
+    """Symbolic step from that of its rotation.
 
+    Inputs and (point after, transition n x n, noise factor n x k).
     Inputs, matrices row by row: the point, its rotation after the step (q 4, w 3), Psi_aa, Psi_aw, Psi_ww (3 x 3), Theta_a,
     Theta_w (3 x 5, by entries of J), dJ (5 x 5), the rotation's noise of unit density (6 x 6, lower triangle row by row), dt, and
     densities (force, torque).
@@ -92,7 +94,10 @@ def transition_expression(layout: StateLayout) -> tuple[list[ca.SX], list[ca.SX]
 
 
 def transition_function(layout: StateLayout) -> ca.Function:
-    """`transition_expression` with the structural non-zeros of the moving rows of transition and factor alone, row by row."""
+    """`transition_expression` with structural non-zeros alone, row by row.
+
+    Of the moving rows of transition and factor.
+    """
     inputs, (after, transition, factor) = transition_expression(layout)
     moving = moving_dim(layout)
     rows = [_nonzeros_by_row(each[:moving, :]) for each in (transition, factor)]
@@ -106,14 +111,20 @@ def moving_dim(layout: StateLayout) -> int:
 
 
 def transition_pattern(layout: StateLayout) -> tuple[list[list[int]], list[list[int]]]:
-    """Columns of the structural non-zeros of every moving row, of the transition and of the noise factor."""
+    """Columns of the structural non-zeros of every moving row.
+
+    Of the transition and of the noise factor.
+    """
     _, (_, transition, factor) = transition_expression(layout)
     moving = moving_dim(layout)
     return _columns_by_row(transition[:moving, :]), _columns_by_row(factor[:moving, :])
 
 
 def correction_function(layout: StateLayout) -> ca.Function:
-    """x [+] d, and the reset Jacobians less the identity, of attitude (3 x 3) and mass distribution (5 x 5)."""
+    """x [+] d, and the reset Jacobians less the identity.
+
+    Of attitude (3 x 3) and mass distribution (5 x 5).
+    """
     x, d = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("d", layout.error_dim)
     before, y = layout.unpack(x), {}
     moved = ca.SX()
@@ -148,8 +159,9 @@ def measurement_function(model: MeasurementModel) -> ca.Function:
 
 
 def landmark_functions(model: LandmarkSensor) -> list[ca.Function]:
-    """A landmark sensor's observation, and a landmark from one, both of its point y in frame i (3, m).
+    """A landmark sensor's observation, and its inverse.
 
+    Both of the landmark's point y in frame i (3, m).
     Such a sensor sees the state through y = t + R_ig p alone, so how an observation depends on pose and landmark follows from how
     it depends on y. The sensor's own function: whitened innovation, its derivative by y (3 x 3), validity. ``new``: y, root of the
     covariance that the sensor's noise gives it (3 x 3), whether told.
@@ -184,7 +196,10 @@ def rotation_function(layout: StateLayout) -> ca.Function:
 def _translate(
     layout: StateLayout, given: tuple[ca.SX, ca.SX, ca.SX, ca.SX], transition: ca.SX, factor: ca.SX
 ) -> Expression:
-    """Fill in the rows of t and v; returns t after the step: t + R c + dt v - R' c."""
+    """Fill in the rows of t and v, give t after the step.
+
+    t + R c + dt v - R' c.
+    """
     x, q_after, dt, force_psd = given
     values = layout.unpack(x)
     t, a, v, w, c, s = (layout.slice(name) for name in ("t", "a", "v", "w", "c", "s"))
@@ -203,7 +218,10 @@ def _translate(
 def _function(
     name: str, expressions: tuple[list[ca.SX], list[Expression]], inputs: list[str], outputs: list[str]
 ) -> ca.Function:
-    """A function whose outputs are written in full, zeros too: code that reads them knows no sparsity."""
+    """A function with dense outputs, zeros written too.
+
+    Code that reads them knows no sparsity.
+    """
     return ca.Function(
         name, expressions[0], [ca.densify(ca.SX(each)) for each in expressions[1]], inputs, outputs, SHARED
     )

@@ -1,4 +1,7 @@
-"""Test vectors of a generated filter: a short motion, its measurements, and what the reference says of it."""
+"""Test vectors of a generated filter.
+
+A short motion, its measurements, and what the reference says of it.
+"""
 
 from dataclasses import dataclass
 
@@ -84,7 +87,10 @@ class _PoseOrGyro:
 
 
 class _Stereo:
-    """Landmarks on the near side of a ball; at first those of every other place are known."""
+    """Stereo landmarks on the near side of a ball, half of them known.
+
+    At first those of every other place are known.
+    """
 
     def __init__(
         self, options: EmbedOptions, arrays: dict[str, np.ndarray], rng: np.random.Generator

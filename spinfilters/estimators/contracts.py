@@ -26,7 +26,10 @@ class Updated:
 
 
 class RecursiveEstimator(Protocol):
-    """Functions of beliefs that are never changed: the same arguments give the same belief, bit for bit."""
+    """Recursive estimator as functions of immutable beliefs.
+
+    The same arguments give the same belief, bit for bit.
+    """
 
     @property
     def name(self) -> str: ...

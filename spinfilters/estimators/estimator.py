@@ -39,7 +39,10 @@ NO_IDS = np.zeros(0, dtype=np.int64)
 
 @dataclass(frozen=True)
 class MapChange:
-    """What an update did to the landmarks in the state: ids that it used (with their weights), took in, and let go."""
+    """What an update did to the landmarks in the state.
+
+    Ids that it used (with their weights), took in, and let go.
+    """
 
     used: Int[np.ndarray, " u"]
     weights: Float[np.ndarray, " u"]
@@ -124,7 +127,10 @@ class Estimator(ABC):
         """Take in one sensor's values at the present time."""
 
     def update_all(self, measurements: Sequence[Measurement]) -> list[UpdateReport]:
-        """Take in everything of the present time, in its order; an estimator that solves anew does so once."""
+        """Update by everything of the present time, in its order.
+
+        An estimator that solves anew does so once.
+        """
         return [self.update(measurement) for measurement in measurements]
 
     @abstractmethod
@@ -133,4 +139,7 @@ class Estimator(ABC):
 
     @abstractmethod
     def restore(self, snapshot: Snapshot) -> None:
-        """Go on from a `snapshot` of an estimator that was built alike: the same numbers follow, bit for bit."""
+        """Go on from a `snapshot` of an estimator built alike.
+
+        The same numbers follow, bit for bit.
+        """

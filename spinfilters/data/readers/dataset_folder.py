@@ -102,13 +102,16 @@ def _read_log(folder: Path, required: SensorFormat) -> MeasurementLog:
 
 
 def _with_own_covariance(form: SensorFormat, folder: Path) -> MeasurementStream:
-    """Stream of a sensor in a folder, with the covariances of its rows where there are any."""
+    """Stream of a sensor with the covariances of its rows, if any."""
     stream, covariance = read_sensor_file(form, folder / form.file), folder / form.covariance_file
     return with_covariance(stream, covariance) if os.path.lexists(covariance) else stream
 
 
 def _stored(folder: Path, required: SensorFormat | None) -> list[SensorFormat]:
-    """The formats whose files a folder holds. Of formats with the same file it is the required one's, or has the header of one."""
+    """The formats whose files a folder holds.
+
+    Of formats with the same file it is the required one's, or has the header of one.
+    """
     by_file: dict[str, list[SensorFormat]] = {}
     for form in sensor_formats().values():
         by_file.setdefault(form.file, []).append(form)

@@ -1,5 +1,6 @@
-"""Additive EKF and UKF of filterpy as baselines. On the same process and sensors as the multiplicative filters.
+"""Additive EKF and UKF of filterpy as baselines.
 
+On the same process and sensors as the multiplicative filters.
 Their state is one vector of plain numbers (`spinfilters.estimators.filters.global_coordinates`), their measurement all rows of
 an epoch stacked,
 with a dense innovation covariance of that size. Rows are whitened, so the measurement noise is the identity. Nothing is repaired:
@@ -114,7 +115,10 @@ class FilterpyEkf(FilterpyFilter):
 
 
 class _ChartEkf(ExtendedKalmanFilter):
-    """filterpy's EKF with a nonlinear prediction of the mean. By the override that filterpy documents for it."""
+    """filterpy's EKF with a nonlinear prediction of the mean.
+
+    By the override that filterpy documents for it.
+    """
 
     after: Float[np.ndarray, " n"]
 
@@ -123,7 +127,10 @@ class _ChartEkf(ExtendedKalmanFilter):
 
 
 class FilterpyUkf(FilterpyFilter):
-    """filterpy's unscented Kalman filter with Van der Merwe's scaled points, the same set as the multiplicative UKF's."""
+    """filterpy's unscented Kalman filter with Van der Merwe's scaled points.
+
+    The same set as the multiplicative UKF's.
+    """
 
     name = "filterpy-ukf"
 
@@ -134,7 +141,10 @@ class FilterpyUkf(FilterpyFilter):
         super().__init__(process, self._ukf)
 
     def _moved(self, xi: Float[np.ndarray, " n"], dt: float) -> Float[np.ndarray, " n"]:
-        """One sigma point dt seconds later. On the branch that it reaches continuously, as the mean does."""
+        """One sigma point dt seconds later, on the mean's branch.
+
+        It is the branch that the point reaches continuously.
+        """
         return self._chart.coordinates(self.process.step(self._chart.point(xi), dt))
 
     def _advance(
@@ -159,10 +169,16 @@ class FilterpyUkf(FilterpyFilter):
 
 
 def _upper_root(P: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
-    """U with U'U = P; numpy's, because SciPy's meets NaN with a ValueError that `run` would not take for a failed filter."""
+    """U with U'U = P, by NumPy.
+
+    SciPy's meets NaN with a ValueError that `run` would not take for a failed filter.
+    """
     return np.linalg.cholesky(P).T
 
 
 def _half_log_determinant(A: Float[np.ndarray, "r r"]) -> float:
-    """log det(I + A) / 2, which is that of S = I + H P H' for A = P H'H (Sylvester)."""
+    """log det(I + A) / 2 of S = I + H P H'.
+
+    For A = P H'H (Sylvester).
+    """
     return float(np.linalg.slogdet(np.eye(len(A)) + A)[1]) / 2

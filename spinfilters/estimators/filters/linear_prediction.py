@@ -70,7 +70,10 @@ class LinearRows:
     def predicted(
         self, factor: Float[np.ndarray, "n r"], error: Float[np.ndarray, " n"] | None = None
     ) -> MeasurementPrediction:
-        """Predicted innovations of a state of uncertain error. The error has a covariance factor and a mean, None for zero."""
+        """Predicted innovations of a state of uncertain error.
+
+        The error has a covariance factor and a mean, None for zero.
+        """
         rho, jacobian = self.innovation.reshape(-1), self.jacobian.reshape(-1, self.jacobian.shape[2])
         if error is not None:
             rho = rho - jacobian @ error[self.columns]
@@ -95,7 +98,9 @@ def linear_prediction(
     factor: Float[np.ndarray, "n r"],
     error: Float[np.ndarray, " n"] | None = None,
 ) -> tuple[MeasurementPrediction, int]:
-    """Whitened prediction linearised at ``x``, and its number of usable values. Usable are valid and finite ones.
+    """Whitened prediction linearised at ``x``, with its usable values counted.
+
+    Usable are valid and finite ones.
 
     Parameters
     ----------
@@ -119,6 +124,9 @@ def usable(values: Float[np.ndarray, "k r"], valid: Bool[np.ndarray, " k"]) -> B
 
 
 def _sliced(columns: list[int]) -> list[int] | slice:
-    """Increasing columns, as a slice where none is left out. A slice indexes in a third of the time."""
+    """Increasing columns, as a slice where they are contiguous.
+
+    A slice indexes in a third of the time.
+    """
     first, last = columns[0], columns[-1]
     return slice(first, last + 1) if last - first + 1 == len(columns) else columns

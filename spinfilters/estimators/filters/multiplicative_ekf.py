@@ -75,7 +75,10 @@ class MultiplicativeEkf(MultiplicativeFilter):
     def _weighed(
         self, measurement: Measurement, guard: SensorOutlierRejection, scale: float
     ) -> Update | None:
-        """The update by valid values with the weights that the guard gives them, iterated where it is far from linear."""
+        """Weighted update by valid values, iterated where far from linear.
+
+        The weights are the guard's.
+        """
         rows = linear_rows(measurement, self._mean)
         if rows.dof and scale != 1:
             rows = rows.weighted(np.full(len(rows.innovation), 1 / scale))
@@ -104,7 +107,10 @@ class MultiplicativeEkf(MultiplicativeFilter):
         return length * _curvature(self.layout, self._mean, correction.error) <= self._iteration.tolerance
 
     def _has_proved_right(self, found: Update, measurement: Measurement, scale: float) -> bool:
-        """Whether an update by the values of a measurement needs no other; where the gate refused one, that is looked at anew."""
+        """Whether a measurement's update needs no further iteration.
+
+        Where the gate refused one, that is looked at anew.
+        """
         if self._is_small(found.correction):
             return True
         model, chosen = measurement.model, _sample(len(measurement.values))
@@ -119,7 +125,10 @@ class MultiplicativeEkf(MultiplicativeFilter):
     def _agrees(
         self, sample: tuple[LinearRows, float], mean: Float[np.ndarray, " m"], correction: Correction
     ) -> bool:
-        """Whether a sample of linear rows, each for so many, has proved right, or no other update is wanted."""
+        """Whether samples of linear rows agree, or no further update is wanted.
+
+        Each is for so many.
+        """
         if self._iteration.iterations == 1:
             return True
         rows, spacing = sample
@@ -163,7 +172,9 @@ def _curvature(layout: StateLayout, mean: Float[np.ndarray, " m"], error: Float[
 
 @dataclass(frozen=True)
 class IteratedUpdate:
-    """Iterated update in the coordinates y of a predicted belief. error = factor @ y about its mean.
+    """Iterated update in the coordinates y of a predicted belief.
+
+    error = factor @ y about its mean.
 
     Attributes
     ----------
@@ -192,7 +203,10 @@ class IteratedUpdate:
         return float(y @ y) + float(np.sum(residual * residual))
 
     def solution(self, y: Float[np.ndarray, " n"]) -> Correction:
-        """Correction by the model linearised at a point, as error about the mean. The objective must be finite at the point."""
+        """Correction by the model linearised at a point.
+
+        As error about the mean. The objective must be finite at the point.
+        """
         point = self._point(y)
         m = self.rows.measurement
         rows = linear_rows(m, point)

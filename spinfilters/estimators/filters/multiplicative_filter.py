@@ -98,7 +98,10 @@ class MultiplicativeFilter(Estimator):
         return self._adaptation.level(source)
 
     def take_belief(self, belief: Gaussian | LandmarkBelief) -> None:
-        """Go on from another belief of the present time; what was learnt of noise and outliers stays."""
+        """Go on from another belief of the present time.
+
+        What was learnt of noise and outliers stays.
+        """
         self._mean, self._factor = belief.mean.copy(), belief.factor.copy()
         self._held = HeldMap.of(belief, self._options) if isinstance(belief, LandmarkBelief) else None
 
@@ -222,7 +225,10 @@ class MultiplicativeFilter(Estimator):
     def _corrected(
         self, measurement: Measurement, guard: SensorOutlierRejection, scale: float
     ) -> Update | None:
-        """Mean corrected by a measurement with ``scale`` times its noise covariance. None when no value is usable."""
+        """Mean corrected by a measurement with scaled noise covariance.
+
+        ``scale`` times it. None when no value is usable.
+        """
 
     @abstractmethod
     def _solved(self, observations: Observations, guard: SensorOutlierRejection) -> Solved:
@@ -232,7 +238,7 @@ class MultiplicativeFilter(Estimator):
 def propagated(
     factor: Float[np.ndarray, "N N"], transition: Float[np.ndarray, "n n"], noise: Float[np.ndarray, "n k"]
 ) -> Float[np.ndarray, "N N"]:
-    """Lower triangular factor when the state's error has moved by its transition and noise has come in; rows behind stay."""
+    """Lower triangular factor after transition and noise; rows behind stay."""
     n = len(transition)
     compiled = compiled_propagation(n) if len(factor) == n and noise.shape[1] <= MOST_NOISE else None
     if compiled is not None:

@@ -84,7 +84,10 @@ class AdaptationOptions:
 
 @dataclass(frozen=True)
 class NoiseEvidence:
-    """What one update says of a scale factor. y'Dy, tr D K and tr (D K)^2; see the module's docstring."""
+    """Evidence of one update on a noise scale factor.
+
+    y'Dy, tr D K and tr (D K)^2; see the module's docstring.
+    """
 
     squared: float
     expected: float
@@ -262,7 +265,10 @@ class NoiseAdaptation:
         return [source for source in SOURCES if self._horizon(f"process.{source}")]
 
     def _horizon(self, name: str) -> float:
-        """In updates, over which what a source's scale rests on is forgotten; 0 where nothing is learned now."""
+        """Updates over which a source's evidence is forgotten.
+
+        0 where nothing is learned now.
+        """
         stated = self.options.measurement if name.startswith("sensor.") else self.options.process
         if stated or name not in self.identified:
             return stated
@@ -273,7 +279,10 @@ class NoiseAdaptation:
 
 
 def residual_evidence(correction: Explained) -> NoiseEvidence:
-    """Evidence on a sensor's noise. |r|^2 = nis - |y|^2, and S^-1 has r eigenvalues of (U'U)^-1 and else ones."""
+    """Evidence on a sensor's noise.
+
+    |r|^2 = nis - |y|^2, and S^-1 has r eigenvalues of (U'U)^-1 and else ones.
+    """
     y, inverse = correction.coordinates, np.triu(dtrtri(correction.root)[0])
     left = inverse @ inverse.T
     free = correction.dof - len(left)

@@ -30,7 +30,10 @@ class _Sequence:
     has_signs: bool
 
     def distances(self, kept: Int[np.ndarray, " k"]) -> Float[np.ndarray, " d"]:
-        """Distances of samples from the line through their kept neighbours. Of each kept sample but the first and the last."""
+        """Distances of samples from the line through their kept neighbours.
+
+        Of each kept sample but the first and the last.
+        """
         time, values = self.time[kept], self.values[kept]
         before, here, after = values[:-2], values[1:-1], values[2:]
         if self.has_signs:

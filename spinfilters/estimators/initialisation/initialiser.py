@@ -201,7 +201,10 @@ def _is_clear(found: InitialEstimate) -> bool:
 
 
 def _with_rejected(found: InitialEstimate, gate: float) -> float:
-    """Cost in which a rejected observation counts as one at the gate. A fit then gains nothing by rejecting."""
+    """Cost in which a rejected observation counts as at the gate.
+
+    A fit then gains nothing by rejecting.
+    """
     cost = found.cost + found.rejected * gate**2
     return cost if np.isfinite(cost) else np.inf
 

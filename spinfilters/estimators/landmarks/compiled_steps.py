@@ -45,7 +45,10 @@ _STORED = ("epoch", "hits", "wrong", "last", "transform", "spread", "shift", "po
 
 
 def steps_of(modes: int, precision: str) -> "NumpySteps | CompiledSteps":
-    """Steps for a number of modes and a precision. In C where there is a compiler; kept."""
+    """Steps for a number of modes and a precision.
+
+    In C where there is a compiler; kept.
+    """
     library = _library(modes, precision)
     return NumpySteps() if library is None else CompiledSteps(library, modes, precision)
 

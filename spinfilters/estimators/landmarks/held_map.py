@@ -21,7 +21,10 @@ MEMORY = 0.9
 
 
 class _Newcomers(NamedTuple):
-    """New landmarks: ids (q,), points (q, 3), by_pose (q, 3, c) about the point before the update, roots (q, 3, 3)."""
+    """New landmarks with their errors.
+
+    Ids (q,), points (q, 3), by_pose (q, 3, c) about the point before the update, roots (q, 3, 3).
+    """
 
     ids: Int[np.ndarray, " q"]
     points: Float[np.ndarray, "q 3"]

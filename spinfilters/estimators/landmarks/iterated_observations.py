@@ -17,7 +17,9 @@ from spinfilters.estimators.landmarks.steps import LinearisedObservations
 
 @dataclass(frozen=True)
 class IteratedObservations:
-    """Observations in the coordinates y of a predicted belief, error = factor @ y about its mean.
+    """Observations in the coordinates y of a predicted belief.
+
+    error = factor @ y about its mean.
 
     Attributes
     ----------

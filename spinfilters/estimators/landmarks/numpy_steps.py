@@ -1,4 +1,4 @@
-"""Steps of an epoch in NumPy, the reference of the compiled ones. They serve where there is no compiler."""
+"""Steps of an epoch in NumPy, the reference without a compiler."""
 
 from typing import TYPE_CHECKING
 
@@ -52,7 +52,9 @@ class NumpySteps:
         linear: Float[np.ndarray, "k d w"],
         weights: Float[np.ndarray, " k"],
     ) -> WhitenedRows:
-        """Rows of observations of the landmarks in rows ``at``, whose own errors are noise to them; they keep X and H_p L.
+        """Whitened rows of observations, with X and H_p L kept.
+
+        Of the landmarks in rows ``at``, whose own errors are noise to them.
 
         Parameters
         ----------
@@ -142,7 +144,10 @@ def next_epoch(
     dropped: Float[np.ndarray, "r c"],
     shift: Float[np.ndarray, " r"],
 ) -> None:
-    """Take every slot's transformation one step on, m_before = shift + transform m + dropped f; the new epoch's is the identity."""
+    """Advance every slot's transformation one step.
+
+    m_before = shift + transform m + dropped f; the new epoch's is the identity.
+    """
     moved = stored.transform @ dropped
     stored.shift += stored.transform @ shift
     stored.spread += moved @ np.swapaxes(moved, 1, 2)

@@ -96,7 +96,10 @@ def solve_at(
     factor: Float[np.ndarray, "N N"],
     guard: SensorOutlierRejection,
 ) -> Solved:
-    """Solve with first derivatives at a state. At once, where all observations are valid and pass whatever the covariance."""
+    """Solve with first derivatives at a state.
+
+    At once, where all observations are valid and pass whatever the covariance.
+    """
     o = observations
     found = o.landmarks.steps.solved(o, x, factor, guard.limit(o.sensor.dim))
     return _weighed(o, o.rows_at(x), factor, guard) if found is None else _accepted(o, found, guard)

@@ -84,7 +84,10 @@ class Spread:
     def _away(
         self, o: Observations, points: SigmaPoints, moves: Float[np.ndarray, "k 3 q"]
     ) -> tuple[Float[np.ndarray, "k d p"], np.ndarray, Float[np.ndarray, " k"]]:
-        """Whitened innovations at every point, zeros where not all are valid, and the noise's log determinants at the centre."""
+        """Whitened innovations at every point, and log determinants at the centre.
+
+        Zeros where not all are valid; determinants of the noise.
+        """
         k, p = len(o.values), len(points.offsets)
         moved = points.offsets @ moves.reshape(3 * k, moves.shape[2]).T
         places, each = o.points + moved.reshape(p, k, 3), np.tile(np.arange(k), p)
@@ -109,7 +112,10 @@ class Spread:
 def _solved_by_lower(
     root: Float[np.ndarray, "k d d"], right: Float[np.ndarray, "k d q"]
 ) -> Float[np.ndarray, "k d q"]:
-    """root^-1 right of lower triangular matrices, by substitution in all of them at once; 0 for a pivot of 0."""
+    """root^-1 right of lower triangular matrices, by batched substitution.
+
+    0 for a pivot of 0.
+    """
     result = np.zeros(right.shape)
     for j in range(root.shape[1]):
         known = sum(root[:, j, i, None] * result[:, i] for i in range(j))

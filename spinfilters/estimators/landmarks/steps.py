@@ -71,13 +71,18 @@ class WhitenedRows:
 
     @cached_property
     def rows(self) -> Float[np.ndarray, "k d w"]:
-        """By the c columns of the state, by the r modes, and the innovation; of an epoch that is not closed."""
+        """Rows by state columns and modes, with the innovation.
+
+        c columns, r modes; of an epoch that is not closed.
+        """
         count, d, width = self.shape
         return np.swapaxes(self.kept[:, : d * width], 1, 2).reshape(-1, d, width)[:count]
 
 
 class NewModes(NamedTuple):
-    """Next modes by the old ones. (x, m) = kept m' + dropped f, m' and f of unit covariance.
+    """Next modes by the old ones.
+
+    (x, m) = kept m' + dropped f, m' and f of unit covariance.
 
     Attributes
     ----------

@@ -1,4 +1,7 @@
-"""Detection of duplicate images and duplicate rows. A frozen camera sends its last image again; it holds no new information."""
+"""Detection of duplicate images and duplicate rows.
+
+A frozen camera sends its last image again; it holds no new information.
+"""
 
 import numpy as np
 from jaxtyping import Float, Num

@@ -19,7 +19,10 @@ Squares = Float[np.ndarray, " N"]
 
 
 class RobustLoss(ABC):
-    """rho(s) and rho'(s), elementwise; s is infinite where a sensor's model does not apply, and the weight is then 0."""
+    """Robust loss rho(s) and its derivative rho'(s), elementwise.
+
+    s is infinite where a sensor's model does not apply, and the weight is then 0.
+    """
 
     @abstractmethod
     def cost(self, square: Squares) -> Squares: ...
@@ -67,7 +70,10 @@ class Huber(RobustLoss):
 
 @dataclass(frozen=True)
 class PseudoHuber(RobustLoss):
-    """rho = 2 b^2 (sqrt(1 + s / b^2) - 1), smooth (Tweddle 2013, sec. 4.7.4; Hartley and Zisserman 2003, A6.8)."""
+    """Smooth loss rho = 2 b^2 (sqrt(1 + s / b^2) - 1).
+
+    Tweddle 2013, sec. 4.7.4; Hartley and Zisserman 2003, A6.8.
+    """
 
     threshold: float = 2.0
 

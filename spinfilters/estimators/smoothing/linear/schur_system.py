@@ -154,7 +154,10 @@ def assembled(
 
 
 class AssembledMotion(NamedTuple):
-    """Linear system of a motion's factors, with the costs of sensors and dynamics, whose information blocks hold no rows."""
+    """Linear system of a motion's factors without stored rows.
+
+    With the costs of sensors and dynamics.
+    """
 
     sensors: InformationBlocks
     dynamics: InformationBlocks

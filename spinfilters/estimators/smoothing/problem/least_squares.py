@@ -35,7 +35,9 @@ from spinfilters.state.layout import StateLayout
 
 @dataclass(frozen=True)
 class InitialGuess:
-    """Initial guess of a smoother: states and a map in frame g. One state per epoch; its constants are those of the first.
+    """Initial guess of a smoother: states and a map in frame g.
+
+    One state per epoch; its constants are those of the first.
 
     Attributes
     ----------

@@ -51,7 +51,10 @@ def process_noise_inflation(
 
 
 def residual_scale(here: LinearizationPoint) -> float:
-    """Robust scale of the innovations in standard deviations, at least 1. More where the noise is larger than stated."""
+    """Robust scale of the innovations in standard deviations, at least 1.
+
+    More where the noise is larger than stated.
+    """
     squares = [here.sensors.mean_squares]
     if here.linear is not None:
         squares.append(here.linear.square / ROWS)
@@ -119,6 +122,9 @@ class AnnealedSchedule:
         return max(self.gate, float(same))
 
     def _width(self, iteration: int) -> float:
-        """Relative width of the gate in an iteration. 1 from the first where there are too few iterations to tighten it in."""
+        """Relative width of the gate in an iteration.
+
+        1 from the first where there are too few iterations to tighten it in.
+        """
         wide = self.gate is not None and iteration < len(WIDER_GATES) < self.iterations
         return WIDER_GATES[iteration] if wide else 1.0

@@ -125,7 +125,10 @@ class Window:
         return replace(self, points=moved)
 
     def latest_at(self, pose: Float[np.ndarray, " 7"]) -> "Window":
-        """With the latest epoch at a pose (t m, q_ig). Landmarks that no other epoch observed move with it."""
+        """The window with the latest epoch at a pose (t m, q_ig).
+
+        Landmarks that no other epoch observed move with it.
+        """
         seen, latest = self.seen, len(self.epochs) - 1
         trajectory, points = self.trajectory.copy(), self.points.copy()
         trajectory[-1, :7] = pose

@@ -1,4 +1,7 @@
-"""Estimates of a window with their covariances, from its normal equations; and of an epoch to come."""
+"""Estimates of a window and of a coming epoch, with covariances.
+
+From the window's normal equations.
+"""
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -63,7 +66,10 @@ def predicted_state(
     time: float,
     pose: Float[np.ndarray, " 7"] | None = None,
 ) -> Float[np.ndarray, " m"]:
-    """State of a new epoch: predicted from the latest, or the prior's mean; at a pose (t m, q_ig) where one is given."""
+    """Initial state of a new epoch.
+
+    Predicted from the latest, or the prior's mean; at a pose (t m, q_ig) where one is given.
+    """
     if window.epochs:
         latest = window.epochs[-1].time
         if not time > latest:
