@@ -1,5 +1,6 @@
-"""Does the smoother scatter by the Cramer-Rao bound? Monte Carlo of the whole problem, landmarks and process noise included.
+"""Monte Carlo of the smoother against the Cramer-Rao bound.
 
+The whole problem, landmarks and process noise included.
     python -m experiments.bound_monte_carlo [--runs 200] [--frames 40] [--landmarks 100] [--motion rich]
 
 Every run draws a motion with its disturbances, landmarks, pixels and the mean of the prior, smooths all frames at once, and sets
@@ -79,7 +80,10 @@ def monte_carlo(
 
 
 def normalised_squares(scenario: Scenario) -> dict[str, float]:
-    """Of each block, one run's mean of (error / bound)^2; poses from the second frame on, as the first defines g."""
+    """One run's mean of (error / bound)^2 of each block.
+
+    Poses from the second frame on, as the first defines g.
+    """
     recording = recorded(simulate(scenario), scenario)
     generator = np.random.default_rng([scenario.seed, 1])
     drawn = LAYOUT.retract(
@@ -113,7 +117,10 @@ def bound_at_truth(recording: Recording) -> Float[np.ndarray, "k n"]:
 
 
 def smoothed_errors(recording: Recording, prior_mean: Float[np.ndarray, " m"]) -> Float[np.ndarray, "k n"]:
-    """Of the smoother, which sets out from the truth, so that no other minimum is in question."""
+    """Errors of the smoother from the truth.
+
+    It sets out from there so that no other minimum is in question.
+    """
     problem = recording.problem(prior_mean)
     solved = solve(problem, problem.at(recording.states, recording.known_map.points), OPTIONS)
     assert solved.converged

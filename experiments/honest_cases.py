@@ -1,4 +1,7 @@
-"""Simulated recordings whose stated noise and model are true: motions, lengths, noise and stamps that try estimators."""
+"""Simulated recordings whose stated noise and model are true.
+
+Motions, lengths, noise and stamps that try estimators.
+"""
 
 from dataclasses import dataclass, replace
 

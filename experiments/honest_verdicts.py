@@ -1,5 +1,6 @@
-"""Are verdicts honest? Errors of estimates called ok, in stated standard deviations, where noise and model are right.
+"""Errors of estimates called ok, in stated standard deviations.
 
+Are verdicts honest? Noise and model are right.
     python -m experiments.honest_verdicts [--seeds 12] [--cases gyro] [-o runs/honest]
 
 Simulates every case of `experiments.honest_cases`, estimates with MEKF, UKF and smoother, and prints of every case the verdicts,
@@ -122,7 +123,10 @@ def outcome_of(case: Case, seed: int, evaluation: Evaluation, recording: Recordi
 
 
 def _state_error(evaluation: Evaluation, recording: Recording) -> np.ndarray:
-    """The truth minus the estimate at the latest epoch, about the estimate; a gyro's frame i is frame g of its first sample."""
+    """Error of the state at the latest epoch, about the estimate.
+
+    Truth minus estimate; a gyro's frame i is frame g of its first sample.
+    """
     history, states = evaluation.history, recording.states
     layout = history.layout
     true = np.concatenate([states[len(history.time) - 1, LAYOUT.mean_slice(b)] for b in layout.blocks])

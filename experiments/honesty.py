@@ -1,5 +1,6 @@
-"""Does the verdict notice wrong models? Every kind by size: verdicts, errors in stated deviations, which errors are named.
+"""Verdicts on recordings of wrong models, by kind and size.
 
+Verdicts, errors in stated deviations, which errors are named.
     python -m experiments.honesty [--sensors pose,gyro,tracks] [--seeds 10] [--clean 100] [--report] [-o runs/honesty]
 
 Runs the campaigns ``experiments/studies/honesty-*.toml``, or goes on with their rows in the folder (``--report``: takes these as
@@ -135,7 +136,10 @@ def _runs(name: str, seeds: int, options: argparse.Namespace) -> list[Outcome]:
 
 
 def lines_of(study: SensorStudy) -> Iterator[str]:
-    """A line of false alarms for each way to state noise, a line for each wrong model, and one for all of these."""
+    """Lines of false alarms, of each wrong model, and of all.
+
+    A line of false alarms for each way to state noise.
+    """
     for stated in (False, True):
         runs = [each for each in study.clean if each.stated is stated]
         if runs:
@@ -191,7 +195,10 @@ def _draw(axes: Axes, study: SensorStudy) -> None:
 
 
 def _label(study: SensorStudy, fault: str) -> str:
-    """Name, and in how many of its runs with an effect it is among the two that are named."""
+    """Name and number of runs that name it.
+
+    In how many of its runs with an effect it is among the two that are named.
+    """
     wrong = [each for each in study.faulty if each.fault == fault and each.has_effect]
     if not wrong:
         return f"{fault} (-)"

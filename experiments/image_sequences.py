@@ -1,5 +1,6 @@
-"""Rendered sequences from images to errors: front end and estimators on bodies and motions, truth and noise unknown to both.
+"""Rendered sequences from images to errors.
 
+Front end and estimators on bodies and motions, truth and noise unknown to both.
     python -m experiments.image_sequences FOLDER --case box 1 4 9 3 --case spheres 0 0.5 10 0.5
 
 Renders what FOLDER lacks (half a minute of processor time each), then measures the front end in processor time, in one piece and

@@ -82,7 +82,10 @@ CANONICAL_MOTIONS: tuple[Motion, ...] = (
 
 
 def equal_moments(of: Motion, first: int, second: int) -> bool:
-    """Whether two moments are equal in the charts of logarithms, that is to `DIGITS` decimals of their ratio's."""
+    """Whether two moments are equal in the charts of logarithms.
+
+    That is to `DIGITS` decimals of their ratio's.
+    """
     return _log_ratio(of.moments[first], of.moments[second]) == 0
 
 
@@ -107,7 +110,10 @@ def point_of(chart: Chart, of: Motion) -> Rationals:
 
 
 def principal_axes(chart: Chart) -> tuple[Rationals, ...]:
-    """Directions in axes g of the principal axes x, y, z at the point of any motion (`point_of`)."""
+    """Directions in g of the principal axes of any motion.
+
+    x, y, z at its point (`point_of`).
+    """
     if "q_gb" not in {block.name for block in chart.blocks} and not isinstance(chart, TensorChart):
         return AXES_OF_G
     R = exact_matrix(ATTITUDE_GB)

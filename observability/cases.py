@@ -127,12 +127,12 @@ class Case:
 
     @property
     def place_is_defined(self) -> bool:
-        """Whether the first place of g is a definition: neither a known map nor a pose tells it."""
+        """Whether g's first place is a definition: no map, no pose."""
         return self.has_place and not self._sees_known_points and not self._tells("t")
 
     @property
     def free_rotations(self) -> tuple[int, ...]:
-        """Principal axes about which the first attitude of g is a definition, because nothing that is known in g tells it.
+        """Principal axes about which the attitude of g is free.
 
         A torque, or a rate that a gyro measures, is known in g; a single direction of them leaves a rotation about itself.
         """
@@ -166,7 +166,10 @@ class Case:
 
     @cached_property
     def filter_system(self) -> System:
-        """The same in the filters' state, with the scale of the inertia where a torque is known: what the bound is of."""
+        """The system in the filters' state, for the bound.
+
+        With the scale of the inertia where a torque is known.
+        """
         return self._system(FilterChart(self.layout, self.has_torque))
 
     @property

@@ -180,8 +180,9 @@ def _steady(system: System, point: Rationals) -> bool:
 
 
 def _generic_rank(system: System, point: Rationals, experiments: Sequence[InputSeries]) -> int:
-    """Rank at a random point of the chart; a quaternion is taken along a random turn, whose rank any unit quaternion has.
+    """Generic rank, at a random point of the chart.
 
+    A quaternion is taken along a random turn, whose rank any unit quaternion has.
     Without inputs the rank of points in general position has grown to its end at the first order that adds nothing (Hermann and
     Krener 1977), so that few orders tell it where they show such an order.
     """

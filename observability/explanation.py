@@ -52,7 +52,10 @@ class Tangents:
 
 
 def tangent_symmetries(system: System, point: Rationals, rows: Sequence[SensorRows]) -> Tangents:
-    """Exactly: the candidates whose tangents lie in the null space of the rows, as many as are independent."""
+    """Independent candidates whose tangents lie in the null space, exactly.
+
+    As many as are independent.
+    """
     found = candidates(system, point)
     if not found:
         return Tangents([], np.zeros((system.dimension, 0), dtype=np.uint64))
@@ -66,7 +69,10 @@ def tangent_symmetries(system: System, point: Rationals, rows: Sequence[SensorRo
 def explained(
     system: System, point: Rationals, symmetries: Sequence[Symmetry], inputs: InputSeries = ()
 ) -> list[Explained]:
-    """Each symmetry with what a finite move does; what is neither a symmetry nor one to first order is left out."""
+    """Symmetries with the effect of a finite move.
+
+    What is neither a symmetry nor one to first order is left out.
+    """
     moved = _moved(system, point, symmetries, (1.0, 0.5))
     outputs = simulate(system, moved, _duration(system, point), STEPS, inputs)
     differences = np.zeros(2 * len(symmetries))
@@ -126,7 +132,7 @@ def tangent_vectors(
 def _errors(
     system: System, symmetries: Sequence[Symmetry], symbols: tuple[ca.SX, list[ca.SX], ca.SX]
 ) -> tuple[ca.SX, ca.SX]:
-    """Errors of all moves, one below the other, and the state and parameters that they are of."""
+    """Errors of all moves, stacked, with their state and parameters."""
     x, parameters, amount = symbols
     errors = [_error(system, x, parameters, symmetry, amount) for symmetry in symmetries]
     return ca.vertcat(*errors), ca.vertcat(x, *[ca.vec(each) for each in parameters])

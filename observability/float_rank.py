@@ -17,7 +17,9 @@ TOLERANCE = 1e-9
 
 @dataclass(frozen=True)
 class FloatRank:
-    """Singular values and right singular vectors of the rows, each row and column scaled to unit size.
+    """Singular values and right singular vectors of scaled rows.
+
+    Each row and column to unit size.
 
     Attributes
     ----------
@@ -42,7 +44,10 @@ class FloatRank:
 def float_rank(
     system: System, point: Rationals, orders: int, time_scale: float = 1.0, inputs: InputSeries = ()
 ) -> FloatRank:
-    """Singular values of the rows of orders 0 to orders - 1, the k-th times time_scale^k (s: about a radian of the motion)."""
+    """Singular values of the rows of orders 0 to orders - 1.
+
+    The k-th times time_scale^k (s: about a radian of the motion).
+    """
     rows = codistribution(system, point, orders, Reals(), inputs)
     matrix = dense(rows, time_scale)
     matrix = matrix / np.maximum(np.linalg.norm(matrix, axis=1, keepdims=True), np.finfo(float).tiny)

@@ -122,7 +122,10 @@ def _priors(case: Case) -> str:
 
 
 def close_moments(motion: Motion) -> list[tuple[str, float]]:
-    """Pairs of axes whose moments are equal or nearly so ("x and y"), with their relative difference."""
+    """Pairs of axes of nearly equal moments ("x and y").
+
+    With their relative difference.
+    """
     found = []
     for a, b in combinations(range(3), 2):
         gap = abs(motion.moments[a] - motion.moments[b]) / max(motion.moments[a], motion.moments[b])

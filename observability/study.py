@@ -70,7 +70,10 @@ class Study:
 
 
 def study(case: Case, frames: int, interval: float, report: Callable[[int, int], None]) -> Study:
-    """All bounds, beginning from a case with so many frames at such an interval, s; ``report`` gets steps done and of all."""
+    """All bounds from a case with so many frames.
+
+    At such an interval, s; ``report`` gets steps done and of all.
+    """
     counts = COUNTS if case.sees_points else ()
     steps = _Steps(len(DURATIONS) + len(INTERVALS) + len(counts) + len(ANGLES) ** 2, report)
     duration = (frames - 1) * interval

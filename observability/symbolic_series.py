@@ -13,7 +13,10 @@ from spinfilters.errors import InputError
 
 
 class Dual(NamedTuple):
-    """A coefficient and its gradient by all unknowns, (1, n), sparse: what is structurally 0 costs nothing."""
+    """A coefficient and its sparse gradient (1, n) by all unknowns.
+
+    What is structurally 0 costs nothing.
+    """
 
     value: ca.SX
     gradient: ca.SX
@@ -21,7 +24,9 @@ class Dual(NamedTuple):
 
 @dataclass(frozen=True)
 class LieDerivatives:
-    """Of one sensor of a system without inputs, as two functions, so that many items cost no more expression than one.
+    """Lie derivatives of one sensor of a system without inputs.
+
+    As two functions, so that many items cost no more expression than one.
 
     Attributes
     ----------
@@ -50,7 +55,9 @@ class LieDerivatives:
 
 
 def lie_derivatives(system: System, index: int, orders: int) -> LieDerivatives:
-    """Orders 0 to orders - 1 of sensor ``index`` by power series: the expression grows as the square of the order.
+    """Lie derivatives 0 to orders - 1 of sensor ``index`` by power series.
+
+    The expression grows as the square of the order.
 
     Raises
     ------
@@ -63,7 +70,10 @@ def lie_derivatives(system: System, index: int, orders: int) -> LieDerivatives:
 
 
 def repeated_derivatives(system: System, index: int, orders: int) -> ca.Function:
-    """(x, parameters) -> the same derivatives and gradients, by differentiating again and again: the oracle of small orders."""
+    """Lie derivatives and gradients by repeated differentiation, (x, parameters) -> them.
+
+    The oracle of small orders.
+    """
     model, unknown = system.sensors[index].model, system.sensors[index].unknown
     x, p = ca.SX.sym("x", system.chart.mean_dim), ca.SX.sym("p", model.parameter_dim)
     derivatives, rate = [ca.SX(system.measured(system.sensors[index], x, p))], system.rate(x, ca.SX(0, 1))
@@ -87,7 +97,10 @@ def _motion(system: System, orders: int) -> ca.Function:
 
 
 def _sensor(system: System, index: int, motion: ca.Function) -> ca.Function:
-    """The sensor over symbols that stand for the motion's coefficients, with the same zeros in their gradients."""
+    """The sensor over symbols of the motion's coefficients.
+
+    With the same zeros in their gradients.
+    """
     sensor, (size, orders) = system.sensors[index], motion.size_out(0)
     width = size + sensor.unknown
     values, gradients = ca.SX.sym("x", size, orders), ca.SX.sym("G", motion.sparsity_out(1))

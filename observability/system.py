@@ -24,8 +24,11 @@ NEEDED = {"a": "q"}
 
 
 class Input(StrEnum):
-    """What is known to act, each along one axis: torques about axes of the body (`System.torque_axes`), the inspector's
-    accelerations along the axes of frame i, the camera at the first frame (x right, y down, z forward)."""
+    """Known inputs, each along one axis.
+
+    Torques about axes of the body (`System.torque_axes`), the inspector's accelerations along the axes of frame i, the camera
+    at the first frame (x right, y down, z forward).
+    """
 
     TORQUE_X = "torque about x"
     TORQUE_Y = "torque about y"
@@ -152,7 +155,10 @@ class System:
         return sensor.model.symbolic(self.chart.seen(self.chart.unpack(x)), parameters)
 
     def _field(self, values: Values, given: Input) -> Values:
-        """One input's column: a torque by the chart's inertia, a manoeuvre as the opposite acceleration of what is seen."""
+        """One input's column of the dynamics.
+
+        A torque by the chart's inertia, a manoeuvre as the opposite acceleration of what is seen.
+        """
         if given.is_torque:
             axis = ca.DM([float(number) for number in self.torque_axes[given.axis]])
             return {name: columns @ axis for name, columns in self.chart.torque_field(values).items()}
@@ -164,7 +170,10 @@ class System:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Of all unknowns, in order: the chart's directions, then sensor by sensor and item by item the unknown parameters."""
+        """Names of all unknowns, in order.
+
+        The chart's directions, then sensor by sensor and item by item the unknown parameters.
+        """
         own = [
             f"{sensor.model.name} {item + 1} {'xyz'[k] if sensor.unknown == 3 else k + 1}"
             for sensor in self.sensors

@@ -1,4 +1,7 @@
-"""The instructions of a CasADi expression, each result in a register of its own, in groups that run as one array operation."""
+"""The instructions of a CasADi expression, in groups of array operations.
+
+Each result in a register of its own.
+"""
 
 from collections import defaultdict
 from dataclasses import dataclass

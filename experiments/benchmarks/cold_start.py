@@ -1,4 +1,7 @@
-"""What a new process needs for its first result: imports, then a first solution with models compiled before, or with none."""
+"""Time of a new process to its first result.
+
+Imports, then a first solution with models compiled before, or with none.
+"""
 
 import json
 import os

@@ -1,5 +1,6 @@
-"""The smoothing problem as GTSAM's factors: its own for stereo observations, and the project's motion as custom factors.
+"""The smoothing problem as GTSAM's factors.
 
+Its own for stereo observations, and the project's motion as custom factors.
 GTSAM calls back into Python for every custom factor; `CallbackClock` tells how long that takes, so that a comparison can be judged.
 Rows that were computed last are kept in each factor, so that linearising where the error was evaluated costs nothing more.
 """
@@ -22,7 +23,10 @@ Rows = tuple[Float[np.ndarray, " r"], Float[np.ndarray, "r c"]]
 
 @dataclass
 class CallbackClock:
-    """Seconds inside the custom factors' Python, calls of them, and how many of the calls asked for derivatives."""
+    """Seconds and calls of the custom factors' Python.
+
+    And how many of the calls asked for derivatives.
+    """
 
     seconds: float = 0.0
     calls: int = 0

@@ -1,5 +1,6 @@
-"""Our analyser beside StrikePy, pybounds and symident on the same systems: answers and seconds in one run.
+"""Our analyser beside StrikePy, pybounds and symident.
 
+On the same systems: answers and seconds in one run.
     pip install StrikePy pybounds symident
     python -m experiments.benchmarks.observability --out runs/peers
 
@@ -70,7 +71,10 @@ CAN_SAY: Final = """
 
 
 class Answer(NamedTuple):
-    """What one tool said of one system: null dimension, or None, with a reason, and its median seconds."""
+    """What one tool said of one system.
+
+    Null dimension, or None, with a reason, and its median seconds.
+    """
 
     null_dimension: int | None
     seconds: float
@@ -230,7 +234,10 @@ def _strikepy(system: System) -> Callable[[], Answer]:
 
 
 def formulas(system: System) -> tuple[list[str], list[Any], list[Any]]:
-    """Names of the state's numbers, and SymPy expressions of their rates and of the first sensor's value."""
+    """SymPy expressions of a state's rates and first sensor.
+
+    Names of the state's numbers, their rates and the sensor's value.
+    """
     sympy = import_module("sympy")
 
     names = [f"{block.name}{k}" for block in system.chart.blocks for k in range(block.size)]

@@ -1,5 +1,6 @@
-"""Times of the analyser: every rank of the table with its certificate, growth of the expression, many landmarks, the bound.
+"""Times of the analyser.
 
+Every rank of the table with its certificate, growth of the expression, many landmarks, the bound.
 python -m experiments.benchmarks.observability_speed
 """
 

@@ -1,5 +1,6 @@
-"""Our smoother against GTSAM and SciPy on the same problem, in turn in one process with one thread, beside what it is to show.
+"""Our smoother against GTSAM and SciPy on the same problem.
 
+In turn in one process with one thread, beside what it is to show.
     python -m experiments.benchmarks.smoother [--motion rich] [--repeats 5] [--no-peers] [--quick] [--long]
 
 Every ratio is that of medians over rounds in which the solvers take turns; in brackets stand the least and greatest of one round,

@@ -1,4 +1,7 @@
-"""Batch solutions from one trial, ours beside the peers': where they end, how long they take, and how long one iteration does."""
+"""Batch solutions from one trial, ours beside the peers'.
+
+Where they end, how long they take, and how long one iteration does.
+"""
 
 from collections.abc import Callable, Iterator
 from typing import Final

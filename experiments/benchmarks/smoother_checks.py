@@ -26,7 +26,9 @@ class Check:
 
 @dataclass(frozen=True)
 class Ratio:
-    """Of two solvers' times: of medians over all rounds, and the least and greatest of one round.
+    """Ratio of two solvers' times.
+
+    Of medians over all rounds, and the least and greatest of one round.
 
     Attributes
     ----------
@@ -67,7 +69,10 @@ Solver = Callable[[], PeerResult]
 
 
 def in_turn(solvers: Mapping[str, Solver], rounds: int) -> dict[str, list[PeerResult]]:
-    """Every solver once in each round, forwards and backwards in turn, so that what a machine does besides hits all alike."""
+    """Every solver once in each round, alternately forwards and backwards.
+
+    What a machine does besides hits all alike.
+    """
     results: dict[str, list[PeerResult]] = {name: [] for name in solvers}
     for number in range(rounds):
         for name in list(solvers)[:: 1 if number % 2 == 0 else -1]:

@@ -1,4 +1,7 @@
-"""The sliding smoother over ten thousand frames: time of a frame and memory, from beginning to end."""
+"""The sliding smoother over ten thousand frames.
+
+Time of a frame and memory, from beginning to end.
+"""
 
 import gc
 from collections.abc import Iterator

@@ -1,4 +1,7 @@
-"""What of a bound the data tell and what rests on priors, quantity by quantity, against what is determined in principle."""
+"""Dependence of a bound on priors, quantity by quantity.
+
+What the data tell and what rests on priors, against what is determined in principle.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -87,7 +90,10 @@ class QuantityBound:
 def quantity_bounds(
     case: Case, reference: ReferenceTrajectory, bound: Bound
 ) -> dict[Quantity, QuantityBound]:
-    """Of every quantity after the last frame; a longer flight is tried where a quantity is determined in principle only."""
+    """Bounds of every quantity after the last frame.
+
+    A longer flight is tried where a quantity is determined in principle only.
+    """
     counts = undetermined_directions(case)
     found = _taken_apart(bound, reference, len(reference.time) - 1, counts)
     waiting = [name for name, each in found.items() if each.in_principle_only]
@@ -98,8 +104,9 @@ def quantity_bounds(
 
 
 def undetermined_directions(case: Case) -> dict[Quantity, int]:
-    """Of each quantity, directions that no derivative of any order shows, with g where it is defined to be; exact.
+    """Exact undetermined directions of each quantity.
 
+    No derivative of any order shows them; with g where it is defined to be.
     An attitude later on is undetermined where the rate is, and a place where the velocity is.
     """
     space, layout = _null_space(case), case.layout
@@ -151,7 +158,10 @@ def _quantity_bound(
 
 
 def _readable(rows: Float[np.ndarray, "k d"]) -> Float[np.ndarray, "k d"]:
-    """Another orthonormal basis of the same directions, with the axes among them first, and largest entries positive."""
+    """A readable orthonormal basis of the same directions.
+
+    With the axes among them first, and largest entries positive.
+    """
     projector, found = rows.T @ rows, []
     for axis in np.argsort(-np.diag(projector), kind="stable"):
         rest = projector[axis] - sum((each * each[axis] for each in found), np.zeros(len(projector)))
@@ -169,7 +179,10 @@ def _deviation(covariance: Float[np.ndarray, "k k"], rows: Float[np.ndarray, "n 
 def _times_longer(
     case: Case, reference: ReferenceTrajectory, bound: Bound, counts: Mapping[Quantity, int]
 ) -> tuple[dict[Quantity, float], float]:
-    """The first of the factors 2, 4, ... that leaves a quantity to the data, and the largest that was tried."""
+    """The factor of the length that leaves a quantity to data.
+
+    The first of the factors 2, 4, ..., and the largest that was tried.
+    """
     frames, interval = len(reference.time), float(reference.time[-1] / max(1, len(reference.time) - 1))
     most = int(min(LONGEST_FACTOR * frames, MOST_EPOCHS, MOST_WORK / len(bound.prior_std) ** 2))
     factors = [2**k for k in range(1, 7) if 2**k * frames <= most]
@@ -196,7 +209,10 @@ def _with_factor(
 
 
 def _null_space(case: Case) -> Num[np.ndarray, "n d"]:
-    """Residues over the error of the filters' state and the scale of the inertia: null directions that leave definitions alone."""
+    """Null directions that leave definitions alone, as residues.
+
+    Over the error of the filters' state and the scale of the inertia.
+    """
     system = case.filter_system
     point = point_of(system.chart, case.motion)
     experiments = list(case.experiments) or [()]
@@ -232,7 +248,10 @@ class _CentreOfMass(MeasurementModel):
 
 
 def _mixing_components(case: Case) -> list[int]:
-    """Components of the mass distribution that decide the moments: equal ones mix the axes between which they are equal."""
+    """Mass components whose equality mixes axes.
+
+    Components of the mass distribution that decide the moments.
+    """
     return [0, 1, *[component for pair, component in MIXING.items() if equal_moments(case.motion, *pair)]]
 
 

@@ -210,10 +210,7 @@ def _data_lines(path: Path, layout: TextLayout) -> Iterator[tuple[int, str]]:
 
 
 def _lines(path: Path, encoding: str) -> Iterator[tuple[int, str]]:
-    """Lines without comments, numbered from 1.
-
-    InputError: bytes that are not of the encoding, a line beyond all measure.
-    """
+    """Numbered lines without comments. InputError: bytes of another encoding, endless lines."""
     number = 0
     try:
         with open(path, encoding=encoding, newline=None) as stream:

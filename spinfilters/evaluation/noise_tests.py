@@ -61,7 +61,10 @@ class NoiseTest:
 
     @property
     def ratio(self) -> float:
-        """Of the variance seen to the stated one, to first order; below it the share that is seen."""
+        """Ratio of the variance seen to the stated one, first order.
+
+        Below it the share that is seen.
+        """
         if not self.information > 0:
             return 1.0
         if self.seen >= self.expected:
@@ -97,7 +100,10 @@ class FilterTests:
 
 @dataclass(frozen=True)
 class _Update:
-    """y, 1 - K and the factor F of one update, and what it says of the measurements."""
+    """y, 1 - K and factor F of one update.
+
+    And what it says of the measurements.
+    """
 
     y: Float[np.ndarray, " n"]
     left: Float[np.ndarray, "n n"]

@@ -37,7 +37,10 @@ SMALLEST_TURN = 1e-3
 
 @dataclass(frozen=True)
 class StepBatch:
-    """Steps of ``dt`` seconds from ``here`` to about ``there``, with slopes taken ``about`` points with other constants."""
+    """Steps of ``dt`` seconds from ``here`` to about ``there``.
+
+    With slopes taken ``about`` points with other constants.
+    """
 
     here: Float[np.ndarray, "k m"]
     there: Float[np.ndarray, "k m"]
@@ -100,7 +103,10 @@ class BatchedLinearisation:
     @cached_property
     @building()
     def _scan(self) -> Scan:
-        """The state of the fold: the rotation, the same in substeps twice as long, and the sums of the linearisation."""
+        """The state of the scan.
+
+        The rotation, the same in substeps twice as long, and the sums of the linearisation.
+        """
         inputs = self._inputs()
         begin = ca.Function("begin_steps", inputs, [*self._begin(inputs[0], inputs[2]), inputs[4]])
         state = ca.SX.sym("state", 2 * ROTATION + self._integrator.linear_substep().numel_in(0))

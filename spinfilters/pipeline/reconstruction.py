@@ -1,4 +1,7 @@
-"""Dense model of a run's body: depth of every pair, fused by the estimated motion, with its dimensions and an animation."""
+"""Dense model of a run's body with dimensions and animation.
+
+Depth of every pair, fused by the estimated motion.
+"""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -60,8 +63,9 @@ class Reconstruction:
 
 @dataclass(frozen=True, eq=False)
 class BodyMotion:
-    """Poses of the principal axes in the rectified left camera: ``time`` (n,) s, ``rotation`` (n, 3, 3), ``position`` (n, 3) m.
+    """Poses of the principal axes in the rectified left camera.
 
+    ``time`` (n,) s, ``rotation`` (n, 3, 3), ``position`` (n, 3) m.
     ``radius`` (m) is that of a ball around the centre of mass that holds the body; ``name`` of the estimator; ``axes_cov`` (3, 3)
     rad^2 of the axes; ``landmarks`` (k, 3) m, principal axes.
     """
@@ -152,7 +156,10 @@ def images_of(folder: Path, images: Path | None) -> Path:
 
 
 def body_motion(folder: Path, figure_data: FigureData) -> BodyMotion:
-    """Motion by the most exact estimator, and the size by its map. InputError: no such one, no map, too few landmarks."""
+    """Motion of the most exact estimator, and the map's size.
+
+    InputError: no such one, no map, too few landmarks.
+    """
     evaluation, points = figure_data.most_exact, figure_data.map_points
     if evaluation is None or points is None or evaluation.body.center_of_mass_g is None:
         raise InputError(

@@ -1,4 +1,7 @@
-"""A rectified pair with its rows, its disparity, and the error of every view of a calibration."""
+"""Figures of a calibration.
+
+A rectified pair with its rows, its disparity, and the error of every view.
+"""
 
 import numpy as np
 from jaxtyping import Float, UInt8

@@ -1,4 +1,7 @@
-"""Figures of how process noise is conditioned: the thesis' 4-6, 4-7 and 4-8 with the corrected rule, and the full state."""
+"""Figures of the conditioning of process noise.
+
+The thesis' 4-6, 4-7 and 4-8 with the corrected rule, and the full state.
+"""
 
 from collections.abc import Sequence
 from typing import Final
@@ -30,7 +33,9 @@ ELLIPSES: Final = ((0.6, BLUE), (float(np.sqrt(3)), GREEN), (3.0, RED))
 
 
 def conditioning_figure(rate: Float[np.ndarray, " 3"], asked: tuple[float, float] | None = None) -> Figure:
-    """Condition number against time step, one-sigma ellipses, other units of velocity, and the full state at a body rate, rad/s.
+    """Condition number against time step, and one-sigma ellipses.
+
+    Other units of velocity, and the full state at a body rate, rad/s.
 
     Parameters
     ----------
@@ -51,7 +56,10 @@ def conditioning_figure(rate: Float[np.ndarray, " 3"], asked: tuple[float, float
 
 
 def covariance_figure(found: Sequence[CovarianceConditioning]) -> Figure:
-    """Condition number of every estimator's covariance over its epochs: in SI, in fixed units, in units of its own deviations."""
+    """Condition number of every estimator's covariance over its epochs.
+
+    In SI, in fixed units, in units of its own deviations.
+    """
     figure = Figure(figsize=(11.0, 0.8 + 3.2 * len(found)), layout="constrained")
     panels = figure.subplots(len(found), 1, squeeze=False, sharex=True)[:, 0]
     for axes, each in zip(panels, found, strict=True):

@@ -76,7 +76,10 @@ class Convergence:
 
 
 def convergence_figure(found: Convergence) -> Figure:
-    """Rows: quantities as surfaces of error and standard deviation and their course over the solves; last the body's constants."""
+    """Convergence as surfaces and curves over the solves.
+
+    Rows: quantities, error and standard deviation; last the body's constants.
+    """
     rows = len(found.quantities) + 1
     figure = Figure(figsize=(13.5, 2.6 * rows + 0.8), layout="constrained")
     panels = figure.subplots(rows, 3, squeeze=False)
@@ -194,7 +197,10 @@ def _axes_std(axes: Axes, bodies: BodyHistory) -> None:
 def _lines(
     axes: Axes, estimates: tuple[np.ndarray, np.ndarray], true: np.ndarray | None, names: Sequence[str]
 ) -> None:
-    """Components and their standard deviations over the solves, as high as what comes after the first solves needs."""
+    """Curves of components with standard deviations over the solves.
+
+    As high as what comes after the first solves needs.
+    """
     values, std = estimates
     solves = 1 + np.arange(len(values))
     for k, name in enumerate(names):

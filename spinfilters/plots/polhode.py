@@ -24,7 +24,9 @@ _MOST_DOTS = 2000  # more lie upon one another
 
 
 def estimated_polhode_figure(rates: BodyRates, body: BodyEstimate, initialisation: int = 0) -> Figure:
-    """Estimated rates (axes g) in principal axes, with ellipsoids and polhode of the last rate; a note where that is not finite.
+    """Estimated rates in principal axes with ellipsoids and polhode.
+
+    Axes g; of the last rate; a note where that is not finite.
 
     Parameters
     ----------

@@ -28,7 +28,10 @@ SMALLEST_DISPARITY_PX = 0.1
 
 
 class FoundMap(NamedTuple):
-    """Poses, the map they were found with, and the pixels' standard deviation over the stated (None where nothing tells it)."""
+    """Poses, their map, and the pixel noise over the stated.
+
+    None where nothing tells it.
+    """
 
     poses: MeasurementStream
     landmarks: KnownMap
@@ -41,8 +44,9 @@ def poses_without_map(
     noise: NoiseLevel,
     epochs: int | None = None,
 ) -> FoundMap:
-    """Poses and a map from tracks alone; frame g stands at the median of the first epoch's points, axes along the camera.
+    """Poses and a map from tracks alone.
 
+    Frame g stands at the median of the first epoch's points, axes along the camera.
     A pose is weighted by pixel noise and by how well each point is known. Errors common to many epochs (slow drift of the map)
     are not in the poses' covariances; filters that hold the landmarks in their state do not have that weakness.
 
@@ -154,7 +158,10 @@ def _triangulated(
 def _point_information(
     camera: Float[np.ndarray, "k 3"], calibration: np.ndarray, noise: NoiseLevel
 ) -> Float[np.ndarray, "k 3 3"]:
-    """Information of a triangulated point, camera frame: J' N^-1 J of (u_left, v_left, u_right) with noise N."""
+    """Information J' N^-1 J of a triangulated point, camera frame.
+
+    Of (u_left, v_left, u_right) with noise N.
+    """
     J = stereo_pair(calibration).pixels_by_point(camera, calibration)
     roots = noise if isinstance(noise, float | int) else np.linalg.cholesky(noise)
     whitened = J / roots if isinstance(roots, float | int) else np.linalg.solve(roots, J)

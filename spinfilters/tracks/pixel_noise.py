@@ -1,4 +1,7 @@
-"""Pixel noise of stereo tracks from pairs of views. From the residuals of the rigid motion between two of them."""
+"""Pixel noise of stereo tracks from pairs of views.
+
+From the residuals of the rigid motion between two of them.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -84,7 +84,10 @@ class _Seen:
         return np.count_nonzero(chosen, axis=1) / np.maximum(np.count_nonzero(self.usable, axis=1), 1)
 
     def agreeing(self, poses: Float[np.ndarray, "h 7"]) -> Bool[np.ndarray, "h k"]:
-        """Matches near the pixels that a pose tells; poses are of all epochs, or h of one."""
+        """Matches near the predicted pixels of a pose.
+
+        Poses are of all epochs, or h of one.
+        """
         return self.usable & (self.squared_distances(poses) < 1.0)
 
     def cost(self, poses: Float[np.ndarray, "h 7"]) -> Float[np.ndarray, " h"]:
@@ -103,7 +106,10 @@ class _Seen:
         return np.concatenate([t, q], axis=1), enough & determined
 
     def squared_distances(self, poses: Float[np.ndarray, "h 7"]) -> Float[np.ndarray, "h k"]:
-        """Squared distance (u_left, v_left, u_right) of each match under each pose in tolerances, infinite behind the camera."""
+        """Squared distance of each match under each pose, in tolerances.
+
+        (u_left, v_left, u_right); infinite behind the camera.
+        """
         camera, rotations = stereo_pair(self.calibration), matrix_from_quaternion(poses[:, 3:])
         at = self.points @ np.swapaxes(rotations, 1, 2) + poses[:, None, :3]
         away = camera.pixels_of(at, self.calibration) - self.pixels
@@ -117,7 +123,10 @@ class _Seen:
     def _squares_in_spread(
         self, away: Float[np.ndarray, "h k 3"], by_point: Float[np.ndarray, "h k 3 3"]
     ) -> Float[np.ndarray, "h k"]:
-        """With what the map's points are off by: far along the line of sight they were seen on, little across it."""
+        """Squared distances with the map points' own errors.
+
+        Far along the line of sight they were seen on, little across it.
+        """
         assert self.spread is not None
         spread = MAP_AGREEMENT**2 * by_point @ self.spread @ np.swapaxes(by_point, 2, 3)
         spread += self.tolerance[..., None, None] ** 2 * np.eye(3)
@@ -126,7 +135,9 @@ class _Seen:
 
 @dataclass(frozen=True)
 class Consensus:
-    """Rough poses (t, q_ig) of f epochs, where there is one, and which matches agree with it.
+    """Rough poses (t, q_ig) of f epochs with their inliers.
+
+    Where there is one, and which matches agree with it.
 
     Attributes
     ----------
@@ -153,7 +164,10 @@ def consensus_poses(table: MatchTable, calibration: Float[np.ndarray, " c"]) -> 
 def _refined(
     seen: _Seen, poses: Float[np.ndarray, "h 7"], found: Bool[np.ndarray, " h"] | None = None
 ) -> Float[np.ndarray, "h 7"]:
-    """Poses fitted again and again to what agrees with them; those that it does not determine stay."""
+    """Poses refitted to their inliers until these stay.
+
+    Those that they do not determine stay.
+    """
     fitted = np.zeros((len(poses), seen.usable.shape[1]), dtype=bool)
     for _ in range(REFITS):
         agreeing = seen.agreeing(poses)
@@ -190,7 +204,10 @@ def _medians(values: Float[np.ndarray, "f k"], chosen: Bool[np.ndarray, "f k"]) 
 
 
 def _best_of_triples(seen: _Seen) -> Float[np.ndarray, " 7"]:
-    """The cheapest pose of one epoch, from as many triples as promise `RIGHT_TRIPLES` right ones at the share that agrees."""
+    """The cheapest pose of one epoch from random triples.
+
+    As many as promise `RIGHT_TRIPLES` right ones at the share that agrees.
+    """
     generator = np.random.default_rng(SEED)
     best, least = np.zeros(7), np.inf
     for batch in range(1, LARGEST_SEARCH + 1):

@@ -12,8 +12,9 @@ from spinfilters.state.layout import StateLayout
 
 
 class MonocularLandmark(MeasurementModel):
-    """z = (u, v) in pixels of the point p_g: of p_c = R_ic' (t + R_ig p_g - t_ic), as the camera projects it.
+    """z = (u, v) in pixels of the point p_g.
 
+    Of p_c = R_ic' (t + R_ig p_g - t_ic), as the camera projects it.
     Parameters of a measurement: (p_g 3 m, calibration of the camera, those of the noise, such as pixel_std px, those of the
     camera's pose, none where frame i is the camera's). One view does not tell the distance, so this is no `LandmarkSensor`: a
     landmark cannot be made from a single measurement.
@@ -58,7 +59,9 @@ class MonocularLandmark(MeasurementModel):
 def monocular_parameters(
     points: Float[np.ndarray, "count 3"], calibration: Float[np.ndarray, " c"], noise: NoiseLevel
 ) -> Float[np.ndarray, "count p"]:
-    """Parameters of landmarks at ``points`` (frame g, m) for a camera with this calibration (`Monocular`), frame i being its own.
+    """Parameters of landmarks for a camera (`Monocular`).
+
+    At ``points`` (frame g, m), with this calibration, frame i being its own.
 
     Parameters
     ----------

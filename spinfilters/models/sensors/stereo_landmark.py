@@ -17,8 +17,9 @@ SMALLEST_DISPARITY = 5.0
 
 
 class StereoLandmark(LandmarkSensor):
-    """z = (u_left, v_left, u_right) in pixels of the point p_g: of p_c = R_ic' (t + R_ig p_g - t_ic), as the camera projects it.
+    """z = (u_left, v_left, u_right) in pixels of the point p_g.
 
+    Of p_c = R_ic' (t + R_ig p_g - t_ic), as the camera projects it.
     Parameters of a measurement: (p_g 3 m, calibration of the pair, those of the noise, such as pixel_std px, those of the camera's
     pose, none where frame i is the camera's).
     """
@@ -74,7 +75,9 @@ class StereoLandmark(LandmarkSensor):
 def stereo_parameters(
     points: Float[np.ndarray, "count 3"], calibration: Float[np.ndarray, " c"], noise: NoiseLevel
 ) -> Float[np.ndarray, "count p"]:
-    """Parameters of landmarks at ``points`` (frame g, m) for a pair with this calibration (`StereoPair`), frame i being its own.
+    """Parameters of landmarks for a stereo pair (`StereoPair`).
+
+    At ``points`` (frame g, m), with this calibration, frame i being its own.
 
     Parameters
     ----------

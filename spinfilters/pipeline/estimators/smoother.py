@@ -1,4 +1,7 @@
-"""The smoother: epoch by epoch for tracks without a map, all epochs at once for everything else."""
+"""The smoother: epoch by epoch for unmapped tracks, else all at once.
+
+For tracks without a map and for everything else.
+"""
 
 from dataclasses import dataclass, replace
 
