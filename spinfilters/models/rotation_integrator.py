@@ -208,9 +208,9 @@ class RotationIntegrator:
     def linear_substep(self) -> ca.Function:
         """One substep of (q, w, Psi, Theta, noise).
 
-        The noise of a node enters with its weight. The state u is [q w (7) | Psi (6 x 6) | Theta (6 x n) | noise (6 x 6)], matrices column by column: Psi by the
-        first error (a, w), Theta by the n parameters of the rotation. G = [A B] is one substep's own derivative by the same
-        (a, w) and parameters, so Psi <- A Psi, Theta <- A Theta + B, noise <- A noise A'.
+        Node noise enters weighted. The state u is [q w (7) | Psi (6 x 6) | Theta (6 x n) | noise (6 x 6)], matrices column by
+        column: Psi by the first error (a, w), Theta by the n parameters of the rotation. G = [A B] is one substep's own
+        derivative by the same (a, w) and parameters, so Psi <- A Psi, Theta <- A Theta + B, noise <- A noise A'.
         """
         n = self._parameter_count
         sums, p, h, weight = (
