@@ -136,10 +136,12 @@ class _SymbolicSeries:
         self._registers: list[list[Dual]] = [[] for _ in range(tape.size)]
 
     def put(self, index: int, values: list[Dual]) -> None:
+        """Append the coefficients of one input, order by order."""
         for register, dual in zip(self._tape.inputs[index], values, strict=True):
             self._registers[register].append(dual)
 
     def advance(self, order: int) -> list[Dual]:
+        """Coefficients of this order of all outputs, by the tape's instructions."""
         for register, value in self._tape.constants:
             constant = Dual(ca.SX(float(value)), self._zero.gradient)
             self._registers[register].append(constant if order == 0 else self._zero)

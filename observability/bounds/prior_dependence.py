@@ -241,9 +241,11 @@ class _CentreOfMass(MeasurementModel):
     name, dim, value_dim, parameter_dim, needs = "centre of mass", 3, 3, 1, ("t", "a", "c")
 
     def symbolic(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        """Centre of mass in frame i, t + R_ig c, m."""
         return state["t"] + rotate(state["q"], state["c"])
 
     def noise_factor(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        """Unit covariance factor: 1 m along each axis."""
         return ca.DM.eye(3)
 
 

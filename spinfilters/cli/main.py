@@ -76,6 +76,7 @@ class _CompileNotice(logging.Handler):
     told = False
 
     def emit(self, record: logging.LogRecord) -> None:
+        """Print warnings, and once a note that models are compiled."""
         if record.levelno >= logging.WARNING:
             _complain(record.getMessage())
         elif not _CompileNotice.told:
@@ -107,6 +108,7 @@ class _Parser(argparse.ArgumentParser):
     """An argument parser whose complaint is one line."""
 
     def error(self, message: str) -> NoReturn:
+        """End the command with one line on wrong arguments, exit code 2."""
         raise SystemExit(_complain(f"{message}; see '{self.prog} --help'"))
 
 

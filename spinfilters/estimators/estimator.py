@@ -76,11 +76,17 @@ class ProcessModel(Protocol):
     """What a filter asks of a process: see `spinfilters.models.process.TorqueFreeProcess`."""
 
     @property
-    def layout(self) -> StateLayout: ...
+    def layout(self) -> StateLayout:
+        """Layout of the states."""
+        ...
 
-    def step(self, x: Float[np.ndarray, "*batch m"], dt: float) -> Float[np.ndarray, "*batch m"]: ...
+    def step(self, x: Float[np.ndarray, "*batch m"], dt: float) -> Float[np.ndarray, "*batch m"]:
+        """States ``dt`` seconds later without disturbances, shape as ``x``."""
+        ...
 
-    def linearise(self, x: Float[np.ndarray, " m"], dt: float) -> LinearisedStep: ...
+    def linearise(self, x: Float[np.ndarray, " m"], dt: float) -> LinearisedStep:
+        """One step of ``dt`` seconds, linearised at ``x``."""
+        ...
 
     def linearise_steps(
         self,
@@ -88,7 +94,9 @@ class ProcessModel(Protocol):
         there: Float[np.ndarray, "s m"],
         dt: Float[np.ndarray, " s"],
         about: Float[np.ndarray, "s m"] | None = None,
-    ) -> LinearisedSteps: ...
+    ) -> LinearisedSteps:
+        """Steps from ``here`` to ``there``, each linearised at ``here`` or ``about``."""
+        ...
 
 
 Snapshot = dict[str, np.ndarray]

@@ -58,6 +58,7 @@ class _Element:
 
     @property
     def is_table(self) -> bool:
+        """Whether all properties are single numbers."""
         return all(len(each) == 2 for each in self.properties)
 
 
@@ -177,11 +178,13 @@ class _AsciiRows:
         return lines
 
     def table(self, element: _Element) -> dict[str, np.ndarray]:
+        """Columns of an element of single numbers, by name."""
         values = np.array(b" ".join(self._take(element.count)).split(), dtype="S32").astype(np.float64)
         values = values.reshape(element.count, len(element.properties))
         return {each[0]: values[:, k] for k, each in enumerate(element.properties)}
 
     def lists(self, element: _Element, kept: bool) -> list[np.ndarray]:
+        """Integer list of each row, empty where not ``kept``."""
         lines = self._take(element.count)
         if not kept:
             return []
@@ -201,11 +204,13 @@ class _BinaryRows:
         return taken
 
     def table(self, element: _Element) -> dict[str, np.ndarray]:
+        """Columns of an element of single numbers, by name."""
         layout = np.dtype([(name, self._order + kind) for name, kind in element.properties])
         rows = self._take(layout, element.count)
         return {name: rows[name] for name, _ in element.properties}
 
     def lists(self, element: _Element, kept: bool) -> list[np.ndarray]:
+        """Integer list of each row, empty where not ``kept``."""
         types = [tuple(np.dtype(self._order + kind) for kind in each[1:]) for each in element.properties]
         rows = []
         for _ in range(element.count):

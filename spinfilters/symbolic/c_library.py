@@ -162,6 +162,7 @@ class _OneWarning(logging.Filter):
     given = False
 
     def filter(self, record: logging.LogRecord) -> bool:
+        """Whether to pass a record: no second warning."""
         first = not self.given or record.levelno < logging.WARNING
         self.given = self.given or record.levelno >= logging.WARNING
         return first

@@ -192,6 +192,7 @@ class _BoundBuffers:
     def run(
         self, library: ctypes.PyDLL, strides_out: ctypes.Array[ctypes.c_longlong]
     ) -> tuple[np.ndarray, ...]:
+        """Copies of the outputs at the bound inputs. MemoryError: no work arrays."""
         if library.spinfilters_loop(
             self._one, self._pointers_in, self._no_strides, self._pointers_out, strides_out
         ):

@@ -60,6 +60,7 @@ class _Seen:
 
     @classmethod
     def of(cls, table: MatchTable, calibration: Float[np.ndarray, " c"]) -> "_Seen":
+        """Usable matches of a table as rays and points of the camera's frame."""
         camera = stereo_pair(calibration).points_of(table.pixels, calibration)
         usable = table.given & np.isfinite(camera).all(axis=2) & (camera[..., 2] > 0)
         pixels, camera = (np.where(usable[..., None], array, 1.0) for array in (table.pixels, camera))

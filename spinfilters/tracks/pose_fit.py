@@ -202,6 +202,7 @@ class _MapNoise:
         jacobian: Float[np.ndarray, "f k 3 6"],
         covariance: Float[np.ndarray, "f k 3 3"],
     ) -> "_MapNoise":
+        """Projected covariance of the map points, beside unit pixel noise."""
         by_point = jacobian[..., :3] @ matrix_from_quaternion(about.poses[:, 3:])[:, None]
         root = np.linalg.cholesky(np.eye(3) + by_point @ covariance @ np.swapaxes(by_point, 2, 3))
         return cls(points - about.points, by_point, covariance, root)

@@ -60,6 +60,7 @@ class _Sequence:
         return len(self.time)
 
     def part(self, chosen: Bool[np.ndarray, " n"]) -> "_Sequence":
+        """The chosen observations alone."""
         return _Sequence(
             self.observations.part(chosen),
             self.time[chosen],
@@ -69,6 +70,7 @@ class _Sequence:
         )
 
     def with_noise(self, noise: TrackNoise) -> "_Sequence":
+        """The same with covariances of this noise model."""
         covariance = noise.covariance(self.size, self.residual)
         return replace(self, observations=replace(self.observations, covariance=covariance))
 

@@ -61,6 +61,7 @@ class SiftDetector:
         )
 
     def detect(self, image: UInt8[np.ndarray, "h w"]) -> Features:
+        """SIFT points with root-normalised descriptors (k, 128)."""
         points, descriptors = self._sift.detectAndCompute(image, None)
         if descriptors is None:
             return _features((), np.zeros((0, 128)))
@@ -79,6 +80,7 @@ class OrbDetector:
         self._orb = cv2.ORB.create(nfeatures=MOST_FEATURES, fastThreshold=8)
 
     def detect(self, image: UInt8[np.ndarray, "h w"]) -> Features:
+        """ORB points with descriptors (k, 256) of normalised signs."""
         points, descriptors = self._orb.detectAndCompute(image, None)
         if descriptors is None:
             return _features((), np.zeros((0, 256)))

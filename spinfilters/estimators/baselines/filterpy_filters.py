@@ -36,6 +36,7 @@ class FilterpyFilter(Estimator):
         self._filter = wrapped
 
     def start(self, belief: Gaussian) -> None:
+        """Begin with a belief. InputError: blocks other than the process'."""
         if belief.layout != self.layout:
             raise InputError(
                 f"belief has the blocks {belief.layout.blocks}, the process has {self.layout.blocks}"
@@ -44,9 +45,11 @@ class FilterpyFilter(Estimator):
 
     @property
     def belief(self) -> Gaussian:
+        """Latest belief on the manifold, from the chart's mean and covariance."""
         return self._chart.to_belief(self._filter.x, self._filter.P)
 
     def predict(self, dt: float) -> None:
+        """Predict the chart's mean and covariance ``dt`` seconds ahead."""
         xi = self._filter.x
         moved, transition, noise = self.process.linearise(self._chart.point(xi), dt)
         after = self._chart.coordinates(moved)
@@ -57,6 +60,7 @@ class FilterpyFilter(Estimator):
         self._filter.x, self._filter.P = self._chart.shortened(self._filter.x, self._filter.P)
 
     def update(self, measurement: Measurement) -> UpdateReport:
+        """Update by the usable values of a measurement."""
         model, count = measurement.model, len(measurement.values)
         about = model.linearise(self._chart.point(self._filter.x), measurement.parameters, measurement.values)
         keep = usable(about.innovation, about.valid)
@@ -73,9 +77,11 @@ class FilterpyFilter(Estimator):
         )
 
     def snapshot(self) -> Snapshot:
+        """Copies of the chart's mean and covariance."""
         return {"mean": np.array(self._filter.x), "covariance": np.array(self._filter.P)}
 
     def restore(self, snapshot: Snapshot) -> None:
+        """Take mean and covariance from a `snapshot`."""
         self._filter.x, self._filter.P = snapshot["mean"].copy(), snapshot["covariance"].copy()
 
     @abstractmethod
@@ -123,6 +129,7 @@ class _ChartEkf(ExtendedKalmanFilter):
     after: Float[np.ndarray, " n"]
 
     def predict_x(self, u: object = 0) -> None:
+        """Set the mean to the one predicted outside; ``u`` is unused."""
         self.x = self.after
 
 

@@ -81,6 +81,7 @@ class MultiplicativeFilter(Estimator):
         self._held: HeldMap | None = None
 
     def start(self, belief: Gaussian | LandmarkBelief) -> None:
+        """Begin with a belief; gates and noise adaptation start afresh."""
         if belief.layout != self.layout:
             raise InputError(
                 f"belief has the blocks {belief.layout.blocks}, the process has {self.layout.blocks}"
@@ -107,6 +108,7 @@ class MultiplicativeFilter(Estimator):
 
     @property
     def belief(self) -> Gaussian:
+        """Latest belief of the state in frame g, landmarks marginalised."""
         if self._held is None:
             return Gaussian(self.layout, self._mean, self._factor)
         if not self._held.has_move(self._factor, self.layout):
@@ -130,6 +132,7 @@ class MultiplicativeFilter(Estimator):
         return 0 if self._held is None else self._held.landmarks.rank
 
     def predict(self, dt: float) -> None:
+        """Predict mean and covariance factor ``dt`` seconds ahead."""
         self._guards.pass_time()
         self._adaptation.observe_motion(self.layout, self._mean, self._factor[: self._n])
         motion = self._moved(dt)
@@ -158,11 +161,13 @@ class MultiplicativeFilter(Estimator):
         return UpdateReport(correction.nis, correction.dof, used, count - used, correction.log_likelihood)
 
     def snapshot(self) -> Snapshot:
+        """Copies of belief, landmarks, gates and noise adaptation."""
         beliefs = {"mean": self._mean.copy(), "factor": self._factor.copy()}
         landmarks = {} if self._held is None else self._held.snapshot()
         return {**beliefs, **landmarks, **self._guards.snapshot(), **self._adaptation.snapshot()}
 
     def restore(self, snapshot: Snapshot) -> None:
+        """Take belief, landmarks, gates and noise adaptation from a `snapshot`."""
         self._mean, self._factor = snapshot["mean"].copy(), snapshot["factor"].copy()
         self._held = HeldMap.restored(snapshot, self._options)
         self._guards.restore(snapshot)

@@ -111,8 +111,10 @@ class NoiseScale:
 
 
 class Explained(Protocol):
-    """What an update says, in the coordinates y of the belief before it
-    (`spinfilters.estimators.filters.square_root_update.Correction`)."""
+    """Outcome of an update in the coordinates y of the prior belief.
+
+    Correction y and triangle U (`spinfilters.estimators.filters.square_root_update.Correction`), NIS and its degrees of freedom.
+    """
 
     @property
     def coordinates(self) -> Float[np.ndarray, " n"]: ...

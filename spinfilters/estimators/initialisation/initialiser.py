@@ -51,7 +51,9 @@ with a second optimum were beyond 0.7, and all optima that were alone below 0.5.
 class InitialisableProcess(ProcessModel, Protocol):
     """A process that says which motions it cannot follow."""
 
-    def require_steps(self, time: Float[np.ndarray, " k"], rates: Float[np.ndarray, "k 3"]) -> None: ...
+    def require_steps(self, time: Float[np.ndarray, " k"], rates: Float[np.ndarray, "k 3"]) -> None:
+        """Require few enough substeps of these rates (rad/s). InputError: too many."""
+        ...
 
 
 @dataclass(frozen=True)

@@ -72,6 +72,7 @@ class CompiledSteps:
         self._places = (ctypes.c_void_p * len(_STORED))()
 
     def refresh(self, stored: "LandmarkMap", rows: Int[np.ndarray, " q"]) -> None:
+        """Bring the chosen landmarks' transformations to the present epoch, in C."""
         rows = np.ascontiguousarray(rows)
         self._c.refresh(len(rows), address(rows), 0, 0, stored.now, len(stored.shift), self._map(stored))
 
@@ -82,6 +83,7 @@ class CompiledSteps:
         linear: Float[np.ndarray, "k d w"],
         weights: Float[np.ndarray, " k"],
     ) -> WhitenedRows:
+        """Whitened rows as `NumpySteps.whitened`, in C."""
         k, d, width = linear.shape
         if (d, width - 4) != SHAPE:
             return self._reference.whitened(stored, at, linear, weights)
@@ -98,6 +100,7 @@ class CompiledSteps:
         columns: Int[np.ndarray, " q"],
         log_noise: float,
     ) -> Correction:
+        """Square-root update by whitened rows, in C."""
         n, (k, d, _) = len(factor), white.shape
         if (d, len(columns) - self._modes) != SHAPE:
             return self._reference.corrected(white, factor, columns, log_noise)
@@ -112,6 +115,7 @@ class CompiledSteps:
         factor: Float[np.ndarray, "N N"],
         limit: float,
     ) -> tuple[Correction, WhitenedRows] | None:
+        """Linearisation and update in one pass in C, None where not possible."""
         o, n, d, c = observations, len(factor), *SHAPE
         k, loop, width = len(o.at), o.sensor.observation_rows.loop, c + self._modes + 1
         if not (k and loop) or (o.sensor.dim, len(o.columns) - self._modes) != SHAPE:
@@ -139,6 +143,7 @@ class CompiledSteps:
         factor: Float[np.ndarray, "N N"],
         limit: float,
     ) -> tuple[Correction, WhitenedRows] | None:
+        """Whitening and update in one pass in C, None where not possible."""
         o, n, (k, d, width) = observations, len(factor), linear.shape
         if k == 0 or (d, width - 4) != SHAPE or limit < 0:
             return None
@@ -157,6 +162,7 @@ class CompiledSteps:
     def regressed(
         self, observations: "Observations", spread: "Spread", points: SigmaPoints
     ) -> LinearisedObservations | None:
+        """Statistical linearisation of observations in C, None where not possible."""
         o, (d, c) = observations, SHAPE
         k, loop, pose = len(o.at), o.sensor.observation_innovations.loop, spread.pose
         if not (k and loop) or o.sensor.dim != d or pose.shape != (c, c) or not spread.is_solvable:
@@ -176,6 +182,7 @@ class CompiledSteps:
         return LinearisedObservations(rows, valid > 0, log_noise)
 
     def close(self, stored: "LandmarkMap", closing: Closing) -> NewLandmarks:
+        """Close an epoch as `NumpySteps.close`, in C."""
         r, n, (k, _, c) = len(closing.remembered), closing.factor.shape[1], closing.by_pose.shape
         if (closing.white.shape[1], c) != SHAPE:
             return self._reference.close(stored, closing)

@@ -48,12 +48,15 @@ class _OneStage:
     only: Stage
 
     def stage(self, iteration: int, here: LinearizationPoint, before: NormalEquations | None) -> Stage:
+        """The only stage."""
         return self.only
 
     def last(self, iteration: int, stage: Stage) -> bool:
+        """True: one iteration."""
         return True
 
     def repaired(self, here: LinearizationPoint, stage: Stage) -> LinearizationPoint:
+        """The linearization point as it is."""
         return here
 
 
@@ -64,9 +67,11 @@ class _Chosen(RobustLoss):
     weights: Float[np.ndarray, " N"]
 
     def cost(self, square: Squares) -> Squares:
+        """Squares of the chosen observations, zero of the others."""
         return np.where(self.weights > 0, square, 0.0)
 
     def weight(self, square: Squares) -> Squares:
+        """Weights of the chosen finite observations."""
         return np.where(np.isfinite(square), self.weights, 0.0)
 
 

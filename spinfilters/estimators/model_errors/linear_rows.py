@@ -166,6 +166,7 @@ class LinearRows:
         return prior_rows(ordering, self.here.trajectory[0], prior)
 
     def columns_of(self, sensor: SensorRows) -> Int[np.ndarray, " c"]:
+        """Columns of the state's error that a sensor depends on."""
         return self.problem.motion.sensor_columns(sensor)[:-1]
 
     def _gradient(self, right: Columns) -> Gradient:

@@ -68,6 +68,7 @@ class _KeptEpoch:
 
     @property
     def time(self) -> float:
+        """Time of the epoch, s."""
         return self.epoch.time
 
 

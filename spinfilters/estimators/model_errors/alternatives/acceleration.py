@@ -22,6 +22,7 @@ class ConstantAcceleration(Alternative):
     held_by: ClassVar = {"process": {"gravity": True}}
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """Three columns of the acceleration of the centre of mass, i axes."""
         if not motion.translates:
             return None
         return motion.disturbed(linear=np.tile(np.eye(3), (len(motion.time), 1, 1)))

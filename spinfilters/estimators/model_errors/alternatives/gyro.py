@@ -34,6 +34,7 @@ class _GyroAlternative(Alternative):
         """Change of the rate at every epoch, g axes, per unit."""
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """Shift of the rates of all gyros by this error."""
         change = self.of_rates(motion)
         return motion.shifted(lambda each: change[each.epoch] if isinstance(each.model, Gyro) else None)
 
@@ -48,6 +49,7 @@ class GyroBias(_GyroAlternative):
     held_by: ClassVar = {"initialisation": {"gyro_bias_std": 0.05}}
 
     def of_rates(self, motion: SmoothedMotion) -> Float[np.ndarray, "k 3 m"]:
+        """Three columns of a constant shift."""
         return np.tile(np.eye(3), (len(motion.time), 1, 1))
 
 
@@ -62,6 +64,7 @@ class GyroDrift(_GyroAlternative):
     cure = "let the gyro warm up, or take a shorter recording (--segment)"
 
     def of_rates(self, motion: SmoothedMotion) -> Float[np.ndarray, "k 3 m"]:
+        """Three columns of a shift linear in time."""
         time = motion.time
         return ((2 * time - time[0] - time[-1]) / (time[-1] - time[0]))[:, None, None] * np.eye(3)
 
@@ -76,6 +79,7 @@ class GyroScale(_GyroAlternative):
     held_by: ClassVar = {"initialisation": {"gyro_scale_error_std": GYRO_SCALE.prior_std}}
 
     def of_rates(self, motion: SmoothedMotion) -> Float[np.ndarray, "k 3 m"]:
+        """One column proportional to the rates."""
         return motion.rates[:, :, None]
 
 
@@ -87,6 +91,7 @@ class GyroMisalignment(_GyroAlternative):
     cure = "calibrate the gyro's axes and their scales"
 
     def of_rates(self, motion: SmoothedMotion) -> Float[np.ndarray, "k 3 m"]:
+        """Columns of rates mixed by the off-diagonal shears."""
         return np.einsum("mij,kj->kim", SHEARS, motion.rates)
 
 
@@ -101,6 +106,7 @@ class GyroLowPass(_GyroAlternative):
     cure = "set the gyro's bandwidth well above the wobble"
 
     def of_rates(self, motion: SmoothedMotion) -> Float[np.ndarray, "k 3 m"]:
+        """One column: half the second derivative of the rates."""
         return np.gradient(motion.rate_change, motion.time, axis=0)[:, :, None] / 2
 
 

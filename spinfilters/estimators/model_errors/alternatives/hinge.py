@@ -23,6 +23,7 @@ class Hinge(Alternative):
     cure = "lock the joint: of a body that is not rigid the moments cannot be told"
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """Columns of the inertia's traceless linear changes."""
         J, w, change = motion.inertia, motion.rates, motion.rate_change
         half = (motion.time[-1] - motion.time[0]) / 2
         share = ((motion.time - motion.time[0]) / half - 1)[:, None]

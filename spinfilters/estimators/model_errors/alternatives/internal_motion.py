@@ -22,6 +22,7 @@ class EnergyLoss(Alternative):
     )
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """One column: torque against the rate across the angular momentum."""
         momentum = motion.rates @ motion.inertia
         size = np.linalg.norm(momentum, axis=1, keepdims=True)
         along = momentum / np.maximum(size, np.finfo(float).tiny)
@@ -41,6 +42,7 @@ class Rotor(Alternative):
     cure = "the body is a gyrostat and its moments cannot be told; stop the rotor while recording"
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """Three columns of the rotor's angular momentum, g axes."""
         cross = np.cross(np.eye(3)[:, None], motion.rates[None])  # h_r along each axis, epoch
         gained = np.linalg.solve(motion.inertia, np.moveaxis(cross, 0, 2))
         return motion.disturbed(angular=gained)
