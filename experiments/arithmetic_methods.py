@@ -13,7 +13,7 @@ import mpmath
 import numpy as np
 from jaxtyping import Float
 
-from experiments.arithmetic_runs import LAYOUT, RandomRun, Step
+from experiments.arithmetic_runs import LAYOUT, FilterStep, RandomRun
 from spinfilters.estimators.landmarks.held_map import HeldMap
 from spinfilters.models.landmark_sensor import LandmarkSensor
 
@@ -34,7 +34,7 @@ class LinearStep:
     noise: Float[np.ndarray, "M k"]
 
 
-def joint_before(run: RandomRun, step: Step) -> Float[np.ndarray, "N N"]:
+def joint_before(run: RandomRun, step: FilterStep) -> Float[np.ndarray, "N N"]:
     """Factor of the errors of state and landmarks before a step."""
     held = HeldMap.restored(step.before, run.options)
     if held is None:
@@ -42,7 +42,7 @@ def joint_before(run: RandomRun, step: Step) -> Float[np.ndarray, "N N"]:
     return held.belief(LAYOUT, step.before["mean"], step.before["factor"]).joint_factor()
 
 
-def linear_step(run: RandomRun, step: Step) -> LinearStep:
+def linear_step(run: RandomRun, step: FilterStep) -> LinearStep:
     """The linear problem that the filter solved in this step.
 
     Of first order, of all errors before it, those of the state after it.
@@ -57,7 +57,7 @@ def linear_step(run: RandomRun, step: Step) -> LinearStep:
     return LinearStep(rows, T, np.zeros((STATE, 0)))
 
 
-def _reading_rows(step: Step, size: int) -> Float[np.ndarray, "m N"]:
+def _reading_rows(step: FilterStep, size: int) -> Float[np.ndarray, "m N"]:
     measured = step.measurement
     assert measured is not None
     at = measured.model.linearise(step.before["mean"], measured.parameters, measured.values)
@@ -67,7 +67,7 @@ def _reading_rows(step: Step, size: int) -> Float[np.ndarray, "m N"]:
     return H
 
 
-def _observation_rows(run: RandomRun, step: Step, size: int) -> Float[np.ndarray, "m N"]:
+def _observation_rows(run: RandomRun, step: FilterStep, size: int) -> Float[np.ndarray, "m N"]:
     measured, change = step.measurement, step.change
     assert measured is not None
     assert measured.ids is not None

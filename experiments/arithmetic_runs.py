@@ -61,7 +61,7 @@ class RandomRun:
 
 
 @dataclass(frozen=True)
-class Step:
+class FilterStep:
     """One prediction (``measurement`` is None) or update, and the filter's snapshots around it."""
 
     before: Snapshot
@@ -99,18 +99,18 @@ def random_run(seed: int) -> RandomRun:
     return RandomRun(estimator, precision, dt, process, options, belief, epochs)
 
 
-def steps(run: RandomRun, estimator: MultiplicativeFilter) -> Iterator[Step]:
+def steps(run: RandomRun, estimator: MultiplicativeFilter) -> Iterator[FilterStep]:
     """Every prediction and update of a run, as it is made."""
     estimator.start(run.belief)
     for k, measurements in enumerate(run.epochs):
         if k:
             before = estimator.snapshot()
             estimator.predict(run.dt)
-            yield Step(before, estimator.snapshot(), None, None, 0)
+            yield FilterStep(before, estimator.snapshot(), None, None, 0)
         for measurement in measurements:
             before = estimator.snapshot()
             report = estimator.update(measurement)
-            yield Step(before, estimator.snapshot(), measurement, report.map_change, report.accepted)
+            yield FilterStep(before, estimator.snapshot(), measurement, report.map_change, report.accepted)
 
 
 def _log_uniform(generator: np.random.Generator, low: float, high: float) -> float:

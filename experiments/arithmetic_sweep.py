@@ -33,7 +33,7 @@ from experiments.arithmetic_methods import (
     reference,
     stds,
 )
-from experiments.arithmetic_runs import LAYOUT, RandomRun, Step, random_run, steps
+from experiments.arithmetic_runs import LAYOUT, FilterStep, RandomRun, random_run, steps
 from spinfilters.data.atomic_write import make_folder
 from spinfilters.errors import SpinfiltersError
 from spinfilters.estimators.filters.iterated_update import IterationOptions
@@ -112,7 +112,7 @@ def check(seed: int, every: int) -> Checked:
     return checked
 
 
-def inspect(checked: Checked, step: Step) -> None:
+def inspect(checked: Checked, step: FilterStep) -> None:
     """Look at the covariances after a step: of the state, and of each landmark's own error.
 
     Modes may be functions of the state: those that came in last are errors of its pose.
@@ -138,7 +138,7 @@ def inspect(checked: Checked, step: Step) -> None:
         checked.ratio = max(checked.ratio, float(np.max(before / after)) ** 2)
 
 
-def solve_again(checked: Checked, taken: list[Step]) -> None:
+def solve_again(checked: Checked, taken: list[FilterStep]) -> None:
     """Each step's linear problem by the reference, and by conventional forms."""
     checked.indefinite, checked.std_error = dict.fromkeys(CONVENTIONAL, False), 0.0
     for step in takewhile(_is_in_g, taken):
@@ -151,7 +151,7 @@ def solve_again(checked: Checked, taken: list[Step]) -> None:
             checked.indefinite[name] |= _fails(kept @ kept.T, name, problem)
 
 
-def _is_in_g(step: Step) -> bool:
+def _is_in_g(step: FilterStep) -> bool:
     """Whether the state is still told in frame g.
 
     A filter that knows no landmark again goes on in another frame.

@@ -47,7 +47,7 @@ Squares = Mapping[str, Float[np.ndarray, " runs"]]
 
 
 @dataclass(frozen=True)
-class Recording:
+class MonteCarloRecording:
     """One simulated recording: its frames with unknown landmarks, and what is true of them."""
 
     process: TorqueFreeProcess
@@ -94,13 +94,13 @@ def normalised_squares(scenario: Scenario) -> dict[str, float]:
     return {b: float(square[1 if b in "ta" else 0 :, LAYOUT.slice(b)].mean()) for b in LAYOUT.blocks}
 
 
-def recorded(dataset: Dataset, scenario: Scenario) -> Recording:
+def recorded(dataset: Dataset, scenario: Scenario) -> MonteCarloRecording:
     """What the smoother sees of a data set, and the truth."""
     assert dataset.truth is not None
     assert dataset.known_map is not None
     assert dataset.rig is not None
     noise, view = SensorNoise(pixel_std=scenario.pixel_std), CameraView(None, dataset.rig.calibration)
-    return Recording(
+    return MonteCarloRecording(
         TorqueFreeProcess(LAYOUT, scenario.noise),
         build_timeline(dataset.log, LAYOUT, noise, view),
         true_states(dataset.truth, LAYOUT),
@@ -108,7 +108,7 @@ def recorded(dataset: Dataset, scenario: Scenario) -> Recording:
     )
 
 
-def bound_at_truth(recording: Recording) -> Float[np.ndarray, "k n"]:
+def bound_at_truth(recording: MonteCarloRecording) -> Float[np.ndarray, "k n"]:
     """Standard deviation of every error component of every frame, given all measurements."""
     problem = recording.problem(recording.states[0])
     normal = problem.normal(problem.at(recording.states, recording.known_map.points), Stage(LeastSquares()))
@@ -116,7 +116,9 @@ def bound_at_truth(recording: Recording) -> Float[np.ndarray, "k n"]:
     return np.linalg.norm(Marginals(normal.solution, normal.eliminated).factors, axis=2)
 
 
-def smoothed_errors(recording: Recording, prior_mean: Float[np.ndarray, " m"]) -> Float[np.ndarray, "k n"]:
+def smoothed_errors(
+    recording: MonteCarloRecording, prior_mean: Float[np.ndarray, " m"]
+) -> Float[np.ndarray, "k n"]:
     """Errors of the smoother from the truth.
 
     It sets out from there so that no other minimum is in question.

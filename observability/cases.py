@@ -16,7 +16,13 @@ from observability.bounds.reference_trajectory import (
     driven_reference,
     free_reference,
 )
-from observability.canonical_motions import CANONICAL_MOTIONS, Motion, landmarks, point_of, principal_axes
+from observability.canonical_motions import (
+    CANONICAL_MOTIONS,
+    CanonicalMotion,
+    landmarks,
+    point_of,
+    principal_axes,
+)
 from observability.certificate import Certificate, certify
 from observability.charts.chart import Chart
 from observability.charts.filter_state import FilterChart
@@ -25,7 +31,7 @@ from observability.charts.tensor import TensorChart
 from observability.codistribution import InputSeries
 from observability.rational import Rationals, as_floats, rationals
 from observability.sensors import analysed, analysed_sensors, watching
-from observability.system import Input, Sensor, System
+from observability.system import Input, System, SystemSensor
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.dynamics.mass_distribution import inertia_matrix
 from spinfilters.errors import InputError
@@ -64,7 +70,7 @@ class Case:
     known_map: bool = False
     chart: str = "principal"
     unknowns: str = "ratios"
-    motion: Motion = CANONICAL_MOTIONS[0]
+    motion: CanonicalMotion = CANONICAL_MOTIONS[0]
     inputs: Sequence[Input] = field(default_factory=tuple)
     sizes: InputSizes = field(default_factory=InputSizes)
 
@@ -260,7 +266,7 @@ class Case:
         return PrincipalChart(MOMENTS if self.holds_scale else RATIOS, self.has_attitude, self.has_place)
 
     @cached_property
-    def _sensors(self) -> list[Sensor]:
+    def _sensors(self) -> list[SystemSensor]:
         seeing = [each for each in self.sensors if analysed(each).sees_points]
         others = [each for each in self.sensors if each not in seeing]
         seen = [landmarks(self.landmarks, seed) for seed in range(len(seeing))]

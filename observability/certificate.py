@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float, Num
 
-from observability.codistribution import InputSeries, SensorRows, codistribution, motion_series
+from observability.codistribution import InputSeries, SensorCodistribution, codistribution, motion_series
 from observability.elimination import FIELD, Elimination, eliminate
 from observability.explanation import Explained, explained, tangent_symmetries, tangent_vectors
 from observability.prime_field import PrimeField
@@ -115,22 +115,22 @@ def _rows(
     point: Rationals,
     kind: tuple[int, PrimeField],
     experiments: Sequence[InputSeries],
-) -> list[SensorRows]:
+) -> list[SensorCodistribution]:
     """Of all experiments together, so many orders in a field."""
     orders, field = kind
     rows = [codistribution(system, point, orders, field, given) for given in experiments]
     return [joined(parts) for parts in zip(*rows, strict=True)]
 
 
-def joined(parts: Sequence[SensorRows]) -> SensorRows:
+def joined(parts: Sequence[SensorCodistribution]) -> SensorCodistribution:
     """Rows of one sensor from several experiments as one: the same unknowns."""
-    return SensorRows(
+    return SensorCodistribution(
         np.concatenate([part.common for part in parts], axis=2),
         np.concatenate([part.own for part in parts], axis=2),
     )
 
 
-def _ranks(rows: Sequence[SensorRows]) -> tuple[tuple[int, ...], Elimination]:
+def _ranks(rows: Sequence[SensorCodistribution]) -> tuple[tuple[int, ...], Elimination]:
     most = rows[0].own.shape[1]
     eliminations = [eliminate([part.upto(orders) for part in rows]) for orders in range(1, most + 1)]
     return tuple(each.rank for each in eliminations), eliminations[-1]

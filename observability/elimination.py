@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Int, Num
 
-from observability.codistribution import SensorRows
+from observability.codistribution import SensorCodistribution
 from observability.prime_field import PRIME, PrimeField
 
 FIELD = PrimeField()
@@ -96,7 +96,7 @@ class Elimination:
         return np.concatenate(space, axis=1)
 
 
-def eliminate(sensors: list[SensorRows]) -> Elimination:
+def eliminate(sensors: list[SensorCodistribution]) -> Elimination:
     """Eliminate every item's own unknowns, then the chart's directions."""
     own = []
     for rows in sensors:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Num
 
 from observability.branch_decisions import branch_decisions
-from observability.codistribution import InputSeries, SensorRows
+from observability.codistribution import InputSeries, SensorCodistribution
 from observability.elimination import FIELD, product_of, reduce_columns
 from observability.rational import Rationals, as_floats
 from observability.series import Series
@@ -51,7 +51,7 @@ class Tangents:
     directions: Num[np.ndarray, "n k"]
 
 
-def tangent_symmetries(system: System, point: Rationals, rows: Sequence[SensorRows]) -> Tangents:
+def tangent_symmetries(system: System, point: Rationals, rows: Sequence[SensorCodistribution]) -> Tangents:
     """Independent candidates whose tangents lie in the null space, exactly.
 
     As many as are independent.
@@ -88,7 +88,7 @@ def explained(
     ]
 
 
-def _unseen(rows: Sequence[SensorRows], tangents: Num[np.ndarray, "n k"]) -> Bool[np.ndarray, " k"]:
+def _unseen(rows: Sequence[SensorCodistribution], tangents: Num[np.ndarray, "n k"]) -> Bool[np.ndarray, " k"]:
     """Whether every row is orthogonal to a tangent."""
     unseen, offset = np.ones(tangents.shape[1], dtype=bool), rows[0].common.shape[-1]
     for sensor in rows:

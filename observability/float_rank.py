@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from observability.arithmetic import Reals
-from observability.codistribution import InputSeries, SensorRows, codistribution
+from observability.codistribution import InputSeries, SensorCodistribution, codistribution
 from observability.rational import Rationals
 from observability.system import System
 
@@ -57,7 +57,7 @@ def float_rank(
     return FloatRank(values[: matrix.shape[1]], vectors, scale)
 
 
-def dense(rows: Sequence[SensorRows], time_scale: float = 1.0) -> Float[np.ndarray, "k n"]:
+def dense(rows: Sequence[SensorCodistribution], time_scale: float = 1.0) -> Float[np.ndarray, "k n"]:
     """All rows as one matrix in the order of `System.names`."""
     unknowns = rows[0].common.shape[-1] + sum(sensor.own[:, 0, 0].size for sensor in rows)
     parts, offset = [], rows[0].common.shape[-1]

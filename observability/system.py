@@ -49,7 +49,7 @@ class Input(StrEnum):
 
 
 @dataclass(frozen=True)
-class Sensor:
+class SystemSensor:
     """A sensor of the filters, once per item of its parameters.
 
     Attributes
@@ -98,7 +98,7 @@ class System:
     """
 
     chart: Chart
-    sensors: Sequence[Sensor]
+    sensors: Sequence[SystemSensor]
     inputs: Sequence[Input] = ()
     torque_axes: Sequence[Rationals] = AXES_OF_G
 
@@ -150,7 +150,7 @@ class System:
         """Of each sensor, (x, parameters) -> value."""
         return tuple(self._output(sensor) for sensor in self.sensors)
 
-    def measured(self, sensor: Sensor, x: ca.SX, parameters: ca.SX) -> ca.SX:
+    def measured(self, sensor: SystemSensor, x: ca.SX, parameters: ca.SX) -> ca.SX:
         """A sensor's value as an expression."""
         return sensor.model.symbolic(self.chart.seen(self.chart.unpack(x)), parameters)
 
@@ -164,7 +164,7 @@ class System:
             return {name: columns @ axis for name, columns in self.chart.torque_field(values).items()}
         return {"v": -ca.DM(np.eye(3)[:, given.axis])}
 
-    def _output(self, sensor: Sensor) -> Tape:
+    def _output(self, sensor: SystemSensor) -> Tape:
         x, p = ca.SX.sym("x", self.chart.mean_dim), ca.SX.sym("p", sensor.model.parameter_dim)
         return tape_of(f"the sensor {sensor.model.name}", [x, p], ca.SX(self.measured(sensor, x, p)))
 

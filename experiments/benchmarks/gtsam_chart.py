@@ -63,7 +63,7 @@ def landmark_key(number: int, life: int = 0) -> int:
     return gtsam.symbol("l", number + (life << 32))
 
 
-class Chart:
+class GtsamChart:
     """Between a layout and GTSAM, with bodies as errors about one that is given.
 
     Parameters

@@ -12,7 +12,14 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from experiments.benchmarks.gtsam_chart import Chart, constants_key, gtsam, landmark_key, pose_key, rates_key
+from experiments.benchmarks.gtsam_chart import (
+    GtsamChart,
+    constants_key,
+    gtsam,
+    landmark_key,
+    pose_key,
+    rates_key,
+)
 from experiments.benchmarks.motion_rows import MOVING, prior_rows, step_rows
 from experiments.benchmarks.smoother_workload import PIXEL_STD, Workload
 from experiments.benchmarks.stopwatch import now
@@ -36,7 +43,7 @@ class CallbackClock:
 class MotionFactors:
     """Makes the custom factors of one workload, whose time goes to one clock."""
 
-    def __init__(self, workload: Workload, chart: Chart) -> None:
+    def __init__(self, workload: Workload, chart: GtsamChart) -> None:
         self.clock = CallbackClock()
         self._workload = workload
         self._chart = chart

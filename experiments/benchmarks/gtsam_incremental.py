@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 
 from experiments.benchmarks.gtsam_chart import (
     CENTRE,
-    Chart,
+    GtsamChart,
     constants_key,
     gtsam,
     landmark_key,
@@ -52,7 +52,7 @@ class Stream:
 
     def __init__(self, workload: Workload, memory: int | None = None) -> None:
         self.workload = workload
-        self.chart: Chart = chart_of(workload)
+        self.chart: GtsamChart = chart_of(workload)
         self.motion = MotionFactors(workload, self.chart)
         self.key: dict[int, int] = {}
         self._stereo = StereoFactors(workload)

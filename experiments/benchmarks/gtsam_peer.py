@@ -14,7 +14,7 @@ import numpy as np
 
 from experiments.benchmarks.gtsam_chart import (
     MASS,
-    Chart,
+    GtsamChart,
     constants_key,
     gtsam,
     landmark_key,
@@ -88,10 +88,10 @@ def linear_times(workload: Workload, epochs: Sequence[int], repeats: int = 5) ->
 
     About the trial, for each number of frames and each ordering.
     """
-    return [time for count in epochs for time in LinearSystem(workload.first(count)).times(repeats)]
+    return [time for count in epochs for time in GtsamLinearSystem(workload.first(count)).times(repeats)]
 
 
-class LinearSystem:
+class GtsamLinearSystem:
     """The linear systems of a workload about its trial."""
 
     def __init__(self, workload: Workload) -> None:
@@ -125,9 +125,9 @@ class LinearSystem:
         return rows
 
 
-def chart_of(workload: Workload) -> Chart:
+def chart_of(workload: Workload) -> GtsamChart:
     """About the body of the trial."""
-    return Chart(workload.layout, workload.trial.trajectory[0, MASS])
+    return GtsamChart(workload.layout, workload.trial.trajectory[0, MASS])
 
 
 def _with_tolerances(parameters: Any) -> Any:

@@ -101,7 +101,7 @@ def main() -> None:
 
 def measure(block: int) -> dict[str, Speed]:
     """All filters over blocks of so many frames."""
-    filters, scene = _filters(), Scene()
+    filters, scene = _filters(), EndlessMotion()
     times: dict[str, list[Float[np.ndarray, "n 2"]]] = {name: [] for name in filters}
     resident: dict[str, list[float]] = {name: [] for name in filters}
     start = scene.go_on(WARM_FRAMES)
@@ -122,7 +122,7 @@ def measure(block: int) -> dict[str, Speed]:
     return speeds
 
 
-class Scene:
+class EndlessMotion:
     """An endless motion and what the camera sees of it.
 
     Made frame by frame, so that it takes no memory.
@@ -176,7 +176,11 @@ def _filters() -> dict[str, MultiplicativeFilter]:
 
 
 def _block_times(
-    name: str, estimator: MultiplicativeFilter, scene: Scene, first: int, states: Float[np.ndarray, "n m"]
+    name: str,
+    estimator: MultiplicativeFilter,
+    scene: EndlessMotion,
+    first: int,
+    states: Float[np.ndarray, "n m"],
 ) -> Float[np.ndarray, "n 2"]:
     """Processor and clock seconds of each frame from number ``first``.
 

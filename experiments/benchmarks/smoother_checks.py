@@ -10,7 +10,7 @@ from experiments.benchmarks.smoother_workload import PeerResult
 
 
 @dataclass(frozen=True)
-class Check:
+class BenchmarkCheck:
     """A line of the table; ``passed`` is None where nothing is demanded."""
 
     what: str
@@ -42,9 +42,9 @@ class Ratio:
     greatest: float
     own_code: float
 
-    def check(self, what: str, bar: float, note: str = "") -> Check:
+    def check(self, what: str, bar: float, note: str = "") -> BenchmarkCheck:
         """Whether it is at least as large as demanded."""
-        return Check(what, str(self), f"at least {bar:g}x", self.value >= bar, note)
+        return BenchmarkCheck(what, str(self), f"at least {bar:g}x", self.value >= bar, note)
 
     def __str__(self) -> str:
         return (

@@ -35,7 +35,7 @@ from observability.elimination import (
     rank_of,
     reduce_columns,
 )
-from observability.system import Sensor, System
+from observability.system import System, SystemSensor
 from spinfilters.attitude.expressions import Expression, rotate
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.state.layout import StateLayout
@@ -230,7 +230,7 @@ def _null_space(case: Case) -> Num[np.ndarray, "n d"]:
 def _place_change(case: Case, space: Num[np.ndarray, "n d"]) -> Num[np.ndarray, "3 d"]:
     """How the place of the centre of mass changes along null directions."""
     chart = case.filter_system.chart
-    system = System(chart, [Sensor(_CentreOfMass(case.layout), ((Fraction(0),),))])
+    system = System(chart, [SystemSensor(_CentreOfMass(case.layout), ((Fraction(0),),))])
     (rows,) = codistribution(system, point_of(chart, case.motion), 1, FIELD)
     return product_of(rows.common[0, 0], space)
 

@@ -32,7 +32,7 @@ Cell = Callable[[Column], str | None]
 
 
 @dataclass(frozen=True)
-class Row:
+class TableRow:
     """A named row of the table, with cells of estimators and bound.
 
     None where there is nothing to show.

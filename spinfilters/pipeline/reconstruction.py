@@ -62,7 +62,7 @@ class Reconstruction:
 
 
 @dataclass(frozen=True, eq=False)
-class BodyMotion:
+class PrincipalAxesMotion:
     """Poses of the principal axes in the rectified left camera.
 
     ``time`` (n,) s, ``rotation`` (n, 3, 3), ``position`` (n, 3) m.
@@ -126,7 +126,7 @@ def reconstruct(
 
 
 def _fused(
-    sequence: "_Images", motion: BodyMotion, volume: DistanceVolume, progress: Progress
+    sequence: "_Images", motion: PrincipalAxesMotion, volume: DistanceVolume, progress: Progress
 ) -> DistanceVolume:
     """The volume with the depth of every pair; those without any are counted as lost."""
     stereo = sequence.rectification.stereo
@@ -155,7 +155,7 @@ def images_of(folder: Path, images: Path | None) -> Path:
     return source
 
 
-def body_motion(folder: Path, figure_data: FigureData) -> BodyMotion:
+def body_motion(folder: Path, figure_data: FigureData) -> PrincipalAxesMotion:
     """Motion of the most exact estimator, and the map's size.
 
     InputError: no such one, no map, too few landmarks.
@@ -172,20 +172,22 @@ def body_motion(folder: Path, figure_data: FigureData) -> BodyMotion:
     return _motion(evaluation, points)
 
 
-def _motion(evaluation: Evaluation, points: Float[np.ndarray, "k 3"]) -> BodyMotion:
+def _motion(evaluation: Evaluation, points: Float[np.ndarray, "k 3"]) -> PrincipalAxesMotion:
     body, trajectory = evaluation.body, evaluation.trajectory
     landmarks = (points - body.center_of_mass_g) @ body.principal_axes_g.T
     distance = np.linalg.norm(landmarks, axis=1)
     rotation = matrix_from_quaternion(trajectory.q_ig) @ body.principal_axes_g.T
     radius = MARGIN * float(np.quantile(distance, 0.99))
     cov = body.principal_axes_cov
-    return BodyMotion(evaluation.name, trajectory.time, rotation, trajectory.position, radius, cov, landmarks)
+    return PrincipalAxesMotion(
+        evaluation.name, trajectory.time, rotation, trajectory.position, radius, cov, landmarks
+    )
 
 
 class _Images:
     """Rectified pairs of a folder at the epochs of a motion."""
 
-    def __init__(self, source: Path, motion: BodyMotion) -> None:
+    def __init__(self, source: Path, motion: PrincipalAxesMotion) -> None:
         self.rectification, self.losses, self._motion = (
             Rectification(read_raw_rig(source)),
             LossCount(),
@@ -210,7 +212,7 @@ class _Images:
         return self.rectification.images(pair.left, pair.right)
 
 
-def _animated(model: BodyModel, motion: BodyMotion, source: Path, progress: Progress) -> bytes:
+def _animated(model: BodyModel, motion: PrincipalAxesMotion, source: Path, progress: Progress) -> bytes:
     """Left images beside the model as the estimate puts it, evenly over the run."""
     sequence, pictures = _Images(source, motion), []
     step = -(-len(motion.time) // MOST_FRAMES)
@@ -224,7 +226,7 @@ def _animated(model: BodyModel, motion: BodyMotion, source: Path, progress: Prog
 
 
 def _document(
-    model: BodyModel, motion: BodyMotion, volume: DistanceVolume, losses: LossCount
+    model: BodyModel, motion: PrincipalAxesMotion, volume: DistanceVolume, losses: LossCount
 ) -> dict[str, Any]:
     return {
         "schema": 1,

@@ -42,7 +42,7 @@ SEED = 0
 
 
 @dataclass(frozen=True)
-class _Seen:
+class _UsableMatches:
     """Matches whose pixels tell a point before the camera.
 
     Attributes
@@ -59,7 +59,7 @@ class _Seen:
     calibration: Float[np.ndarray, " c"]
 
     @classmethod
-    def of(cls, table: MatchTable, calibration: Float[np.ndarray, " c"]) -> "_Seen":
+    def of(cls, table: MatchTable, calibration: Float[np.ndarray, " c"]) -> "_UsableMatches":
         """Usable matches of a table as rays and points of the camera's frame."""
         camera = stereo_pair(calibration).points_of(table.pixels, calibration)
         usable = table.given & np.isfinite(camera).all(axis=2) & (camera[..., 2] > 0)
@@ -72,7 +72,7 @@ class _Seen:
         """They fall with depth, as its uncertainty grows."""
         return self.camera[..., 2] ** -4
 
-    def epoch(self, number: int) -> "_Seen":
+    def epoch(self, number: int) -> "_UsableMatches":
         """The usable matches of one epoch."""
         usable = self.usable[number]
         names = ("points", "pixels", "camera", "tolerance", "spread")
@@ -152,7 +152,7 @@ class Consensus:
 
 def consensus_poses(table: MatchTable, calibration: Float[np.ndarray, " c"]) -> Consensus:
     """Rough poses of f epochs, those that most of their matches agree on."""
-    seen = _Seen.of(table, calibration)
+    seen = _UsableMatches.of(table, calibration)
     poses, found = _trimmed(seen)
     unclear = found & (seen.share(seen.agreeing(poses)) < CLEAR_SHARE)
     for epoch in np.flatnonzero(unclear).tolist():
@@ -163,7 +163,7 @@ def consensus_poses(table: MatchTable, calibration: Float[np.ndarray, " c"]) -> 
 
 
 def _refined(
-    seen: _Seen, poses: Float[np.ndarray, "h 7"], found: Bool[np.ndarray, " h"] | None = None
+    seen: _UsableMatches, poses: Float[np.ndarray, "h 7"], found: Bool[np.ndarray, " h"] | None = None
 ) -> Float[np.ndarray, "h 7"]:
     """Poses refitted to their inliers until these stay.
 
@@ -181,7 +181,7 @@ def _refined(
     return poses
 
 
-def _trimmed(seen: _Seen) -> tuple[Float[np.ndarray, "f 7"], Bool[np.ndarray, " f"]]:
+def _trimmed(seen: _UsableMatches) -> tuple[Float[np.ndarray, "f 7"], Bool[np.ndarray, " f"]]:
     """Absolute orientations, repeated without what disagrees grossly."""
     keep = seen.usable
     poses, found = seen.fitted(keep)
@@ -204,7 +204,7 @@ def _medians(values: Float[np.ndarray, "f k"], chosen: Bool[np.ndarray, "f k"]) 
     return np.take_along_axis(ordered, middle, axis=1).mean(axis=1)
 
 
-def _best_of_triples(seen: _Seen) -> Float[np.ndarray, " 7"]:
+def _best_of_triples(seen: _UsableMatches) -> Float[np.ndarray, " 7"]:
     """The cheapest pose of one epoch from random triples.
 
     As many as promise `RIGHT_TRIPLES` right ones at the share that agrees.
@@ -222,7 +222,7 @@ def _best_of_triples(seen: _Seen) -> Float[np.ndarray, " 7"]:
     return best
 
 
-def _promising(seen: _Seen, generator: np.random.Generator) -> Float[np.ndarray, "r 7"]:
+def _promising(seen: _UsableMatches, generator: np.random.Generator) -> Float[np.ndarray, "r 7"]:
     """The cheapest motions of a batch of triples."""
     chosen = generator.random((TRIPLES, seen.points.shape[1])).argpartition(2, axis=1)[:, :3]
     rotations, shifts = rigid_motions(seen.camera[0][chosen], seen.points[0][chosen])

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from spinfilters.estimators.estimator import Measurement, ProcessModel
 from spinfilters.estimators.filters.compiled_update import Update, compiled_update
 from spinfilters.estimators.filters.iterated_update import IterationOptions, agrees, iterate
-from spinfilters.estimators.filters.linear_prediction import LinearRows, linear_rows
+from spinfilters.estimators.filters.linear_prediction import LinearisedRows, linear_rows
 from spinfilters.estimators.filters.multiplicative_filter import (
     MultiplicativeFilter,
     propagated,
@@ -20,7 +20,7 @@ from spinfilters.estimators.filters.noise_adaptation import AdaptationOptions, P
 from spinfilters.estimators.filters.square_root_update import Correction, square_root_update
 from spinfilters.estimators.landmarks.iterated_observations import IteratedObservations
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
-from spinfilters.estimators.landmarks.observations import Observations, Solved, solve_at
+from spinfilters.estimators.landmarks.observations import MapObservations, SolvedObservations, solve_at
 from spinfilters.estimators.robust.outlier_rejection import RobustOptions, SensorOutlierRejection
 from spinfilters.state.blocks.rigid_body import ATTITUDE
 from spinfilters.state.layout import StateLayout
@@ -94,7 +94,7 @@ class MultiplicativeEkf(MultiplicativeFilter):
             correction, self._iteration
         )
 
-    def _solved(self, observations: Observations, guard: SensorOutlierRejection) -> Solved:
+    def _solved(self, observations: MapObservations, guard: SensorOutlierRejection) -> SolvedObservations:
         first = solve_at(observations, self._mean, self._factor, guard)
         if self._is_small(first.correction):
             return first
@@ -123,7 +123,7 @@ class MultiplicativeEkf(MultiplicativeFilter):
         return self._agrees((rows, float(chosen.step)), found.mean, found.correction)
 
     def _agrees(
-        self, sample: tuple[LinearRows, float], mean: Float[np.ndarray, " m"], correction: Correction
+        self, sample: tuple[LinearisedRows, float], mean: Float[np.ndarray, " m"], correction: Correction
     ) -> bool:
         """Whether samples of linear rows agree, or no further update is wanted.
 
@@ -148,7 +148,7 @@ def _sample(count: int) -> slice:
     return slice(None, None, -(-count // SAMPLE))
 
 
-def _sampled(rows: LinearRows) -> tuple[LinearRows, float]:
+def _sampled(rows: LinearisedRows) -> tuple[LinearisedRows, float]:
     """Rows at which their linear model is checked, and for how many each stands."""
     chosen = _sample(len(rows.innovation))
     return rows.only(chosen), float(chosen.step)
@@ -184,7 +184,7 @@ class IteratedUpdate:
     layout: StateLayout
     mean: Float[np.ndarray, " m"]
     factor: Float[np.ndarray, "n n"]
-    rows: LinearRows
+    rows: LinearisedRows
 
     def solved(self, first: Correction, options: IterationOptions) -> Update:
         """The most probable point, from the correction about the mean."""

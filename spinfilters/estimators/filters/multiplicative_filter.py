@@ -30,7 +30,7 @@ from spinfilters.estimators.filters.square_root_update import triangular_factor
 from spinfilters.estimators.landmarks.belief import LandmarkBelief, state_in_g
 from spinfilters.estimators.landmarks.held_map import HeldMap
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
-from spinfilters.estimators.landmarks.observations import Observations, Solved
+from spinfilters.estimators.landmarks.observations import MapObservations, SolvedObservations
 from spinfilters.estimators.landmarks.shared_modes import anchored_at_pose
 from spinfilters.estimators.robust.outlier_rejection import (
     OutlierRejection,
@@ -236,7 +236,7 @@ class MultiplicativeFilter(Estimator):
         """
 
     @abstractmethod
-    def _solved(self, observations: Observations, guard: SensorOutlierRejection) -> Solved:
+    def _solved(self, observations: MapObservations, guard: SensorOutlierRejection) -> SolvedObservations:
         """What observations of landmarks say."""
 
 

@@ -110,7 +110,7 @@ class NoiseScale:
         return NoiseScale(float(np.clip(self.logarithm + step, -limit, limit)), information)
 
 
-class Explained(Protocol):
+class UpdateOutcome(Protocol):
     """Outcome of an update in the coordinates y of the prior belief.
 
     Correction y and triangle U (`spinfilters.estimators.filters.square_root_update.Correction`), NIS and its degrees of freedom.
@@ -180,7 +180,7 @@ class NoiseAdaptation:
             result[:, columns] *= np.sqrt(scales[source])
         return result
 
-    def observe_measurement(self, sensor: str, correction: Explained) -> None:
+    def observe_measurement(self, sensor: str, correction: UpdateOutcome) -> None:
         """Learn a sensor's scale from its update, which was made with `measurement_scale`."""
         name = f"sensor.{sensor}"
         if self._horizon(name):
@@ -280,7 +280,7 @@ class NoiseAdaptation:
         self._scales[name] = self.level(name).after(evidence, self._horizon(name))
 
 
-def residual_evidence(correction: Explained) -> NoiseEvidence:
+def residual_evidence(correction: UpdateOutcome) -> NoiseEvidence:
     """Evidence on a sensor's noise.
 
     |r|^2 = nis - |y|^2, and S^-1 has r eigenvalues of (U'U)^-1 and else ones.

@@ -22,7 +22,7 @@ AROUND = 3
 
 
 @dataclass(frozen=True)
-class _Sequence:
+class _SampleSequence:
     """Samples of one quantity; of unit quaternions both signs mean the same."""
 
     time: Float[np.ndarray, " n"]
@@ -84,7 +84,7 @@ def consistent_samples(samples: MotionSamples) -> MotionSamples:
         return samples
     given = {name: getattr(samples, name) for name in ("attitude", "rates", "positions")}
     wrong = [
-        _Sequence(samples.time, values, name == "attitude").wrong()
+        _SampleSequence(samples.time, values, name == "attitude").wrong()
         for name, values in given.items()
         if values is not None
     ]

@@ -10,7 +10,7 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import NO_IDS, MapChange, Measurement
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.landmark_map import CONFIRMED, LandmarkMap, LandmarkOptions
-from spinfilters.estimators.landmarks.observations import Observations, Solved
+from spinfilters.estimators.landmarks.observations import MapObservations, SolvedObservations
 from spinfilters.estimators.landmarks.steps import Closing
 from spinfilters.models.gauge import GAUGE_DIM
 from spinfilters.models.landmark_sensor import LandmarkSensor, NewLandmarks
@@ -83,7 +83,7 @@ class HeldMap:
 
     def observations(
         self, layout: StateLayout, measurement: Measurement, rows: Int[np.ndarray, " m"], scale: float
-    ) -> Observations:
+    ) -> MapObservations:
         """A measurement as one of landmarks in the map.
 
         Parameters
@@ -105,7 +105,7 @@ class HeldMap:
             rows, values, parameters = rows[known], values[known], parameters[known]
         held.refresh(rows)
         columns = self._columns_of(layout, sensor)
-        return Observations(layout, sensor, values, parameters, rows, known, held, columns, scale)
+        return MapObservations(layout, sensor, values, parameters, rows, known, held, columns, scale)
 
     def _columns_of(self, layout: StateLayout, sensor: LandmarkSensor) -> Int[np.ndarray, " q"]:
         """Errors that a sensor observes: those of the pose, then the modes."""
@@ -118,9 +118,9 @@ class HeldMap:
 
     def after(
         self,
-        observations: Observations,
+        observations: MapObservations,
         measurement: Measurement,
-        solved: Solved,
+        solved: SolvedObservations,
         mean: Float[np.ndarray, " m"],
     ) -> tuple[Float[np.ndarray, "N N"], MapChange]:
         """Factor and change of the map after an update that led to this mean."""
@@ -157,7 +157,7 @@ class HeldMap:
 
     def _newcomers(
         self,
-        o: Observations,
+        o: MapObservations,
         measurement: Measurement,
         which: np.ndarray,
         moved: tuple[Float[np.ndarray, " m"], Float[np.ndarray, "n n"]],

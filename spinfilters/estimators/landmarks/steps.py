@@ -40,7 +40,7 @@ class LinearisedObservations(NamedTuple):
     log_noise: Float[np.ndarray, " k"]
 
 
-class NewLandmarks(NamedTuple):
+class AddedLandmarks(NamedTuple):
     """What landmarks that enter the map share with the others, and their own.
 
     Attributes
@@ -55,7 +55,7 @@ class NewLandmarks(NamedTuple):
 
 
 @dataclass(frozen=True)
-class WhitenedRows:
+class WhitenedLandmarks:
     """Observations of k landmarks, whitened by noise and the landmarks' own covariance.
 
     Attributes
@@ -118,7 +118,7 @@ class Closing(NamedTuple):
     """
 
     at: Int[np.ndarray, " k"]
-    white: WhitenedRows
+    white: WhitenedLandmarks
     error: Float[np.ndarray, " p"]
     factor: Float[np.ndarray, "p N"]
     by_pose: Float[np.ndarray, "q 3 c"]

@@ -54,7 +54,7 @@ class InformationBlocks:
 
 
 @dataclass(frozen=True)
-class Motion:
+class EpochFactors:
     """The dynamics, prior and sensors of some epochs.
 
     Attributes
@@ -168,7 +168,7 @@ class Motion:
             )
         return result
 
-    def stretch(self, begin: int, end: int) -> "Motion":
+    def stretch(self, begin: int, end: int) -> "EpochFactors":
         """Epochs from ``begin`` to before ``end``, and steps from them.
 
         The prior belongs to the first epoch of all.
@@ -182,7 +182,7 @@ class Motion:
         )
 
 
-def motion_of(process: ProcessModel, epochs: Timeline, has_landmarks: bool) -> Motion:
+def motion_of(process: ProcessModel, epochs: Timeline, has_landmarks: bool) -> EpochFactors:
     """The dynamics and sensors of some epochs, without a prior.
 
     Parameters
@@ -190,7 +190,7 @@ def motion_of(process: ProcessModel, epochs: Timeline, has_landmarks: bool) -> M
     has_landmarks: whether there are observations of landmarks.
     """
     dt = np.diff(times_of(epochs))
-    return Motion(
+    return EpochFactors(
         process, VariableOrdering(process.layout, len(epochs), has_landmarks), dt, collect_sensors(epochs)
     )
 

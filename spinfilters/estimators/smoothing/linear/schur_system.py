@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.estimators.smoothing.factors.marginalization_prior import LinearizedPrior
-from spinfilters.estimators.smoothing.factors.motion_factors import NOTHING, InformationBlocks, Motion
+from spinfilters.estimators.smoothing.factors.motion_factors import NOTHING, EpochFactors, InformationBlocks
 from spinfilters.estimators.smoothing.factors.sensor_rows import STRETCH
 from spinfilters.estimators.smoothing.factors.variable_ordering import VariableOrdering
 from spinfilters.estimators.smoothing.kernels.compiled_kernels import kernels
@@ -164,7 +164,7 @@ class AssembledMotion(NamedTuple):
     system: LinearSystem
 
 
-def assembled_by_stretches(motion: Motion, trajectory: Float[np.ndarray, "k m"]) -> AssembledMotion:
+def assembled_by_stretches(motion: EpochFactors, trajectory: Float[np.ndarray, "k m"]) -> AssembledMotion:
     """Linear system of a long chain of epochs, assembled part by part.
 
     Never are the rows of more than `STRETCH` epochs in memory.

@@ -7,7 +7,7 @@ from scipy.special import chdtrc, chdtri
 
 from spinfilters.estimators.robust.losses import Gate, LeastSquares
 from spinfilters.estimators.smoothing.factors.landmark_observations import ROWS, linearise_observations
-from spinfilters.estimators.smoothing.factors.motion_factors import Motion
+from spinfilters.estimators.smoothing.factors.motion_factors import EpochFactors
 from spinfilters.estimators.smoothing.problem.landmark_reinitialisation import reinitialised
 from spinfilters.estimators.smoothing.problem.least_squares import (
     LinearizationPoint,
@@ -34,7 +34,7 @@ observations are right, 1.1 where 30 % are wrong."""
 
 
 def process_noise_inflation(
-    motion: Motion, here: LinearizationPoint, before: NormalEquations | None
+    motion: EpochFactors, here: LinearizationPoint, before: NormalEquations | None
 ) -> float:
     """Inflation of the process noise at which the trajectory obeys its dynamics.
 

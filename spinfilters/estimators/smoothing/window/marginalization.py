@@ -18,7 +18,7 @@ from spinfilters.estimators.smoothing.factors.marginalization_prior import (
     column_errors,
     gauge_columns,
 )
-from spinfilters.estimators.smoothing.factors.motion_factors import Motion, prior_rows
+from spinfilters.estimators.smoothing.factors.motion_factors import EpochFactors, prior_rows
 from spinfilters.estimators.smoothing.factors.variable_ordering import VariableOrdering
 from spinfilters.estimators.smoothing.linear.landmark_elimination import POSE, eliminate
 from spinfilters.estimators.smoothing.problem.least_squares import LinearProblem, NormalEquations, Problem
@@ -201,7 +201,9 @@ def _at_first_estimates(
     return result
 
 
-def _alone(motion: Motion, k: int, trajectory: Float[np.ndarray, "k m"]) -> list[Float[np.ndarray, "r w"]]:
+def _alone(
+    motion: EpochFactors, k: int, trajectory: Float[np.ndarray, "k m"]
+) -> list[Float[np.ndarray, "r w"]]:
     """Rows of epoch k's sensors, and of the prior for the first."""
     parts: list[np.ndarray] = []
     if motion.prior is not None and k == 0:
