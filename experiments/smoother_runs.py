@@ -86,10 +86,10 @@ def run_batch(case: SmootherCase) -> Arrays:
         arrays[f"linearisations_{name}"] = np.array([solved.linearisations])
         arrays[f"converged_{name}"] = np.array([solved.converged])
         arrays[f"cost_{name}"] = np.array([solved.costs[-1]])
-        histories[name] = _history(name, workload.timeline, (problem, solved.point, solved.normal))
+        histories[name] = _history(name, workload.timeline, problem, solved.point, solved.normal)
     finite = [np.isfinite(each).all() for found in histories.values() for each in (found.mean, found.factor)]
     at_truth = _at_truth(workload, dataset)
-    bound = _history("bound", workload.timeline, at_truth)
+    bound = _history("bound", workload.timeline, *at_truth)
     linear = {f"linear_{what}": array for what, array in _linear_nees(*at_truth).items()}
     return (
         arrays | {"finite": np.array([all(finite)])} | linear | _figures(histories["drawn"], bound, dataset)
@@ -136,10 +136,9 @@ def _linear_nees(problem: Problem, here: LinearizationPoint, normal: NormalEquat
 
 
 def _history(
-    name: str, timeline: Timeline, found: tuple[Problem, LinearizationPoint, NormalEquations]
+    name: str, timeline: Timeline, problem: Problem, here: LinearizationPoint, normal: NormalEquations
 ) -> EstimateHistory:
     """Every frame given all of them."""
-    problem, here, normal = found
     layout = problem.layout
     if isinstance(normal.solution, SchurSystem):
         factors = Marginals(normal.solution, normal.eliminated).factors

@@ -16,13 +16,8 @@ from observability.bounds.reference_trajectory import (
     driven_reference,
     free_reference,
 )
-from observability.canonical_motions import (
-    CANONICAL_MOTIONS,
-    CanonicalMotion,
-    landmarks,
-    point_of,
-    principal_axes,
-)
+from observability.canonical_motions import CANONICAL_MOTIONS as MOTIONS
+from observability.canonical_motions import CanonicalMotion, landmarks, point_of, principal_axes
 from observability.certificate import Certificate, certify
 from observability.charts.chart import Chart
 from observability.charts.filter_state import FilterChart
@@ -70,7 +65,7 @@ class Case:
     known_map: bool = False
     chart: str = "principal"
     unknowns: str = "ratios"
-    motion: CanonicalMotion = CANONICAL_MOTIONS[0]
+    motion: CanonicalMotion = MOTIONS[0]
     inputs: Sequence[Input] = field(default_factory=tuple)
     sizes: InputSizes = field(default_factory=InputSizes)
 
@@ -172,10 +167,7 @@ class Case:
 
     @cached_property
     def filter_system(self) -> System:
-        """The system in the filters' state, for the bound.
-
-        With the scale of the inertia where a torque is known.
-        """
+        """The system in the filters' state, with the inertia's scale under torques."""
         return self._system(FilterChart(self.layout, self.has_torque))
 
     @property

@@ -94,7 +94,7 @@ def certify(system: System, point: Rationals, inputs: Sequence[InputSeries] = ()
     inputs: experiments with the system's known inputs; their rows are taken together.
     """
     experiments = list(inputs) or [()]
-    together = _rows(system, point, (STEADY_ORDERS, FIELD), experiments)
+    together = _rows(system, point, experiments, STEADY_ORDERS)
     ranks, last = _ranks(together)
     tangents = tangent_symmetries(system, point, together)
     explanations = _explained(system, point, tangents.symmetries, experiments)
@@ -113,11 +113,11 @@ def certify(system: System, point: Rationals, inputs: Sequence[InputSeries] = ()
 def _rows(
     system: System,
     point: Rationals,
-    kind: tuple[int, PrimeField],
     experiments: Sequence[InputSeries],
+    orders: int,
+    field: PrimeField = FIELD,
 ) -> list[SensorCodistribution]:
     """Of all experiments together, so many orders in a field."""
-    orders, field = kind
     rows = [codistribution(system, point, orders, field, given) for given in experiments]
     return [joined(parts) for parts in zip(*rows, strict=True)]
 
@@ -195,10 +195,10 @@ def _generic_rank(system: System, point: Rationals, experiments: Sequence[InputS
     )
     field = PrimeField(int(generator.integers(2, 1 << 30)))
     if not system.inputs:
-        ranks = _ranks(_rows(system, moved, (FEW_ORDERS, field), experiments))[0]
+        ranks = _ranks(_rows(system, moved, experiments, FEW_ORDERS, field))[0]
         if any(later == earlier for earlier, later in pairwise(ranks)):
             return ranks[-1]
-    return eliminate(_rows(system, moved, (STEADY_ORDERS, field), experiments)).rank
+    return eliminate(_rows(system, moved, experiments, STEADY_ORDERS, field)).rank
 
 
 def _additive(system: System) -> list[bool]:

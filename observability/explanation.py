@@ -106,7 +106,7 @@ def _unseen(rows: Sequence[SensorCodistribution], tangents: Num[np.ndarray, "n k
 def _tangents(system: System, point: Rationals, symmetries: Sequence[Symmetry]) -> Num[np.ndarray, "n k"]:
     """Directions of the moves at amount 0, as residues."""
     x, parameters, amount = _symbols(system)
-    errors, flat = _errors(system, symmetries, (x, parameters, amount))
+    errors, flat = _errors(system, symmetries, x, parameters, amount)
     tape = tape_of("a symmetry", [flat, amount], errors)
     numbers = _flat(system, point)
     series = Series(tape, branch_decisions(tape, [[numbers], [(Fraction(0),)]]), FIELD, (1, 1, 2))
@@ -124,16 +124,15 @@ def tangent_vectors(
     if not symmetries:
         return np.zeros((system.dimension, 0))
     x, parameters, amount = _symbols(system)
-    errors, flat = _errors(system, symmetries, (x, parameters, amount))
+    errors, flat = _errors(system, symmetries, x, parameters, amount)
     slope = ca.Function("tangents", [flat, amount], [ca.densify(ca.jacobian(errors, amount))])
     return np.asarray(slope(as_floats(_flat(system, point)), 0.0)).reshape(len(symmetries), -1).T
 
 
 def _errors(
-    system: System, symmetries: Sequence[Symmetry], symbols: tuple[ca.SX, list[ca.SX], ca.SX]
+    system: System, symmetries: Sequence[Symmetry], x: ca.SX, parameters: list[ca.SX], amount: ca.SX
 ) -> tuple[ca.SX, ca.SX]:
     """Errors of all moves, stacked, with their state and parameters."""
-    x, parameters, amount = symbols
     errors = [_error(system, x, parameters, symmetry, amount) for symmetry in symmetries]
     return ca.vertcat(*errors), ca.vertcat(x, *[ca.vec(each) for each in parameters])
 

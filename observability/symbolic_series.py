@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from observability.system import System
-from observability.tape import Group, Tape
+from observability.tape import Tape
 from spinfilters.errors import InputError
 
 
@@ -147,18 +147,18 @@ class _SymbolicSeries:
             self._registers[register].append(constant if order == 0 else self._zero)
         for group in self._tape.groups:
             for out, left, right in zip(group.out, group.left, group.right, strict=True):
-                self._registers[out].append(self._coefficient(group, (out, left, right), order))
+                self._registers[out].append(self._coefficient(group.operation, out, left, right, order))
         return [self._registers[register][order] for register in self._tape.output]
 
-    def _coefficient(self, group: Group, at: tuple[int, int, int], order: int) -> Dual:
-        out, a, b = (self._registers[register] for register in at)
-        match group.operation:
+    def _coefficient(self, operation: str, at: int, left: int, right: int, order: int) -> Dual:
+        out, a, b = (self._registers[register] for register in (at, left, right))
+        match operation:
             case "add":
                 return Dual(a[order].value + b[order].value, a[order].gradient + b[order].gradient)
             case "sub":
                 return Dual(a[order].value - b[order].value, a[order].gradient - b[order].gradient)
             case "neg" | "twice":
-                return _scaled(a[order], -1 if group.operation == "neg" else 2)
+                return _scaled(a[order], -1 if operation == "neg" else 2)
             case "mul" | "sq":
                 return self._sum(a, b, range(order + 1), order)
             case "div":
@@ -172,7 +172,7 @@ class _SymbolicSeries:
             case "fmax":
                 return a[order]
             case _:
-                raise InputError(f"{self._tape.name} contains {group.operation}: use the numeric series")
+                raise InputError(f"{self._tape.name} contains {operation}: use the numeric series")
 
     def _sum(self, a: list[Dual], b: list[Dual], terms: range, order: int) -> Dual:
         """sum of a_j b_{order-j} with its gradient."""

@@ -100,7 +100,7 @@ def quantity_bounds(
     if not waiting:
         return found
     longer = _times_longer(case, reference, bound, counts)
-    return {name: _with_factor(each, name, longer) for name, each in found.items()}
+    return {name: _with_factor(each, name, *longer) for name, each in found.items()}
 
 
 def undetermined_directions(case: Case) -> dict[Quantity, int]:
@@ -200,11 +200,10 @@ def _times_longer(
 
 
 def _with_factor(
-    each: QuantityBound, name: Quantity, longer: tuple[dict[Quantity, float], float]
+    each: QuantityBound, name: Quantity, factors: Mapping[Quantity, float], searched: float
 ) -> QuantityBound:
     if not each.in_principle_only:
         return each
-    factors, searched = longer
     return replace(each, times_longer=factors.get(name, np.inf), searched=searched)
 
 

@@ -7,7 +7,6 @@ branches of an `if_else` are differentiated, so each is finite for every input: 
 they are not used.
 """
 
-from functools import reduce
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
@@ -89,7 +88,10 @@ def quaternion_from_matrix(R: Expression) -> Expression:
         (1 - r[0] - r[1] + r[2], ca.vertcat(zx, yz, 1 - r[0] - r[1] + r[2], z)),
         (1 + r[0] + r[1] + r[2], ca.vertcat(x, y, z, 1 + r[0] + r[1] + r[2])),
     ]
-    _, column = reduce(_larger, columns)
+    largest, column = columns[0]
+    for size, each in columns[1:]:
+        column = ca.if_else(size > largest, each, column)
+        largest = ca.if_else(size > largest, size, largest)
     return normalised(_short_way(column))
 
 
@@ -231,13 +233,6 @@ def linear_rate_rotation(w0: Expression, w1: Expression, dt: Expression) -> Expr
 
 def _short_way(q: Expression) -> Expression:
     return ca.if_else(q[3] < 0, -1, 1) * q
-
-
-def _larger(
-    first: tuple[Expression, Expression], second: tuple[Expression, Expression]
-) -> tuple[Expression, Expression]:
-    wins = second[0] > first[0]
-    return ca.if_else(wins, second[0], first[0]), ca.if_else(wins, second[1], first[1])
 
 
 def _wrapped(angle: Expression) -> Expression:

@@ -126,7 +126,7 @@ def smooth_at_once(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> Estim
     if not found.solved.converged:
         status = status.degraded(f"the smoother did not settle in {found.solved.iterations} iterations")
     share = (working_seconds() - begin) / len(epochs)
-    history = _batch_history(found, setup.process.layout, status, (times_of(epochs), share))
+    history = _batch_history(found, setup.process.layout, status, times_of(epochs), share)
     return history if levels is None else replace(history, noise=levels.components)
 
 
@@ -167,13 +167,16 @@ def _initialised_ekf(setup: Setup, settings: Settings) -> MultiplicativeEkf:
 
 
 def _batch_history(
-    found: BatchSmoothing, layout: StateLayout, status: EstimatorStatus, clock: tuple[np.ndarray, float]
+    found: BatchSmoothing,
+    layout: StateLayout,
+    status: EstimatorStatus,
+    time: Float[np.ndarray, " k"],
+    share: float,
 ) -> EstimateHistory:
     """History of the smoothed epochs.
 
     A filter that did not come through says so, in its status, for the smoother too.
     """
-    time, share = clock
     count = len(time)
     for doubt in found.unobservable:
         status = status.degraded(doubt)

@@ -69,7 +69,7 @@ def three_point_poses(
     cos_a, cos_b, cos_c = (np.sum(j[:, m] * j[:, n], axis=1) for m, n in ((1, 2), (0, 2), (0, 1)))
     a, b, c = (np.sum((points[:, m] - points[:, n]) ** 2, axis=1) for m, n in ((1, 2), (0, 2), (0, 1)))
     with np.errstate(all="ignore"):
-        v = _quartic_roots(_grunert(a / b, c / b, (cos_a, cos_b, cos_c)))
+        v = _quartic_roots(_grunert(a / b, c / b, cos_a, cos_b, cos_c))
         d = ((a - c) / b)[:, None]
         u = ((d - 1) * v**2 - 2 * d * cos_b[:, None] * v + 1 + d) / (
             2 * (cos_c[:, None] - v * cos_a[:, None])
@@ -82,13 +82,16 @@ def three_point_poses(
 
 
 def _grunert(
-    a: Float[np.ndarray, " h"], c: Float[np.ndarray, " h"], cosines: tuple[np.ndarray, np.ndarray, np.ndarray]
+    a: Float[np.ndarray, " h"],
+    c: Float[np.ndarray, " h"],
+    cos_a: Float[np.ndarray, " h"],
+    cos_b: Float[np.ndarray, " h"],
+    cos_c: Float[np.ndarray, " h"],
 ) -> Float[np.ndarray, "h 5"]:
     """Coefficients of Grunert's quartic in v = s3 / s1, highest first.
 
     Squared sides a and c are over that of b.
     """
-    cos_a, cos_b, cos_c = cosines
     d, e = a - c, a + c
     return np.stack(
         [

@@ -79,8 +79,7 @@ class _Unpacked:
             zipfile.BadZipFile,
             zlib.error,
             EOFError,
-            RuntimeError,
-            NotImplementedError,
+            RuntimeError,  # an encrypted member, an unknown compression
             OSError,
             ValueError,
         ) as error:

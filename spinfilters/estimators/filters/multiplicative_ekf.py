@@ -88,7 +88,7 @@ class MultiplicativeEkf(MultiplicativeFilter):
             return None
         correction = square_root_update(weighted.predicted(self._factor))
         mean = self.layout.retract(self._mean, correction.error[: self._n])
-        if self._is_small(correction) or self._agrees(_sampled(weighted), mean, correction):
+        if self._is_small(correction) or self._agrees(*_sampled(weighted), mean, correction):
             return Update(mean, correction, reset_factor(self.layout, correction.error, correction.factor))
         return IteratedUpdate(self.layout, self._mean, self._factor, weighted).solved(
             correction, self._iteration
@@ -120,18 +120,17 @@ class MultiplicativeEkf(MultiplicativeFilter):
         rows = linear_rows(values, self._mean)
         if scale != 1:
             rows = rows.weighted(np.full(len(rows.innovation), 1 / scale))
-        return self._agrees((rows, float(chosen.step)), found.mean, found.correction)
+        return self._agrees(rows, float(chosen.step), found.mean, found.correction)
 
     def _agrees(
-        self, sample: tuple[LinearisedRows, float], mean: Float[np.ndarray, " m"], correction: Correction
+        self, rows: LinearisedRows, spacing: float, mean: Float[np.ndarray, " m"], correction: Correction
     ) -> bool:
-        """Whether samples of linear rows agree, or no further update is wanted.
+        """Whether sampled linear rows agree, or no further update is wanted.
 
-        Each is for so many.
+        Each stands for ``spacing`` rows.
         """
         if self._iteration.iterations == 1:
             return True
-        rows, spacing = sample
         expected = rows.innovation - rows.jacobian @ correction.error[rows.columns]
         m = rows.measurement
         found = m.model.linearise(mean, m.parameters, m.values)

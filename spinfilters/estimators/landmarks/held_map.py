@@ -131,7 +131,7 @@ class HeldMap:
             wrong = held.refuse(np.delete(o.at, solved.used))
             fresh[np.flatnonzero(o.known)[np.isin(o.at, wrong)]] = True
         reset = o.layout.reset_jacobian(correction.error[:n])
-        new = self._newcomers(o, measurement, fresh, (mean, reset))
+        new = self._newcomers(o, measurement, fresh, mean, reset)
         closing = Closing(
             at,
             solved.whitened,
@@ -160,9 +160,9 @@ class HeldMap:
         o: MapObservations,
         measurement: Measurement,
         which: np.ndarray,
-        moved: tuple[Float[np.ndarray, " m"], Float[np.ndarray, "n n"]],
+        mean: Float[np.ndarray, " m"],
+        reset: Float[np.ndarray, "n n"],
     ) -> _Newcomers:
-        mean, reset = moved
         assert measurement.ids is not None
         rows, pose = np.flatnonzero(which), o.sensor.columns
         if not len(rows):

@@ -102,7 +102,7 @@ def solve_at(
     """
     o = observations
     found = o.landmarks.steps.solved(o, x, factor, guard.limit(o.sensor.dim))
-    return _weighed(o, o.rows_at(x), factor, guard) if found is None else _accepted(o, found, guard)
+    return _weighed(o, o.rows_at(x), factor, guard) if found is None else _accepted(o, *found, guard)
 
 
 def solve(
@@ -116,16 +116,19 @@ def solve(
     if linear.valid.all():
         limit, log_noise = guard.limit(o.sensor.dim), float(linear.log_noise.sum())
         found = o.landmarks.steps.solved_rows(o, linear.rows, log_noise, factor, limit)
-    return _weighed(o, linear, factor, guard) if found is None else _accepted(o, found, guard)
+    return _weighed(o, linear, factor, guard) if found is None else _accepted(o, *found, guard)
 
 
 def _accepted(
-    observations: MapObservations, found: tuple[Correction, WhitenedLandmarks], guard: SensorOutlierRejection
+    observations: MapObservations,
+    correction: Correction,
+    whitened: WhitenedLandmarks,
+    guard: SensorOutlierRejection,
 ) -> SolvedObservations:
     """The correction by all observations, each of full weight."""
     k = len(observations.at)
     guard.count(k, 0)
-    return SolvedObservations(found[0], np.arange(k), np.full(k, 1 / observations.scale), found[1])
+    return SolvedObservations(correction, np.arange(k), np.full(k, 1 / observations.scale), whitened)
 
 
 def _weighed(

@@ -185,17 +185,23 @@ def assembled_by_stretches(motion: EpochFactors, trajectory: Float[np.ndarray, "
     return AssembledMotion(sensors, dynamics, system)
 
 
+class BlockSizes(NamedTuple):
+    """Errors of an epoch's pose and tridiagonal part, and of the constants."""
+
+    pose: int
+    tridiagonal: int
+    constant: int
+
+
 def _add(ordering: VariableOrdering, system: LinearSystem, blocks: InformationBlocks) -> None:
-    sizes = (len(ordering.pose), len(ordering.tridiagonal), len(ordering.constant))
+    sizes = BlockSizes(len(ordering.pose), len(ordering.tridiagonal), len(ordering.constant))
     if len(blocks.epochs):
         _add_epochs(system.M, system.tridiagonal, blocks.epochs, sizes)
     if len(blocks.steps):
         _add_steps(system.M, system.tridiagonal, blocks.steps, sizes)
 
 
-def _in_c(
-    M: np.ndarray, tridiagonal: Blocks, blocks: np.ndarray, sizes: tuple[int, int, int], both: int
-) -> bool:
+def _in_c(M: np.ndarray, tridiagonal: Blocks, blocks: np.ndarray, sizes: BlockSizes, both: int) -> bool:
     """Add information blocks of epochs, or of steps (``both``), by the compiled kernel."""
     library = kernels()
     if library is None:
@@ -207,7 +213,7 @@ def _in_c(
     return True
 
 
-def _add_epochs(M: np.ndarray, tridiagonal: Blocks, blocks: np.ndarray, sizes: tuple[int, int, int]) -> None:
+def _add_epochs(M: np.ndarray, tridiagonal: Blocks, blocks: np.ndarray, sizes: BlockSizes) -> None:
     """Grams of single epochs: pose, chain, constants, right-hand side."""
     if _in_c(M, tridiagonal, blocks, sizes, 0):
         return
@@ -224,7 +230,7 @@ def _add_epochs(M: np.ndarray, tridiagonal: Blocks, blocks: np.ndarray, sizes: t
         M[rest, : K * p] += blocks[:, p + v :, :p].transpose(1, 0, 2).reshape(-1, K * p)
 
 
-def _add_steps(M: np.ndarray, tridiagonal: Blocks, blocks: np.ndarray, sizes: tuple[int, int, int]) -> None:
+def _add_steps(M: np.ndarray, tridiagonal: Blocks, blocks: np.ndarray, sizes: BlockSizes) -> None:
     """Grams of steps: pose and chain here, pose and chain there, constants, right-hand side."""
     if _in_c(M, tridiagonal, blocks, sizes, 1):
         return

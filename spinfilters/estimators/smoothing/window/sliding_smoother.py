@@ -148,7 +148,7 @@ class SlidingSmoother:
     def joint_belief(self, options: LandmarkOptions) -> Gaussian | LandmarkBelief:
         """Joint belief of the latest epoch and all well-constrained landmarks."""
         belief = joint_latest_belief(
-            self._linearised().normal, self.window.trajectory[-1], self._landmarks, options
+            self._linearised().normal, self.window.trajectory[-1], *self._landmarks, options
         )
         return self.belief if belief is None else belief
 

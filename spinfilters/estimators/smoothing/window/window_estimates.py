@@ -31,7 +31,8 @@ def latest_belief(layout: StateLayout, window: Window, normal: NormalEquations) 
 def joint_latest_belief(
     normal: NormalEquations,
     mean: Float[np.ndarray, " m"],
-    landmarks: tuple[Int[np.ndarray, " L"], Float[np.ndarray, "L 3"]],
+    ids: Int[np.ndarray, " L"],
+    points: Float[np.ndarray, "L 3"],
     options: LandmarkOptions,
 ) -> LandmarkBelief | None:
     """Belief of the latest epoch and of all well-constrained landmarks; None without any."""
@@ -40,8 +41,8 @@ def joint_latest_belief(
     constrained = normal.eliminated.is_constrained
     if not constrained.any():
         return None
-    ids, points = (array[constrained] for array in landmarks)
-    return joint_belief(Marginals(normal.solution, normal.eliminated), mean, (ids, points), options)
+    marginals = Marginals(normal.solution, normal.eliminated)
+    return joint_belief(marginals, mean, ids[constrained], points[constrained], options)
 
 
 def window_marginals(
