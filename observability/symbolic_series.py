@@ -69,21 +69,6 @@ def lie_derivatives(system: System, index: int, orders: int) -> LieDerivatives:
     return LieDerivatives(motion, _sensor(system, index, motion))
 
 
-def repeated_derivatives(system: System, index: int, orders: int) -> ca.Function:
-    """Lie derivatives and gradients by repeated differentiation, (x, parameters) -> them.
-
-    The oracle of small orders.
-    """
-    model, unknown = system.sensors[index].model, system.sensors[index].unknown
-    x, p = ca.SX.sym("x", system.chart.mean_dim), ca.SX.sym("p", model.parameter_dim)
-    derivatives, rate = [ca.SX(system.measured(system.sensors[index], x, p))], system.rate(x, ca.SX(0, 1))
-    for _ in range(orders - 1):
-        derivatives.append(ca.jtimes(derivatives[-1], x, rate))
-    stacked = ca.vertcat(*derivatives)
-    gradient = ca.jacobian(stacked, ca.vertcat(x, p))[:, : system.chart.mean_dim + unknown]
-    return ca.Function("repeated", [x, p], [stacked, gradient])
-
-
 def _motion(system: System, orders: int) -> ca.Function:
     x = ca.SX.sym("x", system.chart.mean_dim)
     state = [[Dual(x[k], _unit(k, x.numel())) for k in range(x.numel())]]

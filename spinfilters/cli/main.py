@@ -35,12 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):  # a file name need not be text that the terminal has
         sys.stdout.reconfigure(errors="backslashreplace")
     options = _parser().parse_args(arguments)
-    # of a home that cannot be written we say so ourselves, and matplotlib does without
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)
-    compiling = logging.getLogger("spinfilters.compile")
-    compiling.setLevel(logging.INFO)
-    if not compiling.handlers:
-        compiling.addHandler(_CompileNotice())
+    _set_logging()
     try:
         with warnings.catch_warnings():
             # of numbers that are not finite: a status tells of them; whoever asks for warnings (-W) has asked before
@@ -68,6 +63,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
             f"unexpected {type(error).__name__} in {_place(error)}; this is a fault of spinfilters: please report it "
             f"with what {DEBUG}=1 shows"
         )
+
+
+def _set_logging() -> None:
+    # of a home that cannot be written we say so ourselves, and matplotlib does without
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
+    compiling = logging.getLogger("spinfilters.compile")
+    compiling.setLevel(logging.INFO)
+    if not compiling.handlers:
+        compiling.addHandler(_CompileNotice())
 
 
 class _CompileNotice(logging.Handler):

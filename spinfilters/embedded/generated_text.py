@@ -97,11 +97,32 @@ SCALARS = ("h", "dt")
 
 def config_text(options: EmbedOptions) -> str:
     """``spinfilter_config.h``: sizes, places, gates and the sparsity of the transition."""
+    layout = options.layout
+    names = ", ".join(f"{block.symbol} {block.mean_size}" for block in layout.members)
+    lines = [
+        "/* Generated with spinfilter_model.h; not to be edited. */",
+        "#ifndef SPINFILTER_CONFIG_H",
+        "#define SPINFILTER_CONFIG_H",
+        "",
+        *(["#define SF_DOUBLE"] if options.real == "double" else []),
+        *(f"#define SF_HAS_{name.upper()}" for name in options.sensors),
+        f'#define SF_STATE "{names}" /* of x; errors: {", ".join(layout.blocks)}, one number less for q */',
+        *(f"#define {name} {value}" for name, value in _config_numbers(options).items()),
+        "",
+        *_pattern_lines(options),
+        "",
+        "#endif",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _config_numbers(options: EmbedOptions) -> dict[str, float | str]:
+    """Sizes, places in the state, and gates, by their macros."""
     layout, count = options.layout, options.substeps
     phi, g = transition_pattern(layout)
     seen = MODELS[options.sensors[0]](layout).columns
-    first = layout.blocks
-    numbers = {
+    numbers: dict[str, float | str] = {
         "SF_NX": layout.mean_dim,
         "SF_N": layout.error_dim,
         "SF_MOVING": moving_dim(layout),
@@ -127,29 +148,22 @@ def config_text(options: EmbedOptions) -> str:
         numbers["SF_STEREO_PARAMETERS"] = MODELS["stereo"](layout).parameter_dim - POINT
     if "gyro" in options.sensors:
         numbers["SF_GYRO_PARAMETERS"] = MODELS["gyro"](layout).parameter_dim
-    names = ", ".join(f"{block.symbol} {block.mean_size}" for block in layout.members)
-    lines = [
-        "/* Generated with spinfilter_model.h; not to be edited. */",
-        "#ifndef SPINFILTER_CONFIG_H",
-        "#define SPINFILTER_CONFIG_H",
-        "",
-        *(["#define SF_DOUBLE"] if options.real == "double" else []),
-        *(f"#define SF_HAS_{name.upper()}" for name in options.sensors),
-        f'#define SF_STATE "{names}" /* of x; errors: {", ".join(first)}, one number less for q */',
-        *(f"#define {name} {value}" for name, value in numbers.items()),
-        "",
+    return numbers
+
+
+def _pattern_lines(options: EmbedOptions) -> list[str]:
+    """Sparsity of the transition and weights of the noise, as one macro."""
+    phi, g = transition_pattern(options.layout)
+    weights = ", ".join(f"(sf_real){w!r}" for w in noise_weights(options.substeps))
+    return [
         "#define SF_PATTERN /* of the moving rows of transition and noise factor, for spinfilter_predict.c alone */ \\",
         *_table("unsigned char sf_phi_start", _starts(phi)),
         *_table("unsigned char sf_phi_column", [c for row in phi for c in row]),
         *_table("unsigned char sf_g_start", _starts(g)),
         *_table("unsigned char sf_g_column", [c for row in g for c in row]),
-        *_table("unsigned char sf_row_end", _ends(g, moving_dim(layout))),
-        f"  static const sf_real sf_weight[] = {{{', '.join(f'(sf_real){w!r}' for w in noise_weights(count))}}}",
-        "",
-        "#endif",
-        "",
+        *_table("unsigned char sf_row_end", _ends(g, moving_dim(options.layout))),
+        f"  static const sf_real sf_weight[] = {{{weights}}}",
     ]
-    return "\n".join(lines)
 
 
 def noise_weights(substeps: int) -> list[float]:

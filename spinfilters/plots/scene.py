@@ -89,12 +89,10 @@ def scene_figure(
     shown = [_draw_axes(axes, trajectory, body, row, size, (1 + k) / len(rows)) for k, row in enumerate(rows)]
     if map_points is not None and body.center_of_mass_g is not None:
         shown.append(_draw_landmarks(axes, trajectory, map_points - body.center_of_mass_g, rows[-1]))
-    path = trajectory.position @ _TO_VIEW.T
-    axes.plot(*path[:initialisation].T, color=BLACK, linewidth=1.8, linestyle=_DOTS, zorder=6)
-    axes.plot(*path[max(initialisation - 1, 0) :].T, color=BLACK, linewidth=1.8, zorder=6)
+    shown.append(_draw_path(axes, trajectory, initialisation))
     if camera is not None:
         shown.append(_draw_camera(axes, camera, trajectory))
-    equal_scales(axes, np.concatenate([path, *shown]), zoom=1.15)
+    equal_scales(axes, np.concatenate(shown), zoom=1.15)
     _label_axes(axes, camera)
     times = ", ".join(f"{trajectory.time[row]:.1f}" for row in rows)
     landmarks = "" if map_points is None else ", landmarks at the last"
@@ -102,6 +100,14 @@ def scene_figure(
     handles = _handles(camera, map_points is not None)
     legend_below(figure, [*handles, *_initialisation_handles(initialisation)])
     return figure
+
+
+def _draw_path(axes: Axes3D, trajectory: Trajectory, initialisation: int) -> Float[np.ndarray, "n 3"]:
+    """Draw the path of the centre of mass, dotted during the initialisation; its points."""
+    path = trajectory.position @ _TO_VIEW.T
+    axes.plot(*path[:initialisation].T, color=BLACK, linewidth=1.8, linestyle=_DOTS, zorder=6)
+    axes.plot(*path[max(initialisation - 1, 0) :].T, color=BLACK, linewidth=1.8, zorder=6)
+    return path
 
 
 def _label_axes(axes: Axes3D, camera: DrawnCamera | None) -> None:

@@ -1,6 +1,7 @@
 """Folder with dataset.toml and a table per sensor."""
 
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -46,13 +47,7 @@ def _read_folder(folder: Path) -> Dataset:
     require_folder(folder)
     kinds = dataset_kinds()
     path = folder / DATASET_FILE
-    if not os.path.lexists(path):
-        if os.path.isfile(folder / "cam0" / "data.csv"):
-            raise _no_front_end(folder, "stereo-images")
-        raise InputError(
-            f"{path_text(path)}: no such file; write it with a line kind = '...' ({', '.join(kinds)}), or check "
-            "the path"
-        )
+    _require_description(path, kinds)
     document = read_toml(path)
     kind, description = _text(path, document, "kind"), _text(path, document, "description", "")
     reader = None if kind in kinds else raw_data_reader(kind)
@@ -76,6 +71,18 @@ def _read_folder(folder: Path) -> Dataset:
         known_map=read_landmarks(landmarks) if os.path.lexists(landmarks) else None,
         inspector=read_inspector(folder, log),
         options=with_told_deviations(options, folder) if cameras else options,
+    )
+
+
+def _require_description(path: Path, kinds: Iterable[str]) -> None:
+    """Require dataset.toml, which images without tracks need not have."""
+    if os.path.lexists(path):
+        return
+    if os.path.isfile(path.parent / "cam0" / "data.csv"):
+        raise _no_front_end(path.parent, "stereo-images")
+    raise InputError(
+        f"{path_text(path)}: no such file; write it with a line kind = '...' ({', '.join(kinds)}), or check "
+        "the path"
     )
 
 
