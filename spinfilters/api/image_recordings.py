@@ -12,7 +12,7 @@ from spinfilters.simulation.motion import silent
 from spinfilters.simulation.scenario import THESIS_RPM, Scenario, simulate
 from spinfilters.vision.raw_rig import RawCamera, RawRig
 from spinfilters.vision.rendering.body_view import Appearance
-from spinfilters.vision.rendering.image_sequence import Stage, write_sequence
+from spinfilters.vision.rendering.image_sequence import RenderedScene, write_sequence
 from spinfilters.vision.rendering.imaging import Imaging
 from spinfilters.vision.rendering.surface_texture import SurfaceTexture
 from spinfilters.vision.rendering.triangle_mesh import named_mesh
@@ -62,12 +62,12 @@ class ImageScenario:
         assert dataset.truth is not None
         return dataset.truth
 
-    def stage(self) -> Stage:
+    def stage(self) -> RenderedScene:
         """The body, the sun and the cameras."""
         body = Appearance(
             named_mesh(self.shape, self.radius_m), SurfaceTexture(self.seed, self.foil), self.sun
         )
-        return Stage(body, example_rig(self.size), self.imaging, self.seed)
+        return RenderedScene(body, example_rig(self.size), self.imaging, self.seed)
 
 
 def render(scenario: ImageScenario, folder: Path, progress: Callable[[int, int], None] = silent) -> str:

@@ -91,7 +91,7 @@ def transition_expression(layout: StateLayout) -> tuple[list[ca.SX], list[ca.SX]
     factor[a, :6], factor[w, :6] = root[:3, :], root[3:, :]
     values = layout.unpack(x) | {"q": after[:4], "w": after[4:]}
     if layout.translates:
-        values["t"] = _translate(layout, _Step(x, after[:4], dt, psd[0]), transition, factor)
+        values["t"] = _translate(layout, _DiscreteStep(x, after[:4], dt, psd[0]), transition, factor)
     inputs = [x, after, *flat, noise, dt, psd]
     return inputs, [layout.pack(values), transition, factor]
 
@@ -205,7 +205,7 @@ def rotation_function(layout: StateLayout) -> ca.Function:
     return _function("rotation", {"x": x}, {"r": row_by_row(rotation)})
 
 
-class _Step(NamedTuple):
+class _DiscreteStep(NamedTuple):
     """State before a step, q_ig after it, dt in s, and the power of the force's noise."""
 
     x: ca.SX
@@ -214,7 +214,7 @@ class _Step(NamedTuple):
     force_psd: ca.SX
 
 
-def _translate(layout: StateLayout, step: _Step, transition: ca.SX, factor: ca.SX) -> Expression:
+def _translate(layout: StateLayout, step: _DiscreteStep, transition: ca.SX, factor: ca.SX) -> Expression:
     """Fill in the rows of t and v, give t after the step.
 
     t + R c + dt v - R' c.
