@@ -53,10 +53,7 @@ class RangeEvidence:
     def _linearised(
         self, tracked: TrackedFaces, number: int
     ) -> tuple[Float[np.ndarray, "n m"], Float[np.ndarray, " n"]]:
-        """Whitened residuals of ranges and their derivatives by pose and faces.
-
-        Rays without a face are left out.
-        """
+        """Derivatives of whitened ranges by the pose and by all faces, and residuals; rays without a face are left out."""
         pose, faces, angles = tracked.poses[number], tracked.faces, self.angles[number]
         expected, std = expected_ranges(angles, faces, pose.rotation, pose.translation, self.noise)
         steps = np.repeat([_DELTA, _DELTA * self.size], 3)
