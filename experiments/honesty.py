@@ -195,7 +195,10 @@ def _draw(axes: Axes, study: SensorStudy) -> None:
 
 
 def _label(study: SensorStudy, fault: str) -> str:
-    """Name, and in how many of its runs with an effect it is among the two that are named."""
+    """Name and number of runs that name it.
+
+    In how many of its runs with an effect it is among the two that are named.
+    """
     wrong = [each for each in study.faulty if each.fault == fault and each.has_effect]
     if not wrong:
         return f"{fault} (-)"

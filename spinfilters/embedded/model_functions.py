@@ -206,7 +206,7 @@ def rotation_function(layout: StateLayout) -> ca.Function:
 
 
 class _DiscreteStep(NamedTuple):
-    """State before a step, q_ig after it, dt in s, and the power of the force's noise."""
+    """State before a step, q_ig after it, dt (s), the force's noise density."""
 
     x: ca.SX
     q_after: ca.SX

@@ -251,7 +251,7 @@ def _prior(log: PoseLog, unknowns: int) -> Float[np.ndarray, "unknowns unknowns"
 
 
 def _trimmed(log: PoseLog, stretch: Stretch) -> Stretch:
-    """The stretch without samples at its ends that do not lie on the parabola of its middle."""
+    """The stretch without end samples off its middle's parabola."""
     margin = max(FEWEST_ENDS, len(stretch) // ENDS)
     core = np.arange(stretch.start + margin, stretch.end - margin)
     if len(core) < FEWEST // 2:

@@ -74,7 +74,10 @@ class TestedModels:
 
     @property
     def named(self) -> tuple[ScoreTest, ...]:
-        """Those that a verdict names: the likeliest of those beyond chance, as far as they matter to the estimates."""
+        """Model errors that a verdict names.
+
+        The likeliest of those beyond chance, as far as they matter to the estimates.
+        """
         beyond = FALSE_ALARM / max(len(self.tests), 1)
         likely = [each for each in self.tests if each.p_value < beyond][:NAMED]
         return tuple(each for each in likely if self.contradicted or self._matters(each, beyond))

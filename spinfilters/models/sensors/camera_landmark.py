@@ -16,8 +16,9 @@ CameraType = TypeVar("CameraType", bound=Camera)
 
 
 class CameraLandmark(MeasurementModel, Generic[CameraType]):
-    """z: pixels of p_c = R_ic' (t + R_ig p_g - t_ic), as a camera projects it.
+    """Pixels z of a landmark p_g in a camera.
 
+    That of p_c = R_ic' (t + R_ig p_g - t_ic), as the camera projects it.
     Parameters of a measurement: (p_g 3 m, calibration of the camera, those of the noise, such as pixel_std px, those of the
     camera's pose, none where frame i is the camera's).
     """
