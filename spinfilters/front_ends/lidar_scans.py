@@ -32,7 +32,9 @@ _STEPS = 8
 
 
 def read_scans(folder: Path, truth: Truth | None) -> tuple[MeasurementStream, Truth | None, str]:
-    """Poses of the scans in ``scans/*.ply`` in the order of their stamps, the truth told in their frame g, and remarks.
+    """Poses of the scans in ``scans/*.ply`` in time order, with truth and remarks.
+
+    The truth is told in the scans' frame g.
 
     Raises
     ------

@@ -53,7 +53,10 @@ class RangeEvidence:
     def _linearised(
         self, tracked: TrackedFaces, number: int
     ) -> tuple[Float[np.ndarray, "n m"], Float[np.ndarray, " n"]]:
-        """Derivatives of whitened ranges by the pose and by all faces, and residuals; rays without a face are left out."""
+        """Whitened residuals of ranges and their derivatives by pose and faces.
+
+        Rays without a face are left out.
+        """
         pose, faces, angles = tracked.poses[number], tracked.faces, self.angles[number]
         expected, std = expected_ranges(angles, faces, pose.rotation, pose.translation, self.noise)
         steps = np.repeat([_DELTA, _DELTA * self.size], 3)

@@ -202,7 +202,10 @@ def _free(tracked: TrackedFaces, size: float) -> Float[np.ndarray, "m f"]:
 
 
 def _without_shift(tracked: TrackedFaces) -> Float[np.ndarray, "f f"]:
-    """Errors of the faces without a common shift: where the origin of g lies is a definition, and no error of a pose in that g."""
+    """Errors of the faces without a common shift.
+
+    Where the origin of g lies is a definition, and no error of a pose in that g.
+    """
     G = np.concatenate([_freedom(face)[:, 3:] for face in tracked.faces])
     return np.eye(len(G)) - G @ np.linalg.pinv(G)
 
