@@ -93,8 +93,8 @@ class FaultyRun:
         return self.executive.run(self._arriving())
 
     def _arriving(self) -> Iterator[ArrivedEpoch | None]:
-        for self.state, epoch in motion(self._seed):
-            self.given, self._quiet = self.given + 1, self._quiet + 1
+        for state, epoch in motion(self._seed):
+            self.state, self.given, self._quiet = state, self.given + 1, self._quiet + 1
             yield ArrivedEpoch(epoch.time, epoch.streams)
             due = time.monotonic() + INTERVAL / PACE
             while time.monotonic() < due:
