@@ -114,7 +114,7 @@ def _states(axes: Axes, course: LiveCourse) -> None:
         (0.0, ~course.ok, ORANGE),
     ):
         changes = np.flatnonzero(np.diff(where, prepend=False, append=False)).reshape(-1, 2)
-        spans = [(ends[first], ends[last] - ends[first]) for first, last in changes]
+        spans = [(float(ends[first]), float(ends[last] - ends[first])) for first, last in changes.tolist()]
         axes.broken_barh(spans, (low, 0.8), color=color, linewidth=0)
     axes.set_yticks((0.4, 1.4), ("verdict", "source"))
     axes.set_ylim(-0.1, 1.9)
