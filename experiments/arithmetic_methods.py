@@ -1,5 +1,6 @@
-"""The linear problem behind each step of a filter without a map, and three other ways of solving it.
+"""The linear problem of a filter's step, solved in four ways.
 
+Of a filter without a map, and three other ways of solving it.
 A step takes the covariance P of all errors to T P+ T' + G G' of the state's, P+ = P - K S K' the update with unit noise and rows
 H over state and landmarks. Of the state the filter's update is exact, however few modes landmarks share. The reference solves it
 by the square-root array of Morf and Kailath (1975) with Householder reflections in extended precision (64 bits of mantissa); the
@@ -12,7 +13,7 @@ import mpmath
 import numpy as np
 from jaxtyping import Float
 
-from experiments.arithmetic_runs import LAYOUT, RandomRun, Step
+from experiments.arithmetic_runs import LAYOUT, FilterStep, RandomRun
 from spinfilters.estimators.landmarks.held_map import HeldMap
 from spinfilters.models.landmark_sensor import LandmarkSensor
 
@@ -23,14 +24,17 @@ DIGITS = 80
 
 @dataclass(frozen=True)
 class LinearStep:
-    """P -> T P+ T' + G G'; ``rows`` H (m, N) whitened, ``transition`` T (M, N), ``noise`` G (M, k)."""
+    """P -> T P+ T' + G G'.
+
+    ``rows`` H (m, N) whitened, ``transition`` T (M, N), ``noise`` G (M, k).
+    """
 
     rows: Float[np.ndarray, "m N"]
     transition: Float[np.ndarray, "M N"]
     noise: Float[np.ndarray, "M k"]
 
 
-def joint_before(run: RandomRun, step: Step) -> Float[np.ndarray, "N N"]:
+def joint_before(run: RandomRun, step: FilterStep) -> Float[np.ndarray, "N N"]:
     """Factor of the errors of state and landmarks before a step."""
     held = HeldMap.restored(step.before, run.options)
     if held is None:
@@ -38,8 +42,11 @@ def joint_before(run: RandomRun, step: Step) -> Float[np.ndarray, "N N"]:
     return held.belief(LAYOUT, step.before["mean"], step.before["factor"]).joint_factor()
 
 
-def linear_step(run: RandomRun, step: Step) -> LinearStep:
-    """What the filter of first order solved in this step: of all errors before it, those of the state after it."""
+def linear_step(run: RandomRun, step: FilterStep) -> LinearStep:
+    """The linear problem that the filter solved in this step.
+
+    Of first order, of all errors before it, those of the state after it.
+    """
     size = STATE + 3 * len(step.before.get("map.ids", ()))
     T = np.zeros((STATE, size))
     if step.measurement is None:
@@ -50,7 +57,7 @@ def linear_step(run: RandomRun, step: Step) -> LinearStep:
     return LinearStep(rows, T, np.zeros((STATE, 0)))
 
 
-def _reading_rows(step: Step, size: int) -> Float[np.ndarray, "m N"]:
+def _reading_rows(step: FilterStep, size: int) -> Float[np.ndarray, "m N"]:
     measured = step.measurement
     assert measured is not None
     at = measured.model.linearise(step.before["mean"], measured.parameters, measured.values)
@@ -60,7 +67,7 @@ def _reading_rows(step: Step, size: int) -> Float[np.ndarray, "m N"]:
     return H
 
 
-def _observation_rows(run: RandomRun, step: Step, size: int) -> Float[np.ndarray, "m N"]:
+def _observation_rows(run: RandomRun, step: FilterStep, size: int) -> Float[np.ndarray, "m N"]:
     measured, change = step.measurement, step.change
     assert measured is not None
     assert measured.ids is not None
@@ -94,7 +101,10 @@ def reference(factor: Float[np.ndarray, "N N"], step: LinearStep) -> Float[np.nd
 
 
 def lower(rows: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n n"]:
-    """Lower triangular L with L L' = rows rows', by Householder reflections in the precision of the rows."""
+    """Lower triangular L with L L' = rows rows', by Householder reflections.
+
+    In the precision of the rows.
+    """
     n, k = rows.shape
     A = np.zeros((max(n, k), n), dtype=rows.dtype)
     A[:k] = rows.T
@@ -116,7 +126,7 @@ def subtracted(P: Float[np.ndarray, "N N"], step: LinearStep) -> Float[np.ndarra
 
 
 def joseph(P: Float[np.ndarray, "N N"], step: LinearStep) -> Float[np.ndarray, "M M"]:
-    """Covariance after a step by (I - K H) P (I - K H)' + K K'."""
+    """Covariance by (I - K H) P (I - K H)' + K K'."""
     H, T, G = (part.astype(P.dtype) for part in (step.rows, step.transition, step.noise))
     K = P @ H.T @ np.linalg.inv(H @ P @ H.T + np.eye(len(H), dtype=P.dtype))
     A = np.eye(len(P), dtype=P.dtype) - K @ H
@@ -131,7 +141,10 @@ def _symmetric(P: np.ndarray) -> np.ndarray:
 
 
 def is_definite(P: Float[np.ndarray, "N N"]) -> bool:
-    """Whether the covariance, as it is stored, is positive definite: its correlations by Cholesky in extended precision."""
+    """Whether the stored covariance is positive definite.
+
+    Its correlations by Cholesky in extended precision.
+    """
     variances = np.diagonal(P).astype(np.longdouble)
     if not (np.isfinite(P).all() and (variances > 0).all()):
         return False
@@ -145,8 +158,9 @@ def is_definite(P: Float[np.ndarray, "N N"]) -> bool:
 
 
 def forms_definite(factor: Float[np.ndarray, "N N"]) -> bool:
-    """Whether the covariance formed from a factor is positive definite; the precision rises until that is proven or refuted.
+    """Whether the covariance formed from a factor is positive definite.
 
+    The precision rises until that is proven or refuted.
     In double precision correlations minus a bound of their rounding must have a Cholesky factor; then in extended precision; what
     neither can tell is formed and factored in `DIGITS` digits.
     """

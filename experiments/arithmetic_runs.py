@@ -1,5 +1,6 @@
-"""Random runs of the landmark filters for the sweep of their arithmetic: any time step, any prior, any noise, in either precision.
+"""Random runs of the landmark filters for arithmetic tests.
 
+Any time step, any prior, any noise, in either precision.
 The truth lies so near the mean that everything stays linear to within the noise, however wide the prior: what is tried is
 arithmetic, not linearisation. Observations come from the model itself; some are wrong, so that landmarks go as well as come.
 """
@@ -39,7 +40,10 @@ PIXELS_PER_RADIAN = RIG.left.fx
 
 @dataclass(frozen=True)
 class RandomRun:
-    """One run: what a filter is, its first belief, and what it measures at every step of ``dt`` seconds."""
+    """One run: filter, first belief, measurements at every step.
+
+    Steps of ``dt`` seconds.
+    """
 
     estimator: str
     precision: str
@@ -57,7 +61,7 @@ class RandomRun:
 
 
 @dataclass(frozen=True)
-class Step:
+class FilterStep:
     """One prediction (``measurement`` is None) or update, and the filter's snapshots around it."""
 
     before: Snapshot
@@ -95,18 +99,18 @@ def random_run(seed: int) -> RandomRun:
     return RandomRun(estimator, precision, dt, process, options, belief, epochs)
 
 
-def steps(run: RandomRun, estimator: MultiplicativeFilter) -> Iterator[Step]:
+def steps(run: RandomRun, estimator: MultiplicativeFilter) -> Iterator[FilterStep]:
     """Every prediction and update of a run, as it is made."""
     estimator.start(run.belief)
     for k, measurements in enumerate(run.epochs):
         if k:
             before = estimator.snapshot()
             estimator.predict(run.dt)
-            yield Step(before, estimator.snapshot(), None, None, 0)
+            yield FilterStep(before, estimator.snapshot(), None, None, 0)
         for measurement in measurements:
             before = estimator.snapshot()
             report = estimator.update(measurement)
-            yield Step(before, estimator.snapshot(), measurement, report.map_change, report.accepted)
+            yield FilterStep(before, estimator.snapshot(), measurement, report.map_change, report.accepted)
 
 
 def _log_uniform(generator: np.random.Generator, low: float, high: float) -> float:
@@ -141,7 +145,10 @@ def _with_map(
     limit: float,
     modes: int,
 ) -> LandmarkBelief:
-    """The belief with some of the landmarks, their errors at most ``limit`` m whatever their standard deviation."""
+    """The belief with some landmarks of bounded error.
+
+    At most ``limit`` m whatever their standard deviation.
+    """
     ids = np.flatnonzero(generator.random(len(points)) < 0.5)[:4]
     std = _log_uniform(generator, 1e-7, 1.0)
     wrong = (std * generator.standard_normal((len(ids), 3))).clip(-limit, limit)

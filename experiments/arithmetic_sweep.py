@@ -1,5 +1,6 @@
-"""Is any covariance ever indefinite? Random runs of the filters without a map, in both precisions, checked after every step.
+"""Random search for an indefinite covariance of map-free filters.
 
+In both precisions, checked after every step.
     python -m experiments.arithmetic_sweep [--runs 10000] [--every 8] [-o runs/arithmetic]
 
 Time steps from 1e-4 s to 10 s, variances that an update lowers by up to 1e12 and more (`arithmetic_runs`). After every step the
@@ -32,7 +33,7 @@ from experiments.arithmetic_methods import (
     reference,
     stds,
 )
-from experiments.arithmetic_runs import LAYOUT, RandomRun, Step, random_run, steps
+from experiments.arithmetic_runs import LAYOUT, FilterStep, RandomRun, random_run, steps
 from spinfilters.data.atomic_write import make_folder
 from spinfilters.errors import SpinfiltersError
 from spinfilters.estimators.filters.iterated_update import IterationOptions
@@ -111,7 +112,7 @@ def check(seed: int, every: int) -> Checked:
     return checked
 
 
-def inspect(checked: Checked, step: Step) -> None:
+def inspect(checked: Checked, step: FilterStep) -> None:
     """Look at the covariances after a step: of the state, and of each landmark's own error.
 
     Modes may be functions of the state: those that came in last are errors of its pose.
@@ -137,7 +138,7 @@ def inspect(checked: Checked, step: Step) -> None:
         checked.ratio = max(checked.ratio, float(np.max(before / after)) ** 2)
 
 
-def solve_again(checked: Checked, taken: list[Step]) -> None:
+def solve_again(checked: Checked, taken: list[FilterStep]) -> None:
     """Each step's linear problem by the reference, and by conventional forms."""
     checked.indefinite, checked.std_error = dict.fromkeys(CONVENTIONAL, False), 0.0
     for step in takewhile(_is_in_g, taken):
@@ -150,8 +151,11 @@ def solve_again(checked: Checked, taken: list[Step]) -> None:
             checked.indefinite[name] |= _fails(kept @ kept.T, name, problem)
 
 
-def _is_in_g(step: Step) -> bool:
-    """Whether the state is still told in frame g: a filter that knows no landmark again goes on in another frame."""
+def _is_in_g(step: FilterStep) -> bool:
+    """Whether the state is still told in frame g.
+
+    A filter that knows no landmark again goes on in another frame.
+    """
     modes = step.after.get("map.modes", np.zeros((0, 3, 0))).shape[2]
     return len(step.after["factor"]) == LAYOUT.error_dim + modes
 
@@ -167,7 +171,10 @@ def _fails(covariance: np.ndarray, name: str, problem: LinearStep) -> bool:
 
 
 def noise_error(dt: float) -> float:
-    """Largest difference of Q over dt to Q composed of `PARTS` shorter steps, in products of standard deviations."""
+    """Largest relative difference of Q over dt to composed steps.
+
+    `PARTS` shorter steps, in products of standard deviations.
+    """
     process = TorqueFreeProcess(LAYOUT, ProcessNoise())
     x = random_run(0).belief.mean.copy()
     x[LAYOUT.mean_slice("w")] = [0.4, 0.9, 0.3]

@@ -1,5 +1,6 @@
-"""Does the smoother scatter by the Cramer-Rao bound? Monte Carlo of the whole problem, landmarks and process noise included.
+"""Monte Carlo of the smoother against the Cramer-Rao bound.
 
+The whole problem, landmarks and process noise included.
     python -m experiments.bound_monte_carlo [--runs 200] [--frames 40] [--landmarks 100] [--motion rich]
 
 Every run draws a motion with its disturbances, landmarks, pixels and the mean of the prior, smooths all frames at once, and sets
@@ -46,7 +47,7 @@ Squares = Mapping[str, Float[np.ndarray, " runs"]]
 
 
 @dataclass(frozen=True)
-class Recording:
+class MonteCarloRecording:
     """One simulated recording: its frames with unknown landmarks, and what is true of them."""
 
     process: TorqueFreeProcess
@@ -79,7 +80,10 @@ def monte_carlo(
 
 
 def normalised_squares(scenario: Scenario) -> dict[str, float]:
-    """Of each block, one run's mean of (error / bound)^2; poses from the second frame on, as the first defines g."""
+    """One run's mean of (error / bound)^2 of each block.
+
+    Poses from the second frame on, as the first defines g.
+    """
     recording = recorded(simulate(scenario), scenario)
     generator = np.random.default_rng([scenario.seed, 1])
     drawn = LAYOUT.retract(
@@ -90,13 +94,13 @@ def normalised_squares(scenario: Scenario) -> dict[str, float]:
     return {b: float(square[1 if b in "ta" else 0 :, LAYOUT.slice(b)].mean()) for b in LAYOUT.blocks}
 
 
-def recorded(dataset: Dataset, scenario: Scenario) -> Recording:
+def recorded(dataset: Dataset, scenario: Scenario) -> MonteCarloRecording:
     """What the smoother sees of a data set, and the truth."""
     assert dataset.truth is not None
     assert dataset.known_map is not None
     assert dataset.rig is not None
     noise, view = SensorNoise(pixel_std=scenario.pixel_std), CameraView(None, dataset.rig.calibration)
-    return Recording(
+    return MonteCarloRecording(
         TorqueFreeProcess(LAYOUT, scenario.noise),
         build_timeline(dataset.log, LAYOUT, noise, view),
         true_states(dataset.truth, LAYOUT),
@@ -104,7 +108,7 @@ def recorded(dataset: Dataset, scenario: Scenario) -> Recording:
     )
 
 
-def bound_at_truth(recording: Recording) -> Float[np.ndarray, "k n"]:
+def bound_at_truth(recording: MonteCarloRecording) -> Float[np.ndarray, "k n"]:
     """Standard deviation of every error component of every frame, given all measurements."""
     problem = recording.problem(recording.states[0])
     normal = problem.normal(problem.at(recording.states, recording.known_map.points), Stage(LeastSquares()))
@@ -112,8 +116,13 @@ def bound_at_truth(recording: Recording) -> Float[np.ndarray, "k n"]:
     return np.linalg.norm(Marginals(normal.solution, normal.eliminated).factors, axis=2)
 
 
-def smoothed_errors(recording: Recording, prior_mean: Float[np.ndarray, " m"]) -> Float[np.ndarray, "k n"]:
-    """Of the smoother, which sets out from the truth, so that no other minimum is in question."""
+def smoothed_errors(
+    recording: MonteCarloRecording, prior_mean: Float[np.ndarray, " m"]
+) -> Float[np.ndarray, "k n"]:
+    """Errors of the smoother from the truth.
+
+    It sets out from there so that no other minimum is in question.
+    """
     problem = recording.problem(prior_mean)
     solved = solve(problem, problem.at(recording.states, recording.known_map.points), OPTIONS)
     assert solved.converged

@@ -1,5 +1,6 @@
-"""Are estimates honest where the calibration is wrong by what is stated of it? NEES with and without that counted.
+"""NEES under a wrong calibration, counted and not.
 
+The calibration is wrong by what is stated of it.
     python -m experiments.calibration_errors [--seeds 30] [--first 0] [--cases tracks]
 
 Every run reads simulated measurements with a calibration whose errors are drawn from the stated deviations: focal length 0.5 %,
@@ -43,7 +44,10 @@ CASES: Final = {
 
 @dataclass(frozen=True)
 class Honesty:
-    """NEES per degree of freedom of one estimator in one run, of the whole covariance and of its random part."""
+    """NEES per degree of freedom of one estimator's run.
+
+    Of the whole covariance and of its random part.
+    """
 
     estimator: str
     total: float
@@ -89,7 +93,10 @@ def honesty(scenario: Scenario, seed: int, estimators: Sequence[str]) -> Iterato
 
 
 def _nees(evaluation: Evaluation, dataset: Dataset) -> float:
-    """Of the whole state over the estimator's own epochs; of a gyro's of rate and mass distribution."""
+    """NEES of the state over the estimator's own epochs.
+
+    Of a gyro's of rate and mass distribution.
+    """
     return np.nan if dataset.truth is None else nees_metrics(evaluation, dataset.truth).get("nees", np.nan)
 
 

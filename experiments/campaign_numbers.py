@@ -1,5 +1,6 @@
-"""Numbers of campaigns for README and docs/results.md, each with the date, commit and machine that it comes from.
+"""Numbers of campaigns for README and docs/results.md.
 
+Each with the date, commit and machine that it comes from.
     spinfilters campaign experiments/studies/tracks.toml -o runs/tracks
     python -m experiments.campaign_numbers runs/tracks [more folders] [--over estimator=smoother fault.outliers=0.0]
 
@@ -79,7 +80,10 @@ def _cell(study: Study, levels: Mapping[str, str]) -> int:
 
 
 def _over_cell(rows: pd.DataFrame, cell: int, reference: int) -> str:
-    """Median and largest over seeds of errors over those of the reference cell in the same seed."""
+    """Median and largest ratio of errors to the reference cell.
+
+    Over seeds; the reference cell in the same seed.
+    """
     own, other = (
         rows[rows["cell"] == number].set_index("seed").drop(columns="cell") for number in (cell, reference)
     )

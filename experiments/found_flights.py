@@ -1,5 +1,6 @@
-"""Free flights that are found, beside those that people marked and beside the contact that geometry tells.
+"""Found free flights beside those that people marked.
 
+And beside the contact that geometry tells.
     python -m experiments.found_flights ../shared/data
 
 Of the thrown phone and racquet: flights found and marked, and how far their ends lie apart. Of the thrown cubes: end of the first

@@ -72,7 +72,10 @@ def estimate(dataset: Dataset, settings: Settings) -> tuple[Setup, tuple[Evaluat
 
 
 def prediction_errors(setup: Setup, evaluation: Evaluation) -> np.ndarray:
-    """|w predicted - w measured| / |w measured|, 0.3 s ahead of every frame from the end of the start on."""
+    """Relative prediction errors of the rate, 0.3 s ahead.
+
+    |w predicted - w measured| / |w measured| of every frame from the end of the start on.
+    """
     gyro, history = setup.dataset.log.stream("gyro"), evaluation.history
     rate = history.layout.mean_slice("w")
     errors = []

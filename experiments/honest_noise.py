@@ -1,5 +1,6 @@
-"""Are estimates honest where nobody states any noise? NEES, identified levels, and what not knowing the noise costs.
+"""NEES where nobody states any noise.
 
+And identified levels, and what not knowing the noise costs.
     spinfilters campaign experiments/studies/honest-noise-tracks.toml -o runs/honest-noise-tracks [--resume]
     python -m experiments.honest_noise runs/honest-noise-tracks [runs/honest-noise-poses runs/honest-noise-gyro]
 
@@ -57,7 +58,10 @@ def main() -> None:
 
 
 def rows_of(table: pd.DataFrame) -> Iterator[str]:
-    """A row of Markdown for every motion and estimator; seeds of which not all runs were made are left out."""
+    """A row of Markdown for every motion and estimator.
+
+    Seeds of which not all runs were made are left out.
+    """
     whole = table.groupby("seed")["run"].transform("size")
     table = table.loc[whole == whole.max()]
     for levels, both in table.groupby(list(CELL), sort=False):
@@ -96,7 +100,10 @@ def levels_right(rows: pd.DataFrame) -> Bool[np.ndarray, " n"]:
 
 
 def error_ratios(silent: pd.DataFrame, stated: pd.DataFrame) -> Float[np.ndarray, " n"]:
-    """Of every run of both, the geometric mean of its errors over those with the noise stated."""
+    """Geometric mean ratio of errors to those with stated noise.
+
+    Of every run of both.
+    """
     columns = [f"error_{name}" for name in ERRORS]
     both = silent.index.intersection(stated.index)
     logs = np.log(silent.loc[both, columns].to_numpy() / stated.loc[both, columns].to_numpy())

@@ -1,5 +1,6 @@
-"""Are verdicts honest? Errors of estimates called ok, in stated standard deviations, where noise and model are right.
+"""Errors of estimates called ok, in stated standard deviations.
 
+Are verdicts honest? Noise and model are right.
     python -m experiments.honest_verdicts [--seeds 12] [--cases gyro] [-o runs/honest]
 
 Simulates every case of `experiments.honest_cases`, estimates with MEKF, UKF and smoother, and prints of every case the verdicts,
@@ -16,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.honest_cases import CASES, LAYOUT, Case, Recording, principal_axes, recordings
+from experiments.honest_cases import CASES, LAYOUT, HonestCase, Recording, principal_axes, recordings
 from spinfilters.attitude.conversions import (
     inverse,
     multiply,
@@ -39,7 +40,7 @@ NAMES = ("mekf", "ukf", "smoother")
 
 
 @dataclass(frozen=True)
-class Outcome:
+class VerdictOutcome:
     """What one estimator said of one recording.
 
     Attributes
@@ -88,7 +89,7 @@ def main() -> None:
     )
 
 
-def outcomes_of(case: Case, seeds: int, names: tuple[str, ...] = NAMES) -> Iterator[Outcome]:
+def outcomes_of(case: HonestCase, seeds: int, names: tuple[str, ...] = NAMES) -> Iterator[VerdictOutcome]:
     """What every estimator says of so many recordings of a case."""
     settings = Settings(estimators=names, process=ProcessSettings(drag=case.drag > 0))
     for seed, recording in enumerate(recordings(case, seeds)):
@@ -102,11 +103,11 @@ def outcomes_of(case: Case, seeds: int, names: tuple[str, ...] = NAMES) -> Itera
             yield outcome_of(case, seed, evaluation, recording)
 
 
-def outcome_of(case: Case, seed: int, evaluation: Evaluation, recording: Recording) -> Outcome:
+def outcome_of(case: HonestCase, seed: int, evaluation: Evaluation, recording: Recording) -> VerdictOutcome:
     """Errors of the latest epoch."""
     history, verdict = evaluation.history, evaluation.history.status.verdict
     if not np.isfinite(history.mean[-1]).all() or not np.isfinite(history.factor[-1]).all():
-        return Outcome(case.name, seed, evaluation.name, verdict, {"not finite": np.inf}, {})
+        return VerdictOutcome(case.name, seed, evaluation.name, verdict, {"not finite": np.inf}, {})
     error = _state_error(evaluation, recording)
     layout, factor = history.layout, history.factor[-1]
     std = np.linalg.norm(factor, axis=1)
@@ -118,11 +119,14 @@ def outcome_of(case: Case, seed: int, evaluation: Evaluation, recording: Recordi
         / (part.stop - part.start)
         for b, part in ((b, layout.slice(b)) for b in "ws")
     }
-    return Outcome(case.name, seed, evaluation.name, verdict, sizes, nees)
+    return VerdictOutcome(case.name, seed, evaluation.name, verdict, sizes, nees)
 
 
 def _state_error(evaluation: Evaluation, recording: Recording) -> np.ndarray:
-    """The truth minus the estimate at the latest epoch, about the estimate; a gyro's frame i is frame g of its first sample."""
+    """Error of the state at the latest epoch, about the estimate.
+
+    Truth minus estimate; a gyro's frame i is frame g of its first sample.
+    """
     history, states = evaluation.history, recording.states
     layout = history.layout
     true = np.concatenate([states[len(history.time) - 1, LAYOUT.mean_slice(b)] for b in layout.blocks])
@@ -132,7 +136,7 @@ def _state_error(evaluation: Evaluation, recording: Recording) -> np.ndarray:
     return layout.local(history.mean[-1], true)
 
 
-def _body_errors(case: Case, evaluation: Evaluation) -> dict[str, np.ndarray]:
+def _body_errors(case: HonestCase, evaluation: Evaluation) -> dict[str, np.ndarray]:
     """Of moments, their log ratios and the principal axes, in standard deviations."""
     body, order = evaluation.body, np.argsort(case.moments)
     moments, axes = np.array(case.moments)[order] / max(case.moments), principal_axes().T[order]
@@ -147,7 +151,7 @@ def _body_errors(case: Case, evaluation: Evaluation) -> dict[str, np.ndarray]:
     }
 
 
-def row_of(case: Case, outcomes: Sequence[Outcome]) -> str:
+def row_of(case: HonestCase, outcomes: Sequence[VerdictOutcome]) -> str:
     """One case in a line for each estimator."""
     lines = []
     for name in NAMES:
@@ -163,7 +167,7 @@ def row_of(case: Case, outcomes: Sequence[Outcome]) -> str:
     return "\n".join(lines)
 
 
-def figure(cases: Sequence[Case], outcomes: Sequence[Outcome]) -> Figure:
+def figure(cases: Sequence[HonestCase], outcomes: Sequence[VerdictOutcome]) -> Figure:
     """Largest error of every run against the case: filled where it is called ok."""
     drawn = Figure(figsize=(9.0, 1.5 + 0.24 * len(cases)), layout="constrained")
     axes = drawn.add_subplot()

@@ -1,5 +1,6 @@
-"""Does the verdict notice wrong models? Every kind by size: verdicts, errors in stated deviations, which errors are named.
+"""Verdicts on recordings of wrong models, by kind and size.
 
+Verdicts, errors in stated deviations, which errors are named.
     python -m experiments.honesty [--sensors pose,gyro,tracks] [--seeds 10] [--clean 100] [--report] [-o runs/honesty]
 
 Runs the campaigns ``experiments/studies/honesty-*.toml``, or goes on with their rows in the folder (``--report``: takes these as
@@ -38,7 +39,7 @@ TICKS: Final = (0.5, 1, 2, 4, 8, 16, 32)
 
 
 @dataclass(frozen=True)
-class Outcome:
+class HonestyOutcome:
     """Of one run.
 
     Attributes
@@ -56,7 +57,7 @@ class Outcome:
     stated: bool
 
     @classmethod
-    def of(cls, row: Mapping[str, Any]) -> "Outcome":
+    def of(cls, row: Mapping[str, Any]) -> "HonestyOutcome":
         """A row of a campaign."""
         error = row["worst_error"]
         return cls(
@@ -85,8 +86,8 @@ class SensorStudy:
     """Runs of one sensor: with wrong models, and with right ones."""
 
     sensor: str
-    faulty: Sequence[Outcome]
-    clean: Sequence[Outcome]
+    faulty: Sequence[HonestyOutcome]
+    clean: Sequence[HonestyOutcome]
 
     @property
     def faults(self) -> list[str]:
@@ -123,7 +124,7 @@ def main() -> None:
     print(f"map: {options.output / 'honesty.png'}")
 
 
-def _runs(name: str, seeds: int, options: argparse.Namespace) -> list[Outcome]:
+def _runs(name: str, seeds: int, options: argparse.Namespace) -> list[HonestyOutcome]:
     """Of a campaign with so many seeds; those that its folder has are not made again."""
     document = dict(read_study(STUDIES / f"{name}.toml").document)
     document["study"] = {**document["study"], "seeds": seeds}
@@ -131,11 +132,14 @@ def _runs(name: str, seeds: int, options: argparse.Namespace) -> list[Outcome]:
     if not options.report:
         campaign_rows(document, folder, workers=options.workers, resume=folder.exists())
     rows = read_rows(folder, study_from(document, name).columns).to_pylist()
-    return [Outcome.of(row) for row in rows if row["seed"] < seeds]
+    return [HonestyOutcome.of(row) for row in rows if row["seed"] < seeds]
 
 
 def lines_of(study: SensorStudy) -> Iterator[str]:
-    """A line of false alarms for each way to state noise, a line for each wrong model, and one for all of these."""
+    """Lines of false alarms, of each wrong model, and of all.
+
+    A line of false alarms for each way to state noise.
+    """
     for stated in (False, True):
         runs = [each for each in study.clean if each.stated is stated]
         if runs:
@@ -149,7 +153,7 @@ def lines_of(study: SensorStudy) -> Iterator[str]:
     yield _line(f"all of {study.sensor}", study.faulty)
 
 
-def _line(name: str, runs: Sequence[Outcome]) -> str:
+def _line(name: str, runs: Sequence[HonestyOutcome]) -> str:
     wrong = [each for each in runs if each.has_effect]
     first, two = (sum(each.fault in each.named[:count] for each in wrong) for count in (1, 2))
     return (
@@ -191,7 +195,10 @@ def _draw(axes: Axes, study: SensorStudy) -> None:
 
 
 def _label(study: SensorStudy, fault: str) -> str:
-    """Name, and in how many of its runs with an effect it is among the two that are named."""
+    """Name and number of runs that name it.
+
+    In how many of its runs with an effect it is among the two that are named.
+    """
     wrong = [each for each in study.faulty if each.fault == fault and each.has_effect]
     if not wrong:
         return f"{fault} (-)"

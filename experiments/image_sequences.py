@@ -1,5 +1,6 @@
-"""Rendered sequences from images to errors: front end and estimators on bodies and motions, truth and noise unknown to both.
+"""Rendered sequences from images to errors.
 
+Front end and estimators on bodies and motions, truth and noise unknown to both.
     python -m experiments.image_sequences FOLDER --case box 1 4 9 3 --case spheres 0 0.5 10 0.5
 
 Renders what FOLDER lacks (half a minute of processor time each), then measures the front end in processor time, in one piece and
@@ -30,7 +31,7 @@ REVOLUTIONS: Final = 2.0
 
 
 @dataclass(frozen=True)
-class Case:
+class SequenceCase:
     """Body, seed, and initial rate about the principal axes, rpm."""
 
     shape: str
@@ -66,10 +67,10 @@ def main() -> None:
     print("| case, estimator | verdict | position | attitude | rate | worst moment | NEES per dof |")
     for shape, seed, *rpm in options.case:
         x, y, z = map(float, rpm)
-        _measured(options.folder, Case(shape, int(seed), (x, y, z)), options.estimators)
+        _measured(options.folder, SequenceCase(shape, int(seed), (x, y, z)), options.estimators)
 
 
-def _measured(folder: Path, case: Case, estimators: Sequence[str]) -> None:
+def _measured(folder: Path, case: SequenceCase, estimators: Sequence[str]) -> None:
     images = folder / case.name
     if not has_images(images):
         render(ImageScenario(shape=case.shape, seed=case.seed, rate_rpm=case.rate_rpm), images)
@@ -92,7 +93,7 @@ def _pairs(tracked: TrackedImages) -> int:
     return tracked.losses.kept["image pairs"]
 
 
-def _line(case: Case, evaluation: Evaluation) -> str:
+def _line(case: SequenceCase, evaluation: Evaluation) -> str:
     """Of a table. Root mean squares of errors after two revolutions; NEES over all own epochs."""
     status = evaluation.history.status
     moments = None if evaluation.body_errors is None else evaluation.body_errors.principal_moments

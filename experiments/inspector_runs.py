@@ -1,5 +1,6 @@
-"""Estimators from near the truth on tracks without a map, before a circling inspector and one at rest: errors and what they state.
+"""Map-free tracks before a circling and a resting inspector.
 
+Estimators from near the truth: errors and what they state.
 Run: python -m experiments.inspector_runs --seeds 300
 """
 
@@ -37,7 +38,10 @@ BLOCKS: Final = ("t", "a", "v", "w")
 
 
 def run_seed(seed: int, inspector: str, estimator: str) -> Float[np.ndarray, " 9"]:
-    """Mean squares of the errors of the four blocks, of what is stated of them, and the NEES per degree of freedom."""
+    """Mean squares of errors and stated ones, and NEES.
+
+    Of the four blocks; NEES per degree of freedom.
+    """
     scenario = Scenario(
         rate_rpm=RICH_RPM, seed=seed, epochs=40, landmarks=150, noise=NOISE, inspector=inspector
     )
@@ -77,7 +81,10 @@ def _filtered(
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the ratio of errors and of what is stated, with standard errors, and the NEES of both."""
+    """Print ratios of errors and stated ones, and NEES.
+
+    With standard errors, of both.
+    """
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=300)
     parser.add_argument("--estimator", choices=(*FILTERS, SMOOTHER), default="mekf")

@@ -1,5 +1,6 @@
-"""Attitude from scans with sensor noise and no prior of the shape: the thesis' two sequences, and full turns at 30 m.
+"""Attitude from noisy scans without a prior of the shape.
 
+The thesis' two sequences, and full turns at 30 m.
 python -m experiments.lidar_attitude [--seeds 10] [--turn-seeds 20] [--rays 551] [--places 0 1 2 3]
 """
 
@@ -76,7 +77,10 @@ def transitions(
 
 
 def full_turn(seed: int) -> tuple[float, float]:
-    """Largest attitude error, deg, and mean NEES of the poses of a tumbling box in 60 scans; frames g are brought together."""
+    """Largest attitude error, deg, and mean NEES of poses.
+
+    Of a tumbling box in 60 scans; frames g are brought together.
+    """
     mesh, attitude = box((1.0, 1.3, 0.8)), Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
     start = Initial(
         attitude, np.array([30.0, 0.0, 0.0]), np.array([0.15, 0.2, 0.12]), np.array([2e-3, 1e-3, -1e-3])

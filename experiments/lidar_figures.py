@@ -1,5 +1,6 @@
-"""Decoust's Figures 3.3 to 3.7 (influence of the parameters), 4.7 (errors over poses), 4.14 and 4.17 (errors of transitions).
+"""Decoust's figures of parameters, poses and transitions.
 
+3.3 to 3.7 (influence of the parameters), 4.7 (errors over poses), 4.14 and 4.17 (errors of transitions).
 python -m experiments.lidar_figures -o runs/lidar
 """
 

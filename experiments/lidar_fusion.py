@@ -1,5 +1,6 @@
-"""Lidar points at 1 Hz beside stereo tracks at 2 Hz and a gyro at 100 Hz, 60 s of one motion: together, and each alone.
+"""Lidar, stereo tracks and gyro of one motion, fused.
 
+Points at 1 Hz, tracks at 2 Hz, gyro at 100 Hz, 60 s: together, and each alone.
 python -m experiments.lidar_fusion [--seeds 1] [--estimator mekf] [--kind lidar-points]
 
 Together it is one command: spinfilters simulate --kind lidar-points --interval 1 --frames 60 --beside stereo-tracks 0.5
@@ -44,7 +45,10 @@ def main() -> None:
 
 
 def recording(kind: str, seed: int) -> Dataset:
-    """All three sensors on one motion; the map of the tracks is known, so that all tell the same frame g."""
+    """All three sensors on one motion.
+
+    The map of the tracks is known, so that all tell the same frame g.
+    """
     return simulate(
         kind, seed=seed, frames=60, interval=1.0, rate_rpm=RICH_RPM, known_map=True, beside=BESIDE
     )

@@ -1,5 +1,6 @@
-"""What a filter of tracks without a map gains by standing on the smoother's past, without a clock.
+"""Gain of a filter from the smoother's hand-overs.
 
+A filter of tracks without a map, without a clock.
     python -m experiments.live_hand_overs [--seeds 4] [--epochs 130] [--every 10] [--late 10] [--filters mekf,embedded]
 
 Simulates tracks at 10 Hz of a body that stays in view. Every so many epochs the smoother, once it says that it has settled, hands
@@ -65,7 +66,10 @@ def smoothed(setup: Setup, settings: Settings) -> list[HandOver]:
 def answers(
     setup: Setup, estimator: Estimator, given: list[HandOver], every: int, late: int
 ) -> tuple[Answers, list[int]]:
-    """What a filter says of every epoch, and after which of them it had just been put on a hand-over."""
+    """A filter's answers, and those after a hand-over.
+
+    Of every epoch, and after which of them it had just been put on one.
+    """
     track, said, fresh = FilterTrack(estimator, setup.end_of_initialisation), [], []
     for k, epoch in enumerate(setup.timeline[len(setup.initial.mean) :]):
         track.take(epoch)
@@ -79,7 +83,10 @@ def answers(
 
 
 def figures(setup: Setup, said: Answers, chosen: list[int]) -> tuple[float, float, float]:
-    """Rms position (m) and attitude (rad), and mean NEES per degree of freedom, of the chosen ones."""
+    """Rms position (m) and attitude (rad), and mean NEES.
+
+    Per degree of freedom, of the chosen ones.
+    """
     start, layout = setup.initial, setup.process.layout
     rows = GrowingHistory(layout, setup.timeline[0].time)
     for epoch, mean, factor in zip(setup.timeline, start.mean, start.factor, strict=False):

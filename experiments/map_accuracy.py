@@ -1,5 +1,6 @@
-"""Tracks, map and dense model of a run of rendered images against the body that was rendered.
+"""Tracks, map and model of rendered images against the truth.
 
+Dense model of a run against the body that was rendered.
     spinfilters simulate --kind stereo-images --shape box --seed 1 --rate-rpm 4 9 3 -o images
     spinfilters compare images -o runs/images && spinfilters reconstruct runs/images
     python -m experiments.map_accuracy runs/images --shape box
@@ -26,7 +27,7 @@ from spinfilters.geometry.cameras import stereo_pair
 from spinfilters.lidar.ply_files import read_ply
 from spinfilters.pipeline.figures import FigureData
 from spinfilters.runs.run_folder import MODEL_FILE, RECONSTRUCTION_FOLDER
-from spinfilters.vision.rendering.triangle_mesh import POLYHEDRA, TriangleMesh, named_mesh
+from spinfilters.vision.rendering.triangle_mesh import POLYHEDRA, RenderedMesh, named_mesh
 from spinfilters.vision.stereo_geometry import pixels_of
 
 WRONG_PX: Final = 3.0
@@ -80,8 +81,11 @@ def main() -> None:
         )
 
 
-def map_accuracy(run: Path, mesh: TriangleMesh) -> MapAccuracy:
-    """Of a run folder with a dense model. InputError: a run without truth, map, stereo camera or model."""
+def map_accuracy(run: Path, mesh: RenderedMesh) -> MapAccuracy:
+    """Accuracy of a run folder with a dense model.
+
+    InputError: a run without truth, map, stereo camera or model.
+    """
     data = FigureData.from_folder(run)
     truth, evaluation, points = data.dataset.truth, data.most_exact, data.map_points
     if truth is None or truth.center_of_mass_g is None or truth.principal_axes_g is None:
@@ -108,7 +112,10 @@ def map_accuracy(run: Path, mesh: TriangleMesh) -> MapAccuracy:
 
 
 def _wrong(dataset: Dataset, truth: Truth) -> tuple[float, float]:
-    """Shares of wrong observations and of tracks that have one: against the median place of each track under the true motion."""
+    """Shares of wrong observations and of tracks with one.
+
+    Against the median place of each track under the true motion.
+    """
     (stream,), rig = dataset.log.streams, dataset.rig
     assert isinstance(rig, StereoRig)
     assert stream.ids is not None  # a stream of landmarks always has them
@@ -129,8 +136,11 @@ def _rows(truth: Truth, time: Float[np.ndarray, " n"]) -> np.ndarray:
     return np.searchsorted(truth.time, time - 1e-6)
 
 
-def _distance(points: Float[np.ndarray, "k 3"], mesh: TriangleMesh) -> Float[np.ndarray, " k"]:
-    """Signed distance to the planes of a convex body onto which the points are laid, positive outside."""
+def _distance(points: Float[np.ndarray, "k 3"], mesh: RenderedMesh) -> Float[np.ndarray, " k"]:
+    """Signed distance to a convex body's planes, positive outside.
+
+    Onto which the points are laid.
+    """
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)

@@ -1,5 +1,6 @@
-"""A circling inspector beside one at rest: the same body, noise and map-free problem, errors of every estimator over many seeds.
+"""A circling inspector beside one at rest.
 
+The same body, noise and map-free problem, errors of every estimator over many seeds.
 Run: python -m experiments.moving_inspector --seeds 12
 """
 

@@ -1,5 +1,6 @@
-"""The smoother's whole problem solved at once: from the closed form to the optimum, beside the Cramer-Rao bound and Table 6.4.
+"""The smoother's batch problem beside bound and Table 6.4.
 
+Solved at once: from the closed form to the optimum; the Cramer-Rao bound.
     python -m experiments.smoother_consistency [--seeds 24] [--start-seeds 100] [-o runs/smoother]
 
 Simulates the common workload without its map, rich and thesis motion. What a campaign's rows do not hold: linearisations of two

@@ -1,5 +1,6 @@
-"""Marginal standard deviations in the quantities of Tweddle (2013), Table 6.4, and the errors that they should tell.
+"""Marginal standard deviations and errors by Table 6.4.
 
+In the quantities of Tweddle (2013), and the errors that they should tell.
 Attitude is that of the geometric frame and rotations are told about the principal axes x major, y intermediate, z minor. The
 thesis' attitude is of the principal frame, whose uncertainty in g it prints again as that of the principal axes.
 """

@@ -64,7 +64,10 @@ def _nees(motion: str, runs: list[Arrays]) -> tuple[str, str, str]:
 
 
 def block_table(motions: Motions) -> Table:
-    """NEES by block: of the estimate, and of the linear one about the truth; standard errors by the scatter of the runs' means."""
+    """NEES by block with standard errors.
+
+    Of the estimate, and of the linear one about the truth; by the scatter of the runs' means.
+    """
     count = len(next(iter(motions.values())))
     columns = (
         "motion",
@@ -91,7 +94,10 @@ def block_table(motions: Motions) -> Table:
 
 
 def thesis_table(runs: list[Arrays]) -> Table:
-    """Table 6.4 beside ours on the thesis' motion: x, y, z about the major, intermediate and minor axis where it is a rotation."""
+    """Table 6.4 beside ours on the thesis' motion.
+
+    x, y, z about the major, intermediate and minor axis where it is a rotation.
+    """
     columns = ("quantity", "unit", "thesis", "ours", "Cramer-Rao", "actual error, rms")
     table = _table(
         f"Tweddle (2013), Table 6.4: standard deviations after 115 frames, {len(runs)} seeds", columns

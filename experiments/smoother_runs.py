@@ -1,4 +1,7 @@
-"""One simulated run of the smoother: all epochs at once from the closed form, beside the Cramer-Rao bound."""
+"""One simulated batch run of the smoother.
+
+All epochs at once from the closed form, beside the Cramer-Rao bound.
+"""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -63,8 +66,9 @@ class SmootherCase:
 
 
 def run_batch(case: SmootherCase) -> Arrays:
-    """All frames at once, from the closed form: arrays as `_figures`, and how the two schedules came to their ends.
+    """Batch run from the closed form: arrays and schedules' ends.
 
+    Arrays as `_figures`, and how the two schedules came to their ends.
     linearisations_<schedule>, converged_<schedule>, cost_<schedule> (1,); finite (1,) whether all of them ended in numbers.
     """
     workload, dataset = _simulated(case)
@@ -82,10 +86,10 @@ def run_batch(case: SmootherCase) -> Arrays:
         arrays[f"linearisations_{name}"] = np.array([solved.linearisations])
         arrays[f"converged_{name}"] = np.array([solved.converged])
         arrays[f"cost_{name}"] = np.array([solved.costs[-1]])
-        histories[name] = _history(name, workload.timeline, (problem, solved.point, solved.normal))
+        histories[name] = _history(name, workload.timeline, problem, solved.point, solved.normal)
     finite = [np.isfinite(each).all() for found in histories.values() for each in (found.mean, found.factor)]
     at_truth = _at_truth(workload, dataset)
-    bound = _history("bound", workload.timeline, at_truth)
+    bound = _history("bound", workload.timeline, *at_truth)
     linear = {f"linear_{what}": array for what, array in _linear_nees(*at_truth).items()}
     return (
         arrays | {"finite": np.array([all(finite)])} | linear | _figures(histories["drawn"], bound, dataset)
@@ -104,7 +108,10 @@ def _problem(workload: Workload, prior: FirstStatePrior) -> Problem:
 
 
 def _at_truth(workload: Workload, dataset: Dataset) -> tuple[Problem, LinearizationPoint, NormalEquations]:
-    """The same problem linearised where the body and its landmarks really were; its covariance is the bound."""
+    """The problem linearised at the truth; its covariance is the bound.
+
+    Where the body and its landmarks really were.
+    """
     assert dataset.truth is not None
     assert dataset.known_map is not None
     layout, prior = workload.layout, workload.prior
@@ -118,7 +125,10 @@ def _at_truth(workload: Workload, dataset: Dataset) -> tuple[Problem, Linearizat
 
 
 def _linear_nees(problem: Problem, here: LinearizationPoint, normal: NormalEquations) -> Arrays:
-    """NEES (n,) of the linear estimate about the truth: chi-square when the noise models are right, whatever is not linear."""
+    """NEES (n,) of the linear estimate about the truth.
+
+    Chi-square when the noise models are right, whatever is not linear.
+    """
     assert isinstance(normal.solution, SchurSystem)
     errors, factors = normal.solution.errors, Marginals(normal.solution, normal.eliminated).factors
     where = {"nees": slice(None)} | {f"nees_{b}": problem.layout.slice(b) for b in problem.layout.blocks}
@@ -126,10 +136,9 @@ def _linear_nees(problem: Problem, here: LinearizationPoint, normal: NormalEquat
 
 
 def _history(
-    name: str, timeline: Timeline, found: tuple[Problem, LinearizationPoint, NormalEquations]
+    name: str, timeline: Timeline, problem: Problem, here: LinearizationPoint, normal: NormalEquations
 ) -> EstimateHistory:
     """Every frame given all of them."""
-    problem, here, normal = found
     layout = problem.layout
     if isinstance(normal.solution, SchurSystem):
         factors = Marginals(normal.solution, normal.eliminated).factors
@@ -161,7 +170,10 @@ def _figures(history: EstimateHistory, bound: EstimateHistory, dataset: Dataset)
 
 
 def _error_figures(evaluation: Evaluation) -> Arrays:
-    """nees (n,), nees_<block> (n,); errors (n, 3) of position, velocity (m, m/s), attitude (rad); moments (3,) at the end."""
+    """Errors and NEES of one run, as arrays.
+
+    nees (n,), nees_<block> (n,); errors (n, 3) of position, velocity (m, m/s), attitude (rad); moments (3,) at the end.
+    """
     assert evaluation.nees is not None
     assert evaluation.errors is not None
     assert evaluation.errors.position is not None

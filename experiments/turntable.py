@@ -120,7 +120,10 @@ def _calibration(camera: Float[np.ndarray, "3 4"]) -> Float[np.ndarray, "3 3"]:
 def _landmark(
     cameras: Float[np.ndarray, "c 3 4"], pixels: Float[np.ndarray, "c 2"], seen: Bool[np.ndarray, " c"]
 ) -> Float[np.ndarray, " 3"]:
-    """Place of a track by linear triangulation, without the views that disagree; NaN where too few are left."""
+    """Place of a track by linear triangulation of consistent views.
+
+    Without the views that disagree; NaN where too few are left.
+    """
     views = np.flatnonzero(seen)
     while len(views) >= FEWEST_VIEWS:
         P, u = cameras[views], pixels[views]

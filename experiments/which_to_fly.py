@@ -1,5 +1,6 @@
-"""The table of docs/which-to-fly.md: what filter on a microcontroller, filter in Python and smoother cost and give.
+"""The table of docs/which-to-fly.md.
 
+What filter on a microcontroller, filter in Python and smoother cost and give.
     python -m experiments.which_to_fly [--seed 0] [--estimators embedded,embedded-double,mekf,smoother]
 
 On the bundled example, every estimator in a process of its own: rms errors and mean NEES per degree of freedom of the epochs after

@@ -1,4 +1,7 @@
-"""The numbers that a power series is computed in: floats here, residues of a prime in `prime_field`."""
+"""The numbers that a power series is computed in.
+
+Floats here, residues of a prime in `prime_field`.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -39,7 +42,10 @@ class Arithmetic(ABC):
 
     @abstractmethod
     def root(self, a: np.ndarray) -> np.ndarray:
-        """The square root that is positive; NotRegularError where there is no derivative or no number for it."""
+        """The positive square root.
+
+        NotRegularError where there is no derivative or no number for it.
+        """
 
     @abstractmethod
     def logarithm(self, a: np.ndarray) -> np.ndarray:

@@ -42,8 +42,10 @@ def branch_decisions(tape: Tape, points: list[list[Rationals]]) -> BranchDecisio
 
 
 def float_branch_decisions(tape: Tape, points: list[Float[np.ndarray, "_ b"]]) -> BranchDecisions:
-    """The guide of a tape at points in floats, (n, b) per input: without exponents, which floats need not; errors as
-    `branch_decisions`."""
+    """Branch decisions of a tape at points in floats.
+
+    (n, b) per input: without exponents, which floats need not; errors as `branch_decisions`.
+    """
     choices: dict[int, Bool[np.ndarray, "g b"]] = {}
     if any(group.operation in PIECEWISE for group in tape.groups):
         registers = evaluate(tape, points)

@@ -28,7 +28,7 @@ BODY_RADIUS = 0.11
 
 
 @dataclass(frozen=True)
-class Motion:
+class CanonicalMotion:
     """A free rotation.
 
     Attributes
@@ -50,7 +50,7 @@ class Motion:
 
 def motion(
     name: str, rate: Sequence[float | str | Fraction], moments: Sequence[float | str | Fraction]
-) -> Motion:
+) -> CanonicalMotion:
     """A motion, from floats or strings.
 
     Raises
@@ -63,11 +63,11 @@ def motion(
             f"rate {list(rate)} and moments {list(moments)} are no motion; give three rates, and three positive moments of which "
             "none reaches the sum of the others"
         )
-    return Motion(name, rationals(rate), exact)
+    return CanonicalMotion(name, rationals(rate), exact)
 
 
 UNEQUAL, AXISYMMETRIC, EQUAL = (1.2, 1.0, 0.85), (1.1, 1.1, 0.8), (1.0, 1.0, 1.0)
-CANONICAL_MOTIONS: tuple[Motion, ...] = (
+CANONICAL_MOTIONS: tuple[CanonicalMotion, ...] = (
     motion("tumble", (0.3, 0.7, -0.5), UNEQUAL),
     motion("spin about the major axis", (0.9, 0.0, 0.0), UNEQUAL),
     motion("spin about the intermediate axis", (0.0, 0.9, 0.0), UNEQUAL),
@@ -81,12 +81,15 @@ CANONICAL_MOTIONS: tuple[Motion, ...] = (
 )
 
 
-def equal_moments(of: Motion, first: int, second: int) -> bool:
-    """Whether two moments are equal in the charts of logarithms, that is to `DIGITS` decimals of their ratio's."""
+def equal_moments(of: CanonicalMotion, first: int, second: int) -> bool:
+    """Whether two moments are equal in the charts of logarithms.
+
+    That is to `DIGITS` decimals of their ratio's.
+    """
     return _log_ratio(of.moments[first], of.moments[second]) == 0
 
 
-def point_of(chart: Chart, of: Motion) -> Rationals:
+def point_of(chart: Chart, of: CanonicalMotion) -> Rationals:
     """The motion's exact point in a chart, before a camera at 0.6 m.
 
     Raises
@@ -107,7 +110,10 @@ def point_of(chart: Chart, of: Motion) -> Rationals:
 
 
 def principal_axes(chart: Chart) -> tuple[Rationals, ...]:
-    """Directions in axes g of the principal axes x, y, z at the point of any motion (`point_of`)."""
+    """Directions in g of the principal axes of any motion.
+
+    x, y, z at its point (`point_of`).
+    """
     if "q_gb" not in {block.name for block in chart.blocks} and not isinstance(chart, TensorChart):
         return AXES_OF_G
     R = exact_matrix(ATTITUDE_GB)
@@ -121,7 +127,7 @@ def landmarks(count: int, seed: int = 0) -> tuple[Rationals, ...]:
     return tuple(rationals(point) for point in points)
 
 
-def _principal(of: Motion) -> dict[str, Rationals]:
+def _principal(of: CanonicalMotion) -> dict[str, Rationals]:
     return {
         "r": PLACE,
         "v": VELOCITY,
@@ -134,7 +140,7 @@ def _principal(of: Motion) -> dict[str, Rationals]:
     }
 
 
-def _tensor(of: Motion) -> dict[str, Rationals]:
+def _tensor(of: CanonicalMotion) -> dict[str, Rationals]:
     """The same in g axes: R_gb w and R_gb J R_gb', in fractions."""
     R = exact_matrix(ATTITUDE_GB)
     w = tuple(sum((R[i][k] * of.rate[k] for k in range(3)), Fraction(0)) for i in range(3))
@@ -146,7 +152,7 @@ def _tensor(of: Motion) -> dict[str, Rationals]:
     return {"t": PLACE, "q": ATTITUDE_IB, "v": VELOCITY, "w": w, "c": CENTRE, "J": tensor}
 
 
-def _filter_state(of: Motion) -> dict[str, Rationals]:
+def _filter_state(of: CanonicalMotion) -> dict[str, Rationals]:
     """With g along the principal axes: s holds half logarithms of the second moments (`spinfilters.dynamics.mass_distribution`).
 
     Blocks that a motion does not tell, such as the bias of a gyro, are at their origin.

@@ -16,7 +16,8 @@ from observability.bounds.reference_trajectory import (
     driven_reference,
     free_reference,
 )
-from observability.canonical_motions import CANONICAL_MOTIONS, Motion, landmarks, point_of, principal_axes
+from observability.canonical_motions import CANONICAL_MOTIONS as MOTIONS
+from observability.canonical_motions import CanonicalMotion, landmarks, point_of, principal_axes
 from observability.certificate import Certificate, certify
 from observability.charts.chart import Chart
 from observability.charts.filter_state import FilterChart
@@ -25,7 +26,7 @@ from observability.charts.tensor import TensorChart
 from observability.codistribution import InputSeries
 from observability.rational import Rationals, as_floats, rationals
 from observability.sensors import analysed, analysed_sensors, watching
-from observability.system import Input, Sensor, System
+from observability.system import Input, System, SystemSensor
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.dynamics.mass_distribution import inertia_matrix
 from spinfilters.errors import InputError
@@ -64,7 +65,7 @@ class Case:
     known_map: bool = False
     chart: str = "principal"
     unknowns: str = "ratios"
-    motion: Motion = CANONICAL_MOTIONS[0]
+    motion: CanonicalMotion = MOTIONS[0]
     inputs: Sequence[Input] = field(default_factory=tuple)
     sizes: InputSizes = field(default_factory=InputSizes)
 
@@ -127,12 +128,12 @@ class Case:
 
     @property
     def place_is_defined(self) -> bool:
-        """Whether the first place of g is a definition: neither a known map nor a pose tells it."""
+        """Whether g's first place is a definition: no map, no pose."""
         return self.has_place and not self._sees_known_points and not self._tells("t")
 
     @property
     def free_rotations(self) -> tuple[int, ...]:
-        """Principal axes about which the first attitude of g is a definition, because nothing that is known in g tells it.
+        """Principal axes about which the attitude of g is free.
 
         A torque, or a rate that a gyro measures, is known in g; a single direction of them leaves a rotation about itself.
         """
@@ -166,7 +167,7 @@ class Case:
 
     @cached_property
     def filter_system(self) -> System:
-        """The same in the filters' state, with the scale of the inertia where a torque is known: what the bound is of."""
+        """The system in the filters' state, with the inertia's scale under torques."""
         return self._system(FilterChart(self.layout, self.has_torque))
 
     @property
@@ -257,7 +258,7 @@ class Case:
         return PrincipalChart(MOMENTS if self.holds_scale else RATIOS, self.has_attitude, self.has_place)
 
     @cached_property
-    def _sensors(self) -> list[Sensor]:
+    def _sensors(self) -> list[SystemSensor]:
         seeing = [each for each in self.sensors if analysed(each).sees_points]
         others = [each for each in self.sensors if each not in seeing]
         seen = [landmarks(self.landmarks, seed) for seed in range(len(seeing))]

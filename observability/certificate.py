@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float, Num
 
-from observability.codistribution import InputSeries, SensorRows, codistribution, motion_series
+from observability.codistribution import InputSeries, SensorCodistribution, codistribution, motion_series
 from observability.elimination import FIELD, Elimination, eliminate
 from observability.explanation import Explained, explained, tangent_symmetries, tangent_vectors
 from observability.prime_field import PrimeField
@@ -94,7 +94,7 @@ def certify(system: System, point: Rationals, inputs: Sequence[InputSeries] = ()
     inputs: experiments with the system's known inputs; their rows are taken together.
     """
     experiments = list(inputs) or [()]
-    together = _rows(system, point, (STEADY_ORDERS, FIELD), experiments)
+    together = _rows(system, point, experiments, STEADY_ORDERS)
     ranks, last = _ranks(together)
     tangents = tangent_symmetries(system, point, together)
     explanations = _explained(system, point, tangents.symmetries, experiments)
@@ -113,24 +113,24 @@ def certify(system: System, point: Rationals, inputs: Sequence[InputSeries] = ()
 def _rows(
     system: System,
     point: Rationals,
-    kind: tuple[int, PrimeField],
     experiments: Sequence[InputSeries],
-) -> list[SensorRows]:
+    orders: int,
+    field: PrimeField = FIELD,
+) -> list[SensorCodistribution]:
     """Of all experiments together, so many orders in a field."""
-    orders, field = kind
     rows = [codistribution(system, point, orders, field, given) for given in experiments]
     return [joined(parts) for parts in zip(*rows, strict=True)]
 
 
-def joined(parts: Sequence[SensorRows]) -> SensorRows:
+def joined(parts: Sequence[SensorCodistribution]) -> SensorCodistribution:
     """Rows of one sensor from several experiments as one: the same unknowns."""
-    return SensorRows(
+    return SensorCodistribution(
         np.concatenate([part.common for part in parts], axis=2),
         np.concatenate([part.own for part in parts], axis=2),
     )
 
 
-def _ranks(rows: Sequence[SensorRows]) -> tuple[tuple[int, ...], Elimination]:
+def _ranks(rows: Sequence[SensorCodistribution]) -> tuple[tuple[int, ...], Elimination]:
     most = rows[0].own.shape[1]
     eliminations = [eliminate([part.upto(orders) for part in rows]) for orders in range(1, most + 1)]
     return tuple(each.rank for each in eliminations), eliminations[-1]
@@ -180,8 +180,9 @@ def _steady(system: System, point: Rationals) -> bool:
 
 
 def _generic_rank(system: System, point: Rationals, experiments: Sequence[InputSeries]) -> int:
-    """Rank at a random point of the chart; a quaternion is taken along a random turn, whose rank any unit quaternion has.
+    """Generic rank, at a random point of the chart.
 
+    A quaternion is taken along a random turn, whose rank any unit quaternion has.
     Without inputs the rank of points in general position has grown to its end at the first order that adds nothing (Hermann and
     Krener 1977), so that few orders tell it where they show such an order.
     """
@@ -194,10 +195,10 @@ def _generic_rank(system: System, point: Rationals, experiments: Sequence[InputS
     )
     field = PrimeField(int(generator.integers(2, 1 << 30)))
     if not system.inputs:
-        ranks = _ranks(_rows(system, moved, (FEW_ORDERS, field), experiments))[0]
+        ranks = _ranks(_rows(system, moved, experiments, FEW_ORDERS, field))[0]
         if any(later == earlier for earlier, later in pairwise(ranks)):
             return ranks[-1]
-    return eliminate(_rows(system, moved, (STEADY_ORDERS, field), experiments)).rank
+    return eliminate(_rows(system, moved, experiments, STEADY_ORDERS, field)).rank
 
 
 def _additive(system: System) -> list[bool]:

@@ -11,7 +11,7 @@ from observability.arithmetic import Arithmetic
 from observability.branch_decisions import branch_decisions
 from observability.rational import Rationals
 from observability.series import Series
-from observability.system import Sensor, System
+from observability.system import System, SystemSensor
 from observability.tape import Tape
 from spinfilters.errors import InputError, ShapeError
 
@@ -20,7 +20,7 @@ InputSeries = Sequence[Rationals]
 
 
 @dataclass(frozen=True)
-class SensorRows:
+class SensorCodistribution:
     """What one sensor contributes.
 
     Attributes
@@ -32,14 +32,14 @@ class SensorRows:
     common: Num[np.ndarray, "l k r n"]
     own: Num[np.ndarray, "l k r o"]
 
-    def upto(self, orders: int) -> "SensorRows":
+    def upto(self, orders: int) -> "SensorCodistribution":
         """The first orders alone."""
-        return SensorRows(self.common[:, :orders], self.own[:, :orders])
+        return SensorCodistribution(self.common[:, :orders], self.own[:, :orders])
 
 
 def codistribution(
     system: System, point: Rationals, orders: int, arithmetic: Arithmetic, inputs: InputSeries = ()
-) -> list[SensorRows]:
+) -> list[SensorCodistribution]:
     """Rows of every sensor: the k-th is the gradient of the k-th Lie derivative over k!.
 
     Parameters
@@ -80,11 +80,11 @@ def motion_series(
 
 def _rows(
     tape: Tape,
-    sensor: Sensor,
+    sensor: SystemSensor,
     motion: Num[np.ndarray, "k n m"],
     point: Rationals,
     arithmetic: Arithmetic,
-) -> SensorRows:
+) -> SensorCodistribution:
     orders, size, width = motion.shape
     count, unknown = sensor.count, sensor.unknown
     state = np.zeros((orders, size, count, width + unknown), dtype=arithmetic.dtype)
@@ -100,7 +100,7 @@ def _rows(
         series.put(1, order, parameters if order == 0 else np.zeros_like(parameters))
         values.append(series.advance(order))
     rows = np.stack(values).transpose(2, 0, 1, 3)
-    return SensorRows(rows[..., 1:width], rows[..., width:])
+    return SensorCodistribution(rows[..., 1:width], rows[..., width:])
 
 
 def _constants(items: Sequence[Rationals], width: int, arithmetic: Arithmetic) -> Num[np.ndarray, "n b m"]:

@@ -37,7 +37,9 @@ TYPICAL_MOMENTS: Final = (1.0322, 1.0, 0.8596)
 
 
 def double_integrator_covariance(dt: float, alpha: float = 1.0) -> Float[np.ndarray, "2 2"]:
-    """Covariance of (r, v / alpha) after dt s of unit white acceleration (Tweddle 2013, Eq. 4.118).
+    """Covariance of (r, v / alpha) after unit white acceleration over dt s.
+
+    Tweddle 2013, Eq. 4.118.
 
     Raises
     ------
@@ -48,13 +50,13 @@ def double_integrator_covariance(dt: float, alpha: float = 1.0) -> Float[np.ndar
 
 
 def best_time_step(alpha: float) -> float:
-    """sqrt(3) / alpha: where a velocity in units of alpha is best conditioned, s (Section 4.9, corrected)."""
+    """Best-conditioned time step sqrt(3) / alpha, s (Section 4.9, corrected)."""
     _check_positive(alpha=alpha)
     return float(np.sqrt(3) / alpha)
 
 
 def best_velocity_unit(dt: float) -> float:
-    """sqrt(3) / dt: the unit alpha of velocity that suits a time step, 1/s times the unit of position."""
+    """Best unit of velocity sqrt(3) / dt, 1/s times that of position."""
     _check_positive(dt=dt)
     return float(np.sqrt(3) / dt)
 
@@ -62,7 +64,7 @@ def best_velocity_unit(dt: float) -> float:
 def noise_covariance(
     dt: float, rate: Float[np.ndarray, " 3"], noise: ProcessNoise | None = None
 ) -> Float[np.ndarray, "12 12"]:
-    """Covariance of (t, a, v, w) of the filters' process after dt s, for a body of `TYPICAL_MOMENTS` at this rate, rad/s."""
+    """Process covariance of (t, a, v, w) after dt s at this rate, rad/s."""
     process = _process(noise or ProcessNoise())
     layout = process.layout
     x = layout.origin()
@@ -77,7 +79,10 @@ def noise_covariance(
 def conditions_over(
     steps: Float[np.ndarray, " n"], rate: Float[np.ndarray, " 3"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Condition numbers of `noise_covariance` over time steps, s, in SI and after Jacobi scaling; NaN for too fast a turn."""
+    """Condition numbers of `noise_covariance` over time steps, s.
+
+    In SI and after Jacobi scaling; NaN for too fast a turn.
+    """
     plain, jacobi = np.full((2, len(steps)), np.nan)
     for index, dt in enumerate(steps.tolist()):
         try:
@@ -101,8 +106,9 @@ def _process(noise: ProcessNoise) -> TorqueFreeProcess:
 
 
 def condition_number(covariance: Float[np.ndarray, "n n"]) -> float:
-    """Largest over smallest eigenvalue, the smallest found as the largest of the inverse, through Jacobi scaling and Cholesky.
+    """Condition number, largest over smallest eigenvalue.
 
+    The smallest is found as the largest of the inverse, through Jacobi scaling and Cholesky.
     So it is right, too, where the number exceeds 1/eps because of unequal units (a graded matrix).
 
     Raises
@@ -126,7 +132,10 @@ def jacobi_scaling(covariance: Float[np.ndarray, "n n"]) -> Float[np.ndarray, " 
 
 
 def optimal_scaling(covariance: Float[np.ndarray, "n n"]) -> Float[np.ndarray, " n"]:
-    """Divisors with the least condition number found from Jacobi's, which are within a factor n of it (van der Sluis 1969)."""
+    """Divisors of least condition number found from Jacobi's.
+
+    Those are within a factor n of it (van der Sluis 1969).
+    """
     jacobi = jacobi_scaling(covariance)
     correlation = scaled(covariance, jacobi)
 
@@ -145,7 +154,9 @@ def scaled(
 
 
 def whitening_matrix(covariance: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
-    """W, lower triangular, with W C W' = I: the inverse Cholesky factor of the correlation, its columns divided by the deviations.
+    """W, lower triangular, with W C W' = I.
+
+    The inverse Cholesky factor of the correlation, its columns divided by the deviations.
 
     Raises
     ------
@@ -212,7 +223,7 @@ def suggest_scaling(dt: float, w: Float[np.ndarray, " 3"]) -> Scaling:
 
 
 def _rate_unit(rotation: Float[np.ndarray, "6 6"], start: float) -> float:
-    """The unit of rate of the least condition number, where that is worth leaving the start, the ratio of the deviations."""
+    """Best-conditioned unit of rate, if better than the deviations' ratio."""
 
     def badness(logarithm: float) -> float:
         return float(np.log(condition_number(scaled(rotation, np.repeat([1.0, np.exp(logarithm)], 3)))))
@@ -227,7 +238,9 @@ def _rate_unit(rotation: Float[np.ndarray, "6 6"], start: float) -> float:
 
 @dataclass(frozen=True)
 class CovarianceConditioning:
-    """Condition numbers of an estimator's own covariance, epoch by epoch; infinite where it is singular or not finite.
+    """Condition numbers of an estimator's covariance, epoch by epoch.
+
+    Infinite where it is singular or not finite.
 
     Attributes
     ----------
@@ -248,7 +261,10 @@ class CovarianceConditioning:
 def covariance_conditioning(
     name: str, layout: StateLayout, time: Float[np.ndarray, " n"], factors: Float[np.ndarray, "n e e"]
 ) -> CovarianceConditioning:
-    """Conditioning of P = factor factor' over epochs, and the units of the blocks that improve it."""
+    """Conditioning of P = factor factor' over epochs.
+
+    And the units of the blocks that improve it.
+    """
     deviations = np.sqrt(np.einsum("tij,tij->ti", factors, factors))
     usable = np.all(np.isfinite(deviations) & (deviations > 0), axis=1)
     if not usable.any():
@@ -268,7 +284,10 @@ def covariance_conditioning(
 
 
 def _factor_condition(factor: Float[np.ndarray, "e e"]) -> float:
-    """Condition number of factor factor', whose square root the factor's is: its singular values tell twice the digits."""
+    """Condition number of factor factor', by the factor's singular values.
+
+    It is the square of the factor's: these tell twice the digits.
+    """
     values = np.linalg.svd(factor, compute_uv=False)
     return float((values[0] / values[-1]) ** 2) if values[-1] > 0 else np.inf
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Int, Num
 
-from observability.codistribution import SensorRows
+from observability.codistribution import SensorCodistribution
 from observability.prime_field import PRIME, PrimeField
 
 FIELD = PrimeField()
@@ -81,7 +81,10 @@ class Elimination:
     common: Reduced
 
     def null_space(self) -> Num[np.ndarray, "n d"]:
-        """A basis of the directions that no row sees, as residues; rows in the order of `System.names`."""
+        """Null space of the rows, as residues.
+
+        Directions that no row sees, in the order of `System.names`.
+        """
         base = null_vectors(self.common, self.common.rows.shape[2])
         sizes = [reduced.pivots.size for reduced in self.own]
         total = len(base) + sum(sizes)
@@ -93,7 +96,7 @@ class Elimination:
         return np.concatenate(space, axis=1)
 
 
-def eliminate(sensors: list[SensorRows]) -> Elimination:
+def eliminate(sensors: list[SensorCodistribution]) -> Elimination:
     """Eliminate every item's own unknowns, then the chart's directions."""
     own = []
     for rows in sensors:
@@ -110,7 +113,10 @@ def eliminate(sensors: list[SensorRows]) -> Elimination:
 
 
 def null_vectors(reduced: Reduced, columns: int) -> Num[np.ndarray, "c d"]:
-    """Basis of the null space of the first (only) matrix of a batch: one vector per column without a pivot."""
+    """Basis of the null space of the first (only) matrix.
+
+    One vector per column without a pivot.
+    """
     pivots = reduced.pivots[0]
     free, bound = np.flatnonzero(pivots < 0), np.flatnonzero(pivots >= 0)
     space = np.zeros((columns, len(free)), dtype=np.uint64)
@@ -127,7 +133,10 @@ def rank_of(matrix: Num[np.ndarray, "r c"]) -> int:
 
 
 def product_of(a: Num[np.ndarray, "i j"], b: Num[np.ndarray, "j k"]) -> Num[np.ndarray, "i k"]:
-    """Matrix product of residues, through halves of 16 bits so that sums of 2^15 products stay below 2^63."""
+    """Matrix product of residues.
+
+    Through halves of 16 bits so that sums of 2^15 products stay below 2^63.
+    """
     low, high = a & np.uint64(0xFFFF), a >> np.uint64(16)
     upper = FIELD.reduced(FIELD.reduced(high @ b) * np.uint64(1 << 16))
     return (upper + FIELD.reduced(low @ b)) % np.uint64(PRIME)

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Num
 
 from observability.branch_decisions import branch_decisions
-from observability.codistribution import InputSeries, SensorRows
+from observability.codistribution import InputSeries, SensorCodistribution
 from observability.elimination import FIELD, product_of, reduce_columns
 from observability.rational import Rationals, as_floats
 from observability.series import Series
@@ -51,8 +51,11 @@ class Tangents:
     directions: Num[np.ndarray, "n k"]
 
 
-def tangent_symmetries(system: System, point: Rationals, rows: Sequence[SensorRows]) -> Tangents:
-    """Exactly: the candidates whose tangents lie in the null space of the rows, as many as are independent."""
+def tangent_symmetries(system: System, point: Rationals, rows: Sequence[SensorCodistribution]) -> Tangents:
+    """Independent candidates whose tangents lie in the null space, exactly.
+
+    As many as are independent.
+    """
     found = candidates(system, point)
     if not found:
         return Tangents([], np.zeros((system.dimension, 0), dtype=np.uint64))
@@ -66,7 +69,10 @@ def tangent_symmetries(system: System, point: Rationals, rows: Sequence[SensorRo
 def explained(
     system: System, point: Rationals, symmetries: Sequence[Symmetry], inputs: InputSeries = ()
 ) -> list[Explained]:
-    """Each symmetry with what a finite move does; what is neither a symmetry nor one to first order is left out."""
+    """Symmetries with the effect of a finite move.
+
+    What is neither a symmetry nor one to first order is left out.
+    """
     moved = _moved(system, point, symmetries, (1.0, 0.5))
     outputs = simulate(system, moved, _duration(system, point), STEPS, inputs)
     differences = np.zeros(2 * len(symmetries))
@@ -82,7 +88,7 @@ def explained(
     ]
 
 
-def _unseen(rows: Sequence[SensorRows], tangents: Num[np.ndarray, "n k"]) -> Bool[np.ndarray, " k"]:
+def _unseen(rows: Sequence[SensorCodistribution], tangents: Num[np.ndarray, "n k"]) -> Bool[np.ndarray, " k"]:
     """Whether every row is orthogonal to a tangent."""
     unseen, offset = np.ones(tangents.shape[1], dtype=bool), rows[0].common.shape[-1]
     for sensor in rows:
@@ -100,7 +106,7 @@ def _unseen(rows: Sequence[SensorRows], tangents: Num[np.ndarray, "n k"]) -> Boo
 def _tangents(system: System, point: Rationals, symmetries: Sequence[Symmetry]) -> Num[np.ndarray, "n k"]:
     """Directions of the moves at amount 0, as residues."""
     x, parameters, amount = _symbols(system)
-    errors, flat = _errors(system, symmetries, (x, parameters, amount))
+    errors, flat = _errors(system, symmetries, x, parameters, amount)
     tape = tape_of("a symmetry", [flat, amount], errors)
     numbers = _flat(system, point)
     series = Series(tape, branch_decisions(tape, [[numbers], [(Fraction(0),)]]), FIELD, (1, 1, 2))
@@ -118,16 +124,15 @@ def tangent_vectors(
     if not symmetries:
         return np.zeros((system.dimension, 0))
     x, parameters, amount = _symbols(system)
-    errors, flat = _errors(system, symmetries, (x, parameters, amount))
+    errors, flat = _errors(system, symmetries, x, parameters, amount)
     slope = ca.Function("tangents", [flat, amount], [ca.densify(ca.jacobian(errors, amount))])
     return np.asarray(slope(as_floats(_flat(system, point)), 0.0)).reshape(len(symmetries), -1).T
 
 
 def _errors(
-    system: System, symmetries: Sequence[Symmetry], symbols: tuple[ca.SX, list[ca.SX], ca.SX]
+    system: System, symmetries: Sequence[Symmetry], x: ca.SX, parameters: list[ca.SX], amount: ca.SX
 ) -> tuple[ca.SX, ca.SX]:
-    """Errors of all moves, one below the other, and the state and parameters that they are of."""
-    x, parameters, amount = symbols
+    """Errors of all moves, stacked, with their state and parameters."""
     errors = [_error(system, x, parameters, symmetry, amount) for symmetry in symmetries]
     return ca.vertcat(*errors), ca.vertcat(x, *[ca.vec(each) for each in parameters])
 

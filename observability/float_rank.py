@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from observability.arithmetic import Reals
-from observability.codistribution import InputSeries, SensorRows, codistribution
+from observability.codistribution import InputSeries, SensorCodistribution, codistribution
 from observability.rational import Rationals
 from observability.system import System
 
@@ -17,7 +17,9 @@ TOLERANCE = 1e-9
 
 @dataclass(frozen=True)
 class FloatRank:
-    """Singular values and right singular vectors of the rows, each row and column scaled to unit size.
+    """Singular values and right singular vectors of scaled rows.
+
+    Each row and column to unit size.
 
     Attributes
     ----------
@@ -42,7 +44,10 @@ class FloatRank:
 def float_rank(
     system: System, point: Rationals, orders: int, time_scale: float = 1.0, inputs: InputSeries = ()
 ) -> FloatRank:
-    """Singular values of the rows of orders 0 to orders - 1, the k-th times time_scale^k (s: about a radian of the motion)."""
+    """Singular values of the rows of orders 0 to orders - 1.
+
+    The k-th times time_scale^k (s: about a radian of the motion).
+    """
     rows = codistribution(system, point, orders, Reals(), inputs)
     matrix = dense(rows, time_scale)
     matrix = matrix / np.maximum(np.linalg.norm(matrix, axis=1, keepdims=True), np.finfo(float).tiny)
@@ -52,7 +57,7 @@ def float_rank(
     return FloatRank(values[: matrix.shape[1]], vectors, scale)
 
 
-def dense(rows: Sequence[SensorRows], time_scale: float = 1.0) -> Float[np.ndarray, "k n"]:
+def dense(rows: Sequence[SensorCodistribution], time_scale: float = 1.0) -> Float[np.ndarray, "k n"]:
     """All rows as one matrix in the order of `System.names`."""
     unknowns = rows[0].common.shape[-1] + sum(sensor.own[:, 0, 0].size for sensor in rows)
     parts, offset = [], rows[0].common.shape[-1]

@@ -49,7 +49,9 @@ class InputGain:
 def input_gain(
     case: Case, certificate: Certificate, final: Mapping[Quantity, float], frames: int, interval: float
 ) -> InputGain | None:
-    """Against the case without its inputs over as many frames, s apart; None where there are none.
+    """Gain of known inputs against the case without them.
+
+    Over as many frames, s apart; None where there are none.
 
     Parameters
     ----------

@@ -15,7 +15,9 @@ Rationals = tuple[Fraction, ...]
 
 
 def rational(value: float | str | Fraction) -> Fraction:
-    """The simplest fraction that rounds to this float; a string such as "1e-12" and a fraction are taken as they are.
+    """The simplest fraction that rounds to this float.
+
+    A string such as "1e-12" and a fraction are taken as they are.
 
     Raises
     ------
@@ -38,7 +40,9 @@ def rationals(values: Iterable[float | str | Fraction]) -> Rationals:
 
 
 def unit_quaternion(q: Sequence[float | Fraction] | Float[np.ndarray, " 4"]) -> Rationals:
-    """A quaternion of exactly unit norm within rounding of q / |q| (scalar last), by stereographic projection.
+    """A quaternion of exactly unit norm near q / |q|.
+
+    Within rounding (scalar last), by stereographic projection.
 
     Raises
     ------

@@ -180,7 +180,10 @@ def _reason(each: QuantityBound) -> str:
 
 
 def _direction(report: Report, name: Quantity, row: Float[np.ndarray, " d"]) -> str:
-    """A vector in the quantity's own axes, when these are those of a frame, and whether the body spins about it."""
+    """A vector in axes of a frame, and whether the body spins about it.
+
+    The quantity's own axes, when these are those of a frame.
+    """
     words = _vector(row)
     if name in (MOMENTS, EACH_MOMENT):
         return words

@@ -43,7 +43,10 @@ def null_space_sentence(certificate: Certificate) -> str:
 
 
 def null_vector_sentences(certificate: Certificate) -> list[str]:
-    """The direction of what is no gauge and no more than a few unknowns change along, in their own numbers."""
+    """Sentences on a null direction of a few unknowns, no gauge.
+
+    In their own numbers: no more than a few change along it.
+    """
     found = []
     for each, vector in zip(certificate.explanations, certificate.vectors.T, strict=True):
         if each.symmetry.group == "scale of the inertia":
@@ -54,7 +57,10 @@ def null_vector_sentences(certificate: Certificate) -> list[str]:
 
 
 def named_entries(names: tuple[str, ...], vector: Float[np.ndarray, " n"]) -> dict[str, float]:
-    """Entries of a direction that are not 0 by the names of the unknowns, over that of J_z (or J_zz), or over the largest."""
+    """Entries of a direction by the names of the unknowns.
+
+    Those that are not 0, over that of J_z (or J_zz), or over the largest.
+    """
     size = np.abs(vector)
     kept = np.flatnonzero(size > ROUNDING * size.max(initial=0.0))
     axial = [k for k in kept if names[k] in ("J_z", "J_zz")]

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from observability.bounds.cramer_rao import LANDMARK_STD, PRIOR_STD
-from observability.canonical_motions import Motion, equal_moments
+from observability.canonical_motions import CanonicalMotion, equal_moments
 from observability.cases import WIDE_POSE_STD, Case
 from observability.sensors import analysed
 from spinfilters.models.process import ProcessNoise
@@ -121,8 +121,11 @@ def _priors(case: Case) -> str:
     return ", ".join(words) + (f"; by definition: {', '.join(known)}" if known else "")
 
 
-def close_moments(motion: Motion) -> list[tuple[str, float]]:
-    """Pairs of axes whose moments are equal or nearly so ("x and y"), with their relative difference."""
+def close_moments(motion: CanonicalMotion) -> list[tuple[str, float]]:
+    """Pairs of axes of nearly equal moments ("x and y").
+
+    With their relative difference.
+    """
     found = []
     for a, b in combinations(range(3), 2):
         gap = abs(motion.moments[a] - motion.moments[b]) / max(motion.moments[a], motion.moments[b])

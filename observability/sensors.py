@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from observability.rational import Rationals, rationals
-from observability.system import Sensor
+from observability.system import SystemSensor
 from spinfilters.errors import InputError
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.sensors.registry import all_sensors
@@ -27,7 +27,7 @@ def analysed(name: str) -> AnalysedSensor:
     return found[name]
 
 
-def watching(name: str, points: Sequence[Rationals] = (), known: bool = False) -> Sensor:
+def watching(name: str, points: Sequence[Rationals] = (), known: bool = False) -> SystemSensor:
     """A sensor of the registry.
 
     Parameters
@@ -37,10 +37,13 @@ def watching(name: str, points: Sequence[Rationals] = (), known: bool = False) -
     sensor = analysed(name)
     model, rest = sensor.model(LAYOUT), rationals(sensor.parameters)
     if not sensor.sees_points:
-        return Sensor(model, (rest,))
-    return Sensor(model, tuple((*point, *rest) for point in points), 0 if known else 3)
+        return SystemSensor(model, (rest,))
+    return SystemSensor(model, tuple((*point, *rest) for point in points), 0 if known else 3)
 
 
 def is_linear_in_body_axes(model: MeasurementModel) -> bool:
-    """Whether a model is that of a registered sensor whose output is linear in axes that turn with the body."""
+    """Whether a model is linear in axes that turn with the body.
+
+    It is that of a registered sensor.
+    """
     return any(type(model) is each.model and each.is_linear for each in analysed_sensors().values())

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from observability.bounds.quantities import MOMENTS, Quantity, bounded_quantities
-from observability.canonical_motions import Motion, motion
+from observability.canonical_motions import CanonicalMotion, motion
 from observability.cases import Case
 from observability.rational import as_floats
 from spinfilters.conventions import RPM
@@ -35,7 +35,7 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class Study:
+class BoundStudy:
     """Bounds of one case.
 
     Attributes
@@ -69,8 +69,11 @@ class Study:
         }
 
 
-def study(case: Case, frames: int, interval: float, report: Callable[[int, int], None]) -> Study:
-    """All bounds, beginning from a case with so many frames at such an interval, s; ``report`` gets steps done and of all."""
+def study(case: Case, frames: int, interval: float, report: Callable[[int, int], None]) -> BoundStudy:
+    """All bounds from a case with so many frames.
+
+    At such an interval, s; ``report`` gets steps done and of all.
+    """
     counts = COUNTS if case.sees_points else ()
     steps = _Steps(len(DURATIONS) + len(INTERVALS) + len(counts) + len(ANGLES) ** 2, report)
     duration = (frames - 1) * interval
@@ -94,7 +97,7 @@ def study(case: Case, frames: int, interval: float, report: Callable[[int, int],
         [replace(case, motion=_tilted(case.motion, tilt, turn)) for turn in ANGLES] for tilt in ANGLES
     ]
     moments = [[steps.final(each, frames, interval)[MOMENTS] for each in row] for row in directions]
-    return Study(tuple(curves), angles, angles, np.array(moments))
+    return BoundStudy(tuple(curves), angles, angles, np.array(moments))
 
 
 class _Steps:
@@ -117,7 +120,7 @@ def _curve(label: str, choices: Sequence[float], found: list[dict[Quantity, floa
     return Curve(label, np.array(choices, dtype=float), std)
 
 
-def _tilted(given: Motion, tilt: float, turn: float) -> Motion:
+def _tilted(given: CanonicalMotion, tilt: float, turn: float) -> CanonicalMotion:
     """The same body turning as fast, or slowly if it did not turn, about another axis."""
     speed = max(float(np.linalg.norm(as_floats(given.rate))), RPM)
     polar, around = np.deg2rad(tilt), np.deg2rad(turn)

@@ -8,12 +8,15 @@ import numpy as np
 from jaxtyping import Float
 
 from observability.system import System
-from observability.tape import Group, Tape
+from observability.tape import Tape
 from spinfilters.errors import InputError
 
 
 class Dual(NamedTuple):
-    """A coefficient and its gradient by all unknowns, (1, n), sparse: what is structurally 0 costs nothing."""
+    """A coefficient and its sparse gradient (1, n) by all unknowns.
+
+    What is structurally 0 costs nothing.
+    """
 
     value: ca.SX
     gradient: ca.SX
@@ -21,7 +24,9 @@ class Dual(NamedTuple):
 
 @dataclass(frozen=True)
 class LieDerivatives:
-    """Of one sensor of a system without inputs, as two functions, so that many items cost no more expression than one.
+    """Lie derivatives of one sensor of a system without inputs.
+
+    As two functions, so that many items cost no more expression than one.
 
     Attributes
     ----------
@@ -50,7 +55,9 @@ class LieDerivatives:
 
 
 def lie_derivatives(system: System, index: int, orders: int) -> LieDerivatives:
-    """Orders 0 to orders - 1 of sensor ``index`` by power series: the expression grows as the square of the order.
+    """Lie derivatives 0 to orders - 1 of sensor ``index`` by power series.
+
+    The expression grows as the square of the order.
 
     Raises
     ------
@@ -60,18 +67,6 @@ def lie_derivatives(system: System, index: int, orders: int) -> LieDerivatives:
         raise InputError("Lie derivatives along known inputs are made by numbers: use codistribution")
     motion = _motion(system, orders)
     return LieDerivatives(motion, _sensor(system, index, motion))
-
-
-def repeated_derivatives(system: System, index: int, orders: int) -> ca.Function:
-    """(x, parameters) -> the same derivatives and gradients, by differentiating again and again: the oracle of small orders."""
-    model, unknown = system.sensors[index].model, system.sensors[index].unknown
-    x, p = ca.SX.sym("x", system.chart.mean_dim), ca.SX.sym("p", model.parameter_dim)
-    derivatives, rate = [ca.SX(system.measured(system.sensors[index], x, p))], system.rate(x, ca.SX(0, 1))
-    for _ in range(orders - 1):
-        derivatives.append(ca.jtimes(derivatives[-1], x, rate))
-    stacked = ca.vertcat(*derivatives)
-    gradient = ca.jacobian(stacked, ca.vertcat(x, p))[:, : system.chart.mean_dim + unknown]
-    return ca.Function("repeated", [x, p], [stacked, gradient])
 
 
 def _motion(system: System, orders: int) -> ca.Function:
@@ -87,7 +82,10 @@ def _motion(system: System, orders: int) -> ca.Function:
 
 
 def _sensor(system: System, index: int, motion: ca.Function) -> ca.Function:
-    """The sensor over symbols that stand for the motion's coefficients, with the same zeros in their gradients."""
+    """The sensor over symbols of the motion's coefficients.
+
+    With the same zeros in their gradients.
+    """
     sensor, (size, orders) = system.sensors[index], motion.size_out(0)
     width = size + sensor.unknown
     values, gradients = ca.SX.sym("x", size, orders), ca.SX.sym("G", motion.sparsity_out(1))
@@ -123,27 +121,29 @@ class _SymbolicSeries:
         self._registers: list[list[Dual]] = [[] for _ in range(tape.size)]
 
     def put(self, index: int, values: list[Dual]) -> None:
+        """Append the coefficients of one input, order by order."""
         for register, dual in zip(self._tape.inputs[index], values, strict=True):
             self._registers[register].append(dual)
 
     def advance(self, order: int) -> list[Dual]:
+        """Coefficients of this order of all outputs, by the tape's instructions."""
         for register, value in self._tape.constants:
             constant = Dual(ca.SX(float(value)), self._zero.gradient)
             self._registers[register].append(constant if order == 0 else self._zero)
         for group in self._tape.groups:
             for out, left, right in zip(group.out, group.left, group.right, strict=True):
-                self._registers[out].append(self._coefficient(group, (out, left, right), order))
+                self._registers[out].append(self._coefficient(group.operation, out, left, right, order))
         return [self._registers[register][order] for register in self._tape.output]
 
-    def _coefficient(self, group: Group, at: tuple[int, int, int], order: int) -> Dual:
-        out, a, b = (self._registers[register] for register in at)
-        match group.operation:
+    def _coefficient(self, operation: str, at: int, left: int, right: int, order: int) -> Dual:
+        out, a, b = (self._registers[register] for register in (at, left, right))
+        match operation:
             case "add":
                 return Dual(a[order].value + b[order].value, a[order].gradient + b[order].gradient)
             case "sub":
                 return Dual(a[order].value - b[order].value, a[order].gradient - b[order].gradient)
             case "neg" | "twice":
-                return _scaled(a[order], -1 if group.operation == "neg" else 2)
+                return _scaled(a[order], -1 if operation == "neg" else 2)
             case "mul" | "sq":
                 return self._sum(a, b, range(order + 1), order)
             case "div":
@@ -157,7 +157,7 @@ class _SymbolicSeries:
             case "fmax":
                 return a[order]
             case _:
-                raise InputError(f"{self._tape.name} contains {group.operation}: use the numeric series")
+                raise InputError(f"{self._tape.name} contains {operation}: use the numeric series")
 
     def _sum(self, a: list[Dual], b: list[Dual], terms: range, order: int) -> Dual:
         """sum of a_j b_{order-j} with its gradient."""

@@ -24,8 +24,11 @@ NEEDED = {"a": "q"}
 
 
 class Input(StrEnum):
-    """What is known to act, each along one axis: torques about axes of the body (`System.torque_axes`), the inspector's
-    accelerations along the axes of frame i, the camera at the first frame (x right, y down, z forward)."""
+    """Known inputs, each along one axis.
+
+    Torques about axes of the body (`System.torque_axes`), the inspector's accelerations along the axes of frame i, the camera
+    at the first frame (x right, y down, z forward).
+    """
 
     TORQUE_X = "torque about x"
     TORQUE_Y = "torque about y"
@@ -46,7 +49,7 @@ class Input(StrEnum):
 
 
 @dataclass(frozen=True)
-class Sensor:
+class SystemSensor:
     """A sensor of the filters, once per item of its parameters.
 
     Attributes
@@ -95,7 +98,7 @@ class System:
     """
 
     chart: Chart
-    sensors: Sequence[Sensor]
+    sensors: Sequence[SystemSensor]
     inputs: Sequence[Input] = ()
     torque_axes: Sequence[Rationals] = AXES_OF_G
 
@@ -147,24 +150,30 @@ class System:
         """Of each sensor, (x, parameters) -> value."""
         return tuple(self._output(sensor) for sensor in self.sensors)
 
-    def measured(self, sensor: Sensor, x: ca.SX, parameters: ca.SX) -> ca.SX:
+    def measured(self, sensor: SystemSensor, x: ca.SX, parameters: ca.SX) -> ca.SX:
         """A sensor's value as an expression."""
         return sensor.model.symbolic(self.chart.seen(self.chart.unpack(x)), parameters)
 
     def _field(self, values: Values, given: Input) -> Values:
-        """One input's column: a torque by the chart's inertia, a manoeuvre as the opposite acceleration of what is seen."""
+        """One input's column of the dynamics.
+
+        A torque by the chart's inertia, a manoeuvre as the opposite acceleration of what is seen.
+        """
         if given.is_torque:
             axis = ca.DM([float(number) for number in self.torque_axes[given.axis]])
             return {name: columns @ axis for name, columns in self.chart.torque_field(values).items()}
         return {"v": -ca.DM(np.eye(3)[:, given.axis])}
 
-    def _output(self, sensor: Sensor) -> Tape:
+    def _output(self, sensor: SystemSensor) -> Tape:
         x, p = ca.SX.sym("x", self.chart.mean_dim), ca.SX.sym("p", sensor.model.parameter_dim)
         return tape_of(f"the sensor {sensor.model.name}", [x, p], ca.SX(self.measured(sensor, x, p)))
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Of all unknowns, in order: the chart's directions, then sensor by sensor and item by item the unknown parameters."""
+        """Names of all unknowns, in order.
+
+        The chart's directions, then sensor by sensor and item by item the unknown parameters.
+        """
         own = [
             f"{sensor.model.name} {item + 1} {'xyz'[k] if sensor.unknown == 3 else k + 1}"
             for sensor in self.sensors

@@ -1,4 +1,7 @@
-"""The instructions of a CasADi expression, each result in a register of its own, in groups that run as one array operation."""
+"""The instructions of a CasADi expression, in groups of array operations.
+
+Each result in a register of its own.
+"""
 
 from collections import defaultdict
 from dataclasses import dataclass
@@ -83,6 +86,7 @@ class _Reader:
         self._instructions: dict[tuple[int, str], list[tuple[int, int, int]]] = defaultdict(list)
 
     def read(self, function: ca.Function, k: int, edges: Int[np.ndarray, " _"]) -> None:
+        """Read instruction ``k`` of a CasADi function into registers."""
         operation = NAMES[function.instruction_id(k)]
         read, written = function.instruction_input(k), function.instruction_output(k)
         if operation == "output":
@@ -111,6 +115,7 @@ class _Reader:
         self.levels.append(level)
 
     def groups(self) -> tuple[Group, ...]:
+        """The instructions by depth and operation, as array operations."""
         return tuple(
             Group(operation, *np.array(entries, dtype=int).T)
             for (_, operation), entries in sorted(self._instructions.items())

@@ -1,5 +1,6 @@
-"""What goes wrong because of the caller or of a file, as exceptions whose text names the value and the cure.
+"""Exceptions for errors of a caller or a file.
 
+Their text names the value and the cure.
 Numerical trouble inside an estimator is not an exception: it is an `EstimatorStatus`.
 """
 
@@ -10,11 +11,17 @@ Where one estimator's numbers are computed, evaluated or drawn these become its 
 
 
 class SpinfiltersError(Exception):
-    """Base of everything that spinfilters raises on purpose. The command line prints its text and exits with code 2."""
+    """Base of everything that spinfilters raises on purpose.
+
+    The command line prints its text and exits with code 2.
+    """
 
 
 class InputError(SpinfiltersError):
-    """A file, value or option that cannot be used: the text names it, says what is wrong, and what to do."""
+    """A file, value or option that cannot be used.
+
+    The text names it, says what is wrong, and what to do.
+    """
 
 
 class ShapeError(InputError):

@@ -1,4 +1,7 @@
-"""Registries that are filled by the modules of a package and by entry points of installed distributions."""
+"""Registries filled by modules of a package and entry points.
+
+Those of installed distributions.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property

@@ -14,6 +14,8 @@ import spinfilters
 
 ROOT = Path(__file__).parents[1]
 LONGEST_FILE = 300
+MOST_WORDS = 16
+FIRST_LINE = re.compile(r'(?:\A|:\n)[ \t]*r?"""(.*?)(?:"""|$)', re.MULTILINE)
 PACKAGES = [name for name in ("spinfilters", "observability", "experiments") if (ROOT / name).is_dir()]
 SOURCES = [path for name in PACKAGES for path in sorted((ROOT / name).rglob("*.py"))]
 FORBIDDEN_MODULES = {"pickle", "cPickle", "dill", "joblib", "marshal", "shelve"}
@@ -65,6 +67,22 @@ def test_every_package_module_and_folder_stands_in_a_layer() -> None:
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_a_file_is_short_enough_to_be_one_noun(path: Path) -> None:
     assert len(path.read_text().splitlines()) <= LONGEST_FILE
+
+
+def wordy(text: str) -> list[str]:
+    """First docstring lines of a source text that have too many words."""
+    return [line for line in FIRST_LINE.findall(text) if len(line.split()) > MOST_WORDS]
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_a_docstring_begins_with_a_short_line(path: Path) -> None:
+    assert wordy(path.read_text()) == []
+
+
+def test_a_long_first_line_is_found_in_modules_functions_and_classes() -> None:
+    line = " ".join(["word"] * (MOST_WORDS + 1))
+    text = f'"""{line}"""\n\nclass A:\n    """{line}\n    """\n\n    def b(\n        self,\n    ) -> None:\n        r"""{line}"""\n'
+    assert wordy(text) == [line] * 3
 
 
 def test_no_file_of_the_packages_can_run_code_out_of_data() -> None:

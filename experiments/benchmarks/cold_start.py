@@ -1,4 +1,7 @@
-"""What a new process needs for its first result: imports, then a first solution with models compiled before, or with none."""
+"""Time of a new process to its first result.
+
+Imports, then a first solution with models compiled before, or with none.
+"""
 
 import json
 import os
@@ -11,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from experiments.benchmarks.smoother_checks import Check
+from experiments.benchmarks.smoother_checks import BenchmarkCheck
 from experiments.benchmarks.smoother_workload import NOISE, Workload
 
 IMPORT_SECONDS: Final = 0.7
@@ -24,14 +27,14 @@ ENGINE: Final = "spinfilters.estimators.smoothing.window.sliding_smoother"
 TIMED_IMPORT: Final = "from time import perf_counter as t; a = t(); import {}; print(t() - a)"
 
 
-def cold_start(workload: Workload) -> Iterator[Check]:
+def cold_start(workload: Workload) -> Iterator[BenchmarkCheck]:
     """Each in new processes."""
     for module, title in ((COMMAND, "the command"), (ENGINE, "the smoother")):
         _import_seconds(module)  # writes bytecode and reads files from disk
         seconds = float(np.median([_import_seconds(module) for _ in range(STARTS)]))
         bar = f"below {IMPORT_SECONDS:g} s" if module == COMMAND else ""
         passed = seconds < IMPORT_SECONDS if module == COMMAND else None
-        yield Check(f"import of {title}", f"{seconds:8.3f} s", bar, passed)
+        yield BenchmarkCheck(f"import of {title}", f"{seconds:8.3f} s", bar, passed)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "workload.npz"
         _write(workload, file)
@@ -42,10 +45,10 @@ def cold_start(workload: Workload) -> Iterator[Check]:
         yield _check("first solution, nothing compiled", _first_solve(file, empty), COLD_SECONDS)
 
 
-def _check(what: str, seconds: np.ndarray, bar: float) -> Check:
+def _check(what: str, seconds: np.ndarray, bar: float) -> BenchmarkCheck:
     imported, built, solved, slid = seconds
     measured = f"{solved:8.3f} s, of it imports {imported:.3f}, reading frames {built - imported:.3f}"
-    return Check(
+    return BenchmarkCheck(
         what, f"{measured}; sliding's first 3 frames {slid - solved:.3f}", f"below {bar:g} s", solved < bar
     )
 

@@ -1,5 +1,6 @@
-"""A tumbling body that is watched for ever, made piece by piece so that its past takes no memory.
+"""An endless tumbling body, made piece by piece.
 
+Its past takes no memory.
 Body, camera and front end are those of `Scenario.common_workload`, the centre of mass stands still. A landmark has its own
 probability of
 being known again, as there, but is numbered once and for all: a recording of any length has no more landmarks than the body.
@@ -37,7 +38,10 @@ PIECE: Final = 50
 
 @dataclass(frozen=True)
 class OwnProbability:
-    """A landmark is known again, or missed, for a whole appearance, with a probability that stays its own for ever."""
+    """Re-detection of a landmark with a probability of its own.
+
+    It is known again, or missed, for a whole appearance.
+    """
 
     probability: Float[np.ndarray, " k"]
 
@@ -93,7 +97,10 @@ def _first_state() -> Float[np.ndarray, " m"]:
 
 
 def _prior(first: Float[np.ndarray, " m"]) -> FirstStatePrior:
-    """A sphere about the origin of g that rotates about as the body does; g is where the body is at first."""
+    """Prior of a rotating sphere about the origin of g.
+
+    It rotates about as the body does; g is where the body is at first.
+    """
     mean = first.copy()
     for block in ("c", "s"):
         mean[LAYOUT.mean_slice(block)] = 0.0

@@ -1,5 +1,6 @@
-"""Our filters against filterpy's on the same frames: time of one prediction and update, interleaved by blocks in one run.
+"""Our filters against filterpy's on the same frames.
 
+Time of one prediction and update, interleaved by blocks in one run.
     python -m experiments.benchmarks.filters --frames 24 --out /tmp/benchmark
 
 Both sides get the same compiled models and the same stacked, whitened rows of the simulated default (about 215
@@ -43,7 +44,10 @@ PASSES: Final = {"mekf": 50, "ukf": 25, "filterpy-ekf": 1, "filterpy-ukf": 1}
 
 @dataclass(frozen=True)
 class SpeedRatio:
-    """One of ours against one of filterpy's: medians in ms per frame, their ratio, its least and greatest over blocks."""
+    """Speed ratio of one of ours to one of filterpy's.
+
+    Medians in ms per frame, their ratio, its least and greatest over blocks.
+    """
 
     ours: str
     theirs: str
@@ -84,7 +88,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def time_frames(setup: Setup, epochs: int, blocks: int) -> Float[np.ndarray, "b n 4"]:
-    """Seconds per frame of every filter in `NAMES`, each from the same start over the same frames, in every block."""
+    """Seconds per frame of every filter in `NAMES`.
+
+    Each from the same start over the same frames, in every block.
+    """
     filters = [build_estimator(name, setup, Settings()) for name in NAMES]
     first = len(setup.initial.mean)
     steps = list(pairwise(setup.timeline[first - 1 : first + WARM_FRAMES + epochs]))
@@ -95,7 +102,10 @@ def time_frames(setup: Setup, epochs: int, blocks: int) -> Float[np.ndarray, "b 
 def _passes(
     estimator: Estimator, setup: Setup, steps: Sequence[tuple[Epoch, Epoch]]
 ) -> Float[np.ndarray, " n"]:
-    """Seconds of one filter for each step but the first ones, the median of its passes over them."""
+    """Median seconds of one filter for each later step.
+
+    Of its passes over all steps but the first ones.
+    """
     rows = []
     for _ in range(PASSES[estimator.name]):
         estimator.start(setup.initial.belief)

@@ -1,5 +1,6 @@
-"""The first batch solution of a new process, from a file; prints its seconds as JSON: importing, frames, solving, and a few frames.
+"""The first batch solution of a new process, from a file.
 
+Prints its seconds as JSON: importing, frames, solving, and a few frames.
     python -m experiments.benchmarks.first_solve FILE
 
 Everything is imported inside, for importing is part of what is timed.

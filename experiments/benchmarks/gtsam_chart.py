@@ -63,7 +63,7 @@ def landmark_key(number: int, life: int = 0) -> int:
     return gtsam.symbol("l", number + (life << 32))
 
 
-class Chart:
+class GtsamChart:
     """Between a layout and GTSAM, with bodies as errors about one that is given.
 
     Parameters
@@ -81,7 +81,10 @@ class Chart:
         self._constants, self._by_error = np.zeros(8), np.eye(5)
 
     def values(self, trajectory: Float[np.ndarray, "k m"], points: Float[np.ndarray, "L 3"]) -> Any:
-        """A trajectory, whose constants are those of its first state, and landmarks 0, 1 .. (m, frame g)."""
+        """Values of a trajectory and of landmarks (m, frame g).
+
+        Its constants are those of its first state; landmarks 0, 1 ...
+        """
         values = gtsam.Values()
         for frame, state in enumerate(trajectory):
             self.insert(values, frame, state)
@@ -127,7 +130,10 @@ class Chart:
         constants: Float[np.ndarray, " 8"],
         by_error: Float[np.ndarray, "r c"],
     ) -> list[Float[np.ndarray, "r _"]]:
-        """Rows by the error of a state (20), and by the moving error of a second (12), as rows by X, V of each and C."""
+        """Rows by X, V and C from rows by states' errors.
+
+        By the error of a state (20), and by the moving error of a second (12).
+        """
         self._see(constants)
         n, blocks = self._layout.error_dim, []
         for state, first in zip(states, (0, n), strict=False):
@@ -138,7 +144,10 @@ class Chart:
         return [*blocks, by_constants]
 
     def _see(self, constants: Float[np.ndarray, " 8"]) -> None:
-        """Keep (c, s) of C, and the derivative of the error of s by e: all frames share them."""
+        """Keep (c, s) of C and its derivative, shared by all frames.
+
+        That of the error of s by e.
+        """
         if not np.array_equal(constants, self._seen):
             error = np.zeros(self._layout.error_dim)
             error[MOVING:] = constants

@@ -1,5 +1,6 @@
-"""The smoothing problem as GTSAM's factors: its own for stereo observations, and the project's motion as custom factors.
+"""The smoothing problem as GTSAM's factors.
 
+Its own for stereo observations, and the project's motion as custom factors.
 GTSAM calls back into Python for every custom factor; `CallbackClock` tells how long that takes, so that a comparison can be judged.
 Rows that were computed last are kept in each factor, so that linearising where the error was evaluated costs nothing more.
 """
@@ -11,7 +12,14 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from experiments.benchmarks.gtsam_chart import Chart, constants_key, gtsam, landmark_key, pose_key, rates_key
+from experiments.benchmarks.gtsam_chart import (
+    GtsamChart,
+    constants_key,
+    gtsam,
+    landmark_key,
+    pose_key,
+    rates_key,
+)
 from experiments.benchmarks.motion_rows import MOVING, prior_rows, step_rows
 from experiments.benchmarks.smoother_workload import PIXEL_STD, Workload
 from experiments.benchmarks.stopwatch import now
@@ -22,7 +30,10 @@ Rows = tuple[Float[np.ndarray, " r"], Float[np.ndarray, "r c"]]
 
 @dataclass
 class CallbackClock:
-    """Seconds inside the custom factors' Python, calls of them, and how many of the calls asked for derivatives."""
+    """Seconds and calls of the custom factors' Python.
+
+    And how many of the calls asked for derivatives.
+    """
 
     seconds: float = 0.0
     calls: int = 0
@@ -32,7 +43,7 @@ class CallbackClock:
 class MotionFactors:
     """Makes the custom factors of one workload, whose time goes to one clock."""
 
-    def __init__(self, workload: Workload, chart: Chart) -> None:
+    def __init__(self, workload: Workload, chart: GtsamChart) -> None:
         self.clock = CallbackClock()
         self._workload = workload
         self._chart = chart

@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 
 from experiments.benchmarks.gtsam_chart import (
     CENTRE,
-    Chart,
+    GtsamChart,
     constants_key,
     gtsam,
     landmark_key,
@@ -32,7 +32,10 @@ RELINEARISE: Final = 0.1
 
 @dataclass(frozen=True)
 class NewFrame:
-    """What a frame adds: factors, first values of its own variables, and its landmarks with the keys of their present lives."""
+    """What a frame adds to the factor graph.
+
+    Factors, first values of its own variables, and its landmarks with the keys of their present lives.
+    """
 
     number: int
     factors: Any
@@ -42,11 +45,14 @@ class NewFrame:
 
 
 class Stream:
-    """Frames of a workload one by one; landmarks unseen for longer than ``memory`` frames come back as new variables."""
+    """Frames of a workload one by one.
+
+    Landmarks unseen for longer than ``memory`` frames come back as new variables.
+    """
 
     def __init__(self, workload: Workload, memory: int | None = None) -> None:
         self.workload = workload
-        self.chart: Chart = chart_of(workload)
+        self.chart: GtsamChart = chart_of(workload)
         self.motion = MotionFactors(workload, self.chart)
         self.key: dict[int, int] = {}
         self._stereo = StereoFactors(workload)
@@ -95,7 +101,10 @@ class Stream:
 
 @dataclass(frozen=True)
 class FrameByFrame:
-    """A solver that takes one frame after the other; it tells all it knows, or the variables with some keys."""
+    """A solver that takes one frame after the other.
+
+    It tells all it knows, or the variables with some keys.
+    """
 
     name: str
     take: Callable[[NewFrame], None]
@@ -104,7 +113,10 @@ class FrameByFrame:
 
 
 def resolved_every_frame(workload: Workload) -> PeerResult:
-    """Levenberg-Marquardt, with GTSAM's own defaults, over all frames so far after every frame, from where it was."""
+    """Levenberg-Marquardt over all frames so far after every frame.
+
+    With GTSAM's own defaults, from where it was.
+    """
     stream, graph, known = Stream(workload), gtsam.NonlinearFactorGraph(), [gtsam.Values()]
 
     def take(new: NewFrame) -> None:

@@ -1,5 +1,6 @@
-"""GTSAM on the smoothing problem, whole: Levenberg-Marquardt and dogleg from the trial, and one linear system for each ordering.
+"""GTSAM on the whole smoothing problem.
 
+Levenberg-Marquardt and dogleg from the trial, and one linear system for each ordering.
 One thread: the wheels of GTSAM 4.3 come without TBB. Times are those of GTSAM's calls alone; factors are built before.
 GTSAM 4.3's newer solvers (MULTIFRONTAL_SOLVER, and SfmLevenbergMarquardtOptimizer with or without its Schur complement) take
 1.6 to 3.5 times as long here as MULTIFRONTAL_CHOLESKY, so they are left out; METIS is as fast as COLAMD.
@@ -13,7 +14,7 @@ import numpy as np
 
 from experiments.benchmarks.gtsam_chart import (
     MASS,
-    Chart,
+    GtsamChart,
     constants_key,
     gtsam,
     landmark_key,
@@ -33,7 +34,10 @@ ORDERINGS: Final = ("colamd", "metis", "landmarks first")
 
 @dataclass(frozen=True)
 class LinearTime:
-    """Median seconds of linearising, of which in Python, and of solving in one ordering, for a number of frames."""
+    """Median seconds of linearising and solving in one ordering.
+
+    Of which in Python; for a number of frames.
+    """
 
     epochs: int
     ordering: str
@@ -68,7 +72,10 @@ def ceres_like(workload: Workload) -> PeerResult:
 
 
 def dogleg(workload: Workload) -> PeerResult:
-    """Batch solution by Powell's dogleg, which finds its way from a trial with a poor body where damping creeps."""
+    """Batch solution by Powell's dogleg.
+
+    It finds its way from a trial with a poor body where damping creeps.
+    """
 
     def make(graph: Any, start: Any) -> Any:
         return gtsam.DoglegOptimizer(graph, start, _with_tolerances(gtsam.DoglegParams()))
@@ -77,11 +84,14 @@ def dogleg(workload: Workload) -> PeerResult:
 
 
 def linear_times(workload: Workload, epochs: Sequence[int], repeats: int = 5) -> list[LinearTime]:
-    """One linearisation and one Gauss-Newton step about the trial, for each number of frames and each ordering."""
-    return [time for count in epochs for time in LinearSystem(workload.first(count)).times(repeats)]
+    """Times of one linearisation and one Gauss-Newton step.
+
+    About the trial, for each number of frames and each ordering.
+    """
+    return [time for count in epochs for time in GtsamLinearSystem(workload.first(count)).times(repeats)]
 
 
-class LinearSystem:
+class GtsamLinearSystem:
     """The linear systems of a workload about its trial."""
 
     def __init__(self, workload: Workload) -> None:
@@ -115,9 +125,9 @@ class LinearSystem:
         return rows
 
 
-def chart_of(workload: Workload) -> Chart:
+def chart_of(workload: Workload) -> GtsamChart:
     """About the body of the trial."""
-    return Chart(workload.layout, workload.trial.trajectory[0, MASS])
+    return GtsamChart(workload.layout, workload.trial.trajectory[0, MASS])
 
 
 def _with_tolerances(parameters: Any) -> Any:

@@ -1,5 +1,6 @@
-"""Time of initialising and of smoothing 115 epochs whose map is known, in a warm process on one thread.
+"""Time of initialising and smoothing 115 epochs with a map.
 
+In a warm process on one thread.
 python -m experiments.benchmarks.known_map [--clock processor]
 """
 

@@ -1,5 +1,6 @@
-"""Filters beside an unknown map, 208 landmarks of it seen in every frame: time of a frame and memory over 10,000 frames.
+"""Filters beside an unknown map of 208 visible landmarks.
 
+Time of a frame and memory over 10,000 frames.
     python -m experiments.benchmarks.landmark_filters [--frames 10000] [-o runs/benchmark]
 
 The body is transparent and stays where it is; of 2,000 landmarks every frame shows 208, 16 others from frame to frame, so that
@@ -60,7 +61,10 @@ COLOURS = {"mekf": BLUE, "ukf": RED, "mekf" + KNOWN: GREY, "ukf" + KNOWN: ORANGE
 
 @dataclass(frozen=True)
 class Speed:
-    """Of one filter, by block: seconds (b, n) of the processor and of the clock for each frame; resident set (b,) after it, MB."""
+    """Times and memory of one filter, by block.
+
+    Seconds (b, n) of the processor and of the clock for each frame; resident set (b,) after it, MB.
+    """
 
     seconds: Float[np.ndarray, "b n"]
     elapsed: Float[np.ndarray, "b n"]
@@ -97,7 +101,7 @@ def main() -> None:
 
 def measure(block: int) -> dict[str, Speed]:
     """All filters over blocks of so many frames."""
-    filters, scene = _filters(), Scene()
+    filters, scene = _filters(), EndlessMotion()
     times: dict[str, list[Float[np.ndarray, "n 2"]]] = {name: [] for name in filters}
     resident: dict[str, list[float]] = {name: [] for name in filters}
     start = scene.go_on(WARM_FRAMES)
@@ -118,8 +122,11 @@ def measure(block: int) -> dict[str, Speed]:
     return speeds
 
 
-class Scene:
-    """A motion that goes on for ever, and what the camera sees of it: made frame by frame, so that it takes no memory."""
+class EndlessMotion:
+    """An endless motion and what the camera sees of it.
+
+    Made frame by frame, so that it takes no memory.
+    """
 
     def __init__(self) -> None:
         self._generator = np.random.default_rng(0)
@@ -137,7 +144,10 @@ class Scene:
         return states
 
     def measured(self, name: str, frame: int, x: Float[np.ndarray, " m"]) -> Measurement:
-        """The landmarks of this frame from this state, with its noise; a known map for the filters of that name."""
+        """The noisy landmarks of this frame from this state.
+
+        A known map for the filters of that name.
+        """
         ids = (OTHERS * frame + np.arange(SEEN)) % LANDMARKS
         pixels = CAMERA.predict(x, self._parameters[ids])
         noise = np.random.default_rng([1, frame]).standard_normal(pixels.shape)
@@ -166,9 +176,16 @@ def _filters() -> dict[str, MultiplicativeFilter]:
 
 
 def _block_times(
-    name: str, estimator: MultiplicativeFilter, scene: Scene, first: int, states: Float[np.ndarray, "n m"]
+    name: str,
+    estimator: MultiplicativeFilter,
+    scene: EndlessMotion,
+    first: int,
+    states: Float[np.ndarray, "n m"],
 ) -> Float[np.ndarray, "n 2"]:
-    """Seconds of the processor and of the clock for one prediction, update and belief in every frame from number ``first`` on."""
+    """Processor and clock seconds of each frame from number ``first``.
+
+    For one prediction, update and belief.
+    """
     times = np.empty((len(states), 2))
     for k, x in enumerate(states):
         measured = scene.measured(name, first + k, x)

@@ -1,5 +1,6 @@
-"""Whitened rows of the prior and of the steps of a motion, as `smoothing.motion` has them, one factor at a time and fast.
+"""Whitened rows of prior and steps, one factor at a time.
 
+As `smoothing.motion` has them, and fast.
 A peer's solver asks for one factor at a time, so everything here is written for short calls: a step costs some 70 us, of which
 the process model's linearisation is half.
 """
@@ -22,7 +23,10 @@ POSE = 6
 def prior_rows(
     layout: StateLayout, first: Float[np.ndarray, " m"], prior: FirstStatePrior
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
-    """Whitened residual of the first state about the prior's mean, and its derivative by the error about that state."""
+    """Whitened residual of the first state, and its derivative.
+
+    About the prior's mean; by the error about that state.
+    """
     away = layout.local(prior.mean, first)
     by_first = np.linalg.inv(layout.reset_jacobian(away))
     return away / prior.std, by_first / prior.std[:, None]

@@ -1,5 +1,6 @@
-"""Our analyser beside StrikePy, pybounds and symident on the same systems: answers and seconds in one run.
+"""Our analyser beside StrikePy, pybounds and symident.
 
+On the same systems: answers and seconds in one run.
     pip install StrikePy pybounds symident
     python -m experiments.benchmarks.observability --out runs/peers
 
@@ -69,8 +70,11 @@ CAN_SAY: Final = """
 """.strip()
 
 
-class Answer(NamedTuple):
-    """What one tool said of one system: null dimension, or None, with a reason, and its median seconds."""
+class ToolAnswer(NamedTuple):
+    """What one tool said of one system.
+
+    Null dimension, or None, with a reason, and its median seconds.
+    """
 
     null_dimension: int | None
     seconds: float
@@ -102,14 +106,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         write_json(options.out / "observability.json", document)
 
 
-def _in_words(answer: Answer, ours: Answer) -> str:
+def _in_words(answer: ToolAnswer, ours: ToolAnswer) -> str:
     if answer.null_dimension is None:
         return f"no answer: {answer.note}"
     times = answer.seconds / ours.seconds
     return f"null dimension {answer.null_dimension}, {1e3 * answer.seconds:.1f} ms, {times:.1f} times ours {answer.note}"
 
 
-def limited(tool: str, name: str, limit: float) -> Answer:
+def limited(tool: str, name: str, limit: float) -> ToolAnswer:
     """An answer from a process that is stopped at the limit."""
     context = mp.get_context("spawn")
     queue: Any = context.Queue()
@@ -118,7 +122,7 @@ def limited(tool: str, name: str, limit: float) -> Answer:
     try:
         return queue.get(timeout=limit)
     except Empty:
-        return Answer(None, limit, f"stopped after {limit:g} s")
+        return ToolAnswer(None, limit, f"stopped after {limit:g} s")
     finally:
         process.terminate()
         process.join()
@@ -126,7 +130,7 @@ def limited(tool: str, name: str, limit: float) -> Answer:
 
 def _work(tool: str, name: str, queue: Any) -> None:
     warnings.simplefilter("ignore")
-    answer: Callable[[System], Callable[[], Answer]] = {
+    answer: Callable[[System], Callable[[], ToolAnswer]] = {
         "ours": _ours,
         "symident": _symident,
         "pybounds": _pybounds,
@@ -137,43 +141,43 @@ def _work(tool: str, name: str, queue: Any) -> None:
         run = answer(SYSTEMS[name]())
         answers = [_timed(run) for _ in range(RUNS)]
     except Exception as error:
-        queue.put(Answer(None, 0.0, f"{type(error).__name__}: {error}"))
+        queue.put(ToolAnswer(None, 0.0, f"{type(error).__name__}: {error}"))
         return
     queue.put(answers[0]._replace(seconds=statistics.median(each.seconds for each in answers)))
 
 
-def _timed(run: Callable[[], Answer]) -> Answer:
+def _timed(run: Callable[[], ToolAnswer]) -> ToolAnswer:
     begin = perf_counter()
     answer = run()
     return answer._replace(seconds=perf_counter() - begin)
 
 
-def _ours(system: System) -> Callable[[], Answer]:
+def _ours(system: System) -> Callable[[], ToolAnswer]:
     """With names, finite moves and proof, from an expression whose tapes are not read yet."""
     point = point_of(system.chart, CANONICAL_MOTIONS[0])
 
-    def run() -> Answer:
+    def run() -> ToolAnswer:
         found = certify(System(system.chart, system.sensors), point)
-        return Answer(found.null_dimension, 0.0, "" if found.certified else "open")
+        return ToolAnswer(found.null_dimension, 0.0, "" if found.certified else "open")
 
     return run
 
 
-def _symident(system: System) -> Callable[[], Answer]:
+def _symident(system: System) -> Callable[[], ToolAnswer]:
     symident = import_module("symident")
 
     names, rates, outputs = formulas(system)
     odes = dict(zip(names, map(str, rates), strict=True))
     model = symident.Model(odes, {f"y{k}": str(output) for k, output in enumerate(outputs)})
 
-    def run() -> Answer:
+    def run() -> ToolAnswer:
         found = symident.detect(model)
-        return Answer(int(found.dim) - int(found.rank), 0.0)
+        return ToolAnswer(int(found.dim) - int(found.rank), 0.0)
 
     return run
 
 
-def _pybounds(system: System) -> Callable[[], Answer]:
+def _pybounds(system: System) -> Callable[[], ToolAnswer]:
     pybounds = import_module("pybounds")
 
     x, u = ca.SX.sym("x", system.chart.mean_dim), ca.SX.sym("u", 0)
@@ -189,15 +193,15 @@ def _pybounds(system: System) -> Callable[[], Answer]:
     )
     start = as_floats(point_of(system.chart, CANONICAL_MOTIONS[0]))
 
-    def run() -> Answer:
+    def run() -> ToolAnswer:
         matrix = pybounds.EmpiricalObservabilityMatrix(simulator, start, np.zeros((SAMPLES, 1))).O
         values = np.linalg.svd(np.asarray(matrix), compute_uv=False)
-        return Answer(int((values < SMALL * values[0]).sum()), 0.0)
+        return ToolAnswer(int((values < SMALL * values[0]).sum()), 0.0)
 
     return run
 
 
-def _strikepy(system: System) -> Callable[[], Answer]:
+def _strikepy(system: System) -> Callable[[], ToolAnswer]:
     sympy = import_module("sympy")
     strike_goldd = import_module("StrikePy.strike_goldd").strike_goldd
 
@@ -205,7 +209,7 @@ def _strikepy(system: System) -> Callable[[], Answer]:
     options = types.ModuleType("StrikePy.custom_options.ours")
     options.__dict__.update(modelname="ours", checkObser=1, maxLietime=float("inf"), nnzDerU=[0], nnzDerW=[0])
 
-    def run() -> Answer:
+    def run() -> ToolAnswer:
         model = types.ModuleType("StrikePy.models.ours")  # it writes into the model it is given
         moving = [[sympy.Symbol(name)] for name, rate in zip(names, rates, strict=True) if rate != 0]
         constant = [[sympy.Symbol(name)] for name, rate in zip(names, rates, strict=True) if rate == 0]
@@ -223,14 +227,17 @@ def _strikepy(system: System) -> Callable[[], Answer]:
             strike_goldd("ours")
         ranks = re.findall(r"[Rr]ank\D{0,40}?(\d+)", printed.getvalue())
         if not ranks:
-            return Answer(None, 0.0, "printed no rank")
-        return Answer(len(names) - int(ranks[-1]), 0.0)
+            return ToolAnswer(None, 0.0, "printed no rank")
+        return ToolAnswer(len(names) - int(ranks[-1]), 0.0)
 
     return run
 
 
 def formulas(system: System) -> tuple[list[str], list[Any], list[Any]]:
-    """Names of the state's numbers, and SymPy expressions of their rates and of the first sensor's value."""
+    """SymPy expressions of a state's rates and first sensor.
+
+    Names of the state's numbers, their rates and the sensor's value.
+    """
     sympy = import_module("sympy")
 
     names = [f"{block.name}{k}" for block in system.chart.blocks for k in range(block.size)]

@@ -1,5 +1,6 @@
-"""Times of the analyser: every rank of the table with its certificate, growth of the expression, many landmarks, the bound.
+"""Times of the analyser.
 
+Every rank of the table with its certificate, growth of the expression, many landmarks, the bound.
 python -m experiments.benchmarks.observability_speed
 """
 
@@ -10,7 +11,7 @@ from time import perf_counter
 from typing import Any, Final
 
 from observability import sensors
-from observability.canonical_motions import CANONICAL_MOTIONS, Motion, landmarks, point_of
+from observability.canonical_motions import CANONICAL_MOTIONS, CanonicalMotion, landmarks, point_of
 from observability.cases import Case
 from observability.certificate import STEADY_ORDERS, certify
 from observability.charts.chart import Chart
@@ -75,12 +76,12 @@ def _stereo(chart: Chart, count: int) -> System:
     return System(chart, [sensors.watching("stereo", landmarks(count))])
 
 
-def _rank(chart: Chart, motion: Motion, count: int) -> Any:
+def _rank(chart: Chart, motion: CanonicalMotion, count: int) -> Any:
     rows = codistribution(_stereo(chart, count), point_of(chart, motion), STEADY_ORDERS, FIELD)
     return eliminate(rows).null_space()
 
 
-def _certificate(chart: Chart, motion: Motion, count: int) -> Any:
+def _certificate(chart: Chart, motion: CanonicalMotion, count: int) -> Any:
     return certify(_stereo(chart, count), point_of(chart, motion))
 
 

@@ -1,5 +1,6 @@
-"""The project's own smoother on the benchmark's problem: whole, one iteration of it, and frame after frame.
+"""The project's own smoother on the benchmark's problem.
 
+Whole, one iteration of it, and frame after frame.
 Times hold everything from frames and models to the result, the collecting of observations among it.
 """
 
@@ -72,7 +73,9 @@ def own_resolved(workload: Workload) -> PeerResult:
 
 
 def own_window(workload: Workload, lag: int, marginalized: bool = False) -> PeerResult:
-    """A window of so many frames at least, for some leave together; its cost says nothing, see `gtsam_incremental.fixed_lag`.
+    """The own smoother with a window of so many frames.
+
+    At least, for some leave together; its cost says nothing, see `gtsam_incremental.fixed_lag`.
 
     Parameters
     ----------

@@ -1,5 +1,6 @@
-"""SciPy's `least_squares` on the smoothing problem, with an analytic sparse Jacobian: the same whitened rows from the same trial.
+"""SciPy's `least_squares` on the smoothing problem.
 
+With an analytic sparse Jacobian: the same whitened rows from the same trial.
 Unknowns are errors about the trial: of every frame's moving blocks, of the constants, of every landmark. `least_squares` adds them
 up, so the derivative of the error about the present point by that about the trial stands between its rows and its unknowns.
 """
@@ -45,7 +46,10 @@ def scipy_least_squares(workload: Workload) -> PeerResult:
 
 
 class WhitenedProblem:
-    """Residuals and their sparse derivative at a vector of errors about the trial; ``seconds`` counts the time that they take."""
+    """Residuals and sparse derivative about the trial.
+
+    At a vector of errors; ``seconds`` counts the time that they take.
+    """
 
     def __init__(self, workload: Workload) -> None:
         self.seconds = 0.0
@@ -76,7 +80,10 @@ class WhitenedProblem:
         return trajectory, self.workload.trial.points + of_points.reshape(-1, 3)
 
     def _at(self, errors: Float[np.ndarray, " N"]) -> tuple[Float[np.ndarray, " r"], csr_matrix]:
-        """Both, kept for the next call: a solver asks for the derivative where it has seen the residuals."""
+        """Residuals and derivative, kept for the next call.
+
+        A solver asks for the derivative where it has seen the residuals.
+        """
         if not np.array_equal(errors, self._where):
             begin = now()
             trajectory, points = self.point(errors)

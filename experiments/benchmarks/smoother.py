@@ -1,5 +1,6 @@
-"""Our smoother against GTSAM and SciPy on the same problem, in turn in one process with one thread, beside what it is to show.
+"""Our smoother against GTSAM and SciPy on the same problem.
 
+In turn in one process with one thread, beside what it is to show.
     python -m experiments.benchmarks.smoother [--motion rich] [--repeats 5] [--no-peers] [--quick] [--long]
 
 Every ratio is that of medians over rounds in which the solvers take turns; in brackets stand the least and greatest of one round,
@@ -15,7 +16,7 @@ from dataclasses import replace
 from experiments.benchmarks.cold_start import cold_start
 from experiments.benchmarks.gtsam_chart import MISSING, gtsam
 from experiments.benchmarks.smoother_batch import batch, iterations, optimum
-from experiments.benchmarks.smoother_checks import Check
+from experiments.benchmarks.smoother_checks import BenchmarkCheck
 from experiments.benchmarks.smoother_long import long_run
 from experiments.benchmarks.smoother_stream import resolved, window
 from experiments.benchmarks.smoother_workload import MOTIONS, Workload, simulated_workload
@@ -44,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(f"\n{missed} bars missed; {time.perf_counter() - begin:.0f} s")
 
 
-def checks(options: argparse.Namespace) -> Iterator[Check]:
+def checks(options: argparse.Namespace) -> Iterator[BenchmarkCheck]:
     """Line by line."""
     if options.long:
         yield from long_run(options.long)
@@ -54,11 +55,11 @@ def checks(options: argparse.Namespace) -> Iterator[Check]:
     yield from cold_start(_workload("rich", 0, options.quick))
 
 
-def of_motion(motion: str, options: argparse.Namespace) -> Iterator[Check]:
+def of_motion(motion: str, options: argparse.Namespace) -> Iterator[BenchmarkCheck]:
     """Everything but new processes and long runs."""
     peers, rounds = options.peers, 1 if options.quick else options.repeats
     workload = _workload(motion, 0, options.quick)
-    yield Check(f"\n{motion} motion", _size(workload), "bar")
+    yield BenchmarkCheck(f"\n{motion} motion", _size(workload), "bar")
     if peers and gtsam is not None:
         seeds = 1 if options.quick else SEEDS
         yield optimum(lambda seed: _workload(motion, seed, options.quick), seeds, f"optimum, {seeds} seeds")

@@ -1,13 +1,16 @@
-"""Batch solutions from one trial, ours beside the peers': where they end, how long they take, and how long one iteration does."""
+"""Batch solutions from one trial, ours beside the peers'.
+
+Where they end, how long they take, and how long one iteration does.
+"""
 
 from collections.abc import Callable, Iterator
 from typing import Final
 
 from experiments.benchmarks.gtsam_chart import gtsam
-from experiments.benchmarks.gtsam_peer import LinearSystem, LinearTime, dogleg, levenberg_marquardt
+from experiments.benchmarks.gtsam_peer import GtsamLinearSystem, LinearTime, dogleg, levenberg_marquardt
 from experiments.benchmarks.own_smoother import OwnIterations, own_batch
 from experiments.benchmarks.scipy_peer import scipy_least_squares
-from experiments.benchmarks.smoother_checks import Check, Solver, in_turn, ratio, ratio_of
+from experiments.benchmarks.smoother_checks import BenchmarkCheck, Solver, in_turn, ratio, ratio_of
 from experiments.benchmarks.smoother_workload import PeerResult, Workload
 
 SAME_OPTIMUM: Final = 0.05
@@ -21,7 +24,7 @@ ITERATION_RUNS: Final = 5
 PEER_RUNS: Final = 2
 
 
-def optimum(make: Callable[[int], Workload], seeds: int, what: str) -> Check:
+def optimum(make: Callable[[int], Workload], seeds: int, what: str) -> BenchmarkCheck:
     """Costs on some seeds against the lower of two of GTSAM's."""
     above, damped = [], []
     for seed in range(seeds):
@@ -31,10 +34,10 @@ def optimum(make: Callable[[int], Workload], seeds: int, what: str) -> Check:
         damped.append(ours - lm)
     spread = f"ours - GTSAM's best of LM and dogleg: {min(above):+.4f} .. {max(above):+.4f}"
     note = f"LM alone: {min(damped):+.4f} .. {max(damped):+.4f}"
-    return Check(what, spread, f"at most {SAME_OPTIMUM}", max(above) <= SAME_OPTIMUM, note)
+    return BenchmarkCheck(what, spread, f"at most {SAME_OPTIMUM}", max(above) <= SAME_OPTIMUM, note)
 
 
-def batch(workload: Workload, rounds: int, what: str, peers: bool) -> Iterator[Check]:
+def batch(workload: Workload, rounds: int, what: str, peers: bool) -> Iterator[BenchmarkCheck]:
     """Times to the optimum."""
     solvers: dict[str, Solver] = {"ours": lambda: own_batch(workload)}
     if peers:
@@ -45,17 +48,17 @@ def batch(workload: Workload, rounds: int, what: str, peers: bool) -> Iterator[C
     own_batch(workload)
     found = in_turn(solvers, rounds)
     ours = found.pop("ours")
-    yield Check(what, f"{1e3 * ours[0].seconds:8.2f} ms", note=_where(ours[0]))
+    yield BenchmarkCheck(what, f"{1e3 * ours[0].seconds:8.2f} ms", note=_where(ours[0]))
     bars = {"gtsam": ("GTSAM LM", OVER_GTSAM), "scipy": ("SciPy analytic", OVER_SCIPY)}
     for name, (title, bar) in bars.items():
         if name in found:
             yield ratio_of(found[name], ours).check(f"  over {title}", bar, _where(found[name][0]))
     if "dogleg" in found:
         speed = ratio_of(found["dogleg"], ours)
-        yield Check("  over GTSAM dogleg", str(speed), note=_where(found["dogleg"][0]))
+        yield BenchmarkCheck("  over GTSAM dogleg", str(speed), note=_where(found["dogleg"][0]))
 
 
-def iterations(workload: Workload, rounds: int, peers: bool) -> Iterator[Check]:
+def iterations(workload: Workload, rounds: int, peers: bool) -> Iterator[BenchmarkCheck]:
     """One iteration, linearising and solving, by number of frames; of GTSAM's orderings the fastest."""
     for epochs, bar in ITERATION_BARS.items():
         if epochs > len(workload.timeline):
@@ -64,9 +67,9 @@ def iterations(workload: Workload, rounds: int, peers: bool) -> Iterator[Check]:
         what = f"one iteration, {epochs} frames"
         mine = OwnIterations(part)
         if not peers or gtsam is None:
-            yield Check(what, f"{1e3 * mine.seconds(ITERATION_RUNS):8.2f} ms")
+            yield BenchmarkCheck(what, f"{1e3 * mine.seconds(ITERATION_RUNS):8.2f} ms")
             continue
-        system = LinearSystem(part)
+        system = GtsamLinearSystem(part)
         system.times(1)
         ours, theirs = [], []
         for _ in range(rounds):

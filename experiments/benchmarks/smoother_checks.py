@@ -10,7 +10,7 @@ from experiments.benchmarks.smoother_workload import PeerResult
 
 
 @dataclass(frozen=True)
-class Check:
+class BenchmarkCheck:
     """A line of the table; ``passed`` is None where nothing is demanded."""
 
     what: str
@@ -26,7 +26,9 @@ class Check:
 
 @dataclass(frozen=True)
 class Ratio:
-    """Of two solvers' times: of medians over all rounds, and the least and greatest of one round.
+    """Ratio of two solvers' times.
+
+    Of medians over all rounds, and the least and greatest of one round.
 
     Attributes
     ----------
@@ -40,9 +42,9 @@ class Ratio:
     greatest: float
     own_code: float
 
-    def check(self, what: str, bar: float, note: str = "") -> Check:
+    def check(self, what: str, bar: float, note: str = "") -> BenchmarkCheck:
         """Whether it is at least as large as demanded."""
-        return Check(what, str(self), f"at least {bar:g}x", self.value >= bar, note)
+        return BenchmarkCheck(what, str(self), f"at least {bar:g}x", self.value >= bar, note)
 
     def __str__(self) -> str:
         return (
@@ -67,7 +69,10 @@ Solver = Callable[[], PeerResult]
 
 
 def in_turn(solvers: Mapping[str, Solver], rounds: int) -> dict[str, list[PeerResult]]:
-    """Every solver once in each round, forwards and backwards in turn, so that what a machine does besides hits all alike."""
+    """Every solver once in each round, alternately forwards and backwards.
+
+    What a machine does besides hits all alike.
+    """
     results: dict[str, list[PeerResult]] = {name: [] for name in solvers}
     for number in range(rounds):
         for name in list(solvers)[:: 1 if number % 2 == 0 else -1]:

@@ -1,4 +1,7 @@
-"""The sliding smoother over ten thousand frames: time of a frame and memory, from beginning to end."""
+"""The sliding smoother over ten thousand frames.
+
+Time of a frame and memory, from beginning to end.
+"""
 
 import gc
 from collections.abc import Iterator
@@ -7,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from experiments.benchmarks.endless_scene import LAYOUT, EndlessScene
-from experiments.benchmarks.smoother_checks import Check
+from experiments.benchmarks.smoother_checks import BenchmarkCheck
 from experiments.benchmarks.smoother_workload import NOISE
 from experiments.benchmarks.stopwatch import now
 from spinfilters.estimators.smoothing.window.sliding_smoother import SlidingSmoother
@@ -32,7 +35,7 @@ SAME_MEMORY: Final = 0.05
 """Growth of what is resident."""
 
 
-def long_run(epochs: int) -> Iterator[Check]:
+def long_run(epochs: int) -> Iterator[BenchmarkCheck]:
     """Both modes, one after the other, each over the same scene."""
     for name, mode in MODES.items():
         scene, smoother = EndlessScene(0), _smoother(mode)
@@ -46,7 +49,7 @@ def long_run(epochs: int) -> Iterator[Check]:
         error = LAYOUT.local(scene.truth, smoother.window.trajectory[-1])
         deg = np.degrees(np.linalg.norm(error[LAYOUT.slice("a")]))
         mass = np.linalg.norm(error[LAYOUT.slice("s")])
-        yield Check("  latest frame off the truth", f"attitude {deg:.3f} deg, body {mass:.4f}")
+        yield BenchmarkCheck("  latest frame off the truth", f"attitude {deg:.3f} deg, body {mass:.4f}")
 
 
 def _smoother(mode: WindowPolicy) -> SlidingSmoother:
@@ -54,7 +57,7 @@ def _smoother(mode: WindowPolicy) -> SlidingSmoother:
     return SlidingSmoother(process, EndlessScene(0).prior, SmootherOptions(mode), has_landmarks=True)
 
 
-def _checks(name: str, seconds: np.ndarray, resident: np.ndarray) -> Iterator[Check]:
+def _checks(name: str, seconds: np.ndarray, resident: np.ndarray) -> Iterator[BenchmarkCheck]:
     means = 1e3 * np.mean(seconds, axis=1)  # frames leave a window together: a median would not see it
     change, growth = means[-1] / means[0], resident[-1] / resident[0] - 1
     half, high = 1e3 * np.quantile(seconds, [0.5, 0.99])
@@ -63,9 +66,11 @@ def _checks(name: str, seconds: np.ndarray, resident: np.ndarray) -> Iterator[Ch
         f"blocks {means.min():.2f} .. {means.max():.2f} ms; median {half:.2f}, 99th percentile {high:.2f} ms"
     )
     what = f"{seconds.size} frames, {name}"
-    yield Check(what, times, f"at most {SAME_TIME:g}", bool(change <= SAME_TIME), note)
+    yield BenchmarkCheck(what, times, f"at most {SAME_TIME:g}", bool(change <= SAME_TIME), note)
     memory = f"{resident[0]:8.1f} MB -> {resident[-1]:.1f} MB"
-    yield Check("  resident memory", memory, f"at most +{SAME_MEMORY:.0%}", bool(growth <= SAME_MEMORY))
+    yield BenchmarkCheck(
+        "  resident memory", memory, f"at most +{SAME_MEMORY:.0%}", bool(growth <= SAME_MEMORY)
+    )
 
 
 def _block(scene: EndlessScene, smoother: SlidingSmoother, count: int) -> tuple[list[float], list[float]]:

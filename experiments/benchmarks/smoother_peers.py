@@ -1,5 +1,6 @@
-"""GTSAM and SciPy on the smoothing problem: optima by one cost, and times of one thread with what our own Python has of them.
+"""GTSAM and SciPy on the smoothing problem.
 
+Optima by one cost, and times of one thread with what our own Python has of them.
     python -m experiments.benchmarks.smoother_peers [--motion rich] [--seeds 1] [--share 1] [--incremental] [--lag 20]
 
 Batch solutions from the closed form's trial, and one Gauss-Newton iteration of GTSAM at several numbers of frames. With
@@ -70,7 +71,10 @@ def peers(incremental: bool, lag: int) -> list[Peer]:
 
 
 def results(workload: Workload, chosen: Sequence[Peer]) -> Iterator[PeerResult]:
-    """One after the other; the compiled functions are called once before, so that no peer waits for a compiler."""
+    """Results of the peers, one after the other.
+
+    The compiled functions are called once before, so that no peer waits for a compiler.
+    """
     scipy_least_squares(workload.first(4))
     for peer in chosen:
         yield peer(workload)

@@ -8,7 +8,7 @@ import numpy as np
 from experiments.benchmarks.gtsam_chart import gtsam
 from experiments.benchmarks.gtsam_incremental import fixed_lag, isam2, resolved_every_frame
 from experiments.benchmarks.own_smoother import own_batch, own_resolved, own_window
-from experiments.benchmarks.smoother_checks import Check, Solver, in_turn, ratio_of
+from experiments.benchmarks.smoother_checks import BenchmarkCheck, Solver, in_turn, ratio_of
 from experiments.benchmarks.smoother_workload import PeerResult, Workload
 from spinfilters.estimators.smoothing.window.window_policy import smallest_batch
 
@@ -22,7 +22,7 @@ LAG: Final = 20
 OVER_WINDOW: Final = 50.0
 
 
-def resolved(workload: Workload, rounds: int, peers: bool) -> Iterator[Check]:
+def resolved(workload: Workload, rounds: int, peers: bool) -> Iterator[BenchmarkCheck]:
     """Everything solved again after each frame."""
     solvers: dict[str, Solver] = {"ours": lambda: own_resolved(workload)}
     if peers and gtsam is not None:
@@ -35,9 +35,11 @@ def resolved(workload: Workload, rounds: int, peers: bool) -> Iterator[Check]:
     what = f"solved again after each of {epochs} frames"
     seconds = float(np.median([result.seconds for result in ours]))
     note = f"{ours[0].linearisations:.0f} linearisations"
-    yield Check(what, f"{seconds:8.3f} s", f"at most {WHOLE_SECONDS:g} s", seconds <= WHOLE_SECONDS, note)
+    yield BenchmarkCheck(
+        what, f"{seconds:8.3f} s", f"at most {WHOLE_SECONDS:g} s", seconds <= WHOLE_SECONDS, note
+    )
     above = ours[0].cost - optimum
-    yield Check(
+    yield BenchmarkCheck(
         "  final cost over the batch's", f"{above:+.4f}", f"within {NEAR_OPTIMUM}", above <= NEAR_OPTIMUM
     )
     bars = {"lm": ("GTSAM LM per frame", OVER_RESOLVED), "isam2": ("ISAM2, 1 update", OVER_ISAM2)}
@@ -47,7 +49,7 @@ def resolved(workload: Workload, rounds: int, peers: bool) -> Iterator[Check]:
             yield ratio_of(found[name], ours).check(f"  over {title}", bar, more)
 
 
-def window(workload: Workload, rounds: int, peers: bool) -> Iterator[Check]:
+def window(workload: Workload, rounds: int, peers: bool) -> Iterator[BenchmarkCheck]:
     """The latest frames alone."""
     solvers: dict[str, Solver] = {"ours": lambda: own_window(workload, LAG)}
     if peers and gtsam is not None:
@@ -58,13 +60,13 @@ def window(workload: Workload, rounds: int, peers: bool) -> Iterator[Check]:
     ours = found["ours"]
     what, off = f"window of {LAG} frames, all frames", _off(workload, ours[0], best)
     if "gtsam" not in found:
-        yield Check(what, f"{ours[0].seconds:8.3f} s", note=off)
+        yield BenchmarkCheck(what, f"{ours[0].seconds:8.3f} s", note=off)
         return
     told = own_window(workload, LAG, marginalized=True).seconds
     note = f"ours keeps up to {smallest_batch(LAG) - 1} more; with the covariance of frames that leave {1e3 * told:.0f} ms"
     yield ratio_of(found["gtsam"], ours).check(what, OVER_WINDOW, note)
     theirs = _off(workload, found["gtsam"][0], best)
-    yield Check("  latest frame off the batch", f"ours {off}; IncrementalFixedLag {theirs}")
+    yield BenchmarkCheck("  latest frame off the batch", f"ours {off}; IncrementalFixedLag {theirs}")
 
 
 def _off(workload: Workload, result: PeerResult, best: PeerResult) -> str:

@@ -1,5 +1,6 @@
-"""The problem that all smoothers of the benchmark solve: 115 frames of a tumbling body with some 2450 landmarks that nobody knows.
+"""The smoothing problem of the benchmark.
 
+115 frames of a tumbling body with some 2450 landmarks that nobody knows.
 Simulated, so that anyone can run it: `Scenario.common_workload` from a seed, with about 24,700 stereo observations of 1 px.
 Priors are the
 thesis' with 0.5 for the logarithm of second moments, and the first pose is held where frame g is defined. The initial guess comes
@@ -74,8 +75,9 @@ class Workload:
         return problem_of(self.process, self.timeline, self.trial.ids, self.prior, OBSERVATIONS_NEEDED)
 
     def nearer_to_a_sphere(self, share: float) -> "Workload":
-        """The same problem from a trial that keeps only a share of the closed form's departure from a sphere.
+        """The same problem from a trial nearer to a sphere.
 
+        It keeps only a share of the closed form's departure from one.
         On the thesis' motion the closed form's body is poor, and damped solvers creep for 20 to 60 iterations from all of it.
         """
         trajectory = self.trial.trajectory.copy()
@@ -135,8 +137,9 @@ def disam115_workload(motion: str, seed: int) -> Workload:
 def whitened_cost(
     workload: Workload, trajectory: Float[np.ndarray, "k m"], points: Float[np.ndarray, "L 3"]
 ) -> float:
-    """Sum of the squares of everything whitened: prior, steps, observations; by this number all optima are compared.
+    """Sum of all whitened squares.
 
+    Prior, steps, observations; by this number all optima are compared.
     It is infinite where a point lies behind a camera that saw it.
 
     Parameters

@@ -1,4 +1,7 @@
-"""Where the errors of many frames stand in one vector: moving ones frame after frame, then once those of the constants."""
+"""Order of the errors of many frames in one vector.
+
+Moving ones frame after frame, then once those of the constants.
+"""
 
 from dataclasses import dataclass
 

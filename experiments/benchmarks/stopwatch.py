@@ -27,7 +27,10 @@ ONE_THREAD: Final[dict[str, str]] = dict.fromkeys(
 
 
 def use_one_thread(module: str) -> None:
-    """Start a module over with one thread per library: linear algebra libraries read these variables only when they are loaded."""
+    """Restart a module with one thread per library.
+
+    Linear algebra libraries read these variables only when they are loaded.
+    """
     if any(os.environ.get(name) != value for name, value in ONE_THREAD.items()):
         os.environ.update(ONE_THREAD)
         os.execv(sys.executable, [sys.executable, "-m", module, *sys.argv[1:]])

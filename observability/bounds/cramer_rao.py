@@ -62,8 +62,9 @@ class Bound:
 
     @property
     def weak_direction(self) -> tuple[Float[np.ndarray, " e"], float]:
-        """The direction of the state of which least was learnt, in prior deviations, and what part of the prior remains of it.
+        """The least known direction of the state, and the prior's share.
 
+        In prior deviations.
         The pose is left out: its prior may be a definition. With P the bound and S the prior this is the top eigenvector of
         S^-1/2 P S^-1/2 over the other blocks; the second result is what `prior_directions` finds for it.
         """
@@ -82,8 +83,9 @@ class Bound:
 
 
 def prior_share(growth: Float[np.ndarray, "*n"] | float) -> Float[np.ndarray, "*n"]:
-    """What part of the prior's deviation remains where a variance grows so much under priors `WIDENING` times as wide.
+    """Share of the prior's deviation that remains, from widened priors.
 
+    Where a variance grows so much under priors `WIDENING` times as wide.
     Of one unknown with information p of the prior and d of the data the variance 1/(p + d) grows by (p + d)/(p/100 + d), and
     the share is sqrt(p / (p + d)), the deviation over that of the prior. Of several unknowns it tells, too, what rests on the
     priors of others: a scale of all lengths that only the prior of the landmarks holds.
@@ -135,7 +137,10 @@ def cramer_rao_bound(
 def observability_gramian(
     reference: ReferenceTrajectory, schedules: Sequence[SensorSchedule]
 ) -> Float[np.ndarray, "n n"]:
-    """sum of Phi' H' R^-1 H Phi over frames: information about the first state and the unknown parameters, no noise, no prior."""
+    """Observability Gramian, sum of Phi' H' R^-1 H Phi over frames.
+
+    Information about the first state and the unknown parameters, no noise, no prior.
+    """
     starts, total = _columns(reference, schedules)
     n, transition = reference.process.layout.error_dim, np.eye(total)
     gramian = np.zeros((total, total))
@@ -180,7 +185,10 @@ def _widening(layout: StateLayout, total: int, defined: Sequence[int] | None) ->
 def _predicted(
     transition: Float[np.ndarray, "e k"], entry: Float[np.ndarray, "e q"], root: Float[np.ndarray, "n n"]
 ) -> Float[np.ndarray, "n n"]:
-    """Root of the information about the next state: x' = Phi x + T c + G n with n standard normal, n marginalised by one QR."""
+    """Information root of the next state, its noise marginalised by QR.
+
+    x' = Phi x + T c + G n with n standard normal.
+    """
     (n, width), noise, total = transition.shape, entry.shape[1], len(root)
     back = root.copy()
     back[:, :n] = np.linalg.solve(transition[:, :n].T, root[:, :n].T).T

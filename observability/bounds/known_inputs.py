@@ -1,4 +1,7 @@
-"""Motion under known torques and known accelerations of the inspector: what free motion lacks, for the bound."""
+"""Motion under known torques and accelerations of the inspector.
+
+What free motion lacks, for the bound.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,7 +29,10 @@ MOST_SUBSTEPS = 2000
 
 @dataclass(frozen=True)
 class InputSizes:
-    """Of known inputs in the bound: amplitudes in N m and m/s^2, and the period in s of the first (`KnownInput`)."""
+    """Amplitudes and period of known inputs in the bound.
+
+    N m and m/s^2, and the period in s of the first (`KnownInput`).
+    """
 
     torque: float = 0.1
     manoeuvre: float = 0.01
@@ -35,7 +41,10 @@ class InputSizes:
 
 @dataclass(frozen=True)
 class KnownInput:
-    """size cos(2 pi t / period) along one axis: N m or m/s^2, s. Its mean is 0, so that it carries no body away."""
+    """Known input size cos(2 pi t / period) along one axis.
+
+    N m or m/s^2, s. Its mean is 0, so that it carries no body away.
+    """
 
     axis: Input
     size: float
@@ -54,8 +63,9 @@ class KnownInput:
 
 
 class DrivenMotion:
-    """A process with known inputs, whose torques make the scale of the inertia one more unknown constant.
+    """A process with known inputs.
 
+    Their torques make the scale of the inertia one more unknown constant.
     Torques act about axes g, which are the principal axes of a `observability.charts.filter_state` point; an inspector's
     acceleration is the opposite of what it gives the body in frame i. Process noise is that of the free motion.
 
@@ -74,7 +84,10 @@ class DrivenMotion:
         return self.linearise(x, start, dt).after
 
     def linearise(self, x: Float[np.ndarray, " m"], start: float, dt: float) -> LinearisedStep:
-        """The step, whose transition is by the error of x and, after it, the logarithm of the inertia's scale."""
+        """The linearised step with the inertia's scale.
+
+        Its transition is by the error of x and, after it, the logarithm of that scale.
+        """
         n, count = self._process.layout.error_dim, self._count(x, dt)
         transition, factor = np.eye(n, n + self.constants), self._process.linearise(x, dt).noise_factor
         h = dt / count

@@ -1,4 +1,7 @@
-"""What of a bound the data tell and what rests on priors, quantity by quantity, against what is determined in principle."""
+"""Dependence of a bound on priors, quantity by quantity.
+
+What the data tell and what rests on priors, against what is determined in principle.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -32,7 +35,7 @@ from observability.elimination import (
     rank_of,
     reduce_columns,
 )
-from observability.system import Sensor, System
+from observability.system import System, SystemSensor
 from spinfilters.attitude.expressions import Expression, rotate
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.state.layout import StateLayout
@@ -87,19 +90,23 @@ class QuantityBound:
 def quantity_bounds(
     case: Case, reference: ReferenceTrajectory, bound: Bound
 ) -> dict[Quantity, QuantityBound]:
-    """Of every quantity after the last frame; a longer flight is tried where a quantity is determined in principle only."""
+    """Bounds of every quantity after the last frame.
+
+    A longer flight is tried where a quantity is determined in principle only.
+    """
     counts = undetermined_directions(case)
     found = _taken_apart(bound, reference, len(reference.time) - 1, counts)
     waiting = [name for name, each in found.items() if each.in_principle_only]
     if not waiting:
         return found
     longer = _times_longer(case, reference, bound, counts)
-    return {name: _with_factor(each, name, longer) for name, each in found.items()}
+    return {name: _with_factor(each, name, *longer) for name, each in found.items()}
 
 
 def undetermined_directions(case: Case) -> dict[Quantity, int]:
-    """Of each quantity, directions that no derivative of any order shows, with g where it is defined to be; exact.
+    """Exact undetermined directions of each quantity.
 
+    No derivative of any order shows them; with g where it is defined to be.
     An attitude later on is undetermined where the rate is, and a place where the velocity is.
     """
     space, layout = _null_space(case), case.layout
@@ -151,7 +158,10 @@ def _quantity_bound(
 
 
 def _readable(rows: Float[np.ndarray, "k d"]) -> Float[np.ndarray, "k d"]:
-    """Another orthonormal basis of the same directions, with the axes among them first, and largest entries positive."""
+    """A readable orthonormal basis of the same directions.
+
+    With the axes among them first, and largest entries positive.
+    """
     projector, found = rows.T @ rows, []
     for axis in np.argsort(-np.diag(projector), kind="stable"):
         rest = projector[axis] - sum((each * each[axis] for each in found), np.zeros(len(projector)))
@@ -169,7 +179,10 @@ def _deviation(covariance: Float[np.ndarray, "k k"], rows: Float[np.ndarray, "n 
 def _times_longer(
     case: Case, reference: ReferenceTrajectory, bound: Bound, counts: Mapping[Quantity, int]
 ) -> tuple[dict[Quantity, float], float]:
-    """The first of the factors 2, 4, ... that leaves a quantity to the data, and the largest that was tried."""
+    """The factor of the length that leaves a quantity to data.
+
+    The first of the factors 2, 4, ..., and the largest that was tried.
+    """
     frames, interval = len(reference.time), float(reference.time[-1] / max(1, len(reference.time) - 1))
     most = int(min(LONGEST_FACTOR * frames, MOST_EPOCHS, MOST_WORK / len(bound.prior_std) ** 2))
     factors = [2**k for k in range(1, 7) if 2**k * frames <= most]
@@ -187,16 +200,18 @@ def _times_longer(
 
 
 def _with_factor(
-    each: QuantityBound, name: Quantity, longer: tuple[dict[Quantity, float], float]
+    each: QuantityBound, name: Quantity, factors: Mapping[Quantity, float], searched: float
 ) -> QuantityBound:
     if not each.in_principle_only:
         return each
-    factors, searched = longer
     return replace(each, times_longer=factors.get(name, np.inf), searched=searched)
 
 
 def _null_space(case: Case) -> Num[np.ndarray, "n d"]:
-    """Residues over the error of the filters' state and the scale of the inertia: null directions that leave definitions alone."""
+    """Null directions that leave definitions alone, as residues.
+
+    Over the error of the filters' state and the scale of the inertia.
+    """
     system = case.filter_system
     point = point_of(system.chart, case.motion)
     experiments = list(case.experiments) or [()]
@@ -214,7 +229,7 @@ def _null_space(case: Case) -> Num[np.ndarray, "n d"]:
 def _place_change(case: Case, space: Num[np.ndarray, "n d"]) -> Num[np.ndarray, "3 d"]:
     """How the place of the centre of mass changes along null directions."""
     chart = case.filter_system.chart
-    system = System(chart, [Sensor(_CentreOfMass(case.layout), ((Fraction(0),),))])
+    system = System(chart, [SystemSensor(_CentreOfMass(case.layout), ((Fraction(0),),))])
     (rows,) = codistribution(system, point_of(chart, case.motion), 1, FIELD)
     return product_of(rows.common[0, 0], space)
 
@@ -225,14 +240,19 @@ class _CentreOfMass(MeasurementModel):
     name, dim, value_dim, parameter_dim, needs = "centre of mass", 3, 3, 1, ("t", "a", "c")
 
     def symbolic(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        """Centre of mass in frame i, t + R_ig c, m."""
         return state["t"] + rotate(state["q"], state["c"])
 
     def noise_factor(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        """Unit covariance factor: 1 m along each axis."""
         return ca.DM.eye(3)
 
 
 def _mixing_components(case: Case) -> list[int]:
-    """Components of the mass distribution that decide the moments: equal ones mix the axes between which they are equal."""
+    """Mass components whose equality mixes axes.
+
+    Components of the mass distribution that decide the moments.
+    """
     return [0, 1, *[component for pair, component in MIXING.items() if equal_moments(case.motion, *pair)]]
 
 

@@ -18,7 +18,10 @@ from spinfilters.symbolic import Compiled
 
 @dataclass(frozen=True)
 class ReferenceTrajectory:
-    """True states (n, mean_dim) of a process at ``time`` (n,) s, ascending; ``driven`` by known inputs, or free."""
+    """True states (n, mean_dim) at ``time`` (n,) s, ascending.
+
+    Of a process; ``driven`` by known inputs, or free.
+    """
 
     process: TorqueFreeProcess
     time: Float[np.ndarray, " n"]
@@ -36,11 +39,17 @@ class ReferenceTrajectory:
 
     @property
     def constants(self) -> int:
-        """Unknown constants of the motion that the state does not hold: the scale of the inertia where a torque is known."""
+        """Unknown constants of the motion outside the state.
+
+        The scale of the inertia where a torque is known.
+        """
         return 0 if self.driven is None else self.driven.constants
 
     def linearise(self, frame: int) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, "n q"]]:
-        """Transition to a frame from the one before, by the error of the state and the constants, and a factor of the noise."""
+        """Transition to a frame from the one before, and noise factor.
+
+        By the error of the state and the constants.
+        """
         x, start = self.states[frame - 1], float(self.time[frame - 1])
         dt = float(self.time[frame] - self.time[frame - 1])
         if self.driven is None:
@@ -129,7 +138,10 @@ class SensorSchedule:
 def rows_at(
     schedule: SensorSchedule, frame: int, x: Float[np.ndarray, " m"], start: int, total: int
 ) -> Float[np.ndarray, "k n"]:
-    """Whitened derivatives of a frame's measurements, by the state's error and, from column ``start``, the sensor's unknowns."""
+    """Whitened derivatives of a frame's measurements.
+
+    By the state's error and, from column ``start``, the sensor's unknowns.
+    """
     items = np.flatnonzero(schedule.seen[frame])
     columns, dim, unknown = schedule.model.columns, schedule.model.dim, schedule.unknown
     rows = np.zeros((len(items), dim, total))
@@ -144,7 +156,10 @@ def rows_at(
 
 @cache
 def derivatives(model: MeasurementModel, unknown: int) -> Compiled:
-    """(x, p) -> whitened derivatives of the innovation's negative by the model's columns and by the leading parameters."""
+    """(x, p) -> whitened derivatives of the innovation's negative.
+
+    By the model's columns and by the leading parameters.
+    """
     layout = model.layout
     x, p = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("p", model.parameter_dim)
     d, e = ca.SX.sym("d", layout.error_dim), ca.SX.sym("e", unknown)

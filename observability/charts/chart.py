@@ -22,7 +22,7 @@ Point = Mapping[str, Sequence[float | str | Fraction]]
 
 @dataclass(frozen=True)
 class Block:
-    """A block of a state: its name, how many numbers hold it, and the names of its error's components."""
+    """Block of a state: name, size, names of its error's components."""
 
     name: str
     size: int
@@ -57,11 +57,17 @@ class Chart(ABC):
 
     @abstractmethod
     def seen(self, values: Values) -> Values:
-        """What sensors read (`spinfilters.conventions`): q, w in g axes and, where there is a place, t, v, c."""
+        """What sensors read (`spinfilters.conventions`).
+
+        q, w in g axes and, where there is a place, t, v, c.
+        """
 
     @abstractmethod
     def torque_field(self, values: Values) -> Values:
-        """Columns (size, 3) by which a known torque in N m about the axes g enters the rates."""
+        """Columns (size, 3) by which a known torque enters the rates.
+
+        In N m about the axes g.
+        """
 
     @cached_property
     def mean_dim(self) -> int:

@@ -50,7 +50,10 @@ class FilterChart(Chart):
         return ca.diagcat(own, 1) if "n" in values else own
 
     def change(self, values: Values, moved: Values) -> Expression:
-        """Of the masses as S where a move has put it beside s; no move changes s itself."""
+        """Change of the masses as S, where moved beside s.
+
+        No move changes s itself.
+        """
         return super().change(values, moved | {"s": moved.get("S", moved["s"])})
 
     def settled(self, moved: Values) -> Values:
@@ -61,7 +64,10 @@ class FilterChart(Chart):
         return moved | {"s": from_second_moments(S / ca.det(S) ** (1 / 3))}
 
     def _block_change(self, block: Block, value: Expression, moved: Expression) -> Expression:
-        """Of the masses, where ``moved`` is S: the traceless part of L^-1 S L^-T, without a logarithm or a root."""
+        """Change of the masses, where ``moved`` is S.
+
+        The traceless part of L^-1 S L^-T, without a logarithm or a root.
+        """
         if block.name != "s":
             return super()._block_change(block, value, moved)
         inverse = ca.inv_minor(lower_factor(value))
@@ -71,5 +77,8 @@ class FilterChart(Chart):
 
 
 def with_second_moments(values: Values, J: Expression) -> Values:
-    """The blocks with another inertia, held as S = tr(J)/2 I - J beside s until the chart settles them."""
+    """The blocks with the inertia as second moments, S = tr(J)/2 I - J.
+
+    Beside s until the chart settles them.
+    """
     return values | {"S": ca.trace(J) / 2 * ca.DM.eye(3) - J}

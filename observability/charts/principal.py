@@ -20,8 +20,9 @@ MOMENTS = vector("J", "xyz")
 
 
 class PrincipalChart(Chart):
-    """Rate w in principal axes b with k1, k2 or three moments; optionally attitudes q_ib, q_gb; optionally r, v, c.
+    """Chart in principal axes b: w with k1, k2 or three moments.
 
+    Optionally attitudes q_ib, q_gb; optionally r, v, c.
     R_ig = R_ib R_gb', t = r - R_ig c (Tweddle 2013, section 4.6; his T_gb is c). Singular where moments are equal: the axes b
     are then no function of the body.
 

@@ -10,7 +10,10 @@ TENSOR = Block("J", 6, ("J_xx", "J_yy", "J_zz", "J_xy", "J_xz", "J_yz"))
 
 
 class TensorChart(Chart):
-    """Rate w in g axes with all six entries of J, of which free motion shows five; optionally q (of q_ig); optionally t, v, c."""
+    """Chart in g axes: w with all six entries of J.
+
+    Free motion shows five of them; optionally q (of q_ig); optionally t, v, c.
+    """
 
     def __init__(self, with_attitude: bool = True, with_place: bool = True) -> None:
         self.name = "inertia tensor"

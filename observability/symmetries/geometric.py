@@ -1,4 +1,7 @@
-"""Candidates in charts that hold the body in geometric axes: the inertia tensor and the filters' state."""
+"""Candidate symmetries in charts with the body in geometric axes.
+
+The inertia tensor and the filters' state.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -40,7 +43,10 @@ class GeometricMoves:
     scale_held: bool
 
     def symmetries(self, values: dict[str, Expression], spin: int | None) -> Iterator[Symmetry]:
-        """All candidates; ``spin``: an axis far from the rate's, None of a body that does not rotate."""
+        """All candidates of symmetries.
+
+        ``spin``: an axis far from the rate's, None of a body that does not rotate.
+        """
         if "c" in values:
             yield from (
                 Symmetry("gauge translation", f"translation of g along {AXES[k]}", _shifted(k), 0.05)
@@ -95,7 +101,10 @@ class GeometricMoves:
         return State(self.with_inertia(state.values, self.inertia(state.values) * (1 + amount)), state.points)
 
     def _mass(self, spin: int | None, row: int, column: int) -> Move:
-        """J changed so that the rate stays principal, or in any way where there is no rate."""
+        """Change of J that keeps the rate principal.
+
+        Or in any way where there is no rate.
+        """
 
         def move(state: State, amount: ca.SX) -> State:
             frame = ca.DM.eye(3) if spin is None else _across(state.values["w"], spin)
@@ -107,7 +116,10 @@ class GeometricMoves:
         return move
 
     def _precession(self, state: State, amount: ca.SX) -> State:
-        """More moment about the line from centre to landmark at the same angular momentum: the line of a sphere moves as before."""
+        """More moment about the line from centre to landmark.
+
+        At the same angular momentum: the line of a sphere moves as before.
+        """
         values = state.values
         d, J = state.points[0][:, 0] - values["c"], self.inertia(values)
         changed = J + amount * ca.trace(J) / 3 * d @ d.T / ca.dot(d, d)
@@ -116,7 +128,10 @@ class GeometricMoves:
 
 
 def _across(w: Expression, spin: int) -> Expression:
-    """Two directions across the rate, and the rate: moments about each, and the product of the first two, keep it principal."""
+    """Two directions across the rate, and the rate.
+
+    Moments about each, and the product of the first two, keep it principal.
+    """
     a = ca.cross(w, unit(spin))
     return ca.horzcat(a, ca.cross(w, a), w)
 
@@ -148,7 +163,10 @@ def _longer(state: State, amount: ca.SX) -> State:
 
 
 def _centre_along(axis: int | None) -> Move:
-    """The centre of mass elsewhere in the body, along the rate or an axis; g and all points stay."""
+    """Move of the centre of mass along the rate or an axis.
+
+    Elsewhere in the body; g and all points stay.
+    """
 
     def move(state: State, amount: ca.SX) -> State:
         values = state.values
@@ -158,7 +176,10 @@ def _centre_along(axis: int | None) -> Move:
 
 
 def _slow_turn(axis: int | None) -> Move:
-    """A rate of a body at rest, about an axis or the line of the first two landmarks, and a velocity that makes up for it."""
+    """Slow rate of a resting body, and a velocity that compensates.
+
+    About an axis or the line of the first two landmarks.
+    """
 
     def move(state: State, amount: ca.SX) -> State:
         values, points = state.values, state.points[0]

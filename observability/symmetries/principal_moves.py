@@ -141,7 +141,10 @@ def _moment(axis: int):
 
 
 def _rolled(axis: int | None):
-    """The axes b turn within the body, about one of them or about the rate: R_ig and the rate in g stay."""
+    """Rotation of the axes b within the body.
+
+    About one of them or about the rate: R_ig and the rate in g stay.
+    """
 
     def move(state: State, amount: ca.SX) -> State:
         values = state.values
@@ -175,7 +178,10 @@ def _centre_along_axis(axis: int):
 
 
 def _slow_turn(axis: int | None):
-    """A rate of a body at rest, about an axis or the line of the first two landmarks, and a velocity that makes up for it."""
+    """Slow rate of a resting body, and a velocity that compensates.
+
+    About an axis or the line of the first two landmarks.
+    """
 
     def move(state: State, amount: ca.SX) -> State:
         values, points = state.values, state.points[0]
@@ -190,8 +196,9 @@ def _slow_turn(axis: int | None):
 
 
 def _precession(state: State, amount: ca.SX) -> State:
-    """Of a sphere: a rate about the line from centre to landmark, and moments that make the rest of the rate follow.
+    """Rate of a sphere about the line from centre to landmark.
 
+    With moments that make the rest of the rate follow.
     To first order w' = (dJ w) x w has to be amount w x d, so dJ w = -amount d + m w, where dJ = diag(k1, 0, -k2).
     """
     values = state.values

@@ -18,7 +18,10 @@ from spinfilters.attitude.expressions import (
 
 @dataclass(frozen=True)
 class State:
-    """A symbolic point: the chart's blocks, and the unknown points (3, items) of every sensor that has some."""
+    """A symbolic point: the chart's blocks and unknown points.
+
+    (3, items) of every sensor that has some.
+    """
 
     values: Values
     points: tuple[Expression, ...]
@@ -79,14 +82,20 @@ def scaled(state: State, names: tuple[str, ...], amount: ca.SX) -> State:
 
 @dataclass(frozen=True)
 class GaugeAxis:
-    """An axis in g about which g itself may be free to rotate: its name, and its direction from the blocks."""
+    """An axis in g about which g may be free to rotate.
+
+    Its name, and its direction from the blocks.
+    """
 
     name: str
     direction: Callable[[Values], Expression]
 
 
 def gauge_axes(system: System, still: bool) -> list[GaugeAxis]:
-    """x, y, z of g, then those that remain where something is known in g: the axis of a torque, and of a spin if there is one."""
+    """Gauge axes in g: x, y, z, or those that remain.
+
+    Where something is known in g: the axis of a torque, and of a spin if there is one.
+    """
     axes = [GaugeAxis(AXES[k], _constant(unit(k))) for k in range(3)]
     for each in system.inputs:
         if each.is_torque:
@@ -104,7 +113,10 @@ def _rate_in_g(values: Values) -> Expression:
 
 
 def inertial_symmetries(place: str | None, attitude: str | None) -> Iterator[Symmetry]:
-    """Moves of the observer's frame i, which a sensor on the body does not notice; the blocks of place and attitude by name."""
+    """Moves of the observer's frame i.
+
+    A sensor on the body does not notice them; the blocks of place and attitude by name.
+    """
     for k in range(3):
         if place is not None:
             yield Symmetry(

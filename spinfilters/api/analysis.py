@@ -121,7 +121,9 @@ def observe(
     unknowns: str = "ratios",
     known: KnownInputs | None = None,
 ) -> ObservabilityResult:
-    """What sensors can determine of a motion and what not, with a proof, and how well: a Cramer-Rao bound.
+    """What sensors can determine of a motion, and how well.
+
+    With a proof of what they can and cannot, and a Cramer-Rao bound.
 
     Parameters
     ----------

@@ -1,4 +1,7 @@
-"""Calls on one thread of BLAS: the matrices here are so small that more only wait for each other."""
+"""Calls on one thread of BLAS.
+
+The matrices here are so small that more only wait for each other.
+"""
 
 import os
 from collections.abc import Callable
@@ -14,7 +17,10 @@ T = TypeVar("T")
 
 
 def on_one_blas_thread(call: Callable[P, T]) -> Callable[P, T]:
-    """The same function, during which BLAS has one thread, as for the command; before and after, as many as it had."""
+    """The same function with BLAS on one thread.
+
+    Before and after, BLAS has as many threads as it had.
+    """
 
     @wraps(call)
     def limited(*args: P.args, **kwargs: P.kwargs) -> T:

@@ -29,7 +29,9 @@ def campaign(
     resume: bool = False,
     progress: "Progress | None" = None,
 ) -> Any:
-    """Every cell of a study with every seed, as ``spinfilters campaign`` runs them: a pandas.DataFrame, one row per run.
+    """Run every cell of a study with every seed.
+
+    As ``spinfilters campaign`` runs them: a pandas.DataFrame, one row per run.
 
     Parameters
     ----------
@@ -80,7 +82,9 @@ def campaign_rows(
 
 
 def repeated_run(folder: Path, run: int, dataset_folder: Path | None) -> dict[str, Any]:
-    """The row of one run of a campaign, made again; with its data set written where one is asked for.
+    """Repeat one run of a campaign and give its row.
+
+    Its data set is written where a folder is asked for.
 
     Raises
     ------

@@ -12,7 +12,7 @@ from spinfilters.simulation.motion import silent
 from spinfilters.simulation.scenario import THESIS_RPM, Scenario, simulate
 from spinfilters.vision.raw_rig import RawCamera, RawRig
 from spinfilters.vision.rendering.body_view import Appearance
-from spinfilters.vision.rendering.image_sequence import Stage, write_sequence
+from spinfilters.vision.rendering.image_sequence import RenderedScene, write_sequence
 from spinfilters.vision.rendering.imaging import Imaging
 from spinfilters.vision.rendering.surface_texture import SurfaceTexture
 from spinfilters.vision.rendering.triangle_mesh import named_mesh
@@ -62,12 +62,12 @@ class ImageScenario:
         assert dataset.truth is not None
         return dataset.truth
 
-    def stage(self) -> Stage:
+    def stage(self) -> RenderedScene:
         """The body, the sun and the cameras."""
         body = Appearance(
             named_mesh(self.shape, self.radius_m), SurfaceTexture(self.seed, self.foil), self.sun
         )
-        return Stage(body, example_rig(self.size), self.imaging, self.seed)
+        return RenderedScene(body, example_rig(self.size), self.imaging, self.seed)
 
 
 def render(scenario: ImageScenario, folder: Path, progress: Callable[[int, int], None] = silent) -> str:
@@ -87,7 +87,10 @@ def render(scenario: ImageScenario, folder: Path, progress: Callable[[int, int],
 
 
 def example_rig(size: tuple[int, int] = _SIZE) -> RawRig:
-    """A rig as it is built: lenses that distort, cameras 0.3 deg from parallel; focal length and baseline of the thesis."""
+    """Example of a raw rig: distorting lenses, cameras 0.3 deg from parallel.
+
+    Focal length and baseline of the thesis.
+    """
     width, height = size
     focal = _FOCAL_PX * width / _SIZE[0]
     turned = np.array([[1.0, -0.002, 0.004], [0.002, 1.0, -0.003], [-0.004, 0.003, 1.0]])

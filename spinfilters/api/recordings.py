@@ -38,7 +38,9 @@ def load(
     rate: float | None = None,
     topic: str | None = None,
 ) -> Dataset:
-    """Data set of a folder or file: whatever ``spinfilters compare`` reads; of stereo images it is their tracks.
+    """Data set of a folder or file.
+
+    Whatever ``spinfilters compare`` reads; of stereo images it is their tracks.
 
     Parameters
     ----------
@@ -80,7 +82,9 @@ def simulate(
     beside: Mapping[str, float] | None = None,
     progress: Progress = silent,
 ) -> Dataset:
-    """Simulated data set with truth, as ``spinfilters simulate`` writes it: of the thesis' body, camera, noise and disturbances.
+    """Simulated data set with truth, as ``spinfilters simulate`` writes it.
+
+    Of the thesis' body, camera, noise and disturbances.
 
     Parameters
     ----------
@@ -101,24 +105,12 @@ def simulate(
     SEED.require("seed", seed)
     rate, inertia = tuple(rate_rpm), tuple(moments)
     require_motion(frames, interval, rate, inertia)
-    turns = max(map(abs, rate)) * interval / 60
-    if turns > MOST_TURNS:
-        raise InputError(
-            f"a rate of {' '.join(map(str, rate))} rpm at an interval of {interval} s is {turns:.3g} revolutions between epochs; "
-            f"give less than {MOST_TURNS}"
-        )
-    seeing = [name for name, form in dataset_kinds().items() if form.has_landmarks]
+    _require_slow(rate, interval)
     kinds = (kind, *(beside or {}))
+    seeing = [name for name, form in dataset_kinds().items() if form.has_landmarks]
     tracks = any(each in seeing for each in kinds)
     if known_map and not tracks:
         raise InputError(f"a known map is for the kinds {' and '.join(seeing)}; a {kind} has no map")
-    bias = () if gyro_bias is None else tuple(gyro_bias)
-    if bias and "gyro" not in kinds:
-        raise InputError(f"a gyro's bias is for the kind gyro; a {kind} has no gyro")
-    if gyro_bias is not None and len(bias) != 3:
-        raise InputError(f"gyro_bias is {value_text(bias)}; give three numbers, about the axes x, y, z")
-    for value in bias:
-        GYRO_BIAS.require("gyro_bias", value)
     thesis = Scenario.common_workload((rate[0], rate[1], rate[2]), seed)
     scenario = replace(
         thesis,
@@ -129,7 +121,30 @@ def simulate(
         candidates=thesis.candidates if tracks else 1,
         inspector=inspector,
         beside=tuple((beside or {}).items()),
-        gyro_bias=(bias[0], bias[1], bias[2]) if bias else thesis.gyro_bias,
+        gyro_bias=thesis.gyro_bias if gyro_bias is None else _checked_bias(gyro_bias, kinds),
     )
     dataset = simulate_scenario(scenario, progress)
     return dataset if known_map else without_map(dataset)
+
+
+def _require_slow(rate_rpm: Sequence[float], interval: float) -> None:
+    """Require at most `MOST_TURNS` revolutions between epochs. InputError: more."""
+    turns = max(map(abs, rate_rpm)) * interval / 60
+    if turns > MOST_TURNS:
+        raise InputError(
+            f"a rate of {' '.join(map(str, rate_rpm))} rpm at an interval of {interval} s is {turns:.3g} revolutions between "
+            f"epochs; give less than {MOST_TURNS}"
+        )
+
+
+def _checked_bias(bias: Sequence[float], kinds: Sequence[str]) -> tuple[float, float, float]:
+    """Bias of a gyro among these kinds, rad/s. InputError: no gyro, no three numbers in range."""
+    if len(bias) != 3:
+        raise InputError(
+            f"gyro_bias is {value_text(tuple(bias))}; give three numbers, about the axes x, y, z"
+        )
+    if "gyro" not in kinds:
+        raise InputError(f"a gyro's bias is for the kind gyro; a {kinds[0]} has no gyro")
+    for value in bias:
+        GYRO_BIAS.require("gyro_bias", value)
+    return bias[0], bias[1], bias[2]

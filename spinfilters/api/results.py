@@ -96,7 +96,7 @@ class EstimatorResult:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Run(Mapping[str, EstimatorResult]):
-    """Estimators side by side on one data set: a mapping from an estimator's name to its result.
+    """Results of estimators on one data set, by the estimator's name.
 
     Printed, and shown in a notebook, it is the table of the command.
 
@@ -182,7 +182,9 @@ class Run(Mapping[str, EstimatorResult]):
         return Path(folder)
 
     def to_dataframe(self) -> Any:
-        """The numbers of ``summary.json`` as a pandas.DataFrame, a row per estimator; tables as ``a.b``, lists as ``a_1``.
+        """The numbers of ``summary.json`` as a pandas.DataFrame, a row per estimator.
+
+        Tables as ``a.b``, lists as ``a_1``.
 
         Raises
         ------

@@ -54,7 +54,10 @@ def data_frame(columns: Mapping[str, Any], index: str) -> Any:
 
 
 def flattened(value: Any, name: str) -> Iterator[tuple[str, Any]]:
-    """Names and values of a document's numbers and words: ``a.b`` of tables, ``a_1`` of lists; a list of sentences is one text."""
+    """Flat names and values of a document's numbers and words.
+
+    ``a.b`` of tables, ``a_1`` of lists; a list of sentences is one text.
+    """
     if isinstance(value, Mapping):
         for key, inner in value.items():
             yield from flattened(inner, f"{name}.{key}" if name else str(key))

@@ -37,7 +37,10 @@ def matrix_from_quaternion(q: Quaternions) -> Matrices:
 
 
 def quaternion_from_matrix(R: Matrices) -> Quaternions:
-    """q_ab of R_ab with a scalar part that is not negative; accurate at every angle, 180 degrees included."""
+    """q_ab of R_ab with a non-negative scalar part.
+
+    Accurate at every angle, 180 degrees included.
+    """
     R = _finite("R", R, 3, 3)
     off = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)).max(axis=(-2, -1))
     _require(off <= UNIT_TOLERANCE, "R", R, "is not orthonormal")
@@ -46,22 +49,34 @@ def quaternion_from_matrix(R: Matrices) -> Quaternions:
 
 
 def quaternion_from_mrp(a: Vectors) -> Quaternions:
-    """Quaternion of the 4 x MRP a = 4 tan(angle/4) n, of any length (Tweddle 2013, Eq. 2.35)."""
+    """Quaternion of the 4 x MRP a = 4 tan(angle/4) n.
+
+    Of any length (Tweddle 2013, Eq. 2.35).
+    """
     return _numeric(expressions.quaternion_from_mrp, 3)(_finite("a", a, 3))[0]
 
 
 def mrp_from_quaternion(q: Quaternions) -> Vectors:
-    """4 x MRP of the short way round, |a| <= 4; `shadow_mrp` gives the long way (Tweddle 2013, Eq. 2.34)."""
+    """4 x MRP of the short way round, |a| <= 4.
+
+    `shadow_mrp` gives the long way (Tweddle 2013, Eq. 2.34).
+    """
     return _numeric(expressions.short_mrp_from_quaternion, 4)(_unit("q", q))[0]
 
 
 def shadow_mrp(a: Vectors) -> Vectors:
-    """The other 4 x MRP of the same attitude, -16 a / |a|^2; InputError at a = 0 (infinite shadow)."""
+    """The other 4 x MRP of the same attitude, -16 a / |a|^2.
+
+    InputError at a = 0 (infinite shadow).
+    """
     return _numeric(expressions.shadow_mrp, 3)(_nonzero_mrp(a))[0]
 
 
 def shadow_mrp_covariance(a: Vectors, P: Matrices) -> Matrices:
-    """Covariance of the shadow of a 4 x MRP with mean a and covariance P (rad^2), to first order: J P J'."""
+    """First-order covariance J P J' of the shadow of a 4 x MRP.
+
+    Mean a and covariance P (rad^2).
+    """
     P = _finite("P", P, 3, 3)
     (J,) = _numeric(expressions.shadow_mrp_jacobian, 3)(_nonzero_mrp(a))
     return J @ P @ np.swapaxes(J, -1, -2)
@@ -84,21 +99,28 @@ def quaternion_from_axis_angle(axis: Vectors, angle: Angles | float) -> Quaterni
 
 
 def axis_angle_from_quaternion(q: Quaternions) -> tuple[Vectors, Angles]:
-    """Unit axis and angle in [0, pi] rad of the short way round; no rotation has axis x and angle 0."""
+    """Unit axis and angle in [0, pi] rad of the short way round.
+
+    No rotation has axis x and angle 0.
+    """
     axis, angle = _numeric(expressions.axis_angle_from_quaternion, 4)(_unit("q", q))
     return axis, angle[..., 0]
 
 
 def quaternion_from_euler321(angles: Vectors) -> Quaternions:
-    """q_ib of [psi, theta, phi] = yaw, pitch, roll in rad: R_ib = Rz(psi) Ry(theta) Rx(phi), any angles.
+    """q_ib of yaw, pitch and roll [psi, theta, phi], rad.
 
+    R_ib = Rz(psi) Ry(theta) Rx(phi), any angles.
     R_ib maps body to inertial: Tweddle 2013, Eq. 2.14, transposed, which is printed inertial to body.
     """
     return _numeric(expressions.quaternion_from_euler321, 3)(_finite("angles", angles, 3))[0]
 
 
 def euler321_from_quaternion(q: Quaternions) -> Vectors:
-    """[psi, theta, phi] of q_ib in rad: |psi|, |phi| <= pi, |theta| <= pi/2; roll phi is 0 in gimbal lock."""
+    """Yaw, pitch and roll [psi, theta, phi] of q_ib, rad.
+
+    |psi|, |phi| <= pi, |theta| <= pi/2; roll phi is 0 in gimbal lock.
+    """
     return _numeric(expressions.euler321_from_quaternion, 4)(_unit("q", q))[0]
 
 
@@ -118,12 +140,18 @@ def rotate(q: Quaternions, v: Vectors) -> Vectors:
 
 
 def angle_between(q: Quaternions, p: Quaternions) -> Angles:
-    """Angle in [0, pi] rad between two attitudes, accurate for tiny angles, for either sign of q and p."""
+    """Angle in [0, pi] rad between two attitudes.
+
+    Accurate for tiny angles, for either sign of q and p.
+    """
     return _numeric(expressions.angle_between, 4, 4)(_unit("q", q), _unit("p", p))[0][..., 0]
 
 
 def continuous_quaternions(q: Float[np.ndarray, "n *batch 4"]) -> Float[np.ndarray, "n *batch 4"]:
-    """The same attitudes, each with the sign that is nearest to the one before it along the first axis."""
+    """The same attitudes with continuous signs along the first axis.
+
+    Each has the sign that is nearest to the one before it.
+    """
     unit = _unit("q", q)
     if unit.ndim < 2:
         raise ShapeError(f"q must have shape (n, ..., 4), got {unit.shape}")
@@ -134,8 +162,9 @@ def continuous_quaternions(q: Float[np.ndarray, "n *batch 4"]) -> Float[np.ndarr
 def integrate_gyro(
     time: Float[np.ndarray, " n"], rate: Float[np.ndarray, "n 3"], attitude0: Float[np.ndarray, "4"]
 ) -> Float[np.ndarray, "n 4"]:
-    """q_ib at every stamp of a gyro log that starts from q_ib = ``attitude0``; the signs are continuous.
+    """q_ib at every stamp of a gyro log, from q_ib = ``attitude0``.
 
+    The signs are continuous.
     The rate (rad/s, body axes, free of bias) is taken as linear between stamps, which need not be evenly
     spaced; each step is the turn of `expressions.linear_rate_rotation`. The error is of fourth order in the
     spacing where the rate is linear between stamps, of second order where it is curved.
@@ -159,7 +188,10 @@ def integrate_gyro(
 
 
 def _prefix_products(q: np.ndarray) -> np.ndarray:
-    """q_0, q_0 (x) q_1, ... by pairs: rounding grows with log n, and a level is two vectorised products."""
+    """Prefix products q_0, q_0 (x) q_1, ... by pairs.
+
+    Rounding grows with log n, and a level is two vectorised products.
+    """
     count = len(q)
     if count < 2:
         return q

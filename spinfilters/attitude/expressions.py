@@ -1,12 +1,12 @@
-"""Attitude in textbook notation over CasADi types (SX, MX or DM): column vectors in, column vectors out.
+"""Attitude in textbook notation over CasADi types.
 
+SX, MX or DM: column vectors in, column vectors out.
 Quaternions are Hamilton, scalar last; an attitude error is 4 x MRP on the body side (see `conventions`).
 Every representation has a way to and from the unit quaternion, so any pair is joined by two calls. Both
 branches of an `if_else` are differentiated, so each is finite for every input: denominators are guarded where
 they are not used.
 """
 
-from functools import reduce
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
@@ -32,7 +32,10 @@ def cross_matrix(v: Expression) -> Expression:
 
 
 def product(q: Expression, p: Expression) -> Expression:
-    """q (x) p with R(q (x) p) = R(q) R(p) (Tweddle 2013, Eq. 2.31; the sign in 2.30 is corrected)."""
+    """q (x) p with R(q (x) p) = R(q) R(p).
+
+    Tweddle 2013, Eq. 2.31; the sign in 2.30 is corrected.
+    """
     vector = q[3] * p[:3] + p[3] * q[:3] + ca.cross(q[:3], p[:3])
     return ca.vertcat(vector, q[3] * p[3] - ca.dot(q[:3], p[:3]))
 
@@ -60,8 +63,9 @@ def rotate(q: Expression, v: Expression) -> Expression:
 
 
 def angle_between(q: Expression, p: Expression) -> Expression:
-    """Angle in [0, pi] between attitudes q and p of either sign: 4 atan2(|q - p|, |q + p|) (Kahan).
+    """Angle in [0, pi] between attitudes q and p of either sign.
 
+    4 atan2(|q - p|, |q + p|) (Kahan).
     Differences of close quaternions are exact, so tiny angles are not lost as in 2 acos(q . p). Not
     differentiable at 0.
     """
@@ -84,7 +88,10 @@ def quaternion_from_matrix(R: Expression) -> Expression:
         (1 - r[0] - r[1] + r[2], ca.vertcat(zx, yz, 1 - r[0] - r[1] + r[2], z)),
         (1 + r[0] + r[1] + r[2], ca.vertcat(x, y, z, 1 + r[0] + r[1] + r[2])),
     ]
-    _, column = reduce(_larger, columns)
+    largest, column = columns[0]
+    for size, each in columns[1:]:
+        column = ca.if_else(size > largest, each, column)
+        largest = ca.if_else(size > largest, size, largest)
     return normalised(_short_way(column))
 
 
@@ -99,7 +106,10 @@ def quaternion_from_rotation_vector(r: Expression) -> Expression:
 
 
 def rotation_vector_from_quaternion(q: Expression) -> Expression:
-    """Rotation vector in rad of the short way round, |r| <= pi; at pi its sign is that of q's vector part."""
+    """Rotation vector in rad of the short way round, |r| <= pi.
+
+    At pi its sign is that of q's vector part.
+    """
     q = _short_way(q)
     square, scalar = ca.dot(q[:3], q[:3]), q[3]
     small = square < SMALL_SQUARE
@@ -115,7 +125,10 @@ def quaternion_from_axis_angle(axis: Expression, angle: Expression) -> Expressio
 
 
 def axis_angle_from_quaternion(q: Expression) -> tuple[Expression, Expression]:
-    """Unit axis (3) and angle in [0, pi] of the short way round; no rotation has axis x and angle 0."""
+    """Unit axis (3) and angle in [0, pi] of the short way round.
+
+    No rotation has axis x and angle 0.
+    """
     q = _short_way(q)
     square = ca.dot(q[:3], q[:3])
     none = square < SMALLEST_SQUARE
@@ -135,8 +148,9 @@ def quaternion_from_euler321(angles: Expression) -> Expression:
 
 
 def euler321_from_quaternion(q: Expression) -> Expression:
-    """[psi, theta, phi] of q_ib: |psi|, |phi| <= pi, |theta| <= pi/2; not differentiable at theta = +-pi/2.
+    """Yaw, pitch and roll [psi, theta, phi] of q_ib.
 
+    |psi|, |phi| <= pi, |theta| <= pi/2; not differentiable at theta = +-pi/2.
     With A, B = cos(theta/2) +- sin(theta/2), the product in `quaternion_from_euler321` gives
     [w + y, z - x] = A [cos, sin]((psi - phi)/2) and [w - y, z + x] = B [cos, sin]((psi + phi)/2). The angles
     rebuild q to rounding even where yaw and roll are ill conditioned (after Bernardes and Viollet, PLoS ONE
@@ -158,42 +172,59 @@ def quaternion_from_mrp(a: Expression) -> Expression:
 
 
 def mrp_from_quaternion(q: Expression) -> Expression:
-    """4 x MRP of a unit quaternion, singular at q = [0, 0, 0, -1] (Tweddle 2013, Eq. 2.34)."""
+    """4 x MRP of a unit quaternion, singular at q = [0, 0, 0, -1].
+
+    Tweddle 2013, Eq. 2.34.
+    """
     return 4 * q[:3] / (1 + q[3])
 
 
 def short_mrp_from_quaternion(q: Expression) -> Expression:
-    """4 x MRP of the short way round, |a| <= 4: of q or -q, whichever has no negative scalar part."""
+    """4 x MRP of the short way round, |a| <= 4.
+
+    Of q or -q, whichever has no negative scalar part.
+    """
     return mrp_from_quaternion(_short_way(q))
 
 
 def shadow_mrp(a: Expression) -> Expression:
-    """The other 4 x MRP of the same attitude, -16 a / |a|^2: the MRP of -q. Undefined at a = 0."""
+    """The other 4 x MRP of the same attitude, -16 a / |a|^2.
+
+    The MRP of -q, undefined at a = 0.
+    """
     return -16 * a / ca.dot(a, a)
 
 
 def shadow_mrp_jacobian(a: Expression) -> Expression:
-    """J = d shadow_mrp / d a = 16 (2 a a' / |a|^2 - I) / |a|^2, mapping a covariance P to J P J' (3 x 3)."""
+    """Jacobian of `shadow_mrp` by a (3 x 3), for J P J'.
+
+    J = 16 (2 a a' / |a|^2 - I) / |a|^2.
+    """
     square = ca.dot(a, a)
     return 16 * (2 * a @ a.T / square - ca.DM.eye(3)) / square
 
 
 def quaternion_rate(q: Expression, w: Expression) -> Expression:
-    """q_ib' = q (x) [w, 0] / 2 for a body rate w, rad/s (Tweddle 2013, Eq. 2.39, for q body to inertial)."""
+    """q_ib' = q (x) [w, 0] / 2 for a body rate w, rad/s.
+
+    Tweddle 2013, Eq. 2.39, for q body to inertial.
+    """
     return product(q, ca.vertcat(w, 0)) / 2
 
 
 def mrp_rate(a: Expression, w: Expression) -> Expression:
-    """Rate of the 4 x MRP of q_ib for a body rate w, rad/s: ((1 - |a|^2/16) I + [a x]/2 + a a'/8) w.
+    """Rate of the 4 x MRP of q_ib for a body rate w, rad/s.
 
+    ((1 - |a|^2/16) I + [a x]/2 + a a'/8) w.
     Tweddle 2013, Eq. 2.47, for body to inertial.
     """
     return (1 - ca.dot(a, a) / 16) * w + ca.cross(a, w) / 2 + a * ca.dot(a, w) / 8
 
 
 def linear_rate_rotation(w0: Expression, w1: Expression, dt: Expression) -> Expression:
-    """Rotation vector of the turn (body at end to body at start) in dt s of a rate linear from w0 to w1.
+    """Rotation vector (end to start) of dt s at a linear rate.
 
+    The rate goes from w0 to w1.
     (w0 + w1) dt/2 + (w0 x w1) dt^2/12, rates in rad/s: the Magnus series to its coning term, with an error of
     order dt^5 (Blanes et al., Physics Reports 470, 2009; for a right factor, q' = q (x) [w, 0] / 2).
     """
@@ -202,13 +233,6 @@ def linear_rate_rotation(w0: Expression, w1: Expression, dt: Expression) -> Expr
 
 def _short_way(q: Expression) -> Expression:
     return ca.if_else(q[3] < 0, -1, 1) * q
-
-
-def _larger(
-    first: tuple[Expression, Expression], second: tuple[Expression, Expression]
-) -> tuple[Expression, Expression]:
-    wins = second[0] > first[0]
-    return ca.if_else(wins, second[0], first[0]), ca.if_else(wins, second[1], first[1])
 
 
 def _wrapped(angle: Expression) -> Expression:

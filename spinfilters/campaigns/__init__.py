@@ -1,1 +1,4 @@
-"""Campaigns: a table of factors times seeds, run on processes, a cluster or shards, kept as Parquet, told in a report."""
+"""Campaigns of simulated recordings: a table of factors times seeds.
+
+They run on processes, a cluster or shards, are kept as Parquet and told in a report.
+"""

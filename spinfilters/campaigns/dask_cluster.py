@@ -34,7 +34,9 @@ class DaskCluster:
     address: str
 
     def rows(self, study: Study, chunks: list[Chunk]) -> Iterator[Row]:
-        """Rows as they come; a scheduler that comes back is given again what it had not answered.
+        """Rows as they come.
+
+        A scheduler that comes back is given again what it had not answered.
 
         Raises
         ------
@@ -61,7 +63,10 @@ class _SchedulerLostError(Exception):
 
 
 def make_runs(document: str, fingerprint: str, chunk: Chunk) -> str:
-    """Rows of some runs as lines of JSON: what a Dask worker is asked for. Its process stays for the next."""
+    """Rows of some runs as lines of JSON, made in a Dask worker.
+
+    Its process stays for the next.
+    """
     worker = _process(document, fingerprint)
     worker.assign(chunk)
     rows: list[Row] = []
@@ -90,7 +95,10 @@ def _process(document: str, fingerprint: str) -> WorkerProcess:
 
 
 def _answers(client: Any, study: Study, chunks: list[Chunk]) -> Iterator[tuple[Chunk, list[Row]]]:
-    """Chunks with their rows as they come, a few under way at any time. _SchedulerLostError: not all came."""
+    """Chunks with their rows as they come, a few under way at any time.
+
+    _SchedulerLostError: not all came.
+    """
     document, waiting = json.dumps(dict(study.document)), iter(chunks)
     under_way: dict[Any, Chunk] = {}
     answered = _Answers()

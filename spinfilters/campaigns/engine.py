@@ -166,6 +166,7 @@ class _Pace:
         self._before, self._total, self._begin = before, total, time.monotonic()
 
     def advance(self, count: int, faulty: int) -> Advance:
+        """Progress after ``count`` runs of this call, ``faulty`` rows among all."""
         spent = time.monotonic() - self._begin
         left = spent / count * (self._total - count) if count else None
         return Advance(self._before + count, self._before + self._total, faulty, left)

@@ -59,7 +59,10 @@ class Cell:
 
 
 def study_options(document: Mapping[str, Any]) -> StudyOptions:
-    """The options of a parsed study file. InputError: no table [study], no name, no seeds, an unknown or unusable key."""
+    """The options of a parsed study file.
+
+    InputError: no table [study], no name, no seeds, an unknown or unusable key.
+    """
     table = document.get("study")
     if not isinstance(table, Mapping):
         raise InputError("has no table [study]; give one with a name and the number of seeds")
@@ -131,7 +134,10 @@ def _levels(document: Mapping[str, Any]) -> dict[str, list[Any]]:
 
 
 def _check_levels(name: str, levels: Any) -> None:
-    """A list of distinct levels: names where each has a table, values of a single key otherwise."""
+    """A list of distinct levels.
+
+    Names where each has a table, values of a single key otherwise.
+    """
     if not isinstance(levels, list) or not levels:
         raise InputError(f"factor {value_text(name)} is {value_text(levels)}; give a list of levels")
     if "." not in name and not all(isinstance(level, str) for level in levels):
@@ -156,7 +162,10 @@ def _text(level: Any) -> str:
 
 
 def cells_of(document: Mapping[str, Any]) -> Iterator[Cell]:
-    """Every combination of levels, checked. InputError: a level, key or value that is unknown or unusable; too many cells."""
+    """Every combination of levels, checked.
+
+    InputError: a level, key or value that is unknown or unusable; too many cells.
+    """
     levels = _levels(document)
     count = math.prod(len(each) for each in levels.values())
     if count > MOST_CELLS:
@@ -216,7 +225,10 @@ class _TableMaker:
 
 @dataclass(frozen=True)
 class _Part:
-    """A checked table of a level, with the smallest in the place of what is drawn, and what is drawn."""
+    """A checked table of a level, and what is drawn of it.
+
+    Drawn values stand in the table with the smallest of their range.
+    """
 
     table: Any
     drawn: tuple[DrawnNumber, ...] = ()

@@ -1,4 +1,7 @@
-"""Factors of a study: what a recording is made of. The defaults are the common workload of 115 stereo epochs."""
+"""Factors of a study.
+
+What a recording is made of. The defaults are the common workload of 115 stereo epochs.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -59,7 +62,10 @@ class MotionFactor:
 
 @dataclass(frozen=True)
 class BodyFactor:
-    """The body: principal moments of any scale, centre of mass in g, axes by yaw, pitch, roll, and its landmarks."""
+    """The body: inertia, centre of mass and landmarks.
+
+    Principal moments of any scale, centre of mass in g, axes by yaw, pitch and roll.
+    """
 
     principal_moments: tuple[Annotated[float, MOMENT], Annotated[float, MOMENT], Annotated[float, MOMENT]] = (
         1.0322,
@@ -198,7 +204,7 @@ def _made(kind: Callable[..., Fault], values: tuple[float, ...]) -> list[Fault]:
 
 @dataclass(frozen=True)
 class BeliefFactor:
-    """Standard deviations of the prior around the truth that initial beliefs are drawn from (``initialisation = "drawn"``)."""
+    """Standard deviations of the prior around the truth (``initialisation = "drawn"``)."""
 
     position_m: Annotated[float, STD] = 0.005
     attitude_rad: Annotated[float, STD] = 0.02
@@ -232,7 +238,10 @@ class RecordingFactors:
 
     @property
     def scenario(self) -> Scenario:
-        """What is simulated. InputError: an unknown kind, a body that does not lie in front of the camera."""
+        """Simulated scenario of these factors.
+
+        InputError: an unknown kind, a body that does not lie in front of the camera.
+        """
         motion, body, sensor, noise, model = self.motion, self.body, self.sensor, self.noise, self.fault.model
         if model and sensor.kind not in model_faults()[model].kinds:
             raise InputError(

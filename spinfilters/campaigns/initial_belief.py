@@ -19,7 +19,10 @@ from spinfilters.state.layout import StateLayout
 def prepared_with_drawn_belief(
     dataset: Dataset, settings: Settings, belief: BeliefFactor, generator: np.random.Generator
 ) -> Setup:
-    """A data set of `require_frames` made ready for filters that begin at its first epoch from a belief drawn around the truth."""
+    """Prepared data set with an initial belief drawn around the truth.
+
+    It is one of `require_frames`, for filters that begin at its first epoch.
+    """
     truth = dataset.truth
     assert truth is not None  # what is simulated has one
 
@@ -30,7 +33,10 @@ def prepared_with_drawn_belief(
 
 
 def require_frames(sensor: SensorFactor) -> None:
-    """Refuse sensors that do not tell the frames of the truth, in which a belief is drawn, as those of unknown landmarks."""
+    """Refuse sensors whose frames are not those of the truth.
+
+    A belief is drawn in the frames of the truth, which unknown landmarks do not tell.
+    """
     if not sensor.known_map and not sensor_of(dataset_kinds()[sensor.kind].name).tells_frames:
         raise InputError(
             "a drawn belief needs a sensor that tells the frames of the truth; give sensor.known_map = true, or "

@@ -120,7 +120,10 @@ def nees_metrics(evaluation: Evaluation, truth: Truth) -> dict[str, Any]:
 
 
 def _body_nees(history: EstimateHistory, truth: Truth) -> dict[str, Any]:
-    """Of rate and mass distribution, which need no frame i: of a gyro, whose axes are those of g."""
+    """NEES of rate and mass distribution, which need no frame i.
+
+    For a gyro, whose axes are those of g.
+    """
     layout, own = history.layout, history.own
     error = layout.local(history.mean, true_states(truth, layout)[: len(history.mean)])[own]
 

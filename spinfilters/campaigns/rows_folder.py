@@ -68,7 +68,10 @@ class RowsFolder:
         return found
 
     def append(self, row: Mapping[str, Any]) -> None:
-        """Keep a row. InputError: it cannot be written, as on a full disk; what was kept before stays."""
+        """Keep a row.
+
+        InputError: it cannot be written, as on a full disk; what was kept before stays.
+        """
         line = json.dumps(row).encode() + b"\n"
         try:
             if self._journal is None:

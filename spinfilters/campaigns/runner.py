@@ -16,7 +16,7 @@ from spinfilters.campaigns.initial_belief import prepared_with_drawn_belief
 from spinfilters.campaigns.metrics import bound_metrics, metrics, noise_metrics
 from spinfilters.campaigns.randomness import RunSeeds, run_seeds, whole_number
 from spinfilters.campaigns.schema import TIMES
-from spinfilters.campaigns.study import Run, Study
+from spinfilters.campaigns.study import CampaignRun, Study
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.input_file import printable
 from spinfilters.errors import SpinfiltersError
@@ -65,12 +65,12 @@ class Runner:
         taken = {"time_total_s": time.perf_counter() - begin}
         return asked(self.study, index) | result | self._versions | spent | taken | when_and_where()
 
-    def recording(self, run: Run) -> Dataset:
+    def recording(self, run: CampaignRun) -> Dataset:
         """The data set of a run."""
         factors = self._factors(run)
         return self._once("recording", (run.seed, factors), lambda: self._simulated(run, factors))
 
-    def setup(self, run: Run) -> Setup:
+    def setup(self, run: CampaignRun) -> Setup:
         """The run's data set, initialised."""
         cell = self.study.cells[run.cell]
         dataset = self.recording(run)
@@ -79,7 +79,7 @@ class Runner:
         with self._timed("initialise"):
             return self._once("prepared", key, lambda: self._initialised(run, cell, dataset))
 
-    def compared(self, run: Run, with_bound: bool) -> Comparison:
+    def compared(self, run: CampaignRun, with_bound: bool) -> Comparison:
         """The run's estimator, evaluated."""
         setup, settings = self.setup(run), self.study.cells[run.cell].settings
         extent = ComparisonExtent(with_bounds if with_bound else without_bounds, _no_rehearsal)
@@ -89,7 +89,7 @@ class Runner:
             raise KeyboardInterrupt
         return found
 
-    def _result(self, run: Run) -> Row:
+    def _result(self, run: CampaignRun) -> Row:
         bound = self.study.options.bound
         comparison = self.compared(run, bound == "run")
         (evaluation,) = comparison.evaluations
@@ -100,12 +100,12 @@ class Runner:
         limits = self._motion_bound(run) if bound == "motion" else bound_metrics(evaluation)
         return {"outcome": "done", "reason": ""} | found | limits
 
-    def _levels(self, run: Run, evaluation: Evaluation) -> Row:
+    def _levels(self, run: CampaignRun, evaluation: Evaluation) -> Row:
         """True and identified levels of noise."""
         identified = evaluation.history.noise or self.setup(run).identified
         return noise_metrics(identified, self._factors(run).noise.levels)
 
-    def _motion_bound(self, run: Run) -> dict[str, Any]:
+    def _motion_bound(self, run: CampaignRun) -> dict[str, Any]:
         """The bound of the cell's first seed."""
         if run.cell not in self._bounds:
             spent = self._spent
@@ -118,12 +118,12 @@ class Runner:
             self._spent = spent
         return self._bounds[run.cell]
 
-    def _factors(self, run: Run) -> RecordingFactors:
+    def _factors(self, run: CampaignRun) -> RecordingFactors:
         """What the run's recording is made of."""
         seeds = run_seeds(self.study.options.root_seed, run.seed)
         return self.study.cells[run.cell].recording_of(seeds.factors)
 
-    def _simulated(self, run: Run, factors: RecordingFactors) -> Dataset:
+    def _simulated(self, run: CampaignRun, factors: RecordingFactors) -> Dataset:
         with self._timed("simulate"):
             seeds, scenario = run_seeds(self.study.options.root_seed, run.seed), factors.scenario
             if model := factors.fault.model:
@@ -145,7 +145,7 @@ class Runner:
             dataset = without_noise(dataset)
         return with_faults(dataset, factors.fault.faults, whole_number(seeds.faults))
 
-    def _initialised(self, run: Run, cell: Cell, dataset: Dataset) -> Setup:
+    def _initialised(self, run: CampaignRun, cell: Cell, dataset: Dataset) -> Setup:
         if self.study.options.initialisation == "data":
             return prepare(dataset, cell.settings)
         generator = np.random.default_rng(run_seeds(self.study.options.root_seed, run.seed).belief)

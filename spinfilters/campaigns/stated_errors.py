@@ -1,4 +1,7 @@
-"""Errors of the last epoch in stated standard deviations: whether an estimate that is called ``ok`` is right."""
+"""Errors of the last epoch in stated standard deviations.
+
+They tell whether an estimate that is called ``ok`` is right.
+"""
 
 from typing import Final
 

@@ -17,7 +17,7 @@ from spinfilters.errors import InputError
 
 
 @dataclass(frozen=True)
-class Run:
+class CampaignRun:
     """One run: its number, its cell's number and its seed's."""
 
     index: int
@@ -47,10 +47,10 @@ class Study:
         """Number of runs."""
         return len(self.cells) * self.options.seeds
 
-    def run(self, index: int) -> Run:
+    def run(self, index: int) -> CampaignRun:
         """Run of a number; all cells of the first seed come first."""
         seed, cell = divmod(index, len(self.cells))
-        return Run(index, cell, seed)
+        return CampaignRun(index, cell, seed)
 
     @property
     def estimators(self) -> int:

@@ -122,7 +122,10 @@ class WorkerProcess:
             self._process.stdin.write(data)
 
     def _died(self) -> list[Row]:
-        """The row of the run that the process died of, unless chance may have killed it; another process for the rest."""
+        """The row of the run that ended its process.
+
+        None where chance may have ended it; another process takes the rest.
+        """
         assert self._process is not None
         code, was_ready = self._process.wait(), self._ready
         self.stop()

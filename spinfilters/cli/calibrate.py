@@ -47,24 +47,27 @@ def calibrate(options: argparse.Namespace) -> int:
         if options.check:
             used = {view.name for view in found.views}
             pair = next(pair for pair in pairs if pair[0].name in used)
-            save_figure(_figure(found, pair), place / "check.png")
+            save_figure(_figure(found, *pair), place / "check.png")
     _print(found, results, losses, options.window, folder)
     return 0 if all(result.passed for result in results) else 1
 
 
-def _figure(found: StereoCalibration, pair: tuple[Path, Path]) -> Any:
+def _figure(found: StereoCalibration, left_path: Path, right_path: Path) -> Any:
     rectification = Rectification(found.rig)
-    (left, _), (right, _) = (read_image(path) for path in pair)
+    (left, _), (right, _) = read_image(left_path), read_image(right_path)
     assert left is not None  # the board was seen in both
     assert right is not None
     images = rectification.images(left, right)
     return calibration_figure(
-        images, disparity_map(*images, largest=found.rig.left.width // 4), found.view_errors
+        *images, disparity_map(*images, largest=found.rig.left.width // 4), found.view_errors
     )
 
 
 def stated_deviations(found: StereoCalibration) -> tuple[str, str]:
-    """What each camera's file says of its uncertainty; the place of the right one is the baseline."""
+    """Standard deviations that each camera's file states.
+
+    The place of the right one is the baseline.
+    """
     left, right = ([camera.std[key] for key in PARAMETERS[:4]] for camera in found.cameras)
     return deviations_text(left), deviations_text(right, found.baseline_std)
 

@@ -89,7 +89,7 @@ def _of_time_step(options: argparse.Namespace) -> Findings:
     table = Table("process noise over the time step", "units", "condition number")
     for noise, units, value in rows:
         table.add_row(noise, units, f"{value:.4g}")
-    return Findings(document, _sweep(alpha, rate), table, conditioning_figure(rate, (dt, alpha)))
+    return Findings(document, _sweep(alpha, rate), table, conditioning_figure(rate, dt, alpha))
 
 
 def _noise_rows(dt: float, alpha: float, rate: Float[np.ndarray, " 3"]) -> list[tuple[str, str, float]]:

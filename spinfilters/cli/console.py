@@ -12,7 +12,7 @@ WIDTH_OF_FILES = 150
 
 
 def wide_console() -> Console:
-    """A terminal at its own width; a file or a pipe at one that the tables fit into.
+    """Console that tables fit into, a terminal at its own width.
 
     Texts are printed as they are: file names and comments of recordings may hold brackets and colons.
     """
@@ -22,7 +22,10 @@ def wide_console() -> Console:
 
 @contextmanager
 def progress_bars() -> Iterator[Report]:
-    """Progress bars that appear as work begins, one per name; on standard error, silent where that is no terminal."""
+    """Progress bars that appear as work begins, one per name.
+
+    On standard error, silent where that is no terminal.
+    """
     columns = (TextColumn("{task.description:>12}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     console = Console(stderr=True)
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:

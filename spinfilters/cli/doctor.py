@@ -1,4 +1,7 @@
-"""``spinfilters doctor``: what is installed here and whether it works; the page to send with a bug report."""
+"""``spinfilters doctor``: what is installed and whether it works.
+
+The page to send with a bug report.
+"""
 
 import argparse
 import os

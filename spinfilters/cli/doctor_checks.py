@@ -44,7 +44,10 @@ class CheckError(Exception):
 
 @dataclass(frozen=True)
 class Check:
-    """One self-check: ``measure`` returns a short text of numbers or raises; ``cure`` is what to do then."""
+    """One self-check.
+
+    ``measure`` returns a short text of numbers or raises; ``cure`` is what to do then.
+    """
 
     name: str
     measure: Callable[[], str]
@@ -81,7 +84,10 @@ def process_linearisation() -> str:
 
 
 def filters_run() -> str:
-    """Both filters on two seconds of a simulated gyro, from a sphere turning at the first measured rate."""
+    """Both filters on two seconds of a simulated gyro.
+
+    From a sphere turning at the first measured rate.
+    """
     process = TorqueFreeProcess(StateLayout(ROTATION_BLOCKS), ProcessNoise())
     log = simulate(Scenario(kind="gyro", epochs=20, interval=0.1)).log
     timeline = build_timeline(log, process.layout, SensorNoise())
@@ -138,7 +144,7 @@ CHECKS: Final[tuple[Check, ...]] = (
 )
 
 
-class Comparison(NamedTuple):
+class CompiledSpeed(NamedTuple):
     """Compiled code beside CasADi's virtual machine: a library, equal bits, times as fast."""
 
     is_c: bool
@@ -146,7 +152,7 @@ class Comparison(NamedTuple):
     speedup: float
 
 
-def compare_with_virtual_machine() -> Comparison:
+def compare_with_virtual_machine() -> CompiledSpeed:
     """One small expression both ways, compiled where a compiler works (into the cache)."""
     x, A = ca.SX.sym("x", 6), ca.SX.sym("A", 6, 6)
     function = ca.Function("doctor", [x, A], [ca.sin(A @ x) / (1 + ca.sumsqr(x)), A @ A.T])
@@ -155,7 +161,7 @@ def compare_with_virtual_machine() -> Comparison:
     arguments = generator.standard_normal((100, 6)), generator.standard_normal((100, 6, 6))
     equal = all(map(np.array_equal, compiled(*arguments), interpreted(*arguments)))
     single = arguments[0][0], arguments[1][0]
-    return Comparison(compiled.is_c, equal, _seconds(interpreted, *single) / _seconds(compiled, *single))
+    return CompiledSpeed(compiled.is_c, equal, _seconds(interpreted, *single) / _seconds(compiled, *single))
 
 
 def _seconds(function: Compiled, *arguments: np.ndarray) -> float:

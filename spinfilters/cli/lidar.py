@@ -79,7 +79,7 @@ def _scene(options: argparse.Namespace) -> _Scene:
 
 
 def _pattern(options: argparse.Namespace, preset: ScanPreset, mesh: TriangleMesh, kept: bool) -> RayPattern:
-    """The rays asked for; else those of the preset, else a field of view around the body."""
+    """The rays asked for, of the preset, or around the body."""
     distance = float(np.linalg.norm(preset.translation))
     around = 2 * np.rad2deg(np.arcsin(min(1.0, mesh.radius / max(distance, 1e-12)))) * _MARGIN
     widest = min(around, 179.0)

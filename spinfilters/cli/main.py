@@ -26,18 +26,16 @@ DEBUG: Final[str] = "SPINFILTERS_DEBUG"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; returns the exit code: 0, or 2 for anything that the user can mend."""
+    """Run a command.
+
+    Returns the exit code: 0, or 2 for anything that the user can mend.
+    """
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # before NumPy loads: threads only slow matrices this small
     if isinstance(sys.stdout, io.TextIOWrapper):  # a file name need not be text that the terminal has
         sys.stdout.reconfigure(errors="backslashreplace")
     options = _parser().parse_args(arguments)
-    # of a home that cannot be written we say so ourselves, and matplotlib does without
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)
-    compiling = logging.getLogger("spinfilters.compile")
-    compiling.setLevel(logging.INFO)
-    if not compiling.handlers:
-        compiling.addHandler(_CompileNotice())
+    _set_logging()
     try:
         with warnings.catch_warnings():
             # of numbers that are not finite: a status tells of them; whoever asks for warnings (-W) has asked before
@@ -67,12 +65,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
 
 
+def _set_logging() -> None:
+    # of a home that cannot be written we say so ourselves, and matplotlib does without
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
+    compiling = logging.getLogger("spinfilters.compile")
+    compiling.setLevel(logging.INFO)
+    if not compiling.handlers:
+        compiling.addHandler(_CompileNotice())
+
+
 class _CompileNotice(logging.Handler):
     """One line before the first library is built, or where none can be."""
 
     told = False
 
     def emit(self, record: logging.LogRecord) -> None:
+        """Print warnings, and once a note that models are compiled."""
         if record.levelno >= logging.WARNING:
             _complain(record.getMessage())
         elif not _CompileNotice.told:
@@ -104,6 +112,7 @@ class _Parser(argparse.ArgumentParser):
     """An argument parser whose complaint is one line."""
 
     def error(self, message: str) -> NoReturn:
+        """End the command with one line on wrong arguments, exit code 2."""
         raise SystemExit(_complain(f"{message}; see '{self.prog} --help'"))
 
 

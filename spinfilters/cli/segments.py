@@ -27,7 +27,7 @@ from spinfilters.settings.run_settings import Settings
 
 
 def list_segments(options: argparse.Namespace) -> int:
-    """Print the free flights that are found in a recording, and how to compare one of them."""
+    """Print the free flights of a recording and how to compare one."""
     whole = read_whole(options.dataset, reading_options(options))
     flights = find_flights(whole)
     if not flights:
@@ -55,7 +55,10 @@ def list_segments(options: argparse.Namespace) -> int:
 def compare_segments(
     recording: str, which: str, folder: Path, settings: Settings, options: ReadingOptions
 ) -> int:
-    """Run the estimators on every segment, write their folders and a picture of all, print the medians."""
+    """Run the estimators on every segment.
+
+    Write their folders and a picture of all, print the medians.
+    """
     refused: list[SegmentResult] = []
     datasets = read_several(
         recording, which, options, lambda number, why: refused.append(SegmentResult(number, None, why))

@@ -10,7 +10,9 @@ from spinfilters.data.measurement_log import freeze_arrays
 
 @dataclass(frozen=True, eq=False)
 class Acceleration:
-    """Specific force: acceleration without gravity of the place where the sensor sits, axes of the gyro; read-only copies.
+    """Specific force at the sensor's place, axes of the gyro; read-only copies.
+
+    Acceleration without gravity.
 
     Attributes
     ----------

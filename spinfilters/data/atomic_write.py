@@ -56,7 +56,9 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, document: object) -> None:
-    """Write a document of dicts, lists, strings, numbers and None as indented JSON, atomically; `null` for what is not finite.
+    """Write a document as indented JSON, atomically.
+
+    Of dicts, lists, strings, numbers and None; `null` for what is not finite.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What the calibration files of a camera say of their own uncertainty, as deviations of consider parameters."""
+"""Uncertainty that a camera's calibration files state, as consider parameters."""
 
 from collections.abc import Mapping
 from dataclasses import replace

@@ -95,7 +95,9 @@ class PinholeCamera:
 
 @dataclass(frozen=True)
 class StereoRig:
-    """A parallel pinhole pair: the right camera is the left one moved by the baseline along x, with a lens of its own.
+    """A parallel pinhole pair with lenses of their own.
+
+    The right camera is the left one moved by the baseline along x.
 
     Parameters
     ----------
@@ -118,7 +120,10 @@ class StereoRig:
 
     @property
     def calibration(self) -> Float[np.ndarray, " c"]:
-        """(fx, fy, cx, cy px, baseline m), then the coefficients of both lenses where one of them distorts."""
+        """(fx, fy, cx, cy px, baseline m), then coefficients of distorting lenses.
+
+        Of both lenses where one of them distorts.
+        """
         lenses = (self.left.distortion, self.right_distortion)
         both = [each or PERFECT for each in lenses] if any(lenses) else []
         return np.array([*self.left.intrinsics, self.baseline_m, *chain(*both)])

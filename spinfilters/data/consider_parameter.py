@@ -1,4 +1,4 @@
-"""Consider parameters: numbers of a calibration that estimates take as given although they are uncertain (Schmidt 1966)."""
+"""Consider parameters: uncertain calibration taken as given (Schmidt 1966)."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass

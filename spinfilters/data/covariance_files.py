@@ -4,12 +4,13 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from jaxtyping import Float
 
 from spinfilters.data.input_file import path_text
 from spinfilters.data.measurement_log import MeasurementStream, first_not_definite
 from spinfilters.data.number_range import NumberRange
 from spinfilters.data.sensor_format import sensor_format
-from spinfilters.data.table_files import read_csv, write_csv
+from spinfilters.data.table_files import Table, read_csv, write_csv
 from spinfilters.errors import InputError
 
 ENTRY: Final = NumberRange(-1e18, 1e18)
@@ -18,7 +19,10 @@ SMALLEST_VARIANCE: Final[float] = 1e-24
 
 
 def covariance_columns(sensor: str) -> tuple[str, ...]:
-    """Header of a sensor's covariance table: the time, then the lower triangle c00, c10, c11, c20 ..."""
+    """Header of a sensor's covariance table.
+
+    The time, then the lower triangle c00, c10, c11, c20 ...
+    """
     rows, columns = np.tril_indices(sensor_format(sensor).dimension)
     return ("time_s", *(f"c{i}{j}" for i, j in zip(rows.tolist(), columns.tolist(), strict=True)))
 
@@ -45,10 +49,18 @@ def with_covariance(stream: MeasurementStream, path: Path) -> MeasurementStream:
             f"time {float(table.values[row, 0])!r} s is that of no measurement, expected "
             f"{float(stream.time[row])!r} s",
         )
+    covariance = _matrices(table, sensor_format(stream.sensor).dimension)
+    try:
+        return MeasurementStream(stream.sensor, stream.time, stream.values, stream.ids, covariance)
+    except InputError as error:
+        raise InputError(f"{path_text(path)}: {error}") from None
+
+
+def _matrices(table: Table, dimension: int) -> Float[np.ndarray, "n d d"]:
+    """Covariances of a checked table's rows. InputError: as `with_covariance`."""
     table.require(slice(1, None), ENTRY)
-    dimension = sensor_format(stream.sensor).dimension
     rows, columns = np.tril_indices(dimension)
-    covariance = np.empty((len(stream), dimension, dimension))
+    covariance = np.empty((len(table.values), dimension, dimension))
     covariance[:, rows, columns] = covariance[:, columns, rows] = table.values[:, 1:]
     small = np.flatnonzero(np.diagonal(covariance, axis1=1, axis2=2).min(axis=1) < SMALLEST_VARIANCE)
     if small.size:
@@ -58,10 +70,7 @@ def with_covariance(stream: MeasurementStream, path: Path) -> MeasurementStream:
     row = first_not_definite(covariance)
     if row is not None:
         raise table.error(row, "the covariance is not positive definite; give every component a variance")
-    try:
-        return MeasurementStream(stream.sensor, stream.time, stream.values, stream.ids, covariance)
-    except InputError as error:
-        raise InputError(f"{path_text(path)}: {error}") from None
+    return covariance
 
 
 def write_covariance(path: Path, stream: MeasurementStream) -> None:

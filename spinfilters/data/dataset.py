@@ -1,5 +1,6 @@
-"""A data set: measurements of one body with what is known about them, read from a folder or a file.
+"""A data set: measurements of one body with what is known.
 
+Read from a folder or a file.
 A folder holds `dataset.toml` (kind, description, noise) and the tables of its sensors; an export of the
 phyphox app and a single gyro or TUM file are read as they are.
 """
@@ -137,7 +138,10 @@ def read_dataset(
 
 
 def has_images(path: str | os.PathLike[str]) -> bool:
-    """Whether a path is a folder of stereo images without tracks of them, which a front end must follow first."""
+    """Whether a path is a folder of stereo images without tracks.
+
+    A front end must follow these first.
+    """
     folder = Path(path)
     return os.path.isdir(folder / "cam0" / "data") and not os.path.lexists(folder / "tracks.csv")
 
@@ -152,7 +156,9 @@ def read_segments(
     on_refused: OnRefused | None = None,
     options: ReadingOptions = NOTHING_STATED,
 ) -> list[Dataset]:
-    """Every kept segment of a phyphox folder; of any other path its one data set. Errors: `read_dataset`.
+    """Every kept segment of a phyphox folder, else the one data set.
+
+    Errors: `read_dataset`.
 
     Parameters
     ----------

@@ -20,14 +20,19 @@ DENSITIES: Final[dict[str, NumberRange]] = {
 
 
 def noise_ranges() -> dict[str, NumberRange]:
-    """Keys of dataset.toml that are noise, of the sensors and of the disturbances, and what they may be."""
+    """Keys of dataset.toml that are noise, and their ranges.
+
+    Of the sensors and of the disturbances.
+    """
     stated = {name: option.allowed for name, option in noise_options().items() if option.in_dataset}
     return {**stated, **DENSITIES}
 
 
 @dataclass(frozen=True, init=False)
 class DatasetOptions:
-    """Noise of sensors and motion where one value holds for all measurements, and what else the file tells.
+    """Noise of sensors and motion that holds for all measurements.
+
+    And what else the file tells.
 
     Parameters
     ----------

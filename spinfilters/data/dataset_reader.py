@@ -32,18 +32,27 @@ class DatasetReader(ABC):
 
     @abstractmethod
     def recognises(self, path: Path) -> bool:
-        """Whether a path, which need not exist, is of this format; by its name or first bytes, without reading it all."""
+        """Whether a path, which need not exist, is of this format.
+
+        By its name or first bytes, without reading it all.
+        """
 
     @abstractmethod
     def read(self, path: Path, segment: int | None) -> "Dataset":
         """The data set. InputError: names file, line or value, and the cure."""
 
     def whole(self, path: Path) -> "Dataset":
-        """The whole recording, whatever segments are marked in it: of one without segments the data set. InputError: as `read`."""
+        """The whole recording, whatever segments are marked in it.
+
+        Of one without segments the data set. InputError: as `read`.
+        """
         return self.read(path, None)
 
     def stating(self, options: ReadingOptions) -> "DatasetReader":
-        """The reader that takes what the user states of a recording. InputError: a format that has no use for it."""
+        """The reader with what the user states of a recording.
+
+        InputError: a format that has no use for it.
+        """
         options.require_only((), self.words or "this kind of file")
         return self
 
@@ -62,7 +71,10 @@ TABLE: Final = PluginGroup("spinfilters.data.readers", "READER", DatasetReader, 
 
 
 def dataset_readers() -> list[DatasetReader]:
-    """All of them, in the order they are asked. InputError: a plug-in that cannot be loaded, a name that stands twice."""
+    """All readers, in the order they are asked.
+
+    InputError: a plug-in that cannot be loaded, a name that stands twice.
+    """
     return list(by_name(TABLE, "reader").values())
 
 

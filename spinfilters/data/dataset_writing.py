@@ -26,8 +26,9 @@ def dataset_files() -> tuple[str, ...]:
 
 
 def write_dataset(dataset: Dataset, folder: Path) -> None:
-    """Write dataset.toml and the tables of the data set, replacing a data set of the same files.
+    """Write dataset.toml and the tables of the data set.
 
+    A data set of the same files is replaced.
     Each file is atomic; dataset.toml goes first and comes last: a folder left half written is no data set.
 
     Raises

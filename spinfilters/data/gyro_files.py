@@ -82,7 +82,9 @@ class PhyphoxRecording:
 
 
 def read_gyro_csv(path: Path) -> MeasurementStream:
-    """Gyro stream of the table of a data set folder, whose header is `time_s,wx,wy,wz` (s, rad/s, g axes).
+    """Gyro stream of the table of a data set folder.
+
+    Its header is `time_s,wx,wy,wz` (s, rad/s, g axes).
 
     Raises
     ------
@@ -102,7 +104,10 @@ def read_gyro_csv(path: Path) -> MeasurementStream:
 
 
 def write_gyro_csv(path: Path, stream: MeasurementStream) -> None:
-    """Write a gyro stream so that reading gives the same bits. Atomic; covariance is not part of the file."""
+    """Write a gyro stream so that reading gives the same bits.
+
+    Atomic; covariance is not part of the file.
+    """
     write_csv(path, GYRO_COLUMNS, [stream.time, *stream.values.T])
 
 

@@ -162,7 +162,10 @@ def _tells_rate(stem: str, unit: str) -> bool:
 
 
 def _stem_and_axis(words: list[str]) -> tuple[str, str, str]:
-    """Stem without blanks, axis letter (empty without one) and a unit at the end, empty without one."""
+    """Stem without blanks, axis letter and unit of a heading.
+
+    Axis and unit are empty where there is none.
+    """
     unit = ""
     for count in (2, 1):
         tail = _spelled("/".join(words[-count:]))

@@ -37,7 +37,7 @@ def printable(text: str) -> str:
 
 
 def value_text(value: object) -> str:
-    """The value as it appears in an error: its representation, shortened to about 60 characters, one line."""
+    """The value as one line of at most about 60 characters."""
     try:
         return "".join(c if c.isprintable() else " " for c in _REPR.repr(value))
     except ValueError:  # an integer of more digits than Python prints
@@ -131,6 +131,9 @@ def _check_chunk(path: Path, chunk: bytes, breaks: int, rows: int) -> None:
 
 
 def reason(error: Exception) -> str:
-    """The words of the system or of a parser for an error ('Permission denied'): one line of at most 200."""
+    """One line on an error in the words of system or parser.
+
+    Such as 'Permission denied', at most 200 characters.
+    """
     text = (error.strerror if isinstance(error, OSError) else None) or str(error)
     return "".join(c if c.isprintable() else " " for c in " ".join(text.split())[:200])

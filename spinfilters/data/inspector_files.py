@@ -1,4 +1,7 @@
-"""Known trajectory of the inspector: `inspector.tum`, poses of cam0 in i, beside the measurements of a camera."""
+"""Known trajectory of the inspector: `inspector.tum`.
+
+Poses of cam0 in i, beside the measurements of a camera.
+"""
 
 import os
 from pathlib import Path
@@ -39,7 +42,10 @@ def write_inspector(folder: Path, inspector: MeasurementStream) -> None:
 
 
 def require_cover(inspector: MeasurementStream, log: MeasurementLog) -> None:
-    """InputError: a log without a camera, or observations of one before the first or after the last pose."""
+    """Require that the inspector's poses cover all observations of a camera.
+
+    InputError: a log without a camera, or observations of one before the first or after the last pose.
+    """
     seen = [stream.time for stream in log.streams if sensor_format(stream.sensor).calibration is not None]
     if not seen:
         raise InputError(

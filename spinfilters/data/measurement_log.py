@@ -152,7 +152,10 @@ _LARGEST_KEY = 1 << 62  # of whole numbers that are sorted
 
 
 def first_disorder(time: Float[np.ndarray, " n"], repeats: bool) -> int | None:
-    """First row whose time (s) is before its predecessor's, or equal unless `repeats`; None if in order."""
+    """First row whose time (s) is out of order, or None.
+
+    It is before its predecessor's, or equal unless `repeats`.
+    """
     step = np.diff(time)
     rows = np.flatnonzero(step < 0.0 if repeats else step <= 0.0)
     return int(rows[0]) + 1 if rows.size else None

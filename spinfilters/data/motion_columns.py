@@ -28,7 +28,10 @@ KNOWN_UNITS: Final[dict[Quantity, dict[str, float]]] = {
 
 @dataclass(frozen=True)
 class VectorColumns:
-    """Indices of the components of a vector, its unit (empty where none is stated), and whether its name means SI by convention."""
+    """Indices of a vector's components, and its unit.
+
+    Empty where none is stated; whether its name means SI by convention.
+    """
 
     indices: tuple[int, ...]
     unit: str
@@ -98,7 +101,10 @@ def _vector(
 
 
 def _clock(path: Path, names: Sequence[str], headings: Sequence[Heading | None]) -> tuple[int, str] | None:
-    """Index and unit of the clock: the only one, or the first that states its unit, seconds before others."""
+    """Index and unit of the clock among the columns.
+
+    The only one, or the first that states its unit, seconds before others.
+    """
     times = [(k, h) for k, h in enumerate(headings) if h is not None and h.quantity == "time"]
     named = [(k, h) for k, h in times if h.axis != FOREIGN]
     clocks = [(k, h.unit) for k, h in named or times]

@@ -74,7 +74,10 @@ def read_motion_table(path: Path, options: ReadingOptions, bare: Quantity | None
 
 
 def read_acceleration(path: Path, options: ReadingOptions) -> Acceleration | None:
-    """Accelerometer of a table of its own, whose columns may be called x, y and z. InputError: as `read_motion_table`."""
+    """Accelerometer of a table of its own.
+
+    Its columns may be called x, y and z. InputError: as `read_motion_table`.
+    """
     layout = read_layout(path)
     columns = motion_columns(path, layout.names, replace(options, rate=None), "acceleration")
     return _acceleration(path, layout, columns, options)
@@ -110,7 +113,10 @@ def _rates(path: Path, layout: TextLayout, columns: MotionColumns, options: Read
 
 
 def _poses(path: Path, layout: TextLayout, columns: MotionColumns, options: ReadingOptions) -> MotionTable:
-    """Poses, or attitudes where no position is there; rates beside them are taken as derived and left out."""
+    """Poses, or attitudes where no position is there.
+
+    Rates beside them are taken as derived and left out.
+    """
     options.require_only(("clock", "rate"), "a table of poses")
     has_position = "position" in columns.vectors
     table = _read(path, layout, columns, ("position", "quaternion") if has_position else ("quaternion",))
@@ -138,7 +144,10 @@ def _read(
 def _rate_unit(
     table: TextTable, vector: VectorColumns, options: ReadingOptions, is_known_export: bool
 ) -> str:
-    """Unit of body rates: stated by header or user, or by the convention of the name. InputError: none, or two."""
+    """Unit of body rates, stated or by convention of the name.
+
+    Stated by header or user. InputError: none, or two.
+    """
     if vector.unit and options.unit not in (None, vector.unit):
         raise InputError(
             f"{path_text(table.path)}: its header says {vector.unit}, --unit says {options.unit}; "
@@ -161,7 +170,10 @@ def _timed(
     layout: TextLayout,
     speed: Float[np.ndarray, " n"] | None,
 ) -> tuple[TextTable, str]:
-    """Table whose first column is the time in s, and a remark on the unit of the clock, "s" where its header says that."""
+    """Table with time in s first, and a remark on its unit.
+
+    "s" where the header says that.
+    """
     if columns.time is None:
         time = np.arange(len(table.values)) / (options.rate or 1.0)
         table = replace(table, names=("time", *table.names), values=np.column_stack([time, table.values]))
@@ -188,7 +200,10 @@ def _timed(
 
 
 def _require(table: TextTable, allowed: NumberRange, unit: str) -> None:
-    """Raise InputError for a number behind the time, of the first vector, that is out of its range."""
+    """Require every value of the first vector to be in range.
+
+    The numbers behind the time. InputError: one that is not.
+    """
     values = table.values[:, 1:4]
     outside = np.argwhere((values < allowed.smallest) | (values > allowed.largest))
     if outside.size:
@@ -220,7 +235,10 @@ def _acceleration(
 def _acceleration_times(
     table: TextTable, columns: MotionColumns, options: ReadingOptions
 ) -> Float[np.ndarray, " n"]:
-    """Times of an accelerometer's samples, s: of their clock, or of the rate that is stated, if no row is left out."""
+    """Times of an accelerometer's samples, s.
+
+    Of their clock, or of the rate that is stated, if no row is left out.
+    """
     if columns.time is None:
         return np.arange(0 if table.incomplete else len(table.values)) / (options.rate or 1.0)
     stamps, stated = table.values[:, 0], columns.time[1]
@@ -231,7 +249,10 @@ def _acceleration_times(
 def _quantities(
     path: Path, columns: MotionColumns, names: tuple[str, ...], options: ReadingOptions
 ) -> tuple[Quantity, ...]:
-    """What is read of a table; InputError where it does not tell a motion or its clock."""
+    """The quantities read of a table.
+
+    InputError where it does not tell a motion or its clock.
+    """
     found = columns.vectors
     if columns.time is None and options.rate is None:
         raise InputError(

@@ -11,8 +11,9 @@ from spinfilters.errors import InputError
 
 @dataclass(frozen=True, init=False)
 class SensorNoise:
-    """Standard deviations of the sensors whose stream has no covariances of its rows; see each sensor for its model.
+    """Standard deviations of sensors whose rows have no covariances.
 
+    See each sensor for its model.
     Every option of the registry has a value, its default where none is given, and is an attribute: ``noise.pixel_std``.
 
     Raises

@@ -80,7 +80,10 @@ def refuse_foreign(folder: Path, command: str) -> None:
 
 
 def _written_by(folder: Path, command: str) -> Mapping[str, object]:
-    """Digests of the files that a command wrote into a folder, by name; none where it wrote none."""
+    """Digests of the files that a command wrote into a folder.
+
+    By name; none where it wrote none.
+    """
     try:
         document = json.loads(read_settings_text(folder / LIST_FILE))
     except (InputError, ValueError, RecursionError):

@@ -13,7 +13,9 @@ _MOST_DESCRIBED = 8  # segments that an error describes; of more it gives the nu
 
 
 def phyphox_trial(folder: Path, recording: PhyphoxRecording, number: int | None) -> Segment | None:
-    """The kept segment of that number; with None the only one, or None where none is marked.
+    """The kept segment of that number.
+
+    With None the only one, or None where none is marked.
 
     Raises
     ------

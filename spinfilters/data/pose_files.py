@@ -1,4 +1,7 @@
-"""Trajectories in the TUM format: `timestamp tx ty tz qx qy qz qw`, blank separated, '#' for comments."""
+"""Trajectories in the TUM format.
+
+`timestamp tx ty tz qx qy qz qw`, blank separated, '#' for comments.
+"""
 
 from pathlib import Path
 from typing import Final
@@ -32,7 +35,10 @@ def read_tum(path: Path) -> MeasurementStream:
 
 
 def write_tum(path: Path, stream: MeasurementStream) -> None:
-    """Write a pose stream with at least 9 decimals and as many as give the same bits when read. Atomic."""
+    """Write a pose stream with at least 9 decimals, atomically.
+
+    As many decimals as give the same bits when read.
+    """
     write_poses(path, stream.time, stream.values[:, :3], stream.values[:, 3:])
 
 

@@ -103,7 +103,10 @@ def sensor_text(
 
 
 def deviations_text(intrinsics_std: Sequence[float], position_std: float | None = None) -> str:
-    """Lines of a `sensor.yaml` that state standard deviations: of the intrinsics px, of the camera's place m."""
+    """Lines of a `sensor.yaml` that state standard deviations.
+
+    Of the intrinsics px, of the camera's place m.
+    """
     place = "" if position_std is None else f"{POSITION_STD}: {float(position_std)}\n"
     return f"{INTRINSICS_STD}: {[float(value) for value in intrinsics_std]}\n{place}"
 
@@ -139,7 +142,10 @@ def _deviations(
 
 
 def _pose(path: Path, value: Any) -> Float[np.ndarray, "4 4"]:
-    """T_BS, camera to body: a 4x4 list, 16 numbers, or the EuRoC mapping with rows, cols and data."""
+    """T_BS, camera to body.
+
+    A 4x4 list, 16 numbers, or the EuRoC mapping with rows, cols and data.
+    """
     data = value
     if isinstance(value, dict):
         if (value.get("rows"), value.get("cols")) != (4, 4) or "data" not in value:

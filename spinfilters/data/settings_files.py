@@ -18,7 +18,10 @@ _MOST_NODES = 20_000  # of a YAML file: a calibration has a hundred
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Document of a TOML file of at most 1 MiB. InputError: unreadable file, or text that is not TOML."""
+    """Document of a TOML file of at most 1 MiB.
+
+    InputError: unreadable file, or text that is not TOML.
+    """
     text = read_settings_text(path)
     for number, line in enumerate(text.split("\n"), start=1):
         if line.count(".") > _MOST_DOTS:
@@ -32,8 +35,9 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """Mapping of a YAML file of at most 1 MiB, plain values only: no object tags, no aliases, no merge keys.
+    """Mapping of a YAML file of at most 1 MiB.
 
+    Plain values only: no object tags, no aliases, no merge keys.
     A few aliases in one another name more values than memory holds, so they are refused before any is looked up.
 
     Raises
@@ -80,7 +84,9 @@ def _refuse_growth(path: Path, text: str) -> None:
 
 
 def numbers(path: Path, key: str, value: object, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
-    """Finite numbers of a key as an array of the given shape; text such as '1e-3', no number in YAML, counts.
+    """Finite numbers of a key as an array of this shape.
+
+    Text such as '1e-3', no number in YAML, counts.
 
     Raises
     ------

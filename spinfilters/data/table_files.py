@@ -20,7 +20,10 @@ _WRITE_ROWS = 4096  # rows turned into text at a time, which bounds the memory o
 
 @dataclass(frozen=True)
 class TableFormat:
-    """How a table is laid out: delimiter (None: blanks), comment mark, header line, comma as decimal mark."""
+    """Layout of a table.
+
+    Delimiter (None: blanks), comment mark, header line, comma as decimal mark.
+    """
 
     delimiter: str | None
     comment: str | None = None
@@ -28,7 +31,10 @@ class TableFormat:
     decimal_comma: bool = False
 
     def cells(self, line: str) -> list[str]:
-        """Cells of one line as text; an empty list for a line that is blank or only a comment."""
+        """Cells of one line as text.
+
+        An empty list for a line that is blank or only a comment.
+        """
         text = line.split(self.comment, 1)[0] if self.comment else line.rstrip("\r\n")
         if not text.strip() and (self.delimiter is None or not text):
             return []
@@ -42,7 +48,10 @@ TUM_FORMAT = TableFormat(delimiter=None, comment="#", header=False)
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Finite numbers of a file, one row per line that is neither blank nor a comment, and column names."""
+    """Finite numbers of a file with column names.
+
+    One row per line that is neither blank nor a comment.
+    """
 
     path: Path
     names: tuple[str, ...]
@@ -61,7 +70,10 @@ class Table:
         return InputError(f"{path_text(self.path)}: line {self.line(row)}: {text}")
 
     def require(self, columns: slice, allowed: NumberRange) -> None:
-        """Raise InputError, which names line, column and range, unless all numbers of the columns are of the range."""
+        """Require all numbers of the columns to be in range.
+
+        InputError: one that is not, with line, column and range.
+        """
         chosen = self.values[:, columns]
         outside = np.argwhere((chosen < allowed.smallest) | (chosen > allowed.largest))
         if outside.size:

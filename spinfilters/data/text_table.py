@@ -85,7 +85,9 @@ class TextTable:
 
 
 def read_layout(path: Path) -> TextLayout:
-    """Layout of a table whose header is its first line with letters behind comments, settings and blank lines.
+    """Layout of a table by its header.
+
+    That is its first line with letters behind comments, settings and blank lines.
 
     Raises
     ------
@@ -146,7 +148,7 @@ def read_columns(path: Path, layout: TextLayout, columns: Sequence[int], keys: i
 
 
 def _whole_row(where: str, line: str, layout: TextLayout) -> list[str]:
-    """Cells of a line, one per column; an empty one behind the last is dropped. InputError: another number of cells."""
+    """Cells of a line, one per column, but an empty last one."""
     cells = layout.cells(line)
     if cells[-1:] == [""] and len(cells) == len(layout.names) + 1:
         cells.pop()
@@ -208,7 +210,7 @@ def _data_lines(path: Path, layout: TextLayout) -> Iterator[tuple[int, str]]:
 
 
 def _lines(path: Path, encoding: str) -> Iterator[tuple[int, str]]:
-    """Lines without comments, numbered from 1. InputError: bytes that are not of the encoding, a line beyond all measure."""
+    """Numbered lines without comments. InputError: bytes of another encoding, endless lines."""
     number = 0
     try:
         with open(path, encoding=encoding, newline=None) as stream:
@@ -266,7 +268,7 @@ def _encoding(path: Path) -> str:
 def _header(
     line: str, following: Sequence[tuple[int, str]]
 ) -> tuple[str | None, bool, tuple[str, ...]] | None:
-    """Delimiter, decimal comma and names where a line is that of column names, with numbers below it."""
+    """Delimiter, decimal comma and names of a header above numbers, or None."""
     text = line.strip().lstrip("%").strip()
     delimiter = max(_DELIMITERS, key=text.count)
     separator = delimiter if delimiter in text else None

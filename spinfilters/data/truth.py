@@ -47,7 +47,9 @@ _TRIANGLE = 1e-6  # relative: a flat body, whose moments satisfy A + B = C, must
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """True motion, and true mass properties as far as they are known. The arrays are read-only copies.
+    """True motion, and mass properties as far as known.
+
+    The arrays are read-only copies.
 
     Parameters
     ----------
@@ -88,7 +90,9 @@ class Truth:
 
 
 def read_truth(folder: Path) -> Truth | None:
-    """Truth of a folder: `truth.csv`, and `truth.toml` where there is one. None when the folder has neither.
+    """Truth of a folder, None without any.
+
+    `truth.csv`, and `truth.toml` where there is one.
 
     Raises
     ------

@@ -26,8 +26,9 @@ class Stability(Enum):
 
 @dataclass(frozen=True)
 class AxisStability:
-    """One principal axis (0, 1, 2 for x, y, z): both roots in rad/s and the verdict.
+    """Stability about one principal axis (0, 1, 2 for x, y, z).
 
+    Both roots in rad/s and the verdict.
     Imaginary roots are +-i times the nutation frequency in body axes, real ones +- the growth rate. NEUTRAL
     has two zero roots: another moment equals this one (the rate then drifts towards that axis without end) or
     nothing spins.
@@ -51,8 +52,9 @@ class AxisStability:
 def axis_stability(
     principal_moments: Float[np.ndarray, "3"], spin_rate: float
 ) -> tuple[AxisStability, AxisStability, AxisStability]:
-    """Stability of a spin at `spin_rate` (rad/s, any sign) about the x, y and z principal axes.
+    """Stability of a spin about the x, y and z principal axes.
 
+    At `spin_rate` (rad/s, any sign).
     Moments in kg m^2. Linear, so silent on energy loss: dissipation also destabilises the axis of smallest
     inertia.
     """

@@ -17,7 +17,10 @@ from spinfilters.dynamics.polhode import PolhodeShape, polhode_shape
 
 @dataclass(frozen=True)
 class EulerRates:
-    """A rate that moves: polhode, signs (+1 or -1) of w_A and w_C, u0, and lambda = du/dt in rad/s."""
+    """Elliptic parameters of a rate that moves.
+
+    Polhode, signs (+1 or -1) of w_A and w_C, u0, and lambda = du/dt in rad/s.
+    """
 
     shape: PolhodeShape
     signs: tuple[float, float]
@@ -41,7 +44,10 @@ class EulerRates:
 
 
 def euler_rates(moments: Float[np.ndarray, "3"], rate0: Float[np.ndarray, "3"]) -> EulerRates:
-    """The motion of a rate that is `rate0` (rad/s) at t = 0 and not fixed (`polhode.is_fixed_rate`)."""
+    """The motion of a rate from `rate0` (rad/s) at t = 0.
+
+    It is not fixed (`polhode.is_fixed_rate`).
+    """
     shape = polhode_shape(moments, rate0)
     a, b, c = shape.axes
     ac, bc = moments[c] - moments[a], moments[c] - moments[b]

@@ -24,7 +24,10 @@ CIRCULAR_LIMIT: Final[float] = 0.5
 
 @dataclass(frozen=True)
 class EllipticModulus:
-    """Parameter m = k^2 and complement m1 = 1 - m, in [0, 1], each to full relative accuracy."""
+    """Parameter m = k^2 and complement m1 = 1 - m.
+
+    In [0, 1], each to full relative accuracy.
+    """
 
     parameter: float
     complement: float
@@ -43,7 +46,10 @@ class EllipticModulus:
 def jacobi_functions(
     argument: Float[np.ndarray, "*batch"], modulus: EllipticModulus
 ) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch"]]:
-    """sn, cn and dn of a real argument, to a few 1e-16 besides the rounding of the argument."""
+    """Jacobi's sn, cn and dn of a real argument.
+
+    To a few 1e-16 besides the rounding of the argument.
+    """
     if modulus.parameter <= CIRCULAR_LIMIT:
         return _circular_series(argument, modulus)
     period = 2.0 * modulus.quarter_period
@@ -55,7 +61,10 @@ def jacobi_functions(
 
 
 def argument_of(sine: float, cosine: float, modulus: EllipticModulus) -> float:
-    """The u in [-K, K] with sn u = `sine` and cn u = `cosine` >= 0, by Carlson's R_F (DLMF 19.25.5)."""
+    """The u in [-K, K] with sn u = `sine`, cn u = `cosine` >= 0.
+
+    By Carlson's R_F (DLMF 19.25.5).
+    """
     square = cosine * cosine
     return float(sine * elliprf(square, square + modulus.complement * sine * sine, 1.0))
 
@@ -73,7 +82,10 @@ def _quarter_period(complement: float) -> float:
 def _circular_series(
     argument: Float[np.ndarray, "*batch"], modulus: EllipticModulus
 ) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch"]]:
-    """sn, cn, dn as ratios of theta functions of z = pi u / 2K; theta 1, 2 lack the factor 2 q^(1/4)."""
+    """sn, cn, dn as ratios of theta functions of pi u / 2K.
+
+    z = pi u / 2K; theta 1, 2 lack the factor 2 q^(1/4).
+    """
     quarter = modulus.quarter_period
     nome = math.exp(-math.pi * modulus.complementary_quarter_period / quarter)
     z = 0.5 * math.pi / quarter * argument

@@ -73,7 +73,10 @@ def near_local_mass(s: Expression, other: Expression) -> Expression:
 
 
 def reset_mass_jacobian(d: Expression) -> Expression:
-    """Derivative of the error about s [+] d with respect to the error about s, at d (5 x 5); it does not depend on s."""
+    """Jacobian (5 x 5) of the error about s [+] d by that about s.
+
+    At d; it does not depend on s.
+    """
     e = ca.SX.sym("e", DIMENSION)
     root = exponential(_traceless(d) / 2)
     inverse = _lower_inverse(_cholesky(root @ root.T))

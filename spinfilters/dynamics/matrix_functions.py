@@ -24,8 +24,9 @@ def exponential(D: Expression) -> Expression:
 
 
 def logarithm(X: Expression) -> Expression:
-    """log(X) of a positive definite X: repeated square roots, then 2 artanh((X - I)(X + I)^-1) as a series.
+    """log(X) of a positive definite X.
 
+    Repeated square roots, then 2 artanh((X - I)(X + I)^-1) as a series.
     Eigenvalue formulas would lose half the digits where eigenvalues meet, which for a sphere is everywhere.
     """
     eye = ca.DM.eye(3)

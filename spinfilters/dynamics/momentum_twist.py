@@ -78,7 +78,10 @@ def _periodic_twist(
 
 
 def _fourier_coefficients(invariants: Invariants, shape: PolhodeShape) -> Float[np.ndarray, " n"]:
-    """c_n of f(u) = sum c_n cos(n pi u / K), by the trapezoidal rule, which converges as the series does."""
+    """c_n of f(u) = sum c_n cos(n pi u / K), by the trapezoidal rule.
+
+    It converges as the series does.
+    """
     quarter, width = shape.modulus.quarter_period, shape.modulus.complementary_quarter_period
     harmonics = max(MINIMUM_HARMONICS, math.ceil(LOG_ROUNDING * quarter / (math.pi * width)))
     samples = 2 * harmonics + 2
@@ -94,7 +97,10 @@ def _separatrix_twist(
     rates: EulerRates,
     time: Float[np.ndarray, "*batch"],
 ) -> Float[np.ndarray, "*batch"]:
-    """m1 = 0: the integral of psi' = 2 T/h + D gamma / (h (h cosh u + J_C gamma))."""
+    """Twist on the separatrix, m1 = 0.
+
+    The integral of psi' = 2 T/h + D gamma / (h (h cosh u + J_C gamma)).
+    """
     a, _, _ = rates.shape.axes
     alpha, _, gamma = rates.shape.amplitudes
     h = invariants.momentum

@@ -71,7 +71,10 @@ class Polhode:
 def polhode(
     principal_moments: Float[np.ndarray, " 3"], rate: Float[np.ndarray, " 3"], points: int = 361
 ) -> Polhode:
-    """The polhode of a rate (rad/s, principal axes) of a body with these moments (kg m^2, any order)."""
+    """The polhode of a rate of a body with these moments.
+
+    Rad/s, principal axes; kg m^2, any order.
+    """
     moments = validate_principal_moments(principal_moments)
     rate = finite_vector(rate, 3, "rate", "rad/s")
     momentum, energy = ellipsoid_semi_axes(moments, rate)
@@ -86,7 +89,10 @@ def polhode(
 def ellipsoid_semi_axes(
     principal_moments: Float[np.ndarray, " 3"], rate: Float[np.ndarray, " 3"]
 ) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
-    """Semi-axes H / J (momentum) and sqrt(2 E / J) (energy) in rad/s (Tweddle 2013, Eqs 2.79 and 2.81)."""
+    """Semi-axes H / J and sqrt(2 E / J) of both ellipsoids, rad/s.
+
+    Momentum and energy (Tweddle 2013, Eqs 2.79 and 2.81).
+    """
     momentum = float(np.linalg.norm(angular_momentum(principal_moments, rate)))
     energy = float(rotational_energy(principal_moments, rate))
     return momentum / principal_moments, np.sqrt(2.0 * energy / principal_moments)
@@ -110,7 +116,10 @@ def polhode_kind(principal_moments: Float[np.ndarray, " 3"], rate: Float[np.ndar
 
 
 def is_fixed_rate(principal_moments: Float[np.ndarray, " 3"], rate: Float[np.ndarray, " 3"]) -> bool:
-    """Whether J w x w is exactly zero: the body rests, is a sphere, or spins about a principal axis."""
+    """Whether J w x w is exactly zero.
+
+    The body rests, is a sphere, or spins about a principal axis.
+    """
     pairs = ((0, 1), (1, 2), (2, 0))
     return all(
         principal_moments[i] == principal_moments[j] or rate[i] == 0.0 or rate[j] == 0.0 for i, j in pairs

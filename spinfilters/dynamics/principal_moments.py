@@ -56,12 +56,18 @@ def finite_vector(
 def angular_momentum(
     principal_moments: Float[np.ndarray, " 3"], rate: Float[np.ndarray, "*batch 3"]
 ) -> Float[np.ndarray, "*batch 3"]:
-    """Angular momentum h = J w in body principal axes, kg m^2/s; `rate` in rad/s (Tweddle 2013, Eq. 2.78)."""
+    """Angular momentum h = J w in body principal axes, kg m^2/s.
+
+    `rate` in rad/s (Tweddle 2013, Eq. 2.78).
+    """
     return principal_moments * rate
 
 
 def rotational_energy(
     principal_moments: Float[np.ndarray, " 3"], rate: Float[np.ndarray, "*batch 3"]
 ) -> Float[np.ndarray, "*batch"]:
-    """Rotational kinetic energy w'Jw / 2 in J; `rate` in principal axes, rad/s (Tweddle 2013, Eq. 2.80)."""
+    """Rotational kinetic energy w'Jw / 2, J.
+
+    `rate` in principal axes, rad/s (Tweddle 2013, Eq. 2.80).
+    """
     return np.asarray(0.5 * np.sum(principal_moments * np.square(rate), axis=-1))

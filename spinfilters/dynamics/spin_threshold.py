@@ -65,7 +65,10 @@ class SpinThreshold:
 
 
 def spin_threshold(mission: InspectionMission) -> SpinThreshold:
-    """sqrt(F / (m r)) and sqrt(-g0 Isp ln(1 - Mf) / (r dt)), rad/s (Tweddle 2013, Eqs 1.2 and 1.10)."""
+    """Spin thresholds of force and of fuel, rad/s.
+
+    sqrt(F / (m r)) and sqrt(-g0 Isp ln(1 - Mf) / (r dt)) (Tweddle 2013, Eqs 1.2 and 1.10).
+    """
     radius = mission.station_keeping_radius
     exhaust_speed = STANDARD_GRAVITY * mission.specific_impulse
     velocity_change = -exhaust_speed * math.log1p(-mission.max_mass_fraction)

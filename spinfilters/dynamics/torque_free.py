@@ -1,5 +1,6 @@
-"""Exact torque-free motion of a rigid body in closed form. Rate and attitude, the reference of every integrator.
+"""Exact torque-free motion of a rigid body in closed form.
 
+Rate and attitude, the reference of every integrator.
 Jacobi (1849); Landau and Lifshitz, Mechanics, section 37. The rate is in `euler_rates`, the turn about the
 angular momentum in `momentum_twist`; this file joins them into an attitude and treats the rates that stay
 fixed.
@@ -41,8 +42,9 @@ def torque_free_motion(
     time: Float[np.ndarray, "*batch"],
     attitude0: Float[np.ndarray, "4"] | None = None,
 ) -> TorqueFreeMotion:
-    """Rate and attitude at every `time` (s, any sign, any shape) of a body that moves freely from t = 0.
+    """Rate and attitude at times of a torque-free motion.
 
+    Every `time` (s, any sign, any shape) of a body that moves freely from t = 0.
     `principal_moments` in any order, kg m^2 up to a common factor; `rate0` (rad/s, body principal axes) and
     `attitude0` (q_ib, default identity) hold at t = 0. Over 100 revolutions the error is about 1e-13 of |w|
     and 1e-13 rad for the doubles given as input, also next to the separatrix and for nearly equal moments.
@@ -119,7 +121,10 @@ def _encircled_axis(rates: EulerRates) -> Float[np.ndarray, "3"]:
 
 
 def _tilt(momentum: Float[np.ndarray, "*batch 3"], rates: EulerRates) -> Float[np.ndarray, "*batch 4"]:
-    """S: quaternion (e x h, |h| + e.h) / norm of the smallest rotation from e to h, never 180 degrees."""
+    """Quaternion S of the smallest rotation from e to h.
+
+    (e x h, |h| + e.h) / norm, never 180 degrees.
+    """
     axis = _encircled_axis(rates)
     vector = np.cross(axis, momentum)
     scalar = np.linalg.norm(momentum, axis=-1) + momentum @ axis

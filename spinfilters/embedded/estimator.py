@@ -69,7 +69,10 @@ class EmbeddedFilter(Estimator):
         self._fast = self._not_finite = 0
 
     def start(self, belief: Gaussian | LandmarkBelief) -> None:
-        """Begin with a belief, landmarks included; what does not fit in the map's slots is left out."""
+        """Begin with a belief, landmarks included.
+
+        What does not fit in the map's slots is left out.
+        """
         n = self.layout.error_dim
         self._slots = MapSlots(self.options.landmarks)
         self._fast = self._not_finite = 0
@@ -177,7 +180,10 @@ class EmbeddedFilter(Estimator):
         self._fast, self._not_finite = (int(count) for count in snapshot["counts"])
 
     def _observed(self, measurement: Measurement) -> UpdateReport:
-        """Landmarks of the map, or of a known one, which stands in the map for this call alone."""
+        """Landmarks of the estimated map, or of a known one.
+
+        A known one stands in the map for this call alone.
+        """
         assert self._map is not None
         k = len(measurement.values)
         if k == 0:

@@ -1,4 +1,7 @@
-"""The folder of a generated filter: C, Makefile, test vectors and a page for the firmware engineer."""
+"""The folder of a generated filter.
+
+C, Makefile, test vectors and a page for the firmware engineer.
+"""
 
 from pathlib import Path
 

@@ -50,7 +50,9 @@ def model_texts(options: EmbedOptions) -> tuple[str, str]:
 
 
 def function_text(function: ca.Function) -> str:
-    """A function of scalar expressions as C: inputs and outputs by name, no work arrays, numbers of the filter's precision.
+    """A function of scalar expressions as C.
+
+    Inputs and outputs by name, no work arrays, numbers of the filter's precision.
 
     Raises
     ------
@@ -95,11 +97,32 @@ SCALARS = ("h", "dt")
 
 def config_text(options: EmbedOptions) -> str:
     """``spinfilter_config.h``: sizes, places, gates and the sparsity of the transition."""
+    layout = options.layout
+    names = ", ".join(f"{block.symbol} {block.mean_size}" for block in layout.members)
+    lines = [
+        "/* Generated with spinfilter_model.h; not to be edited. */",
+        "#ifndef SPINFILTER_CONFIG_H",
+        "#define SPINFILTER_CONFIG_H",
+        "",
+        *(["#define SF_DOUBLE"] if options.real == "double" else []),
+        *(f"#define SF_HAS_{name.upper()}" for name in options.sensors),
+        f'#define SF_STATE "{names}" /* of x; errors: {", ".join(layout.blocks)}, one number less for q */',
+        *(f"#define {name} {value}" for name, value in _config_numbers(options).items()),
+        "",
+        *_pattern_lines(options),
+        "",
+        "#endif",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _config_numbers(options: EmbedOptions) -> dict[str, float | str]:
+    """Sizes, places in the state, and gates, by their macros."""
     layout, count = options.layout, options.substeps
     phi, g = transition_pattern(layout)
     seen = MODELS[options.sensors[0]](layout).columns
-    first = layout.blocks
-    numbers = {
+    numbers: dict[str, float | str] = {
         "SF_NX": layout.mean_dim,
         "SF_N": layout.error_dim,
         "SF_MOVING": moving_dim(layout),
@@ -125,33 +148,29 @@ def config_text(options: EmbedOptions) -> str:
         numbers["SF_STEREO_PARAMETERS"] = MODELS["stereo"](layout).parameter_dim - POINT
     if "gyro" in options.sensors:
         numbers["SF_GYRO_PARAMETERS"] = MODELS["gyro"](layout).parameter_dim
-    names = ", ".join(f"{block.symbol} {block.mean_size}" for block in layout.members)
-    lines = [
-        "/* Generated with spinfilter_model.h; not to be edited. */",
-        "#ifndef SPINFILTER_CONFIG_H",
-        "#define SPINFILTER_CONFIG_H",
-        "",
-        *(["#define SF_DOUBLE"] if options.real == "double" else []),
-        *(f"#define SF_HAS_{name.upper()}" for name in options.sensors),
-        f'#define SF_STATE "{names}" /* of x; errors: {", ".join(first)}, one number less for q */',
-        *(f"#define {name} {value}" for name, value in numbers.items()),
-        "",
+    return numbers
+
+
+def _pattern_lines(options: EmbedOptions) -> list[str]:
+    """Sparsity of the transition and weights of the noise, as one macro."""
+    phi, g = transition_pattern(options.layout)
+    weights = ", ".join(f"(sf_real){w!r}" for w in noise_weights(options.substeps))
+    return [
         "#define SF_PATTERN /* of the moving rows of transition and noise factor, for spinfilter_predict.c alone */ \\",
         *_table("unsigned char sf_phi_start", _starts(phi)),
         *_table("unsigned char sf_phi_column", [c for row in phi for c in row]),
         *_table("unsigned char sf_g_start", _starts(g)),
         *_table("unsigned char sf_g_column", [c for row in g for c in row]),
-        *_table("unsigned char sf_row_end", _ends(g, moving_dim(layout))),
-        f"  static const sf_real sf_weight[] = {{{', '.join(f'(sf_real){w!r}' for w in noise_weights(count))}}}",
-        "",
-        "#endif",
-        "",
+        *_table("unsigned char sf_row_end", _ends(g, moving_dim(options.layout))),
+        f"  static const sf_real sf_weight[] = {{{weights}}}",
     ]
-    return "\n".join(lines)
 
 
 def noise_weights(substeps: int) -> list[float]:
-    """Weights of the noise at the nodes of a prediction: Simpson's of two substeps, Boole's of more."""
+    """Weights of the noise at the nodes of a prediction.
+
+    Simpson's of two substeps, Boole's of more.
+    """
     return list(SIMPSON) if substeps == 2 else [float(weight) for weight in boole_weights(substeps)]
 
 
@@ -167,7 +186,10 @@ def _starts(rows: list[list[int]]) -> list[int]:
 
 
 def _ends(g: list[list[int]], moving: int) -> list[int]:
-    """Columns that a row of [Phi U | G] fills, at most, once the rows below it have been taken out."""
+    """Columns that a row of [Phi U | G] fills, at most.
+
+    Once the rows below it have been taken out.
+    """
     ends = [moving + 1 + max(row) for row in g]
     assert moving % 3 == 0
     return [-(-max(ends[k:]) // 3) * 3 for k in range(len(ends))]

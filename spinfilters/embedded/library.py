@@ -34,7 +34,10 @@ def template(name: str) -> str:
 
 @cache
 def load_filter(options: EmbedOptions) -> ctypes.PyDLL | None:
-    """The filter compiled for this machine with the flags of a flight build, or None without a compiler."""
+    """The filter compiled for this machine, None without a compiler.
+
+    With the flags of a flight build.
+    """
     return load_text("embedded_filter", one_text(library_texts(options)), (*FLAGS, "-fno-math-errno"))
 
 

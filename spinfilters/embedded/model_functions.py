@@ -1,5 +1,8 @@
 """The model of a generated filter as CasADi functions: transition, sensors, retraction and reset."""
 
+from collections.abc import Mapping
+from typing import NamedTuple
+
 import casadi as ca
 import numpy as np
 
@@ -39,8 +42,9 @@ def model_functions(options: EmbedOptions) -> list[ca.Function]:
 
 
 def inertia_function() -> ca.Function:
-    """s (5) to J (6, lower triangle column by column) and its first five entries' derivatives (5 x 5) by the error of s.
+    """J and its first five entries' derivatives by the error of s.
 
+    s (5) to J (6, lower triangle column by column), derivatives (5 x 5).
     The scale of J does not matter, so that of J33 is put into the other five.
     """
     s, d = ca.SX.sym("s", 5), ca.SX.sym("d", 5)
@@ -53,7 +57,7 @@ def inertia_function() -> ca.Function:
     slope = ca.jacobian(_lower_triangle(ca.trace(moved) * ca.DM.eye(3) - moved), d)
     slope = slope[:INERTIA_ENTRIES, :] - entries[:INERTIA_ENTRIES] @ (slope[5, :] / entries[5])
     outputs = [entries, row_by_row(ca.substitute(slope, d, ca.SX.zeros(5)))]
-    return _function("inertia", ([s], outputs), ["s"], ["j", "dj"])
+    return _function("inertia", {"s": s}, dict(zip(("j", "dj"), outputs, strict=True)))
 
 
 def substep_function() -> ca.Function:
@@ -61,12 +65,13 @@ def substep_function() -> ca.Function:
     inputs, outputs = substep_expression()
     rows = [each if each.shape[1] == 1 else row_by_row(each) for each in outputs]
     names = ["q_after", "w_after", "a_aa", "a_aw", "a_ww", "b_a", "b_w"]
-    return _function("substep", (inputs, rows), ["q", "w", "j", "h"], names)
+    return _function("substep", dict(zip("qwjh", inputs, strict=True)), dict(zip(names, rows, strict=True)))
 
 
 def transition_expression(layout: StateLayout) -> tuple[list[ca.SX], list[ca.SX]]:
-    """Inputs and (point after, transition n x n, noise factor n x k) of a step from those of its rotation.
+    """Symbolic step from that of its rotation.
 
+    Inputs and (point after, transition n x n, noise factor n x k).
     Inputs, matrices row by row: the point, its rotation after the step (q 4, w 3), Psi_aa, Psi_aw, Psi_ww (3 x 3), Theta_a,
     Theta_w (3 x 5, by entries of J), dJ (5 x 5), the rotation's noise of unit density (6 x 6, lower triangle row by row), dt, and
     densities (force, torque).
@@ -86,18 +91,25 @@ def transition_expression(layout: StateLayout) -> tuple[list[ca.SX], list[ca.SX]
     factor[a, :6], factor[w, :6] = root[:3, :], root[3:, :]
     values = layout.unpack(x) | {"q": after[:4], "w": after[4:]}
     if layout.translates:
-        values["t"] = _translate(layout, (x, after[:4], dt, psd[0]), transition, factor)
+        values["t"] = _translate(layout, _DiscreteStep(x, after[:4], dt, psd[0]), transition, factor)
     inputs = [x, after, *flat, noise, dt, psd]
     return inputs, [layout.pack(values), transition, factor]
 
 
 def transition_function(layout: StateLayout) -> ca.Function:
-    """`transition_expression` with the structural non-zeros of the moving rows of transition and factor alone, row by row."""
+    """`transition_expression` with structural non-zeros alone, row by row.
+
+    Of the moving rows of transition and factor.
+    """
     inputs, (after, transition, factor) = transition_expression(layout)
     moving = moving_dim(layout)
     rows = [_nonzeros_by_row(each[:moving, :]) for each in (transition, factor)]
     names = ["x", "rotation", "psi_aa", "psi_aw", "psi_ww", "th_a", "th_w", "dj", "noise", "dt", "psd"]
-    return _function("transition", (inputs, [after, *rows]), names, ["x_after", "phi", "g"])
+    return _function(
+        "transition",
+        dict(zip(names, inputs, strict=True)),
+        dict(zip(("x_after", "phi", "g"), (after, *rows), strict=True)),
+    )
 
 
 def moving_dim(layout: StateLayout) -> int:
@@ -106,14 +118,20 @@ def moving_dim(layout: StateLayout) -> int:
 
 
 def transition_pattern(layout: StateLayout) -> tuple[list[list[int]], list[list[int]]]:
-    """Columns of the structural non-zeros of every moving row, of the transition and of the noise factor."""
+    """Columns of the structural non-zeros of every moving row.
+
+    Of the transition and of the noise factor.
+    """
     _, (_, transition, factor) = transition_expression(layout)
     moving = moving_dim(layout)
     return _columns_by_row(transition[:moving, :]), _columns_by_row(factor[:moving, :])
 
 
 def correction_function(layout: StateLayout) -> ca.Function:
-    """x [+] d, and the reset Jacobians less the identity, of attitude (3 x 3) and mass distribution (5 x 5)."""
+    """x [+] d, and the reset Jacobians less the identity.
+
+    Of attitude (3 x 3) and mass distribution (5 x 5).
+    """
     x, d = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("d", layout.error_dim)
     before, y = layout.unpack(x), {}
     moved = ca.SX()
@@ -125,8 +143,9 @@ def correction_function(layout: StateLayout) -> ca.Function:
         y[block.symbol] = block.chart.retract(value, error)
         if block.chart.normalised is not None:
             y[block.symbol] = block.chart.normalised(y[block.symbol])
-    outputs = [layout.pack(y), row_by_row(attitude_reset(d[layout.slice("a")])), row_by_row(moved)]
-    return _function("correction", ([x, d], outputs), ["x", "d"], ["y", "moved_a", "moved_s"])
+    attitude = row_by_row(attitude_reset(d[layout.slice("a")]))
+    outputs = {"y": layout.pack(y), "moved_a": attitude, "moved_s": row_by_row(moved)}
+    return _function("correction", {"x": x, "d": d}, outputs)
 
 
 def measurement_function(model: MeasurementModel) -> ca.Function:
@@ -143,13 +162,18 @@ def measurement_function(model: MeasurementModel) -> ca.Function:
     here = model.innovation(model.symbolic(state, p), z)
     jacobian = ca.substitute(-ca.jacobian(away, d)[:, model.columns], d, ca.SX.zeros(*d.shape))
     root = ca.SX(model.noise_factor(state, p))
-    outputs = [_solved(root, here), row_by_row(_solved(root, jacobian)), ca.SX(model.valid(state, p))]
-    return _function(model.name, ([x, p, z], outputs), ["x", "p", "z"], ["rho", "h", "valid"])
+    outputs = {
+        "rho": _solved(root, here),
+        "h": row_by_row(_solved(root, jacobian)),
+        "valid": model.valid(state, p),
+    }
+    return _function(model.name, {"x": x, "p": p, "z": z}, outputs)
 
 
 def landmark_functions(model: LandmarkSensor) -> list[ca.Function]:
-    """A landmark sensor's observation, and a landmark from one, both of its point y in frame i (3, m).
+    """A landmark sensor's observation, and its inverse.
 
+    Both of the landmark's point y in frame i (3, m).
     Such a sensor sees the state through y = t + R_ig p alone, so how an observation depends on pose and landmark follows from how
     it depends on y. The sensor's own function: whitened innovation, its derivative by y (3 x 3), validity. ``new``: y, root of the
     covariance that the sensor's noise gives it (3 x 3), whether told.
@@ -160,17 +184,17 @@ def landmark_functions(model: LandmarkSensor) -> list[ca.Function]:
     origin = model.layout.unpack(ca.SX(ca.DM(model.layout.origin())))
     state = origin | {"t": y}
     here, root = model.innovation(model.symbolic(state, p), z), ca.SX(model.noise_factor(state, p))
-    observed = [
-        _solved(root, here),
-        row_by_row(_solved(root, -ca.jacobian(here, y))),
-        ca.SX(model.valid(state, p)),
-    ]
+    observed = {
+        "rho": _solved(root, here),
+        "by_y": row_by_row(_solved(root, -ca.jacobian(here, y))),
+        "valid": model.valid(state, p),
+    }
     made = model.landmark(origin, z, p)
     told = ca.fmin(model.determined(z, p), model.valid(origin | {"t": made}, p))
-    new = [made, row_by_row(ca.jacobian(made, z) @ root), told]
+    new = {"y": made, "spread": row_by_row(ca.jacobian(made, z) @ root), "told": told}
     return [
-        _function(model.name, ([y, camera, z], observed), ["y", "camera", "z"], ["rho", "by_y", "valid"]),
-        _function(f"new_{model.name}", ([camera, z], new), ["camera", "z"], ["y", "spread", "told"]),
+        _function(model.name, {"y": y, "camera": camera, "z": z}, observed),
+        _function(f"new_{model.name}", {"camera": camera, "z": z}, new),
     ]
 
 
@@ -178,35 +202,44 @@ def rotation_function(layout: StateLayout) -> ca.Function:
     """R_ig (3 x 3) of a state."""
     x = ca.SX.sym("x", layout.mean_dim)
     rotation = matrix_from_quaternion(layout.unpack(x)["q"])
-    return _function("rotation", ([x], [row_by_row(rotation)]), ["x"], ["r"])
+    return _function("rotation", {"x": x}, {"r": row_by_row(rotation)})
 
 
-def _translate(
-    layout: StateLayout, given: tuple[ca.SX, ca.SX, ca.SX, ca.SX], transition: ca.SX, factor: ca.SX
-) -> Expression:
-    """Fill in the rows of t and v; returns t after the step: t + R c + dt v - R' c."""
-    x, q_after, dt, force_psd = given
-    values = layout.unpack(x)
+class _DiscreteStep(NamedTuple):
+    """State before a step, q_ig after it, dt in s, and the power of the force's noise."""
+
+    x: ca.SX
+    q_after: ca.SX
+    dt: ca.SX
+    force_psd: ca.SX
+
+
+def _translate(layout: StateLayout, step: _DiscreteStep, transition: ca.SX, factor: ca.SX) -> Expression:
+    """Fill in the rows of t and v, give t after the step.
+
+    t + R c + dt v - R' c.
+    """
+    values, dt = layout.unpack(step.x), step.dt
     t, a, v, w, c, s = (layout.slice(name) for name in ("t", "a", "v", "w", "c", "s"))
-    before, after = matrix_from_quaternion(values["q"]), matrix_from_quaternion(q_after)
+    before, after = matrix_from_quaternion(values["q"]), matrix_from_quaternion(step.q_after)
     lever, lever_after = before @ ca.skew(values["c"]), after @ ca.skew(values["c"])
     transition[t, a] = lever_after @ transition[a, a] - lever
     transition[t, w], transition[t, s] = lever_after @ transition[a, w], lever_after @ transition[a, s]
     transition[t, v], transition[t, c] = dt * ca.SX.eye(3), before - after
-    root = ca.sqrt(force_psd) * ca.sqrt(dt)
+    root = ca.sqrt(step.force_psd) * ca.sqrt(dt)
     factor[t, :6] = lever_after @ factor[a, :6]
     factor[t, 6:9] = root * dt / np.sqrt(3) * ca.SX.eye(3)
     factor[v, 6:9], factor[v, 9:12] = root * np.sqrt(3) / 2 * ca.SX.eye(3), root / 2 * ca.SX.eye(3)
     return values["t"] + dt * values["v"] + (before - after) @ values["c"]
 
 
-def _function(
-    name: str, expressions: tuple[list[ca.SX], list[Expression]], inputs: list[str], outputs: list[str]
-) -> ca.Function:
-    """A function whose outputs are written in full, zeros too: code that reads them knows no sparsity."""
-    return ca.Function(
-        name, expressions[0], [ca.densify(ca.SX(each)) for each in expressions[1]], inputs, outputs, SHARED
-    )
+def _function(name: str, inputs: Mapping[str, ca.SX], outputs: Mapping[str, Expression]) -> ca.Function:
+    """A function with dense outputs, zeros written too.
+
+    Code that reads them knows no sparsity.
+    """
+    dense = [ca.densify(ca.SX(each)) for each in outputs.values()]
+    return ca.Function(name, list(inputs.values()), dense, list(inputs), list(outputs), SHARED)
 
 
 def _solved(root: ca.SX, right: ca.SX) -> ca.SX:

@@ -1,4 +1,7 @@
-"""The embedded filter in NumPy with plain covariances: what defines it, and where its test vectors come from."""
+"""The embedded filter in NumPy with plain covariances.
+
+It defines the filter, and its test vectors come from it.
+"""
 
 from dataclasses import dataclass
 

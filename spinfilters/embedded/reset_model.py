@@ -1,5 +1,6 @@
-"""Correction of the mean and reset Jacobian less the identity, E = J - I, accurate relative to themselves.
+"""Correction of the mean and reset Jacobian E = J - I.
 
+Less the identity, accurate relative to themselves.
 An update moves a constant by very little, which float must not lose beside one.
 
 Attitude: with the MRP m = a / 4, J = ((1 - m'm) I - 2 [m x] + 2 m m') / (1 + m'm)^2.
@@ -27,8 +28,9 @@ def attitude_reset(a: Expression) -> Expression:
 
 
 def mass_correction(s: Expression, d: Expression) -> tuple[Expression, Expression]:
-    """s [+] d of a mass distribution (`spinfilters.dynamics.mass_distribution.retract_mass`), and E of its error d, 5 x 5.
+    """s [+] d of a mass distribution, and E of its error d.
 
+    `spinfilters.dynamics.mass_distribution.retract_mass`; E is 5 x 5.
     A commutator of symmetric matrices is skew, so ad_D^2 = B A with A (3 x 5) and B (5 x 3): the series needs powers of A B.
     """
     D, e, v = _traceless(d), ca.SX.sym("e", 5), ca.SX.sym("v", 3)
@@ -51,7 +53,10 @@ def mass_correction(s: Expression, d: Expression) -> tuple[Expression, Expressio
 
 
 def _cholesky(N: Expression) -> Expression:
-    """L - I of the lower factor L of I + N, 3 x 3, without a difference of numbers near one."""
+    """L - I of the lower Cholesky factor L of I + N, 3 x 3.
+
+    Without a difference of numbers near one.
+    """
     zero = ca.SX(0)
     a = _root(N[0, 0])
     b, c = N[1, 0] / (1 + a), N[2, 0] / (1 + a)

@@ -34,8 +34,9 @@ def inertia_of(entries: Expression) -> Expression:
 
 
 def substep_expression() -> tuple[list[ca.SX], list[ca.SX]]:
-    """Inputs (q 4, w 3, J 6, h) and outputs (q 4, w 3, A_aa 3x3, A_aw 3x3, A_ww 3x3, B_a 3x5, B_w 3x5) of a substep of h seconds.
+    """Symbolic substep of h seconds with its derivatives.
 
+    Inputs (q 4, w 3, J 6, h) and outputs (q 4, w 3, A_aa 3x3, A_aw 3x3, A_ww 3x3, B_a 3x5, B_w 3x5).
     A is the transition of the error (a, w), B its sensitivity to the `INERTIA_ENTRIES`.
     """
     q, w, j, h = ca.SX.sym("q", 4), ca.SX.sym("w", 3), ca.SX.sym("j", 6), ca.SX.sym("h")
@@ -54,7 +55,10 @@ def substep_expression() -> tuple[list[ca.SX], list[ca.SX]]:
 
 
 def _stages(w: ca.SX, j: ca.SX, h: ca.SX) -> tuple[list[ca.SX], list[tuple[ca.SX, ca.SX]], list[ca.SX]]:
-    """Rates at the stages, their slopes with derivatives by (w, J), and derivatives (3, 8) of the rates."""
+    """Rates at the stages with slopes and derivatives.
+
+    Slopes with derivatives by (w, J), and derivatives (3, 8) of the rates.
+    """
     at, entries, k = ca.SX.sym("at", 3), ca.SX.sym("entries", 6), ca.SX.sym("k", 3)
     J = inertia_of(entries)
     torque = (
@@ -79,7 +83,10 @@ def _stages(w: ca.SX, j: ca.SX, h: ca.SX) -> tuple[list[ca.SX], list[tuple[ca.SX
 
 
 def _turn(rates: list[ca.SX], h: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Quaternion of the substep from rates at the stages, and the derivative (3, 12) of its error by these rates."""
+    """Quaternion of the substep and the derivative (3, 12) of its error.
+
+    From and by the rates at the stages.
+    """
     symbols = [ca.SX.sym(f"w{k}", 3) for k in range(len(rates))]
     identity, k, total = ca.SX([0, 0, 0, 1]), ca.SX(4, 1), ca.SX(4, 1)
     for rate, (place, weight) in zip(symbols, STAGES, strict=True):

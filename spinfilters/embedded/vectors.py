@@ -1,4 +1,7 @@
-"""Test vectors of a generated filter: a short motion, its measurements, and what the reference says of it."""
+"""Test vectors of a generated filter.
+
+A short motion, its measurements, and what the reference says of it.
+"""
 
 from dataclasses import dataclass
 
@@ -72,6 +75,7 @@ class _PoseOrGyro:
         self._values: list[np.ndarray] = []
 
     def measure(self, reference: ReferenceFilter, truth: np.ndarray, rng: np.random.Generator) -> None:
+        """Take one noisy pose or rate from the true state and update."""
         expected = self._model.predict(truth, self._parameters)
         value = expected + 0.003 * rng.normal(size=len(expected))
         if self._model.name == "pose":
@@ -80,11 +84,15 @@ class _PoseOrGyro:
         assert reference.update(self._model, value, self._parameters)
 
     def finished(self) -> dict[str, np.ndarray]:
+        """Test-vector arrays: the measured values."""
         return {"values": np.array(self._values)}
 
 
 class _Stereo:
-    """Landmarks on the near side of a ball; at first those of every other place are known."""
+    """Stereo landmarks on the near side of a ball, half of them known.
+
+    At first those of every other place are known.
+    """
 
     def __init__(
         self, options: EmbedOptions, arrays: dict[str, np.ndarray], rng: np.random.Generator
@@ -105,6 +113,7 @@ class _Stereo:
         self._values: list[np.ndarray] = []
 
     def measure(self, reference: ReferenceFilter, truth: np.ndarray, rng: np.random.Generator) -> None:
+        """Take noisy stereo observations from the true state and update."""
         from spinfilters.embedded.reference import OwnLandmark
 
         if not self._values:
@@ -120,6 +129,7 @@ class _Stereo:
         self._landmarks = reference.landmarks
 
     def finished(self) -> dict[str, np.ndarray]:
+        """Test-vector arrays: values, and the last landmarks (m, frame g)."""
         last = [self._landmarks[place].point for place in range(len(self._points))]
         return {"values": np.array(self._values), "points": np.array(last)}
 

@@ -26,10 +26,15 @@ class Updated:
 
 
 class RecursiveEstimator(Protocol):
-    """Functions of beliefs that are never changed: the same arguments give the same belief, bit for bit."""
+    """Recursive estimator as functions of immutable beliefs.
+
+    The same arguments give the same belief, bit for bit.
+    """
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """Name of the estimator in tables and files."""
+        ...
 
     def predict(self, belief: Gaussian, dt: float) -> Gaussian:
         """The belief dt > 0 seconds later."""
@@ -59,6 +64,7 @@ class LatestBelief(Estimator):
         )
 
     def start(self, belief: Gaussian) -> None:
+        """Begin with a belief. InputError: blocks other than the process'."""
         if belief.layout != self.layout:
             raise InputError(
                 f"belief has the blocks {belief.layout.blocks}, the process has {self.layout.blocks}"
@@ -67,18 +73,23 @@ class LatestBelief(Estimator):
 
     @property
     def belief(self) -> Gaussian:
+        """Latest belief."""
         return self._belief
 
     def predict(self, dt: float) -> None:
+        """Replace the belief by its prediction ``dt`` seconds ahead."""
         self._belief = self._recursive.predict(self._belief, dt)
 
     def update(self, measurement: Measurement) -> UpdateReport:
+        """Replace the belief by its update, and report that."""
         updated = self._recursive.update(self._belief, measurement)
         self._belief = updated.belief
         return updated.report
 
     def snapshot(self) -> Snapshot:
+        """Copies of the belief's mean and covariance factor."""
         return {"mean": self._belief.mean.copy(), "factor": self._belief.factor.copy()}
 
     def restore(self, snapshot: Snapshot) -> None:
+        """Take mean and covariance factor from a `snapshot`."""
         self._belief = Gaussian(self.layout, snapshot["mean"].copy(), snapshot["factor"].copy())

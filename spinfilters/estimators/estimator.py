@@ -39,7 +39,10 @@ NO_IDS = np.zeros(0, dtype=np.int64)
 
 @dataclass(frozen=True)
 class MapChange:
-    """What an update did to the landmarks in the state: ids that it used (with their weights), took in, and let go."""
+    """What an update did to the landmarks in the state.
+
+    Ids that it used (with their weights), took in, and let go.
+    """
 
     used: Int[np.ndarray, " u"]
     weights: Float[np.ndarray, " u"]
@@ -73,11 +76,17 @@ class ProcessModel(Protocol):
     """What a filter asks of a process: see `spinfilters.models.process.TorqueFreeProcess`."""
 
     @property
-    def layout(self) -> StateLayout: ...
+    def layout(self) -> StateLayout:
+        """Layout of the states."""
+        ...
 
-    def step(self, x: Float[np.ndarray, "*batch m"], dt: float) -> Float[np.ndarray, "*batch m"]: ...
+    def step(self, x: Float[np.ndarray, "*batch m"], dt: float) -> Float[np.ndarray, "*batch m"]:
+        """States ``dt`` seconds later without disturbances, shape as ``x``."""
+        ...
 
-    def linearise(self, x: Float[np.ndarray, " m"], dt: float) -> LinearisedStep: ...
+    def linearise(self, x: Float[np.ndarray, " m"], dt: float) -> LinearisedStep:
+        """One step of ``dt`` seconds, linearised at ``x``."""
+        ...
 
     def linearise_steps(
         self,
@@ -85,7 +94,9 @@ class ProcessModel(Protocol):
         there: Float[np.ndarray, "s m"],
         dt: Float[np.ndarray, " s"],
         about: Float[np.ndarray, "s m"] | None = None,
-    ) -> LinearisedSteps: ...
+    ) -> LinearisedSteps:
+        """Steps from ``here`` to ``there``, each linearised at ``here`` or ``about``."""
+        ...
 
 
 Snapshot = dict[str, np.ndarray]
@@ -124,7 +135,10 @@ class Estimator(ABC):
         """Take in one sensor's values at the present time."""
 
     def update_all(self, measurements: Sequence[Measurement]) -> list[UpdateReport]:
-        """Take in everything of the present time, in its order; an estimator that solves anew does so once."""
+        """Update by everything of the present time, in its order.
+
+        An estimator that solves anew does so once.
+        """
         return [self.update(measurement) for measurement in measurements]
 
     @abstractmethod
@@ -133,4 +147,7 @@ class Estimator(ABC):
 
     @abstractmethod
     def restore(self, snapshot: Snapshot) -> None:
-        """Go on from a `snapshot` of an estimator that was built alike: the same numbers follow, bit for bit."""
+        """Go on from a `snapshot` of an estimator built alike.
+
+        The same numbers follow, bit for bit.
+        """

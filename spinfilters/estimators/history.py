@@ -72,7 +72,10 @@ class EstimateHistory:
         return float(self.time[self.initialisation - 1]) if self.initialisation else None
 
     def thinned(self, epochs: int) -> "EstimateHistory":
-        """Epochs at a constant step, at most so many, the last among them; no array is copied."""
+        """Epochs at a constant step with the last, without copies.
+
+        At most so many.
+        """
         step = -(-len(self.time) // epochs)
         rows = slice((len(self.time) - 1) % step, None, step)
         observed = None if self.observations is None else self.observations[rows]
@@ -117,8 +120,9 @@ class EstimateHistory:
 
 
 class GrowingHistory:
-    """The epochs of a run so far: grows by one epoch at a time, and goes into a file and comes back as plain arrays.
+    """Growing record of a run's epochs.
 
+    It goes into a file and comes back as plain arrays.
     The arrays have room ahead, which takes no memory before it is written to.
 
     Parameters
@@ -162,8 +166,9 @@ class GrowingHistory:
         return self._before + self._count - 1
 
     def reserve(self, epochs: int, before: int = 0) -> None:
-        """Make room for so many epochs in all, and for ``before`` more in front of them (see `ended`).
+        """Make room for so many epochs in all.
 
+        And for ``before`` more in front of them (see `ended`).
         No less than what there is.
         """
         before, epochs = max(before, self._before), max(epochs, self._count)

@@ -29,8 +29,9 @@ def run(
     on_epoch: Callable[[int], None] | None = None,
     rows: GrowingHistory | None = None,
 ) -> EstimateHistory:
-    """Take an estimator, started or restored at ``time`` (s), through a timeline that begins then or later.
+    """Take an estimator through a timeline.
 
+    It is started or restored at ``time`` (s); the timeline begins then or later.
     A belief or likelihood that stops being finite, or numbers that a library cannot go on with (`NUMERICAL_ERRORS`), end the run
     with the status ``failed``; Ctrl-C ends it as ``degraded``.
     Either way what was estimated up to there is returned.
@@ -72,8 +73,9 @@ def run(
 
 
 def rehearse(estimator: Estimator, time: float, timeline: Timeline) -> None:
-    """Take an estimator through its first epochs for what it computes with to be built before a clock runs.
+    """Take an estimator through its first epochs beforehand.
 
+    What it computes with is built before a clock runs.
     Functions belong to layouts, sensors and process models, so that another estimator of the same ones finds them built.
 
     Parameters
@@ -89,7 +91,10 @@ def rehearse(estimator: Estimator, time: float, timeline: Timeline) -> None:
 
 
 def advance(estimator: Estimator, epoch: Epoch, dt: float) -> list[UpdateReport]:
-    """Move an estimator ``dt`` >= 0 seconds ahead to an epoch and take in its measurements, in their order."""
+    """Advance an estimator to an epoch and update it.
+
+    ``dt`` >= 0 seconds ahead; measurements in their order.
+    """
     if dt > 0:
         estimator.predict(dt)
     return estimator.update_all(epoch.measurements)

@@ -1,4 +1,7 @@
-"""The one place where a measurement log meets models: epochs of measurements in the order of time."""
+"""Timeline: epochs of a measurement log, bound to sensor models.
+
+The one place where the two meet; in the order of time.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -52,7 +55,9 @@ class SensorTimeline:
 
 @dataclass(frozen=True, eq=False)
 class LogTimeline(Sequence[Epoch]):
-    """Epochs of a log, made when they are asked for: a long recording stays a few arrays.
+    """Epochs of a log, made when they are asked for.
+
+    A long recording stays a few arrays.
 
     Attributes
     ----------
@@ -86,7 +91,10 @@ def times_of(epochs: Timeline) -> Float[np.ndarray, " k"]:
 
 
 def distinct(time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
-    """Distinct times in their order; they are sorted where need be alone, as one stream's are not."""
+    """Distinct times in ascending order.
+
+    Sorted where need be alone, as one stream's are not.
+    """
     step = np.diff(time)
     return time[np.r_[True, step > 0]] if len(time) and (step >= 0).all() else np.unique(time)
 
@@ -94,8 +102,9 @@ def distinct(time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
 def build_timeline(
     log: MeasurementLog, layout: StateLayout, noise: SensorNoise, view: CameraView | None = None
 ) -> Timeline:
-    """Epochs of a log over a state layout; sensors that measure at the same stamp share an epoch.
+    """Epochs of a log over a state layout.
 
+    Sensors that measure at the same stamp share an epoch.
     Rows whose landmark is not in a known map are left out.
 
     Raises

@@ -1,5 +1,6 @@
-"""Agreement of a filter with the smoother of the same measurements: the NEES that the filter is expected to have.
+"""Agreement of a filter with the smoother of the same measurements.
 
+The NEES that the filter is expected to have.
 A smoother linearises until it has converged, a filter once. Where the smoother's belief N(x_s, P_s) is right, the error of a
 filter's N(x_f, P_f) has the expected NEES
 
@@ -17,8 +18,9 @@ from spinfilters.evaluation.consistency import finite_epochs
 
 
 def expected_nees(history: EstimateHistory, smoother: EstimateHistory) -> Float[np.ndarray, " n"]:
-    """Expected NEES per degree of freedom of a filter's own epochs that both have; infinite where its covariance is singular.
+    """Expected NEES per degree of freedom of a filter's own epochs.
 
+    Those that both have; infinite where its covariance is singular.
     Epochs in which either is not finite are left out.
     """
     count, layout = min(len(history.time), len(smoother.time)), history.layout

@@ -127,7 +127,9 @@ def body_estimate(belief: Gaussian, intervals: bool = True) -> BodyEstimate:
 
 
 def body_history(history: EstimateHistory, intervals: bool = True) -> BodyHistory:
-    """The body after every epoch of a history whose layout has block s; not a number where the history is not finite.
+    """The body after every epoch of a history with block s.
+
+    Not a number where the history is not finite.
 
     Parameters
     ----------
@@ -182,7 +184,7 @@ def _inertias(
 def _widen(
     layout: StateLayout, mean: np.ndarray, factor: np.ndarray, found: dict[str, np.ndarray]
 ) -> Int[np.ndarray, " v"]:
-    """Put integrals over the belief in place of the first order where that is not enough; these rows."""
+    """Replace first-order rows by integrals over the belief where needed."""
     masses = factor[:, layout.slice("s")]
     axes_std = np.sqrt(np.einsum("nkk->nk", found["principal_axes_cov"]).max(axis=1))
     widest = np.maximum(np.linalg.norm(masses, axis=(1, 2)), axes_std)
@@ -205,7 +207,10 @@ def _cover(
     found: dict[str, np.ndarray],
     rows: Int[np.ndarray, " v"],
 ) -> None:
-    """Widen deviations to a quarter of what four of the belief make of moments, ratios and axes, correlations kept."""
+    """Widen deviations towards those of the integrals, correlations kept.
+
+    To a quarter of what four of the belief make of moments, ratios and axes.
+    """
     axes = np.swapaxes(found["principal_axes_g"][rows], 1, 2)
     moments, ratios, turns = widest_departures(s, principal_steps(factor), axes)
     found["log_ratios_std"][rows] = np.fmax(found["log_ratios_std"][rows], ratios)
@@ -216,7 +221,10 @@ def _cover(
 
 
 def _principal(J: Float[np.ndarray, "n 3 3"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 3"]]:
-    """Principal moments, positive even of a needle, and axes (columns); not a number where J is not finite."""
+    """Principal moments and axes (columns).
+
+    Positive even of a needle; not a number where J is not finite.
+    """
     good = np.asarray(np.isfinite(J).all(axis=(1, 2)))
     moments, vectors = np.linalg.eigh(np.where(good[:, np.newaxis, np.newaxis], J, np.eye(3)))
     moments = np.maximum(
@@ -227,7 +235,10 @@ def _principal(J: Float[np.ndarray, "n 3 3"]) -> tuple[Float[np.ndarray, "n 3"],
 
 
 def _axis_turns(moments: np.ndarray, turned: np.ndarray) -> Float[np.ndarray, "n 3 e"]:
-    """Derivative of phi in R_gb exp([phi x]): phi_1 = u_3 . du_2 and cyclic, from u_i' dJ u_j."""
+    """Derivative of the axes' rotation phi in R_gb exp([phi x]).
+
+    phi_1 = u_3 . du_2 and cyclic, from u_i' dJ u_j.
+    """
     after, last = [1, 2, 0], [2, 0, 1]
     gap = moments[:, after] - moments[:, last]
     floor = _SMALLEST_GAP * moments[:, 2:]
@@ -236,7 +247,10 @@ def _axis_turns(moments: np.ndarray, turned: np.ndarray) -> Float[np.ndarray, "n
 
 
 def _bounded(covariance: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3 3"]:
-    """The covariance with each standard deviation bounded by that of an axis of which nothing is known."""
+    """The covariance with bounded standard deviations.
+
+    The bound is that of an axis of which nothing is known.
+    """
     std = np.sqrt(np.einsum("nkk->nk", covariance))
     share = UNDETERMINED_STD / np.maximum(std, UNDETERMINED_STD)
     return covariance * share[:, :, np.newaxis] * share[:, np.newaxis]
@@ -245,7 +259,7 @@ def _bounded(covariance: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3 3
 def _with_std(
     covariance: Float[np.ndarray, "n 3 3"], undetermined: Bool[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "n 3 3"]:
-    """The covariance with the standard deviation of an axis of which nothing is known where that is so."""
+    """The covariance with the standard deviation of an unknown axis, where so."""
     std = np.sqrt(np.einsum("nkk->nk", covariance))
     share = np.where(undetermined, UNDETERMINED_STD / np.maximum(std, np.finfo(float).tiny), 1.0)
     return covariance * share[:, :, np.newaxis] * share[:, np.newaxis]

@@ -1,5 +1,6 @@
-"""Covariance of moments, log ratios and axes by a cubature rule over the Gaussian of the mass distribution.
+"""Covariance of moments, log ratios and axes by cubature.
 
+Over the Gaussian of the mass distribution.
 Derivatives are not enough even for bodies known to a few per cent: a motion determines one combination of the moments far better
 than the other, and in that thin direction the curvature of the eigenvalues is larger than the first order. With y what is asked,
 at mean [+] (the points), M the mean of (y - y0)(y - y0)' about the published y0 is what an error of y0 is compared with: the bias
@@ -90,7 +91,10 @@ def axis_turns(
 
 @cache
 def _moved_inertia() -> Compiled:
-    """J (9 x 1) at s [+] d; interpreted, for it is called a few times in a run."""
+    """J (9 x 1) at s [+] d.
+
+    Interpreted, for it is called a few times in a run.
+    """
     s, d = ca.SX.sym("s", DIMENSION), ca.SX.sym("d", DIMENSION)
     moved = ca.vec(inertia(retract_mass(s, d)))
     return Compiled.interpreted(ca.Function("moved_inertia", [s, d], [moved], ["s", "d"], ["J"]))

@@ -13,7 +13,7 @@ from spinfilters.evaluation.errors import BodyErrors, RmsErrors
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.evaluation.formatting import numbers, with_uncertainty
 from spinfilters.evaluation.span import ALWAYS, SpanErrors, shared_begin, span_errors
-from spinfilters.evaluation.table_row import DEGREE, Cell, Column, Row
+from spinfilters.evaluation.table_row import DEGREE, Cell, Column, TableRow
 from spinfilters.evaluation.usage import ObservationUse, observation_use, title_sentences
 from spinfilters.state.block import StateBlock
 from spinfilters.state.blocks import BLOCKS
@@ -83,7 +83,7 @@ def comparison_table(evaluations: Sequence[Evaluation], conditions: Sequence[str
     return table
 
 
-def _filled(row: Row, columns: Sequence[Column], bounded: bool) -> tuple[str, ...] | None:
+def _filled(row: TableRow, columns: Sequence[Column], bounded: bool) -> tuple[str, ...] | None:
     """A row's name and cells, the bound's last; None where no estimator fills one."""
     cells = [row.cell(column) for column in columns]
     if all(text is None for text in cells):
@@ -128,7 +128,7 @@ def _moment(index: int, part: int) -> Cell:
     return cell
 
 
-def _moment_error(index: int) -> Row:
+def _moment_error(index: int) -> TableRow:
     def shown(body: BodyErrors | None, sign: str) -> str | None:
         return (
             None
@@ -136,13 +136,15 @@ def _moment_error(index: int) -> Row:
             else f"{body.principal_moments[index]:{sign}#.2g}"
         )
 
-    return Row("  error", lambda c: shown(c.evaluation.body_errors, "+"), lambda c: shown(_body_bound(c), ""))
+    return TableRow(
+        "  error", lambda c: shown(c.evaluation.body_errors, "+"), lambda c: shown(_body_bound(c), "")
+    )
 
 
-def _moment_rows(name: str, index: int) -> tuple[Row, ...]:
+def _moment_rows(name: str, index: int) -> tuple[TableRow, ...]:
     return (
-        Row(name, _moment(index, 0)),
-        Row("  standard deviation", _moment(index, 1)),
+        TableRow(name, _moment(index, 0)),
+        TableRow("  standard deviation", _moment(index, 1)),
         parts_row("    random / calibration", "principal_moments", component=index),
         _moment_error(index),
     )
@@ -161,7 +163,9 @@ def _centre(body: BodyErrors | None) -> str | None:
     return None if error is None else f"{1e3 * math.hypot(*error):.3g}"
 
 
-def _rms_row(name: str, field: str, unit_in_si: float, span: Callable[[Column], SpanErrors | None]) -> Row:
+def _rms_row(
+    name: str, field: str, unit_in_si: float, span: Callable[[Column], SpanErrors | None]
+) -> TableRow:
     """The root mean square of something that moves over a span, and its bound."""
 
     def shown(rms: RmsErrors | None) -> str | None:
@@ -176,7 +180,7 @@ def _rms_row(name: str, field: str, unit_in_si: float, span: Callable[[Column], 
         found = span(column)
         return None if found is None else shown(found.bound)
 
-    return Row(name, cell, bound)
+    return TableRow(name, cell, bound)
 
 
 def _nees(span: Callable[[Column], SpanErrors | None], block: str | None = None) -> Cell:
@@ -190,7 +194,7 @@ def _nees(span: Callable[[Column], SpanErrors | None], block: str | None = None)
     return cell
 
 
-def _constant_rows(block: StateBlock) -> tuple[Row, ...]:
+def _constant_rows(block: StateBlock) -> tuple[TableRow, ...]:
     """Value and standard deviation of a constant that is a result of its own."""
     reported = block.reported
     if reported is None:
@@ -204,7 +208,7 @@ def _constant_rows(block: StateBlock) -> tuple[Row, ...]:
         found = column.evaluation.constants.get(block.name)
         return None if found is None else numbers(found.std, reported.std_format)
 
-    return Row(f"{block.label} [{block.unit}]", value), Row("  standard deviation", std)
+    return TableRow(f"{block.label} [{block.unit}]", value), TableRow("  standard deviation", std)
 
 
 def _used(show: Callable[[ObservationUse], str | None]) -> Cell:
@@ -235,24 +239,24 @@ MOTIONS = (
 )
 """What moves: name, unit, and that in SI."""
 
-SECTIONS: tuple[tuple[Row, ...], ...] = (
+SECTIONS: tuple[tuple[TableRow, ...], ...] = (
     (
-        Row("status", lambda c: str(c.evaluation.history.status.verdict)),
-        Row("own epochs", lambda c: str(len(c.evaluation.history.time[c.evaluation.history.own]))),
-        Row("observations per epoch", _used(lambda use: _optional(use.available_per_epoch, ".1f"))),
-        Row("  of these used", _used(lambda use: f"{use.used_per_epoch:.1f}")),
-        Row("  share used", _used(_share)),
-        Row("accepted / rejected", _used(lambda use: f"{use.accepted.sum()} / {use.rejected.sum()}")),
+        TableRow("status", lambda c: str(c.evaluation.history.status.verdict)),
+        TableRow("own epochs", lambda c: str(len(c.evaluation.history.time[c.evaluation.history.own]))),
+        TableRow("observations per epoch", _used(lambda use: _optional(use.available_per_epoch, ".1f"))),
+        TableRow("  of these used", _used(lambda use: f"{use.used_per_epoch:.1f}")),
+        TableRow("  share used", _used(_share)),
+        TableRow("accepted / rejected", _used(lambda use: f"{use.accepted.sum()} / {use.rejected.sum()}")),
     ),
     (
         *_moment_rows("J smallest / largest", 0),
         *_moment_rows("J middle / largest", 1),
-        Row(
+        TableRow(
             "worst principal axis [deg]",
             lambda c: _axis(c.evaluation.body_errors),
             lambda c: _axis(_body_bound(c)),
         ),
-        Row(
+        TableRow(
             "centre of mass, error [mm]",
             lambda c: _centre(c.evaluation.body_errors),
             lambda c: _centre(_body_bound(c)),
@@ -262,14 +266,14 @@ SECTIONS: tuple[tuple[Row, ...], ...] = (
     tuple(_rms_row(f"{name} error [{unit}]", name, scale, _shared) for name, unit, scale in MOTIONS),
     LATEST_ROWS,
     (
-        Row("NEES per dof", _nees(_shared)),
-        *(Row(f"  {block.label}", _nees(_shared, block.name)) for block in BLOCKS.values()),
-        Row("NIS per dof", lambda c: _optional(c.evaluation.nis_ratio, ".3f")),
+        TableRow("NEES per dof", _nees(_shared)),
+        *(TableRow(f"  {block.label}", _nees(_shared, block.name)) for block in BLOCKS.values()),
+        TableRow("NIS per dof", lambda c: _optional(c.evaluation.nis_ratio, ".3f")),
     ),
     (
         *(_rms_row(f"all epochs: {name} [{unit}]", name, scale, _every) for name, unit, scale in MOTIONS),
-        Row("all epochs: NEES per dof", _nees(_every)),
+        TableRow("all epochs: NEES per dof", _nees(_every)),
     ),
-    (Row("ms per epoch (median)", lambda c: _optional(c.evaluation.milliseconds_per_frame, ".3g")),),
+    (TableRow("ms per epoch (median)", lambda c: _optional(c.evaluation.milliseconds_per_frame, ".3g")),),
 )
 """Rows of the table, in groups."""

@@ -20,7 +20,9 @@ from spinfilters.state.layout import StateLayout
 
 @dataclass(frozen=True)
 class NormalisedErrors:
-    """NEES: e' P^-1 e of the state's error, chi-square with the error's dimension for a consistent estimator.
+    """NEES e' P^-1 e of the state's error.
+
+    Chi-square with the error's dimension for a consistent estimator.
 
     Attributes
     ----------
@@ -69,7 +71,10 @@ def chi_square_band(
 
 
 def knows_state(truth: Truth, layout: StateLayout) -> bool:
-    """Whether the truth tells every block of the layout; its frames must be those of the estimate besides."""
+    """Whether the truth tells every block of the layout.
+
+    Its frames must be those of the estimate besides.
+    """
     known = {*_fields(truth), RATE.name}
     if truth.center_of_mass_g is not None:
         known.add(POSITION.name)
@@ -79,7 +84,9 @@ def knows_state(truth: Truth, layout: StateLayout) -> bool:
 
 
 def true_states(truth: Truth, layout: StateLayout) -> Float[np.ndarray, "n m"]:
-    """Points of the layout at every stamp of the truth, in the truth's frames i and g.
+    """True states of the layout in the truth's frames i and g.
+
+    Points of it at every stamp of the truth.
 
     Raises
     ------
@@ -111,8 +118,9 @@ def _fields(truth: Truth) -> dict[str, np.ndarray]:
 
 
 def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedErrors:
-    """NEES of a history at its common stamps with a truth in the same frames i and g (`truth_in_first_frame`, if need be).
+    """NEES of a history at its common stamps with a truth.
 
+    In the same frames i and g (`truth_in_first_frame`, if need be).
     Epochs whose mean or factor is not finite are left out.
 
     The tangent is taken at the estimate. Where the pose of g at the first epoch is exact by definition, the error and the NEES
@@ -142,8 +150,9 @@ def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedError
 def normalised_square(
     error: Float[np.ndarray, "n k"], rows: Float[np.ndarray, "n k e"]
 ) -> Float[np.ndarray, " n"]:
-    """e' P^-1 e for P = rows rows', by a triangular factor of P and a solve; infinite where P is singular.
+    """e' P^-1 e for P = rows rows', infinite where P is singular.
 
+    By a triangular factor of P and a solve.
     ``rows`` are those rows of a covariance factor that belong to the error.
     """
     upper = np.asarray(np.linalg.qr(np.swapaxes(rows, 1, 2), mode="r"))
@@ -160,12 +169,18 @@ def finite_epochs(history: EstimateHistory) -> Bool[np.ndarray, " n"]:
 
 
 def nis_ratio(history: EstimateHistory) -> float | None:
-    """Sum of the NIS over the sum of its degrees of freedom, 1 when consistent; None without any."""
+    """Sum of the NIS over that of its degrees of freedom.
+
+    1 when consistent; None without any.
+    """
     dof = int(history.dof.sum())
     return float(history.nis.sum()) / dof if dof else None
 
 
 def _regular(upper: np.ndarray) -> Bool[np.ndarray, " n"]:
-    """Which triangular factors have no diagonal element that is zero, not even next to its own row of P."""
+    """Which triangular factors are numerically non-singular.
+
+    No diagonal element is zero, not even next to its own row of P.
+    """
     scale = np.linalg.norm(upper, axis=1)
     return (np.abs(np.einsum("nii->ni", upper)) > np.finfo(float).eps * scale).all(axis=1)

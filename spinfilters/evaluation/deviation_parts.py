@@ -1,5 +1,6 @@
-"""Standard deviations of the latest state and the body in two parts: chance, and errors of the calibration.
+"""Standard deviations of state and body in two parts.
 
+Chance, and errors of the calibration; of the latest state.
 Squares add up: total^2 = random^2 + calibration^2. The total is what every other number of a run states.
 """
 
@@ -38,7 +39,10 @@ def without_calibration(history: EstimateHistory) -> EstimateHistory:
 
 
 def deviation_parts(history: EstimateHistory) -> dict[str, DeviationPart]:
-    """By quantity, after the last epoch: see `_deviations`. Of an exact calibration all of it is random."""
+    """Parts of the deviations by quantity, after the last epoch.
+
+    See `_deviations`. Of an exact calibration all of it is random.
+    """
     last = replace(
         history,
         **{name: getattr(history, name)[-1:] for name in EPOCH_ARRAYS},
@@ -58,7 +62,10 @@ def deviation_parts(history: EstimateHistory) -> dict[str, DeviationPart]:
 
 
 def _deviations(last: EstimateHistory) -> Deviations:
-    """Body and motion of one epoch: moments (largest = 1), axes rad, k1 and k2, places m, velocity m/s, rate rad/s, constants."""
+    """Standard deviations of body and motion of one epoch.
+
+    Moments (largest = 1), axes rad, k1 and k2, places m, velocity m/s, rate rad/s, constants.
+    """
     belief, motion = last.belief(0), trajectory_of(last)
     body = body_estimate(belief)
     found = {

@@ -3,7 +3,7 @@
 import math
 from typing import Final
 
-from spinfilters.evaluation.table_row import DEGREE, Column, Row
+from spinfilters.evaluation.table_row import DEGREE, Column, TableRow
 
 PARTS_CAPTION: Final = (
     "random / calibration: parts of the standard deviation after the last epoch, whose squares add up; the second is what the "
@@ -11,7 +11,7 @@ PARTS_CAPTION: Final = (
 )
 
 
-def parts_row(name: str, quantity: str, unit_in_si: float = 1.0, component: int | None = None) -> Row:
+def parts_row(name: str, quantity: str, unit_in_si: float = 1.0, component: int | None = None) -> TableRow:
     """Random and calibration part of a standard deviation: of one component, or the length of all."""
 
     def cell(column: Column) -> str | None:
@@ -24,7 +24,7 @@ def parts_row(name: str, quantity: str, unit_in_si: float = 1.0, component: int 
         sizes = [math.hypot(*each) if component is None else float(each[component]) for each in both]
         return " / ".join(f"{size / unit_in_si:.2g}" for size in sizes)
 
-    return Row(name, cell)
+    return TableRow(name, cell)
 
 
 LATEST_ROWS: Final = tuple(

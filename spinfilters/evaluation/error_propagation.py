@@ -29,8 +29,9 @@ def by_stretches(epochs: int, derive: Callable[[slice], dict[str, np.ndarray]]) 
 
 
 def with_error_jacobian(layout: StateLayout, name: str, quantity: Quantity) -> Compiled:
-    """x -> (y, dy/dd at d = 0) with y = quantity(x [+] d), over any leading axes of x.
+    """x -> (y, dy/dd at d = 0) with y = quantity(x [+] d).
 
+    Over any leading axes of x.
     The derivative goes through the layout's own retraction, so it is right for every error chart. A matrix y
     comes as the column of its columns. Interpreted: it is called once per history, which no compiler repays.
     """

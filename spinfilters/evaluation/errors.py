@@ -35,7 +35,10 @@ class Alignment(StrEnum):
 
 @dataclass(frozen=True)
 class RmsErrors:
-    """Root of the mean squared length of the errors: m, rad, m/s, rad/s; None where there is no error."""
+    """Root mean square errors: m, rad, m/s, rad/s.
+
+    Of their lengths; None where there is no error.
+    """
 
     position: float | None
     attitude: float | None
@@ -116,8 +119,9 @@ class BodyErrors:
 
 
 def truth_errors(trajectory: Trajectory, truth: Truth, alignment: Alignment = Alignment.NONE) -> TruthErrors:
-    """Errors of a trajectory at its common time stamps with the truth, where it is finite; nothing is interpolated.
+    """Errors of a trajectory at its common stamps with the truth.
 
+    Where it is finite; nothing is interpolated.
     `Alignment.FIRST_FRAME` takes the first common stamp for the frame that defines g (see `truth_frames.tells_first_frame`).
 
     Raises
@@ -167,8 +171,9 @@ def _turn_of_frame(q: np.ndarray, q_true: np.ndarray, alignment: Alignment) -> F
 def attitude_alignment(
     q: Float[np.ndarray, "n 4"], q_true: Float[np.ndarray, "n 4"]
 ) -> Float[np.ndarray, "4"]:
-    """The constant rotation x, from the estimate's g to the truth's, for which q is nearest to q_true (x) x.
+    """The constant rotation from the estimate's g to the truth's.
 
+    x for which q is nearest to q_true (x) x.
     The mean of the quaternions q_true^-1 (x) q in the sense of Markley et al. (J. Guidance, Control, and
     Dynamics 30(4), 2007): the main eigenvector of the sum of their outer products, which knows no signs.
     """
@@ -182,7 +187,10 @@ def attitude_alignment(
 
 
 def body_errors(body: BodyEstimate, truth: Truth, frame: Float[np.ndarray, "4"] | None = None) -> BodyErrors:
-    """Errors of the mass properties; ``frame`` is `TruthErrors.frame`, None where truth and body are told in a common g."""
+    """Errors of the mass properties.
+
+    ``frame`` is `TruthErrors.frame`, None where truth and body are told in a common g.
+    """
     moments = k1 = k2 = None
     if truth.principal_moments is not None:
         true = np.sort(truth.principal_moments)

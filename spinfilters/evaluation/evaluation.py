@@ -57,7 +57,10 @@ class Evaluation:
 
     @property
     def trajectory(self) -> Trajectory:
-        """The motion after every epoch, made anew from the history: a long recording has no room for both."""
+        """The motion after every epoch, computed anew from the history.
+
+        A long recording has no room for both.
+        """
         return trajectory_of(self.history)
 
     @property
@@ -165,7 +168,10 @@ def _with_status(history: EstimateHistory) -> EstimateHistory:
 
 
 def _described(history: EstimateHistory) -> tuple[Evaluation, Trajectory]:
-    """Without a truth, and its trajectory; of a history whose numbers cannot be evaluated nothing remains but its epochs."""
+    """Evaluation without a truth, and the trajectory.
+
+    Of a history whose numbers cannot be evaluated nothing remains but its epochs.
+    """
     try:
         evaluation, trajectory = Evaluation(history), trajectory_of(history)
         _ = evaluation.body

@@ -1,4 +1,7 @@
-"""Flips of a tumble: the rotation about the intermediate axis reverses (Dzhanibekov), from one plateau to the next."""
+"""Flips of a tumble (Dzhanibekov).
+
+The rotation about the intermediate axis reverses, from one plateau to the next.
+"""
 
 from typing import Final
 
@@ -14,8 +17,9 @@ CLEAR: Final = 3.0
 
 
 def count_flips(rate: Float[np.ndarray, "n 3"], intermediate: int = 1) -> int:
-    """Reversals of the axis of rotation: from within 45 degrees of the intermediate axis to within 45 degrees of its opposite.
+    """Reversals of the rotation about the intermediate axis.
 
+    From within 45 degrees of the axis to within 45 degrees of its opposite.
     A rate that only crosses zero, as in every nutation about another axis, is none, nor is a reversal that is not complete.
 
     Parameters
@@ -28,7 +32,10 @@ def count_flips(rate: Float[np.ndarray, "n 3"], intermediate: int = 1) -> int:
 
 
 def knows_intermediate_axis(body: BodyEstimate) -> bool:
-    """Whether the moments stand apart from one another; the axes of two equal moments are no axes, and no flip is about them."""
+    """Whether the moments are distinct, so that axes are known.
+
+    The axes of two equal moments are no axes, and no flip is about them.
+    """
     moments, covariance = body.principal_moments, body.principal_moments_cov
     variance = np.diag(covariance)
     apart = variance[1:] + variance[:-1] - 2 * np.diag(covariance, 1)

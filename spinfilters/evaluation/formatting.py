@@ -7,7 +7,10 @@ _MOST_DECIMALS = 9
 
 
 def with_uncertainty(value: float, std: float) -> str:
-    """``value ± std`` to two significant digits of the standard deviation (between 2 and 9 decimals); "unknown" of no number."""
+    """``value ± std`` to two significant digits of the standard deviation.
+
+    Between 2 and 9 decimals; "unknown" of no number.
+    """
     if not math.isfinite(value):
         return "unknown"
     decimals = 1 - math.floor(math.log10(std)) if math.isfinite(std) and std > 0 else 4

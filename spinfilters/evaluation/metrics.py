@@ -13,7 +13,7 @@ from spinfilters.evaluation.usage import ObservationUse, observation_use
 
 
 def numbers(evaluation: Evaluation, shared: float = ALWAYS) -> dict[str, Any]:
-    """The figures of a run by name (with its unit); None where there is no such figure.
+    """The figures of a run by name with unit, None if absent.
 
     Errors, NEES and counts are over the estimator's own epochs, which a filter has behind its initialisation; ``ape`` is over
     all, as evo has it of the files.
@@ -46,7 +46,10 @@ def numbers(evaluation: Evaluation, shared: float = ALWAYS) -> dict[str, Any]:
 
 
 def use_numbers(evaluation: Evaluation, shared: float) -> dict[str, Any]:
-    """What it used of the observations over its own epochs, and over those that all estimators of the run have."""
+    """Numbers of used observations of an estimator.
+
+    Over its own epochs, and over those that all estimators of the run have.
+    """
     history = evaluation.history
     return {
         **_use(observation_use(history, ALWAYS)),
@@ -113,7 +116,10 @@ def _body_numbers(body: BodyErrors) -> dict[str, float | list[float] | None]:
 
 
 def _nees_numbers(span: SpanErrors | None) -> dict[str, float | None]:
-    """NEES per degree of freedom, mean over the epochs: of the whole state, and of each block as nees_per_dof_<block>."""
+    """Mean NEES per degree of freedom over the epochs.
+
+    Of the whole state, and of each block as nees_per_dof_<block>.
+    """
     if span is None or span.nees is None:
         return {"nees_per_dof": None}
     blocks = {f"nees_per_dof_{block}": _finite(mean) for block, mean in span.nees_blocks.items()}

@@ -100,7 +100,10 @@ class _Bodies:
         return y, np.concatenate([ratios, turned], axis=-2)
 
     def values(self, u: Float[np.ndarray, "n p 5"]) -> Float[np.ndarray, "n p 6"]:
-        """y; the turns are those of one rotation, about one axis more than its own where the others turn far."""
+        """The perturbed quantities y.
+
+        The turns are those of one rotation, about one axis more than its own where the others turn far.
+        """
         values, _, B = self._errors(u)
         p, vectors = _principal(B, values)
         logs = np.log(p.sum(axis=-1, keepdims=True) - p)
@@ -152,7 +155,10 @@ def _farthest(bodies: _Bodies, u: Float[np.ndarray, "n 12 5"]) -> Float[np.ndarr
 def _principal(
     B: Float[np.ndarray, "n p 3 3"], values: Float[np.ndarray, "n p 3"]
 ) -> tuple[Float[np.ndarray, "n p 3"], Float[np.ndarray, "n p 3 3"]]:
-    """Second moments and their axes (columns) of B exp(diag(values)) B', in the order of ascending moments of inertia."""
+    """Second moments and axes (columns) of B exp(diag(values)) B'.
+
+    In the order of ascending moments of inertia.
+    """
     A = B * np.exp(values / 2)[..., np.newaxis, :]
     p, vectors = np.linalg.eigh(A @ np.swapaxes(A, -1, -2))
     return np.maximum(p, np.finfo(float).eps * p[..., 2:])[..., ::-1], vectors[..., ::-1]

@@ -57,7 +57,10 @@ class NoiseTest:
 
     @property
     def ratio(self) -> float:
-        """Of the variance seen to the stated one, to first order; below it the share that is seen."""
+        """Ratio of the variance seen to the stated one, first order.
+
+        Below it the share that is seen.
+        """
         if not self.information > 0:
             return 1.0
         if self.seen >= self.expected:
@@ -110,7 +113,10 @@ class FilterEpoch:
 
 @dataclass(frozen=True)
 class _Update:
-    """y, 1 - K and F of one update in the tangent space of its prediction, and the way from there to that of its mean."""
+    """y, 1 - K and F of one update in its prediction's tangent space.
+
+    reset leads from there to the tangent space of its mean.
+    """
 
     y: Float[np.ndarray, " n"]
     left: Float[np.ndarray, "n n"]

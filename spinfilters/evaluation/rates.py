@@ -1,4 +1,4 @@
-"""Body rates of an estimate, of the truth or of a sensor, in axes fixed to the body."""
+"""Body rates of estimates, truth or sensors in body-fixed axes."""
 
 from dataclasses import dataclass
 
@@ -34,7 +34,10 @@ class BodyRates:
         return None if self.covariance is None else np.sqrt(np.einsum("nii->ni", self.covariance))
 
     def in_axes(self, axes: Float[np.ndarray, "3 3"]) -> "BodyRates":
-        """The same rates along other axes, given as rows in the present ones (R_bg for principal axes b)."""
+        """The same rates along other axes.
+
+        Given as rows in the present ones (R_bg for principal axes b).
+        """
         own, rate = self.covariance, self.rate @ axes.T
         if own is None:
             return BodyRates(self.label, self.time, rate)
@@ -51,13 +54,19 @@ def estimated_rates(history: EstimateHistory) -> BodyRates:
 
 
 def true_rates(truth: Truth, frame: Float[np.ndarray, "4"] | None = None) -> BodyRates:
-    """True rates in the g of the truth, or in the g of an estimate with ``frame`` = `TruthErrors.frame`."""
+    """True rates in the g of the truth or of an estimate.
+
+    The estimate's with ``frame`` = `TruthErrors.frame`.
+    """
     rate = rotate(inverse(truth.q_ig), truth.rate_i)
     return BodyRates("truth", truth.time, rate if frame is None else rotate(inverse(frame), rate))
 
 
 def measured_rates(log: MeasurementLog) -> BodyRates | None:
-    """Rates of the first sensor of a log that measures rates, axes g; None where none does."""
+    """Rates of the first rate sensor of a log, or None.
+
+    Axes g.
+    """
     for stream in log.streams:
         rates = sensor_of(stream.sensor).measured_rates(stream)
         if rates is not None:

@@ -1,4 +1,7 @@
-"""Constants that are results of their own, such as a drag or a gyro's bias: values, standard deviations, names in files."""
+"""Estimated constants such as drag or gyro bias.
+
+Values, standard deviations, names in files.
+"""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -39,7 +42,10 @@ def constant_estimates(belief: Gaussian) -> dict[str, ConstantEstimate]:
 
 
 def constant_numbers(estimates: Mapping[str, ConstantEstimate]) -> dict[str, Any]:
-    """Values and standard deviations by the keys of `REPORTED`: a number, or a list of several; None of what is not estimated."""
+    """Values and standard deviations by the keys of `REPORTED`.
+
+    A number, or a list of several; None of what is not estimated.
+    """
     return dict(_numbers(estimates))
 
 

@@ -1,4 +1,7 @@
-"""Errors over a span of epochs, so that estimators are compared over the same ones and a filter over its own."""
+"""Errors over a common span of epochs.
+
+Estimators are compared over the same ones, and a filter over its own.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -46,7 +49,10 @@ def span_errors(evaluation: Evaluation, begin: float, end: float = np.inf) -> Sp
 
 
 def shared_begin(evaluations: Sequence[Evaluation]) -> float:
-    """Time of the first epoch (s) that is the own one of every estimator which has any; `ALWAYS` where none has."""
+    """Time of the first own epoch common to all estimators, s.
+
+    Of every estimator which has any; `ALWAYS` where none has.
+    """
     begins = [evaluation.own_begin for evaluation in evaluations]
     return max((begin for begin in begins if begin is not None), default=ALWAYS)
 

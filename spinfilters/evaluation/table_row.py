@@ -1,4 +1,4 @@
-"""A row of the table that sets estimators side by side, and what its columns are filled from."""
+"""Row of the table of estimators, and the source of columns."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -32,8 +32,11 @@ Cell = Callable[[Column], str | None]
 
 
 @dataclass(frozen=True)
-class Row:
-    """A row: its name, what an estimator's cell shows, and what the bound's does; None where there is nothing to show."""
+class TableRow:
+    """A named row of the table, with cells of estimators and bound.
+
+    None where there is nothing to show.
+    """
 
     name: str
     cell: Cell

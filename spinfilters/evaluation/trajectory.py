@@ -67,7 +67,10 @@ class Trajectory:
 
 
 def trajectory_of(history: EstimateHistory) -> Trajectory:
-    """Motion of a history: r = t + R c and rate R w, their covariances with all cross terms of the state."""
+    """Motion of a history with covariances.
+
+    r = t + R c and rate R w, with all cross terms of the state.
+    """
     layout = history.layout
 
     def derive(rows: slice) -> dict[str, np.ndarray]:
@@ -103,8 +106,9 @@ def trajectory_columns(trajectory: Trajectory) -> list[Float[np.ndarray, " n"]]:
 
 
 def write_trajectory_tum(path: Path, trajectory: Trajectory) -> None:
-    """Write `time, position of the centre of mass in i, q_ig` in the TUM format, for evo say. Atomic.
+    """Write the trajectory of the centre of mass as TUM, atomically.
 
+    `time, position of the centre of mass in i, q_ig`, for evo say.
     Epochs that are not finite are left out: no reader of the format takes them. The file is a line of comment where none is.
     Mind that `poses.tum` of a data set holds the origin of g instead of the centre of mass.
     """
@@ -153,7 +157,10 @@ def _ply_header(count: int) -> bytes:
 
 @cache
 def _motion(layout: StateLayout) -> Compiled:
-    """Centre of mass, its velocity and the rate in i (9), with derivative (9 x e) by the state's error."""
+    """Centre of mass, its velocity and the rate in i (9).
+
+    With derivative (9 x e) by the state's error.
+    """
     return with_error_jacobian(
         layout, "motion_in_i", _motion_of_centre if layout.translates else _rotation_alone
     )

@@ -1,5 +1,6 @@
-"""Whether a truth belongs together: its rates turn its attitudes, its velocities carry its centre of mass.
+"""Consistency of a truth with itself.
 
+Its rates turn its attitudes, its velocities carry its centre of mass.
 A truth whose rates are in degrees, in axes of the body, or of another stretch of time is read without complaint, and every error
 against it is wrong. Measured truths have noise, so what is looked at is far coarser than any noise: turns of a radian, whole paths.
 """
@@ -32,7 +33,10 @@ FEWEST: Final = 5
 
 
 def contradictions(truth: Truth) -> list[str]:
-    """One sentence for each way in which a truth contradicts itself; none for one that does not, or is too short to tell."""
+    """One sentence for each contradiction of a truth with itself.
+
+    None for one that does not contradict, or is too short to tell.
+    """
     with np.errstate(all="ignore"):  # numbers beyond all bounds are no reason to stop
         return [*_of_rotation(truth), *_of_translation(truth)]
 
@@ -81,8 +85,9 @@ def _turns(truth: Truth) -> tuple[Float[np.ndarray, " j"], Float[np.ndarray, " j
 
 
 def _typically_apart(truth: Truth) -> float | None:
-    """Angle between turns by attitudes and by rates that a quarter of all turning exceeds, rad; None where too few rows tell.
+    """Third quartile of the angle between turns by attitudes and rates, rad.
 
+    Of all turning; None where too few rows tell.
     What rates leave open between two rows, by their second differences, is taken off.
     """
     turn, seen = _turns(truth)
@@ -100,7 +105,10 @@ def _typically_apart(truth: Truth) -> float | None:
 
 
 def _windows(turn: Float[np.ndarray, " j"], told: Bool[np.ndarray, " j"]) -> Int[np.ndarray, " n"]:
-    """First row of the window of every step that is told, where ``turn`` (rad) is that of each step."""
+    """First row of the window of every step that is told.
+
+    ``turn`` (rad) is that of each step.
+    """
     done = np.cumsum(np.where(told, turn, 0.0))
     window = np.floor((done - np.where(told, turn, 0.0)) / WINDOW)
     begins = (np.diff(window, prepend=-1.0) != 0) | (np.diff(told, prepend=False) != 0)
@@ -124,5 +132,8 @@ def _spread(path: Float[np.ndarray, "n 3"]) -> float:
 
 
 def _noise(values: Float[np.ndarray, "n 3"]) -> float:
-    """Standard deviation of white noise, at most, by the second differences (their variance is six times its own)."""
+    """Standard deviation of white noise, at most, by second differences.
+
+    Their variance is six times its own.
+    """
     return float(np.median(np.linalg.norm(np.diff(values, n=2, axis=0), axis=1)) / np.sqrt(18.0) / 0.9)

@@ -32,8 +32,9 @@ def tells_first_frame(history: EstimateHistory, truth: Truth) -> bool:
 
 
 def truth_in_first_frame(history: EstimateHistory, truth: Truth) -> Truth:
-    """The truth told in the g of the estimate: the g that has the estimated pose at the history's first frame.
+    """The truth in the g of the estimate.
 
+    The g that has the estimated pose at the history's first frame.
     With T = (R_ig, t) and t = r - R_ig c the transformation from the estimate's g to that of the truth is
     T_true(0)^-1 T_estimate(0); attitude, principal axes and centre of mass of the truth are expressed with it.
 
@@ -62,8 +63,9 @@ def truth_in_first_frame(history: EstimateHistory, truth: Truth) -> Truth:
 
 
 def truth_in_inertial_frame(history: EstimateHistory, truth: Truth) -> Truth:
-    """The truth told in the inertial frame of an estimate that sees rotation alone: R_i'i from both attitudes of one body.
+    """The truth in the inertial frame of a rotation-only estimate.
 
+    R_i'i from both attitudes of one body.
     At the first frame where both have it and the estimate defines its attitude there, over all common frames otherwise.
 
     Raises

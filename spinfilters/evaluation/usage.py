@@ -1,4 +1,7 @@
-"""How many of the observations each estimator uses: those that hold landmarks may hold a part of them only."""
+"""Numbers of observations that each estimator uses.
+
+Those that hold landmarks may hold a part of them only.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

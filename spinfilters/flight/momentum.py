@@ -1,5 +1,6 @@
-"""Constancy of the angular momentum over windows of a gyro log, for the inertia tensor that keeps it best.
+"""Constancy of the angular momentum over windows of a gyro log.
 
+For the inertia tensor that keeps it best.
 Attitudes R_k of the body come from the rates themselves; in flight R_k J w_k = h is constant, or only
 falls where the air brakes.
 That is linear in the six elements of J and in h: no inertia need be known.
@@ -56,7 +57,10 @@ def rotation_history(time: Float[np.ndarray, " n"], rates: Float[np.ndarray, "n 
 
 
 def window_ends(history: RotationHistory) -> Int[np.ndarray, " n"]:
-    """One past the last sample of the window from each sample on; beyond the last sample where it does not fit."""
+    """Exclusive ends of the windows from each sample on.
+
+    Beyond the last sample where a window does not fit.
+    """
     turned = np.searchsorted(history.angle, history.angle + ROTATION) + 1
     ends = np.maximum(turned, np.arange(len(history.time)) + FEWEST)
     return np.where(turned > len(history.time), len(history.time) + 1, ends)
@@ -65,7 +69,10 @@ def window_ends(history: RotationHistory) -> Int[np.ndarray, " n"]:
 def momentum_errors(
     history: RotationHistory, starts: Int[np.ndarray, " m"], ends: Int[np.ndarray, " m"]
 ) -> Float[np.ndarray, " m"]:
-    """Root mean square of R J w - h over |J w|, for the best J, h and drag, of every window."""
+    """Root mean square of R J w - h over |J w| of windows.
+
+    For the best J, h and drag, of every window.
+    """
     return np.concatenate(
         [
             _errors(history, starts[k : k + _WINDOWS_AT_ONCE], ends[k : k + _WINDOWS_AT_ONCE])
@@ -134,7 +141,10 @@ class MomentumChange:
 
 
 def momentum_change(history: RotationHistory, tensor: Float[np.ndarray, "3 3"]) -> MomentumChange:
-    """Momentum in the frame of the attitudes, as a straight line over the angle that was turned."""
+    """Momentum as a straight line over the rotation angle.
+
+    In the frame of the attitudes.
+    """
     elements = tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     momentum = history.momentum @ elements
     basis = np.column_stack([np.ones(len(momentum)), history.angle])

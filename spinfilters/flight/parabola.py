@@ -53,7 +53,10 @@ _CURVATURE = 12.0 * np.sqrt(5.0)
 
 @dataclass(frozen=True, eq=False)
 class PoseLog:
-    """Times (s), positions of g in i (m) and attitudes R_ig, with the noise of the positions (m)."""
+    """Times (s), positions (m) and attitudes R_ig of a pose log.
+
+    Positions of g in i, with their noise (m).
+    """
 
     time: Float[np.ndarray, " n"]
     position: Float[np.ndarray, "n 3"]
@@ -64,7 +67,10 @@ class PoseLog:
     def of(
         cls, time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n 7"], stated: float | None
     ) -> "PoseLog":
-        """Log of position and quaternion, scalar last; the noise is that of the data, or the stated one where that is more."""
+        """Log of position and quaternion, scalar last.
+
+        The noise is that of the data, or the stated one where that is more.
+        """
         noise = max(noise_level(values[:, :3]), stated or 0.0, LEAST_NOISE)
         return cls(time, values[:, :3], Rotation.from_quat(values[:, 3:]).as_matrix(), noise)
 
@@ -85,7 +91,10 @@ def pose_flights(log: PoseLog) -> list[Stretch]:
 
 
 def acceleration_of(log: PoseLog, stretch: Stretch) -> tuple[Float[np.ndarray, " 3"], float]:
-    """Acceleration of the point that flies best, m/s^2, and the root mean square of what it leaves, m."""
+    """Acceleration of the point that flies best, m/s^2, and the residual.
+
+    Root mean square of what it leaves, m.
+    """
     starts, ends = np.array([stretch.start]), np.array([stretch.end])
     solution, error = fit_parabola(log, starts, ends, None)
     return solution[0, 9:12], float(error[0])
@@ -106,7 +115,9 @@ def _falling(log: PoseLog, piece: Stretch) -> list[Stretch]:
 
 
 def _flights(log: PoseLog, piece: Stretch, gravity: Float[np.ndarray, " 3"], factor: float) -> list[Stretch]:
-    """Stretches whose windows, and which as a whole, fall; where only the windows do they are sought with longer ones.
+    """Stretches that fall freely as a whole and in their windows.
+
+    Where only the windows do they are sought with longer ones.
 
     Parameters
     ----------
@@ -178,7 +189,10 @@ def fit_parabola(
     ends: Int[np.ndarray, " m"],
     gravity: Float[np.ndarray, " 3"] | None,
 ) -> tuple[Float[np.ndarray, "m unknowns"], Float[np.ndarray, " m"]]:
-    """Least squares over r, v, c and, where it is not given, g of every window, and the root mean square that is left, m."""
+    """Parabola of every window by least squares, and its residual.
+
+    Over r, v, c and, where it is not given, g; root mean square that is left, m.
+    """
     parts = [
         _fit_windows(log, starts[k : k + _WINDOWS_AT_ONCE], ends[k : k + _WINDOWS_AT_ONCE], gravity)
         for k in range(0, len(starts), _WINDOWS_AT_ONCE)
@@ -214,7 +228,10 @@ def _equations(
     gravity: Float[np.ndarray, " 3"] | None,
     scale: Float[np.ndarray, "m 1"],
 ) -> tuple[Float[np.ndarray, "m rows unknowns"], Float[np.ndarray, "m rows"]]:
-    """Design matrix over r, v, c (and g) and positions of windows, for time in units of ``scale`` seconds."""
+    """Design matrix over r, v, c (and g) and window positions.
+
+    For time in units of ``scale`` seconds.
+    """
     square = 0.5 * time**2
     eye = np.broadcast_to(np.eye(3), (*chosen.shape, 3, 3))
     columns, target = [eye, eye * time[..., None, None], -log.attitude[chosen]], log.position[chosen]
@@ -234,7 +251,7 @@ def _prior(log: PoseLog, unknowns: int) -> Float[np.ndarray, "unknowns unknowns"
 
 
 def _trimmed(log: PoseLog, stretch: Stretch) -> Stretch:
-    """The stretch without samples at its ends that do not lie on the parabola of its middle."""
+    """The stretch without end samples off its middle's parabola."""
     margin = max(FEWEST_ENDS, len(stretch) // ENDS)
     core = np.arange(stretch.start + margin, stretch.end - margin)
     if len(core) < FEWEST // 2:
@@ -256,7 +273,10 @@ def _trimmed(log: PoseLog, stretch: Stretch) -> Stretch:
 
 
 def _reach(log: PoseLog, stretch: Stretch) -> float:
-    """Largest angle from the first attitude of a stretch, rad: noise does not add up in it."""
+    """Largest angle from the first attitude of a stretch, rad.
+
+    Noise does not add up in it.
+    """
     rows = log.attitude[stretch.start : stretch.end]
     return float(Rotation.from_matrix(rows[0].T @ rows).magnitude().max())
 

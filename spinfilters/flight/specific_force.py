@@ -16,8 +16,9 @@ FARTHEST: Final = 2.0
 def unexplained_force(
     force: Acceleration, time: Float[np.ndarray, " n"], rates: Float[np.ndarray, "n 3"]
 ) -> float | None:
-    """Root mean square of the specific force without that of the best place of the sensor, m/s^2.
+    """Rms specific force beyond the best sensor place, m/s^2.
 
+    Without that of the best place of the sensor.
     The force at r from the centre of mass is w' x r + w x (w x r), linear in r. None where fewer than four samples were taken.
 
     Parameters

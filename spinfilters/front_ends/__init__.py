@@ -1,1 +1,4 @@
-"""Readers of raw data, one file each: a folder of scans in, a data set of measurements out."""
+"""Readers of raw data, one file each.
+
+A folder of scans in, a data set of measurements out.
+"""

@@ -1,4 +1,4 @@
-"""Data sets of lidar scans whose points are the measurements, against the faces of the body that the scans show."""
+"""Data sets of lidar scan points, measured against the body's faces."""
 
 from pathlib import Path
 
@@ -13,7 +13,9 @@ from spinfilters.lidar.sequence import POINTS_KIND
 
 
 def read_scan_points(folder: Path, truth: Truth | None) -> tuple[MeasurementStream, Truth | None, str]:
-    """Points of the scans in ``scans/*.ply``, the truth told in the frame g of their faces, and remarks.
+    """Points of the scans in ``scans/*.ply``, with truth and remarks.
+
+    The truth is told in the frame g of their faces.
 
     Raises
     ------

@@ -32,7 +32,9 @@ _STEPS = 8
 
 
 def read_scans(folder: Path, truth: Truth | None) -> tuple[MeasurementStream, Truth | None, str]:
-    """Poses of the scans in ``scans/*.ply`` in the order of their stamps, the truth told in their frame g, and remarks.
+    """Poses of the scans in ``scans/*.ply`` in time order, with truth and remarks.
+
+    The truth is told in the scans' frame g.
 
     Raises
     ------
@@ -76,8 +78,9 @@ def pose_stream(found: ScanPoses) -> MeasurementStream:
 
 
 def in_frame_of(stream: MeasurementStream, truth: Truth) -> Truth:
-    """The truth told in the g of the scans, which nobody but they defines: the transformation that fits all poses best.
+    """The truth in the frame g of the scans.
 
+    Nobody but the scans defines that g: it is the transformation that fits all poses best.
     Six numbers are fitted; each pose has six. The estimators see nothing of it.
     """
     rows = np.searchsorted(truth.time, stream.time)
@@ -102,7 +105,10 @@ def in_frame_of(stream: MeasurementStream, truth: Truth) -> Truth:
 def _common_rotation(
     true: Float[np.ndarray, "n 3 3"], measured: Float[np.ndarray, "n 3 3"], P: Float[np.ndarray, "n 3 3"]
 ) -> Float[np.ndarray, "3 3"]:
-    """Rotation of the scans' g in that of the truth; a pose that is wrong has little say (Cauchy)."""
+    """Rotation of the scans' g in that of the truth.
+
+    A pose that is wrong has little say (Cauchy).
+    """
     weights = 1 / np.trace(P, axis1=1, axis2=2)
     loss, turn = np.ones(len(true)), np.eye(3)
     for _ in range(_STEPS):
@@ -115,7 +121,10 @@ def _common_rotation(
 def _common_shift(
     true: Float[np.ndarray, "n 3 3"], apart: Float[np.ndarray, "n 3"], P: Float[np.ndarray, "n 3 3"]
 ) -> Float[np.ndarray, "3"]:
-    """Origin of the scans' g in that of the truth, m; a pose that is wrong has little say (Cauchy)."""
+    """Origin of the scans' g in that of the truth, m.
+
+    A pose that is wrong has little say (Cauchy).
+    """
     W = np.linalg.inv(P)
     loss, shift = np.ones(len(true)), np.zeros(3)
     for _ in range(_STEPS):

@@ -15,7 +15,9 @@ def absolute_orientation(
     points_b: Float[np.ndarray, "n 3"],
     weights: Float[np.ndarray, " n"] | None = None,
 ) -> tuple[Float[np.ndarray, " 4"], Float[np.ndarray, " 3"]]:
-    """(q_ab, t_ab) that minimises the weighted sum of |p_a - R_ab p_b - t_ab|^2, scale one; of one set (`absolute_orientations`).
+    """(q_ab, t_ab) of least squares between two weighted sets of points.
+
+    Minimises the weighted sum of |p_a - R_ab p_b - t_ab|^2, scale one; of one set (`absolute_orientations`).
 
     Raises
     ------
@@ -66,7 +68,10 @@ def absolute_orientations(
 def rigid_motions(
     points_a: Float[np.ndarray, "h n 3"], points_b: Float[np.ndarray, "h n 3"]
 ) -> tuple[Float[np.ndarray, "h 3 3"], Float[np.ndarray, "h 3"]]:
-    """(R_ab, t_ab) of h sets at once: U V' of the singular value decomposition of sum p_a p_b' (Kabsch 1976)."""
+    """(R_ab, t_ab) of h sets of points at once.
+
+    U V' of the singular value decomposition of sum p_a p_b' (Kabsch 1976).
+    """
     mean_a, mean_b = points_a.mean(axis=1), points_b.mean(axis=1)
     M = np.swapaxes(points_a - mean_a[:, None], 1, 2) @ (points_b - mean_b[:, None])
     U, _, Vt = np.linalg.svd(M)

@@ -46,7 +46,9 @@ class CameraTrajectory:
         return None if inspector is None else cls(inspector.time, inspector.values)
 
     def at(self, time: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k 7"]:
-        """Poses at other times: positions linear, attitudes along the shorter rotation (slerp), of a listed time the listed pose.
+        """Interpolated poses at other times.
+
+        Positions linear, attitudes along the shorter rotation (slerp), of a listed time the listed pose.
 
         Raises
         ------
@@ -78,7 +80,10 @@ class CameraTrajectory:
 def in_camera(
     poses: Float[np.ndarray, "k 7"], camera_poses: Float[np.ndarray, "k 7"]
 ) -> Float[np.ndarray, "k 7"]:
-    """Poses (t, q) of g in the camera's frame of those in i: T_cg = T_ic^-1 T_ig."""
+    """Poses (t, q) of g in the camera's frame.
+
+    Of those in i: T_cg = T_ic^-1 T_ig.
+    """
     q_ci = inverse(camera_poses[:, 3:])
     place = rotate(q_ci, poses[:, :3] - camera_poses[:, :3])
     return np.concatenate([place, multiply(q_ci, poses[:, 3:])], axis=1)
@@ -87,7 +92,10 @@ def in_camera(
 def in_inertial(
     poses: Float[np.ndarray, "k 7"], camera_poses: Float[np.ndarray, "k 7"]
 ) -> Float[np.ndarray, "k 7"]:
-    """Poses (t, q) of g in i of those in the camera's frame: T_ig = T_ic T_cg."""
+    """Poses (t, q) of g in i.
+
+    Of those in the camera's frame: T_ig = T_ic T_cg.
+    """
     q_ic = camera_poses[:, 3:]
     place = camera_poses[:, :3] + rotate(q_ic, poses[:, :3])
     return np.concatenate([place, multiply(q_ic, poses[:, 3:])], axis=1)

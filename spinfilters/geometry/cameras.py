@@ -26,7 +26,9 @@ Formula = Callable[[Any, Expression, Expression], Expression]
 
 @dataclass(frozen=True)
 class Camera(ABC):
-    """A pinhole with a lens, or a pair; a subclass writes expressions, the numbers come from them.
+    """A pinhole camera with a lens, or a pair.
+
+    A subclass writes expressions, the numbers come from them.
 
     Attributes
     ----------
@@ -97,8 +99,9 @@ class Camera(ABC):
 
 @dataclass(frozen=True)
 class Monocular(Camera):
-    """Pixels (u, v): u = fx x' + cx, v = fy y' + cy of the distorted (x', y') (Tweddle 2013, Eqs 2.87-2.88 corrected).
+    """Pixels (u, v) of a pinhole camera with distortion.
 
+    u = fx x' + cx, v = fy y' + cy of the distorted (x', y') (Tweddle 2013, Eqs 2.87-2.88 corrected).
     Calibration: (fx, fy, cx, cy px, coefficients of the lens).
     """
 
@@ -128,8 +131,9 @@ class Monocular(Camera):
 
 @dataclass(frozen=True)
 class StereoPair(Camera):
-    """Pixels (u_left, v_left, u_right) of two parallel cameras of common intrinsics, the right one moved by the baseline along x.
+    """Pixels (u_left, v_left, u_right) of two parallel cameras.
 
+    Of common intrinsics, the right one moved by the baseline along x.
     Without distortion u_right = u_left - fx baseline / z (Tweddle 2013, Eqs 4.83-4.84).
     Calibration: (fx, fy, cx, cy px, baseline m, coefficients of the left lens, of the right lens).
     """
@@ -171,7 +175,10 @@ class StereoPair(Camera):
     def backproject(
         self, pixels: Expression, calibration: Expression, smallest_disparity: float | None = None
     ) -> Expression:
-        """Point (3,) m; a disparity of zero or less gives none in front of the pair, unless a smallest one (px) takes its place."""
+        """Point (3,), m, of stereo pixels.
+
+        A disparity of zero or less gives none in front of the pair, unless a smallest one (px) takes its place.
+        """
         disparity = self.disparity(pixels, calibration)
         if smallest_disparity is not None:
             disparity = ca.fmax(disparity, smallest_disparity)
@@ -191,13 +198,19 @@ class StereoPair(Camera):
 
 
 def monocular_camera(calibration: Float[np.ndarray, " c"]) -> Monocular:
-    """The camera that a calibration is of: of 4 numbers one without distortion. ShapeError: of no camera."""
+    """The camera of a calibration.
+
+    Of 4 numbers one without distortion. ShapeError: of no camera.
+    """
     found = [each for each in (Monocular(), Monocular(RADIAL_TANGENTIAL)) if each.fits(calibration)]
     return found[0] if found else _refuse(calibration)
 
 
 def stereo_pair(calibration: Float[np.ndarray, " c"]) -> StereoPair:
-    """The pair that a calibration is of: of 5 numbers one without distortion. ShapeError: of no pair."""
+    """The stereo pair of a calibration.
+
+    Of 5 numbers one without distortion. ShapeError: of no pair.
+    """
     found = [each for each in (StereoPair(), StereoPair(RADIAL_TANGENTIAL)) if each.fits(calibration)]
     return found[0] if found else _refuse(calibration)
 

@@ -1,4 +1,4 @@
-"""Lenses: what becomes of the normalised coordinates (x/z, y/z) of a point on the way to its pixel."""
+"""Lenses: distortion of the normalised coordinates (x/z, y/z)."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -30,7 +30,10 @@ class Lens(ABC):
 
     @abstractmethod
     def valid(self, xy: Expression, coefficients: Expression) -> Expression:
-        """Positive where the map is one to one: beyond, a point outside the image would be seen inside."""
+        """Positive where the map is one to one.
+
+        Beyond, a point outside the image would be seen inside.
+        """
 
 
 @dataclass(frozen=True)
@@ -58,8 +61,9 @@ class PerfectLens(Lens):
 
 @dataclass(frozen=True)
 class RadialTangentialLens(Lens):
-    """Coefficients (k1, k2, p1, p2) of the EuRoC layout and OpenCV (Brown 1971), with r^2 = x^2 + y^2:
+    """Radial-tangential lens of EuRoC and OpenCV (Brown 1971).
 
+    Coefficients (k1, k2, p1, p2), with r^2 = x^2 + y^2:
     x' = x (1 + k1 r^2 + k2 r^4) + 2 p1 x y + p2 (r^2 + 2 x^2), y' = y (1 + k1 r^2 + k2 r^4) + p1 (r^2 + 2 y^2) + 2 p2 x y.
     """
 
@@ -95,7 +99,10 @@ class RadialTangentialLens(Lens):
         return guess
 
     def valid(self, xy: Expression, coefficients: Expression) -> Expression:
-        """The radial part grows up to this radius: 1 + 3 k1 r^2 + 5 k2 r^4 where it is least, at its vertex if that is passed."""
+        """Positive where the radial part still grows with the radius.
+
+        1 + 3 k1 r^2 + 5 k2 r^4 where it is least, at its vertex if that is passed.
+        """
         k1, k2, square = coefficients[0], coefficients[1], ca.dot(xy, xy)
         has_vertex = ca.logic_and(k1 < 0, k2 > 0)
         least = ca.fmin(square, ca.if_else(has_vertex, -0.3 * k1 / k2, square))

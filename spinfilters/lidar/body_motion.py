@@ -77,8 +77,9 @@ class TorqueFreeTumble:
 
 
 def thesis_rotation(z_deg: float, y_deg: float, x_deg: float) -> Float[np.ndarray, "3 3"]:
-    """Rx (Ry (Rz P)), as printed, of Euler angles "(3, 2, 1)" in deg (Decoust 2008, section 2.2.2).
+    """Rotated points Rx (Ry (Rz P)) by Euler angles "(3, 2, 1)", deg.
 
+    As printed (Decoust 2008, section 2.2.2).
     The name says an intrinsic sequence about z, y, x, which would be Rz Ry Rx: this is the extrinsic one.
     """
     (cz, cy, cx), (sz, sy, sx) = (

@@ -1,4 +1,4 @@
-"""The map of faces adjusted to all ranges within the outline, where faces are few beams wide.
+"""Faces adjusted to all ranges within the outline, for narrow faces.
 
 Beams that jitter mix the faces at every edge. Planes fitted to the points that are clearly theirs are tilted by what their gates
 let in, alike in all scans: angles between faces are wrong by more than their covariance. Ranges of the convex body have no gates.
@@ -27,7 +27,10 @@ MOST_SCANS: Final = 60
 
 @dataclass(frozen=True, eq=False)
 class RangeEvidence:
-    """Ranges, m, of beams (azimuth, elevation, rad) of every scan; a `FaceEvidence`. ``size``: of the body, m."""
+    """Ranges, m, of the beams of every scan; a `FaceEvidence`.
+
+    Beams by azimuth and elevation, rad; ``size``: of the body, m.
+    """
 
     angles: Sequence[Float[np.ndarray, "n 2"]]
     ranges: Sequence[Float[np.ndarray, " n"]]
@@ -50,7 +53,10 @@ class RangeEvidence:
     def _linearised(
         self, tracked: TrackedFaces, number: int
     ) -> tuple[Float[np.ndarray, "n m"], Float[np.ndarray, " n"]]:
-        """Derivatives of whitened ranges by the pose and by all faces, and residuals; rays without a face are left out."""
+        """Whitened residuals of ranges and their derivatives by pose and faces.
+
+        Rays without a face are left out.
+        """
         pose, faces, angles = tracked.poses[number], tracked.faces, self.angles[number]
         expected, std = expected_ranges(angles, faces, pose.rotation, pose.translation, self.noise)
         steps = np.repeat([_DELTA, _DELTA * self.size], 3)
@@ -72,7 +78,9 @@ class RangeEvidence:
 def edge_adjusted(
     tracked: TrackedFaces, clouds: Sequence[Float[np.ndarray, "n 3"]], noise: PointNoise, size: float
 ) -> TrackedFaces:
-    """Faces and poses of all ranges, or the given ones with edges: beams do not jitter, many rays or scans, the body is not convex.
+    """Faces and poses of all ranges, or the given ones with edges.
+
+    Given: beams that do not jitter, many rays or scans, a body that is not convex.
 
     Parameters
     ----------

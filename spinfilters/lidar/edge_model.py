@@ -1,5 +1,6 @@
-"""Ranges of a convex body of known faces through beams that jitter: the points at edges, which belong to no one face, count too.
+"""Ranges of a convex body of known faces through beams that jitter.
 
+Points at edges, which belong to no one face, count too.
 A beam whose direction is known to a standard deviation meets, near an edge, now one face and now the other. The range is the
 largest of the faces' ranges, each linear in the deviation of the beam: its mean and variance are those of the maximum of jointly
 normal variables (Clark 1961, The greatest of a finite set of random variables). Where a face is few beams wide that halves the
@@ -36,7 +37,9 @@ def with_edges(
     size: float,
     common: Float[np.ndarray, "6 6"],
 ) -> ScanPose:
-    """The pose from all points within the outline, or the given one: beams do not jitter, the body is not convex, nothing is won.
+    """The pose from all points within the outline, or the given one.
+
+    Given: beams that do not jitter, a body that is not convex, nothing gained.
 
     Parameters
     ----------
@@ -78,7 +81,10 @@ def with_edges(
 def inner_rays(
     points: Float[np.ndarray, "n 3"], noise: PointNoise, most: int
 ) -> Int[np.ndarray, " k"] | None:
-    """At most so many rays within the outline, evenly; None of too few, or where edges are no wider than a ray."""
+    """At most this many rays within the outline, evenly chosen.
+
+    None of too few, or where edges are no wider than a ray.
+    """
     angles = np.stack(angles_of(points), axis=1)
     kept = np.flatnonzero(inside_of(angles, noise))
     if len(kept) < FEWEST or border_reach(angles, noise).max() < WIDE:
@@ -93,7 +99,10 @@ def expected_ranges(
     t: Float[np.ndarray, "3"],
     noise: PointNoise,
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Mean and standard deviation of the range, m, of beams (azimuth, elevation) that jitter; NaN of one that no face is before."""
+    """Mean and standard deviation of the ranges of jittering beams, m.
+
+    Beams by azimuth and elevation; NaN of one that no face is before.
+    """
     u = unit_vectors(*angles.T)
     c, s = np.cos(angles), np.sin(angles)
     by_azimuth = np.stack([-c[:, 1] * s[:, 0], 0 * u[:, 0], c[:, 1] * c[:, 0]], axis=1) * noise.azimuth_std
@@ -120,7 +129,10 @@ def _larger(
     b: Float[np.ndarray, " n"],
     b_slopes: Float[np.ndarray, "n 2"],
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
-    """Clark's maximum of two normal variables, the second linear in two standard normal deviations; NaN is none."""
+    """Clark's maximum of two normal variables.
+
+    The second is linear in two standard normal deviations; NaN is none.
+    """
     b_variance = np.sum(b_slopes**2, axis=1)
     spread = np.sqrt(np.maximum(np.sum((a_slopes - b_slopes) ** 2, axis=1), 1e-24))
     x = np.clip((a - b) / spread, -1e3, 1e3)

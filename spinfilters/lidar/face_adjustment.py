@@ -1,5 +1,6 @@
-"""All poses and faces together, and what the common errors of the faces add to the covariance of the poses.
+"""Adjustment of all poses and faces together.
 
+With what the common errors of the faces add to the covariance of the poses.
 Gauss-Newton over the faces, every pose marginalised. Planes alone do not tell how far apart faces are that no scan sees together;
 that the origin of g drifts uniformly, to a scatter that is measured, ties them and makes the origin the centre of rotation.
 
@@ -41,7 +42,10 @@ _STEPS = 8
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """Uniform motion of the origin of g: place and velocity (6,), times of the poses from 0 to 1, scatter in m (infinite: none)."""
+    """Uniform motion of the origin of g.
+
+    Place and velocity (6,), times of the poses from 0 to 1, scatter in m (infinite: none).
+    """
 
     motion: Float[np.ndarray, "6"]
     times: Float[np.ndarray, " k"]
@@ -94,7 +98,10 @@ def adjusted_faces(tracked: TrackedFaces, evidence: FaceEvidence, size: float) -
 
 
 def merged_faces(tracked: TrackedFaces, size: float) -> TrackedFaces:
-    """Faces that coincide and that no scan sees side by side are one: it was taken for a new one when it came back."""
+    """Faces with duplicates merged.
+
+    Faces that coincide and that no scan sees side by side are one, taken for a new one when it came back.
+    """
     first, faces = list(range(len(tracked.faces))), tracked.faces
     for j, face in enumerate(faces):
         for i in (k for k in range(j) if first[k] == k):
@@ -155,7 +162,10 @@ def _blocks(
     size: float,
     robust: bool = False,
 ) -> FaceInformation:
-    """Evidence of one scan, the drift (6, after the faces) and what is known before: its pose is somewhere near."""
+    """Normal equations of one scan: its evidence, the drift, the prior.
+
+    The drift (6) comes after the faces; the prior says that the pose is somewhere near.
+    """
     told, pose, count = evidence.of(tracked, number, robust), tracked.poses[number], 3 * len(tracked.faces)
     own = told.own + np.diag(np.repeat([ROTATION_PRIOR, size], 3) ** -2.0)
     cross, shared = np.pad(told.cross, ((0, 0), (0, 6))), np.pad(told.shared, (0, 6))
@@ -181,7 +191,10 @@ def _marginal(blocks: Sequence[FaceInformation]) -> tuple[Float[np.ndarray, "m m
 
 
 def _free(tracked: TrackedFaces, size: float) -> Float[np.ndarray, "m f"]:
-    """Directions of (faces, drift) without those in which the frame g itself is free: its rotation, its shift without a drift."""
+    """Directions of (faces, drift) without the gauge freedom of frame g.
+
+    Free are its rotation, and its shift without a drift.
+    """
     drifts = len(tracked.poses) >= FEWEST_FOR_DRIFT
     gauge = np.concatenate([*map(_freedom, tracked.faces), np.zeros((6, 6))])[:, : 3 if drifts else 6]
     scale = np.concatenate([np.tile([1.0, 1.0, size], len(tracked.faces)), np.full(6, size)])
@@ -189,7 +202,10 @@ def _free(tracked: TrackedFaces, size: float) -> Float[np.ndarray, "m f"]:
 
 
 def _without_shift(tracked: TrackedFaces) -> Float[np.ndarray, "f f"]:
-    """Errors of the faces without a common shift: where the origin of g lies is a definition, and no error of a pose in that g."""
+    """Errors of the faces without a common shift.
+
+    Where the origin of g lies is a definition, and no error of a pose in that g.
+    """
     G = np.concatenate([_freedom(face)[:, 3:] for face in tracked.faces])
     return np.eye(len(G)) - G @ np.linalg.pinv(G)
 

@@ -1,4 +1,7 @@
-"""Planes that were taken for a wrong face: they would put the body where its drift does not lead it."""
+"""Planes assigned to a wrong face.
+
+They would put the body where its drift does not lead it.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +23,10 @@ MOST_CONTRADICTED: Final = 0.2
 
 @dataclass(frozen=True, eq=False)
 class ConsistentFaces:
-    """Tracked faces with the planes of every scan that are of one; ``contradicted``: number of scans that lost one."""
+    """Tracked faces with the consistent planes of every scan.
+
+    ``contradicted``: number of scans that lost a plane.
+    """
 
     tracked: TrackedFaces
     planes: tuple[tuple[FittedPlane, ...], ...]
@@ -30,8 +36,9 @@ class ConsistentFaces:
 def consistent_faces(
     tracked: TrackedFaces, planes: Sequence[Sequence[FittedPlane]], size: float
 ) -> ConsistentFaces:
-    """Without planes that contradict the uniform drift of the body; scans that lose one begin again where it leads.
+    """Tracked faces without planes that contradict the uniform drift.
 
+    Scans that lose one begin again where the drift leads.
     A plane that no other of its scan confirms moves the pose as far as its face is wrong, by a whole body, with a small covariance.
 
     Parameters

@@ -1,4 +1,7 @@
-"""Plane faces of a body in frame g, the poses of scans that see them, and what a fitted plane says of both."""
+"""Plane faces of a body in frame g, and scans that see them.
+
+With what a fitted plane says of face and pose.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -46,7 +49,9 @@ class TrackedFaces:
 
 @dataclass(frozen=True, eq=False)
 class FaceInformation:
-    """What one scan tells of its pose (6: rotation in L, translation) and of the faces (3 each), as normal equations.
+    """Normal equations of one scan: pose and faces.
+
+    Pose (6: rotation in L, translation), faces 3 each.
 
     Attributes
     ----------
@@ -87,7 +92,10 @@ def normal_equations(
 def residual_and_jacobian(
     plane: FittedPlane, face: Face, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 6"]]:
-    """Residual of a face in a plane's own terms, and its derivative by (rotation in L, translation)."""
+    """Residual of a face in a plane's own terms, and its derivative.
+
+    By (rotation in L, translation).
+    """
     n, arm = R @ face.normal, t - plane.centroid
     residual = np.array([*(plane.tangents.T @ n), face.offset + n @ arm])
     J = np.zeros((3, 6))

@@ -1,4 +1,7 @@
-"""Points of scans on the faces of a map: range and angles with their own stamps, and the covariance that the map leaves them."""
+"""Points of scans on the faces of a map.
+
+Range and angles with their own stamps, and the covariance that the map leaves them.
+"""
 
 from dataclasses import dataclass
 from typing import Final
@@ -35,8 +38,9 @@ class FacePoints:
 
 
 def face_points(found: ScanPoses) -> FacePoints:
-    """Points that are clearly of one face and not at its border, at most `MOST_POINTS` of a scan.
+    """Points clearly of one face, not at its border.
 
+    At most `MOST_POINTS` of a scan.
     A face's error is common to all of its points: those of a scan carry it so often in their ranges that their mean has it once.
 
     Raises
@@ -93,7 +97,10 @@ def _plane(face: Face, pose: ScanPose) -> FittedPlane:
 def _covariance(
     found: ScanPoses, points: Float[np.ndarray, "n 3"], pose: ScanPose, number: int
 ) -> Float[np.ndarray, "n 3 3"]:
-    """Of the noise, and in the range the error of face ``number`` times the count of these points."""
+    """Covariance of the noise and of the map's error in the range.
+
+    The error of face ``number`` counts once for each of these points.
+    """
     assert found.faces is not None
     face, M = (
         found.faces.faces[number],

@@ -1,4 +1,7 @@
-"""Poses of a body with plane faces: faces tracked with the predicted rate, attitude by weighted Wahba, one map of all scans."""
+"""Poses of a body with plane faces.
+
+Faces tracked with the predicted rate, attitude by weighted Wahba, one map of all scans.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -45,7 +48,9 @@ def track_faces(
     middle: Float[np.ndarray, "3"],
     size: float,
 ) -> TrackedFaces:
-    """Poses from the planes of every scan; frame g has the lidar's axes at the first scan and its origin at ``middle``.
+    """Poses and faces from the planes of every scan.
+
+    Frame g has the lidar's axes at the first scan and its origin at ``middle``.
 
     Parameters
     ----------
@@ -98,7 +103,10 @@ def _aligned(
     t: Float[np.ndarray, "3"],
     size: float,
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
-    """Pose of the matched faces: Wahba's attitude first, then Gauss-Newton with the planes' covariances and the predicted pose."""
+    """Pose of the matched faces.
+
+    Wahba's attitude first, then Gauss-Newton with the planes' covariances and the predicted pose.
+    """
     if len(pairs) >= 2:
         weights = [1 / max(np.trace(p.covariance[:2, :2]), 1e-30) for p, _ in pairs]
         weights = np.array(weights) / max(weights)
@@ -123,7 +131,10 @@ def _adjusted(
     planes: Sequence[Sequence[FittedPlane]],
     size: float,
 ) -> TrackedFaces:
-    """All poses and faces together, by turns: each face from all scans that see it, each pose from all faces that it sees."""
+    """All poses and faces, adjusted by turns.
+
+    Each face from all scans that see it, each pose from all faces that it sees.
+    """
     for sweep in range(2 * _SWEEPS):
         faces = [_refitted(k, face, poses, matches, planes) for k, face in enumerate(faces)]
         if sweep >= _SWEEPS and len(poses) >= FEWEST_FOR_DRIFT:
@@ -159,8 +170,9 @@ def _drifting(
     matches: list[tuple[int, ...]],
     planes: Sequence[Sequence[FittedPlane]],
 ) -> tuple[list[Face], list[ScanPose]]:
-    """Offsets of the faces if the origin of g drifts uniformly, which makes it the centre of rotation, and poses at that drift.
+    """Face offsets and poses under a uniform drift of the origin of g.
 
+    The drift makes that origin the centre of rotation.
     Planes alone do not tell how far apart faces are that no scan sees together. With attitudes given, n.(r + v time) + d = n.c of
     every plane is linear in r, v and the offsets d.
     """

@@ -125,7 +125,10 @@ def cleaned_mesh(
 
 
 def box(sides: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> TriangleMesh:
-    """A box about the origin, with sides in m along x, y, z; the thesis' cube by default."""
+    """A box about the origin, by default the thesis' cube.
+
+    Sides in m along x, y, z.
+    """
     corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     triangles = [(a, b, c) for a, b, c, _ in faces] + [(a, c, d) for a, _, c, d in faces]

@@ -21,7 +21,9 @@ _NUMBER = re.compile(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE)
 
 
 def read_mesh(path: str | os.PathLike[str]) -> TriangleMesh:
-    """Mesh of an .stl, .obj or .ply file, in its own unit; triangles without area are left out and remarked upon.
+    """Mesh of an .stl, .obj or .ply file, in its own unit.
+
+    Triangles without area are left out and remarked upon.
 
     Raises
     ------
@@ -88,7 +90,10 @@ def _ascii_stl(path: Path, data: bytes) -> _Surface:
 
 
 def _read_obj(path: Path) -> _Surface:
-    """Lines ``v x y z`` and ``f a b c ...`` with indices from 1, or from the end where negative; polygons become fans."""
+    """Triangles of OBJ lines ``v x y z`` and ``f a b c ...``.
+
+    Indices from 1, or from the end where negative; polygons become fans.
+    """
     vertices: list[list[float]] = []
     triangles: list[tuple[int, int, int]] = []
     for number, line in enumerate(file_bytes(path).decode("utf-8", "replace").splitlines(), 1):

@@ -1,4 +1,7 @@
-"""Planes of a scan: found by random sampling, fitted with the noise of the points, with covariance."""
+"""Planes of a scan with covariance, fitted with the points' noise.
+
+Found by random sampling.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -57,7 +60,10 @@ class FittedPlane:
 
     @property
     def shows_its_front(self) -> bool:
-        """Whether the lidar is clearly before it: a plane along the beams, such as that of one line of rays, has no front."""
+        """Whether the lidar is clearly before the plane.
+
+        A plane along the beams, such as that of one line of rays, has no front.
+        """
         distance, gradient = abs(self.normal @ self.centroid), np.append(self.centroid @ self.tangents, 1.0)
         least = FRONT * np.sqrt(gradient @ self.covariance @ gradient)
         return bool(distance > max(least, GRAZING * float(np.linalg.norm(self.centroid))))
@@ -97,7 +103,7 @@ def _principal_axes(
 def extract_planes(
     points: Float[np.ndarray, "n 3"], noise: PointNoise, generator: np.random.Generator
 ) -> tuple[list[FittedPlane], float]:
-    """Planes in the order of their points, and the share of the points that lie on one."""
+    """Planes in the order of their points, and the points' share on one."""
     if len(points) < FEWEST:
         return [], 0.0
     fewest = max(FEWEST, int(SMALLEST_SHARE * min(_LOOKED_AT, len(points))))
@@ -119,7 +125,10 @@ def _largest_plane(
     noise: PointNoise,
     generator: np.random.Generator,
 ) -> FittedPlane | None:
-    """The plane with the most points among those through patches of neighbouring rays, grown over all points."""
+    """The plane with the most points, grown over all points.
+
+    Among those through patches of neighbouring rays.
+    """
     size = int(np.clip(len(points) // 40, 12, 400))
     subset = points[generator.choice(len(points), min(_SUBSET, len(points)), replace=False)]
     seeds = generator.integers(len(points), size=_SEEDS)
@@ -163,7 +172,7 @@ def rows_of_planes(
     planes: Sequence[FittedPlane],
     noise: PointNoise,
 ) -> list[Int[np.ndarray, " k"]]:
-    """Points that are clearly those of each plane, and where there are enough not at its border."""
+    """Points clearly of each plane, away from its border where possible."""
     if not planes:
         return []
     off = np.stack([np.abs(p.distances(points)) / noise.across(points, p.normal) for p in planes], axis=1)

@@ -47,7 +47,10 @@ class PlyContent:
 
 @dataclass(frozen=True)
 class _Element:
-    """An element of the header: its properties as (name, type), or as (name, count type, item type) of a list."""
+    """An element of the header with its properties.
+
+    Each as (name, type), or as (name, count type, item type) of a list.
+    """
 
     name: str
     count: int
@@ -55,6 +58,7 @@ class _Element:
 
     @property
     def is_table(self) -> bool:
+        """Whether all properties are single numbers."""
         return all(len(each) == 2 for each in self.properties)
 
 
@@ -84,7 +88,10 @@ def write_ply(
     comments: tuple[str, ...],
     triangles: Int[np.ndarray, "f 3"] | None = None,
 ) -> None:
-    """Binary PLY of points with these properties (float64, int32 or uint8), and of triangles of them. Atomic."""
+    """Write a binary PLY of points and triangles, atomically.
+
+    Properties of float64, int32 or uint8.
+    """
     kinds = {"f": ("double", "<f8"), "i": ("int", "<i4"), "u": ("uchar", "u1")}
     layout = [(name, kinds[values.dtype.kind][1]) for name, values in columns.items()]
     count = len(next(iter(columns.values())))
@@ -171,11 +178,13 @@ class _AsciiRows:
         return lines
 
     def table(self, element: _Element) -> dict[str, np.ndarray]:
+        """Columns of an element of single numbers, by name."""
         values = np.array(b" ".join(self._take(element.count)).split(), dtype="S32").astype(np.float64)
         values = values.reshape(element.count, len(element.properties))
         return {each[0]: values[:, k] for k, each in enumerate(element.properties)}
 
     def lists(self, element: _Element, kept: bool) -> list[np.ndarray]:
+        """Integer list of each row, empty where not ``kept``."""
         lines = self._take(element.count)
         if not kept:
             return []
@@ -195,11 +204,13 @@ class _BinaryRows:
         return taken
 
     def table(self, element: _Element) -> dict[str, np.ndarray]:
+        """Columns of an element of single numbers, by name."""
         layout = np.dtype([(name, self._order + kind) for name, kind in element.properties])
         rows = self._take(layout, element.count)
         return {name: rows[name] for name, _ in element.properties}
 
     def lists(self, element: _Element, kept: bool) -> list[np.ndarray]:
+        """Integer list of each row, empty where not ``kept``."""
         types = [tuple(np.dtype(self._order + kind) for kind in each[1:]) for each in element.properties]
         rows = []
         for _ in range(element.count):

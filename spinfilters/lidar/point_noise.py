@@ -33,7 +33,9 @@ class PointNoise:
     def across(
         self, points: Float[np.ndarray, "n 3"], normal: Float[np.ndarray, "..."]
     ) -> Float[np.ndarray, "..."]:
-        """Standard deviation of points across a plane, m: s^2 = n' S n with S of range, azimuth and elevation.
+        """Standard deviation of points across a plane, m.
+
+        s^2 = n' S n with S of range, azimuth and elevation.
 
         Parameters
         ----------
@@ -74,7 +76,10 @@ def identified_noise(scans: Sequence[Scan]) -> PointNoise:
 
 
 def _noise_of_slopes(samples: Float[np.ndarray, "3 m"]) -> PointNoise:
-    """Noise from squared slopes of the range over azimuth and elevation, (m/rad)^2, and unbiased residual variances, m^2."""
+    """Noise from squared slopes and residual variances of the range.
+
+    Slopes over azimuth and elevation, (m/rad)^2; residual variances unbiased, m^2.
+    """
     *slopes, variance = samples
     bins = [np.searchsorted(np.quantile(each, _EDGES), each) for each in slopes]
     rows, values, shares = [], [], []
@@ -97,8 +102,9 @@ def _noise_of_slopes(samples: Float[np.ndarray, "3 m"]) -> PointNoise:
 
 
 def _patch_residuals(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3 m"]:
-    """Squared slopes of the range over the angles, (m/rad)^2, and residual variance, m^2, of planes through neighbouring rays.
+    """Squared slopes and residual variances of planes through neighbouring rays.
 
+    Slopes of the range over the angles, (m/rad)^2; variance, m^2.
     The range is fitted rather than a plane in space: where beams lie closer than the noise a cloud is thickest along the range.
     """
     kept = points[np.linspace(0, len(points) - 1, min(_LOOKED_AT, len(points))).astype(int)]

@@ -1,4 +1,7 @@
-"""Poses from points whose planes in frame g are known: one per scan, motion during the scan left out."""
+"""Poses from points on planes known in frame g.
+
+One per scan, motion during the scan left out.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,7 +27,10 @@ DETERMINED: Final = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class PlanePoints:
-    """Points of one scan, frame L, m, and the planes n.p = d of frame g that they lie on."""
+    """Points of one scan, frame L, m, with their planes.
+
+    Planes n.p = d of frame g.
+    """
 
     points: Float[np.ndarray, "n 3"]
     normals: Float[np.ndarray, "n 3"]
@@ -38,7 +44,10 @@ class PlanePoints:
 
 @dataclass(frozen=True, eq=False)
 class PlanePose:
-    """R_Lg and the origin of g in L, m, with the root-mean-square distance of the points from their planes, m."""
+    """R_Lg and the origin of g in L, m, with the fit.
+
+    The fit: root-mean-square distance of the points from their planes, m.
+    """
 
     rotation: Float[np.ndarray, "3 3"]
     translation: Float[np.ndarray, "3"]
@@ -46,7 +55,9 @@ class PlanePose:
 
 
 def plane_poses(scans: Sequence[PlanePoints]) -> list[PlanePose | None]:
-    """A pose of every scan, from that of the one before or from many attitudes; None of one with too few points.
+    """A pose of every scan, None of one with too few points.
+
+    Begun from that of the scan before, or from many attitudes.
 
     Raises
     ------
@@ -73,7 +84,9 @@ def plane_poses(scans: Sequence[PlanePoints]) -> list[PlanePose | None]:
 
 
 def _searched(scan: PlanePoints, good: float, place: Float[np.ndarray, "3"] | None) -> PlanePose | None:
-    """The best of many attitudes in which the planes face the lidar, or the first with residuals below ``good`` m.
+    """The best of many attitudes in which the planes face the lidar.
+
+    Or the first with residuals below ``good`` m.
 
     Parameters
     ----------

@@ -1,4 +1,7 @@
-"""The thesis' own simulator inputs: bodies, ray patterns, poses and noise by table and figure (Decoust 2008)."""
+"""The thesis' own simulator inputs (Decoust 2008).
+
+Bodies, ray patterns, poses and noise by table and figure.
+"""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -75,7 +78,10 @@ def preset_of(name: str) -> ScanPreset:
 
 
 def spacecraft() -> TriangleMesh:
-    """A simplified spacecraft: a box, two solar panels and a cylindrical antenna; the thesis' drawing has no legible dimension."""
+    """A simplified spacecraft: box, two solar panels, cylindrical antenna.
+
+    The thesis' drawing has no legible dimension.
+    """
     parts = [
         (box((3.0, 3.0, 5.0)), (0.0, 0.0, 0.0)),
         (box((0.1, 6.0, 2.5)), (0.0, 5.0, 0.0)),

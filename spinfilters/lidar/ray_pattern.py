@@ -1,4 +1,4 @@
-"""Ray patterns: a grid over the field of view, denser in high-resolution windows (Decoust 2008, section 2.2.3).
+"""Ray patterns: a grid with denser windows (Decoust 2008, section 2.2.3).
 
 Frame L of the lidar: x along its axis, y towards positive elevation, z towards positive azimuth.
 """
@@ -73,8 +73,9 @@ class RayPattern:
         return azimuth, elevation
 
     def directions(self) -> "RayDirections":
-        """All rays in the order of firing: the grid row by row (elevation outside), then the windows.
+        """All rays in the order of firing.
 
+        The grid row by row (elevation outside), then the windows.
         Rays of the grid within a window are fired with the window.
         """
         azimuth, elevation = self.grid
@@ -131,7 +132,10 @@ class RayDirections:
 def unit_vectors(
     azimuth: Float[np.ndarray, " n"], elevation: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n 3"]:
-    """(cos E cos A, sin E, cos E sin A) in frame L (Decoust 2008, section 2.2.3; theta_A is the azimuth)."""
+    """Unit vectors (cos E cos A, sin E, cos E sin A) in frame L.
+
+    Decoust 2008, section 2.2.3; theta_A is the azimuth.
+    """
     c = np.cos(elevation)
     return np.stack([c * np.cos(azimuth), np.sin(elevation), c * np.sin(azimuth)], axis=-1)
 

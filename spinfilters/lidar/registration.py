@@ -41,7 +41,9 @@ class Cloud:
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """Pose of the cloud in the map, p_map = R p + t, and how well it is known.
+    """Pose of the cloud in the map with its covariance.
+
+    p_map = R p + t.
 
     Attributes
     ----------
@@ -188,7 +190,10 @@ def registered(
 
 
 def _dependence(matches: _Matches, size: float) -> float:
-    """Variance of sums of residuals over patches, in terms of that of independent residuals; at least 2, for the target's noise."""
+    """Variance factor of sums of correlated residuals over patches.
+
+    In terms of that of independent residuals; at least 2, for the target's noise.
+    """
     cells = np.floor(matches.moved / (_PATCH * size)).astype(np.int64)
     _, patch = np.unique(cells, axis=0, return_inverse=True)
     total = np.bincount(patch.reshape(-1), weights=matches.residual)
@@ -227,7 +232,10 @@ def coarse_pose(
 
 
 def cloud_of(points: Float[np.ndarray, "n 3"], viewpoint: Float[np.ndarray, "3"], most: int) -> Cloud:
-    """A scan's cloud, thinned to so many points, with normals towards the viewpoint from all of its points."""
+    """A scan's thinned cloud with normals towards the viewpoint.
+
+    Normals from all of its points.
+    """
     kept = points[np.linspace(0, len(points) - 1, min(most, len(points))).astype(int)]
     tree = KDTree(points)
     around = points[tree.query(kept, min(NEIGHBOURS, len(points)))[1]]

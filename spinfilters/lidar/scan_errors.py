@@ -1,4 +1,4 @@
-"""Errors of a scanning lidar: noise and bias of range and angles, and returns that are lost."""
+"""Errors of a scanning lidar: noise and bias, lost returns."""
 
 from dataclasses import dataclass, field
 from typing import Final, Literal
@@ -92,7 +92,10 @@ class Losses:
         distance: Float[np.ndarray, " n"],
         generator: np.random.Generator,
     ) -> Int[np.ndarray, " n"]:
-        """Flag of every ray, of which those of infinite distance miss; normals are those of the surfaces that were hit."""
+        """Flag of every ray, infinite distances being misses.
+
+        Normals are those of the surfaces that were hit.
+        """
         hit = np.isfinite(distance)
         power = (
             self.intensity(directions, normals)

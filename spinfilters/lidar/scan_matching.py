@@ -1,4 +1,7 @@
-"""Poses of a body of any shape: every scan registered to the map of those before it, then to that of all."""
+"""Poses of a body of any shape, by registration.
+
+Every scan is registered to the map of those before it, then to that of all.
+"""
 
 from collections.abc import Sequence
 from typing import Final
@@ -36,7 +39,9 @@ def match_scans(
     engine: RegistrationEngine | None = None,
     viewpoint: Float[np.ndarray, "3"] | None = None,
 ) -> list[ScanPose]:
-    """Poses of scans; frame g has the lidar's axes at the first scan and its origin at ``middle`` (m, in L).
+    """Poses of scans in frame g.
+
+    It has the lidar's axes at the first scan and its origin at ``middle`` (m, in L).
 
     Parameters
     ----------
@@ -57,7 +62,10 @@ def match_scans(
 def _next(
     clouds: list[Cloud], poses: list[ScanPose], time: float, size: float, engine: RegistrationEngine
 ) -> ScanPose:
-    """The pose of the next scan: from the prediction, or searched where that leads to little overlap."""
+    """The pose of the next scan.
+
+    From the prediction, or searched where that leads to little overlap.
+    """
     number = len(poses)
     R, t = predicted_pose(poses, time)
     target = _map(clouds, poses, R, list(range(number)))
@@ -72,7 +80,10 @@ def _next(
 def _posed(
     clouds: list[Cloud], poses: list[ScanPose], number: int, size: float, engine: RegistrationEngine
 ) -> ScanPose:
-    """A scan registered again, to the map of all others; the first keeps its pose, which defines g."""
+    """A scan registered again, to the map of all others.
+
+    The first keeps its pose, which defines g.
+    """
     pose = poses[number]
     others = [k for k in range(len(clouds)) if k != number]
     if not others:
@@ -98,8 +109,9 @@ def _map(clouds: list[Cloud], poses: list[ScanPose], R: Float[np.ndarray, "3 3"]
 
 
 def _told(found: Registration, time: float, size: float) -> ScanPose:
-    """The pose of g in L from that of the cloud in g: p_g = R p_L + t.
+    """The pose of g in L from that of the cloud in g.
 
+    p_g = R p_L + t.
     An error of the registration in map axes, rotation d and shift e, is a rotation a = -R' d of g in L, and a shift s of its origin
     with -R' e = s + t x a: the registration rotates about the lidar.
     """

@@ -1,4 +1,4 @@
-"""Pose of the body in one scan, with its covariance and what the scan does not determine."""
+"""Pose of the body in one scan, with covariance and undetermined directions."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -104,7 +104,7 @@ def _named(direction: Float[np.ndarray, "6"], size: float) -> str:
 def predicted_pose(
     poses: Sequence[ScanPose], time: float
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
-    """Pose at a time if the body goes on turning and drifting as between its last two scans."""
+    """Predicted pose at the rotation and drift of the last two scans."""
     last = poses[-1]
     if len(poses) < 2:
         return last.rotation, last.translation

@@ -1,4 +1,7 @@
-"""Poses of a body from a sequence of scans: by its faces where it has some, by registration where it has none."""
+"""Poses of a body from a sequence of scans.
+
+By its faces where it has some, by registration where it has none.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -172,8 +175,9 @@ def _deskewed(scan: Scan, poses: Sequence[ScanPose], number: int) -> Float[np.nd
 
 
 def scans_needed(poses: ScanPoses, attitude_std: float) -> int:
-    """Scans of which the mean attitude is as accurate as this, rad: the variance falls with their number.
+    """Scans whose mean attitude is accurate to this, rad.
 
+    The variance falls with their number.
     The thesis' closing question, for scans like these; those that leave a rotation undetermined count for what they tell.
     """
     information = np.mean([np.linalg.inv(pose.covariance[3:, 3:]) for pose in poses.poses], axis=0)

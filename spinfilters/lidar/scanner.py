@@ -1,4 +1,4 @@
-"""The lidar simulator: rays of a pattern against a mesh that may move while it is scanned."""
+"""The lidar simulator: rays of a pattern against a moving mesh."""
 
 from dataclasses import dataclass, field
 
@@ -43,7 +43,10 @@ class Scanner:
         return cls(mesh, settings, ray_tracer(mesh))
 
     def scan(self, motion: BodyMotion, start: float, generator: np.random.Generator) -> Scan:
-        """One scan that begins at ``start`` (s): every ray meets the body where it is at the ray's own time."""
+        """One scan that begins at ``start`` (s).
+
+        Every ray meets the body where it is at the ray's own time.
+        """
         rays, setting = self.settings.pattern.directions(), self.settings
         count = len(rays.azimuth)
         time = start + setting.duration * np.arange(count) / count
@@ -70,7 +73,10 @@ class Scanner:
     def _hits(
         self, motion: BodyMotion, time: Float[np.ndarray, " n"], beams: Float[np.ndarray, "n 3"]
     ) -> tuple[RayHits, Float[np.ndarray, "n 3"]]:
-        """Hits, and normals in frame L of the triangles that were hit: the rays are taken into the mesh's frame."""
+        """Hits, and normals in frame L of the triangles hit.
+
+        The rays are taken into the mesh's frame.
+        """
         R, t = motion.poses(time)
         if np.ptp(time) == 0 and len(time):
             origins, directions = np.broadcast_to(-t[:1] @ R[0], t.shape), beams @ R[0]

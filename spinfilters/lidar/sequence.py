@@ -63,7 +63,10 @@ def tumble_of(mesh: TriangleMesh, initial: Initial) -> TorqueFreeTumble:
 def scan_times(
     count: int, interval: float, duration: float
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Begin of every scan, and the epoch that its pose is told at: its middle. InputError: scans that overlap."""
+    """Begin of every scan and the epoch of its pose, its middle.
+
+    InputError: scans that overlap.
+    """
     if duration > interval and count > 1:
         raise InputError(
             f"scans of {duration} s every {interval} s overlap; give a longer interval or faster scans"
@@ -99,7 +102,10 @@ def truth_of(motion: TorqueFreeTumble, time: Float[np.ndarray, " n"]) -> Truth:
 
 
 def write_sequence(folder: Path, scans: list[Scan], truth: Truth, description: str, kind: str = KIND) -> None:
-    """Write dataset.toml, the scans and the truth. InputError: disk full, no permission, nothing returned in any scan."""
+    """Write dataset.toml, the scans and the truth.
+
+    InputError: disk full, no permission, nothing returned in any scan.
+    """
     if not any(scan.is_return.any() for scan in scans):
         raise InputError("no ray of any scan met the body; aim at it, or give a wider field of view")
     make_folder(folder / SCAN_FOLDER)

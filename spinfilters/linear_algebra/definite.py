@@ -16,7 +16,9 @@ Rounding leaves some 1e-15 of a singular one's 0, and numbers that were measured
 
 
 def correlation_root(covariance: Float[np.ndarray, "*batch n n"]) -> Float[np.ndarray, "*batch n n"]:
-    """Lower Cholesky factors of symmetric matrices that are scaled to a diagonal of ones, so that units have no say.
+    """Lower Cholesky factors of matrices scaled to unit diagonals.
+
+    Symmetric; units have no say.
 
     Raises
     ------

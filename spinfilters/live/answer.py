@@ -34,13 +34,19 @@ class Answer:
 
 
 def write_answer(answer: Answer, style: str, stream: TextIO) -> None:
-    """One line: JSON, or TUM (time, t, q_ig; of a rotation alone t is 0) with the verdict behind #."""
+    """Write an answer as one line, JSON or TUM.
+
+    TUM (time, t, q_ig; of a rotation alone t is 0) with the verdict behind #.
+    """
     stream.write((tum_line if style == "tum" else json_line)(answer) + "\n")
     stream.flush()
 
 
 def json_line(answer: Answer) -> str:
-    """All of it as one JSON object; the covariance is that of the error, its lower triangle row by row."""
+    """The whole answer as one JSON object.
+
+    The covariance is that of the error, its lower triangle row by row.
+    """
     document = {
         "time": answer.time,
         **_belief(answer.belief),

@@ -1,4 +1,7 @@
-"""Writer of answers in a thread of its own, so that a slow reader blocks no filter."""
+"""Writer of answers in its own thread.
+
+A slow reader blocks no filter.
+"""
 
 import queue
 import threading

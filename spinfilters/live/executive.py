@@ -63,7 +63,10 @@ class Executive:
         self._rebasing_to = setup.time
 
     def rehearse(self, epochs: Timeline) -> None:
-        """Build what answers are computed with, before a clock runs; the filter is left as it was."""
+        """Build what answers are computed with, before a clock runs.
+
+        The filter is left as it was.
+        """
         estimator = self.track.estimator
         before = estimator.snapshot()
         rehearse(estimator, self.track.time, epochs)
@@ -77,7 +80,10 @@ class Executive:
         gc.freeze()  # what has been built stays: a collection that looks through it takes longer than an answer
 
     def _rehearse_gaps(self, interval: float) -> None:
-        """Steps across gaps: more substeps are another function, which must not be built when a gap ends."""
+        """Rehearse steps across gaps.
+
+        More substeps are another function, which must not be built when a gap ends.
+        """
         steps = interval * 2.0 ** np.arange(REHEARSED_DOUBLINGS)
         for step in steps[(steps > 0) & (steps <= self._options.largest_gap)].tolist():
             try:
@@ -121,7 +127,10 @@ class Executive:
                 self._verdict.rebased(self._rebasing_to, self._smoother_believed)
 
     def _answers(self, arrived: ArrivedEpoch) -> Iterator[Answer]:
-        """The answer to an epoch, where it has one; what the smoother needs of it comes after that."""
+        """The answer to an epoch, if any, then the smoother's share.
+
+        What the smoother needs of it comes after that.
+        """
         loss = self._loss(arrived.time)
         if loss is not None:
             self.summary.events[loss] += 1

@@ -1,4 +1,7 @@
-"""The filter's last epochs with the state before each: for late measurements, and for hand-overs of the past."""
+"""The filter's last epochs with the state before each.
+
+For late measurements, and for hand-overs of the past.
+"""
 
 from bisect import bisect_right
 from collections.abc import Callable

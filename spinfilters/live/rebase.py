@@ -39,8 +39,9 @@ class HandOver:
 
 
 def rebase(estimator: Estimator, given: HandOver) -> None:
-    """Begin a filter anew from a hand-over of its present time, as it begins from an initialisation.
+    """Begin a filter anew from a hand-over of its present time.
 
+    As it begins from an initialisation.
     Landmarks that only the filter holds go: what told them has told the smoother's state too, and nobody knows how their errors
     depend on one another.
     """

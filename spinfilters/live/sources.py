@@ -58,8 +58,9 @@ class Replay(Source):
 
 
 class Lines(Source):
-    """Lines from a file descriptor: a pipe, a socket, or a file that grows until nothing was added for ``patience`` seconds.
+    """Lines from a file descriptor, such as a pipe or socket.
 
+    Or a file that grows until nothing was added for ``patience`` seconds.
     An epoch has arrived when its last line has, whether or not anybody was looking then: where data waited to be read, it counts
     from when this was last looked for.
     """
@@ -129,7 +130,9 @@ class Lines(Source):
 
 
 def open_lines(place: str, sensors: tuple[str, ...]) -> Lines:
-    """Lines from ``-`` (standard input), ``tcp:HOST:PORT`` or ``unix:PATH`` (connected to), a named pipe, or a growing file.
+    """Open a source of lines: standard input, socket, pipe or growing file.
+
+    ``-``, ``tcp:HOST:PORT`` or ``unix:PATH`` (connected to), a named pipe, a path.
 
     Raises
     ------

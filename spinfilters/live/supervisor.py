@@ -1,4 +1,7 @@
-"""The smoother's process from outside: fed, watched, ended and begun anew; nothing here ever waits for it."""
+"""The smoother's process from outside: fed, watched, ended and begun anew.
+
+Nothing here ever waits for it.
+"""
 
 import multiprocessing
 import os
@@ -102,7 +105,10 @@ class SmootherSupervisor:
             self.end("smoother hung", "it does not take in measurements")
 
     def hand_overs(self) -> list[HandOver]:
-        """What it has handed over since; ends it where it is late, and notices where it has ended."""
+        """What the smoother's process has handed over since.
+
+        Ends it where it is late, and notices where it has ended.
+        """
         if self._channel is None or self._process is None:
             return []
         self._channel.pump()

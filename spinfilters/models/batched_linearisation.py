@@ -25,7 +25,7 @@ from spinfilters.models.rotation_integrator import IntegrationError, RotationInt
 from spinfilters.models.rotation_parameters import rotation_parameters
 from spinfilters.models.step_count import FEWEST, boole_weights
 from spinfilters.state.layout import StateLayout
-from spinfilters.symbolic import Scan, building
+from spinfilters.symbolic import VectorisedScan, building
 
 ROTATION = 7
 """Numbers of (q, w)."""
@@ -37,7 +37,10 @@ SMALLEST_TURN = 1e-3
 
 @dataclass(frozen=True)
 class StepBatch:
-    """Steps of ``dt`` seconds from ``here`` to about ``there``, with slopes taken ``about`` points with other constants."""
+    """Steps of ``dt`` seconds from ``here`` to about ``there``.
+
+    With slopes taken ``about`` points with other constants.
+    """
 
     here: Float[np.ndarray, "k m"]
     there: Float[np.ndarray, "k m"]
@@ -99,13 +102,16 @@ class BatchedLinearisation:
 
     @cached_property
     @building()
-    def _scan(self) -> Scan:
-        """The state of the fold: the rotation, the same in substeps twice as long, and the sums of the linearisation."""
+    def _scan(self) -> VectorisedScan:
+        """The state of the scan.
+
+        The rotation, the same in substeps twice as long, and the sums of the linearisation.
+        """
         inputs = self._inputs()
         begin = ca.Function("begin_steps", inputs, [*self._begin(inputs[0], inputs[2]), inputs[4]])
         state = ca.SX.sym("state", 2 * ROTATION + self._integrator.linear_substep().numel_in(0))
         end = ca.Function("end_steps", [*inputs, state], self._end(inputs, state))
-        return Scan(begin, self._turn(state), end)
+        return VectorisedScan(begin, self._turn(state), end)
 
     def _inputs(self) -> list[Expression]:
         points = [ca.SX.sym(name, self._layout.mean_dim) for name in ("here", "there", "about")]

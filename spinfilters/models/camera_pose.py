@@ -1,4 +1,7 @@
-"""Camera pose in frame i as parameters of a measurement. None where the camera rests, seven where it moves."""
+"""Camera pose in frame i as parameters of a measurement.
+
+None where the camera rests, seven where it moves.
+"""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass

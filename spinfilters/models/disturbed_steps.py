@@ -18,7 +18,10 @@ TOGETHER = 16
 
 
 class DisturbedSteps:
-    """Steps of one or many states that are kicked before and after each (Strang splitting); see `RotationIntegrator`."""
+    """Steps disturbed before and after each (Strang splitting).
+
+    Of one or many states; see `RotationIntegrator`.
+    """
 
     def __init__(self, layout: StateLayout, integrator: RotationIntegrator) -> None:
         self._layout = layout
@@ -78,8 +81,9 @@ class DisturbedSteps:
 
     @building()
     def _build(self, count: int, steps: int, kept: int | None = None) -> Compiled:
-        """``steps`` steps of ``count`` substeps each: the last point, or those after every ``kept`` steps, one a column.
+        """Build ``steps`` steps of ``count`` substeps each.
 
+        The last point, or those after every ``kept`` steps, one a column.
         The error is the largest of a step.
         """
         into = ca.DM.zeros(self._layout.mean_dim, len(self.kicked))

@@ -1,5 +1,6 @@
-"""Gauge of the geometric frame g. Moving g against the body changes every number of the state and no measurement.
+"""Gauge of the geometric frame g.
 
+Moving g against the body changes every number of the state and no measurement.
 A move (theta, rho) takes a point p_g to R(theta) p_g + rho. With it
 
     q_ig -> q_ig (x) dq(-theta),  t -> t - R_ig R(theta)' rho,  w -> R w,  c -> R c + rho,  S -> R S R',  v -> v,  b -> R b,
@@ -32,7 +33,10 @@ GAUGE_STD = 1e-6
 
 
 def gauge_move(layout: StateLayout, x: Expression, move: Expression) -> Expression:
-    """The state that describes the same motion after g has been moved by (theta, rho); theta is 4 x MRP."""
+    """The state after g has been moved by (theta, rho).
+
+    It describes the same motion; theta is 4 x MRP.
+    """
     values = layout.unpack(x)
     turn, rho = quaternion_from_mrp(move[:3]), move[3:]
     R = matrix_from_quaternion(turn)
@@ -54,7 +58,10 @@ def gauge_directions(
 
 
 def gauge_of_points(points: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "l 6"]:
-    """Errors of landmarks per unit of (theta, rho): theta x p + rho; l = 3 k."""
+    """Errors of landmarks per unit of (theta, rho).
+
+    theta x p + rho; l = 3 k.
+    """
     x, y, z = points.T
     zero = np.zeros(len(points))
     turn = np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=1).reshape(-1, 3, 3)

@@ -1,4 +1,7 @@
-"""Sensor model of landmarks that an estimator holds in its state. Also differentiated by, and solved for, the landmark."""
+"""Model of a sensor of landmarks held in the state.
+
+Also differentiated by, and solved for, the landmark.
+"""
 
 from abc import abstractmethod
 from functools import cached_property
@@ -14,7 +17,9 @@ from spinfilters.symbolic import Compiled, Vectorised, building
 
 
 class LandmarkLinearisation(NamedTuple):
-    """A sensor about a state and one landmark per value, k values at once, whitened by the noise factor.
+    """A sensor linearised about a state and landmarks, whitened.
+
+    One landmark per value, k values at once, by the noise factor.
 
     Attributes
     ----------
@@ -54,7 +59,10 @@ class LandmarkSensor(MeasurementModel):
     def landmark(
         self, state: dict[str, Expression], measured: Expression, parameters: Expression
     ) -> Expression:
-        """The point (3, frame g) that would give exactly this measurement from this state; its parameters are not read."""
+        """The point (3, frame g) that explains a measurement exactly.
+
+        From this state; its parameters are not read.
+        """
 
     @abstractmethod
     def determined(self, measured: Expression, parameters: Expression) -> Expression:
@@ -84,8 +92,9 @@ class LandmarkSensor(MeasurementModel):
         parameters: Float[np.ndarray, "k p"],
         measured: Float[np.ndarray, "k v"],
     ) -> NewLandmarks:
-        """Landmarks from one measurement each, at a point (m,) or each at a point of its own (k, m).
+        """Landmarks from one measurement each.
 
+        At a point (m,) or each at a point of its own (k, m).
         With how they depend on the state's error and on the sensor's noise.
         """
         points, jacobian, root, determined = self._new_landmarks(x, parameters, measured)
@@ -122,8 +131,9 @@ class LandmarkSensor(MeasurementModel):
     @cached_property
     @building()
     def observation_innovations(self) -> Vectorised:
-        """Whitened innovations, what is positive where the model applies, and the log determinant of the noise factor.
+        """Whitened innovations, validity and log determinant of the noise factor.
 
+        Validity is positive where the model applies.
         Inputs: those of `observation_rows`.
         """
         x, p, z = self._symbols
@@ -148,8 +158,10 @@ class LandmarkSensor(MeasurementModel):
         return self._function("linearise_landmarks", [x, p, z], outputs)
 
     def _derivatives(self, x: ca.SX, p: ca.SX, z: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-        """Whitening, innovation, and its derivatives by the model's columns and by the landmark, signed as those of the
-        expectation."""
+        """Whitening, innovation and its derivatives.
+
+        By the model's columns and by the landmark, signed as those of the expectation.
+        """
         at, d = self._moved(x)
         expected = self.innovation(self.symbolic(at, p), z)
         here = self.innovation(self.symbolic(self.layout.unpack(x), p), z)

@@ -21,7 +21,9 @@ class LinearisedStep(NamedTuple):
 
 
 class LinearisedSteps(NamedTuple):
-    """k steps to first order in their errors: e_there = defect + transition e_here + noise_factor n.
+    """k steps to first order in their errors.
+
+    e_there = defect + transition e_here + noise_factor n.
 
     Attributes
     ----------

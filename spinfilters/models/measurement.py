@@ -133,7 +133,10 @@ class MeasurementModel(ABC):
         parameters: Float[np.ndarray, "k p"],
         measured: Float[np.ndarray, "k v"],
     ) -> Linearisation:
-        """Innovations and their derivatives at a point (m,), or each value's at a point of its own (k, m)."""
+        """Innovations and their derivatives at one or many points.
+
+        At a point (m,), or each value's at a point of its own (k, m).
+        """
         points = x if x.ndim == 2 else x[np.newaxis]
         made = self.linearisation(points, parameters, measured, rows=(None, None, None))
         innovation, jacobian, valid, log_noise = made
@@ -237,8 +240,9 @@ class MeasurementModel(ABC):
     @cached_property
     @building()
     def linearisation(self) -> Vectorised:
-        """What `linearise` gives of a point, a value's parameters and the value, for many values side by side.
+        """Linearisation of many values side by side.
 
+        What `linearise` gives of a point, a value's parameters and the value.
         Outputs: whitened innovation, its Jacobian row by row, what is positive where the model applies, log determinant of the
         noise factor.
         """

@@ -62,7 +62,9 @@ THESIS_NOISE = ProcessNoise(force_psd=1e-6, torque_psd=1e-6)
 def body_acceleration(
     w: Expression, J: Expression, drag: Expression | None = None, torque: Expression | None = None
 ) -> Expression:
-    """w' = J^-1 (J w x w) - d |w| w + m in g axes, rad/s^2 (Tweddle 2013, Eq. 4.103; the sign of 3.16-3.18 is corrected).
+    """Body acceleration w' in g axes, rad/s^2 (Tweddle 2013, Eq. 4.103).
+
+    w' = J^-1 (J w x w) - d |w| w + m; the sign of 3.16-3.18 is corrected.
 
     Parameters
     ----------
@@ -89,7 +91,9 @@ def derivative(layout: StateLayout, x: Expression) -> Expression:
 
 
 class TorqueFreeProcess:
-    """Discrete process model over any layout that holds a, w and s (t, v, c together, and other constants, optionally).
+    """Discrete torque-free process model over any layout with a, w, s.
+
+    t, v, c together, and other constants, are optional.
 
     Parameters
     ----------
@@ -115,7 +119,9 @@ class TorqueFreeProcess:
     def disturbed_steps(
         self, x: Float[np.ndarray, "*batch m"], dt: float, normal: Float[np.ndarray, "n *batch 2 b"]
     ) -> Float[np.ndarray, "*batch m"]:
-        """Points after n steps of ``dt`` seconds (dt > 0), each between half a step's white disturbances before it and after it.
+        """Points after n disturbed steps of ``dt`` seconds (dt > 0).
+
+        Each between half a step's white disturbances before it and after it.
 
         Parameters
         ----------
@@ -127,7 +133,9 @@ class TorqueFreeProcess:
     def disturbed_path(
         self, x: Float[np.ndarray, " m"], dt: float, normal: Float[np.ndarray, "n k 2 b"]
     ) -> Float[np.ndarray, "n_plus_1 m"]:
-        """One motion at its begin and after every one of n intervals of ``dt`` seconds, each of k disturbed steps.
+        """One disturbed motion at the ends of n intervals.
+
+        At its begin and after every interval of ``dt`` seconds, each of k disturbed steps.
 
         Parameters
         ----------
@@ -163,8 +171,9 @@ class TorqueFreeProcess:
         return self._many.linearise(here, there, dt, self._densities, about)
 
     def require_steps(self, time: Float[np.ndarray, " k"], rates: Float[np.ndarray, "k 3"]) -> None:
-        """Raise InputError where a motion with these body rates (rad/s) at these times (s) takes too many substeps to integrate.
+        """Require that a motion needs few enough substeps.
 
+        InputError: these body rates (rad/s) at these times (s) take too many to integrate.
         That is a step beyond `MAX_SUBSTEPS`, or more than `MOST_SUBSTEPS` and `USUAL_SUBSTEPS` a step in all.
         """
         turned = turns(rates[:-1], np.diff(time))

@@ -122,7 +122,7 @@ class RotationIntegrator:
         return count
 
     def good(self, error: np.ndarray, count: int) -> bool:
-        """Whether the tolerance is met; a result that is not finite is handed on, for the caller to see."""
+        """Whether the tolerance is met, or the result is not finite."""
         worst = float(error.max()) if error.size else 0.0
         if worst <= self._tolerance or not np.isfinite(worst):
             return True
@@ -177,7 +177,7 @@ class RotationIntegrator:
     def translated(
         self, values: dict[str, Expression], q: Expression, w: Expression, dt: Expression
     ) -> Expression:
-        """The state after dt from the rotation after dt: r = t + R c moves with v, v with f, the rest is constant."""
+        """State after dt: r = t + R c moves with v, v with f."""
         after = dict(values) | {"q": q, "w": w}
         if self._layout.translates:
             centre = values["t"] + rotate(values["q"], values["c"]) + dt * values["v"]
@@ -206,11 +206,11 @@ class RotationIntegrator:
         )
 
     def linear_substep(self) -> ca.Function:
-        """One substep of (q, w, Psi, Theta, noise): the noise of a node enters with its weight, then all moves on.
+        """One substep of (q, w, Psi, Theta, noise).
 
-        The state u is [q w (7) | Psi (6 x 6) | Theta (6 x n) | noise (6 x 6)], matrices column by column: Psi by the first error
-        (a, w), Theta by the n parameters of the rotation. G = [A B] is one substep's own derivative by the same (a, w) and
-        parameters, so Psi <- A Psi, Theta <- A Theta + B, noise <- A noise A'.
+        Node noise enters weighted. The state u is [q w (7) | Psi (6 x 6) | Theta (6 x n) | noise (6 x 6)], matrices column by
+        column: Psi by the first error (a, w), Theta by the n parameters of the rotation. G = [A B] is one substep's own
+        derivative by the same (a, w) and parameters, so Psi <- A Psi, Theta <- A Theta + B, noise <- A noise A'.
         """
         n = self._parameter_count
         sums, p, h, weight = (
@@ -294,7 +294,7 @@ def rotation_difference(coarse: Expression, fine: Expression) -> Expression:
 
 
 def _double_integrator_root(dt: Expression) -> Expression:
-    """Lower factor of the covariance of (position, velocity) after dt of unit white acceleration, 6 x 6."""
+    """Lower covariance factor (6 x 6) of (position, velocity) after white acceleration."""
     root = ca.sqrt(dt)
     block = ca.vertcat(ca.horzcat(dt * root / np.sqrt(3), 0), ca.horzcat(np.sqrt(3) / 2 * root, root / 2))
     return ca.kron(block, ca.DM.eye(3))

@@ -7,7 +7,10 @@ from spinfilters.state.layout import StateLayout
 
 
 def rotation_parameters(layout: StateLayout, values: dict[str, Expression]) -> Expression:
-    """The numbers by which constants enter the rotation, block after block: six entries of J(s), then the drag."""
+    """Constants that enter the rotation, block after block.
+
+    Six entries of J(s), then the drag.
+    """
     return ca.vertcat(
         *[block.rotation.of(values[block.symbol]) for block in layout.members if block.rotation]
     )

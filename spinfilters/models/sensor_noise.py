@@ -1,4 +1,7 @@
-"""Sensor noise as parameters of a measurement. One standard deviation, or a covariance of every measurement's own."""
+"""Sensor noise as parameters of a measurement.
+
+One standard deviation, or a covariance of every measurement's own.
+"""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass

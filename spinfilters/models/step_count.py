@@ -17,14 +17,20 @@ coarse costs one more evaluation, one that is too fine would cost every one."""
 def turns(
     rates: Float[np.ndarray, "*batch 3"], dt: Float[np.ndarray, "*batch"]
 ) -> Float[np.ndarray, "*batch"]:
-    """|w| dt of steps, rad; infinite where it is beyond all numbers, which no square on the way is."""
+    """Rotation |w| dt of steps, rad.
+
+    Infinite where it is beyond all numbers, which no square on the way is.
+    """
     scale = np.abs(rates).max(axis=-1, keepdims=True, initial=np.finfo(float).tiny)
     with np.errstate(over="ignore", invalid="ignore"):
         return scale[..., 0] * np.linalg.norm(rates / scale, axis=-1) * dt
 
 
 def substeps(turn: float, tolerance: float) -> int:
-    """Substeps that a turn (rad) in one step is expected to need, a power of two; above `MAX_SUBSTEPS` for what needs more."""
+    """Substeps that a rotation (rad) in one step needs.
+
+    A power of two; above `MAX_SUBSTEPS` for what needs more.
+    """
     angle = (tolerance / (STEP_ERROR * max(turn, tolerance))) ** 0.25
     noise_angle = (NOISE_ERROR / BOOLE_ERROR) ** (1 / 6) * max(turn, NOISE_ERROR) ** (1 / 3)
     count = FEWEST
@@ -34,5 +40,8 @@ def substeps(turn: float, tolerance: float) -> int:
 
 
 def boole_weights(count: int) -> Float[np.ndarray, " nodes"]:
-    """Of the noise of every node of ``count`` substeps and of the end, over panels of four (Boole's rule)."""
+    """Boole's weights of the noise at every node.
+
+    Of ``count`` substeps and of the end, over panels of four.
+    """
     return np.array([7.0, *([32.0, 12.0, 32.0, 14.0] * (count // 4))[:-1], 7.0]) * 2 / 45

@@ -1,4 +1,4 @@
-"""A model within a page that is turned with the mouse, at rest or as it moves."""
+"""A model turned with the mouse, at rest or in motion."""
 
 import base64
 import json
@@ -18,7 +18,10 @@ _SIZE = 900, 640
 
 @dataclass(frozen=True, eq=False)
 class ShownMotion:
-    """Poses of the principal axes in frame i: ``time`` (n,) s, ``rotation`` (n, 3, 3) R_ip, ``position`` (n, 3) m."""
+    """Poses of the principal axes in frame i.
+
+    ``time`` (n,) s, ``rotation`` (n, 3, 3) R_ip, ``position`` (n, 3) m.
+    """
 
     time: Float[np.ndarray, " n"]
     rotation: Float[np.ndarray, "n 3 3"]
@@ -79,7 +82,10 @@ def _document(model: ShownModel, motion: ShownMotion) -> dict[str, object]:
 
 
 def _limited(model: ShownModel) -> ShownModel:
-    """Points that are finite, no more than a page holds; of a surface with more triangles the vertices."""
+    """Finite points, no more than a page holds.
+
+    Of a surface with more triangles the vertices.
+    """
     if 0 < len(model.triangles) <= MOST_TRIANGLES:
         return model
     rows = np.flatnonzero(np.isfinite(model.vertices).all(axis=1))

@@ -1,4 +1,7 @@
-"""Self-contained HTML page: nothing is loaded from anywhere, and every text that is not HTML is escaped."""
+"""Self-contained HTML page.
+
+Nothing is loaded from anywhere, and every text that is not HTML is escaped.
+"""
 
 import base64
 import hashlib

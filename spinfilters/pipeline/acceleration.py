@@ -1,5 +1,6 @@
-"""A constant acceleration (gravity) in the state where the first epochs of a recording ask for it and tell it.
+"""A constant acceleration in the state where the data tell it.
 
+Gravity, say; the first epochs of a recording ask for it.
 Over an arc of much less than a turn the centripetal acceleration of an offset centre of mass, w x (w x c), is nearly constant and
 looks like gravity: with c known to 1 m a toss at 2.6 rad/s tells gravity to 3 m/s^2. How far origins of poses lie from centres of
 mass is then a hyperparameter, chosen by marginal likelihood among `CENTRE_STDS` unless the settings state it.
@@ -36,7 +37,10 @@ CLEAR_FIT: Final = 1.5
 
 
 def with_acceleration_if_told(make: "Callable[[Settings], Setup]", settings: Settings) -> "Setup":
-    """The setup without a constant acceleration, or with one where the first epochs ask for it and tell it from zero."""
+    """The setup with a constant acceleration if the data tell one.
+
+    The first epochs ask for it and tell it from zero.
+    """
     without = make(settings)
     if not without.process.layout.translates:
         return without
@@ -51,7 +55,7 @@ def with_acceleration_if_told(make: "Callable[[Settings], Setup]", settings: Set
 
 
 def _likeliest(make: "Callable[[Settings], Setup]", settings: Settings) -> Settings | None:
-    """Settings with an acceleration that the first epochs tell from zero, if the likeliest of all have one."""
+    """Settings with an acceleration told from zero, if most likely."""
     found: list[tuple[float, float, bool, Settings]] = []
     for gravity in (False, True):
         for std in (CENTRE_OF_MASS.prior_std, *CENTRE_STDS):
@@ -87,7 +91,10 @@ def _knows_centre(start: InitialEstimate) -> bool:
 
 
 def _cost(setup: "Setup") -> float:
-    """-2 ln marginal likelihood of the first epochs; infinite where noise that nobody states is not identified from them."""
+    """-2 ln marginal likelihood of the first epochs.
+
+    Infinite where noise that nobody states is not identified from them.
+    """
     start = setup.initial
     identified = any(each.told for each in setup.identified)  # else gates have refused everything
     if (setup.sought and not identified) or start.has_failed or not np.isfinite(start.mean).all():
@@ -97,7 +104,10 @@ def _cost(setup: "Setup") -> float:
 
 
 def _asks(setup: "Setup") -> bool:
-    """Whether epochs without it could not be smoothed, identify no noise, do not fit, or score for it."""
+    """Whether epochs without an acceleration ask for it.
+
+    They could not be smoothed, identify no noise, do not fit, or score for it.
+    """
     start = setup.initial
     if setup.sought and not setup.identified:
         return True

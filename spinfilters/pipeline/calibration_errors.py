@@ -53,7 +53,10 @@ class CalibrationErrors:
         return tuple(each for each in self.setup.calibration if each.std > 0)
 
     def counted(self, history: EstimateHistory, entry: AnyEntry) -> EstimateHistory:
-        """A history with what errors of the calibration add to its covariance; ``degraded`` where that cannot be computed."""
+        """A history whose covariance counts the calibration's errors.
+
+        ``degraded`` where that cannot be computed.
+        """
         if not self.considered or history.status.verdict is Verdict.FAILED:
             return history
         try:
@@ -96,7 +99,10 @@ class CalibrationErrors:
     def _of_filter(
         self, entry: AnyEntry, epochs: Timeline, means: Float[np.ndarray, "j m"]
     ) -> Float[np.ndarray, "k e c"] | None:
-        """Differences of a filter's estimates, those of the initialisation in front, from those of data with an error each."""
+        """Differences of a filter's estimates from those of faulty data.
+
+        Data with an error each; those of the initialisation in front.
+        """
         begun, columns = self._initialisation, []
         if begun is None:
             return None

@@ -87,7 +87,10 @@ def compare_into(
 def write_comparison(
     folder: Path, comparison: Comparison, settings: Settings, report: Progress = silent
 ) -> None:
-    """Results and figures of a comparison that was made in memory, as `compare_into` writes them. Errors: `write_run`."""
+    """Write results and figures of a comparison made in memory.
+
+    As `compare_into` writes them. Errors: `write_run`.
+    """
     refuse_source_within(folder, comparison.setup.dataset.path)
     open_run_folder(folder)
     with locked_run(folder):
@@ -99,7 +102,10 @@ def write_comparison(
 def _compare_and_write(
     dataset: Dataset, settings: Settings, output: RunOutput, report: Progress
 ) -> Comparison:
-    """Run, write and draw in a folder that is locked, going on from its checkpoints when resuming."""
+    """Run, write and draw in a locked folder.
+
+    Going on from its checkpoints when resuming.
+    """
     folder, optional_outputs = output.folder, output.optional_outputs
     setup = _initialised(dataset, settings, report)
     if optional_outputs is not None:
@@ -153,7 +159,7 @@ def _write_report(folder: Path, comparison: Comparison) -> None:
 
 
 def _complete(dataset: Dataset, settings: Settings, output: RunOutput, report: Progress) -> list[str]:
-    """Draw the figures that a finished run lacks, and make what else is asked for; their names."""
+    """Complete a finished run's figures and extras; their names."""
     made = _draw_missing(output.folder, settings, report)
     if output.optional_outputs is not None:
         made += output.optional_outputs.complete(
@@ -169,7 +175,10 @@ def _complete(dataset: Dataset, settings: Settings, output: RunOutput, report: P
 
 
 def _draw_missing(folder: Path, settings: Settings, report: Progress) -> list[str]:
-    """Figures that a finished run does not have, because Ctrl-C or a kill came while they were drawn."""
+    """Draw missing figures of a finished run.
+
+    Ctrl-C or a kill came while they were drawn.
+    """
     missing = [name for name in picture_files(settings.estimators) if not (folder / name).exists()]
     if not missing:
         return []

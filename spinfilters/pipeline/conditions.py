@@ -1,4 +1,7 @@
-"""What a comparison was made under: the map, the noise that the estimators are told, the seed, a truth that belongs together."""
+"""Conditions of a comparison: map, noise, seed, consistent truth.
+
+The noise is what the estimators are told.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -89,7 +92,10 @@ class Conditions:
 
     @property
     def sentences(self) -> list[str]:
-        """In words: the map and the seed, then the noise, then what is wrong with the truth."""
+        """Conditions in words.
+
+        The map and the seed, then the noise, then what is wrong with the truth.
+        """
         known = "" if self.landmarks is None else f" ({self.landmarks} landmarks)"
         first = [] if self.map is None else [f"Map {self.map}{known}."]
         first += [] if self.seed is None else [f"Seed {self.seed}."]
@@ -144,7 +150,10 @@ def told_sentences(document: dict[str, Any]) -> list[str]:
 
 
 def _sensor_noise(stream: MeasurementStream, setup: Setup) -> Iterator[StatedNoise]:
-    """What every option of the sensor is, of rows with covariances their median; what is zero is left out."""
+    """Value of every noise option of the sensor.
+
+    Of rows with covariances their median; what is zero is left out.
+    """
     for option in sensor_format(stream.sensor).noise:
         value = setup.noise.values[option.name]
         if stream.covariance is not None and option.components is not None:

@@ -1,4 +1,7 @@
-"""Deviations of the calibration that a run considers: settings first, then the data set's own, then priors."""
+"""Deviations of the calibration that a run considers.
+
+Settings first, then the data set's own, then priors.
+"""
 
 from typing import Final
 
@@ -14,7 +17,10 @@ NOTHING_CONSIDERED: Final[tuple[ConsideredDeviation, ...]] = ()
 def considered_deviations(
     dataset: Dataset, settings: Settings, layout: StateLayout
 ) -> tuple[ConsideredDeviation, ...]:
-    """Of the sensors of a data set and of its clock, but for those of numbers that the state holds. Some may be zero."""
+    """Considered deviations of the sensors and the clock.
+
+    But for those of numbers that the state holds. Some may be zero.
+    """
     found = []
     for name, parameter in consider_parameters().items():
         if not parameter.concerns(dataset.log.sensors) or parameter.block in layout.blocks:

@@ -1,4 +1,7 @@
-"""The smoother's convergence on a recording: solved again after every epoch from the first on, as arrays and a picture."""
+"""The smoother's convergence on a recording, as arrays and a picture.
+
+Solved again after every epoch from the first on.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -147,7 +150,10 @@ def _convergence(found: ConvergenceRecord, latest: EstimateHistory, truth: Truth
 
 
 def _in_estimated_frame(found: ConvergenceRecord, latest: EstimateHistory, truth: Truth) -> Truth:
-    """The truth in the g that the first epoch defines; where that is not told, in the g that fits the last solve best."""
+    """The truth in the estimate's g.
+
+    That which the first epoch defines; where it is not told, that which fits the last solve best.
+    """
     if tells_first_frame(latest, truth):
         return truth_in_first_frame(latest, truth)
     rows, true_rows = common_stamps(found.time, truth.time)

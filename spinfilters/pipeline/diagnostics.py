@@ -104,8 +104,9 @@ def _left_out(history: EstimateHistory, false_alarm: float) -> list[str]:
 
 
 def _empty_epochs(history: EstimateHistory, false_alarm: float) -> list[str]:
-    """Doubts about epochs that told nothing: more of them, or more in a row, than false alarms account for.
+    """Doubts about epochs without any inlier.
 
+    More of them, or more in a row, than false alarms account for.
     An epoch of m independent values is refused as a whole with probability p^m. The number of such epochs is compared with a
     Poisson number of that expectation; r in a row at one of n places have at most the probability n q^r, with q the mean of p^m.
     """

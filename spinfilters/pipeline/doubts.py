@@ -63,7 +63,10 @@ class Doubts:
 
     @cached_property
     def _of_landmarks(self) -> list[str]:
-        """What the first filter beside a smoother of landmarks says of the noise that both are told, if they agree."""
+        """Doubts about noise by the first filter beside a landmark smoother.
+
+        What it says of the noise that both are told, if they agree.
+        """
         if not self.setup.initial.has_landmarks:
             return []
         for each in self.evaluations:

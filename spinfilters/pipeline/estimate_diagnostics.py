@@ -1,4 +1,7 @@
-"""When an estimate deserves doubt that its own numbers do not show: beside the smoother, and by what its moments rest on."""
+"""Doubts about estimates that their own numbers do not show.
+
+Beside the smoother, and by what the moments rest on.
+"""
 
 from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.history import EstimateHistory
@@ -22,8 +25,9 @@ LEAST_EVIDENCE = 30.0
 def reference_smoother(
     histories: list[EstimateHistory], setup: Setup, settings: Settings
 ) -> EstimateHistory | None:
-    """The smoother that filters are held against: one of these histories, or made where what they begin from is vague.
+    """The reference smoother of the filters.
 
+    One of these histories, or made where what they begin from is vague.
     None where it has failed, or where it would have to be made with landmarks.
     """
     for history in histories:

@@ -135,7 +135,10 @@ def compare_estimators(
 def _estimated(
     entry: AnyEntry, setup: Setup, settings: Settings, company: "_Company"
 ) -> tuple[EstimateHistory, Float[np.ndarray, "k 3"] | None]:
-    """One estimator's history of all epochs, and its landmarks if it has any; numbers that lead nowhere are its failure."""
+    """One estimator's history of all epochs, and its landmarks.
+
+    If it has any; numbers that lead nowhere are its failure.
+    """
     progress = company.progress
     try:
         batch = entry.batch(setup, settings)
@@ -160,7 +163,10 @@ def _final(
     rows: GrowingHistory,
     setup: Setup,
 ) -> EstimateHistory:
-    """What the estimator says in the end; where that cannot be computed, what it said of each epoch as it came, as ``failed``."""
+    """Final estimates, or those of each epoch as ``failed``.
+
+    The latter where the final ones cannot be computed.
+    """
     try:
         history = entry.final(estimator, passed, setup)
     except NUMERICAL_ERRORS as error:
@@ -194,8 +200,9 @@ def _run(
     setup: Setup,
     company: "_Company",
 ) -> tuple[EstimateHistory, GrowingHistory]:
-    """From where the keeper left off, or from the start; a run that had ended is not made again.
+    """Run from the last checkpoint, or from the start.
 
+    A run that had ended is not made again.
     Its rows have room for those of the start in front.
 
     Parameters

@@ -20,8 +20,9 @@ Built = TypeVar("Built", bound="Estimator")
 
 
 class EstimatorEntry(ABC, Generic[Built]):
-    """An estimator of the table. A subclass states its attributes and writes `build`; what else it does differently it overrides.
+    """An estimator of the table.
 
+    A subclass states its attributes and writes `build`; what else it does differently it overrides.
     It is recursive (a `LatestBelief`, or an `Estimator` with a state of its own), or for some data sets batch.
 
     Attributes
@@ -53,8 +54,10 @@ class EstimatorEntry(ABC, Generic[Built]):
         estimator.start(setup.initial.belief)
 
     def final(self, estimator: Built, passed: "EstimateHistory", setup: "Setup") -> "EstimateHistory | None":
-        """What it says in the end of all epochs, those of the initialisation among them; None where that is what it said of each
-        as it came. ``passed`` holds the epochs behind the initialisation."""
+        """Final estimates of all epochs, those of the initialisation among them.
+
+        None where that is what it said of each as it came. ``passed`` holds the epochs behind the initialisation.
+        """
         return None
 
     def noise(
@@ -83,7 +86,10 @@ TABLE: Final[PluginGroup[AnyEntry]] = PluginGroup(
 
 
 def estimator_entries() -> dict[str, AnyEntry]:
-    """Entries by name, in their order. InputError: a plug-in that cannot be loaded, a name that stands twice."""
+    """Entries by name, in their order.
+
+    InputError: a plug-in that cannot be loaded, a name that stands twice.
+    """
     return by_name(TABLE, "estimator")
 
 

@@ -87,7 +87,10 @@ class Explanation:
 
 
 def explanations(comparison: Comparison, settings: Settings) -> tuple[TestedModels, list[Explanation]]:
-    """Score tests of a comparison, and a refit of its best estimator with each alternative that is named and can be held."""
+    """Score tests of a comparison, and refits with named alternatives.
+
+    Its best estimator with each alternative that is named and can be held.
+    """
     found = comparison.models
     name = "smoother" if "smoother" in settings.estimators else settings.estimators[0]
     refits = [
@@ -113,7 +116,10 @@ def write_explanations(folder: Path, comparison: Comparison, settings: Settings)
 
 
 def read_sentences(folder: Path) -> Sequence[str]:
-    """What the file of a run folder says, a line each; none where it is not there or damaged."""
+    """Sentences of the file of a run folder, a line each.
+
+    None where it is not there or damaged.
+    """
     try:
         document = json.loads((folder / EXPLANATIONS_FILE).read_text(encoding="utf-8"))
         return [str(each) for each in document["sentences"]]

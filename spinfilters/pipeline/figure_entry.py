@@ -13,7 +13,9 @@ if TYPE_CHECKING:
 
 
 class FigureEntry(ABC):
-    """A figure of the table. A subclass states its attributes and writes `draw`; what else it does differently it overrides.
+    """A figure of the table.
+
+    A subclass states its attributes and writes `draw`; what else it does differently it overrides.
 
     Attributes
     ----------
@@ -25,11 +27,17 @@ class FigureEntry(ABC):
     order: int = 100
 
     def names(self, estimators: Sequence[str]) -> tuple[str, ...]:
-        """Of its figures in a run of these estimators: one, unless it draws each estimator by itself."""
+        """Names of its figures in a run of these estimators.
+
+        One, unless it draws each estimator by itself.
+        """
         return (self.name,)
 
     def lacks(self, shown: "FigureData") -> str | None:
-        """What it needs and a run does not have, as a noun; None where it can be drawn."""
+        """What it needs and a run lacks, as a noun.
+
+        None where it can be drawn.
+        """
         return None
 
     @abstractmethod
@@ -44,7 +52,10 @@ TABLE: Final = PluginGroup(
 
 
 def figure_entries() -> list[FigureEntry]:
-    """All of them, in their order. InputError: a plug-in that cannot be loaded, a name that stands twice."""
+    """All figures, in their order.
+
+    InputError: a plug-in that cannot be loaded, a name that stands twice.
+    """
     return list(by_name(TABLE, "figure").values())
 
 

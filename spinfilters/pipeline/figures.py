@@ -31,7 +31,10 @@ from spinfilters.state.status import Verdict
 
 @dataclass(frozen=True)
 class FigureData:
-    """What the figures show: evaluations of one data set, the landmarks (k, 3) if any, and sentences on its conditions."""
+    """What the figures show.
+
+    Evaluations of one data set, the landmarks (k, 3) if any, and sentences on its conditions.
+    """
 
     dataset: Dataset
     evaluations: Sequence[Evaluation]
@@ -98,7 +101,10 @@ def draw_run(
     progress: Callable[[int, int], None],
     wanted: Container[str] | None = None,
 ) -> list[str]:
-    """The figures of a run as PNG files in its folder, all or those of the wanted files; returns the names of the files."""
+    """Draw a run's figures as PNG files and give their names.
+
+    In its folder, all or those of the wanted files.
+    """
     every = {f"{name}.png": draw for name, draw in _figures(figure_data)}
     figures = {name: draw for name, draw in every.items() if wanted is None or name in wanted}
     for index, (name, draw) in enumerate(figures.items()):

@@ -9,8 +9,11 @@ from spinfilters.pipeline.setup import Setup
 
 
 def identified_scales(setup: Setup) -> dict[str, NoiseScale]:
-    """By source, what the initialisation has identified: the most probable level beside what the process and sensors are told, with
-    the information 2 / var that it rests on. A sensor has one scale, and none where a part of its noise is stated."""
+    """Scales that the initialisation has identified, by source.
+
+    The most probable level beside what the process and sensors are told, with the information 2 / var that it rests on. A
+    sensor has one scale, and none where a part of its noise is stated.
+    """
     found = {each.name: each for each in setup.identified}
     scales = {}
     for source, options in _sources(setup).items():

@@ -41,7 +41,9 @@ class FirstEpochs:
     def smoothed(
         self, options: InitialisationOptions, before: InitialEstimate | None = None
     ) -> InitialEstimate:
-        """As many as filters need; where their numbers lead nowhere none of them is finite, and its status says why.
+        """Smoothed first epochs, as many as filters need.
+
+        Where their numbers lead nowhere none of them is finite, and its status says why.
 
         Parameters
         ----------
@@ -78,8 +80,9 @@ class FirstEpochs:
         return self.timeline[epochs - 1].time - self.timeline[0].time
 
     def _with_leading_epochs(self, options: InitialisationOptions) -> InitialisationOptions:
-        """With so many epochs that `LEADING_EPOCHS` of the sensor that tells most of the motion are among them.
+        """The options with enough leading epochs of the main sensor.
 
+        `LEADING_EPOCHS` of the sensor that tells most of the motion.
         Beside a fast gyro the first epochs would hold none or two of a camera.
         """
         leading = max(self.dataset.log.streams, key=_told).epoch_times

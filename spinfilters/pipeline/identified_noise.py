@@ -121,7 +121,10 @@ def _expected(made: NoisyModels, found: Identified) -> tuple[TorqueFreeProcess, 
 
 
 def _widened(start: InitialEstimate, found: Identified) -> InitialEstimate:
-    """With what is not known of the levels in its covariances; as it is where it has got other epochs with them."""
+    """The belief widened by the uncertainty of the noise levels.
+
+    As it is where it has got other epochs with them.
+    """
     if found.sensitivity.shape[1] != len(start.factor):
         return start
     return replace(start, factor=found.widened(start.factor))

@@ -48,7 +48,10 @@ class InertiaEvidence:
 
 
 def inertia_evidence(setup: Setup, settings: Settings) -> InertiaEvidence | None:
-    """Evidence of the epochs behind the initialisation; None where that has failed or is followed by none."""
+    """Inertia evidence of the epochs behind the initialisation.
+
+    None where that has failed or is followed by none.
+    """
     first = len(setup.initial.mean)
     rest = min(len(setup.timeline) - first, MOST_EPOCHS)
     if setup.initial.has_failed or rest < 1 or not np.isfinite(setup.belief.factor).all():
@@ -83,7 +86,10 @@ def _as_sphere(belief: Gaussian | LandmarkBelief) -> Gaussian | LandmarkBelief:
 
 
 def _evidence(body: EstimateHistory, sphere: EstimateHistory, settings: Settings) -> float:
-    """By epoch: of the likelihoods where both used as much, else of the squares, a refused value taken for one at the gate."""
+    """Evidence by epoch.
+
+    Of the likelihoods where both used as much, else of the squares, a refused value taken for one at the gate.
+    """
     alike = body.accepted == sphere.accepted
     likelihoods = 2 * (body.log_likelihood - sphere.log_likelihood)
     refused = max(1.0 - settings.robust.gate_probability, SMALLEST_REFUSAL)

@@ -1,5 +1,6 @@
-"""How many epochs an initialisation smooths: until a filter that goes on from them is as good as the smoother.
+"""Number of epochs of an initialisation.
 
+Until a filter that goes on from them is as good as the smoother.
 A filter linearises once. While a motion is hardly known, what that leaves out is as large as what it knows, and without
 disturbances it is never forgotten: on flips and on noisy poses filters ended off by tens of their standard deviations, although the
 moments had been known to a tenth. So the length is chosen by what is sought: a filter is carried over as many epochs again, and
@@ -43,14 +44,19 @@ Make = Callable[[InitialisationOptions], InitialEstimate]
 
 
 def moments_std_of(start: InitialEstimate) -> float:
-    """Largest standard deviation of a principal moment at the end of a start, relative to the largest moment."""
+    """Largest standard deviation of a principal moment after the initialisation.
+
+    Relative to the largest moment.
+    """
     return float(np.max(body_estimate(start.belief, intervals=False).principal_moments_std))
 
 
 def long_enough_initialisation(
     process: ProcessModel, timeline: Timeline, make: Make, options: InitialisationOptions
 ) -> InitialEstimate:
-    """A start of twice the epochs until filters can go on from it, or it has its share of the recording.
+    """An initialisation long enough for filters.
+
+    Of twice the epochs until they can go on from it, or it has its share of the recording.
 
     Raises
     ------
@@ -72,7 +78,9 @@ def long_enough_initialisation(
 def departure_of(
     process: ProcessModel, timeline: Timeline, start: InitialEstimate, later: InitialEstimate
 ) -> float:
-    """Length of what lies between a filter and the smoother of the same measurements, in the smoother's standard deviations.
+    """Distance of a filter from the smoother of the same measurements.
+
+    In the smoother's standard deviations.
 
     Parameters
     ----------
@@ -102,8 +110,9 @@ def _longer(options: InitialisationOptions, timeline: Timeline) -> Initialisatio
 def _checked(
     process: ProcessModel, timeline: Timeline, make: Make, options: InitialisationOptions
 ) -> InitialEstimate:
-    """A start; where its moments would be enough and are not beyond doubt, with what a filter makes of it.
+    """An initialisation with the check of doubtful moments.
 
+    With what a filter makes of it where its moments would be enough and are not beyond doubt.
     With landmarks nothing is compared: which observations are believed differs between filter and smoother.
     """
     start = make(options)

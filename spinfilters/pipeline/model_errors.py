@@ -1,4 +1,7 @@
-"""Errors of the models that a recording shows: score tests about the smoothed motion, with reasons for the verdict."""
+"""Errors of the models that a recording shows.
+
+Score tests about the smoothed motion, with reasons for the verdict.
+"""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -71,13 +74,19 @@ class TestedModels:
 
     @property
     def named(self) -> tuple[ScoreTest, ...]:
-        """Those that a verdict names: the likeliest of those beyond chance, as far as they matter to the estimates."""
+        """Model errors that a verdict names.
+
+        The likeliest of those beyond chance, as far as they matter to the estimates.
+        """
         beyond = FALSE_ALARM / max(len(self.tests), 1)
         likely = [each for each in self.tests if each.p_value < beyond][:NAMED]
         return tuple(each for each in likely if self.contradicted or self._matters(each, beyond))
 
     def _matters(self, test: ScoreTest, beyond: float) -> bool:
-        """Whether an error moves estimates, and is beyond chance at their noise levels, not only by what the levels fall."""
+        """Whether an error moves estimates and is beyond chance.
+
+        At the tested noise levels, not only by what the levels fall.
+        """
         if self.std is None:
             return True
         effect = test.effect(self.std)
@@ -115,7 +124,10 @@ def _phrase(test: ScoreTest) -> str:
 
 
 def tested_models(setup: "Setup", evaluations: Sequence[Evaluation]) -> TestedModels:
-    """Score tests about the motion of the best estimator that there is; none where nothing can be linearised."""
+    """Score tests about the motion of the best estimator.
+
+    None where nothing can be linearised.
+    """
     best, units = _best(setup, evaluations), tuple(wrong_units(setup.dataset))
     if best is None:
         return replace(NOT_TESTED, units=units)
@@ -127,7 +139,10 @@ def tested_models(setup: "Setup", evaluations: Sequence[Evaluation]) -> TestedMo
 def tested_about(
     setup: "Setup", trajectory: Float[np.ndarray, "k m"], errors: Iterable[Alternative]
 ) -> TestedModels:
-    """Score tests of the first epochs about a trajectory near the most probable one; where there are none, why."""
+    """Score tests of the first epochs about a nearly most probable trajectory.
+
+    Where there are none, why.
+    """
     try:
         with np.errstate(all="ignore"):
             return _tested(setup, trajectory, errors)
@@ -138,7 +153,10 @@ def tested_about(
 def _tested(
     setup: "Setup", trajectory: Float[np.ndarray, "k m"], errors: Iterable[Alternative]
 ) -> TestedModels:
-    """Tests at the noise levels of the setup; where residuals contradict these, at those that the data would have, too."""
+    """Score tests at the noise levels of the setup.
+
+    Where residuals contradict these, at those that the data would have, too.
+    """
     epochs = setup.timeline[: len(trajectory)]
     problem, time = linear_problem(setup, epochs), times_of(epochs)
     solved = solved_near(problem, trajectory, landmarks_placed(problem, trajectory))
@@ -163,7 +181,10 @@ def _tested(
 
 
 def minus_twice_log_evidence(setup: "Setup", trajectory: Float[np.ndarray, "k m"]) -> float | None:
-    """Of the first epochs, up to a constant of priors; None where they cannot be linearised about a trajectory."""
+    """-2 ln evidence of the first epochs, up to a constant of priors.
+
+    None where they cannot be linearised about a trajectory.
+    """
     try:
         with np.errstate(all="ignore"):
             problem = linear_problem(setup, setup.timeline[: len(trajectory)])
@@ -174,7 +195,10 @@ def minus_twice_log_evidence(setup: "Setup", trajectory: Float[np.ndarray, "k m"
 
 
 def _best(setup: "Setup", evaluations: Sequence[Evaluation]) -> EstimateHistory | None:
-    """The estimator that used most measurements of each epoch: the smoother if it runs, else the first that has not failed."""
+    """The estimator that used most measurements of each epoch.
+
+    The smoother if it runs, else the first that has not failed.
+    """
     good = [
         each.history
         for each in evaluations
@@ -194,7 +218,10 @@ def _stated(setup: "Setup") -> frozenset[str]:
 
 
 def linear_problem(setup: "Setup", epochs: Timeline, ids: Int[np.ndarray, " L"] | None = None) -> Problem:
-    """The smoothing problem of some epochs, the first among them, with landmarks of these ids, or of all where none are given."""
+    """The smoothing problem of some epochs, the first among them.
+
+    With landmarks of these ids, or of all where none are given.
+    """
     if ids is None:
         ids = np.unique(seen_ids(epochs)) if setup.initial.has_landmarks else np.zeros(0, dtype=int)
     return problem_of(setup.process, epochs, ids, setup.initial.prior, OBSERVATIONS_NEEDED)

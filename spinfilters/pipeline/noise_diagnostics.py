@@ -1,4 +1,7 @@
-"""Doubts about noise levels and about models, each with the number that tells how far the data are from what was stated."""
+"""Doubts about noise levels and about models.
+
+Each with the number that tells how far the data are from what was stated.
+"""
 
 from collections.abc import Mapping
 
@@ -25,7 +28,10 @@ DENSITY_OF = {"torque": "torque_psd", "force": "force_psd"}
 
 
 def filter_noise_diagnostics(history: EstimateHistory, setup: Setup, settings: Settings) -> list[str]:
-    """Doubts of a filter's own epochs; none of one that has failed, or that adapts what it was told."""
+    """Doubts of a filter's own epochs about noise.
+
+    None of one that has failed, or that adapts what it was told.
+    """
     adapts = settings.adaptation.measurement or settings.adaptation.process
     if adapts or history.status.verdict is Verdict.FAILED:
         return []
@@ -42,8 +48,9 @@ def filter_noise_diagnostics(history: EstimateHistory, setup: Setup, settings: S
 
 
 def noise_doubts(tests: Mapping[str, NoiseTest], setup: Setup) -> list[str]:
-    """A sentence about the level that the data contradict most, for one that is wrong shows in the tests of the others.
+    """A sentence about the level that the data contradict most.
 
+    One that is wrong shows in the tests of the others.
     A level that nobody states may be too large, which its identification means it to be.
     """
     for name, test in sorted(tests.items(), key=lambda item: -abs(item[1].score)):
@@ -77,7 +84,10 @@ def _sentence(name: str, test: NoiseTest) -> str:
 
 
 def _of_whiteness(found: FilterTests, setup: Setup) -> list[str]:
-    """A gyro of unknown error has correlated noise, which is told to filters as white noise of more weight."""
+    """Doubts about white noise of a gyro of unknown error.
+
+    Its correlated noise is told to filters as white noise of more weight.
+    """
     if setup.gyro_noise is not None:
         return []
     if found.whiteness_score <= LARGEST_SCORE or found.autocorrelation <= LARGEST_AUTOCORRELATION:

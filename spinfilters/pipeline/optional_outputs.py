@@ -1,4 +1,7 @@
-"""What a run writes only when asked to: a prediction ahead, and how the smoother's estimates settle."""
+"""Outputs that a run writes only when asked to.
+
+A prediction ahead, and how the smoother's estimates settle.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -29,7 +32,10 @@ from spinfilters.settings.run_settings import Settings
 
 @dataclass(frozen=True)
 class OptionalOutputs:
-    """Seconds to predict ahead, None for none; whether to show convergence; whether to refit with named model errors."""
+    """Optional outputs: seconds to predict, convergence, model errors.
+
+    None for no prediction; whether to show convergence; whether to refit with named model errors.
+    """
 
     predict_s: float | None = None
     convergence: bool = False
@@ -52,7 +58,10 @@ class OptionalOutputs:
     def write(
         self, folder: Path, comparison: Comparison, settings: Settings, on_epoch: Callable[[int, int], None]
     ) -> None:
-        """Into the folder of a run that was written; `lacking` tells what came to nothing. Raises InputError."""
+        """Write into the folder of a written run.
+
+        `lacking` tells what came to nothing. Raises InputError.
+        """
         if self.predict_s is not None:
             histories = [evaluation.history for evaluation in comparison.evaluations]
             process = comparison.setup.process
@@ -96,7 +105,10 @@ class OptionalOutputs:
         return read_sentences(folder) if self.explain else []
 
     def lacking(self, folder: Path) -> str | None:
-        """What was asked for and yet is not in a folder, and why; None where nothing is missing."""
+        """Requested outputs that a folder lacks, and why.
+
+        None where nothing is missing.
+        """
         if self.predict_s is None or (folder / PREDICTION_PICTURE).exists():
             return None
         return "no prediction was made: every estimator failed, or what follows from its last epoch is not finite"

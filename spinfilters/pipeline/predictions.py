@@ -30,7 +30,9 @@ ROUNDING = 1e-6
 
 
 def times_ahead(time: Float[np.ndarray, " n"], seconds: float) -> Float[np.ndarray, " k"]:
-    """Steps of the median interval of a recording's frames (s) up to so many seconds, s ahead of the last epoch.
+    """Times ahead of the last epoch, s.
+
+    Steps of the median interval of a recording's frames (s) up to so many seconds.
 
     Raises
     ------
@@ -48,8 +50,9 @@ def times_ahead(time: Float[np.ndarray, " n"], seconds: float) -> Float[np.ndarr
 def write_predictions(
     folder: Path, process: TorqueFreeProcess, histories: Sequence[EstimateHistory], seconds: float
 ) -> bool:
-    """<estimator>/prediction.csv of all that did not fail, in the columns of trajectory.csv, and prediction.png of all of them.
+    """Write prediction.csv of each estimator and prediction.png of all.
 
+    Of all that did not fail, in the columns of trajectory.csv.
     <estimator>/prediction.npz is the history that the picture is drawn from: the last epoch, and all that is predicted from it; it
     is ``failed`` and holds the last epoch alone where the prediction is not finite, and then there is no table.
     Returns False, with no picture, where nothing could be predicted.
@@ -127,8 +130,9 @@ def _read(path: Path, history: EstimateHistory) -> EstimateHistory:
 def _predicted_motion(
     histories: Sequence[EstimateHistory], predicted: Sequence[EstimateHistory]
 ) -> list[PredictionCurves]:
-    """With a share of the time ahead of what the estimator made before; rates about the principal axes of the first estimator.
+    """Predicted motion with a share of the past in front.
 
+    Rates about the principal axes of the first estimator.
     Those that predict nothing are left out.
     """
     pairs = [pair for pair in zip(histories, predicted, strict=True) if len(pair[1].time) > 1]

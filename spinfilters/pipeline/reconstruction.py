@@ -1,4 +1,7 @@
-"""Dense model of a run's body: depth of every pair, fused by the estimated motion, with its dimensions and an animation."""
+"""Dense model of a run's body with dimensions and animation.
+
+Depth of every pair, fused by the estimated motion.
+"""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -59,9 +62,10 @@ class Reconstruction:
 
 
 @dataclass(frozen=True, eq=False)
-class BodyMotion:
-    """Poses of the principal axes in the rectified left camera: ``time`` (n,) s, ``rotation`` (n, 3, 3), ``position`` (n, 3) m.
+class PrincipalAxesMotion:
+    """Poses of the principal axes in the rectified left camera.
 
+    ``time`` (n,) s, ``rotation`` (n, 3, 3), ``position`` (n, 3) m.
     ``radius`` (m) is that of a ball around the centre of mass that holds the body; ``name`` of the estimator; ``axes_cov`` (3, 3)
     rad^2 of the axes; ``landmarks`` (k, 3) m, principal axes.
     """
@@ -122,7 +126,7 @@ def reconstruct(
 
 
 def _fused(
-    sequence: "_Images", motion: BodyMotion, volume: DistanceVolume, progress: Progress
+    sequence: "_Images", motion: PrincipalAxesMotion, volume: DistanceVolume, progress: Progress
 ) -> DistanceVolume:
     """The volume with the depth of every pair; those without any are counted as lost."""
     stereo = sequence.rectification.stereo
@@ -151,8 +155,11 @@ def images_of(folder: Path, images: Path | None) -> Path:
     return source
 
 
-def body_motion(folder: Path, figure_data: FigureData) -> BodyMotion:
-    """Motion by the most exact estimator, and the size by its map. InputError: no such one, no map, too few landmarks."""
+def body_motion(folder: Path, figure_data: FigureData) -> PrincipalAxesMotion:
+    """Motion of the most exact estimator, and the map's size.
+
+    InputError: no such one, no map, too few landmarks.
+    """
     evaluation, points = figure_data.most_exact, figure_data.map_points
     if evaluation is None or points is None or evaluation.body.center_of_mass_g is None:
         raise InputError(
@@ -165,20 +172,22 @@ def body_motion(folder: Path, figure_data: FigureData) -> BodyMotion:
     return _motion(evaluation, points)
 
 
-def _motion(evaluation: Evaluation, points: Float[np.ndarray, "k 3"]) -> BodyMotion:
+def _motion(evaluation: Evaluation, points: Float[np.ndarray, "k 3"]) -> PrincipalAxesMotion:
     body, trajectory = evaluation.body, evaluation.trajectory
     landmarks = (points - body.center_of_mass_g) @ body.principal_axes_g.T
     distance = np.linalg.norm(landmarks, axis=1)
     rotation = matrix_from_quaternion(trajectory.q_ig) @ body.principal_axes_g.T
     radius = MARGIN * float(np.quantile(distance, 0.99))
     cov = body.principal_axes_cov
-    return BodyMotion(evaluation.name, trajectory.time, rotation, trajectory.position, radius, cov, landmarks)
+    return PrincipalAxesMotion(
+        evaluation.name, trajectory.time, rotation, trajectory.position, radius, cov, landmarks
+    )
 
 
 class _Images:
     """Rectified pairs of a folder at the epochs of a motion."""
 
-    def __init__(self, source: Path, motion: BodyMotion) -> None:
+    def __init__(self, source: Path, motion: PrincipalAxesMotion) -> None:
         self.rectification, self.losses, self._motion = (
             Rectification(read_raw_rig(source)),
             LossCount(),
@@ -203,7 +212,7 @@ class _Images:
         return self.rectification.images(pair.left, pair.right)
 
 
-def _animated(model: BodyModel, motion: BodyMotion, source: Path, progress: Progress) -> bytes:
+def _animated(model: BodyModel, motion: PrincipalAxesMotion, source: Path, progress: Progress) -> bytes:
     """Left images beside the model as the estimate puts it, evenly over the run."""
     sequence, pictures = _Images(source, motion), []
     step = -(-len(motion.time) // MOST_FRAMES)
@@ -217,7 +226,7 @@ def _animated(model: BodyModel, motion: BodyMotion, source: Path, progress: Prog
 
 
 def _document(
-    model: BodyModel, motion: BodyMotion, volume: DistanceVolume, losses: LossCount
+    model: BodyModel, motion: PrincipalAxesMotion, volume: DistanceVolume, losses: LossCount
 ) -> dict[str, Any]:
     return {
         "schema": 1,

@@ -1,5 +1,6 @@
-"""The Cramer-Rao bound of a recording with a truth: the smoother's linear problem where the body really was.
+"""The Cramer-Rao bound of a recording with a truth.
 
+The smoother's linear problem where the body really was.
 It takes the noise as the estimators are told it, and the measurements that are what they claim to be. Where the landmarks are
 not known, their true points are not either: one step at the true poses settles them.
 """
@@ -101,7 +102,10 @@ def cramer_rao_bound(setup: Setup, truth: Truth, evaluation: Evaluation) -> Esti
 
 
 def _states(setup: Setup, truth: Truth, evaluation: Evaluation) -> Float[np.ndarray, "k m"] | None:
-    """The truth at every epoch in the frames of the estimate; None where it does not tell all of them."""
+    """The truth at every epoch in the frames of the estimate.
+
+    None where it does not tell all of them.
+    """
     history = evaluation.history
     if evaluation.alignment is Alignment.BODY_FRAME and history.layout.translates:
         return None
@@ -114,7 +118,10 @@ def _states(setup: Setup, truth: Truth, evaluation: Evaluation) -> Float[np.ndar
 
 
 def _factors(setup: Setup, states: Float[np.ndarray, "k m"]) -> Float[np.ndarray, "k n n"] | None:
-    """Of every epoch's covariance given all; None where something is undetermined or the noise is not as it is told."""
+    """Covariance factors of every epoch given all measurements.
+
+    None where something is undetermined or the noise is not as it is told.
+    """
     ids, points = _landmarks(setup, states)
     problem = _problem(setup, states, ids)
     here = problem.at(states, points)
@@ -140,7 +147,10 @@ def _problem(setup: Setup, states: Float[np.ndarray, "k m"], ids: Int[np.ndarray
 def _landmarks(
     setup: Setup, states: Float[np.ndarray, "k m"]
 ) -> tuple[Int[np.ndarray, " L"], Float[np.ndarray, "L 3"]]:
-    """Ids and first guesses in g: of the start, or where most of a landmark's observations agree from the true poses."""
+    """Ids and first guesses of landmarks in g.
+
+    Of the start, or where most of a landmark's observations agree from the true poses.
+    """
     if not setup.initial.has_landmarks:
         return NO_LANDMARKS, np.zeros((0, 3))
     started = setup.initial

@@ -1,4 +1,7 @@
-"""report.html of a run: verdict, numbers, the model to turn and every picture on one self-contained page."""
+"""report.html of a run.
+
+Verdict, numbers, the model to turn and every picture on one self-contained page.
+"""
 
 import json
 from collections.abc import Iterator

@@ -1,4 +1,7 @@
-"""Stretches of a recording by what its user asks for: a number, times, all that are marked, all flights that are found."""
+"""Segments of a recording that a user asks for.
+
+A number, times, all that are marked, all flights that are found.
+"""
 
 import math
 import os
@@ -36,7 +39,10 @@ class SegmentChoice:
 
 
 def segment_choice(text: str | int) -> SegmentChoice:
-    """The choice that a text makes: ``auto``, ``all``, a number, or times such as ``6.55:7.4``. InputError: any other."""
+    """The segment choice of a text.
+
+    ``auto``, ``all``, a number, or times such as ``6.55:7.4``. InputError: any other.
+    """
     words = str(text).strip()
     if words in (ALL, AUTO):
         return SegmentChoice(several=words)
@@ -97,7 +103,10 @@ def read_several(
 
 
 def flight_segments(whole: Dataset) -> list[Dataset]:
-    """The free flights of a recording as data sets, numbered from 1. InputError: as `find_flights`; none is found."""
+    """The free flights of a recording as data sets from 1.
+
+    InputError: as `find_flights`; none is found.
+    """
     flights = find_flights(whole)
     if not flights:
         raise no_flight(whole)

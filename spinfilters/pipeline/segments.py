@@ -1,4 +1,7 @@
-"""Every segment of a recording: a run each, a table and a picture of the fitted inertia of all."""
+"""Every segment of a recording.
+
+A run each, a table and a picture of the fitted inertia of all.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -44,8 +47,9 @@ def run_segments(
     settings: Settings,
     on_segment: Callable[[int, int], None],
 ) -> list[SegmentResult]:
-    """A run folder per segment; one that was already made with the same settings is not made again.
+    """A run folder per segment.
 
+    One that was already made with the same settings is not made again.
     Ctrl-C ends the loop; what is done is returned.
     """
     write_configuration(folder, settings)
@@ -153,7 +157,10 @@ def pool(results: Sequence[SegmentResult], settings: Settings) -> dict[str, Pool
 
 
 class SegmentMedians(NamedTuple):
-    """Medians of J1/J3 and J2/J3 over the segments that are ``ok``, how many those are, and of how many; NaN where none is."""
+    """Medians of J1/J3 and J2/J3 over the ``ok`` segments.
+
+    How many those are, and of how many; NaN where none is.
+    """
 
     smallest_ratio: float
     middle_ratio: float

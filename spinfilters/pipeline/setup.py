@@ -85,7 +85,10 @@ class Setup:
 
     @property
     def observations(self) -> Int[np.ndarray, " n"]:
-        """How many rows of the log each epoch has, those of landmarks that a known map lacks among them."""
+        """Rows of the log at each epoch.
+
+        Those of landmarks that a known map lacks among them.
+        """
         times = times_of(self.timeline)
         counts = np.zeros(len(times), dtype=np.int64)
         for stream in self.dataset.log.streams:
@@ -102,7 +105,10 @@ class Setup:
 
 
 def knows_frames(dataset: Dataset) -> bool:
-    """Whether a data set tells frames i and g: by a known map or by its kind's sensor."""
+    """Whether a data set tells frames i and g.
+
+    By a known map or by its kind's sensor.
+    """
     return dataset.known_map is not None or sensor_of(dataset.sensor).tells_frames
 
 
@@ -199,7 +205,7 @@ def camera_view(dataset: Dataset) -> CameraView | None:
 def _identify(
     stream: MeasurementStream, process: TorqueFreeProcess, noise: SensorNoise, options: InitialisationOptions
 ) -> tuple[GyroNoise, str]:
-    """The error of a rate sensor from the whole recording, and the option that it is the value of."""
+    """Error of a rate sensor from the whole recording, and its option."""
     sensor = sensor_of(stream.sensor)
     option, rates = sensor.identified_option, sensor.measured_rates(stream)
     assert option is not None

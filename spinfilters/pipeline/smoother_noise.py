@@ -1,4 +1,7 @@
-"""Noise that nobody states, identified on a smoother's own epochs: all of a recording, or what its window holds."""
+"""Unstated noise, identified on a smoother's own epochs.
+
+All of a recording, or what its window holds.
+"""
 
 from dataclasses import replace
 
@@ -21,7 +24,10 @@ def identified_levels(
     points: Float[np.ndarray, "L 3"],
     setup: Setup,
 ) -> Identified | None:
-    """Levels of a problem, from those of the initialisation; None where all are stated or they do not settle."""
+    """Noise levels of a problem, from those of the initialisation.
+
+    None where all are stated or they do not settle.
+    """
     model = noise_model(problem, setup.noise, setup.sought)
     if model is None or not np.isfinite(trajectory).all():
         return None

@@ -1,4 +1,7 @@
-"""The smoother on a prepared data set: every epoch's state given all measurements, the start's frames among them."""
+"""The smoother on a prepared data set.
+
+Every epoch's state given all measurements, the start's frames among them.
+"""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -90,7 +93,10 @@ def smoothed_history(smoother: RecursiveSmoother, passed: EstimateHistory, setup
 def _counts(
     smoother: RecursiveSmoother, passed: EstimateHistory
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """Observations of every epoch that count in the end and that do not; where epochs have left, as they were when they came."""
+    """Inliers and outliers of every epoch in the end.
+
+    Where epochs have left, as they were when they came.
+    """
     first = np.array([(taken.accepted, taken.rejected) for taken in smoother.begun]).reshape(-1, 2)
     came = np.concatenate([first, np.stack([passed.accepted, passed.rejected], axis=1)])
     counts = smoother.sliding.counts()
@@ -120,7 +126,7 @@ def smooth_at_once(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> Estim
     if not found.solved.converged:
         status = status.degraded(f"the smoother did not settle in {found.solved.iterations} iterations")
     share = (working_seconds() - begin) / len(epochs)
-    history = _batch_history(found, setup.process.layout, status, (times_of(epochs), share))
+    history = _batch_history(found, setup.process.layout, status, times_of(epochs), share)
     return history if levels is None else replace(history, noise=levels.components)
 
 
@@ -161,10 +167,16 @@ def _initialised_ekf(setup: Setup, settings: Settings) -> MultiplicativeEkf:
 
 
 def _batch_history(
-    found: BatchSmoothing, layout: StateLayout, status: EstimatorStatus, clock: tuple[np.ndarray, float]
+    found: BatchSmoothing,
+    layout: StateLayout,
+    status: EstimatorStatus,
+    time: Float[np.ndarray, " k"],
+    share: float,
 ) -> EstimateHistory:
-    """Of the smoothed epochs; a filter that did not come through says so, in its status, for the smoother too."""
-    time, share = clock
+    """History of the smoothed epochs.
+
+    A filter that did not come through says so, in its status, for the smoother too.
+    """
     count = len(time)
     for doubt in found.unobservable:
         status = status.degraded(doubt)

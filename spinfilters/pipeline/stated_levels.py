@@ -1,4 +1,7 @@
-"""Stated noise levels beside the data: which of them these contradict, with the level that they have."""
+"""Stated noise levels that the data contradict.
+
+With the level that they have.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,8 +37,9 @@ LARGEST_RATIO: Final = 1.5
 def stated_level_diagnostics(
     setup: Setup, settings: Settings, histories: Sequence[EstimateHistory]
 ) -> list[str]:
-    """A sentence about the level that the data contradict most, for one that is wrong shows in the tests of the others.
+    """A sentence about the level that the data contradict most.
 
+    One that is wrong shows in the tests of the others.
     A level that nobody states may be too large, which its identification means it to be.
 
     Parameters
@@ -69,7 +73,10 @@ class _Levels:
 
     @classmethod
     def of(cls, setup: Setup, settings: Settings, histories: Sequence[EstimateHistory]) -> "_Levels | None":
-        """Of the initialisation's epochs with landmarks, else of all that an estimator came through, up to `STRETCH`."""
+        """Epochs of the noise levels.
+
+        The initialisation's with landmarks, else all that an estimator came through, up to `STRETCH`.
+        """
         start = setup.initial
         trajectory, ids, points, needed, used = start.mean, start.ids, start.points, OBSERVATIONS_NEEDED, None
         if not start.has_landmarks:

@@ -26,12 +26,18 @@ def sensor_noise(dataset: Dataset, settings: Settings) -> SensorNoise:
 
 
 def _setting(settings: Settings, option: str) -> float | str:
-    """The setting of a noise option; of a plug-in that came after the settings were built "auto"."""
+    """The setting of a noise option.
+
+    Of a plug-in that came after the settings were built "auto".
+    """
     return getattr(settings.sensors, option, AUTO)
 
 
 def disturbances(dataset: Dataset, unknown: MeasurementStream | None) -> ProcessNoise:
-    """The data set's own, then what is known of rate sensors of unknown error, then the thesis'."""
+    """Disturbances: the data set's own, else of the kind, else the thesis'.
+
+    Of rate sensors of unknown error what is known of these.
+    """
     force_psd, torque_psd = dataset.options.force_psd, dataset.options.torque_psd
     if torque_psd is None and unknown is not None:
         torque_psd = disturbance_psd(unknown)
@@ -52,7 +58,10 @@ def log_with_noise(log: MeasurementLog, settings: Settings) -> MeasurementLog:
 def sensor_of_unknown_noise(
     log: MeasurementLog, dataset: Dataset, settings: Settings
 ) -> MeasurementStream | None:
-    """The stream whose sensor's error is to be identified, None where there is none or somebody states it."""
+    """The stream whose sensor's error is to be identified.
+
+    None where there is none or somebody states it.
+    """
     for stream in log.streams:
         option = sensor_of(stream.sensor).identified_option
         names = {each.name for each in sensor_format(stream.sensor).noise}
@@ -80,7 +89,10 @@ def unstated_names(dataset: Dataset, settings: Settings) -> frozenset[str]:
 def unstated_noise(
     log: MeasurementLog, dataset: Dataset, settings: Settings, unknown: MeasurementStream | None
 ) -> Unstated:
-    """Noise that is to be identified; that of rate sensors of unknown error is, by `identify_gyro_noise`, already."""
+    """Noise that is to be identified.
+
+    That of rate sensors of unknown error is, by `identify_gyro_noise`, already.
+    """
     options: dict[str, dict[str, tuple[int, ...]]] = {}
     names = unstated_names(dataset, settings)
     for stream in log.streams:

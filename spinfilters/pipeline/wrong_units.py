@@ -32,7 +32,10 @@ LONGEST_TURN: Final = 6 * np.pi
 
 @dataclass(frozen=True)
 class WrongUnit:
-    """A unit that is probably another: its name among model errors, what shows it, and what to do."""
+    """A unit that is probably another.
+
+    Its name among model errors, what shows it, and what to do.
+    """
 
     name: str
     sentence: str

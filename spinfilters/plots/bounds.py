@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from observability.bounds.quantities import BLOCK_NAMES, EACH_MOMENT, MOMENTS, PLACE, Quantity
 from observability.certificate import Certificate
 from observability.report import Report
-from observability.study import Curve, Study
+from observability.study import BoundStudy, Curve
 from spinfilters.plots.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY, tidy
 
 COLOURS: Final = dict(
@@ -42,7 +42,7 @@ def observability_figure(found: Report, title: str) -> Figure:
     return figure
 
 
-def study_figure(study: Study, title: str) -> Figure:
+def study_figure(study: BoundStudy, title: str) -> Figure:
     """Bound against duration, frame rate, landmarks, and as a map over the direction of the rate."""
     panels = len(study.curves) + 1
     figure = Figure(figsize=(11.0, 8.4 if panels > 2 else 4.4), layout="constrained")
@@ -130,7 +130,7 @@ def _curve_panel(axes: Axes, curve: Curve) -> None:
     tidy(axes)
 
 
-def _motion_panel(figure: Figure, axes: Axes, study: Study) -> None:
+def _motion_panel(figure: Figure, axes: Axes, study: BoundStudy) -> None:
     values = np.clip(study.moments, 1e-12, None)
     norm = LogNorm(values.min(), max(values.max(), 1.001 * values.min()))
     edges = np.arange(len(study.tilts) + 1) - 0.5

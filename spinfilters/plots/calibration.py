@@ -1,4 +1,7 @@
-"""A rectified pair with its rows, its disparity, and the error of every view of a calibration."""
+"""Figures of a calibration.
+
+A rectified pair with its rows, its disparity, and the error of every view.
+"""
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -11,14 +14,15 @@ ROWS = 12
 
 
 def calibration_figure(
-    images: tuple[UInt8[np.ndarray, "h w"], UInt8[np.ndarray, "h w"]],
+    left: UInt8[np.ndarray, "h w"],
+    right: UInt8[np.ndarray, "h w"],
     disparity: Float[np.ndarray, "h w"],
     view_errors: Float[np.ndarray, "v 2"],
 ) -> Figure:
     """Four panels: rectified left and right image, disparity (px), rms of each view (px)."""
     figure = Figure(figsize=(11.0, 8.0), layout="constrained")
     panels = figure.subplots(2, 2).ravel()
-    for axes, image, name in zip(panels, images, ("left", "right"), strict=False):
+    for axes, image, name in zip(panels, (left, right), ("left", "right"), strict=False):
         axes.imshow(image, cmap="gray", vmin=0, vmax=255)
         for row in np.linspace(0, len(image) - 1, ROWS + 2)[1:-1]:
             axes.axhline(row, color=ORANGE, linewidth=0.7)

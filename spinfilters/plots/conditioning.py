@@ -1,4 +1,7 @@
-"""Figures of how process noise is conditioned: the thesis' 4-6, 4-7 and 4-8 with the corrected rule, and the full state."""
+"""Figures of the conditioning of process noise.
+
+The thesis' 4-6, 4-7 and 4-8 with the corrected rule, and the full state.
+"""
 
 from collections.abc import Sequence
 from typing import Final
@@ -29,12 +32,16 @@ ELLIPSES: Final = ((0.6, BLUE), (float(np.sqrt(3)), GREEN), (3.0, RED))
 """Time steps in s: shorter than the best one, best, longer."""
 
 
-def conditioning_figure(rate: Float[np.ndarray, " 3"], asked: tuple[float, float] | None = None) -> Figure:
-    """Condition number against time step, one-sigma ellipses, other units of velocity, and the full state at a body rate, rad/s.
+def conditioning_figure(
+    rate: Float[np.ndarray, " 3"], time_step: float | None = None, alpha: float = 1.0
+) -> Figure:
+    """Condition number against time step, and one-sigma ellipses.
+
+    Other units of velocity, and the full state at a body rate, rad/s.
 
     Parameters
     ----------
-    asked: a time step, s, and a unit alpha of velocity, 1/s, to mark.
+    time_step, alpha: a time step, s, to mark, and a unit of velocity, 1/s.
     """
     figure = Figure(figsize=(11.0, 8.4), layout="constrained")
     over_time, ellipses, units, whole = figure.subplots(2, 2).ravel()
@@ -45,13 +52,16 @@ def conditioning_figure(rate: Float[np.ndarray, " 3"], asked: tuple[float, float
     units.set_ylim(top=UNITS_TOP)
     units.set_title(r"velocity in units of $\alpha$ (as Figure 4-8)", loc="left", fontsize="medium")
     _full_state_panel(whole, rate)
-    if asked is not None:
-        _mark_asked((over_time, units, whole), *asked)
+    if time_step is not None:
+        _mark_asked((over_time, units, whole), time_step, alpha)
     return figure
 
 
 def covariance_figure(found: Sequence[CovarianceConditioning]) -> Figure:
-    """Condition number of every estimator's covariance over its epochs: in SI, in fixed units, in units of its own deviations."""
+    """Condition number of every estimator's covariance over its epochs.
+
+    In SI, in fixed units, in units of its own deviations.
+    """
     figure = Figure(figsize=(11.0, 0.8 + 3.2 * len(found)), layout="constrained")
     panels = figure.subplots(len(found), 1, squeeze=False, sharex=True)[:, 0]
     for axes, each in zip(panels, found, strict=True):

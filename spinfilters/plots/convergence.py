@@ -76,7 +76,10 @@ class Convergence:
 
 
 def convergence_figure(found: Convergence) -> Figure:
-    """Rows: quantities as surfaces of error and standard deviation and their course over the solves; last the body's constants."""
+    """Convergence as surfaces and curves over the solves.
+
+    Rows: quantities, error and standard deviation; last the body's constants.
+    """
     rows = len(found.quantities) + 1
     figure = Figure(figsize=(13.5, 2.6 * rows + 0.8), layout="constrained")
     panels = figure.subplots(rows, 3, squeeze=False)
@@ -122,7 +125,7 @@ def _surfaces(error: Axes, std: Axes, found: Convergence, quantity: ConvergingQu
     span = _span(every)
     what = "|error|" if found.known else "distance"
     for axes, surface, name in ((error, quantity.distance, what), (std, quantity.std, "σ")):
-        mesh = _mesh(axes, found.time, surface, span)
+        mesh = _mesh(axes, found.time, surface, *span)
         axes.set_title(f"{quantity.label}: {name}", loc="left", fontsize="medium")
         ticks = LogLocator(subs=(1.0, 2.0, 5.0))
         bar = axes.figure.colorbar(
@@ -141,12 +144,12 @@ def _span(values: np.ndarray) -> tuple[float, float]:
     return min(low, middle / np.sqrt(10)), max(high, middle * np.sqrt(10))
 
 
-def _mesh(axes: Axes, time: np.ndarray, surface: np.ndarray, span: tuple[float, float]) -> QuadMesh:
+def _mesh(axes: Axes, time: np.ndarray, surface: np.ndarray, low: float, high: float) -> QuadMesh:
     middles = (time[1:] + time[:-1]) / 2
     ends = [1.5 * time[:1] - 0.5 * time[1:2], middles, 1.5 * time[-1:] - 0.5 * time[-2:-1]]
     epochs = np.arange(len(time) + 1) + 0.5
-    shown = np.ma.masked_invalid(np.maximum(surface.T, span[0]))  # what is exact has no logarithm
-    mesh = axes.pcolormesh(epochs, np.concatenate(ends), shown, norm=LogNorm(*span), cmap=COLOURS)
+    shown = np.ma.masked_invalid(np.maximum(surface.T, low))  # what is exact has no logarithm
+    mesh = axes.pcolormesh(epochs, np.concatenate(ends), shown, norm=LogNorm(low, high), cmap=COLOURS)
     mesh.set_rasterized(True)
     axes.spines[["top", "right"]].set_visible(False)
     return mesh
@@ -169,13 +172,13 @@ def _course(axes: Axes, found: Convergence, quantity: ConvergingQuantity) -> Non
 def _constants(panels: Sequence[Axes], found: Convergence) -> None:
     bodies = found.bodies
     ratios, centre, turns = panels
-    _lines(ratios, (bodies.log_ratios, bodies.log_ratios_std), found.true_ratios, ("k1", "k2"))
+    _lines(ratios, bodies.log_ratios, bodies.log_ratios_std, found.true_ratios, ("k1", "k2"))
     ratios.set_title("inertia: k1 = ln(Jmax/Jmid), k2 = ln(Jmid/Jmin)", loc="left", fontsize="medium")
     ratios.set_ylabel("[-]")
     if bodies.center_of_mass_g is not None and bodies.center_of_mass_std is not None:
         true = None if found.true_center is None else 1e3 * found.true_center
         values = 1e3 * bodies.center_of_mass_g, 1e3 * bodies.center_of_mass_std
-        _lines(centre, values, true, ("x", "y", "z"))
+        _lines(centre, *values, true, ("x", "y", "z"))
     centre.set_title("centre of mass in g", loc="left", fontsize="medium")
     centre.set_ylabel("[mm]")
     _axes_std(turns, bodies)
@@ -192,10 +195,12 @@ def _axes_std(axes: Axes, bodies: BodyHistory) -> None:
 
 
 def _lines(
-    axes: Axes, estimates: tuple[np.ndarray, np.ndarray], true: np.ndarray | None, names: Sequence[str]
+    axes: Axes, values: np.ndarray, std: np.ndarray, true: np.ndarray | None, names: Sequence[str]
 ) -> None:
-    """Components and their standard deviations over the solves, as high as what comes after the first solves needs."""
-    values, std = estimates
+    """Curves of components with standard deviations over the solves.
+
+    As high as what comes after the first solves needs.
+    """
     solves = 1 + np.arange(len(values))
     for k, name in enumerate(names):
         low, high = values[:, k] - std[:, k], values[:, k] + std[:, k]

@@ -58,7 +58,10 @@ def polhode_figure(polhode: Polhode, rate: Float[np.ndarray, "3"]) -> Figure:
 def axis_stability_figure(
     motions: Sequence[TorqueFreeMotion], stabilities: Sequence[AxisStability]
 ) -> Figure:
-    """One panel per motion: the rates over time of a spin that starts beside the axis of its stability."""
+    """Rates over time beside each axis, one panel per motion.
+
+    A spin that starts beside the axis of its stability.
+    """
     figure = Figure(figsize=(8.0, 2.3 * len(motions) + 0.7), layout="constrained")
     panels = figure.subplots(len(motions), 1, sharex=True, squeeze=False)[:, 0]
     for axes, motion, stability in zip(panels, motions, stabilities, strict=True):
@@ -89,7 +92,10 @@ def spin_threshold_figure(
 
 
 def _body_rate_axes(axes: Axes3D, extent: Float[np.ndarray, "3"]) -> None:
-    """Equal scales for +-extent in rad/s, few ticks, and labels clear of them and of the legend."""
+    """Equal body-rate axes of +-extent, rad/s.
+
+    Few ticks, and labels clear of them and of the legend.
+    """
     x, y, z = extent if np.all(extent > 0.0) else np.ones(3)
     axes.set(xlim=(-x, x), ylim=(-y, y), zlim=(-z, z))
     axes.set_box_aspect((x, y, z), zoom=0.85)  # pyright: ignore[reportArgumentType]  (typed int, documented float)

@@ -27,7 +27,10 @@ DEGREES = 180.0 / np.pi
 
 @dataclass(frozen=True)
 class _Row:
-    """One row of panels, x, y and z: values and standard deviations in the unit of the label."""
+    """One row of panels, x, y and z.
+
+    Values and standard deviations in the unit of the label.
+    """
 
     label: str
     axis_names: tuple[str, str, str]

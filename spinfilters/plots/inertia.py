@@ -1,4 +1,7 @@
-"""Ratios of the principal moments over time: how the inertia is learnt, and how sure each estimator is."""
+"""Ratios of the principal moments over time.
+
+How the inertia is learnt, and how sure each estimator is.
+"""
 
 from collections.abc import Sequence
 

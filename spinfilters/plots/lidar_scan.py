@@ -1,4 +1,7 @@
-"""A point cloud as the lidar sees it and in space, coloured by range or by label (Decoust 2008, Figures 2.12 to 2.18)."""
+"""A lidar's point cloud in angles and in space.
+
+Coloured by range or by label (Decoust 2008, Figures 2.12 to 2.18).
+"""
 
 from typing import Final
 
@@ -15,7 +18,10 @@ _COLOURS: Final = "viridis"
 
 
 def scan_figure(scan: Scan, title: str) -> Figure:
-    """Returns as azimuth and elevation, deg, and in space, m; colour: the intensity, or the range where all are alike."""
+    """Returns as azimuth and elevation, deg, and in space, m.
+
+    Colour: the intensity, or the range where all are alike.
+    """
     figure = Figure(figsize=(11, 5), layout="constrained")
     flat, space = figure.add_subplot(1, 2, 1), figure.add_subplot(1, 2, 2, projection="3d")
     assert isinstance(space, Axes3D)

@@ -1,9 +1,12 @@
 """Polhode of an estimated motion on both ellipsoids of its inertia."""
 
 import numpy as np
+from jaxtyping import Float
+from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from mpl_toolkits.mplot3d import Axes3D
 
 from spinfilters.dynamics.polhode import polhode
 from spinfilters.evaluation.body import BodyEstimate
@@ -24,7 +27,9 @@ _MOST_DOTS = 2000  # more lie upon one another
 
 
 def estimated_polhode_figure(rates: BodyRates, body: BodyEstimate, initialisation: int = 0) -> Figure:
-    """Estimated rates (axes g) in principal axes, with ellipsoids and polhode of the last rate; a note where that is not finite.
+    """Estimated rates in principal axes with ellipsoids and polhode.
+
+    Axes g; of the last rate; a note where that is not finite.
 
     Parameters
     ----------
@@ -35,20 +40,13 @@ def estimated_polhode_figure(rates: BodyRates, body: BodyEstimate, initialisatio
         return note_figure(
             f"{rates.label.upper()}: no polhode, the rate or the inertia at the end is not finite"
         )
-    held = np.isfinite(path).all(axis=1)
-    begin = rates.time[initialisation] if initialisation < len(rates.time) else np.inf
-    path, time = path[held], rates.time[held]
     curve = polhode(body.principal_moments, path[-1])
     figure, axes = space_figure(8.6, 6.8)
     draw_ellipsoid(axes, curve.energy_semi_axes, BLUE)
     draw_wires(axes, curve.momentum_semi_axes, RED)
     for branch in curve.curves:
         axes.plot(*branch.T, color=BLACK, linewidth=1.6, zorder=3)
-    step = max(1, len(path) // _MOST_DOTS)
-    path, time = path[::step], time[::step]
-    before, own = path[time < begin], path[time >= begin]
-    axes.scatter(*before.T, s=16, facecolors="none", edgecolors=PURPLE, depthshade=False, zorder=4)
-    dots = axes.scatter(*own.T, c=time[time >= begin], cmap="cividis", s=18, depthshade=False, zorder=5)
+    dots = _draw_rates(axes, rates.time, path, initialisation)
     figure.colorbar(dots, ax=axes, shrink=0.6, pad=0.12, label="estimated rate at time [s]")
     extent = np.maximum(curve.energy_semi_axes, curve.momentum_semi_axes)
     equal_scales(axes, np.stack([-extent, extent]), zoom=1.0)
@@ -67,6 +65,19 @@ def estimated_polhode_figure(rates: BodyRates, body: BodyEstimate, initialisatio
         ],
     )
     return figure
+
+
+def _draw_rates(
+    axes: Axes3D, time: Float[np.ndarray, " n"], path: Float[np.ndarray, "n 3"], initialisation: int
+) -> PathCollection:
+    """Finite rates (deg/s) as dots coloured by time, hollow during the initialisation."""
+    held = np.isfinite(path).all(axis=1)
+    begin = time[initialisation] if initialisation < len(time) else np.inf
+    step = max(1, int(np.count_nonzero(held)) // _MOST_DOTS)
+    path, time = path[held][::step], time[held][::step]
+    before, own = path[time < begin], path[time >= begin]
+    axes.scatter(*before.T, s=16, facecolors="none", edgecolors=PURPLE, depthshade=False, zorder=4)
+    return axes.scatter(*own.T, c=time[time >= begin], cmap="cividis", s=18, depthshade=False, zorder=5)
 
 
 def _hollow() -> Line2D:

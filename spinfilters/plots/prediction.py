@@ -21,7 +21,9 @@ PAST = 0.25
 
 @dataclass(frozen=True)
 class PredictionCurves:
-    """One estimator's last epochs and what it predicts from the last of them, which stands at the head of both `ahead`s.
+    """One estimator's last epochs and its prediction.
+
+    The last of them stands at the head of both `ahead`s.
 
     Attributes
     ----------

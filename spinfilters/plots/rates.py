@@ -34,7 +34,10 @@ def rates_figure(
     axis_names: Sequence[str] = G_AXES,
     end_of_initialisation: float | None = None,
 ) -> Figure:
-    """Three panels, one per body axis, all rates in the same axes. `end_of_initialisation` (s) ends the initialisation."""
+    """Rates about three body axes, one panel each.
+
+    All in the same axes. `end_of_initialisation` (s) ends the initialisation.
+    """
     figure = Figure(figsize=(10.0, 7.6), layout="constrained")
     panels = figure.subplots(3, 1, sharex=True)
     lines = estimator_lines([estimate.label for estimate in estimates])

@@ -39,7 +39,10 @@ _REVOLUTIONS = 4  # of the paths of axes: more is a ball of wool
 
 @dataclass(frozen=True)
 class DrawnCamera:
-    """Calibration of the camera, and its known trajectory in i; None where it is at rest in the origin."""
+    """Calibration of the camera and its known trajectory in i.
+
+    None where it is at rest in the origin.
+    """
 
     rig: Rig
     inspector: CameraTrajectory | None = None
@@ -58,8 +61,9 @@ def scene_figure(
     map_points: Float[np.ndarray, "k 3"] | None = None,
     initialisation: int = 0,
 ) -> Figure:
-    """Path of the centre of mass, the principal axes at some times, the landmarks at the last.
+    """Path of the centre of mass with principal axes and landmarks.
 
+    The axes at some times, the landmarks at the last.
     Without a position (a gyro) the paths of the principal axes on the unit sphere take their place. Frames that are not finite are
     left out; a note takes the place of a body that is not.
 
@@ -85,12 +89,10 @@ def scene_figure(
     shown = [_draw_axes(axes, trajectory, body, row, size, (1 + k) / len(rows)) for k, row in enumerate(rows)]
     if map_points is not None and body.center_of_mass_g is not None:
         shown.append(_draw_landmarks(axes, trajectory, map_points - body.center_of_mass_g, rows[-1]))
-    path = trajectory.position @ _TO_VIEW.T
-    axes.plot(*path[:initialisation].T, color=BLACK, linewidth=1.8, linestyle=_DOTS, zorder=6)
-    axes.plot(*path[max(initialisation - 1, 0) :].T, color=BLACK, linewidth=1.8, zorder=6)
+    shown.append(_draw_path(axes, trajectory, initialisation))
     if camera is not None:
         shown.append(_draw_camera(axes, camera, trajectory))
-    equal_scales(axes, np.concatenate([path, *shown]), zoom=1.15)
+    equal_scales(axes, np.concatenate(shown), zoom=1.15)
     _label_axes(axes, camera)
     times = ", ".join(f"{trajectory.time[row]:.1f}" for row in rows)
     landmarks = "" if map_points is None else ", landmarks at the last"
@@ -98,6 +100,14 @@ def scene_figure(
     handles = _handles(camera, map_points is not None)
     legend_below(figure, [*handles, *_initialisation_handles(initialisation)])
     return figure
+
+
+def _draw_path(axes: Axes3D, trajectory: Trajectory, initialisation: int) -> Float[np.ndarray, "n 3"]:
+    """Draw the path of the centre of mass, dotted during the initialisation; its points."""
+    path = trajectory.position @ _TO_VIEW.T
+    axes.plot(*path[:initialisation].T, color=BLACK, linewidth=1.8, linestyle=_DOTS, zorder=6)
+    axes.plot(*path[max(initialisation - 1, 0) :].T, color=BLACK, linewidth=1.8, zorder=6)
+    return path
 
 
 def _label_axes(axes: Axes3D, camera: DrawnCamera | None) -> None:
@@ -126,7 +136,10 @@ def _draw_axes(
 def _draw_landmarks(
     axes: Axes3D, trajectory: Trajectory, about_centre: np.ndarray, row: int
 ) -> Float[np.ndarray, "n 3"]:
-    """Draw landmarks (m, axes g, from the centre of mass) at one frame; the drawn points, for the limits."""
+    """Draw landmarks at one frame and give the drawn points.
+
+    M, axes g, from the centre of mass; for the limits.
+    """
     R = matrix_from_quaternion(trajectory.q_ig[row])
     step = max(1, len(about_centre) // _MOST_POINTS)
     points = (trajectory.position[row] + about_centre[::step] @ R.T) @ _TO_VIEW.T
@@ -135,7 +148,10 @@ def _draw_landmarks(
 
 
 def _draw_camera(axes: Axes3D, camera: DrawnCamera, trajectory: Trajectory) -> Float[np.ndarray, "n 3"]:
-    """Draw the left camera's field of view at the last epoch and the way that it took; what is drawn, for the limits."""
+    """Draw the left camera's field of view and path.
+
+    At the last epoch; what is drawn, for the limits.
+    """
     poses = camera.poses(trajectory.time)
     depth = 0.35 * float(np.linalg.norm(trajectory.position - poses[:, :3], axis=1).max())
     R_ic, path = matrix_from_quaternion(poses[-1, 3:]), poses[:, :3] @ _TO_VIEW.T
@@ -147,7 +163,10 @@ def _draw_camera(axes: Axes3D, camera: DrawnCamera, trajectory: Trajectory) -> F
 
 
 def _body_size(trajectory: Trajectory, body: BodyEstimate, map_points: np.ndarray | None) -> float:
-    """Length in m of the drawn axes: somewhat more than the landmarks' distance, or a tenth of the range."""
+    """Length in m of the drawn axes.
+
+    Somewhat more than the landmarks' distance, or a tenth of the range.
+    """
     if map_points is not None and body.center_of_mass_g is not None:
         return 1.3 * float(np.median(np.linalg.norm(map_points - body.center_of_mass_g, axis=1)))
     return 0.1 * float(np.linalg.norm(trajectory.position, axis=1).max())
@@ -175,7 +194,10 @@ def _directions_figure(trajectory: Trajectory, body: BodyEstimate, initialisatio
 
 
 def _last_revolutions(trajectory: Trajectory) -> int:
-    """The first row of the last `_REVOLUTIONS` turns, counted by the angle that the body turns through."""
+    """The first row of the last `_REVOLUTIONS` revolutions.
+
+    Counted by the angle that the body turns through.
+    """
     turned = np.linalg.norm(trajectory.rate_i[1:], axis=1) * np.diff(trajectory.time)
     to_the_end = np.cumsum(turned[::-1])
     return max(len(turned) - int(np.searchsorted(to_the_end, 2 * np.pi * _REVOLUTIONS)), 0)

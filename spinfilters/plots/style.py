@@ -185,7 +185,10 @@ def draw_figure(draw: Callable[[], Figure], path: Path) -> None:
 
 
 def drawn(draw: Callable[[], Figure], name: str) -> Figure:
-    """The figure, or a note in its place where its numbers cannot be drawn; ``name`` is for the note."""
+    """The figure, or a note where its numbers cannot be drawn.
+
+    ``name`` is for the note.
+    """
     try:
         with np.errstate(all="ignore"):
             return draw()

@@ -44,7 +44,9 @@ def summary_figure(
     true_moments: Float[np.ndarray, "3"] | None = None,
     conditions: Sequence[str] = (),
 ) -> Figure:
-    """Rates of the first estimator, inertia of all, their errors or uncertainties over time, and what they used.
+    """Summary of a run in four panels.
+
+    Rates of the first estimator, inertia of all, their errors or uncertainties over time, and what they used.
 
     Parameters
     ----------
@@ -187,7 +189,10 @@ def _magnitudes(
     lines: list[EstimatorLine],
     curves: list[tuple[np.ndarray, np.ndarray | None]],
 ) -> None:
-    """Length of the error, or without a truth of one standard deviation; the other as a thin grey line."""
+    """Length of the error, or one standard deviation without a truth.
+
+    The other as a thin grey line.
+    """
     for evaluation, line, (std, error) in zip(evaluations, lines, curves, strict=True):
         if error is None or evaluation.errors is None:
             line.draw(axes, evaluation.history.time, std)

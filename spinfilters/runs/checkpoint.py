@@ -43,7 +43,10 @@ def save_checkpoint(
 
 
 def save_ended(path: Path, history: EstimateHistory, begin: float, fingerprint: RunFingerprint) -> None:
-    """Write a run that has come to an end by itself and began at ``begin`` (s). Errors: `save_checkpoint`."""
+    """Write a run that has ended by itself.
+
+    It began at ``begin`` (s). Errors: `save_checkpoint`.
+    """
     rows = {_ROWS + name: getattr(history, name) for name in EPOCH_ARRAYS}
     ended = {"verdict": str(history.status.verdict), "reasons": list(history.status.reasons)}
     _write(path, rows, {"begin": begin, "ended": ended}, fingerprint)

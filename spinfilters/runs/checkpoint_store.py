@@ -33,7 +33,10 @@ AfterEpoch = Callable[[], None]
 
 @dataclass(frozen=True)
 class CheckpointInterval:
-    """A checkpoint every so many ``seconds``, less often where writing would take more than this ``share`` of the time."""
+    """A checkpoint every so many ``seconds``, bounded in cost.
+
+    Less often where writing would take more than this ``share`` of the time.
+    """
 
     seconds: float = 5.0
     share: float = 0.02
@@ -163,8 +166,9 @@ def remove_checkpoints(folder: Path) -> None:
 
 @contextmanager
 def _held_interrupts() -> Iterator[Callable[[], bool]]:
-    """Note the first Ctrl-C instead of raising it; gives a function that tells whether there was one.
+    """Hold the first Ctrl-C back and tell whether there was one.
 
+    It is noted instead of raised.
     One that nobody asked for takes effect when the block ends. Where Ctrl-C is not this thread's business nothing changes.
     """
     before = signal.getsignal(signal.SIGINT)

@@ -27,7 +27,10 @@ _SIZES = {
 
 
 def write_convergence_record(path: Path, found: ConvergenceRecord, layout: StateLayout) -> None:
-    """Surfaces (solves, epochs, components), the body after every solve, and the states that it was told from."""
+    """Write the convergence record as arrays.
+
+    Surfaces (solves, epochs, components), the body after every solve, and the states that it was told from.
+    """
     latest = latest_epochs(layout, found)
     states = {"blocks": np.array(layout.blocks), "newest_mean": latest.mean, "newest_factor": latest.factor}
     arrays = {

@@ -38,7 +38,9 @@ class RunFingerprint:
         return json.loads(json.dumps(asdict(self)))
 
     def difference(self, document: Mapping[str, Any]) -> str | None:
-        """In what another run's `document` differs, first of all, and the cure; None where it does not.
+        """First difference from another run's `document`, with the cure.
+
+        None where it does not differ.
 
         Raises
         ------
@@ -50,8 +52,9 @@ class RunFingerprint:
 def fingerprint_of(
     estimator: str, timeline: Timeline, start: Gaussian | LandmarkBelief, settings: Mapping[str, Any]
 ) -> RunFingerprint:
-    """The identity of a run over all epochs of a timeline, from a start, with settings (tables of plain values).
+    """The fingerprint of a run.
 
+    Over all epochs of a timeline, from a start, with settings (tables of plain values).
     The choice of estimators is left out: each runs by itself.
     """
     document = {name: value for name, value in settings.items() if name != "estimators"}

@@ -113,7 +113,10 @@ def configuration(settings: Settings) -> dict[str, Any]:
 
 
 def mark_run_folder(folder: Path, settings: Settings) -> None:
-    """Mark a folder that holds no run yet as that of one, before anything is kept in it."""
+    """Mark a folder without a run as that of one.
+
+    Before anything is kept in it.
+    """
     if not _is_run(folder):
         write_configuration(folder, settings)
 
@@ -251,7 +254,10 @@ def _is_own_dataset(folder: Path, source: Path | None) -> bool:
 
 
 def _write_measurements(folder: Path, setup: Setup) -> None:
-    """The data set; and, where truth and estimates share their frames, the truth in the TUM format."""
+    """Write the data set, and the truth as TUM where frames agree.
+
+    Where truth and estimates share them.
+    """
     dataset = setup.dataset
     if not _is_own_dataset(folder, dataset.path):
         write_dataset(dataset, folder / DATASET_FOLDER)

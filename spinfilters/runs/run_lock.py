@@ -41,9 +41,9 @@ def locked_run(folder: Path) -> Iterator[None]:
     try:
         yield
     finally:
+        with suppress(OSError):
+            path.unlink()
         if held is not None:
-            with suppress(OSError):
-                path.unlink()
             os.close(held)
 
 

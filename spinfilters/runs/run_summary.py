@@ -69,7 +69,9 @@ def read_summary(folder: Path) -> dict[str, Any]:
 
 
 def read_process(folder: Path, tolerance: float) -> TorqueFreeProcess:
-    """The process model of a run folder's estimators, with a tolerance of its integration (rad and relative rate).
+    """The process model of a run folder's estimators.
+
+    With a tolerance of its integration (rad and relative rate).
 
     Raises
     ------

@@ -142,7 +142,10 @@ def ball(count: int, radius_m: float, generator: np.random.Generator) -> Surface
 
 
 def stays_in_view(motion: TrueMotion, radius_m: float) -> bool:
-    """Whether a ball about the origin of g is whole in both images all the time, at about its first depth (`DEPTHS`)."""
+    """Whether a ball about g stays whole in both images.
+
+    All the time, at about its first depth (`DEPTHS`).
+    """
     path = motion.block("t")
     return could_stay_in_view(path, float(path[0, 2]), radius_m, 0.0)
 
@@ -150,7 +153,10 @@ def stays_in_view(motion: TrueMotion, radius_m: float) -> bool:
 def could_stay_in_view(
     path: Float[np.ndarray, "n 3"], first_depth: float, radius_m: float, margin_m: float
 ) -> bool:
-    """Whether a ball may stay whole in both images when the path of its centre (camera frame) is off by at most ``margin_m``."""
+    """Whether a ball may stay whole in both images.
+
+    When the path of its centre (camera frame) is off by at most ``margin_m``.
+    """
     x, y, z = path.T
     farthest = z + margin_m
     inside = (farthest > DEPTHS[0] * first_depth) & (z - margin_m < DEPTHS[1] * first_depth)
@@ -192,7 +198,10 @@ class TrackCamera:
 
 
 class FeatureTracks(NamedTuple):
-    """Observations (n rows) in order of time, and the rows of the surface that landmarks 0, 1, 2 ... are."""
+    """Observations (n rows) in order of time with surface rows.
+
+    The rows of the surface that landmarks 0, 1, 2 ... are.
+    """
 
     time: Float[np.ndarray, " n"]
     ids: Int[np.ndarray, " n"]

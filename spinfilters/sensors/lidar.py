@@ -1,4 +1,7 @@
-"""A lidar that sees points of the body: for the observability analyser; no data set holds it yet."""
+"""A lidar of points of the body, for the observability analyser.
+
+No data set holds it yet.
+"""
 
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.data.noise_levels import SensorNoise

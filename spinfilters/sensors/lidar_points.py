@@ -42,8 +42,9 @@ FARTHEST_M: Final = 100.0
 
 
 class LidarPointsSensor(Sensor):
-    """Values (range m, azimuth and elevation rad, delay s, unit normal n_g, offset d m), one row a point; time is the scan's epoch.
+    """Lidar points, one a row, at the scan's epoch.
 
+    Values (range m, azimuth and elevation rad, delay s, unit normal n_g, offset d m).
     The point was measured ``delay`` after the epoch, and lies on the plane n_g.p = d, n_g outwards. Frame i is that of the lidar.
     Covariance over (range, azimuth, elevation), m and rad: with what the planes' own errors add to the range.
     """
@@ -95,7 +96,10 @@ class LidarPointsSensor(Sensor):
         )
 
     def simulate(self, scene: Scene) -> SimulatedStream:
-        """Points on the faces of a box within the surface, `MOST_POINTS` in a scan about every epoch."""
+        """Points on the faces of a box within the surface.
+
+        `MOST_POINTS` in a scan about every epoch.
+        """
         model, layout = LidarPoint(scene.motion.layout), scene.motion.layout
         half = BOX * float(np.linalg.norm(scene.surface.points, axis=1).max())
         std = np.array([scene.noise.position_std, ANGLE_STD, ANGLE_STD])
@@ -120,7 +124,10 @@ class LidarPointsSensor(Sensor):
     def outliers(
         self, count: int, rig: Rig | None, generator: np.random.Generator
     ) -> Float[np.ndarray, "count 8"]:
-        """Ranges up to `FARTHEST_M` of beams before the lidar, on planes anywhere within a metre of the origin of g."""
+        """Ranges of random planes up to `FARTHEST_M`.
+
+        Of beams before the lidar, on planes anywhere within a metre of the origin of g.
+        """
         normals = generator.standard_normal((count, 3))
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         ranges, angles = generator.uniform(0, FARTHEST_M, count), generator.uniform(-0.5, 0.5, (count, 2))
@@ -130,7 +137,9 @@ class LidarPointsSensor(Sensor):
 def _box_points(
     half: Float[np.ndarray, "3"], lidar: Float[np.ndarray, "3"], generator: np.random.Generator
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 4"]]:
-    """Points on the faces of a box (half edges, m, about the origin of g) that the lidar's place in g sees, and their planes.
+    """Visible points on the faces of a box, and their planes.
+
+    Half edges, m, about the origin of g; seen from the lidar's place in g.
 
     Raises
     ------

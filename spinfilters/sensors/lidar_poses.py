@@ -1,4 +1,7 @@
-"""Poses of g in i from registered lidar scans, each with the covariance of its own scan."""
+"""Poses of g in i from registered lidar scans.
+
+Each with the covariance of its own scan.
+"""
 
 from typing import Final
 

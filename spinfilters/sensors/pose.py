@@ -1,4 +1,7 @@
-"""A measured pose of g in i: from absolute orientation, a scan match or an external tracker."""
+"""Measured pose of g in i.
+
+From absolute orientation, a scan match or an external tracker.
+"""
 
 from pathlib import Path
 from typing import Final
@@ -66,7 +69,10 @@ def pose_format(
 
 
 class PoseSensor(Sensor):
-    """Values (tx, ty, tz, qx, qy, qz, qw): origin of g in i, m, and unit q_ig; covariance over (t, a), m and rad."""
+    """Values (tx, ty, tz, qx, qy, qz, qw) of a pose.
+
+    Origin of g in i, m, and unit q_ig; covariance over (t, a), m and rad.
+    """
 
     name = "pose"
     format = pose_format(

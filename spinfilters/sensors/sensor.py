@@ -1,4 +1,7 @@
-"""What a sensor is to everything else: format, model, what it tells of a motion, simulator, faults."""
+"""What a sensor is to everything else.
+
+Format, model, what it tells of a motion, simulator, faults.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -26,8 +29,9 @@ from spinfilters.state.layout import StateLayout
 
 @dataclass(frozen=True)
 class CameraView:
-    """What rows of landmarks are measured against: landmarks in frame g, the calibration of the rig, and where the camera is.
+    """Landmarks in frame g, calibration and camera poses.
 
+    What rows of landmarks are measured against.
     Without a known map the landmarks are left to the estimators: measurements then carry their ids.
 
     Attributes
@@ -40,7 +44,10 @@ class CameraView:
     inspector: CameraTrajectory | None = None
 
     def camera_poses(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 7"] | None:
-        """(t_ic m, q_ic) at these times (s); None where frame i is the camera's. InputError: times that are not covered."""
+        """(t_ic m, q_ic) at these times (s).
+
+        None where frame i is the camera's. InputError: times that are not covered.
+        """
         return None if self.inspector is None else self.inspector.at(time)
 
 
@@ -109,7 +116,9 @@ class AnalysedSensor:
 
 
 class Sensor(StoredSensor, ABC):
-    """A sensor. A subclass states its attributes and writes `bind`; what else it can do it overrides.
+    """A sensor of the registry.
+
+    A subclass states its attributes and writes `bind`; what else it can do it overrides.
 
     Attributes
     ----------
@@ -137,7 +146,9 @@ class Sensor(StoredSensor, ABC):
     def initial_motion(
         self, stream: MeasurementStream, noise: SensorNoise, view: CameraView | None
     ) -> MotionSamples | None:
-        """What the rows say directly of the motion; None where they do not tell attitudes or rates.
+        """What the rows say directly of the motion.
+
+        None where they do not tell attitudes or rates.
 
         Raises
         ------
@@ -146,7 +157,10 @@ class Sensor(StoredSensor, ABC):
         return None
 
     def measured_rates(self, stream: MeasurementStream) -> Float[np.ndarray, "n 3"] | None:
-        """Body rates that the rows are, rad/s, axes g; None of a sensor that measures something else."""
+        """Body rates of the rows, rad/s, axes g.
+
+        None of a sensor that measures something else.
+        """
         return None
 
     def diagnostics(self, stream: MeasurementStream) -> Sequence[str]:
@@ -166,7 +180,10 @@ class Sensor(StoredSensor, ABC):
     def points_at_infinity(
         self, count: int, rig: Rig | None, generator: np.random.Generator
     ) -> Float[np.ndarray, "count v"]:
-        """Values of points that are no part of the body, far away. InputError: a sensor without landmarks."""
+        """Values of points far away that are no part of the body.
+
+        InputError: a sensor without landmarks.
+        """
         raise InputError(f"the sensor {self.name} sees no landmarks; choose another fault")
 
     def storable(self, values: Float[np.ndarray, "n v"]) -> Float[np.ndarray, "n v"]:

@@ -43,7 +43,10 @@ _ROUNDING_PX: Final = 1e-9  # keeps a difference of two coordinates on the right
 
 
 class StereoSensor(Sensor):
-    """Values (u_left, v_left, u_right), pixels of the calibrated pair, one row per landmark and epoch; covariance px^2."""
+    """Values (u_left, v_left, u_right), one row per landmark and epoch.
+
+    Pixels of the calibrated pair; covariance px^2.
+    """
 
     name = "stereo"
     format = SensorFormat(
@@ -126,7 +129,9 @@ class StereoSensor(Sensor):
 def stereo_tracks(
     front_end: FrontEnd, surface: Surface, motion: TrueMotion, generator: np.random.Generator
 ) -> tuple[MeasurementStream, Int[np.ndarray, " m"]]:
-    """Tracks over a motion before `RIG`, and the rows of the surface that its landmarks 0, 1, 2 ... are.
+    """Stereo tracks over a motion before `RIG`.
+
+    And the rows of the surface that its landmarks 0, 1, 2 ... are.
 
     Raises
     ------

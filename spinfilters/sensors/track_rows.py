@@ -29,7 +29,10 @@ def required_view(sensor: str, view: CameraView | None) -> CameraView:
 def mapped_rows(
     stream: MeasurementStream, known_map: KnownMap
 ) -> tuple[slice | Bool[np.ndarray, " n"], Float[np.ndarray, "k 3"]]:
-    """Which rows see a landmark of the map, a slice where all do, and the points of these."""
+    """Rows that see mapped landmarks, and the points of these.
+
+    A slice where all do.
+    """
     assert stream.ids is not None  # a stream of landmarks always has them
     ids, last = known_map.ids, len(known_map.ids) - 1
     numbered = ids[0] == 0 and ids[-1] == last  # from 0 on: an id is its row
@@ -44,7 +47,10 @@ def posed_samples(
     view: CameraView,
     landmarks: KnownMap | None = None,
 ) -> MotionSamples:
-    """Initial motion samples of poses (t m, q) of g in the camera's frame, with the map that was found with them, if one was."""
+    """Initial motion samples of camera poses (t m, q) of g.
+
+    In the camera's frame, with the map that was found with them, if one was.
+    """
     camera_poses = view.camera_poses(time)
     if camera_poses is not None:
         poses = in_inertial(poses, camera_poses)

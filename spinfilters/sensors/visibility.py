@@ -30,7 +30,9 @@ def facing(
     rotations: Float[np.ndarray, "n 3 3"],
     origins: Float[np.ndarray, "n 3"],
 ) -> Bool[np.ndarray, "n k"]:
-    """Landmarks whose normal and line to the camera have a larger cosine than this, from beyond `NEAREST_M`.
+    """Landmarks that face the camera from beyond `NEAREST_M`.
+
+    Normal and line to the camera have a larger cosine than this.
 
     Parameters
     ----------
@@ -55,7 +57,10 @@ def _facing_in_numpy(
     axes: Float[np.ndarray, "n 3"],
     least: Float[np.ndarray, " n"],
 ) -> Bool[np.ndarray, "n k"]:
-    """The same from places and optical axes of the camera in g and the least coordinate along the latter."""
+    """Facing landmarks in NumPy.
+
+    The same from places and optical axes of the camera in g and the least coordinate along the latter.
+    """
     points, normals = surface
     heights, squares = np.einsum("ki,ki->k", normals, points), np.square(points).sum(axis=1)
     found = np.empty((len(camera), len(points)), dtype=bool)

@@ -9,8 +9,9 @@ from spinfilters.settings.sensor_settings import AUTO, Auto
 if TYPE_CHECKING:
 
     class CalibrationSettings:
-        """Standard deviations of the calibration; "auto" takes the data set's own, or the default where it is silent.
+        """Standard deviations of the calibration.
 
+        "auto" takes the data set's own, or the default where it is silent.
         Its fields are the `ConsiderParameter` of all sensors.
         """
 

@@ -69,8 +69,9 @@ class ProcessSettings:
 
 @dataclass(frozen=True)
 class Settings:
-    """All settings of a run; the field names are those of the TOML file's tables and keys.
+    """All settings of a run.
 
+    The field names are those of the TOML file's tables and keys.
     Each table may be given as its own dataclass or as a mapping of its keys: ``Settings(sensors={"pixel_std": 0.5})``.
 
     Raises

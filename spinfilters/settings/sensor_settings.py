@@ -11,8 +11,9 @@ Auto = Literal["auto"]
 if TYPE_CHECKING:
 
     class SensorSettings:
-        """Standard deviations of the sensors; "auto" takes the data set's own, or the default where it is silent.
+        """Standard deviations of the sensors.
 
+        "auto" takes the data set's own, or the default where it is silent.
         Its fields are the `NoiseOption` of all sensors. "auto" of an option that a sensor identifies (`Sensor.identified_option`)
         identifies it from the recording when nobody states the sensor's noise.
         """

@@ -12,7 +12,9 @@ from spinfilters.errors import InputError
 
 
 def validated(record: type, values: Mapping[str, object]) -> dict[str, Any]:
-    """Values of some fields of a dataclass as their types tell, tables given as mappings turned into their dataclasses.
+    """Validated values of some fields of a dataclass.
+
+    As their types tell, tables given as mappings turned into their dataclasses.
 
     Raises
     ------

@@ -1,4 +1,7 @@
-"""Seeded measurement faults of a data set. The truth, the map and what was not hit stay as they are."""
+"""Seeded measurement faults of a data set.
+
+The truth, the map and what was not hit stay as they are.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -31,7 +34,10 @@ def with_faults(dataset: Dataset, faults: Sequence[Fault], seed: int) -> Dataset
 
 @dataclass(frozen=True)
 class WrongAssociations(Fault):
-    """In every epoch a ``fraction`` of the landmarks' rows (rounded; at least two, or none) exchange their landmarks in a ring."""
+    """A ``fraction`` of each epoch's landmark rows exchange their landmarks.
+
+    Rounded; at least two, or none; in a ring.
+    """
 
     fraction: float
 
@@ -94,7 +100,10 @@ class Dropout(Fault):
 
 @dataclass(frozen=True)
 class FrozenFrames(Fault):
-    """A sensor repeats epoch ``frame`` (0 is its first) in each of the ``count`` epochs that follow, under their stamps."""
+    """A sensor repeats epoch ``frame`` in the ``count`` epochs that follow.
+
+    0 is its first; under their own stamps.
+    """
 
     frame: int
     count: int
@@ -118,8 +127,9 @@ class FrozenFrames(Fault):
 
 @dataclass(frozen=True)
 class PointsAtInfinity(Fault):
-    """Every epoch shows ``count`` points that are no part of the body: fixed pixels, no disparity, white noise on each.
+    """Every epoch shows ``count`` points at infinity, off the body.
 
+    Fixed pixels, no disparity, white noise on each.
     They bear ids of their own, above all others; ``pixel_std`` in px. Their values are such as track files may hold.
     """
 

@@ -17,8 +17,9 @@ CIRCLE_PERIOD: Final = 60.0
 
 
 def circling(time: Float[np.ndarray, " n"], centre: Float[np.ndarray, " 3"]) -> CameraTrajectory:
-    """Circle in the xz plane about a point (m, frame i) in view; begins as frame i.
+    """Circle in the xz plane about a point in view.
 
+    m, frame i; begins as frame i.
     It goes round -y, against the spin of the scenarios' bodies: an inspector that flies along with a body sees it rotate less, and
     learns less of it (a tenth less, once a minute beside a body of 10 rpm).
     """

@@ -11,7 +11,10 @@ from spinfilters.simulation.faults import Fault, landmark_stream, stream_rows, w
 
 @dataclass(frozen=True)
 class NewIds(Fault):
-    """From ``start`` to before ``end`` (s) each landmark bears an id that it bears at no other time."""
+    """Landmarks bear new ids from ``start`` to before ``end`` (s).
+
+    Each bears an id that it bears at no other time.
+    """
 
     start: float
     end: float = np.inf
@@ -30,7 +33,10 @@ class NewIds(Fault):
 
 @dataclass(frozen=True)
 class FewAtFirst(Fault):
-    """Before ``end`` (s) no other landmarks are seen than a ``fraction`` of them (rounded; at least one)."""
+    """Before ``end`` (s) only a ``fraction`` of the landmarks is seen.
+
+    Rounded; at least one.
+    """
 
     fraction: float
     end: float

@@ -47,7 +47,10 @@ def motion_in_view(scenario: Scenario, generator: np.random.Generator) -> Motion
 
 
 def _path(scenario: Scenario, normal: Float[np.ndarray, "n k 2 3"]) -> Float[np.ndarray, "n 3"]:
-    """Of the centre of mass at every epoch but the first, m, frame i: straight between the kicks of its velocity."""
+    """Centre of mass at every epoch but the first, m, frame i.
+
+    Straight between the kicks of its velocity.
+    """
     h = scenario.interval / normal.shape[1]
     kicks = np.sqrt(scenario.noise.force_psd * (h / 2)) * normal.reshape(-1, 2, 3)
     after = np.cumsum(kicks.sum(axis=1), axis=0) + np.array(scenario.velocity)

@@ -47,9 +47,9 @@ _DECIMALS, _ROUNDING = 9, 1e-9  # of the epochs of several sensors, s
 
 @dataclass(frozen=True)
 class Scenario:
-    """What to simulate. The defaults are the thesis' body and motion: SPHERES-like, at 10 rpm about its intermediate axis.
+    """Scenario of a simulation, by default the thesis' body and motion.
 
-    The thesis' own problem, `common_workload`, is harder: not every landmark is recognised, and forces have 25 times the density.
+    SPHERES-like, at 10 rpm about its intermediate axis. `common_workload` is harder: not all landmarks are recognised, more force.
 
     Attributes
     ----------
@@ -193,7 +193,7 @@ def simulate(scenario: Scenario, progress: Progress = silent) -> Dataset:
 
 
 def measured(scenario: Scenario, motion: Motion, generator: np.random.Generator) -> Dataset:
-    """A data set with truth of a given motion: the body's surface and what the sensors measure are drawn."""
+    """A data set of a given true motion; surface and measurements are drawn."""
     inspector = inspector_of(scenario, motion.time)
     surface = ball(scenario.landmarks, scenario.radius_m, generator)
     simulated = [
@@ -293,7 +293,7 @@ def _truth(scenario: Scenario, motion: Motion) -> Truth:
 
 
 def _options(scenario: Scenario, sensor_noise: Mapping[str, float]) -> DatasetOptions:
-    """Noise of the sensor and of the motion, what is zero is none to state; a calibration without error."""
+    """Stated noise of sensor and motion (none of zero), an exact calibration."""
     motion = {"force_psd": scenario.noise.force_psd, "torque_psd": scenario.noise.torque_psd}
     stated = {name: value for name, value in {**motion, **sensor_noise}.items() if value > 0}
     exact = exact_calibration(dataset_kinds()[kind].name for kind in scenario.kinds)

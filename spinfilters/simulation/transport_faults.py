@@ -87,7 +87,10 @@ class Latency:
 
 @dataclass(frozen=True)
 class LateMeasurements:
-    """A ``fraction`` of the deliveries (rounded) arrives ``delay`` seconds after it would have, behind others that follow."""
+    """A ``fraction`` of the deliveries arrives ``delay`` seconds late.
+
+    Rounded; they arrive behind others that follow.
+    """
 
     fraction: float
     delay: float
@@ -106,7 +109,10 @@ class LateMeasurements:
 
 @dataclass(frozen=True)
 class DuplicateMeasurements:
-    """A ``fraction`` of the deliveries (rounded) comes a second time, bit by bit the same, ``delay`` seconds later."""
+    """A ``fraction`` of the deliveries comes again, ``delay`` seconds later.
+
+    Rounded; bit by bit the same.
+    """
 
     fraction: float
     delay: float = 0.0

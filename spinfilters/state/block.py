@@ -1,4 +1,7 @@
-"""State block: one named part of a state. It holds all that layouts, models, estimators and tables ask about it."""
+"""State block.
+
+One named part of a state. It holds all that layouts, models, estimators and tables ask about it.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -128,7 +128,10 @@ class StateLayout:
         return ca.vertcat(*parts)
 
     def local_expression(self, x: Expression, y: Expression) -> Expression:
-        """y [-] x, the error that takes x to y, symbolically; the attitude error goes the short way round."""
+        """y [-] x, the error that takes x to y, symbolically.
+
+        The attitude error goes the short way round.
+        """
         return self._difference(x, y, [block.chart.local for block in self.members])
 
     def near_local_expression(self, x: Expression, y: Expression) -> Expression:

@@ -31,7 +31,10 @@ class EstimatorStatus:
 
 
 def verdict_sentences(statuses: Mapping[str, EstimatorStatus]) -> list[str]:
-    """A sentence per reason why estimators are not ``ok``; those of the same verdict for the same reason share one."""
+    """A sentence per reason why estimators are not ``ok``.
+
+    Those of the same verdict for the same reason share one.
+    """
     names: dict[tuple[Verdict, str], list[str]] = {}
     for name, status in statuses.items():
         for reason in status.reasons:

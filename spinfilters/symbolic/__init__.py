@@ -1,7 +1,7 @@
 """CasADi expressions turned into numbers: the only place that knows buffers, densifying and C caches."""
 
 from spinfilters.symbolic.compiled import Compiled
-from spinfilters.symbolic.vectorised import Scan, Vectorised
+from spinfilters.symbolic.vectorised import Vectorised, VectorisedScan
 from spinfilters.symbolic.working_time import building, working_seconds
 
-__all__ = ["Compiled", "Scan", "Vectorised", "building", "working_seconds"]
+__all__ = ["Compiled", "Vectorised", "VectorisedScan", "building", "working_seconds"]

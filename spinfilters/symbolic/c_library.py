@@ -95,7 +95,10 @@ _TYPES = {"i": ctypes.c_longlong, "d": ctypes.c_double, "p": ctypes.c_void_p}
 def with_signatures(
     library: ctypes.PyDLL | None, signatures: Mapping[str, tuple[str, type | None]]
 ) -> ctypes.PyDLL | None:
-    """A library whose functions know their arguments, integers i, numbers d and addresses p, and what they return."""
+    """A library whose functions know their signatures.
+
+    Arguments: integers i, numbers d and addresses p; and what they return.
+    """
     if library is not None:
         for name, (arguments, result) in signatures.items():
             function = getattr(library, name)
@@ -159,6 +162,7 @@ class _OneWarning(logging.Filter):
     given = False
 
     def filter(self, record: logging.LogRecord) -> bool:
+        """Whether to pass a record: no second warning."""
         first = not self.given or record.levelno < logging.WARNING
         self.given = self.given or record.levelno >= logging.WARNING
         return first

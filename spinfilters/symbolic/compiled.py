@@ -1,4 +1,7 @@
-"""CasADi functions called on NumPy arrays, vectorised over leading axes. In C where a compiler is there."""
+"""CasADi functions called on NumPy arrays, vectorised over leading axes.
+
+In C where a compiler is there.
+"""
 
 import ctypes
 import math
@@ -189,6 +192,7 @@ class _BoundBuffers:
     def run(
         self, library: ctypes.PyDLL, strides_out: ctypes.Array[ctypes.c_longlong]
     ) -> tuple[np.ndarray, ...]:
+        """Copies of the outputs at the bound inputs. MemoryError: no work arrays."""
         if library.spinfilters_loop(
             self._one, self._pointers_in, self._no_strides, self._pointers_out, strides_out
         ):
@@ -207,8 +211,9 @@ def _densified(function: ca.Function) -> ca.Function:
 
 
 def _plain_batch(arguments: tuple[Any, ...], widths: list[int]) -> tuple[int, list[int]]:
-    """Number of items and strides where arguments are (width,) or (count, width), ready to be read in place; 0 where not.
+    """Number of items and strides of plain arguments, else 0.
 
+    (width,) or (count, width), ready to be read in place.
     What `_broadcast` finds too, in a fifth of its time.
     """
     count, strides = 0, []
@@ -228,7 +233,10 @@ def _plain_batch(arguments: tuple[Any, ...], widths: list[int]) -> tuple[int, li
 def _broadcast(
     arrays: list[np.ndarray], sizes: list[tuple[int, int]]
 ) -> tuple[tuple[int, ...], list[np.ndarray], list[int]]:
-    """Common batch shape; each array is kept whole with stride 0 or expanded to it with the item's stride."""
+    """Common batch shape of the arguments.
+
+    Each array is kept whole with stride 0 or expanded to it with the item's stride.
+    """
     trailing = [1 if cols == 1 else 2 for _, cols in sizes]
     shapes = [array.shape[: array.ndim - t] for array, t in zip(arrays, trailing, strict=True)]
     batch = shapes[0] if shapes else ()

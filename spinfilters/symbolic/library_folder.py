@@ -26,7 +26,10 @@ ABANDONED: Final = 3600.0
 
 
 def cache_folder() -> Path | None:
-    """Where compiled libraries are kept: ``$SPINFILTERS_CACHE`` or the user's cache folder; None for a user without a home."""
+    """Folder of compiled libraries.
+
+    ``$SPINFILTERS_CACHE`` or the user's cache folder; None for a user without a home.
+    """
     chosen = os.environ.get("SPINFILTERS_CACHE")
     if chosen:
         return Path(os.path.abspath(chosen))

@@ -89,7 +89,7 @@ class Vectorised:
         return None if text is None else load_text(f"{self.name}_lanes", text, SIMD_FLAGS)
 
 
-class Scan:
+class VectorisedScan:
     """Scan: an initial state, a repeated body, and an output, for many items side by side.
 
     Every input and output is a column of numbers, of an item (k, n), or of all of them (1, n).
@@ -109,9 +109,9 @@ class Scan:
         self._made = [end.numel_out(k) for k in range(end.n_out())]
         self._numbers: int = turn.numel_in(turn.n_in() - 1)
 
-    def __reduce__(self) -> tuple[type["Scan"], tuple[ca.Function, ...]]:
+    def __reduce__(self) -> tuple[type["VectorisedScan"], tuple[ca.Function, ...]]:
         """A library does not pickle: another process builds its own from the expressions."""
-        return Scan, self._functions
+        return VectorisedScan, self._functions
 
     def __call__(self, *arguments: np.ndarray, each: np.ndarray) -> tuple[np.ndarray, ...]:
         """Evaluate for k items.

@@ -17,7 +17,7 @@ from spinfilters.geometry.cameras import stereo_pair
 from spinfilters.models.sensor_noise import NoiseLevel, noise_of_rows
 from spinfilters.tracks.map_in_progress import MapInProgress
 from spinfilters.tracks.matches import Matches
-from spinfilters.tracks.pixel_noise import View, noise_ratio
+from spinfilters.tracks.pixel_noise import StereoView, noise_ratio
 from spinfilters.tracks.pose_fit import FittedPose, fit_pose, fit_poses
 from spinfilters.tracks.track_poses import find_landmarks, pose_stream, track_epochs
 
@@ -28,7 +28,10 @@ SMALLEST_DISPARITY_PX = 0.1
 
 
 class FoundMap(NamedTuple):
-    """Poses, the map they were found with, and the pixels' standard deviation over the stated (None where nothing tells it)."""
+    """Poses, their map, and the pixel noise over the stated.
+
+    None where nothing tells it.
+    """
 
     poses: MeasurementStream
     landmarks: KnownMap
@@ -41,8 +44,9 @@ def poses_without_map(
     noise: NoiseLevel,
     epochs: int | None = None,
 ) -> FoundMap:
-    """Poses and a map from tracks alone; frame g stands at the median of the first epoch's points, axes along the camera.
+    """Poses and a map from tracks alone.
 
+    Frame g stands at the median of the first epoch's points, axes along the camera.
     A pose is weighted by pixel noise and by how well each point is known. Errors common to many epochs (slow drift of the map)
     are not in the poses' covariances; filters that hold the landmarks in their state do not have that weakness.
 
@@ -93,7 +97,7 @@ def _agreed_ids(
     return ids[:0] if fitted is None else ids[fitted.inliers]
 
 
-def _first(view: View) -> Float[np.ndarray, " 7"]:
+def _first(view: StereoView) -> Float[np.ndarray, " 7"]:
     """The pose that defines g."""
     if len(view.ids) < 4:
         raise InputError(
@@ -114,17 +118,17 @@ def _matches(tracks: MeasurementStream, rows: slice, known: MapInProgress, noise
 
 def _view(
     tracks: MeasurementStream, rows: slice, calibration: Float[np.ndarray, " c"], noise: NoiseLevel
-) -> View:
+) -> StereoView:
     """What one epoch shows, as far as it can be triangulated."""
     assert tracks.ids is not None
     camera, good = _triangulated(tracks, rows, calibration)
     own = noise_of_rows(noise_of_rows(noise, rows), good)
     information = _point_information(camera[good], calibration, own)
-    return View(tracks.ids[rows][good], camera[good], information, tracks.values[rows][good], own)
+    return StereoView(tracks.ids[rows][good], camera[good], information, tracks.values[rows][good], own)
 
 
 def _built(
-    views: Sequence[View], poses: Sequence[Float[np.ndarray, " 7"] | None], ids: Int[np.ndarray, " n"]
+    views: Sequence[StereoView], poses: Sequence[Float[np.ndarray, " 7"] | None], ids: Int[np.ndarray, " n"]
 ) -> MapInProgress:
     """The map of all views that have a pose."""
     building = MapInProgress.empty(ids)
@@ -133,7 +137,7 @@ def _built(
     return building
 
 
-def _add(building: MapInProgress, view: View, pose: Float[np.ndarray, " 7"] | None) -> None:
+def _add(building: MapInProgress, view: StereoView, pose: Float[np.ndarray, " 7"] | None) -> None:
     if pose is None:
         return
     R = matrix_from_quaternion(pose[3:])
@@ -154,7 +158,10 @@ def _triangulated(
 def _point_information(
     camera: Float[np.ndarray, "k 3"], calibration: np.ndarray, noise: NoiseLevel
 ) -> Float[np.ndarray, "k 3 3"]:
-    """Information of a triangulated point, camera frame: J' N^-1 J of (u_left, v_left, u_right) with noise N."""
+    """Information J' N^-1 J of a triangulated point, camera frame.
+
+    Of (u_left, v_left, u_right) with noise N.
+    """
     J = stereo_pair(calibration).pixels_by_point(camera, calibration)
     roots = noise if isinstance(noise, float | int) else np.linalg.cholesky(noise)
     whitened = J / roots if isinstance(roots, float | int) else np.linalg.solve(roots, J)

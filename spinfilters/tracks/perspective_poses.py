@@ -61,12 +61,15 @@ def perspective_pose(
 def three_point_poses(
     points: Float[np.ndarray, "h 3 3"], rays: Float[np.ndarray, "h 3 3"]
 ) -> tuple[Float[np.ndarray, "s 3 3"], Float[np.ndarray, "s 3"]]:
-    """(R_ig, t) of all real solutions of h triples: points in g (m) on rays in the camera's frame (any length)."""
+    """(R_ig, t) of all real solutions of h triples.
+
+    Points in g (m) on rays in the camera's frame (any length).
+    """
     j = rays / np.linalg.norm(rays, axis=2, keepdims=True)
     cos_a, cos_b, cos_c = (np.sum(j[:, m] * j[:, n], axis=1) for m, n in ((1, 2), (0, 2), (0, 1)))
     a, b, c = (np.sum((points[:, m] - points[:, n]) ** 2, axis=1) for m, n in ((1, 2), (0, 2), (0, 1)))
     with np.errstate(all="ignore"):
-        v = _quartic_roots(_grunert(a / b, c / b, (cos_a, cos_b, cos_c)))
+        v = _quartic_roots(_grunert(a / b, c / b, cos_a, cos_b, cos_c))
         d = ((a - c) / b)[:, None]
         u = ((d - 1) * v**2 - 2 * d * cos_b[:, None] * v + 1 + d) / (
             2 * (cos_c[:, None] - v * cos_a[:, None])
@@ -79,10 +82,16 @@ def three_point_poses(
 
 
 def _grunert(
-    a: Float[np.ndarray, " h"], c: Float[np.ndarray, " h"], cosines: tuple[np.ndarray, np.ndarray, np.ndarray]
+    a: Float[np.ndarray, " h"],
+    c: Float[np.ndarray, " h"],
+    cos_a: Float[np.ndarray, " h"],
+    cos_b: Float[np.ndarray, " h"],
+    cos_c: Float[np.ndarray, " h"],
 ) -> Float[np.ndarray, "h 5"]:
-    """Coefficients, highest first, of the quartic in v = s3 / s1; a and c are squared sides over b's."""
-    cos_a, cos_b, cos_c = cosines
+    """Coefficients of Grunert's quartic in v = s3 / s1, highest first.
+
+    Squared sides a and c are over that of b.
+    """
     d, e = a - c, a + c
     return np.stack(
         [

@@ -1,4 +1,7 @@
-"""Pixel noise of stereo tracks from pairs of views. From the residuals of the rigid motion between two of them."""
+"""Pixel noise of stereo tracks from pairs of views.
+
+From the residuals of the rigid motion between two of them.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +21,7 @@ POSE_MATCHES = 2
 
 
 @dataclass(frozen=True)
-class View:
+class StereoView:
     """Landmarks that one epoch shows, triangulated.
 
     Attributes
@@ -32,15 +35,15 @@ class View:
     pixels: Float[np.ndarray, "k 3"]
     noise: NoiseLevel
 
-    def only(self, ids: Int[np.ndarray, " a"]) -> "View":
+    def only(self, ids: Int[np.ndarray, " a"]) -> "StereoView":
         """Of some landmarks."""
         chosen = np.isin(self.ids, ids)
         noise = noise_of_rows(self.noise, chosen)
-        return View(
+        return StereoView(
             self.ids[chosen], self.camera[chosen], self.information[chosen], self.pixels[chosen], noise
         )
 
-    def matches(self, later: "View") -> Matches:
+    def matches(self, later: "StereoView") -> Matches:
         """What a later view shows of these landmarks, with this epoch's camera frame as g."""
         _, here, there = np.intersect1d(self.ids, later.ids, return_indices=True)
         here, there = here[np.argsort(there)], np.sort(there)
@@ -49,7 +52,7 @@ class View:
         return Matches(self.camera[here], later.pixels[there], noise, covariance)
 
 
-def noise_ratio(views: Sequence[View], calibration: Float[np.ndarray, " c"]) -> float | None:
+def noise_ratio(views: Sequence[StereoView], calibration: Float[np.ndarray, " c"]) -> float | None:
     """Standard deviation of the pixels over the stated; None where no two views tell it.
 
     It is the median's, which wrong matches that agree by chance hardly move.

@@ -42,7 +42,7 @@ SEED = 0
 
 
 @dataclass(frozen=True)
-class _Seen:
+class _UsableMatches:
     """Matches whose pixels tell a point before the camera.
 
     Attributes
@@ -59,7 +59,8 @@ class _Seen:
     calibration: Float[np.ndarray, " c"]
 
     @classmethod
-    def of(cls, table: MatchTable, calibration: Float[np.ndarray, " c"]) -> "_Seen":
+    def of(cls, table: MatchTable, calibration: Float[np.ndarray, " c"]) -> "_UsableMatches":
+        """Usable matches of a table as rays and points of the camera's frame."""
         camera = stereo_pair(calibration).points_of(table.pixels, calibration)
         usable = table.given & np.isfinite(camera).all(axis=2) & (camera[..., 2] > 0)
         pixels, camera = (np.where(usable[..., None], array, 1.0) for array in (table.pixels, camera))
@@ -71,7 +72,7 @@ class _Seen:
         """They fall with depth, as its uncertainty grows."""
         return self.camera[..., 2] ** -4
 
-    def epoch(self, number: int) -> "_Seen":
+    def epoch(self, number: int) -> "_UsableMatches":
         """The usable matches of one epoch."""
         usable = self.usable[number]
         names = ("points", "pixels", "camera", "tolerance", "spread")
@@ -84,7 +85,10 @@ class _Seen:
         return np.count_nonzero(chosen, axis=1) / np.maximum(np.count_nonzero(self.usable, axis=1), 1)
 
     def agreeing(self, poses: Float[np.ndarray, "h 7"]) -> Bool[np.ndarray, "h k"]:
-        """Matches near the pixels that a pose tells; poses are of all epochs, or h of one."""
+        """Matches near the predicted pixels of a pose.
+
+        Poses are of all epochs, or h of one.
+        """
         return self.usable & (self.squared_distances(poses) < 1.0)
 
     def cost(self, poses: Float[np.ndarray, "h 7"]) -> Float[np.ndarray, " h"]:
@@ -103,7 +107,10 @@ class _Seen:
         return np.concatenate([t, q], axis=1), enough & determined
 
     def squared_distances(self, poses: Float[np.ndarray, "h 7"]) -> Float[np.ndarray, "h k"]:
-        """Squared distance (u_left, v_left, u_right) of each match under each pose in tolerances, infinite behind the camera."""
+        """Squared distance of each match under each pose, in tolerances.
+
+        (u_left, v_left, u_right); infinite behind the camera.
+        """
         camera, rotations = stereo_pair(self.calibration), matrix_from_quaternion(poses[:, 3:])
         at = self.points @ np.swapaxes(rotations, 1, 2) + poses[:, None, :3]
         away = camera.pixels_of(at, self.calibration) - self.pixels
@@ -117,7 +124,10 @@ class _Seen:
     def _squares_in_spread(
         self, away: Float[np.ndarray, "h k 3"], by_point: Float[np.ndarray, "h k 3 3"]
     ) -> Float[np.ndarray, "h k"]:
-        """With what the map's points are off by: far along the line of sight they were seen on, little across it."""
+        """Squared distances with the map points' own errors.
+
+        Far along the line of sight they were seen on, little across it.
+        """
         assert self.spread is not None
         spread = MAP_AGREEMENT**2 * by_point @ self.spread @ np.swapaxes(by_point, 2, 3)
         spread += self.tolerance[..., None, None] ** 2 * np.eye(3)
@@ -126,7 +136,9 @@ class _Seen:
 
 @dataclass(frozen=True)
 class Consensus:
-    """Rough poses (t, q_ig) of f epochs, where there is one, and which matches agree with it.
+    """Rough poses (t, q_ig) of f epochs with their inliers.
+
+    Where there is one, and which matches agree with it.
 
     Attributes
     ----------
@@ -140,7 +152,7 @@ class Consensus:
 
 def consensus_poses(table: MatchTable, calibration: Float[np.ndarray, " c"]) -> Consensus:
     """Rough poses of f epochs, those that most of their matches agree on."""
-    seen = _Seen.of(table, calibration)
+    seen = _UsableMatches.of(table, calibration)
     poses, found = _trimmed(seen)
     unclear = found & (seen.share(seen.agreeing(poses)) < CLEAR_SHARE)
     for epoch in np.flatnonzero(unclear).tolist():
@@ -151,9 +163,12 @@ def consensus_poses(table: MatchTable, calibration: Float[np.ndarray, " c"]) -> 
 
 
 def _refined(
-    seen: _Seen, poses: Float[np.ndarray, "h 7"], found: Bool[np.ndarray, " h"] | None = None
+    seen: _UsableMatches, poses: Float[np.ndarray, "h 7"], found: Bool[np.ndarray, " h"] | None = None
 ) -> Float[np.ndarray, "h 7"]:
-    """Poses fitted again and again to what agrees with them; those that it does not determine stay."""
+    """Poses refitted to their inliers until these stay.
+
+    Those that they do not determine stay.
+    """
     fitted = np.zeros((len(poses), seen.usable.shape[1]), dtype=bool)
     for _ in range(REFITS):
         agreeing = seen.agreeing(poses)
@@ -166,7 +181,7 @@ def _refined(
     return poses
 
 
-def _trimmed(seen: _Seen) -> tuple[Float[np.ndarray, "f 7"], Bool[np.ndarray, " f"]]:
+def _trimmed(seen: _UsableMatches) -> tuple[Float[np.ndarray, "f 7"], Bool[np.ndarray, " f"]]:
     """Absolute orientations, repeated without what disagrees grossly."""
     keep = seen.usable
     poses, found = seen.fitted(keep)
@@ -189,8 +204,11 @@ def _medians(values: Float[np.ndarray, "f k"], chosen: Bool[np.ndarray, "f k"]) 
     return np.take_along_axis(ordered, middle, axis=1).mean(axis=1)
 
 
-def _best_of_triples(seen: _Seen) -> Float[np.ndarray, " 7"]:
-    """The cheapest pose of one epoch, from as many triples as promise `RIGHT_TRIPLES` right ones at the share that agrees."""
+def _best_of_triples(seen: _UsableMatches) -> Float[np.ndarray, " 7"]:
+    """The cheapest pose of one epoch from random triples.
+
+    As many as promise `RIGHT_TRIPLES` right ones at the share that agrees.
+    """
     generator = np.random.default_rng(SEED)
     best, least = np.zeros(7), np.inf
     for batch in range(1, LARGEST_SEARCH + 1):
@@ -204,7 +222,7 @@ def _best_of_triples(seen: _Seen) -> Float[np.ndarray, " 7"]:
     return best
 
 
-def _promising(seen: _Seen, generator: np.random.Generator) -> Float[np.ndarray, "r 7"]:
+def _promising(seen: _UsableMatches, generator: np.random.Generator) -> Float[np.ndarray, "r 7"]:
     """The cheapest motions of a batch of triples."""
     chosen = generator.random((TRIPLES, seen.points.shape[1])).argpartition(2, axis=1)[:, :3]
     rotations, shifts = rigid_motions(seen.camera[0][chosen], seen.points[0][chosen])

@@ -30,7 +30,10 @@ EPOCHS_AT_ONCE = 64
 
 @dataclass(frozen=True)
 class FittedPose:
-    """Pose (t, q_ig), its covariance (6 x 6, order t, a), which matches agree, and their squared whitened innovations."""
+    """Pose (t, q_ig) with covariance (6 x 6, order t, a).
+
+    Which matches agree, and their squared whitened innovations.
+    """
 
     pose: Float[np.ndarray, " 7"]
     covariance: Float[np.ndarray, "6 6"]
@@ -49,8 +52,9 @@ def fit_pose(matches: Matches, calibration: Float[np.ndarray, " c"]) -> FittedPo
 
 
 def fit_poses(epochs: Sequence[Matches], calibration: Float[np.ndarray, " c"]) -> list[FittedPose | None]:
-    """Poses of g in the camera's frame that reproject map points onto pixels; None for an epoch where fewer than four matches
-    agree.
+    """Poses of g in the camera's frame from mapped pixels.
+
+    They reproject map points onto pixels; None for an epoch where fewer than four matches agree.
 
     Parameters
     ----------
@@ -198,6 +202,7 @@ class _MapNoise:
         jacobian: Float[np.ndarray, "f k 3 6"],
         covariance: Float[np.ndarray, "f k 3 3"],
     ) -> "_MapNoise":
+        """Projected covariance of the map points, beside unit pixel noise."""
         by_point = jacobian[..., :3] @ matrix_from_quaternion(about.poses[:, 3:])[:, None]
         root = np.linalg.cholesky(np.eye(3) + by_point @ covariance @ np.swapaxes(by_point, 2, 3))
         return cls(points - about.points, by_point, covariance, root)

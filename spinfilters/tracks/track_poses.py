@@ -42,7 +42,10 @@ def track_epochs(tracks: MeasurementStream) -> list[tuple[float, slice]]:
 
 
 def find_landmarks(known: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Row of every wanted id among the ascending known ones (any row where unknown), and whether it is known."""
+    """Row of every wanted id, and whether it is known.
+
+    Among the ascending known ones (any row where unknown).
+    """
     index = np.clip(np.searchsorted(known, wanted), 0, len(known) - 1)
     return index, known[index] == wanted
 

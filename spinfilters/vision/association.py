@@ -1,5 +1,6 @@
-"""Association of stereo features with landmarks: visual odometry, then a search limited by pose (Tweddle 2013, section 6.3).
+"""Association of stereo features with landmarks.
 
+Visual odometry, then a search limited by pose (Tweddle 2013, section 6.3).
 The thesis matches all epochs with all. Here an epoch is matched with the landmarks of the latest epochs, which gives its pose
 (absolute orientation within RANSAC), and then with the landmarks that this pose brings into view, of whatever revolution: the cost
 of an epoch depends on what is in view and not on how many epochs went before.
@@ -73,7 +74,7 @@ class Tracker:
     def add(
         self, epoch: int, time: float, points: StereoFeatures, pose: Float[np.ndarray, " 7"] | None = None
     ) -> EpochObservations | None:
-        """Observations of an epoch, or None where no pose is found; a pose that is given is taken as it is."""
+        """Observations of an epoch at the given or found pose, if any."""
         if self.landmarks is None:
             if len(points) < FEWEST:
                 self._losses.lose(EPOCHS, "with too few points")
@@ -88,7 +89,7 @@ class Tracker:
     def _first(
         self, epoch: int, time: float, points: StereoFeatures, pose: Float[np.ndarray, " 7"] | None
     ) -> EpochObservations:
-        """The first epoch makes the map: g stands at the middle of its points, with the axes of i."""
+        """The first map, with g at the middle of its points."""
         self.landmarks = LandmarkViews(points.features.descriptors.shape[1])
         if pose is None:
             middle = np.median(
@@ -98,8 +99,9 @@ class Tracker:
         return self._kept(epoch, time, points, pose, self.landmarks.add(len(points)))
 
     def _odometry(self, time: float, points: StereoFeatures) -> Float[np.ndarray, " 7"] | None:
-        """Pose from landmarks of the latest epochs, or at a constant rate; from all landmarks where these explain little.
+        """Pose from landmarks of the latest epochs, or at a constant rate.
 
+        From all landmarks where these explain little.
         The one is taken that most landmarks are found with: wrong matches may agree on a pose among themselves.
         """
         assert self.landmarks is not None
@@ -219,7 +221,7 @@ class Tracker:
     def _in_view(
         self, pose: Float[np.ndarray, " 7"]
     ) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 3"], Float[np.ndarray, "n d"]]:
-        """Landmarks that a pose brings into view from a direction they are known from, their pixels, and what they look like."""
+        """Landmarks in view from a known direction, with pixels and descriptors."""
         assert self.landmarks is not None
         R, at = matrix_from_quaternion(pose[3:]), self._at(pose, np.arange(self.landmarks.count))
         pixels = pixels_of(at, self._rig)

@@ -1,4 +1,7 @@
-"""Tracks of a whole sequence: visual odometry, bundle adjustment, global association, and the noise of what comes out."""
+"""Tracks of a whole sequence of images.
+
+Visual odometry, bundle adjustment, global association, and the noise of what comes out.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -57,6 +60,7 @@ class _Sequence:
         return len(self.time)
 
     def part(self, chosen: Bool[np.ndarray, " n"]) -> "_Sequence":
+        """The chosen observations alone."""
         return _Sequence(
             self.observations.part(chosen),
             self.time[chosen],
@@ -66,6 +70,7 @@ class _Sequence:
         )
 
     def with_noise(self, noise: TrackNoise) -> "_Sequence":
+        """The same with covariances of this noise model."""
         covariance = noise.covariance(self.size, self.residual)
         return replace(self, observations=replace(self.observations, covariance=covariance))
 

@@ -71,8 +71,10 @@ class Adjusted:
     def residuals(
         self, observations: Observations
     ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
-        """Residuals of u_left, v_left and disparity (px), and the share of each one's variance that the fit has left: of the
-        landmarks exactly, of the poses as a mean."""
+        """Residuals of u_left, v_left and disparity (px), with remaining variance shares.
+
+        Shares that the fit has left: of the landmarks exactly, of the poses as a mean.
+        """
         root = np.linalg.cholesky(observations.covariance)
         residual = np.einsum("ij,njk,nk->ni", PLACE_AND_DISPARITY, root, self.whitened)
         J, inverse = (
@@ -101,7 +103,10 @@ def adjust(
     points: Float[np.ndarray, "l 3"],
     rig: StereoRig,
 ) -> Adjusted:
-    """Poses and landmarks of least robust cost, by Gauss-Newton from a start; the best of all iterations."""
+    """Poses and landmarks of least robust cost, by Gauss-Newton.
+
+    The best of all iterations.
+    """
     best, least, last = _linearised(observations, poses, points, rig), np.inf, np.inf
     state = best
     for _ in range(ITERATIONS):
@@ -141,7 +146,7 @@ def _linearised(
 
 @dataclass(frozen=True)
 class _Linearised(Adjusted):
-    """With the Jacobian by the poses, (n, 3, 6), and the weights of the robust loss, (n,)."""
+    """Residuals with pose Jacobian (n, 3, 6) and robust weights (n,)."""
 
     by_pose: Float[np.ndarray, "n 3 6"]
     weight: Float[np.ndarray, " n"]
@@ -159,7 +164,10 @@ def _cost(whitened: Float[np.ndarray, "n 3"]) -> float:
 def _step(
     observations: Observations, at: "_Linearised"
 ) -> tuple[Float[np.ndarray, "e 7"], Float[np.ndarray, "l 3"]]:
-    """Poses and points after a step of Gauss-Newton: order poses (6 e), then landmarks (3 l), which are eliminated first."""
+    """Poses and points after a Gauss-Newton step.
+
+    Order: poses (6 e), then landmarks (3 l), which are eliminated first.
+    """
     epochs, landmarks = len(at.poses), len(at.points)
     weighted_pose = at.weight[:, None, None] * np.swapaxes(at.by_pose, 1, 2)
     weighted_point = at.weight[:, None, None] * np.swapaxes(at.jacobian, 1, 2)
@@ -188,7 +196,10 @@ def _step(
 def _blocks(
     observations: Observations, blocks: Float[np.ndarray, "n 6 3"], shape: tuple[int, int]
 ) -> bsr_array:
-    """Sparse matrix of one block per observation: rows poses, columns landmarks; a landmark is seen once in an epoch."""
+    """Sparse matrix of one block per observation.
+
+    Rows poses, columns landmarks; a landmark is seen once in an epoch.
+    """
     order = np.lexsort((observations.landmark, observations.epoch))
     starts = np.searchsorted(observations.epoch[order], np.arange(shape[0] + 1))
     return bsr_array(

@@ -1,4 +1,7 @@
-"""Calibration of a stereo pair by ROS: a `camera_info.yaml` of each camera, as its camera_calibration writes it."""
+"""Stereo calibration by ROS: a `camera_info.yaml` of each camera.
+
+As its camera_calibration writes it.
+"""
 
 from pathlib import Path
 from typing import Any, Final

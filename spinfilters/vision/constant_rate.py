@@ -25,7 +25,10 @@ class TimedPose(NamedTuple):
 
 
 def constant_rate(poses: Sequence[TimedPose], time: float) -> Float[np.ndarray, " 7"] | None:
-    """Pose at a time after two epochs, at the velocity and rate between them; None without two, or too long after."""
+    """Pose extrapolated from two epochs at constant velocity and rate.
+
+    None without two, or too long after.
+    """
     if len(poses) < 2:
         return None
     earlier, later = poses

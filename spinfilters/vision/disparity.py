@@ -15,7 +15,9 @@ LARGEST_DIFFERENCE_PX: Final = 2.0
 def disparity_map(
     left: UInt8[np.ndarray, "h w"], right: UInt8[np.ndarray, "h w"], largest: int, smallest: int = 0
 ) -> Float[np.ndarray, "h w"]:
-    """Disparity u_left - u_right of each pixel of the left image, px; NaN where none is found.
+    """Disparity u_left - u_right of each pixel of the left image, px.
+
+    NaN where none is found.
 
     Parameters
     ----------
@@ -43,7 +45,10 @@ def disparity_map(
 
 
 def with_occlusions(disparity: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
-    """The map with pixels that only the left camera sees: they lie behind, at the smaller disparity beside them on the row."""
+    """The disparity map with occluded pixels filled.
+
+    Only the left camera sees them: they lie behind, at the smaller disparity beside them on the row.
+    """
     found = np.isfinite(disparity)
     columns = np.arange(disparity.shape[1])
     before = np.maximum.accumulate(np.where(found, columns, -1), axis=1)

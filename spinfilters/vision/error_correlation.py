@@ -1,5 +1,6 @@
-"""Errors that observations of one landmark from like directions share: they do not average out as white noise does.
+"""Correlated errors of one landmark's observations from like directions.
 
+They do not average out as white noise does.
 A detector that is deceived by shading or foreshortening is deceived again when the body shows the same face after a revolution, by
 the same vector of the body. So errors of the place (u, v) and of the disparity, over the standard deviations of white noise, have
 the covariances
@@ -66,7 +67,10 @@ class LandmarkResiduals:
 
     @property
     def by_common_motion(self) -> Float[np.ndarray, "n 3 6"]:
-        """Derivative of predictions by a small motion of all poses, in the camera's frame: translation, then rotation about g."""
+        """Derivative of predictions by a small common motion of all poses.
+
+        In the camera's frame: translation, then rotation about g.
+        """
         by_camera = self.jacobian @ np.swapaxes(self.rotation, 1, 2)
         arm = np.einsum("nij,nj->ni", self.rotation, self.point)
         return np.concatenate([by_camera, np.cross(arm[:, None], by_camera)], axis=2)
@@ -118,7 +122,10 @@ def _coefficients(landmarks: list[LandmarkResiduals]) -> Float[np.ndarray, " k"]
 
 
 def _inflation(landmarks: list[LandmarkResiduals], coefficients: Float[np.ndarray, " k"]) -> float:
-    """Variance of the white noise that makes a motion common to all poses as uncertain on the mean."""
+    """Inflation of white noise to the uncertainty of correlated errors.
+
+    That of a motion common to all poses, on the mean.
+    """
     white, shared = np.zeros((6, 6)), np.zeros((6, 6))
     for one in landmarks:
         left = _residual_projection(one) @ one.by_common_motion.reshape(-1, 6)
@@ -134,7 +141,10 @@ def _residual_projection(one: LandmarkResiduals) -> Float[np.ndarray, "m m"]:
 
 
 def _kernels(one: LandmarkResiduals) -> Float[np.ndarray, "k m m"]:
-    """Covariances of one landmark's m = 3 n errors by each coefficient: of the place, then of the disparity."""
+    """Covariances of one landmark's m = 3 n errors by each coefficient.
+
+    Of the place, then of the disparity.
+    """
     n, place, disparity = len(one.landmark), one.rotation.copy(), np.zeros((3, 3))
     place[:, 2], disparity[2, 2] = 0.0, 1.0
     alike = np.einsum("iac,jbc->ijab", place, place)

@@ -61,6 +61,7 @@ class SiftDetector:
         )
 
     def detect(self, image: UInt8[np.ndarray, "h w"]) -> Features:
+        """SIFT points with root-normalised descriptors (k, 128)."""
         points, descriptors = self._sift.detectAndCompute(image, None)
         if descriptors is None:
             return _features((), np.zeros((0, 128)))
@@ -70,12 +71,16 @@ class SiftDetector:
 
 
 class OrbDetector:
-    """ORB (Rublee et al. 2011): several times faster, and less exact. Bits are kept as +1 and -1."""
+    """ORB features (Rublee et al. 2011): faster and less exact.
+
+    Bits are kept as +1 and -1.
+    """
 
     def __init__(self) -> None:
         self._orb = cv2.ORB.create(nfeatures=MOST_FEATURES, fastThreshold=8)
 
     def detect(self, image: UInt8[np.ndarray, "h w"]) -> Features:
+        """ORB points with descriptors (k, 256) of normalised signs."""
         points, descriptors = self._orb.detectAndCompute(image, None)
         if descriptors is None:
             return _features((), np.zeros((0, 256)))

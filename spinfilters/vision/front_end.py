@@ -1,4 +1,7 @@
-"""Front end: rectified stereo pairs in, observations of landmarks out, one pair at a time (online) or all of them (batch)."""
+"""Front end: rectified stereo pairs in, observations of landmarks out.
+
+One pair at a time (online) or all of them (batch).
+"""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -44,7 +47,10 @@ class FrontEndOptions:
 
 
 class StereoPoints:
-    """Points of one pair after the other; features are looked for around those of the pair before."""
+    """Points of one stereo pair after the other.
+
+    Features are looked for around those of the pair before.
+    """
 
     def __init__(self, rectification: Rectification, options: FrontEndOptions, losses: LossCount) -> None:
         self._rectification, self._options, self._losses = rectification, options, losses

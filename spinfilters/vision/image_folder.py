@@ -1,4 +1,7 @@
-"""Stereo images of a folder in the EuRoC layout: their times, and the pairs that can be used."""
+"""Stereo images of a folder in the EuRoC layout.
+
+Their times, and the pairs that can be used.
+"""
 
 import os
 from collections.abc import Iterator
@@ -48,7 +51,9 @@ class ImagePair(NamedTuple):
 
 @dataclass
 class PairReader:
-    """Reads pairs and counts those that cannot be used; grey values of more than 8 bits are scaled by the largest so far.
+    """Reader of stereo pairs that counts the unusable ones.
+
+    Grey values of more than 8 bits are scaled by the largest so far.
 
     Attributes
     ----------
@@ -61,7 +66,10 @@ class PairReader:
     _last: tuple[np.ndarray | None, np.ndarray | None] = (None, None)
 
     def read(self, stamped: StampedPair) -> ImagePair | None:
-        """The pair, or None where an image is missing, is no image, has another size, or repeats the last (a frozen camera)."""
+        """The pair, or None where it cannot be used.
+
+        An image is missing, is no image, has another size, or repeats the last (a frozen camera).
+        """
         images = []
         for path in (stamped.left, stamped.right):
             image, cause = _decoded(path)
@@ -121,7 +129,10 @@ def _decoded(path: Path) -> tuple[Grey | None, str | None]:
 
 
 def _bits(image: Grey) -> int:
-    """Of the largest grey value, at least 8: cameras of 10, 12 and 14 bits write 16."""
+    """Bits of the largest grey value, at least 8.
+
+    Cameras of 10, 12 and 14 bits write 16.
+    """
     return max(int(image.max()).bit_length(), 8)
 
 
@@ -131,8 +142,9 @@ def _of_eight_bits(image: Grey, bits: int) -> UInt8[np.ndarray, "h w"]:
 
 
 def stamped_pairs(folder: Path, losses: LossCount) -> list[StampedPair]:
-    """Pairs of a folder in order of time; images of one camera without one of the other at the same time are counted as lost.
+    """Stereo pairs of a folder in order of time.
 
+    Images of one camera without one of the other at the same time are counted as lost.
     Times count from the first pair, in s.
 
     Raises

@@ -14,7 +14,9 @@ WIDEST_VIEW: Final = float(np.cos(np.deg2rad(52)))
 
 
 class LandmarkViews:
-    """Landmarks 0, 1, 2 ... in frame g, as weighted means of their observations, with descriptors by viewing direction.
+    """Landmarks in frame g with descriptors by viewing direction.
+
+    0, 1, 2 ...; weighted means of their observations.
 
     Attributes
     ----------
@@ -92,7 +94,10 @@ class LandmarkViews:
         directions: Float[np.ndarray, "n 3"],
         descriptors: Float[np.ndarray, "n d"],
     ) -> None:
-        """Keep what landmarks look like from unit directions (frame g, from the landmark to the camera), where that is new."""
+        """Store the landmarks' descriptors from new viewing directions.
+
+        Unit, frame g, from the landmark to the camera.
+        """
         cosines = np.einsum("nvi,ni->nv", self._directions[rows], directions)
         new = np.where(np.arange(VIEWS) < self._kept[rows, None], cosines, -1.0).max(axis=1) < NEW_VIEW
         chosen = rows[new]
@@ -127,8 +132,9 @@ def second_numbers(
     expected: Float[np.ndarray, "m 3"],
     limits: tuple[float, float],
 ) -> Int[np.ndarray, " k"]:
-    """Columns of landmarks that are an older one seen from the other side: both are at one place and look like one feature.
+    """Columns of landmarks that duplicate an older one from another side.
 
+    Both are at one place and look like one feature.
     A point that leaves on one rim and comes back on the other is not recognised at once, and is given a second number there.
 
     Parameters

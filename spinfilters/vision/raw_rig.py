@@ -1,4 +1,7 @@
-"""A stereo pair as it is built: two pinhole cameras with lens distortion, as `sensor.yaml` files of the EuRoC layout."""
+"""A raw stereo pair: two pinhole cameras with lens distortion.
+
+As `sensor.yaml` files of the EuRoC layout.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,7 @@
-"""Rectified images of a raw rig: lens distortion removed, both cameras turned until rows correspond (Tweddle 2013, section 2.8)."""
+"""Rectified images of a raw rig (Tweddle 2013, section 2.8).
+
+Lens distortion removed, both cameras turned until rows correspond.
+"""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,7 +22,10 @@ MODE = cv2.INTER_LINEAR
 
 @dataclass(frozen=True, eq=False)
 class Rectification:
-    """Rectified pair of a raw rig (Bouguet's method: each camera is turned by half the rotation between them)."""
+    """Rectified pair of a raw rig by Bouguet's method.
+
+    Each camera is turned by half the rotation between them.
+    """
 
     rig: RawRig
 

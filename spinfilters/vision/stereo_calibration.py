@@ -59,7 +59,9 @@ class StereoCalibration:
 
 
 def calibrate_stereo(views: list[BoardView], board: Board, size: tuple[int, int]) -> StereoCalibration:
-    """Both cameras, then their relative pose; views that disagree with the others are left out and named.
+    """Calibrate both cameras, then their relative pose.
+
+    Views that disagree with the others are left out and named.
 
     Raises
     ------
@@ -120,7 +122,10 @@ def _worst_camera(
 def _worst_pair(
     views: list[BoardView], cameras: tuple[CameraCalibration, CameraCalibration]
 ) -> tuple[int, str] | None:
-    """A view in which the cameras stand otherwise to one another than in the others: its images were not taken together."""
+    """The view whose relative camera pose deviates most from the others.
+
+    Its images were not taken together.
+    """
     turns, places = _relative(cameras)
     typical = np.median(places, axis=0)
     off = np.linalg.norm(places - typical, axis=1)
@@ -136,7 +141,7 @@ def _worst_pair(
 
 
 def _limit(values: Float[np.ndarray, " v"], least: float) -> float:
-    """Beyond which a value is none of the others': six times their median, and no small thing either."""
+    """Outlier limit: six times the median, and no small thing either."""
     return max(6 * float(np.median(values)), least)
 
 
@@ -210,7 +215,10 @@ def _four(K: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " 4"]:
 
 
 def standing_out(found: StereoCalibration) -> list[str]:
-    """Views that were kept although the others are far better: their corners may have been refined onto something beside them."""
+    """Views kept although the others fit far better.
+
+    Their corners may have been refined onto something beside them.
+    """
     sentences = []
     for side, camera in zip(("left", "right"), found.cameras, strict=True):
         median = float(np.median(camera.view_errors))

@@ -70,7 +70,10 @@ def match_stereo(
     options: StereoMatching,
     losses: LossCount,
 ) -> StereoFeatures:
-    """Points of rectified images, left and right, that look alike on one row; rejected ones are counted by cause."""
+    """Matches of rectified images: points alike on one row.
+
+    Rejected ones are counted by cause.
+    """
     left, right = features
     pairs = _best_on_row(left, right, rig, options, losses)
     chosen = left.part(pairs[:, 0])
@@ -145,7 +148,10 @@ def _aligned(
     start: Float[np.ndarray, "k 2"],
     options: StereoMatching,
 ) -> tuple[Float[np.ndarray, "k 2"], Float[np.ndarray, " k"], Bool[np.ndarray, " k"]]:
-    """Places in the right image of patches of the left one (Lucas and Kanade 1981), the residuals, and which were found."""
+    """Aligned places of left patches in the right image (Lucas and Kanade 1981).
+
+    With the residuals, and which were found.
+    """
     if not len(pixels):
         return np.zeros((0, 2)), np.zeros(0), np.zeros(0, dtype=bool)
     side = 2 * options.window + 1

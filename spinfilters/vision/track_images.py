@@ -47,7 +47,9 @@ class TrackedImages:
 def track_images(
     folder: Path, options: FrontEndOptions | None = None, progress: Progress = lambda *_: None
 ) -> TrackedImages:
-    """Tracks of a whole folder; every epoch is associated with what was seen before and after it.
+    """Tracks of a whole folder of images.
+
+    Every epoch is associated with what was seen before and after it.
 
     Raises
     ------
@@ -84,7 +86,9 @@ def track_images_online(
     progress: Progress = lambda *_: None,
     on_epoch: Callable[[EpochObservations], None] = lambda _: None,
 ) -> TrackedImages:
-    """Tracks of a folder as they come out online: each epoch is associated only with what was seen before it.
+    """Tracks of a folder of images, epoch by epoch (online).
+
+    Each epoch is associated only with what was seen before it.
 
     Parameters
     ----------

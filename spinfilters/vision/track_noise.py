@@ -1,4 +1,4 @@
-"""Noise of stereo observations, from the size of a feature and from how well its patches align."""
+"""Noise of stereo observations, from feature size and patch alignment."""
 
 from dataclasses import dataclass
 from typing import Final

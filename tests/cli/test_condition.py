@@ -171,7 +171,7 @@ def test_the_shortest_time_step_is_answered(tmp_path: Path) -> None:
 
 
 def test_the_asked_time_step_is_labelled_and_crosses_no_words() -> None:
-    figure = conditioning_figure(np.array([0.0, 1.0, 0.0]), (0.5, 3.0))
+    figure = conditioning_figure(np.array([0.0, 1.0, 0.0]), 0.5, 3.0)
     over_time, _, units, whole = figure.axes
     for axes in (over_time, units, whole):
         legend = axes.get_legend()

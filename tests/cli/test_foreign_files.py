@@ -227,7 +227,8 @@ def test_a_file_system_without_locks_is_written_nevertheless(
 
     monkeypatch.setattr(run_lock.fcntl, "flock", flock)
     with locked_run(tmp_path), locked_run(tmp_path):
-        pass
+        (tmp_path / "report.txt").write_text("written")
+    assert os.listdir(tmp_path) == ["report.txt"]
 
 
 def test_a_lock_is_not_written_through_a_link(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import pytest
 from landmark_samples import FILTERS, LAYOUT, PROCESS, recording, started
 
 from experiments.arithmetic_methods import CONVENTIONAL, forms_definite, is_definite, lower
-from experiments.arithmetic_runs import Step
+from experiments.arithmetic_runs import FilterStep
 from experiments.arithmetic_sweep import RATIO, check, inspect, noise_error
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.filters.iterated_update import IterationOptions
@@ -154,5 +154,5 @@ def test_the_inspection_reports_what_is_wrong():
     }
     for word, bad in wrong.items():
         one.failures.clear()
-        inspect(one, Step(before, good | bad, None, None, 0))
+        inspect(one, FilterStep(before, good | bad, None, None, 0))
         assert word in one.failures

@@ -9,7 +9,7 @@ from spinfilters.estimators.landmarks.compiled_steps import LARGEST_STATE, Compi
 from spinfilters.estimators.landmarks.held_map import HeldMap
 from spinfilters.estimators.landmarks.landmark_map import SLOTS, LandmarkMap, LandmarkOptions
 from spinfilters.estimators.landmarks.numpy_steps import NumpySteps
-from spinfilters.estimators.landmarks.observations import Observations
+from spinfilters.estimators.landmarks.observations import MapObservations
 from spinfilters.estimators.landmarks.regression import Spread
 from spinfilters.estimators.landmarks.steps import Closing
 from spinfilters.models.gauge import GAUGE_DIM
@@ -115,7 +115,7 @@ def test_a_sensor_of_another_shape_goes_through_numpy():
     np.testing.assert_array_equal(found[0].error, found[1].error)
 
 
-def seen(precision: str = "float64") -> tuple[np.random.Generator, Observations]:
+def seen(precision: str = "float64") -> tuple[np.random.Generator, MapObservations]:
     """The first epoch of a recording, of a map whose errors are drawn."""
     recorded, held = recording(), HeldMap.empty(LandmarkOptions(modes=RANK, precision=precision))
     measured, generator = recorded.timeline[0].measurements[0], np.random.default_rng(5)

@@ -103,7 +103,10 @@ def test_a_gap_is_no_contradiction(truth: Truth) -> None:
 def test_numbers_beyond_all_bounds_are_told_without_a_warning(rate: float, truth: Truth) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        contradictions(replace(truth, rate_i=rate * truth.rate_i, velocity=rate * truth.velocity))
+        (sentence,) = contradictions(
+            replace(truth, rate_i=rate * truth.rate_i, velocity=rate * truth.velocity)
+        )
+    assert "centre of mass" in sentence
 
 
 @pytest.mark.skipif(not RECORDINGS.is_dir(), reason="the recordings beside the repository are not there")

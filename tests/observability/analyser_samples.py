@@ -1,7 +1,7 @@
 """Systems that several tests look at."""
 
 from observability import sensors
-from observability.canonical_motions import CANONICAL_MOTIONS, Motion, landmarks
+from observability.canonical_motions import CANONICAL_MOTIONS, CanonicalMotion, landmarks
 from observability.charts.chart import Chart
 from observability.charts.filter_state import FilterChart
 from observability.charts.principal import MOMENTS, RATIOS, PrincipalChart
@@ -9,7 +9,7 @@ from observability.charts.tensor import TensorChart
 from observability.system import System
 
 CHARTS: tuple[Chart, ...] = (PrincipalChart(), TensorChart(), FilterChart())
-MOTIONS: dict[str, Motion] = {motion.name: motion for motion in CANONICAL_MOTIONS}
+MOTIONS: dict[str, CanonicalMotion] = {motion.name: motion for motion in CANONICAL_MOTIONS}
 TUMBLE = MOTIONS["tumble"]
 Z_SPIN = MOTIONS["spin about the minor axis"]
 EULER = PrincipalChart(MOMENTS, with_attitude=False, with_place=False)

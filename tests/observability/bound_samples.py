@@ -3,7 +3,7 @@
 import numpy as np
 
 from observability.bounds.reference_trajectory import ReferenceTrajectory, SensorSchedule, free_reference
-from observability.canonical_motions import Motion, landmarks, point_of
+from observability.canonical_motions import CanonicalMotion, landmarks, point_of
 from observability.charts.filter_state import FilterChart
 from observability.rational import as_floats
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
@@ -15,7 +15,9 @@ CALIBRATION = np.array([466.7, 470.0, 320.0, 240.0, 0.09])
 MODEL = StereoLandmark(LAYOUT)
 
 
-def flight_of(motion: Motion, frames: int, interval: float, noise: ProcessNoise) -> ReferenceTrajectory:
+def flight_of(
+    motion: CanonicalMotion, frames: int, interval: float, noise: ProcessNoise
+) -> ReferenceTrajectory:
     """A free motion over frames."""
     process = TorqueFreeProcess(LAYOUT, noise, tolerance=1e-13)
     return free_reference(process, as_floats(point_of(FilterChart(LAYOUT), motion)), frames, interval)

@@ -15,7 +15,7 @@ from observability.charts.principal import PrincipalChart
 from observability.codistribution import codistribution
 from observability.elimination import FIELD
 from observability.rational import rational, rationals, unit_quaternion
-from observability.system import Input, Sensor, System
+from observability.system import Input, System, SystemSensor
 from observability.tape import tape_of
 from spinfilters.attitude.expressions import Expression
 from spinfilters.errors import InputError, ShapeError
@@ -53,7 +53,7 @@ class _Inverse(Gyro):
 
 def gyro_like(model: type[Gyro]) -> System:
     """A system with a sensor of that class."""
-    return System(EULER, [Sensor(model(sensors.LAYOUT), (rationals((0.1, 0.0)),))])
+    return System(EULER, [SystemSensor(model(sensors.LAYOUT), (rationals((0.1, 0.0)),))])
 
 
 def test_a_model_without_derivatives_is_refused_by_name() -> None:
@@ -108,9 +108,9 @@ def test_wrong_shapes_are_refused() -> None:
     with pytest.raises(InputError, match="the system has 0 known inputs, got 1 series"):
         codistribution(system, point_of(EULER, TUMBLE), 3, FIELD, [rationals((1.0,))])
     with pytest.raises(ShapeError, match="a measurement of gyro has 2 parameters, got 3"):
-        Sensor(Gyro(sensors.LAYOUT), (rationals((1.0, 2.0, 3.0)),))
+        SystemSensor(Gyro(sensors.LAYOUT), (rationals((1.0, 2.0, 3.0)),))
     with pytest.raises(InputError, match="5 of 2 parameters of gyro cannot be unknown"):
-        Sensor(Gyro(sensors.LAYOUT), (rationals((1.0, 2.0)),), 5)
+        SystemSensor(Gyro(sensors.LAYOUT), (rationals((1.0, 2.0)),), 5)
 
 
 def test_a_sensor_that_sees_more_than_the_chart_holds_is_refused() -> None:

@@ -7,7 +7,7 @@ from observability.canonical_motions import point_of
 from observability.certificate import certify
 from observability.charts.filter_state import FilterChart
 from observability.rational import rationals
-from observability.system import Sensor, System
+from observability.system import System, SystemSensor
 from spinfilters.models.sensors.gyro import Gyro
 from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
@@ -17,7 +17,7 @@ ROTATION = StateLayout(ROTATION_BLOCKS)
 
 def rank(layout: StateLayout, motion: str) -> int:
     """Exact rank of what a gyro tells in the filters' state."""
-    chart, gyro = FilterChart(layout), Sensor(Gyro(layout), (rationals((0.002, 0.0)),))
+    chart, gyro = FilterChart(layout), SystemSensor(Gyro(layout), (rationals((0.002, 0.0)),))
     return certify(System(chart, [gyro]), point_of(chart, MOTIONS[motion])).rank
 
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from observability.arithmetic import NotRegularError
-from observability.codistribution import SensorRows
+from observability.codistribution import SensorCodistribution
 from observability.elimination import eliminate, product_of, rank_of, reduce_columns
 from observability.prime_field import ORDER, PRIME, PrimeField, residue
 
@@ -90,7 +90,7 @@ def test_eliminating_item_by_item_gives_rank_and_null_space_of_the_whole(own: in
         at = slice(item * rows, (item + 1) * rows)
         whole[at, :common] = blocks[item, 0]
         whole[at, common + item * own : common + (item + 1) * own] = unknown[item, 0]
-    found = eliminate([SensorRows(blocks, unknown)])
+    found = eliminate([SensorCodistribution(blocks, unknown)])
     space = found.null_space()
     assert found.rank == rank_of(whole)
     assert space.shape == (whole.shape[1], whole.shape[1] - found.rank)

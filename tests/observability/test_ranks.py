@@ -12,7 +12,7 @@ from observability.charts.principal import RATIOS, PrincipalChart
 from observability.charts.tensor import TensorChart
 from observability.float_rank import float_rank
 from observability.rational import rationals
-from observability.system import Input, Sensor, System
+from observability.system import Input, System, SystemSensor
 
 GYRO, PRINCIPAL, TENSOR = sensors.watching("gyro"), PrincipalChart(), TensorChart()
 PUSH = [[rationals((0.1, 0.03, -0.02))]]
@@ -34,7 +34,7 @@ EXTRA = {("equal moments", 1): 1, ("no rotation", 1): 3, ("no rotation", 2): 1}
 """What fewer landmarks leave undetermined beyond that."""
 
 
-def analysed(chart: Chart, sensor: Sensor, name: str = "tumble") -> Certificate:
+def analysed(chart: Chart, sensor: SystemSensor, name: str = "tumble") -> Certificate:
     """Certificate of one sensor at a motion."""
     return certify(System(chart, [sensor]), point_of(chart, MOTIONS[name]))
 
@@ -81,7 +81,7 @@ def test_log_ratios_are_determined_by_a_tumble_and_not_by_a_principal_spin() -> 
     ],
     ids=["lidar attitude", "lidar pose", "known map"],
 )
-def test_sensors_that_determine_everything(chart: Chart, sensor: Sensor, rank: int) -> None:
+def test_sensors_that_determine_everything(chart: Chart, sensor: SystemSensor, rank: int) -> None:
     found = analysed(chart, sensor)
     assert (found.rank, found.dimension, found.proof.name) == (rank, rank, "FULL")
 

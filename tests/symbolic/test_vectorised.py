@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from spinfilters.errors import ShapeError
-from spinfilters.symbolic import Compiled, Scan, Vectorised, c_library
+from spinfilters.symbolic import Compiled, Vectorised, VectorisedScan, c_library
 from spinfilters.symbolic.simd_code import simd_text
 
 
@@ -230,47 +230,47 @@ def _same(found: tuple[np.ndarray, ...], expected: tuple[np.ndarray, ...]) -> No
 @pytest.mark.parametrize("count", [1, 8, 13])
 def test_a_fold_is_its_functions_one_after_the_other_to_the_bit(count: int, turns: int) -> None:
     arguments = _swinging(count)
-    _same(Scan(*_pendulum())(*arguments, each=EACH[:turns]), _folded(*arguments, EACH[:turns]))
+    _same(VectorisedScan(*_pendulum())(*arguments, each=EACH[:turns]), _folded(*arguments, EACH[:turns]))
 
 
 def test_a_fold_of_nothing_gives_nothing() -> None:
-    assert [part.shape for part in Scan(*_pendulum())(*_swinging(0), each=EACH)] == [(0, 2), (0, 1)]
+    assert [part.shape for part in VectorisedScan(*_pendulum())(*_swinging(0), each=EACH)] == [(0, 2), (0, 1)]
 
 
 def test_a_fold_leaves_its_arguments_alone() -> None:
     angle, p = _swinging(3)
     before = angle.copy(), p.copy()
-    Scan(*_pendulum())(angle, p, each=EACH)
+    VectorisedScan(*_pendulum())(angle, p, each=EACH)
     _same((angle, p), before)
 
 
 def test_a_column_of_a_fold_may_be_the_same_for_all_items() -> None:
     angle, p = _swinging(11)
     _same(
-        Scan(*_pendulum())(angle, p[:1], each=EACH),
-        Scan(*_pendulum())(angle, np.tile(p[:1], (11, 1)), each=EACH),
+        VectorisedScan(*_pendulum())(angle, p[:1], each=EACH),
+        VectorisedScan(*_pendulum())(angle, np.tile(p[:1], (11, 1)), each=EACH),
     )
 
 
 @pytest.mark.parametrize("shape", [(4, 3), (4,), (3, 2)])
 def test_columns_that_do_not_fit_a_fold_are_refused(shape: tuple[int, ...]) -> None:
     with pytest.raises(ShapeError, match="pendulum"):
-        Scan(*_pendulum())(np.zeros((4, 1)), np.zeros(shape), each=EACH)
+        VectorisedScan(*_pendulum())(np.zeros((4, 1)), np.zeros(shape), each=EACH)
 
 
 @pytest.mark.parametrize("shape", [(3,), (3, 1), (3, 3)])
 def test_numbers_that_do_not_fit_the_turns_of_a_fold_are_refused(shape: tuple[int, ...]) -> None:
     with pytest.raises(ShapeError, match="2 numbers for every turn"):
-        Scan(*_pendulum())(*_swinging(4), each=np.zeros(shape))
+        VectorisedScan(*_pendulum())(*_swinging(4), each=np.zeros(shape))
 
 
 def test_without_a_compiler_a_fold_gives_the_same_bits(no_compiler: None) -> None:
     arguments = _swinging(5)
-    _same(Scan(*_pendulum())(*arguments, each=EACH), _folded(*arguments, EACH))
+    _same(VectorisedScan(*_pendulum())(*arguments, each=EACH), _folded(*arguments, EACH))
 
 
 def test_a_fold_survives_pickling() -> None:
-    scan, arguments = Scan(*_pendulum()), _swinging(3)
+    scan, arguments = VectorisedScan(*_pendulum()), _swinging(3)
     before = scan(*arguments, each=EACH)
     _same(pickle.loads(pickle.dumps(scan))(*arguments, each=EACH), before)
 

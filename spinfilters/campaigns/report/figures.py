@@ -24,7 +24,10 @@ LABELS: Final = dict(zip(ERRORS, ("position", "attitude", "velocity", "rate"), s
 
 
 def nees_figure(cells: Sequence[CellSummary], varied: Sequence[str]) -> Figure | None:
-    """Mean NEES over time with its band: a panel per combination of levels, a line per estimator; None without any NEES."""
+    """Mean NEES over time with its band.
+
+    A panel per combination of levels, a line per estimator; None without any NEES.
+    """
     groups: dict[str, list[CellSummary]] = {}
     for cell in cells:
         if len(cell.over_time.mean):
@@ -63,7 +66,10 @@ def nees_figure(cells: Sequence[CellSummary], varied: Sequence[str]) -> Figure |
 
 
 def bound_figure(cells: Sequence[CellSummary], varied: Sequence[str]) -> Figure | None:
-    """Error over the Cramer-Rao bound with its interval, a row per cell; None where no cell has a bound."""
+    """Error over the Cramer-Rao bound with its interval.
+
+    A row per cell; None where no cell has a bound.
+    """
     shown = [cell for cell in cells if any(cell.over_bound[name].count for name in ERRORS)][:MOST_CELLS]
     if not shown:
         return None

@@ -51,7 +51,10 @@ def root_mean_square(values: Float[np.ndarray, " n"]) -> Interval:
 
 
 def ratio_of_squares(values: Float[np.ndarray, " n"], bounds: Float[np.ndarray, " n"]) -> Interval:
-    """Of rms(values) / rms(bounds), runs in pairs: the mean of v^2 - r^2 b^2 is zero, its deviation that of r^2."""
+    """Ratio rms(values) / rms(bounds) of paired runs, with its interval.
+
+    The mean of v^2 - r^2 b^2 is zero, its deviation that of r^2.
+    """
     paired = np.isfinite(values) & np.isfinite(bounds)
     v, b = np.square(values[paired]), np.square(bounds[paired])
     if not len(v) or not b.mean() > 0:

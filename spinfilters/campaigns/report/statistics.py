@@ -27,7 +27,10 @@ FEWEST_SHARE: Final = 0.5
 
 @dataclass(frozen=True)
 class NeesOverTime:
-    """Mean over runs of NEES per degree of freedom at ``time_s`` (n,), with the band of a consistent estimator."""
+    """Mean over runs of NEES per degree of freedom over time.
+
+    At ``time_s`` (n,), with the band of a consistent estimator.
+    """
 
     time_s: Float[np.ndarray, " n"]
     mean: Float[np.ndarray, " n"]
@@ -146,7 +149,10 @@ class NeesSeries:
 
 
 def _flat(column: pa.ChunkedArray) -> tuple[Float[np.ndarray, " m"], Int[np.ndarray, " n_plus_1"]]:
-    """Values of a column of lists one behind the other, and where each row's begin; rows without a list have none."""
+    """Concatenated values of a column of lists, and where each row's begin.
+
+    Rows without a list have none.
+    """
     values = column.combine_chunks()
     if isinstance(values, pa.ChunkedArray):
         values = pa.concat_arrays(values.chunks) if values.num_chunks else pa.array([], column.type)

@@ -1,1 +1,4 @@
-"""Commands of ``spinfilters``: one file each, in which nothing heavy is imported, so that help is quick."""
+"""Commands of ``spinfilters``, one file each.
+
+Nothing heavy is imported here, so that help is quick.
+"""

@@ -1,6 +1,7 @@
 """Folder with dataset.toml and a table per sensor."""
 
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -46,13 +47,7 @@ def _read_folder(folder: Path) -> Dataset:
     require_folder(folder)
     kinds = dataset_kinds()
     path = folder / DATASET_FILE
-    if not os.path.lexists(path):
-        if os.path.isfile(folder / "cam0" / "data.csv"):
-            raise _no_front_end(folder, "stereo-images")
-        raise InputError(
-            f"{path_text(path)}: no such file; write it with a line kind = '...' ({', '.join(kinds)}), or check "
-            "the path"
-        )
+    _require_description(path, kinds)
     document = read_toml(path)
     kind, description = _text(path, document, "kind"), _text(path, document, "description", "")
     reader = None if kind in kinds else raw_data_reader(kind)
@@ -79,6 +74,18 @@ def _read_folder(folder: Path) -> Dataset:
     )
 
 
+def _require_description(path: Path, kinds: Iterable[str]) -> None:
+    """Require dataset.toml, which images without tracks need not have."""
+    if os.path.lexists(path):
+        return
+    if os.path.isfile(path.parent / "cam0" / "data.csv"):
+        raise _no_front_end(path.parent, "stereo-images")
+    raise InputError(
+        f"{path_text(path)}: no such file; write it with a line kind = '...' ({', '.join(kinds)}), or check "
+        "the path"
+    )
+
+
 def _read_raw(folder: Path, reader: RawDataReader, description: str, options: DatasetOptions) -> Dataset:
     """Measurements made from raw data, with those of other sensors in the folder."""
     stream, truth, remarks = reader.read(folder, read_truth(folder))
@@ -102,13 +109,16 @@ def _read_log(folder: Path, required: SensorFormat) -> MeasurementLog:
 
 
 def _with_own_covariance(form: SensorFormat, folder: Path) -> MeasurementStream:
-    """Stream of a sensor in a folder, with the covariances of its rows where there are any."""
+    """Stream of a sensor with the covariances of its rows, if any."""
     stream, covariance = read_sensor_file(form, folder / form.file), folder / form.covariance_file
     return with_covariance(stream, covariance) if os.path.lexists(covariance) else stream
 
 
 def _stored(folder: Path, required: SensorFormat | None) -> list[SensorFormat]:
-    """The formats whose files a folder holds. Of formats with the same file it is the required one's, or has the header of one."""
+    """The formats whose files a folder holds.
+
+    Of formats with the same file it is the required one's, or has the header of one.
+    """
     by_file: dict[str, list[SensorFormat]] = {}
     for form in sensor_formats().values():
         by_file.setdefault(form.file, []).append(form)

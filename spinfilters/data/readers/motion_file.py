@@ -32,7 +32,10 @@ class MotionFileReader(DatasetReader):
     words = "a gyro .csv"
 
     def recognises(self, path: Path) -> bool:
-        """Whether a file is a table by its suffix, and no part of a data set folder by its name."""
+        """Whether a file is a single table, by suffix and name.
+
+        It is no part of a data set folder.
+        """
         return path.suffix.lower() in _SUFFIXES and path.name not in _parts() and not os.path.isdir(path)
 
     def read(self, path: Path, segment: int | None) -> Dataset:

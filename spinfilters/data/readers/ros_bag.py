@@ -1,4 +1,7 @@
-"""Bags of ROS 1 and 2 and MCAP files: sensor_msgs/Imu and poses with a stamp; needs the extra ``ros``."""
+"""Bags of ROS 1 and 2 and MCAP files.
+
+sensor_msgs/Imu and poses with a stamp; needs the extra ``ros``.
+"""
 
 import os
 from collections.abc import Callable
@@ -62,7 +65,10 @@ class RosBagReader(DatasetReader):
     words = "a ROS bag (.bag, .mcap)"
 
     def recognises(self, path: Path) -> bool:
-        """Whether a path is a bag of ROS 1 or 2 or an MCAP file, by its name."""
+        """Whether a path is a bag of ROS 1 or 2, or MCAP.
+
+        By its name.
+        """
         if os.path.isdir(path):
             return os.path.isfile(path / "metadata.yaml") and not os.path.isfile(path / DATASET_FILE)
         return path.suffix.lower() in _SUFFIXES

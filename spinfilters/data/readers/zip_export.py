@@ -79,8 +79,7 @@ class _Unpacked:
             zipfile.BadZipFile,
             zlib.error,
             EOFError,
-            RuntimeError,
-            NotImplementedError,
+            RuntimeError,  # an encrypted member, an unknown compression
             OSError,
             ValueError,
         ) as error:
@@ -102,7 +101,10 @@ class _Unpacked:
 
 
 def _unpack(path: Path, place: Path) -> Path:
-    """Write the tables of an archive, by their names without upper folders; the folder that holds them."""
+    """Write the tables of an archive and give their folder.
+
+    By their names without upper folders.
+    """
     with zipfile.ZipFile(path) as archive:
         members = [m for m in archive.infolist() if _is_table(m)]
         if len(members) > MOST_MEMBERS or sum(m.file_size for m in members) > MAX_TABLE_BYTES:

@@ -1,5 +1,6 @@
-"""Additive EKF and UKF of filterpy as baselines. On the same process and sensors as the multiplicative filters.
+"""Additive EKF and UKF of filterpy as baselines.
 
+On the same process and sensors as the multiplicative filters.
 Their state is one vector of plain numbers (`spinfilters.estimators.filters.global_coordinates`), their measurement all rows of
 an epoch stacked,
 with a dense innovation covariance of that size. Rows are whitened, so the measurement noise is the identity. Nothing is repaired:
@@ -35,6 +36,7 @@ class FilterpyFilter(Estimator):
         self._filter = wrapped
 
     def start(self, belief: Gaussian) -> None:
+        """Begin with a belief. InputError: blocks other than the process'."""
         if belief.layout != self.layout:
             raise InputError(
                 f"belief has the blocks {belief.layout.blocks}, the process has {self.layout.blocks}"
@@ -43,9 +45,11 @@ class FilterpyFilter(Estimator):
 
     @property
     def belief(self) -> Gaussian:
+        """Latest belief on the manifold, from the chart's mean and covariance."""
         return self._chart.to_belief(self._filter.x, self._filter.P)
 
     def predict(self, dt: float) -> None:
+        """Predict the chart's mean and covariance ``dt`` seconds ahead."""
         xi = self._filter.x
         moved, transition, noise = self.process.linearise(self._chart.point(xi), dt)
         after = self._chart.coordinates(moved)
@@ -56,6 +60,7 @@ class FilterpyFilter(Estimator):
         self._filter.x, self._filter.P = self._chart.shortened(self._filter.x, self._filter.P)
 
     def update(self, measurement: Measurement) -> UpdateReport:
+        """Update by the usable values of a measurement."""
         model, count = measurement.model, len(measurement.values)
         about = model.linearise(self._chart.point(self._filter.x), measurement.parameters, measurement.values)
         keep = usable(about.innovation, about.valid)
@@ -72,9 +77,11 @@ class FilterpyFilter(Estimator):
         )
 
     def snapshot(self) -> Snapshot:
+        """Copies of the chart's mean and covariance."""
         return {"mean": np.array(self._filter.x), "covariance": np.array(self._filter.P)}
 
     def restore(self, snapshot: Snapshot) -> None:
+        """Take mean and covariance from a `snapshot`."""
         self._filter.x, self._filter.P = snapshot["mean"].copy(), snapshot["covariance"].copy()
 
     @abstractmethod
@@ -114,16 +121,23 @@ class FilterpyEkf(FilterpyFilter):
 
 
 class _ChartEkf(ExtendedKalmanFilter):
-    """filterpy's EKF with a nonlinear prediction of the mean. By the override that filterpy documents for it."""
+    """filterpy's EKF with a nonlinear prediction of the mean.
+
+    By the override that filterpy documents for it.
+    """
 
     after: Float[np.ndarray, " n"]
 
     def predict_x(self, u: object = 0) -> None:
+        """Set the mean to the one predicted outside; ``u`` is unused."""
         self.x = self.after
 
 
 class FilterpyUkf(FilterpyFilter):
-    """filterpy's unscented Kalman filter with Van der Merwe's scaled points, the same set as the multiplicative UKF's."""
+    """filterpy's unscented Kalman filter with Van der Merwe's scaled points.
+
+    The same set as the multiplicative UKF's.
+    """
 
     name = "filterpy-ukf"
 
@@ -134,7 +148,10 @@ class FilterpyUkf(FilterpyFilter):
         super().__init__(process, self._ukf)
 
     def _moved(self, xi: Float[np.ndarray, " n"], dt: float) -> Float[np.ndarray, " n"]:
-        """One sigma point dt seconds later. On the branch that it reaches continuously, as the mean does."""
+        """One sigma point dt seconds later, on the mean's branch.
+
+        It is the branch that the point reaches continuously.
+        """
         return self._chart.coordinates(self.process.step(self._chart.point(xi), dt))
 
     def _advance(
@@ -159,10 +176,16 @@ class FilterpyUkf(FilterpyFilter):
 
 
 def _upper_root(P: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
-    """U with U'U = P; numpy's, because SciPy's meets NaN with a ValueError that `run` would not take for a failed filter."""
+    """U with U'U = P, by NumPy.
+
+    SciPy's meets NaN with a ValueError that `run` would not take for a failed filter.
+    """
     return np.linalg.cholesky(P).T
 
 
 def _half_log_determinant(A: Float[np.ndarray, "r r"]) -> float:
-    """log det(I + A) / 2, which is that of S = I + H P H' for A = P H'H (Sylvester)."""
+    """log det(I + A) / 2 of S = I + H P H'.
+
+    For A = P H'H (Sylvester).
+    """
     return float(np.linalg.slogdet(np.eye(len(A)) + A)[1]) / 2

@@ -1,5 +1,6 @@
-"""Prediction of a belief beyond the last measurement. The covariance grows by the motion and its disturbances.
+"""Prediction of a belief beyond the last measurement.
 
+The covariance grows by the motion and its disturbances.
 Step by step, with the transition F of the multiplicative error and the noise Q = G G' of `ProcessModel.linearise`,
 
     P+ = F P F' + Q,   P = L L',   L+ = triangular factor of [F L, G],

@@ -1,4 +1,7 @@
-"""Prediction and update of the EKF in the C of `update.c`, compiled once for every size of state and of a sensor's columns."""
+"""Prediction and update of the EKF in compiled C (`update.c`).
+
+Compiled once for every size of state and of a sensor's columns.
+"""
 
 import ctypes
 from collections.abc import Sequence
@@ -49,7 +52,10 @@ def _library(columns: int, size: int) -> ctypes.PyDLL | None:
 
 
 class Update(NamedTuple):
-    """A point (m,), the correction that leads to it, and the covariance's factor (n, n) about it."""
+    """A point, its correction, and the covariance factor about it.
+
+    (m,) and (n, n).
+    """
 
     mean: Float[np.ndarray, " m"]
     correction: Correction

@@ -89,8 +89,9 @@ def iterate(
 def agrees(
     residual: Float[np.ndarray, " k"], expected: Float[np.ndarray, " k"], options: IterationOptions
 ) -> bool:
-    """Whether a residual is as small as its linear model predicted. The linear model's minimum is then the objective's.
+    """Whether a residual is as small as its linear model predicted.
 
+    The linear model's minimum is then the objective's.
     A residual that is off by e moves the least by |U^-T H' e| <= |e| standard deviations of what is left.
     """
     off = residual - expected

@@ -10,7 +10,7 @@ from spinfilters.estimators.filters.square_root_update import MeasurementPredict
 
 
 @dataclass(frozen=True)
-class LinearRows:
+class LinearisedRows:
     """Whitened linearised innovations of a measurement's usable values. innovation = jacobian @ error[columns] + unit noise.
 
     Attributes
@@ -39,10 +39,10 @@ class LinearRows:
         """What unit deviations of the state, error = factor @ y, do to the chosen values."""
         return self.jacobian[chosen] @ factor[self.columns]
 
-    def only(self, keep: slice | Bool[np.ndarray, " k"]) -> "LinearRows":
+    def only(self, keep: slice | Bool[np.ndarray, " k"]) -> "LinearisedRows":
         """The chosen rows."""
         m = self.measurement
-        return LinearRows(
+        return LinearisedRows(
             Measurement(m.model, m.values[keep], m.parameters[keep]),
             self.innovation[keep],
             self.jacobian[keep],
@@ -51,14 +51,14 @@ class LinearRows:
             None if self.root_weights is None else self.root_weights[keep],
         )
 
-    def weighted(self, weights: Float[np.ndarray, " k"]) -> "LinearRows":
+    def weighted(self, weights: Float[np.ndarray, " k"]) -> "LinearisedRows":
         """Rows with their noise covariance divided by the weights. Those of weight 0 are left out."""
         used = weights > 0
         rows = self if used.all() else self.only(used)
         root = np.sqrt(weights[used])
         return rows if (root == 1).all() else rows._times(root)
 
-    def _times(self, root: Float[np.ndarray, " k"]) -> "LinearRows":
+    def _times(self, root: Float[np.ndarray, " k"]) -> "LinearisedRows":
         return replace(
             self,
             innovation=self.innovation * root[:, np.newaxis],
@@ -70,7 +70,10 @@ class LinearRows:
     def predicted(
         self, factor: Float[np.ndarray, "n r"], error: Float[np.ndarray, " n"] | None = None
     ) -> MeasurementPrediction:
-        """Predicted innovations of a state of uncertain error. The error has a covariance factor and a mean, None for zero."""
+        """Predicted innovations of a state of uncertain error.
+
+        The error has a covariance factor and a mean, None for zero.
+        """
         rho, jacobian = self.innovation.reshape(-1), self.jacobian.reshape(-1, self.jacobian.shape[2])
         if error is not None:
             rho = rho - jacobian @ error[self.columns]
@@ -80,11 +83,11 @@ class LinearRows:
         )
 
 
-def linear_rows(measurement: Measurement, x: Float[np.ndarray, " m"]) -> LinearRows:
+def linear_rows(measurement: Measurement, x: Float[np.ndarray, " m"]) -> LinearisedRows:
     """A measurement linearised at ``x``, its valid and finite values only."""
     model = measurement.model
     innovation, jacobian, valid, log_noise = model.linearise(x, measurement.parameters, measurement.values)
-    rows = LinearRows(measurement, innovation, jacobian, _sliced(model.columns), log_noise)
+    rows = LinearisedRows(measurement, innovation, jacobian, _sliced(model.columns), log_noise)
     keep = usable(innovation, valid)
     return rows if np.count_nonzero(keep) == len(keep) else rows.only(keep)
 
@@ -95,7 +98,9 @@ def linear_prediction(
     factor: Float[np.ndarray, "n r"],
     error: Float[np.ndarray, " n"] | None = None,
 ) -> tuple[MeasurementPrediction, int]:
-    """Whitened prediction linearised at ``x``, and its number of usable values. Usable are valid and finite ones.
+    """Whitened prediction linearised at ``x``, with its usable values counted.
+
+    Usable are valid and finite ones.
 
     Parameters
     ----------
@@ -119,6 +124,9 @@ def usable(values: Float[np.ndarray, "k r"], valid: Bool[np.ndarray, " k"]) -> B
 
 
 def _sliced(columns: list[int]) -> list[int] | slice:
-    """Increasing columns, as a slice where none is left out. A slice indexes in a third of the time."""
+    """Increasing columns, as a slice where they are contiguous.
+
+    A slice indexes in a third of the time.
+    """
     first, last = columns[0], columns[-1]
     return slice(first, last + 1) if last - first + 1 == len(columns) else columns

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from spinfilters.estimators.estimator import Measurement, ProcessModel
 from spinfilters.estimators.filters.compiled_update import Update, compiled_update
 from spinfilters.estimators.filters.iterated_update import IterationOptions, agrees, iterate
-from spinfilters.estimators.filters.linear_prediction import LinearRows, linear_rows
+from spinfilters.estimators.filters.linear_prediction import LinearisedRows, linear_rows
 from spinfilters.estimators.filters.multiplicative_filter import (
     MultiplicativeFilter,
     propagated,
@@ -20,7 +20,7 @@ from spinfilters.estimators.filters.noise_adaptation import AdaptationOptions, P
 from spinfilters.estimators.filters.square_root_update import Correction, square_root_update
 from spinfilters.estimators.landmarks.iterated_observations import IteratedObservations
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
-from spinfilters.estimators.landmarks.observations import Observations, Solved, solve_at
+from spinfilters.estimators.landmarks.observations import MapObservations, SolvedObservations, solve_at
 from spinfilters.estimators.robust.outlier_rejection import RobustOptions, SensorOutlierRejection
 from spinfilters.state.blocks.rigid_body import ATTITUDE
 from spinfilters.state.layout import StateLayout
@@ -75,7 +75,10 @@ class MultiplicativeEkf(MultiplicativeFilter):
     def _weighed(
         self, measurement: Measurement, guard: SensorOutlierRejection, scale: float
     ) -> Update | None:
-        """The update by valid values with the weights that the guard gives them, iterated where it is far from linear."""
+        """Weighted update by valid values, iterated where far from linear.
+
+        The weights are the guard's.
+        """
         rows = linear_rows(measurement, self._mean)
         if rows.dof and scale != 1:
             rows = rows.weighted(np.full(len(rows.innovation), 1 / scale))
@@ -85,13 +88,13 @@ class MultiplicativeEkf(MultiplicativeFilter):
             return None
         correction = square_root_update(weighted.predicted(self._factor))
         mean = self.layout.retract(self._mean, correction.error[: self._n])
-        if self._is_small(correction) or self._agrees(_sampled(weighted), mean, correction):
+        if self._is_small(correction) or self._agrees(*_sampled(weighted), mean, correction):
             return Update(mean, correction, reset_factor(self.layout, correction.error, correction.factor))
         return IteratedUpdate(self.layout, self._mean, self._factor, weighted).solved(
             correction, self._iteration
         )
 
-    def _solved(self, observations: Observations, guard: SensorOutlierRejection) -> Solved:
+    def _solved(self, observations: MapObservations, guard: SensorOutlierRejection) -> SolvedObservations:
         first = solve_at(observations, self._mean, self._factor, guard)
         if self._is_small(first.correction):
             return first
@@ -104,7 +107,10 @@ class MultiplicativeEkf(MultiplicativeFilter):
         return length * _curvature(self.layout, self._mean, correction.error) <= self._iteration.tolerance
 
     def _has_proved_right(self, found: Update, measurement: Measurement, scale: float) -> bool:
-        """Whether an update by the values of a measurement needs no other; where the gate refused one, that is looked at anew."""
+        """Whether a measurement's update needs no further iteration.
+
+        Where the gate refused one, that is looked at anew.
+        """
         if self._is_small(found.correction):
             return True
         model, chosen = measurement.model, _sample(len(measurement.values))
@@ -114,15 +120,17 @@ class MultiplicativeEkf(MultiplicativeFilter):
         rows = linear_rows(values, self._mean)
         if scale != 1:
             rows = rows.weighted(np.full(len(rows.innovation), 1 / scale))
-        return self._agrees((rows, float(chosen.step)), found.mean, found.correction)
+        return self._agrees(rows, float(chosen.step), found.mean, found.correction)
 
     def _agrees(
-        self, sample: tuple[LinearRows, float], mean: Float[np.ndarray, " m"], correction: Correction
+        self, rows: LinearisedRows, spacing: float, mean: Float[np.ndarray, " m"], correction: Correction
     ) -> bool:
-        """Whether a sample of linear rows, each for so many, has proved right, or no other update is wanted."""
+        """Whether sampled linear rows agree, or no further update is wanted.
+
+        Each stands for ``spacing`` rows.
+        """
         if self._iteration.iterations == 1:
             return True
-        rows, spacing = sample
         expected = rows.innovation - rows.jacobian @ correction.error[rows.columns]
         m = rows.measurement
         found = m.model.linearise(mean, m.parameters, m.values)
@@ -139,7 +147,7 @@ def _sample(count: int) -> slice:
     return slice(None, None, -(-count // SAMPLE))
 
 
-def _sampled(rows: LinearRows) -> tuple[LinearRows, float]:
+def _sampled(rows: LinearisedRows) -> tuple[LinearisedRows, float]:
     """Rows at which their linear model is checked, and for how many each stands."""
     chosen = _sample(len(rows.innovation))
     return rows.only(chosen), float(chosen.step)
@@ -163,7 +171,9 @@ def _curvature(layout: StateLayout, mean: Float[np.ndarray, " m"], error: Float[
 
 @dataclass(frozen=True)
 class IteratedUpdate:
-    """Iterated update in the coordinates y of a predicted belief. error = factor @ y about its mean.
+    """Iterated update in the coordinates y of a predicted belief.
+
+    error = factor @ y about its mean.
 
     Attributes
     ----------
@@ -173,7 +183,7 @@ class IteratedUpdate:
     layout: StateLayout
     mean: Float[np.ndarray, " m"]
     factor: Float[np.ndarray, "n n"]
-    rows: LinearRows
+    rows: LinearisedRows
 
     def solved(self, first: Correction, options: IterationOptions) -> Update:
         """The most probable point, from the correction about the mean."""
@@ -192,7 +202,10 @@ class IteratedUpdate:
         return float(y @ y) + float(np.sum(residual * residual))
 
     def solution(self, y: Float[np.ndarray, " n"]) -> Correction:
-        """Correction by the model linearised at a point, as error about the mean. The objective must be finite at the point."""
+        """Correction by the model linearised at a point.
+
+        As error about the mean. The objective must be finite at the point.
+        """
         point = self._point(y)
         m = self.rows.measurement
         rows = linear_rows(m, point)

@@ -30,7 +30,7 @@ from spinfilters.estimators.filters.square_root_update import triangular_factor
 from spinfilters.estimators.landmarks.belief import LandmarkBelief, state_in_g
 from spinfilters.estimators.landmarks.held_map import HeldMap
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
-from spinfilters.estimators.landmarks.observations import Observations, Solved
+from spinfilters.estimators.landmarks.observations import MapObservations, SolvedObservations
 from spinfilters.estimators.landmarks.shared_modes import anchored_at_pose
 from spinfilters.estimators.robust.outlier_rejection import (
     OutlierRejection,
@@ -81,6 +81,7 @@ class MultiplicativeFilter(Estimator):
         self._held: HeldMap | None = None
 
     def start(self, belief: Gaussian | LandmarkBelief) -> None:
+        """Begin with a belief; gates and noise adaptation start afresh."""
         if belief.layout != self.layout:
             raise InputError(
                 f"belief has the blocks {belief.layout.blocks}, the process has {self.layout.blocks}"
@@ -98,12 +99,16 @@ class MultiplicativeFilter(Estimator):
         return self._adaptation.level(source)
 
     def take_belief(self, belief: Gaussian | LandmarkBelief) -> None:
-        """Go on from another belief of the present time; what was learnt of noise and outliers stays."""
+        """Go on from another belief of the present time.
+
+        What was learnt of noise and outliers stays.
+        """
         self._mean, self._factor = belief.mean.copy(), belief.factor.copy()
         self._held = HeldMap.of(belief, self._options) if isinstance(belief, LandmarkBelief) else None
 
     @property
     def belief(self) -> Gaussian:
+        """Latest belief of the state in frame g, landmarks marginalised."""
         if self._held is None:
             return Gaussian(self.layout, self._mean, self._factor)
         if not self._held.has_move(self._factor, self.layout):
@@ -127,6 +132,7 @@ class MultiplicativeFilter(Estimator):
         return 0 if self._held is None else self._held.landmarks.rank
 
     def predict(self, dt: float) -> None:
+        """Predict mean and covariance factor ``dt`` seconds ahead."""
         self._guards.pass_time()
         self._adaptation.observe_motion(self.layout, self._mean, self._factor[: self._n])
         motion = self._moved(dt)
@@ -155,11 +161,13 @@ class MultiplicativeFilter(Estimator):
         return UpdateReport(correction.nis, correction.dof, used, count - used, correction.log_likelihood)
 
     def snapshot(self) -> Snapshot:
+        """Copies of belief, landmarks, gates and noise adaptation."""
         beliefs = {"mean": self._mean.copy(), "factor": self._factor.copy()}
         landmarks = {} if self._held is None else self._held.snapshot()
         return {**beliefs, **landmarks, **self._guards.snapshot(), **self._adaptation.snapshot()}
 
     def restore(self, snapshot: Snapshot) -> None:
+        """Take belief, landmarks, gates and noise adaptation from a `snapshot`."""
         self._mean, self._factor = snapshot["mean"].copy(), snapshot["factor"].copy()
         self._held = HeldMap.restored(snapshot, self._options)
         self._guards.restore(snapshot)
@@ -222,17 +230,20 @@ class MultiplicativeFilter(Estimator):
     def _corrected(
         self, measurement: Measurement, guard: SensorOutlierRejection, scale: float
     ) -> Update | None:
-        """Mean corrected by a measurement with ``scale`` times its noise covariance. None when no value is usable."""
+        """Mean corrected by a measurement with scaled noise covariance.
+
+        ``scale`` times it. None when no value is usable.
+        """
 
     @abstractmethod
-    def _solved(self, observations: Observations, guard: SensorOutlierRejection) -> Solved:
+    def _solved(self, observations: MapObservations, guard: SensorOutlierRejection) -> SolvedObservations:
         """What observations of landmarks say."""
 
 
 def propagated(
     factor: Float[np.ndarray, "N N"], transition: Float[np.ndarray, "n n"], noise: Float[np.ndarray, "n k"]
 ) -> Float[np.ndarray, "N N"]:
-    """Lower triangular factor when the state's error has moved by its transition and noise has come in; rows behind stay."""
+    """Lower triangular factor after transition and noise; rows behind stay."""
     n = len(transition)
     compiled = compiled_propagation(n) if len(factor) == n and noise.shape[1] <= MOST_NOISE else None
     if compiled is not None:

@@ -25,7 +25,7 @@ from spinfilters.estimators.filters.square_root_update import (
     triangular_factor,
 )
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
-from spinfilters.estimators.landmarks.observations import Observations, Solved, solve
+from spinfilters.estimators.landmarks.observations import MapObservations, SolvedObservations, solve
 from spinfilters.estimators.landmarks.regression import Regression
 from spinfilters.estimators.robust.outlier_rejection import RobustOptions, SensorOutlierRejection
 
@@ -117,7 +117,7 @@ class MultiplicativeUkf(MultiplicativeFilter):
         mean = self.layout.retract(self._mean, correction.error[:n])
         return Update(mean, correction, reset_factor(self.layout, correction.error, correction.factor))
 
-    def _solved(self, observations: Observations, guard: SensorOutlierRejection) -> Solved:
+    def _solved(self, observations: MapObservations, guard: SensorOutlierRejection) -> SolvedObservations:
         self._factor = self._triangular()
         regression = Regression(observations, self._mean, self._factor)
         return solve(observations, regression.rows(self._points_options), self._factor, guard)

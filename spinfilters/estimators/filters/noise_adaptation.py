@@ -84,7 +84,10 @@ class AdaptationOptions:
 
 @dataclass(frozen=True)
 class NoiseEvidence:
-    """What one update says of a scale factor. y'Dy, tr D K and tr (D K)^2; see the module's docstring."""
+    """Evidence of one update on a noise scale factor.
+
+    y'Dy, tr D K and tr (D K)^2; see the module's docstring.
+    """
 
     squared: float
     expected: float
@@ -107,9 +110,11 @@ class NoiseScale:
         return NoiseScale(float(np.clip(self.logarithm + step, -limit, limit)), information)
 
 
-class Explained(Protocol):
-    """What an update says, in the coordinates y of the belief before it
-    (`spinfilters.estimators.filters.square_root_update.Correction`)."""
+class UpdateOutcome(Protocol):
+    """Outcome of an update in the coordinates y of the prior belief.
+
+    Correction y and triangle U (`spinfilters.estimators.filters.square_root_update.Correction`), NIS and its degrees of freedom.
+    """
 
     @property
     def coordinates(self) -> Float[np.ndarray, " n"]: ...
@@ -175,7 +180,7 @@ class NoiseAdaptation:
             result[:, columns] *= np.sqrt(scales[source])
         return result
 
-    def observe_measurement(self, sensor: str, correction: Explained) -> None:
+    def observe_measurement(self, sensor: str, correction: UpdateOutcome) -> None:
         """Learn a sensor's scale from its update, which was made with `measurement_scale`."""
         name = f"sensor.{sensor}"
         if self._horizon(name):
@@ -262,7 +267,10 @@ class NoiseAdaptation:
         return [source for source in SOURCES if self._horizon(f"process.{source}")]
 
     def _horizon(self, name: str) -> float:
-        """In updates, over which what a source's scale rests on is forgotten; 0 where nothing is learned now."""
+        """Updates over which a source's evidence is forgotten.
+
+        0 where nothing is learned now.
+        """
         stated = self.options.measurement if name.startswith("sensor.") else self.options.process
         if stated or name not in self.identified:
             return stated
@@ -272,8 +280,11 @@ class NoiseAdaptation:
         self._scales[name] = self.level(name).after(evidence, self._horizon(name))
 
 
-def residual_evidence(correction: Explained) -> NoiseEvidence:
-    """Evidence on a sensor's noise. |r|^2 = nis - |y|^2, and S^-1 has r eigenvalues of (U'U)^-1 and else ones."""
+def residual_evidence(correction: UpdateOutcome) -> NoiseEvidence:
+    """Evidence on a sensor's noise.
+
+    |r|^2 = nis - |y|^2, and S^-1 has r eigenvalues of (U'U)^-1 and else ones.
+    """
     y, inverse = correction.coordinates, np.triu(dtrtri(correction.root)[0])
     left = inverse @ inverse.T
     free = correction.dof - len(left)

@@ -116,7 +116,10 @@ def is_lower(rows: Float[np.ndarray, "k n"]) -> bool:
 
 
 def triangular_factor(rows: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "n n"]:
-    """Lower triangular L with L L' = rows' rows, by QR. k may be less than n."""
+    """Lower triangular L with L L' = rows' rows, by QR.
+
+    k may be less than n.
+    """
     k, n = rows.shape
     if k < n:
         rows = np.concatenate([rows, np.zeros((n - k, n))])
@@ -133,7 +136,10 @@ def lower_roots(rows: Float[np.ndarray, "k r c"]) -> Float[np.ndarray, "k r r"]:
 
 
 class CompressedMeasurement(NamedTuple):
-    """Informative rows of a whitened measurement, and the squared length of the rest, which does not depend on the state."""
+    """Informative rows of a whitened measurement.
+
+    And the squared length of the rest, which does not depend on the state.
+    """
 
     innovation: Float[np.ndarray, " q"]
     jacobian: Float[np.ndarray, "q c"]
@@ -156,5 +162,8 @@ def compressed(
 
 @cache
 def _lower_ones(n: int) -> Float[np.ndarray, "n n"]:
-    """Ones on and below the diagonal. Clears what LAPACK leaves beside a triangle, in a tenth of the time of `numpy.tril`."""
+    """Ones on and below the diagonal, a mask.
+
+    Clears what LAPACK leaves beside a triangle, in a tenth of the time of `numpy.tril`.
+    """
     return np.tri(n)

@@ -1,4 +1,7 @@
-"""Variance components: which part of the whitened residuals each noise level explains, and what is identified of it."""
+"""Variance components of the whitened residuals.
+
+Which part of them each noise level explains, and what is identified of it.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

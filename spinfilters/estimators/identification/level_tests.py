@@ -1,5 +1,6 @@
-"""Whether noise levels are those of the data: score tests of the variance components of a smoothing problem, all at once.
+"""Score tests of noise levels against the data.
 
+All variance components of a smoothing problem at once.
 At the levels of a problem the score of ln variance i is g_i = (r_i - S_i) / 2, with r and S of `residuals`; F is the information.
 A level that is wrong shows in the scores of the others, so that each is tested with the others free:
 
@@ -47,7 +48,10 @@ class LevelTest:
 def level_tests(
     model: NoiseModel, trajectory: Float[np.ndarray, "k m"], points: Float[np.ndarray, "L 3"]
 ) -> tuple[LevelTest, ...]:
-    """A test of every level of a problem, about states near the most probable ones; none where it has no solution."""
+    """Score test of every noise level, about states near the most probable.
+
+    None where the problem has no solution.
+    """
     problem, rule = model.problem, GaussNewton()
     here = problem.at(trajectory, points, STAGE.pose_only_loss)
     normal = problem.normal(here, STAGE)

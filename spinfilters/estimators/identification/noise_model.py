@@ -49,7 +49,10 @@ class NoiseModel:
         return NoiseModel(self.scaled(log_variance), components, self.densities)
 
     def first(self, here: LinearizationPoint) -> Float[np.ndarray, " c"]:
-        """ln variances at which the median residual of every component is the expected one; those of disturbances as stated."""
+        """Initial ln variances, from the median residual of every component.
+
+        Those of disturbances are as stated.
+        """
         found = np.zeros(len(self.components) + len(self.densities))
         for k, each in enumerate(self.components):
             squares = [

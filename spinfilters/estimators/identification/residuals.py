@@ -126,7 +126,10 @@ def residuals_of(
 
 @dataclass(frozen=True)
 class _StepsAfter:
-    """Whitened residuals (k - 1, d) of the steps, and a factor (k - 1, d, w) of the covariance of their states' share J P J'."""
+    """Whitened residuals (k - 1, d) of the steps, and their states' covariance.
+
+    A factor (k - 1, d, w) of the share J P J'.
+    """
 
     rest: Float[np.ndarray, "j d"]
     spread: Float[np.ndarray, "j d w"]
@@ -139,7 +142,10 @@ class _StepsAfter:
 
 @dataclass(frozen=True)
 class _SensorAfter:
-    """Whitened residuals (r, i) of a sensor, 1 - diag(J P J') of each (0 where it is not used), and the sum of diag(J P J')."""
+    """Whitened residuals (r, i) of a sensor with their redundancy.
+
+    1 - diag(J P J') of each (0 where it is not used), and the sum of diag(J P J').
+    """
 
     rest: Float[np.ndarray, "r i"]
     free: Float[np.ndarray, "r i"]
@@ -191,7 +197,10 @@ def _observations_after(
 
 
 def _free_observations(problem: Problem, normal: NormalEquations, spent: float) -> float:
-    """Redundancy of all observations: the traces of all rows' leverages sum up to the number of unknowns."""
+    """Redundancy of all observations.
+
+    The traces of all rows' leverages sum up to the number of unknowns.
+    """
     fit, ordering = normal.eliminated, problem.ordering
     assert fit is not None
     values = sum(int(np.count_nonzero(fit.used[g.rows])) * g.model.dim for g in fit.observations.groups)

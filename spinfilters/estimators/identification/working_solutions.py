@@ -39,13 +39,19 @@ class WorkingSolutions:
 
     @cached_property
     def variances_information(self) -> Float[np.ndarray, " c"]:
-        """Of each ln variance, the others known: by how much the cost of u falls in the linear problem is u' J P J' u."""
+        """Information on each ln variance, the others known.
+
+        By how much the cost of u falls in the linear problem is u' J P J' u.
+        """
         lengths = np.array([source.dot(source) for source in self.sources])
         return (lengths - [each.predicted_reduction for each in self._solved]) / 2
 
     @cached_property
     def information(self) -> Float[np.ndarray, "c c"]:
-        """Of all ln variances; what two of them share comes from the fall of their sum's cost."""
+        """Fisher information of all ln variances.
+
+        What two of them share comes from the fall of their sum's cost.
+        """
         fallen = [each.predicted_reduction for each in self._solved]
         F = np.diag(self.variances_information)
         for (i, one), (j, other) in combinations(enumerate(self.sources), 2):

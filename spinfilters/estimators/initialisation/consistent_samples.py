@@ -22,7 +22,7 @@ AROUND = 3
 
 
 @dataclass(frozen=True)
-class _Sequence:
+class _SampleSequence:
     """Samples of one quantity; of unit quaternions both signs mean the same."""
 
     time: Float[np.ndarray, " n"]
@@ -30,7 +30,10 @@ class _Sequence:
     has_signs: bool
 
     def distances(self, kept: Int[np.ndarray, " k"]) -> Float[np.ndarray, " d"]:
-        """Distances of samples from the line through their kept neighbours. Of each kept sample but the first and the last."""
+        """Distances of samples from the line through their kept neighbours.
+
+        Of each kept sample but the first and the last.
+        """
         time, values = self.time[kept], self.values[kept]
         before, here, after = values[:-2], values[1:-1], values[2:]
         if self.has_signs:
@@ -81,7 +84,7 @@ def consistent_samples(samples: MotionSamples) -> MotionSamples:
         return samples
     given = {name: getattr(samples, name) for name in ("attitude", "rates", "positions")}
     wrong = [
-        _Sequence(samples.time, values, name == "attitude").wrong()
+        _SampleSequence(samples.time, values, name == "attitude").wrong()
         for name, values in given.items()
         if values is not None
     ]

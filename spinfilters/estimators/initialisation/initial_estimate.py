@@ -97,9 +97,9 @@ class InitialEstimate:
         """Of the state at the last epoch and all landmarks; not finite where there is none."""
         if not self.has_landmarks:
             return self.belief
-        landmarks = (self.ids, self.points)
         if self.marginals is not None:
-            return joint_belief(self.marginals, self.mean[-1], landmarks, options)
+            return joint_belief(self.marginals, self.mean[-1], self.ids, self.points, options)
         n, roots = self.layout.error_dim, np.full((len(self.ids), 3, 3), np.nan)
         factor, move = np.full((n + 1, n + 1), np.nan), np.zeros(GAUGE_DIM)
-        return LandmarkBelief(self.layout, self.mean[-1], *landmarks, roots[:, :, :1], roots, factor, move)
+        shared = roots[:, :, :1]
+        return LandmarkBelief(self.layout, self.mean[-1], self.ids, self.points, shared, roots, factor, move)

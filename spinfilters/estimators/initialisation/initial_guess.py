@@ -1,4 +1,7 @@
-"""Initial guess of a trajectory. Attitudes and rates as sampled, inertia from conserved angular momentum, a straight path."""
+"""Initial guess of a trajectory from motion samples.
+
+Attitudes and rates as sampled, inertia from conserved angular momentum, a straight path.
+"""
 
 import numpy as np
 from jaxtyping import Float
@@ -24,7 +27,10 @@ DEFINED_ATTITUDE_STD = 1e-9
 
 
 def initial_state(layout: StateLayout, evidence: InitialMotion) -> tuple[Float[np.ndarray, " m"], float]:
-    """First state from conserved angular momentum, and how constant it was. With a straight path of the centre of mass."""
+    """First state from conserved angular momentum, and its constancy.
+
+    With a straight path of the centre of mass.
+    """
     fit = fit_momentum(evidence.rotations, evidence.rates, evidence.time, layout.has(DRAG))
     x = layout.origin()
     x[layout.mean_slice("a")] = evidence.attitude[0]
@@ -41,8 +47,9 @@ def initial_state(layout: StateLayout, evidence: InitialMotion) -> tuple[Float[n
 
 
 def fit_path(evidence: InitialMotion, accelerated: bool) -> dict[str, Float[np.ndarray, " 3"]]:
-    """c, v and, on a parabola, f by linear least squares of t_k + R_k c = r_0 + v s_k + f s_k^2 / 2, s_k = t_k - t_0.
+    """Straight or parabolic path: c, v and f by linear least squares.
 
+    t_k + R_k c = r_0 + v s_k + f s_k^2 / 2, s_k = t_k - t_0.
     A centre of mass that rotations do not tell apart from the path is the least one.
     """
     assert evidence.positions is not None
@@ -71,7 +78,10 @@ def guessed_trajectory(
 def wide_prior(
     layout: StateLayout, first: np.ndarray, options: InitialisationOptions, evidence: InitialMotion
 ) -> FirstStatePrior:
-    """Wide prior of the first state at the measured pose and rate. Tight only where the first epoch defines a frame."""
+    """Wide prior of the first state at the measured pose and rate.
+
+    Tight only where the first epoch defines a frame.
+    """
     mean, std = first.copy(), np.zeros(layout.error_dim)
     for block in layout.members:
         std[layout.slice(block.name)] = options.prior_std(block)

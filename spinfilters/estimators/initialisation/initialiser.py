@@ -51,7 +51,9 @@ with a second optimum were beyond 0.7, and all optima that were alone below 0.5.
 class InitialisableProcess(ProcessModel, Protocol):
     """A process that says which motions it cannot follow."""
 
-    def require_steps(self, time: Float[np.ndarray, " k"], rates: Float[np.ndarray, "k 3"]) -> None: ...
+    def require_steps(self, time: Float[np.ndarray, " k"], rates: Float[np.ndarray, "k 3"]) -> None:
+        """Require few enough substeps of these rates (rad/s). InputError: too many."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -201,7 +203,10 @@ def _is_clear(found: InitialEstimate) -> bool:
 
 
 def _with_rejected(found: InitialEstimate, gate: float) -> float:
-    """Cost in which a rejected observation counts as one at the gate. A fit then gains nothing by rejecting."""
+    """Cost in which a rejected observation counts as at the gate.
+
+    A fit then gains nothing by rejecting.
+    """
     cost = found.cost + found.rejected * gate**2
     return cost if np.isfinite(cost) else np.inf
 

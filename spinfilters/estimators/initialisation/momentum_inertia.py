@@ -1,4 +1,7 @@
-"""Inertia from conserved angular momentum in closed form. R_k J w_k = h is linear in J and h."""
+"""Inertia from conserved angular momentum in closed form.
+
+R_k J w_k = h is linear in J and h.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -21,7 +24,10 @@ _TRACELESS = null_space(np.array([[1.0, 1.0, 1.0, 0.0, 0.0, 0.0]]))
 
 @dataclass(frozen=True)
 class MomentumFit:
-    """J (3, 3) in g axes with trace 2, a rigid body; drag in 1/rad; and how far momentum was from constant (relative rms)."""
+    """Inertia J (3, 3) in g axes with trace 2, a rigid body.
+
+    Drag in 1/rad; and how far momentum was from constant (relative rms).
+    """
 
     inertia: Float[np.ndarray, "3 3"]
     drag: float
@@ -34,8 +40,9 @@ def fit_momentum(
     time: Float[np.ndarray, " k"],
     with_drag: bool,
 ) -> MomentumFit:
-    """Least-squares J up to scale from attitudes R_ig and body rates (rad/s, g axes) at k >= 4 times (s).
+    """Least-squares J up to scale from attitudes and body rates.
 
+    R_ig and rad/s, g axes, at k >= 4 times (s).
     With drag, |h| decays with the angle turned, h_k = h_0 exp(-d angle_k); the fit is linear for each d, and d is found by a
     bounded search of one variable.
 
@@ -97,7 +104,10 @@ def _momentum_rows(w: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3 6"]:
 
 
 def _physical(J: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
-    """The nearest J whose second moments are positive: S = tr(J)/2 I - J with its eigenvalues floored."""
+    """The nearest J whose second moments are positive.
+
+    S = tr(J)/2 I - J with its eigenvalues floored.
+    """
     values, vectors = np.linalg.eigh(np.trace(J) / 2 * np.eye(3) - J)
     values = np.maximum(values, SMALLEST_SECOND_MOMENT * max(values[-1], np.finfo(float).tiny))
     S = (vectors * (values / values.sum())) @ vectors.T

@@ -58,7 +58,10 @@ class InitialisationOptions:
         return bool(block.prior_option and getattr(self, block.prior_option))
 
     def prior_std(self, block: StateBlock) -> float:
-        """Prior standard deviation of a block. The option that the block names where that is set, or the block's own."""
+        """Prior standard deviation of a block.
+
+        The option that the block names where that is set, or the block's own.
+        """
         return (getattr(self, block.prior_option) if block.prior_option else 0.0) or block.prior_std
 
     def count(self, timeline: Timeline) -> int:

@@ -18,8 +18,9 @@ from spinfilters.symbolic import Compiled
 
 @dataclass(frozen=True)
 class LandmarkBelief:
-    """Belief of a state, of r shared modes of the landmarks' errors, and of each landmark's own error.
+    """Belief of a state, shared modes and landmarks.
 
+    r shared modes of the landmarks' errors, and each landmark's own error.
     d_i = modes_i m + roots_i e_i.
 
     All of it is told in the map's frame, in which no rigid motion of all landmarks together is uncertain. Frame g of the state that
@@ -92,8 +93,9 @@ def state_in_g(
     factor: Float[np.ndarray, "N N"],
     move: Float[np.ndarray, " 6"],
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "n N"]]:
-    """State and factor rows in frame g, from those in the map's frame. The gauge move stands last in the factor.
+    """State and factor rows in frame g, from the map's frame.
 
+    The gauge move stands last in the factor.
     The move is small: the derivative of the moved state by the state is taken for one.
     """
     there = _moved_state(layout)(mean, move)[0]

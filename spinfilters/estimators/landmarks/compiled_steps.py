@@ -14,18 +14,18 @@ from spinfilters.estimators.filters.sigma_points import SigmaPoints
 from spinfilters.estimators.filters.square_root_update import LOG_2_PI, Correction
 from spinfilters.estimators.landmarks.numpy_steps import NEW_LANDMARK_SHARE, NumpySteps
 from spinfilters.estimators.landmarks.steps import (
+    AddedLandmarks,
     Closing,
     LinearisedObservations,
-    NewLandmarks,
     NewModes,
-    WhitenedRows,
+    WhitenedLandmarks,
 )
 from spinfilters.symbolic.c_library import load_text, with_signatures
 from spinfilters.symbolic.compiled import address
 
 if TYPE_CHECKING:
     from spinfilters.estimators.landmarks.landmark_map import LandmarkMap
-    from spinfilters.estimators.landmarks.observations import Observations
+    from spinfilters.estimators.landmarks.observations import MapObservations
     from spinfilters.estimators.landmarks.regression import Spread
 
 SHAPE = (3, 6)
@@ -45,7 +45,10 @@ _STORED = ("epoch", "hits", "wrong", "last", "transform", "spread", "shift", "po
 
 
 def steps_of(modes: int, precision: str) -> "NumpySteps | CompiledSteps":
-    """Steps for a number of modes and a precision. In C where there is a compiler; kept."""
+    """Steps for a number of modes and a precision.
+
+    In C where there is a compiler; kept.
+    """
     library = _library(modes, precision)
     return NumpySteps() if library is None else CompiledSteps(library, modes, precision)
 
@@ -69,6 +72,7 @@ class CompiledSteps:
         self._places = (ctypes.c_void_p * len(_STORED))()
 
     def refresh(self, stored: "LandmarkMap", rows: Int[np.ndarray, " q"]) -> None:
+        """Bring the chosen landmarks' transformations to the present epoch, in C."""
         rows = np.ascontiguousarray(rows)
         self._c.refresh(len(rows), address(rows), 0, 0, stored.now, len(stored.shift), self._map(stored))
 
@@ -78,7 +82,8 @@ class CompiledSteps:
         at: Int[np.ndarray, " k"],
         linear: Float[np.ndarray, "k d w"],
         weights: Float[np.ndarray, " k"],
-    ) -> WhitenedRows:
+    ) -> WhitenedLandmarks:
+        """Whitened rows as `NumpySteps.whitened`, in C."""
         k, d, width = linear.shape
         if (d, width - 4) != SHAPE:
             return self._reference.whitened(stored, at, linear, weights)
@@ -86,15 +91,16 @@ class CompiledSteps:
         kept = np.empty((groups, d * (width + 6), LANES))
         given = [np.ascontiguousarray(array) for array in (linear, weights, at)]
         log_noise = self._c.whiten(k, *map(address, given), self._map(stored), address(kept))
-        return WhitenedRows(kept, (k, d, width), log_noise)
+        return WhitenedLandmarks(kept, (k, d, width), log_noise)
 
     def corrected(
         self,
-        white: WhitenedRows,
+        white: WhitenedLandmarks,
         factor: Float[np.ndarray, "N N"],
         columns: Int[np.ndarray, " q"],
         log_noise: float,
     ) -> Correction:
+        """Square-root update by whitened rows, in C."""
         n, (k, d, _) = len(factor), white.shape
         if (d, len(columns) - self._modes) != SHAPE:
             return self._reference.corrected(white, factor, columns, log_noise)
@@ -104,11 +110,12 @@ class CompiledSteps:
 
     def solved(
         self,
-        observations: "Observations",
+        observations: "MapObservations",
         x: Float[np.ndarray, " m"],
         factor: Float[np.ndarray, "N N"],
         limit: float,
-    ) -> tuple[Correction, WhitenedRows] | None:
+    ) -> tuple[Correction, WhitenedLandmarks] | None:
+        """Linearisation and update in one pass in C, None where not possible."""
         o, n, d, c = observations, len(factor), *SHAPE
         k, loop, width = len(o.at), o.sensor.observation_rows.loop, c + self._modes + 1
         if not (k and loop) or (o.sensor.dim, len(o.columns) - self._modes) != SHAPE:
@@ -126,16 +133,17 @@ class CompiledSteps:
         ):
             return None
         log_noise, nis = said.tolist()
-        return _correction(made, nis, k * d, log_noise), WhitenedRows(kept, (k, d, width), log_noise)
+        return _correction(made, nis, k * d, log_noise), WhitenedLandmarks(kept, (k, d, width), log_noise)
 
     def solved_rows(
         self,
-        observations: "Observations",
+        observations: "MapObservations",
         linear: Float[np.ndarray, "k d w"],
         log_noise: float,
         factor: Float[np.ndarray, "N N"],
         limit: float,
-    ) -> tuple[Correction, WhitenedRows] | None:
+    ) -> tuple[Correction, WhitenedLandmarks] | None:
+        """Whitening and update in one pass in C, None where not possible."""
         o, n, (k, d, width) = observations, len(factor), linear.shape
         if k == 0 or (d, width - 4) != SHAPE or limit < 0:
             return None
@@ -149,11 +157,12 @@ class CompiledSteps:
         ):
             return None
         log_noise, nis = said.tolist()
-        return _correction(made, nis, k * d, log_noise), WhitenedRows(kept, (k, d, width), log_noise)
+        return _correction(made, nis, k * d, log_noise), WhitenedLandmarks(kept, (k, d, width), log_noise)
 
     def regressed(
-        self, observations: "Observations", spread: "Spread", points: SigmaPoints
+        self, observations: "MapObservations", spread: "Spread", points: SigmaPoints
     ) -> LinearisedObservations | None:
+        """Statistical linearisation of observations in C, None where not possible."""
         o, (d, c) = observations, SHAPE
         k, loop, pose = len(o.at), o.sensor.observation_innovations.loop, spread.pose
         if not (k and loop) or o.sensor.dim != d or pose.shape != (c, c) or not spread.is_solvable:
@@ -172,7 +181,8 @@ class CompiledSteps:
         )
         return LinearisedObservations(rows, valid > 0, log_noise)
 
-    def close(self, stored: "LandmarkMap", closing: Closing) -> NewLandmarks:
+    def close(self, stored: "LandmarkMap", closing: Closing) -> AddedLandmarks:
+        """Close an epoch as `NumpySteps.close`, in C."""
         r, n, (k, _, c) = len(closing.remembered), closing.factor.shape[1], closing.by_pose.shape
         if (closing.white.shape[1], c) != SHAPE:
             return self._reference.close(stored, closing)
@@ -196,7 +206,7 @@ class CompiledSteps:
             self._map(stored),
         )
         stored.now += 1
-        return NewLandmarks(new, modes, roots)
+        return AddedLandmarks(new, modes, roots)
 
     def _map(self, stored: "LandmarkMap") -> int:
         """Address of those of the map's arrays, looked up when they are other arrays."""

@@ -10,7 +10,7 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import NO_IDS, MapChange, Measurement
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.landmark_map import CONFIRMED, LandmarkMap, LandmarkOptions
-from spinfilters.estimators.landmarks.observations import Observations, Solved
+from spinfilters.estimators.landmarks.observations import MapObservations, SolvedObservations
 from spinfilters.estimators.landmarks.steps import Closing
 from spinfilters.models.gauge import GAUGE_DIM
 from spinfilters.models.landmark_sensor import LandmarkSensor, NewLandmarks
@@ -21,7 +21,10 @@ MEMORY = 0.9
 
 
 class _Newcomers(NamedTuple):
-    """New landmarks: ids (q,), points (q, 3), by_pose (q, 3, c) about the point before the update, roots (q, 3, 3)."""
+    """New landmarks with their errors.
+
+    Ids (q,), points (q, 3), by_pose (q, 3, c) about the point before the update, roots (q, 3, 3).
+    """
 
     ids: Int[np.ndarray, " q"]
     points: Float[np.ndarray, "q 3"]
@@ -80,7 +83,7 @@ class HeldMap:
 
     def observations(
         self, layout: StateLayout, measurement: Measurement, rows: Int[np.ndarray, " m"], scale: float
-    ) -> Observations:
+    ) -> MapObservations:
         """A measurement as one of landmarks in the map.
 
         Parameters
@@ -102,7 +105,7 @@ class HeldMap:
             rows, values, parameters = rows[known], values[known], parameters[known]
         held.refresh(rows)
         columns = self._columns_of(layout, sensor)
-        return Observations(layout, sensor, values, parameters, rows, known, held, columns, scale)
+        return MapObservations(layout, sensor, values, parameters, rows, known, held, columns, scale)
 
     def _columns_of(self, layout: StateLayout, sensor: LandmarkSensor) -> Int[np.ndarray, " q"]:
         """Errors that a sensor observes: those of the pose, then the modes."""
@@ -115,9 +118,9 @@ class HeldMap:
 
     def after(
         self,
-        observations: Observations,
+        observations: MapObservations,
         measurement: Measurement,
-        solved: Solved,
+        solved: SolvedObservations,
         mean: Float[np.ndarray, " m"],
     ) -> tuple[Float[np.ndarray, "N N"], MapChange]:
         """Factor and change of the map after an update that led to this mean."""
@@ -128,7 +131,7 @@ class HeldMap:
             wrong = held.refuse(np.delete(o.at, solved.used))
             fresh[np.flatnonzero(o.known)[np.isin(o.at, wrong)]] = True
         reset = o.layout.reset_jacobian(correction.error[:n])
-        new = self._newcomers(o, measurement, fresh, (mean, reset))
+        new = self._newcomers(o, measurement, fresh, mean, reset)
         closing = Closing(
             at,
             solved.whitened,
@@ -154,12 +157,12 @@ class HeldMap:
 
     def _newcomers(
         self,
-        o: Observations,
+        o: MapObservations,
         measurement: Measurement,
         which: np.ndarray,
-        moved: tuple[Float[np.ndarray, " m"], Float[np.ndarray, "n n"]],
+        mean: Float[np.ndarray, " m"],
+        reset: Float[np.ndarray, "n n"],
     ) -> _Newcomers:
-        mean, reset = moved
         assert measurement.ids is not None
         rows, pose = np.flatnonzero(which), o.sensor.columns
         if not len(rows):

@@ -11,25 +11,27 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.estimators.filters.iterated_update import IterationOptions, agrees, iterate
-from spinfilters.estimators.landmarks.observations import Observations, Solved, corrected
+from spinfilters.estimators.landmarks.observations import MapObservations, SolvedObservations, corrected
 from spinfilters.estimators.landmarks.steps import LinearisedObservations
 
 
 @dataclass(frozen=True)
 class IteratedObservations:
-    """Observations in the coordinates y of a predicted belief, error = factor @ y about its mean.
+    """Observations in the coordinates y of a predicted belief.
+
+    error = factor @ y about its mean.
 
     Attributes
     ----------
     first: the solution about the mean.
     """
 
-    observations: Observations
+    observations: MapObservations
     mean: Float[np.ndarray, " m"]
     factor: Float[np.ndarray, "N N"]
-    first: Solved
+    first: SolvedObservations
 
-    def solution(self, options: IterationOptions) -> Solved:
+    def solution(self, options: IterationOptions) -> SolvedObservations:
         """The most probable point, from the first solution."""
         if options.iterations == 1 or self._is_good(options):
             return self.first
@@ -52,7 +54,7 @@ class IteratedObservations:
         residual = self._whitened(found)
         return float(y @ y) + float(np.sum(residual * residual))
 
-    def _solved_at(self, y: Float[np.ndarray, " N"]) -> Solved:
+    def _solved_at(self, y: Float[np.ndarray, " N"]) -> SolvedObservations:
         """The solution of the model linearised at y, told about y = 0."""
         error, o = self.factor @ y, self.observations
         found, pose, c = self._linear(error), o.sensor.columns, len(o.sensor.columns)

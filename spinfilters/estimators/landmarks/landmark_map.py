@@ -154,7 +154,10 @@ class LandmarkMap:
         return removed
 
     def stalest(self, largest: int) -> Int[np.ndarray, " q"]:
-        """Rows observed longest ago, where there are more than ``largest``. So many that a sixteenth is free again."""
+        """Rows observed longest ago, beyond the ``largest`` number of landmarks.
+
+        So many that a sixteenth is free again.
+        """
         if self.count <= largest:
             return np.zeros(0, dtype=np.int64)
         going = self.count - largest + largest // 16
@@ -170,7 +173,10 @@ class LandmarkMap:
         dropped: Float[np.ndarray, "r c"],
         shift: Float[np.ndarray, " r"],
     ) -> None:
-        """Advance to the next epoch. m_before = shift + transform m + dropped f, f of unit covariance."""
+        """Advance to the next epoch.
+
+        m_before = shift + transform m + dropped f, f of unit covariance.
+        """
         begin, end = self.take_turn()
         late = np.flatnonzero(self.epoch[: self.count] < self.now - (SLOTS - 2))  # where the map has grown
         self.refresh(np.union1d(np.arange(begin, end), late))

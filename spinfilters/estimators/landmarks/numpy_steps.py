@@ -1,4 +1,4 @@
-"""Steps of an epoch in NumPy, the reference of the compiled ones. They serve where there is no compiler."""
+"""Steps of an epoch in NumPy, the reference without a compiler."""
 
 from typing import TYPE_CHECKING
 
@@ -14,16 +14,16 @@ from spinfilters.estimators.filters.square_root_update import (
     square_root_update,
 )
 from spinfilters.estimators.landmarks.steps import (
+    AddedLandmarks,
     Closing,
     LinearisedObservations,
-    NewLandmarks,
     NewModes,
-    WhitenedRows,
+    WhitenedLandmarks,
 )
 
 if TYPE_CHECKING:
     from spinfilters.estimators.landmarks.landmark_map import LandmarkMap
-    from spinfilters.estimators.landmarks.observations import Observations
+    from spinfilters.estimators.landmarks.observations import MapObservations
     from spinfilters.estimators.landmarks.regression import Spread
 
 NEW_LANDMARK_SHARE = 0.5
@@ -51,8 +51,10 @@ class NumpySteps:
         at: Int[np.ndarray, " k"],
         linear: Float[np.ndarray, "k d w"],
         weights: Float[np.ndarray, " k"],
-    ) -> WhitenedRows:
-        """Rows of observations of the landmarks in rows ``at``, whose own errors are noise to them; they keep X and H_p L.
+    ) -> WhitenedLandmarks:
+        """Whitened rows of observations, with X and H_p L kept.
+
+        Of the landmarks in rows ``at``, whose own errors are noise to them.
 
         Parameters
         ----------
@@ -72,11 +74,11 @@ class NumpySteps:
         rows, X = every[..., :-3], every[..., -3:]
         parts = [array.reshape(len(at), array.shape[1] * array.shape[2], 1) for array in (rows, X, gram)]
         kept = np.concatenate(parts, axis=1)
-        return WhitenedRows(kept, rows.shape, log_noise)
+        return WhitenedLandmarks(kept, rows.shape, log_noise)
 
     def corrected(
         self,
-        white: WhitenedRows,
+        white: WhitenedLandmarks,
         factor: Float[np.ndarray, "N N"],
         columns: Int[np.ndarray, " q"],
         log_noise: float,
@@ -96,32 +98,32 @@ class NumpySteps:
 
     def solved(
         self,
-        observations: "Observations",
+        observations: "MapObservations",
         x: Float[np.ndarray, " m"],
         factor: Float[np.ndarray, "N N"],
         limit: float,
-    ) -> tuple[Correction, WhitenedRows] | None:
+    ) -> tuple[Correction, WhitenedLandmarks] | None:
         """`whitened` and `corrected` at once, if no squared innovation exceeds the limit. Here always None."""
         return None
 
     def solved_rows(
         self,
-        observations: "Observations",
+        observations: "MapObservations",
         linear: Float[np.ndarray, "k d w"],
         log_noise: float,
         factor: Float[np.ndarray, "N N"],
         limit: float,
-    ) -> tuple[Correction, WhitenedRows] | None:
+    ) -> tuple[Correction, WhitenedLandmarks] | None:
         """The same of rows, all of them valid; log_noise of all."""
         return None
 
     def regressed(
-        self, observations: "Observations", spread: "Spread", points: SigmaPoints
+        self, observations: "MapObservations", spread: "Spread", points: SigmaPoints
     ) -> LinearisedObservations | None:
         """What `Spread.regressed` gives, where it is computed otherwise; here always None."""
         return None
 
-    def close(self, stored: "LandmarkMap", closing: Closing) -> NewLandmarks:
+    def close(self, stored: "LandmarkMap", closing: Closing) -> AddedLandmarks:
         """Finish an epoch after the correction.
 
         The map moves to the next epoch; returned is what new landmarks begin with.
@@ -133,7 +135,7 @@ class NumpySteps:
         next_epoch(stored, new.kept[c:], new.dropped[c:], closing.error[c:])
         _observe(stored, closing, new)
         own = lower_roots(np.concatenate([closing.roots, closing.by_pose @ new.dropped[:c]], axis=2))
-        return NewLandmarks(new, closing.by_pose @ new.kept[:c], own)
+        return AddedLandmarks(new, closing.by_pose @ new.kept[:c], own)
 
 
 def next_epoch(
@@ -142,7 +144,10 @@ def next_epoch(
     dropped: Float[np.ndarray, "r c"],
     shift: Float[np.ndarray, " r"],
 ) -> None:
-    """Take every slot's transformation one step on, m_before = shift + transform m + dropped f; the new epoch's is the identity."""
+    """Advance every slot's transformation one step.
+
+    m_before = shift + transform m + dropped f; the new epoch's is the identity.
+    """
     moved = stored.transform @ dropped
     stored.shift += stored.transform @ shift
     stored.spread += moved @ np.swapaxes(moved, 1, 2)
@@ -191,7 +196,7 @@ def _observe(stored: "LandmarkMap", closing: Closing, new: NewModes) -> None:
     stored.hits[at] += 1
 
 
-def _own_parts(white: WhitenedRows) -> tuple[Float[np.ndarray, "k d 3"], Float[np.ndarray, "k d 3"]]:
+def _own_parts(white: WhitenedLandmarks) -> tuple[Float[np.ndarray, "k d 3"], Float[np.ndarray, "k d 3"]]:
     """X and H_p L."""
     count, d, width = white.shape
     parts = white.kept[:, d * width :].reshape(count, 2, d, 3)

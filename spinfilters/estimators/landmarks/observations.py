@@ -9,14 +9,14 @@ from jaxtyping import Bool, Float, Int
 
 from spinfilters.estimators.filters.square_root_update import Correction
 from spinfilters.estimators.landmarks.landmark_map import LandmarkMap
-from spinfilters.estimators.landmarks.steps import LinearisedObservations, WhitenedRows
+from spinfilters.estimators.landmarks.steps import LinearisedObservations, WhitenedLandmarks
 from spinfilters.estimators.robust.outlier_rejection import SensorOutlierRejection
 from spinfilters.models.landmark_sensor import LandmarkSensor
 from spinfilters.state.layout import StateLayout
 
 
 @dataclass(frozen=True)
-class Observations:
+class MapObservations:
     """One measurement of k landmarks of the map, and of q that it does not hold.
 
     Attributes
@@ -66,7 +66,7 @@ class Observations:
         return LinearisedObservations(rows, good, log_noise[:, 0])
 
 
-class Solved(NamedTuple):
+class SolvedObservations(NamedTuple):
     """What observations say.
 
     Attributes
@@ -78,7 +78,7 @@ class Solved(NamedTuple):
     correction: Correction
     used: Int[np.ndarray, " u"]
     weights: Float[np.ndarray, " u"]
-    whitened: WhitenedRows
+    whitened: WhitenedLandmarks
 
     @property
     def coordinates(self) -> Float[np.ndarray, " N"]:
@@ -91,46 +91,52 @@ class Solved(NamedTuple):
 
 
 def solve_at(
-    observations: Observations,
+    observations: MapObservations,
     x: Float[np.ndarray, " m"],
     factor: Float[np.ndarray, "N N"],
     guard: SensorOutlierRejection,
-) -> Solved:
-    """Solve with first derivatives at a state. At once, where all observations are valid and pass whatever the covariance."""
+) -> SolvedObservations:
+    """Solve with first derivatives at a state.
+
+    At once, where all observations are valid and pass whatever the covariance.
+    """
     o = observations
     found = o.landmarks.steps.solved(o, x, factor, guard.limit(o.sensor.dim))
-    return _weighed(o, o.rows_at(x), factor, guard) if found is None else _accepted(o, found, guard)
+    return _weighed(o, o.rows_at(x), factor, guard) if found is None else _accepted(o, *found, guard)
 
 
 def solve(
-    observations: Observations,
+    observations: MapObservations,
     linear: LinearisedObservations,
     factor: Float[np.ndarray, "N N"],
     guard: SensorOutlierRejection,
-) -> Solved:
+) -> SolvedObservations:
     """The correction by all valid observations that the guard lets pass; at once, as `solve_at`."""
     o, found = observations, None
     if linear.valid.all():
         limit, log_noise = guard.limit(o.sensor.dim), float(linear.log_noise.sum())
         found = o.landmarks.steps.solved_rows(o, linear.rows, log_noise, factor, limit)
-    return _weighed(o, linear, factor, guard) if found is None else _accepted(o, found, guard)
+    return _weighed(o, linear, factor, guard) if found is None else _accepted(o, *found, guard)
 
 
 def _accepted(
-    observations: Observations, found: tuple[Correction, WhitenedRows], guard: SensorOutlierRejection
-) -> Solved:
+    observations: MapObservations,
+    correction: Correction,
+    whitened: WhitenedLandmarks,
+    guard: SensorOutlierRejection,
+) -> SolvedObservations:
     """The correction by all observations, each of full weight."""
     k = len(observations.at)
     guard.count(k, 0)
-    return Solved(found[0], np.arange(k), np.full(k, 1 / observations.scale), found[1])
+    return SolvedObservations(correction, np.arange(k), np.full(k, 1 / observations.scale), whitened)
 
 
 def _weighed(
-    observations: Observations,
+    observations: MapObservations,
     linear: LinearisedObservations,
     factor: Float[np.ndarray, "N N"],
     guard: SensorOutlierRejection,
-) -> Solved:
+) -> SolvedObservations:
     """The correction by valid observations with the weights that the guard gives them."""
     o, steps, valid = observations, observations.landmarks.steps, np.flatnonzero(linear.valid)
     rows, at = (linear.rows, o.at) if len(valid) == len(o.at) else (linear.rows[valid], o.at[valid])
@@ -146,13 +152,13 @@ def _weighed(
 
 
 def corrected(
-    observations: Observations,
+    observations: MapObservations,
     linear: LinearisedObservations,
-    white: WhitenedRows,
+    white: WhitenedLandmarks,
     chosen: tuple[Int[np.ndarray, " u"], Float[np.ndarray, " u"]],
     factor: Float[np.ndarray, "N N"],
-) -> Solved:
+) -> SolvedObservations:
     """The correction by chosen observations (which, and their weights)."""
     log_noise = float(linear.log_noise[chosen[0]].sum())
     steps, columns = observations.landmarks.steps, observations.columns
-    return Solved(steps.corrected(white, factor, columns, log_noise), *chosen, white)
+    return SolvedObservations(steps.corrected(white, factor, columns, log_noise), *chosen, white)

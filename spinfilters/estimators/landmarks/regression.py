@@ -18,7 +18,7 @@ from spinfilters.estimators.filters.square_root_update import (
     lower_roots,
     triangular_factor,
 )
-from spinfilters.estimators.landmarks.observations import Observations
+from spinfilters.estimators.landmarks.observations import MapObservations
 from spinfilters.estimators.landmarks.steps import LinearisedObservations
 from spinfilters.linear_algebra.lapack import dtrtrs
 
@@ -27,12 +27,12 @@ from spinfilters.linear_algebra.lapack import dtrtrs
 class Regression:
     """Observations from a state with this mean and lower triangular factor."""
 
-    observations: Observations
+    observations: MapObservations
     mean: Float[np.ndarray, " m"]
     factor: Float[np.ndarray, "N N"]
 
     def rows(self, options: SigmaPointOptions) -> LinearisedObservations:
-        """What `Observations.rows_at` gives, by regression."""
+        """What `MapObservations.rows_at` gives, by regression."""
         o, n = self.observations, self.observations.layout.error_dim
         pose, modes = self.factor[o.sensor.columns], self.factor[n : n + o.landmarks.rank]
         s = last_nonzero(pose)
@@ -65,7 +65,7 @@ class Spread:
         square = len(self.pose) == self.pose.shape[1]
         return square and is_lower(self.pose) and bool(np.diagonal(self.pose).all())
 
-    def regressed(self, o: Observations, points: SigmaPoints) -> LinearisedObservations:
+    def regressed(self, o: MapObservations, points: SigmaPoints) -> LinearisedObservations:
         """Observations regressed on errors of the pose, the modes and the landmark."""
         s, shared = self.pose.shape[1], o.modes @ self.modes
         own = lower_roots(np.concatenate([o.modes @ self.late, o.roots], axis=2))
@@ -82,9 +82,12 @@ class Spread:
         return LinearisedObservations(rows, valid & np.isfinite(rows).all(axis=(1, 2)), log_noise)
 
     def _away(
-        self, o: Observations, points: SigmaPoints, moves: Float[np.ndarray, "k 3 q"]
+        self, o: MapObservations, points: SigmaPoints, moves: Float[np.ndarray, "k 3 q"]
     ) -> tuple[Float[np.ndarray, "k d p"], np.ndarray, Float[np.ndarray, " k"]]:
-        """Whitened innovations at every point, zeros where not all are valid, and the noise's log determinants at the centre."""
+        """Whitened innovations at every point, and log determinants at the centre.
+
+        Zeros where not all are valid; determinants of the noise.
+        """
         k, p = len(o.values), len(points.offsets)
         moved = points.offsets @ moves.reshape(3 * k, moves.shape[2]).T
         places, each = o.points + moved.reshape(p, k, 3), np.tile(np.arange(k), p)
@@ -109,7 +112,10 @@ class Spread:
 def _solved_by_lower(
     root: Float[np.ndarray, "k d d"], right: Float[np.ndarray, "k d q"]
 ) -> Float[np.ndarray, "k d q"]:
-    """root^-1 right of lower triangular matrices, by substitution in all of them at once; 0 for a pivot of 0."""
+    """root^-1 right of lower triangular matrices, by batched substitution.
+
+    0 for a pivot of 0.
+    """
     result = np.zeros(right.shape)
     for j in range(root.shape[1]):
         known = sum(root[:, j, i, None] * result[:, i] for i in range(j))

@@ -15,7 +15,9 @@ from spinfilters.state.layout import StateLayout
 
 @dataclass(frozen=True)
 class SharedErrors:
-    """Errors of a state, state_rows y, and of k landmarks, follow_i y + own_i e_i; y and e_i of unit covariance.
+    """Errors of a state and of k landmarks.
+
+    state_rows y, and follow_i y + own_i e_i; y and e_i of unit covariance.
 
     Attributes
     ----------
@@ -30,8 +32,9 @@ class SharedErrors:
     own: Float[np.ndarray, "k 3 3"]
 
     def in_frame_of_map(self) -> tuple["SharedErrors", Float[np.ndarray, "6 R"]]:
-        """Errors in the frame that the landmarks together define. With the errors of frame g in it.
+        """Errors in the frame that the landmarks together define.
 
+        With the errors of frame g in it.
         The move gamma = sum of S_i follow_i y is the rigid motion nearest to what the landmarks share, each weighed by how well it
         is known; errors in the map's frame are those of g less what gamma makes of them.
         """
@@ -51,7 +54,10 @@ class SharedErrors:
 
 @dataclass(frozen=True)
 class HeldErrors:
-    """The same with few modes: modes (k, 3, r), roots (k, 3, 3), factor (n + r + 6, n + r + 6); see `LandmarkBelief`."""
+    """Errors of a state and landmarks with few modes.
+
+    modes (k, 3, r), roots (k, 3, 3), factor (n + r + 6, n + r + 6); see `LandmarkBelief`.
+    """
 
     modes: Float[np.ndarray, "k 3 r"]
     roots: Float[np.ndarray, "k 3 3"]
@@ -67,8 +73,9 @@ def shared_modes(every: SharedErrors, options: LandmarkOptions) -> HeldErrors:
 
 
 def anchored_at_pose(belief: LandmarkBelief, options: LandmarkOptions) -> LandmarkBelief:
-    """Belief in the map frame that the present pose defines. Its error is then that of the gauge move alone.
+    """Belief in the map frame that the present pose defines.
 
+    Its error is then that of the gauge move alone.
     Where no landmark is known again, new ones share the error of the pose that they are first seen from. In the old frame that
     error stays in the state; every epoch would linearise it anew and take the differences for information. The pose keeps the
     deviation of one that defines a frame, as that of the first epoch has.

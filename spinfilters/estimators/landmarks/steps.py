@@ -40,7 +40,7 @@ class LinearisedObservations(NamedTuple):
     log_noise: Float[np.ndarray, " k"]
 
 
-class NewLandmarks(NamedTuple):
+class AddedLandmarks(NamedTuple):
     """What landmarks that enter the map share with the others, and their own.
 
     Attributes
@@ -55,7 +55,7 @@ class NewLandmarks(NamedTuple):
 
 
 @dataclass(frozen=True)
-class WhitenedRows:
+class WhitenedLandmarks:
     """Observations of k landmarks, whitened by noise and the landmarks' own covariance.
 
     Attributes
@@ -71,13 +71,18 @@ class WhitenedRows:
 
     @cached_property
     def rows(self) -> Float[np.ndarray, "k d w"]:
-        """By the c columns of the state, by the r modes, and the innovation; of an epoch that is not closed."""
+        """Rows by state columns and modes, with the innovation.
+
+        c columns, r modes; of an epoch that is not closed.
+        """
         count, d, width = self.shape
         return np.swapaxes(self.kept[:, : d * width], 1, 2).reshape(-1, d, width)[:count]
 
 
 class NewModes(NamedTuple):
-    """Next modes by the old ones. (x, m) = kept m' + dropped f, m' and f of unit covariance.
+    """Next modes by the old ones.
+
+    (x, m) = kept m' + dropped f, m' and f of unit covariance.
 
     Attributes
     ----------
@@ -113,7 +118,7 @@ class Closing(NamedTuple):
     """
 
     at: Int[np.ndarray, " k"]
-    white: WhitenedRows
+    white: WhitenedLandmarks
     error: Float[np.ndarray, " p"]
     factor: Float[np.ndarray, "p N"]
     by_pose: Float[np.ndarray, "q 3 c"]

@@ -1,4 +1,7 @@
-"""An alternative to the models that estimators use, as score tests ask for it, and the table of all of them."""
+"""An alternative to the models of the estimators, and the table of all.
+
+Score tests ask it for its right-hand sides.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -37,7 +40,10 @@ class Alternative(ABC):
 
     @abstractmethod
     def columns(self, motion: SmoothedMotion) -> Columns | None:
-        """Whitened right-hand sides per unit of it, one for each of its components; None where a data set cannot have it."""
+        """Whitened right-hand sides per unit of it, one for each component.
+
+        None where a data set cannot have it.
+        """
 
     def is_held(self, motion: SmoothedMotion) -> bool:
         """Whether the state has it already."""

@@ -1,4 +1,4 @@
-"""By how much a smoothed motion moves with the calibration that it takes as given (Schmidt 1966).
+"""Sensitivity of a smoothed motion to the given calibration (Schmidt 1966).
 
 A parameter of the calibration, were it larger by e, would change the whitened right-hand side of the linear problem by H e. The
 solution moves by S e with S = P J'H, from the same factors that solve for the states; its covariance is P + S P_c S'.
@@ -19,7 +19,10 @@ def smoothed_sensitivity(motion: SmoothedMotion, considered: Sequence[Considered
 
 
 def calibration_columns(motion: SmoothedMotion, parameter: ConsiderParameter) -> Columns:
-    """Change of the whitened right-hand side per unit of a parameter, a column for each of its errors."""
+    """Derivative of the whitened right-hand side by the calibration.
+
+    Per unit of a parameter, a column for each of its errors.
+    """
     if parameter.moved is None:
         return motion.longer()
     found = motion.shifted(lambda each: each.by_calibration(parameter))

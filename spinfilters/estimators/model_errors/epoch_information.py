@@ -1,4 +1,4 @@
-"""Information on errors that are drawn anew at every epoch, by the solved rows of a smoothing problem.
+"""Information on errors drawn anew at every epoch, by solved rows.
 
 F = H'M H = H'H - z'z with z = A^-1 J'H, J'J = A A': H is that of one epoch alone, so that H'H is block-diagonal and J'H holds the
 states and landmarks of that epoch; no column of the length of all measurements is formed.

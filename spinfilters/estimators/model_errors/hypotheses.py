@@ -1,4 +1,7 @@
-"""Linear problems about one motion under two explanations of a misfit: noise as stated, and noise as the data would have it."""
+"""Linear problems about one motion under two explanations of a misfit.
+
+Noise as stated, and noise as the data would have it.
+"""
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
@@ -45,12 +48,15 @@ class _OneStage:
     only: Stage
 
     def stage(self, iteration: int, here: LinearizationPoint, before: NormalEquations | None) -> Stage:
+        """The only stage."""
         return self.only
 
     def last(self, iteration: int, stage: Stage) -> bool:
+        """True: one iteration."""
         return True
 
     def repaired(self, here: LinearizationPoint, stage: Stage) -> LinearizationPoint:
+        """The linearization point as it is."""
         return here
 
 
@@ -61,9 +67,11 @@ class _Chosen(RobustLoss):
     weights: Float[np.ndarray, " N"]
 
     def cost(self, square: Squares) -> Squares:
+        """Squares of the chosen observations, zero of the others."""
         return np.where(self.weights > 0, square, 0.0)
 
     def weight(self, square: Squares) -> Squares:
+        """Weights of the chosen finite observations."""
         return np.where(np.isfinite(square), self.weights, 0.0)
 
 
@@ -73,7 +81,10 @@ def solved_near(
     points: Float[np.ndarray, "L 3"],
     stage: Stage = STAGE,
 ) -> LinearRows | None:
-    """The linear problem at the most probable states near a trajectory; None where it has no solution."""
+    """The linear problem at the most probable states near a trajectory.
+
+    None where it has no solution.
+    """
     common = np.ascontiguousarray(with_common_constants(problem.layout, trajectory[::-1])[::-1])
     here = problem.at(common, points, stage.pose_only_loss)
     found = solve(problem, here, SolverOptions(ITERATIONS), _OneStage(stage))
@@ -113,7 +124,10 @@ def rejects(solved: LinearRows) -> bool:
 
 
 def rejects_in_a_row(solved: LinearRows) -> bool:
-    """Whether gates reject all of several successive epochs, which gross errors of single measurements do not explain."""
+    """Whether gates reject all of several successive epochs.
+
+    Gross errors of single measurements do not explain that.
+    """
     time = np.arange(solved.problem.ordering.epochs)
     measured, counted = np.zeros(len(time), dtype=bool), np.zeros(len(time), dtype=bool)
     for sensor, rows in zip(solved.problem.motion.sensors, solved.sensor_rows, strict=True):
@@ -156,7 +170,10 @@ def among_inliers(problem: Problem, inliers: LinearRows) -> LinearRows | None:
 
 
 def minus_twice_log_likelihood(rows: LinearRows) -> float:
-    """Of what was measured, the states and landmarks integrated out (Laplace), up to a constant of the sensors' stated noise."""
+    """-2 ln likelihood of the measurements, states and landmarks integrated out (Laplace).
+
+    Up to a constant of the sensors' stated noise.
+    """
     left = rows.residual(rows.right)
     total = float(left.gram(left)[0, 0])
     for sensor, part in zip(rows.problem.motion.sensors, rows.sensor_rows, strict=True):

@@ -132,7 +132,7 @@ class LinearRows:
 
     @cached_property
     def observation_rows(self) -> Float[np.ndarray, "N 3 10"] | None:
-        """Rows [J | y] of observations by pose and landmark, zero of those that do not count."""
+        """Rows [J | y] of observations by pose and landmark, zero of outliers."""
         fit, linear = self.normal.eliminated, self.here.linear
         if fit is None or linear is None:
             return None
@@ -166,6 +166,7 @@ class LinearRows:
         return prior_rows(ordering, self.here.trajectory[0], prior)
 
     def columns_of(self, sensor: SensorRows) -> Int[np.ndarray, " c"]:
+        """Columns of the state's error that a sensor depends on."""
         return self.problem.motion.sensor_columns(sensor)[:-1]
 
     def _gradient(self, right: Columns) -> Gradient:

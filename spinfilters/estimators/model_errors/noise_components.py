@@ -11,7 +11,10 @@ from spinfilters.estimators.model_errors.linear_rows import Columns
 
 @dataclass(frozen=True)
 class Gain:
-    """Fall of -2 ln likelihood, profiled over noise levels that ``dof`` degrees of freedom tell; infinite of known ones."""
+    """Fall of -2 ln likelihood, profiled over the noise levels.
+
+    ``dof`` degrees of freedom tell these levels; infinite of known ones.
+    """
 
     value: float
     dof: float
@@ -48,7 +51,10 @@ class NoiseComponents:
 
     @property
     def dof(self) -> Float[np.ndarray, " c"]:
-        """Degrees of freedom that tell each level, that of its prior among them; infinite of known ones."""
+        """Degrees of freedom that tell each level, with those of its prior.
+
+        Infinite of known ones.
+        """
         return np.where(self.known, np.inf, np.maximum(self.redundancy, 0.0) + 1)
 
     @property
@@ -57,7 +63,10 @@ class NoiseComponents:
         return float(self.dof[: len(self.components)].min(initial=np.inf))
 
     def gain(self, before: Columns, after: Columns) -> Gain:
-        """From one residual to another. Its degrees of freedom are those of the levels that fall, by their shares of the fall."""
+        """Gain from one residual to another.
+
+        Its degrees of freedom are those of the levels that fall, by their shares of the fall.
+        """
         r, left, dof = self.squares(before), self.squares(after), self.dof
         logarithm = np.log((r + 1) / (left + 1))
         each = np.where(self.known, r - left, np.where(self.known, 1.0, dof) * logarithm)

@@ -23,7 +23,10 @@ FEWEST: Final = 2.0
 
 
 def weighted_chi_square_tail(weights: Float[np.ndarray, " n"], value: float, dof: float) -> float:
-    """P(sum of weights z^2 > value chi2_dof / dof); weights positive, ``dof`` infinite for a known noise level."""
+    """P(sum of weights z^2 > value chi2_dof / dof).
+
+    Weights positive, ``dof`` infinite for a known noise level.
+    """
     w = weights[weights > 0]
     if not w.size or not value > 0:
         return 1.0
@@ -60,7 +63,10 @@ def _far(slope: Callable[[float], float], w: Float[np.ndarray, " n"]) -> float:
 
 
 def gain_tail(gain: float, count: float, dof: float) -> float:
-    """Probability of a greater gain by ``count`` constant errors, noise levels being known to ``dof`` degrees of freedom."""
+    """Probability of a greater gain by ``count`` constant errors.
+
+    Noise levels are known to ``dof`` degrees of freedom.
+    """
     if not np.isfinite(dof):
         return float(chi2.sf(gain, count))
     left = max(dof - count, FEWEST)

@@ -1,4 +1,4 @@
-"""Score tests: what a smoothing problem's solution would gain by each model error, without a second fit.
+"""Score tests: gain of each model error without a second fit.
 
 With y = J e + H theta + n and what the solution leaves, rho = M y (see `linear_rows`), the score of theta at zero is u = H'rho
 with the information F = H'M H, so that u'F^-1 u is chi-squared (Rao 1948). Of an error drawn anew at every epoch the variance
@@ -41,7 +41,10 @@ TESTED_VARIANCES: Final = (0.1, 1.0, 10.0, 100.0)
 
 
 class Effect(NamedTuple):
-    """Moves of the component of a state that moves most, in deviations: at one epoch, and root mean square over all."""
+    """Effect of an error on the state component it moves most.
+
+    In deviations: at one epoch, and root mean square over all.
+    """
 
     largest: float
     rms: float
@@ -86,7 +89,10 @@ class ScoreTest:
 def score_tests(
     motion: SmoothedMotion, noise: NoiseComponents, errors: Iterable[Alternative]
 ) -> list[ScoreTest]:
-    """All errors that a data set can have and that its states leave room for, the most explaining first."""
+    """Score tests of all possible errors, the most explaining first.
+
+    Those that a data set can have and that its states leave room for.
+    """
     left = motion.rows.residual(motion.rows.right)
     found: list[ScoreTest | None] = []
     constant: list[tuple[Alternative, Columns]] = []
@@ -103,7 +109,9 @@ def score_tests(
 
 
 def likelier(found: list[ScoreTest], beside: list[ScoreTest], advantage: float) -> list[ScoreTest]:
-    """Of each error the better of two tests: among noise that explains the misfit, and in the place of that noise.
+    """The better of two tests of each error.
+
+    Among noise that explains the misfit, and in the place of that noise.
 
     Parameters
     ----------

@@ -1,4 +1,7 @@
-"""A smoothed motion and its linear problem, as model errors are made right-hand sides of: disturbances, shifts of measurements."""
+"""Right-hand sides of model errors about a smoothed motion.
+
+Disturbances of the motion, shifts of measurements.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -40,7 +43,10 @@ class MeasuredRows:
     whitening: Float[np.ndarray, "r i i"]
 
     def by_calibration(self, parameter: ConsiderParameter) -> Float[np.ndarray, "r i e"] | None:
-        """Change of the innovations per unit of an error of the calibration; None of one that is not of this sensor."""
+        """Change of the innovations per unit of a calibration error.
+
+        None of one that is not of this sensor.
+        """
         if parameter.moved is None or self.model.name not in parameter.sensors:
             return None
         return self.model.by_error(parameter.moved, parameter.size, self.states, self.parameters)
@@ -103,8 +109,9 @@ class SmoothedMotion:
         angular: Float[np.ndarray, "k 3 m"] | None = None,
         linear: Float[np.ndarray, "k 3 m"] | None = None,
     ) -> Columns:
-        """Right-hand sides of accelerations of the rate (g axes) and of the centre of mass (i axes) per unit of m errors.
+        """Right-hand sides of angular and linear accelerations, per unit of m errors.
 
+        Of the rate in g axes, of the centre of mass in i axes.
         Each step takes half of it before and half of it behind, which is enough for a direction to test.
         """
         layout = self.rows.problem.layout
@@ -121,7 +128,10 @@ class SmoothedMotion:
         return self._driven(-self.change[:, :, None])
 
     def _driven(self, change: Float[np.ndarray, "k n m"]) -> Columns:
-        """Right-hand sides of changes of the state by time, components in the order of the layout, 1/s per unit."""
+        """Right-hand sides of time derivatives of the state, 1/s per unit.
+
+        Components in the order of the layout.
+        """
         ordering, rows, count = self.rows.problem.ordering, self.rows.here.dynamics.rows, change.shape[2]
         kicks, d = change[:, ordering.moving], len(ordering.moving)
         half = np.diff(self.time)[:, None, None] / 2
@@ -136,7 +146,7 @@ class SmoothedMotion:
         return self._placed(made) if made else None
 
     def in_time(self, late: Callable[[MeasuredRows], Float[np.ndarray, "r m"] | None]) -> Columns | None:
-        """Right-hand sides of measurements made later than they say, by ``late`` s per unit of m errors."""
+        """Right-hand sides of measurements ``late`` s later than stamped, per unit of m errors."""
         made = []
         for each in self.measured:
             by = late(each)
@@ -200,6 +210,9 @@ class SmoothedMotion:
 
 @cache
 def _derivative(layout: StateLayout) -> Compiled:
-    """Derivative of a state by time without noise; interpreted, for it is called a few times in a run."""
+    """Time derivative of a state without noise.
+
+    Interpreted, for it is called a few times in a run.
+    """
     x = ca.SX.sym("x", layout.mean_dim)
     return Compiled.interpreted(ca.Function("change", [x], [derivative(layout, x)]))

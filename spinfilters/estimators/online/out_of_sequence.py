@@ -56,7 +56,10 @@ class OutOfSequenceResult:
 
 @dataclass(frozen=True)
 class _KeptEpoch:
-    """An epoch with the state before it, and the time of that state, s; ``keys`` name and order its measurements."""
+    """An epoch with the state before it, and its time, s.
+
+    ``keys`` name and order its measurements.
+    """
 
     epoch: Epoch
     keys: tuple[tuple[str, bytes], ...]
@@ -65,6 +68,7 @@ class _KeptEpoch:
 
     @property
     def time(self) -> float:
+        """Time of the epoch, s."""
         return self.epoch.time
 
 
@@ -149,7 +153,9 @@ class OutOfSequenceUpdates:
         return result
 
     def belief_at(self, time: float) -> Gaussian:
-        """Belief predicted to a time (s) at or after the latest epoch. The estimator is not changed.
+        """Belief predicted to a time (s) at or after the latest epoch.
+
+        The estimator is not changed.
 
         Raises
         ------
@@ -195,7 +201,7 @@ class OutOfSequenceUpdates:
         return ""
 
     def _placed(self, index: int, placing: "_Placing") -> OutOfSequenceResult:
-        """Roll back to the state before an epoch and replay from there. Everything is restored if that fails."""
+        """Replay from before an epoch, or restore everything if that fails."""
         now = self._estimator.snapshot()
         before, time_before = now, self._time
         if index < len(self._epochs):

@@ -1,4 +1,9 @@
-"""Detection of duplicate images and duplicate rows. A frozen camera sends its last image again; it holds no new information."""
+"""Detection of duplicate images and duplicate rows.
+
+A frozen camera sends its last image again; it holds no new information.
+"""
+
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Num
@@ -38,17 +43,20 @@ class DuplicateImages:
         if not len(values):
             return False
         keys = keys.reshape(len(values), -1)
-        before = self._keys, self._values
+        before = _Image(self._keys, self._values)
         if (
             self._time_passed
             or keys.shape[1:] + values.shape[1:] != self._keys.shape[1:] + self._values.shape[1:]
         ):
             self._time_passed = False
             self._keys, self._values = keys.copy(), values.copy()
-            return _frozen((keys, values), before)
+            return _frozen(_Image(keys, values), before)
         if _rows(keys, values) <= _rows(*before):
             return True
-        self._keys, self._values = np.concatenate([before[0], keys]), np.concatenate([before[1], values])
+        self._keys, self._values = (
+            np.concatenate([before.keys, keys]),
+            np.concatenate([before.values, values]),
+        )
         return False
 
     def snapshot(self) -> dict[str, np.ndarray]:
@@ -65,16 +73,23 @@ class DuplicateImages:
         self._time_passed = bool(snapshot["time_passed"])
 
 
-def _frozen(now: tuple[np.ndarray, np.ndarray], before: tuple[np.ndarray, np.ndarray]) -> bool:
-    if min(len(now[0]), len(before[0])) < FEWEST_DUPLICATES:
+class _Image(NamedTuple):
+    """Rows of one image: keys (k, q) of its landmarks, and values (k, v)."""
+
+    keys: np.ndarray
+    values: np.ndarray
+
+
+def _frozen(now: _Image, before: _Image) -> bool:
+    if min(len(now.keys), len(before.keys)) < FEWEST_DUPLICATES:
         return False
-    sample = now[1][:: -(-len(now[1]) // SAMPLE), :1]
+    sample = now.values[:: -(-len(now.values) // SAMPLE), :1]
     if not np.count_nonzero(
-        sample == before[1][:, 0]
+        sample == before.values[:, 0]
     ):  # the usual case, a twentieth of the time of comparing rows
         return False
     same = len(_rows(*now) & _rows(*before))
-    common = len(_rows(now[0]) & _rows(before[0]))
+    common = len(_rows(now.keys) & _rows(before.keys))
     return same >= max(FEWEST_DUPLICATES, DUPLICATE_SHARE * common)
 
 

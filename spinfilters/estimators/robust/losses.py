@@ -19,13 +19,20 @@ Squares = Float[np.ndarray, " N"]
 
 
 class RobustLoss(ABC):
-    """rho(s) and rho'(s), elementwise; s is infinite where a sensor's model does not apply, and the weight is then 0."""
+    """Robust loss rho(s) and its derivative rho'(s), elementwise.
+
+    s is infinite where a sensor's model does not apply, and the weight is then 0.
+    """
 
     @abstractmethod
-    def cost(self, square: Squares) -> Squares: ...
+    def cost(self, square: Squares) -> Squares:
+        """rho(s) of squared distances s."""
+        ...
 
     @abstractmethod
-    def weight(self, square: Squares) -> Squares: ...
+    def weight(self, square: Squares) -> Squares:
+        """Derivative rho'(s), the weight of a least-squares iteration."""
+        ...
 
     def at_stage(self, stage: int) -> "RobustLoss":
         """The loss of an iteration: the same in all, unless it is graduated."""
@@ -42,9 +49,11 @@ class LeastSquares(RobustLoss):
     """rho = s: for measurements that are all what they claim."""
 
     def cost(self, square: Squares) -> Squares:
+        """rho(s) = s."""
         return square
 
     def weight(self, square: Squares) -> Squares:
+        """1, and 0 where s is infinite."""
         return np.isfinite(square).astype(float)
 
 
@@ -58,16 +67,21 @@ class Huber(RobustLoss):
         _positive("huber threshold", self.threshold)
 
     def cost(self, square: Squares) -> Squares:
+        """s within the threshold, linear in its root beyond."""
         size = np.sqrt(square)
         return np.where(size <= self.threshold, square, self.threshold * (2 * size - self.threshold))
 
     def weight(self, square: Squares) -> Squares:
+        """1 within the threshold b, b / sqrt(s) beyond."""
         return self.threshold / np.maximum(np.sqrt(square), self.threshold)
 
 
 @dataclass(frozen=True)
 class PseudoHuber(RobustLoss):
-    """rho = 2 b^2 (sqrt(1 + s / b^2) - 1), smooth (Tweddle 2013, sec. 4.7.4; Hartley and Zisserman 2003, A6.8)."""
+    """Smooth loss rho = 2 b^2 (sqrt(1 + s / b^2) - 1).
+
+    Tweddle 2013, sec. 4.7.4; Hartley and Zisserman 2003, A6.8.
+    """
 
     threshold: float = 2.0
 
@@ -75,10 +89,12 @@ class PseudoHuber(RobustLoss):
         _positive("pseudo-huber threshold", self.threshold)
 
     def cost(self, square: Squares) -> Squares:
+        """2 b^2 (sqrt(1 + s / b^2) - 1)."""
         b2 = self.threshold**2
         return 2 * b2 * (np.sqrt(1 + square / b2) - 1)
 
     def weight(self, square: Squares) -> Squares:
+        """1 / sqrt(1 + s / b^2)."""
         return 1 / np.sqrt(1 + square / self.threshold**2)
 
 
@@ -100,6 +116,7 @@ class Barron(RobustLoss):
             raise InputError(f"barron shape is {self.shape}; give a number of at most 2")
 
     def cost(self, square: Squares) -> Squares:
+        """Barron's general loss of shape alpha and scale c."""
         z, c2 = square / self.scale**2, self.scale**2
         if self.shape == 2:
             return z * c2
@@ -109,6 +126,7 @@ class Barron(RobustLoss):
         return 2 * c2 * width / self.shape * np.expm1(self.shape / 2 * np.log1p(z / width))
 
     def weight(self, square: Squares) -> Squares:
+        """Derivative of Barron's general loss by s."""
         if self.shape == 2:
             return np.isfinite(square).astype(float)
         z = square / self.scale**2
@@ -131,11 +149,13 @@ class Gate(RobustLoss):
     among: np.ndarray | None = None
 
     def cost(self, square: Squares) -> Squares:
+        """Huber's loss, constant beyond the gate."""
         size = np.minimum(np.sqrt(square), self.outer)
         costs = np.where(size <= self.inner, size**2, self.inner * (2 * size - self.inner))
         return costs if self.among is None else costs * self.among
 
     def weight(self, square: Squares) -> Squares:
+        """Huber's weight, zero beyond the gate."""
         slope = self.inner / np.maximum(np.sqrt(square), self.inner)
         weight = np.where(square < self.outer**2, slope, 0.0)
         return weight if self.among is None else weight * self.among
@@ -176,10 +196,12 @@ class Graduated(RobustLoss):
         return Graduated(self.threshold, self.first, self.rate, stage)
 
     def cost(self, square: Squares) -> Squares:
+        """Geman and McClure's loss mu s / (mu + s)."""
         finite = np.minimum(square, LARGEST)
         return self._width * finite / (self._width + finite)
 
     def weight(self, square: Squares) -> Squares:
+        """(mu / (mu + s))^2."""
         return (self._width / (self._width + square)) ** 2
 
     @property

@@ -66,7 +66,9 @@ class RobustOptions:
 def weights(
     innovation: Float[np.ndarray, "k d"], covariance: Float[np.ndarray, "k d d"], options: RobustOptions
 ) -> Float[np.ndarray, " k"]:
-    """Weight of each value in [0, 1]: 0 outside the gate, where something is not finite, and where S is not positive definite.
+    """Weight of each value in [0, 1].
+
+    0 outside the gate, where something is not finite, and where S is not positive definite.
 
     Parameters
     ----------
@@ -78,7 +80,7 @@ def weights(
 def sparing_weights(
     innovation: Float[np.ndarray, "k d"], deviations: Deviations, options: RobustOptions
 ) -> Float[np.ndarray, " k"] | None:
-    """The same with S = I + Y Y' where that is needed; None when all weights are 1.
+    """Weights with S = I + Y Y', None when all are 1.
 
     As S >= I, a value with |rho|^2 inside the gate passes whatever the state's covariance: without a loss hardly any S is formed.
     """
@@ -103,7 +105,10 @@ def innovation_covariance(deviations: Float[np.ndarray, "k d r"]) -> Float[np.nd
 def squared_distances(
     innovation: Float[np.ndarray, "k d"], covariance: Float[np.ndarray, "k d d"]
 ) -> Float[np.ndarray, " k"]:
-    """d2 = rho' S^-1 rho of every value by elimination, all values at once; infinite where S is not positive definite or NaN."""
+    """Squared distances d2 = rho' S^-1 rho of all values by elimination.
+
+    Infinite where S is not positive definite or NaN.
+    """
     k, d = innovation.shape
     array = np.empty((d, d + 1, k))
     array[:, :d] = covariance.transpose(1, 2, 0)
@@ -153,8 +158,9 @@ _LOSSES = {"none": _least_squares, "huber": _huber, "barron": _barron}
 
 
 class SensorOutlierRejection:
-    """What a filter remembers of one sensor to distrust it by: the latest values, and how often in a row few passed the gate.
+    """Outlier rejection state of one sensor.
 
+    The latest values, and how often in a row few passed the gate.
     A filter that is wrong would refuse everything for ever. So after `RECOVERY_COUNT` refusals in a row the gate is lifted for
     as long as
     fewer than `AGREEING_SHARE` of the values lie inside it, and Cauchy weights take its place, their width scaled by the median
@@ -167,7 +173,10 @@ class SensorOutlierRejection:
         self._refusals = 0
 
     def limit(self, dim: int) -> float:
-        """Squared distance up to which `weights` are 1, and beyond which they are 0; negative where there is no such rule."""
+        """Squared distance up to which weights are 1.
+
+        Beyond it they are 0; negative where there is no such rule.
+        """
         plain = self._refusals < RECOVERY_COUNT and self.options.loss == "none"
         return gate(self.options.gate_probability, dim) if plain else -1.0
 

@@ -13,18 +13,19 @@ from spinfilters.models.gauge import GAUGE_DIM
 def joint_belief(
     marginals: Marginals,
     mean: Float[np.ndarray, " m"],
-    landmarks: tuple[Int[np.ndarray, " L"], Float[np.ndarray, "L 3"]],
+    ids: Int[np.ndarray, " L"],
+    points: Float[np.ndarray, "L 3"],
     options: LandmarkOptions,
 ) -> LandmarkBelief:
     """Latest state and landmarks with their joint covariance, by a few modes that all landmarks share.
 
     Parameters
     ----------
-    mean: of the latest epoch.   landmarks: ids and points (m, frame g) of those that are well constrained, in their order.
+    mean: of the latest epoch.   ids, points (m, frame g): of the well-constrained landmarks, in their order.
     """
     assert marginals.eliminated is not None
     constrained = np.flatnonzero(marginals.eliminated.is_constrained)
-    layout, (ids, points) = marginals.solution.ordering.layout, landmarks
+    layout = marginals.solution.ordering.layout
     rows = marginals.latest_rows()
     held = shared_modes(
         SharedErrors(layout, mean, points, rows, *marginals.landmark_rows(constrained)), options

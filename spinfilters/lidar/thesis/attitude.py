@@ -12,7 +12,10 @@ from spinfilters.lidar.thesis.corners import SnapshotFeatures
 
 @dataclass(frozen=True, eq=False)
 class Sphere:
-    """Centre, m, radius, m, and how much larger the error of the centre is than that of the points (both RMS, 3D)."""
+    """Sphere with the error of its centre.
+
+    Centre, m, radius, m, and how much larger the error of the centre is than that of the points (both RMS, 3D).
+    """
 
     centre: Float[np.ndarray, "3"]
     radius: float
@@ -47,7 +50,10 @@ def best_fitting_sphere(points: Float[np.ndarray, "n 3"]) -> Sphere:
 def reference_frame(
     centre: Float[np.ndarray, "3"], corner: Float[np.ndarray, "3"], boundary_corner: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "3 3"]:
-    """Direction cosine matrix: columns x = AB, y, z normal to ABC of centre A, corner B, boundary corner C (Figure 4.10)."""
+    """Direction cosine matrix of centre A, corner B, boundary corner C (Figure 4.10).
+
+    Columns x = AB, y, z normal to ABC.
+    """
     x = (corner - centre) / np.linalg.norm(corner - centre)
     z = np.cross(corner - centre, boundary_corner - centre)
     z /= np.linalg.norm(z)
@@ -57,15 +63,19 @@ def reference_frame(
 def transition_errors(
     measured: Float[np.ndarray, "n 3 3"], true: Float[np.ndarray, "n 3 3"]
 ) -> Float[np.ndarray, "m 3"]:
-    """Angles, deg, between the rows of measured and true transition matrices M = DCM(t + 1) DCM(t)' (section 4.4)."""
+    """Angles, deg, between rows of measured and true transition matrices (section 4.4).
+
+    M = DCM(t + 1) DCM(t)'.
+    """
     ours, theirs = (epochs[1:] @ np.swapaxes(epochs[:-1], 1, 2) for epochs in (measured, true))
     sines = np.linalg.norm(np.cross(ours, theirs), axis=2)
     return np.rad2deg(np.arctan2(sines, np.einsum("nij,nij->ni", ours, theirs)))
 
 
 def tracked_boundary_corners(snapshots: Sequence[SnapshotFeatures | None]) -> Float[np.ndarray, "n 3 3"]:
-    """Boundary corners of every snapshot in the order of the first that has three, each the nearest to its predecessor.
+    """Boundary corners of every snapshot in the order of the first.
 
+    The first is that with three; each corner is the nearest to its predecessor.
     NaN where a snapshot failed, or shows none within half the distance between corners.
     """
     tracked = np.full((len(snapshots), 3, 3), np.nan)

@@ -38,7 +38,10 @@ class SnapshotFeatures:
 
 
 def snapshot_features(points: Float[np.ndarray, "n 3"], parameters: Parameters) -> SnapshotFeatures | None:
-    """The whole processing of one cloud; None where it finds less than three surfaces, or no corner."""
+    """Features of one cloud by the whole processing.
+
+    None where it finds less than three surfaces, or no corner.
+    """
     if len(points) < parameters.boundary_neighbors:
         return None
     features = find_bndry_points(find_edge_points(points, parameters), parameters)
@@ -60,7 +63,10 @@ class ThreePlanes:
 
 
 def three_planes(surfaces: Surfaces) -> ThreePlanes | None:
-    """Planes of an arbitrary point, the first, of each of the three largest surfaces, with the point's own normal."""
+    """Planes of the three largest surfaces.
+
+    Through an arbitrary point of each, the first, with the point's own normal.
+    """
     if len(surfaces.sizes) < 3:
         return None
     chosen = [int(np.argmax(surfaces.of_point == number)) for number in surfaces.largest()]
@@ -81,8 +87,9 @@ def find_corner(planes: ThreePlanes) -> Float[np.ndarray, "3"] | None:
 def label_edge(
     features: PointFeatures, planes: ThreePlanes, corner: Float[np.ndarray, "3"], parameters: Parameters
 ) -> Float[np.ndarray, "b 3"]:
-    """Boundary corners: of the edge and boundary points near each line of intersection the farthest from the corner.
+    """Boundary corners near the lines of intersection.
 
+    Of the edge and boundary points near each line the farthest from the corner.
     Edges without a point are left out. The distance is Eq. 4.5; the line goes through the corner.
     """
     candidates = features.points[(features.label == EDGE) | (features.label == BOUNDARY)]

@@ -1,4 +1,7 @@
-"""Edge and boundary points by surface variation (Decoust 2008, sections 3.1 to 3.3, appendices D.1 to D.3)."""
+"""Edge and boundary points by surface variation (Decoust 2008, chapter 3).
+
+Sections 3.1 to 3.3, appendices D.1 to D.3.
+"""
 
 from dataclasses import dataclass
 from typing import Final
@@ -60,7 +63,10 @@ def nearestneighbour(points: Float[np.ndarray, "n 3"], count: int) -> Int[np.nda
 def surface_variation(
     points: Float[np.ndarray, "n k 3"],
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
-    """Surface variation, eigenvalues (ascending) and normals of neighbourhoods (Eqs 3.1 to 3.3, corrected: a 3 x 3 scatter)."""
+    """Surface variation, eigenvalues (ascending) and normals of neighbourhoods.
+
+    Eqs 3.1 to 3.3, corrected: a 3 x 3 scatter.
+    """
     centred = points - points.mean(axis=1, keepdims=True)
     values, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", centred, centred) / (points.shape[1] - 1))
     values = np.maximum(values, 0.0)
@@ -92,8 +98,9 @@ def find_edge_points(points: Float[np.ndarray, "n 3"], parameters: Parameters) -
 
 
 def find_bndry_points(features: PointFeatures, parameters: Parameters) -> PointFeatures:
-    """Boundary points: far from the centroid of their neighbourhood in its own ellipse (Eqs 3.4 to 3.7), then the clean-up.
+    """Boundary points, far from the centroid of their neighbourhood.
 
+    In its own ellipse (Eqs 3.4 to 3.7), then the clean-up.
     A boundary point whose nearest neighbour is an edge point becomes unknown (section 3.3.1; appendix D.3 makes it an edge point).
     """
     points = features.points

@@ -54,7 +54,10 @@ class ProcessedSequence:
         return self.nearest_vertices(points) - points
 
     def transition_errors(self, boundary: int) -> Float[np.ndarray, "m 3"]:
-        """Angles of the x, y and z axes, deg, with the frame of one boundary corner; NaN where a snapshot lacks it."""
+        """Angles of the x, y and z axes between frames, deg.
+
+        With the frame of one boundary corner; NaN where a snapshot lacks it.
+        """
         found = self.corners, self.boundary_corners[:, boundary]
         epochs = [
             np.array([reference_frame(PLACE, *pair) for pair in zip(*points, strict=True)])
@@ -69,7 +72,10 @@ def processed_sequence(
     noise: LidarNoise | None = None,
     seed: int = 0,
 ) -> ProcessedSequence:
-    """The cube at 500 m in every pose: scanned with the rays of Table 3.2 and processed."""
+    """The cube at 500 m in every pose.
+
+    Scanned with the rays of Table 3.2 and processed.
+    """
     scanner = Scanner.of(box(), LidarSettings(noise=noise or LidarNoise()))
     generator, snapshots, vertices = np.random.default_rng(seed), [], []
     for pose in angles:

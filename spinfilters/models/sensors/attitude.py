@@ -1,4 +1,7 @@
-"""Measured attitude of the geometric frame. From a star tracker, or a scan match of which only the rotation is trusted."""
+"""Measured attitude of the geometric frame.
+
+From a star tracker, or a scan match of which only the rotation is trusted.
+"""
 
 import numpy as np
 from jaxtyping import Float

@@ -12,8 +12,9 @@ NEAREST_RANGE = 1e-3
 
 
 class LidarLandmark(MeasurementModel):
-    """z = t + R_ig p_g, the point in the lidar's frame i, m, with the noise of a range and of two angles.
+    """z = t + R_ig p_g, the point in the lidar's frame i.
 
+    m, with the noise of a range and of two angles.
     Range, azimuth and elevation are held as the point that they give: the same information, and neither square roots nor the
     poles of the angles. With r = |z| and u = z / r the noise covariance is range_std^2 u u' + (r angle_std)^2 (I - u u'):
     angle_std is that of azimuth and elevation as arcs on the sphere, alike in every direction.

@@ -1,4 +1,7 @@
-"""A point of a known plane of the body, as a lidar measures it at an instant of its own within a scan."""
+"""Range to a point of a known plane of the body.
+
+A lidar measures it at an instant of its own within a scan.
+"""
 
 import casadi as ca
 import numpy as np
@@ -19,8 +22,9 @@ STEPS = 2
 
 
 class LidarPoint(MeasurementModel):
-    """z = (d + n.t) / (n.u), the range in m at which the beam u of the lidar, at the origin of i, meets the plane n_g.p = d.
+    """z = (d + n.t) / (n.u), the range along a lidar's beam, m.
 
+    Where the beam u of the lidar, at the origin of i, meets the plane n_g.p = d.
     n = R_ig n_g and t are those at the point's own stamp: the state is taken there from the scan's epoch by its rates, its velocity
     and Euler's equation, so that the motion during a scan is part of the model. u = (cos E cos A, sin E, cos E sin A).
     The noise is that of the range, and of the angles as they change the range: s^2 = h S h', h = (1, -dz/dA, -dz/dE).
@@ -72,7 +76,9 @@ def lidar_point_parameters(
     planes: Float[np.ndarray, "n 4"],
     covariance: Float[np.ndarray, "n 3 3"],
 ) -> Float[np.ndarray, "n 13"]:
-    """Parameters of points: azimuth and elevation rad, delay s, unit normals n_g and offsets d m, covariances (m, rad, rad).
+    """Parameters of lidar points.
+
+    Azimuth and elevation rad, delay s, unit normals n_g and offsets d m, covariances (m, rad, rad).
 
     Raises
     ------

@@ -1,28 +1,24 @@
 """A landmark seen by one camera: a direction without a distance."""
 
-import numpy as np
-from jaxtyping import Float
-
-from spinfilters.attitude.expressions import Expression, rotate
 from spinfilters.geometry.cameras import Monocular
 from spinfilters.models.camera_pose import RESTING, CameraPoseModel
-from spinfilters.models.measurement import MeasurementModel
-from spinfilters.models.sensor_noise import IsotropicNoise, NoiseLevel, SensorNoiseModel, noise_parameters
+from spinfilters.models.sensor_noise import SensorNoiseModel
+from spinfilters.models.sensors.camera_landmark import CameraLandmark
+from spinfilters.models.sensors.camera_landmark import camera_parameters as monocular_parameters
 from spinfilters.state.layout import StateLayout
 
+__all__ = ["MonocularLandmark", "monocular_parameters"]
 
-class MonocularLandmark(MeasurementModel):
-    """z = (u, v) in pixels of the point p_g: of p_c = R_ic' (t + R_ig p_g - t_ic), as the camera projects it.
 
-    Parameters of a measurement: (p_g 3 m, calibration of the camera, those of the noise, such as pixel_std px, those of the
-    camera's pose, none where frame i is the camera's). One view does not tell the distance, so this is no `LandmarkSensor`: a
-    landmark cannot be made from a single measurement.
+class MonocularLandmark(CameraLandmark[Monocular]):
+    """z = (u, v) in pixels of the point p_g; see `CameraLandmark`.
+
+    One view does not tell the distance, so this is no `LandmarkSensor`: a landmark cannot be made from a single measurement.
     """
 
     name = "monocular"
     dim = 2
     value_dim = 2
-    needs = ("t", "a")
     known_by = 3
 
     def __init__(
@@ -32,38 +28,4 @@ class MonocularLandmark(MeasurementModel):
         camera: Monocular | None = None,
         pose: CameraPoseModel = RESTING,
     ) -> None:
-        super().__init__(layout)
-        self.noise, self.camera, self.pose = noise or IsotropicNoise(2), camera or Monocular(), pose
-        self._noise = 3 + self.camera.parameter_dim
-        self._pose = self._noise + self.noise.parameter_dim
-        self.parameter_dim = self._pose + pose.parameter_dim
-
-    def symbolic(self, state: dict[str, Expression], parameters: Expression) -> Expression:
-        """Pixels (u, v) of the landmark."""
-        return self.camera.project(self._in_camera(state, parameters), parameters[3 : self._noise])
-
-    def noise_factor(self, state: dict[str, Expression], parameters: Expression) -> Expression:
-        """Of the pixels, px."""
-        return self.noise.factor(parameters[self._noise : self._pose])
-
-    def valid(self, state: dict[str, Expression], parameters: Expression) -> Expression:
-        """Positive before the camera, where the lens is one to one."""
-        return self.camera.in_view(self._in_camera(state, parameters), parameters[3 : self._noise])
-
-    def _in_camera(self, state: dict[str, Expression], parameters: Expression) -> Expression:
-        point = state["t"] + rotate(state["q"], parameters[:3])
-        return self.pose.in_camera(point, parameters[self._pose :])
-
-
-def monocular_parameters(
-    points: Float[np.ndarray, "count 3"], calibration: Float[np.ndarray, " c"], noise: NoiseLevel
-) -> Float[np.ndarray, "count p"]:
-    """Parameters of landmarks at ``points`` (frame g, m) for a camera with this calibration (`Monocular`), frame i being its own.
-
-    Parameters
-    ----------
-    noise: pixel_std (px) of both coordinates, or (count, 2, 2) covariances (px^2).
-    """
-    count = len(points)
-    rows = np.broadcast_to(calibration, (count, len(calibration)))
-    return np.concatenate([points, rows, noise_parameters(noise, count)], axis=1)
+        super().__init__(layout, camera or Monocular(), noise, pose)

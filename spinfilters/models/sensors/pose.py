@@ -10,8 +10,9 @@ from spinfilters.models.measurement import MeasurementModel
 
 
 class Pose(MeasurementModel):
-    """z = (t, q_ig) with an innovation (t, 4 x MRP on the body side) of dimension 6.
+    """z = (t, q_ig) with an innovation of dimension 6.
 
+    (t, 4 x MRP on the body side).
     Parameters of a measurement: the 21 entries, row by row, of the lower Cholesky factor of its covariance (m, rad).
     """
 

@@ -23,6 +23,7 @@ class EmbeddedEntry(EstimatorEntry):
     holds_landmarks = True
 
     def build(self, setup: Setup, settings: Settings) -> Estimator:
+        """The embedded filter in compiled C. InputError: unfit sensors, no compiler."""
         from spinfilters.embedded.estimator import EmbeddedFilter  # builds expressions, rarely asked for
         from spinfilters.embedded.options import SENSORS, EmbedOptions
 
@@ -40,6 +41,7 @@ class EmbeddedEntry(EstimatorEntry):
         return EmbeddedFilter(setup.process, options)
 
     def begin(self, estimator: Estimator, setup: Setup) -> None:
+        """Start with the belief of the initialisation."""
         from spinfilters.embedded.estimator import EmbeddedFilter
 
         assert isinstance(estimator, EmbeddedFilter)
@@ -48,12 +50,14 @@ class EmbeddedEntry(EstimatorEntry):
     def points(
         self, estimator: Estimator, history: EstimateHistory, setup: Setup
     ) -> Float[np.ndarray, "k 3"] | None:
+        """Landmarks (k, 3), m, frame g, of the known or the estimated map."""
         from spinfilters.embedded.estimator import EmbeddedFilter
 
         assert isinstance(estimator, EmbeddedFilter)
         return setup.map_points if setup.dataset.known_map is not None else estimator.points
 
     def false_alarm_probability(self, setup: Setup, settings: Settings) -> float:
+        """1e-4, the tail beyond the fixed gate."""
         return 1e-4
 
 

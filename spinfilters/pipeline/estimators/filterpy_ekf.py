@@ -13,6 +13,7 @@ class FilterpyEkfEntry(EstimatorEntry[Estimator]):
     is_baseline = True
 
     def build(self, setup: Setup, settings: Settings) -> Estimator:
+        """filterpy's EKF on the run's process."""
         from spinfilters.estimators.baselines.filterpy_filters import (
             FilterpyEkf,  # slow to import, rarely asked for
         )

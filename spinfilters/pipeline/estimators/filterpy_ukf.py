@@ -13,6 +13,7 @@ class FilterpyUkfEntry(EstimatorEntry[Estimator]):
     is_baseline = True
 
     def build(self, setup: Setup, settings: Settings) -> Estimator:
+        """filterpy's UKF on the run's process."""
         from spinfilters.estimators.baselines.filterpy_filters import (
             FilterpyUkf,  # slow to import, rarely asked for
         )

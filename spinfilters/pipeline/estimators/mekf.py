@@ -21,12 +21,14 @@ class MultiplicativeEntry(EstimatorEntry[MultiplicativeFilter]):
     holds_landmarks = True
 
     def begin(self, estimator: MultiplicativeFilter, setup: Setup) -> None:
+        """Start with the initialisation's belief and noise scales."""
         estimator.adapt_from(identified_scales(setup))
         estimator.start(setup.belief)
 
     def noise(
         self, estimator: MultiplicativeFilter, history: EstimateHistory, setup: Setup
     ) -> tuple[VarianceComponent, ...]:
+        """Noise levels as adapted, beside those of the initialisation."""
         return adapted_levels(setup, estimator.level)
 
     def points(
@@ -38,6 +40,7 @@ class MultiplicativeEntry(EstimatorEntry[MultiplicativeFilter]):
         return estimator.landmark_belief.points_in_g
 
     def false_alarm_probability(self, setup: Setup, settings: Settings) -> float:
+        """One minus the gate's probability."""
         return 1.0 - settings.robust.gate_probability
 
 
@@ -47,6 +50,7 @@ class MekfEntry(MultiplicativeEntry):
     name, order = "mekf", 0
 
     def build(self, setup: Setup, settings: Settings) -> MultiplicativeEkf:
+        """The multiplicative EKF with the run's options."""
         return MultiplicativeEkf(
             setup.process, settings.robust, settings.adaptation, settings.iteration, settings.landmarks
         )

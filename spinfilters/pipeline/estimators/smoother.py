@@ -1,4 +1,7 @@
-"""The smoother: epoch by epoch for tracks without a map, all epochs at once for everything else."""
+"""The smoother: epoch by epoch for unmapped tracks, else all at once.
+
+For tracks without a map and for everything else.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -46,25 +49,31 @@ class SmootherEntry(EstimatorEntry[RecursiveSmoother]):
     continues = False
 
     def batch(self, setup: Setup, settings: Settings) -> BatchSmoother | None:
+        """The batch smoother where no landmarks are estimated, else None."""
         return None if setup.initial.has_landmarks else BatchSmoother(setup, settings)
 
     def build(self, setup: Setup, settings: Settings) -> RecursiveSmoother:
+        """The sliding smoother with the run's options."""
         return sliding_smoother(setup, settings)
 
     def begin(self, estimator: RecursiveSmoother, setup: Setup) -> None:
+        """Begin with the epochs of the initialisation."""
         begin_after_initialisation(estimator, setup)
 
     def final(
         self, estimator: RecursiveSmoother, passed: EstimateHistory, setup: Setup
     ) -> EstimateHistory | None:
+        """Smoothed estimates of all epochs."""
         return smoothed_history(estimator, passed, setup)
 
     def points(
         self, estimator: RecursiveSmoother, history: EstimateHistory, setup: Setup
     ) -> Float[np.ndarray, "k 3"] | None:
+        """Landmarks (k, 3), m, frame g, of the last window."""
         return estimator.sliding.window.points
 
     def false_alarm_probability(self, setup: Setup, settings: Settings) -> float:
+        """Chi-square tail beyond the gate, zero of other losses."""
         if settings.smoother.loss != "gate":
             return 0.0
         dimension = max(sensor_format(sensor).dimension for sensor in setup.dataset.log.sensors)

@@ -1,4 +1,7 @@
-"""The smoother of tracks without a map, epoch by epoch: what it says of each epoch when it comes, as a filter does."""
+"""The smoother of unmapped tracks as a filter, epoch by epoch.
+
+What it says of each epoch when it comes.
+"""
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
@@ -9,13 +12,19 @@ from spinfilters.settings.run_settings import Settings
 
 
 class LatestSmootherEntry(SmootherEntry):
-    """As `SmootherEntry`, but that no epoch is told again by later measurements: to be compared with filters."""
+    """As `SmootherEntry`, with no epoch revised by later measurements.
+
+    To be compared with filters.
+    """
 
     name, order = "smoother-latest", 7
     is_default = False
 
     def batch(self, setup: Setup, settings: Settings) -> BatchSmoother | None:
-        """None. InputError: measurements without landmarks to be found, all of whose epochs the smoother takes at once."""
+        """None. InputError.
+
+        Measurements without landmarks to be found, all of whose epochs the smoother takes at once.
+        """
         if not setup.initial.has_landmarks:
             raise InputError(f"{self.name} takes tracks without a map alone; choose smoother")
         return None

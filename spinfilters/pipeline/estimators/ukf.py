@@ -12,6 +12,7 @@ class UkfEntry(MultiplicativeEntry):
     name, order = "ukf", 1
 
     def build(self, setup: Setup, settings: Settings) -> MultiplicativeUkf:
+        """The multiplicative UKF with the run's options."""
         return MultiplicativeUkf(
             setup.process, settings.ukf, settings.robust, settings.adaptation, settings.landmarks
         )

@@ -17,6 +17,7 @@ class ConsistencyFigure(FigureEntry):
     caption = "NEES and NIS of every estimator with their chi-square bands."
 
     def draw(self, shown: "FigureData", name: str) -> "Figure":
+        """NEES, NIS and their bands over time."""
         from spinfilters.plots.consistency import consistency_figure  # matplotlib is slow to import
 
         return consistency_figure(shown.evaluations)

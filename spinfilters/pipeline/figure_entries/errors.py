@@ -18,9 +18,11 @@ class ErrorsFigure(FigureEntry):
     caption = "Errors of one estimator over time, within three of their standard deviations."
 
     def names(self, estimators: Sequence[str]) -> tuple[str, ...]:
+        """One file for each estimator."""
         return tuple(f"{self.name}-{each}" for each in estimators)
 
     def draw(self, shown: "FigureData", name: str) -> "Figure":
+        """Errors of one estimator with bands of its standard deviations."""
         from spinfilters.plots.error_bands import error_bands_figure  # matplotlib is slow to import
 
         evaluation = next(each for each in shown.evaluations if name == f"{self.name}-{each.name}")

@@ -17,6 +17,7 @@ class InertiaFigure(FigureEntry):
     caption = "Principal moments of inertia of every estimator over time."
 
     def draw(self, shown: "FigureData", name: str) -> "Figure":
+        """Ratios of the principal moments over time."""
         from spinfilters.plots.inertia import inertia_figure  # matplotlib is slow to import
 
         return inertia_figure(shown.evaluations, shown.true_moments)

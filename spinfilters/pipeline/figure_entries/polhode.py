@@ -18,6 +18,7 @@ class PolhodeFigure(FigureEntry):
     caption = "Path of the body rate of the first estimator on its inertia ellipsoid."
 
     def draw(self, shown: "FigureData", name: str) -> "Figure":
+        """Polhode of the first estimator's rates."""
         from spinfilters.plots.polhode import estimated_polhode_figure  # matplotlib is slow to import
 
         first = shown.evaluations[0]

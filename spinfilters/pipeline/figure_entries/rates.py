@@ -19,6 +19,7 @@ class RatesFigure(FigureEntry):
     caption = "Body rates of every estimator over time, beside the true or measured ones."
 
     def draw(self, shown: "FigureData", name: str) -> "Figure":
+        """Body rates of all estimators and of the truth."""
         from spinfilters.plots.rates import rates_figure  # matplotlib is slow to import
 
         estimates = [estimated_rates(each.history) for each in shown.evaluations]

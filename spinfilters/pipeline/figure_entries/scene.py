@@ -17,6 +17,7 @@ class SceneFigure(FigureEntry):
     caption = "Path, principal axes and landmarks of the body before the camera, of the first estimator."
 
     def draw(self, shown: "FigureData", name: str) -> "Figure":
+        """Path, principal axes and landmarks of the first estimator."""
         from spinfilters.plots.scene import scene_figure  # matplotlib is slow to import
 
         first = shown.evaluations[0]

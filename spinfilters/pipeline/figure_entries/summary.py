@@ -19,6 +19,7 @@ class SummaryFigure(FigureEntry):
     )
 
     def draw(self, shown: "FigureData", name: str) -> "Figure":
+        """Rates, inertia, errors and used measurements in one figure."""
         from spinfilters.plots.summary import summary_figure  # matplotlib is slow to import
 
         return summary_figure(shown.evaluations, shown.reference, shown.true_moments, shown.conditions)

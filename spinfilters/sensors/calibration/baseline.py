@@ -1,4 +1,7 @@
-"""Relative error of the baseline of a stereo pair: it scales the whole scene, which no residual shows."""
+"""Relative error of the baseline of a stereo pair.
+
+It scales the whole scene, which no residual shows.
+"""
 
 from typing import Final
 

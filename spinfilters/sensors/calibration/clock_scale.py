@@ -1,4 +1,7 @@
-"""Relative error of the clock that stamps all measurements: it scales all durations, and with them velocities and rates."""
+"""Relative error of the clock that stamps all measurements.
+
+It scales all durations, and with them velocities and rates.
+"""
 
 from typing import Final
 

@@ -1,4 +1,7 @@
-"""Relative error of the focal length, common to fx and fy and to both cameras of a pair."""
+"""Relative error of the focal length.
+
+Common to fx and fy and to both cameras of a pair.
+"""
 
 from typing import Final
 

@@ -1,4 +1,7 @@
-"""Relative error of a gyro's scale, common to its axes: data sheets of small gyros say about 1 % at most."""
+"""Relative error of a gyro's scale, common to its axes.
+
+Data sheets of small gyros say about 1 % at most.
+"""
 
 from typing import Final
 

@@ -1,1 +1,4 @@
-"""Recordings whose models are wrong in one known way, a module for each part of the models."""
+"""Recordings whose models are wrong in one known way.
+
+A module for each part of the models.
+"""

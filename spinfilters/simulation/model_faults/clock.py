@@ -22,7 +22,10 @@ def _drift(time: Float[np.ndarray, " k"], generator: np.random.Generator) -> Flo
 
 
 def _unit(dataset: Dataset, size: float) -> Dataset:
-    """Stamps ``size`` times too large, of the truth too: 1000 for ms that are read as s. True rates and speeds stay."""
+    """Stamps ``size`` times too large, of the truth too.
+
+    1000 for ms that are read as s. True rates and speeds stay.
+    """
     streams = tuple(replace(stream, time=stream.time * size) for stream in dataset.log.streams)
     truth = None if dataset.truth is None else replace(dataset.truth, time=size * dataset.truth.time)
     return replace(dataset, log=MeasurementLog(streams), truth=truth)

@@ -1,4 +1,7 @@
-"""A disturbed motion on a fine grid of time, from before the first epoch to behind the last."""
+"""A disturbed motion on a fine grid of time.
+
+From before the first epoch to behind the last.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -33,8 +33,9 @@ def model_faults() -> Mapping[str, ModelFault]:
 def faulty_recording(
     scenario: Scenario, fault: ModelFault, size: float, seeds: tuple[np.random.SeedSequence, ...]
 ) -> Dataset:
-    """A recording with a fault of a size in its unit; what is drawn comes from (motion, measurements, faults).
+    """A recording with a fault of a size in its unit.
 
+    What is drawn comes from (motion, measurements, faults).
     The motion, the surface and the sensors' noise are drawn alike whatever the fault.
     """
     motion, values, own = seeds

@@ -32,7 +32,10 @@ def _misaligned(each: FaultyRates) -> Float[np.ndarray, "k 3"]:
 
 
 def _low_pass(each: FaultyRates) -> Float[np.ndarray, "k 3"]:
-    """Behind a filter of first order that passes half of the power at ``1 / sqrt(size)`` rad/s, stamps set back by its lag."""
+    """First-order low-pass filter with its lag set back.
+
+    It passes half of the power at ``1 / sqrt(size)`` rad/s.
+    """
     tau, time, rates = float(np.sqrt(each.size)), each.fine.time, each.fine.block("w")
     out, share = rates.copy(), 1 - np.exp(-(time[1] - time[0]) / tau)
     for k in range(1, len(time)):

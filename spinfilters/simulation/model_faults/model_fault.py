@@ -17,7 +17,10 @@ POSE, GYRO, TRACKS = "pose", "gyro", "stereo-tracks"
 
 @dataclass(frozen=True)
 class FaultyRates:
-    """True body rates at every epoch, the motion between epochs (s, rad/s), and the size of the error."""
+    """True body rates with the motion between epochs, and the error's size.
+
+    At every epoch, (s, rad/s).
+    """
 
     time: Float[np.ndarray, " k"]
     rates: Float[np.ndarray, "k 3"]

@@ -1,4 +1,7 @@
-"""Blocks of a rigid body with a geometric frame. Pose, velocities, centre of mass and mass distribution."""
+"""Blocks of a rigid body with a geometric frame.
+
+Pose, velocities, centre of mass and mass distribution.
+"""
 
 from typing import Final
 

@@ -1,4 +1,7 @@
-"""Constant body torque, as the angular acceleration J^-1 tau that it causes: w' gains m, in g axes."""
+"""Constant body torque as the angular acceleration m = J^-1 tau.
+
+w' gains m, in g axes.
+"""
 
 from typing import Final
 

@@ -37,7 +37,10 @@ class BodyModel:
     dimensions_std: Float[np.ndarray, " 3"]
 
     def share_near(self, points: Float[np.ndarray, "k 3"], distance: float) -> float:
-        """Share of points (m, principal axes) that are not farther from a vertex than a distance, m."""
+        """Share of points within a distance, m, of a vertex.
+
+        Points in m, principal axes.
+        """
         return float(np.mean(KDTree(self.vertices).query(points)[0] <= distance))
 
 

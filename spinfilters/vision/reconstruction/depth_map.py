@@ -85,7 +85,10 @@ def depth_map(
 def refined_disparity(
     left: Float[np.ndarray, "h w"], right: Float[np.ndarray, "h w"], disparity: Grey
 ) -> tuple[Grey, Grey]:
-    """Disparity to a fraction of a pixel and its standard deviation, px; NaN where windows do not correspond."""
+    """Disparity to a fraction of a pixel with standard deviation, px.
+
+    NaN where windows do not correspond.
+    """
     found = np.isfinite(disparity)
     start = np.where(found, disparity, 0.0).astype(np.float32)
     columns, rows = np.meshgrid(
@@ -109,7 +112,9 @@ def _inside(good: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
 
 
 class _Window:
-    """Sums over the window of each pixel, for disparities that tell the places of the right image.
+    """Sums over the window of each pixel at given disparities.
+
+    These tell the places of the right image.
 
     Attributes
     ----------
@@ -147,7 +152,10 @@ def _gradient(image: np.ndarray) -> np.ndarray:
 def _image_box(
     rig: StereoRig, centre: Float[np.ndarray, " 3"], radius: float
 ) -> tuple[int, int, int, int] | None:
-    """First and last column and row (the last ones excluded) of a sphere in the left image; None where it is not in it."""
+    """Bounding box of a sphere in the left image, in pixels.
+
+    First and last column and row (the last ones excluded); None where it is not in it.
+    """
     near = max(centre[2] - radius, 1e-6)
     focal, middle, size = (
         np.array([rig.left.fx, rig.left.fy]),

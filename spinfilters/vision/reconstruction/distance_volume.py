@@ -1,5 +1,6 @@
-"""Truncated signed distance to the surface on a grid in principal axes, fused from depth maps (Curless and Levoy 1996).
+"""Truncated signed distance to the surface on a grid.
 
+Principal axes, fused from depth maps (Curless and Levoy 1996).
 Each depth map tells, at voxels before and shortly behind what it sees, the distance along the ray; means are weighted by the
 inverse variance of the depth. Sums are kept by groups of epochs, so that leaving out a group tells how sure the surface is.
 """
@@ -100,7 +101,10 @@ class DistanceVolume:
     def _along(
         self, points: Float[np.ndarray, "n 3"], rays: Float[np.ndarray, "n 3"]
     ) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-        """Voxels along rays near the points where they end, the rows of these, and the distance before them along the ray, m."""
+        """Voxels along rays near their end points.
+
+        With the rows of these, and the distance before them along the ray, m.
+        """
         reach = np.arange(-CLEARED_VOXELS, TRUNCATION_VOXELS + 0.5) * self.grid.voxel
         passed = points[:, None] + reach[:, None] * rays[:, None]
         index = np.rint((passed + self.grid.radius) / self.grid.voxel).astype(np.int64).reshape(-1, 3)

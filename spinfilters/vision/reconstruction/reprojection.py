@@ -24,7 +24,10 @@ Picture = UInt8[np.ndarray, "h w"]
 def reprojection(
     model: BodyModel, rig: StereoRig, R_cp: Float[np.ndarray, "3 3"], t_cp: Float[np.ndarray, " 3"]
 ) -> Picture:
-    """Image of the model in its own grey values, for a pose of the principal axes in the left camera, at `HEIGHT_PX`."""
+    """Image of the model in its own grey values at a pose.
+
+    Of the principal axes in the left camera, at `HEIGHT_PX`.
+    """
     scale = HEIGHT_PX / rig.left.height
     shape = HEIGHT_PX, round(rig.left.width * scale)
     at = (model.vertices @ R_cp.T + t_cp)[model.triangles]

@@ -18,7 +18,10 @@ _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if np.abs(_CORNERS[a
 def surface_of(
     field: Field,
 ) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"], Float[np.ndarray, " v"]]:
-    """Vertices (m, principal axes), triangles that run anticlockwise seen from outside, and grey values of the vertices."""
+    """Vertices (m, principal axes), triangles and grey values of a surface.
+
+    Triangles run anticlockwise seen from outside.
+    """
     cells = _crossed_cells(field.distance)
     values = field.distance[tuple((cells[:, None] + _CORNERS).transpose(2, 0, 1))]
     vertices = field.grid.places(cells + _within(values))
@@ -54,7 +57,10 @@ def _within(values: Float[np.ndarray, "k 8"]) -> Float[np.ndarray, "k 3"]:
 def _triangles(
     distance: Float[np.ndarray, "n n n"], number: Int[np.ndarray, "m m m"]
 ) -> Int[np.ndarray, "f 3"]:
-    """Two triangles for each edge of the grid whose ends differ in sign, out of the four cells around it."""
+    """Two triangles for each grid edge that crosses the surface.
+
+    Its ends differ in sign; out of the four cells around it.
+    """
     found = []
     for axis in range(3):
         second, third = (axis + 1) % 3, (axis + 2) % 3

@@ -1,4 +1,7 @@
-"""Image of a body in sunlight as one camera sees it: geometry, shading and shadow, before blur and noise."""
+"""Image of a sunlit body in one camera, before blur and noise.
+
+Geometry, shading and shadow.
+"""
 
 from dataclasses import dataclass, field
 
@@ -6,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from spinfilters.vision.rendering.surface_texture import SurfaceTexture
-from spinfilters.vision.rendering.triangle_mesh import TriangleMesh
+from spinfilters.vision.rendering.triangle_mesh import RenderedMesh
 from spinfilters.vision.rendering.visible_surface import VisibleSurface, visible_surface
 
 SHADOW_MAP = 512
@@ -27,7 +30,7 @@ class Appearance:
     ambient: light from everywhere, of the sun's.
     """
 
-    mesh: TriangleMesh
+    mesh: RenderedMesh
     texture: SurfaceTexture = field(default_factory=SurfaceTexture)
     sun: tuple[float, float, float] = (-0.5, -0.6, -1.0)
     ambient: float = 0.12
@@ -56,7 +59,10 @@ class View:
 def body_image(
     body: Appearance, R_ig: Float[np.ndarray, "3 3"], t_ig: Float[np.ndarray, " 3"], view: View
 ) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "h w"]]:
-    """Radiance (1 is white in the sun) and depth (m, 0 where nothing is) of each sample; a body behind the camera is not seen."""
+    """Radiance and depth of each sample of the image.
+
+    1 is white in the sun; m, 0 where nothing is; a body behind the camera is not seen.
+    """
     at_i = body.mesh.vertices @ R_ig.T + t_ig
     at_c = ((at_i - view.t_ic) @ view.R_ic)[body.mesh.faces]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -105,9 +111,12 @@ def _shaded(
 
 
 def _shadowed(
-    mesh: TriangleMesh, points: Float[np.ndarray, "k 3"], sun: Float[np.ndarray, " 3"]
+    mesh: RenderedMesh, points: Float[np.ndarray, "k 3"], sun: Float[np.ndarray, " 3"]
 ) -> Bool[np.ndarray, " k"]:
-    """Points of the surface (frame g) that another part of the mesh hides from the sun: they lie behind what a shadow map holds."""
+    """Whether surface points (frame g) are shadowed by the mesh.
+
+    They lie behind what a shadow map holds.
+    """
     across = np.linalg.svd(sun[None])[2][1:]
     frame = np.stack([across[0], np.cross(-sun, across[0]), -sun])  # rows: column, row, away from the sun
     radius = float(np.linalg.norm(mesh.vertices, axis=1).max()) * 1.01

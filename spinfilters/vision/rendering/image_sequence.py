@@ -1,4 +1,4 @@
-"""A sequence of rendered stereo pairs of a true motion, as a data set folder in the EuRoC layout."""
+"""Rendered stereo pairs of a true motion in the EuRoC layout."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -25,7 +25,7 @@ Pair = tuple[UInt8[np.ndarray, "h w"], UInt8[np.ndarray, "h w"]]
 
 
 @dataclass(frozen=True)
-class Stage:
+class RenderedScene:
     """What is photographed, and with what.
 
     Attributes
@@ -73,7 +73,7 @@ class Stage:
         return photograph(radiance, camera, MARGIN_PX, self.imaging, generator)
 
 
-def rendered_pairs(stage: Stage, truth: Truth) -> Iterator[Pair]:
+def rendered_pairs(stage: RenderedScene, truth: Truth) -> Iterator[Pair]:
     """A pair at every time of a true motion whose body is known (`Truth.center_of_mass_g`)."""
     rotations = matrix_from_quaternion(truth.q_ig)
     offset = np.zeros(3) if truth.center_of_mass_g is None else truth.center_of_mass_g
@@ -83,7 +83,7 @@ def rendered_pairs(stage: Stage, truth: Truth) -> Iterator[Pair]:
 
 
 def write_sequence(
-    stage: Stage, truth: Truth, folder: Path, description: str, progress: Callable[[int, int], None]
+    stage: RenderedScene, truth: Truth, folder: Path, description: str, progress: Callable[[int, int], None]
 ) -> None:
     """Render a motion into a folder: images, calibration, truth and dataset.toml, which comes last.
 

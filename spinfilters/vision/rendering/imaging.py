@@ -32,7 +32,10 @@ class Imaging:
 
 
 def ideal_matrix(camera: RawCamera, oversampling: int, margin: int) -> Float[np.ndarray, "3 3"]:
-    """K of the oversampled image without distortion that is ``margin`` px larger on all sides; pixel centres are whole numbers."""
+    """K of the oversampled ideal image, ``margin`` px larger on all sides.
+
+    Without distortion; pixel centres are whole numbers.
+    """
     K = camera.camera_matrix * oversampling
     K[:2, 2] = (camera.camera_matrix[:2, 2] + margin + 0.5) * oversampling - 0.5
     K[2, 2] = 1.0

@@ -22,7 +22,7 @@ SMOOTH_FACES: Final = 200
 
 
 @dataclass(frozen=True)
-class TriangleMesh:
+class RenderedMesh:
     """Triangles whose corners run anticlockwise seen from outside.
 
     Attributes
@@ -35,7 +35,10 @@ class TriangleMesh:
 
     @cached_property
     def normals(self) -> Float[np.ndarray, "f 3 3"]:
-        """Outward unit normal at each corner of each face: of the face, or of a smooth surface (`SMOOTH_FACES`)."""
+        """Outward unit normal at each corner of each face.
+
+        Of the face, or of a smooth surface (`SMOOTH_FACES`).
+        """
         a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
         areas = np.cross(b - a, c - a)
         if len(self.faces) <= SMOOTH_FACES:
@@ -45,14 +48,19 @@ class TriangleMesh:
             np.add.at(sums, self.faces[:, corner], areas)
         return _unit(sums)[self.faces]
 
-    def scaled_to(self, radius: float) -> "TriangleMesh":
-        """The mesh centred in its bounding box, with the farthest vertex at this distance from the centre, m."""
+    def scaled_to(self, radius: float) -> "RenderedMesh":
+        """The mesh centred in its bounding box and scaled.
+
+        The farthest vertex is at this distance from the centre, m.
+        """
         centred = self.vertices - (self.vertices.max(axis=0) + self.vertices.min(axis=0)) / 2
-        return TriangleMesh(centred * (radius / np.linalg.norm(centred, axis=1).max()), self.faces)
+        return RenderedMesh(centred * (radius / np.linalg.norm(centred, axis=1).max()), self.faces)
 
 
-def named_mesh(shape: str, radius: float) -> TriangleMesh:
-    """A polyhedron of `POLYHEDRA`, or the mesh of a file (.obj, binary .stl, or a table of vertices and faces).
+def named_mesh(shape: str, radius: float) -> RenderedMesh:
+    """A polyhedron of `POLYHEDRA`, or the mesh of a file.
+
+    .obj, binary .stl, or a table of vertices and faces.
 
     Raises
     ------
@@ -68,7 +76,7 @@ def named_mesh(shape: str, radius: float) -> TriangleMesh:
     require_file(path, LARGEST_MESH_FILE)
     try:
         vertices, faces = _READERS[path.suffix.lower()](path.read_bytes())
-        mesh = TriangleMesh(
+        mesh = RenderedMesh(
             np.asarray(vertices, dtype=float).reshape(-1, 3), np.asarray(faces, dtype=np.int64).reshape(-1, 3)
         )
     except (ValueError, IndexError, struct.error):
@@ -79,7 +87,7 @@ def named_mesh(shape: str, radius: float) -> TriangleMesh:
     return _outward(mesh).scaled_to(radius)
 
 
-def _check(path: Path, mesh: TriangleMesh) -> None:
+def _check(path: Path, mesh: RenderedMesh) -> None:
     count, faces = len(mesh.vertices), mesh.faces
     if not 4 <= len(faces) <= MOST_FACES or count < 4:
         raise InputError(
@@ -93,25 +101,28 @@ def _check(path: Path, mesh: TriangleMesh) -> None:
         raise InputError(f"{path_text(path)}: all vertices are at one place; export it again")
 
 
-def _outward(mesh: TriangleMesh) -> TriangleMesh:
+def _outward(mesh: RenderedMesh) -> RenderedMesh:
     """The mesh with positive volume."""
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     volume = np.einsum("fi,fi->", a, np.cross(b, c))
-    return mesh if volume >= 0 else TriangleMesh(mesh.vertices, mesh.faces[:, ::-1])
+    return mesh if volume >= 0 else RenderedMesh(mesh.vertices, mesh.faces[:, ::-1])
 
 
-def _convex(points: Float[np.ndarray, "v 3"]) -> TriangleMesh:
+def _convex(points: Float[np.ndarray, "v 3"]) -> RenderedMesh:
     """Convex hull of points around the origin."""
     hull = ConvexHull(points)
     faces = hull.simplices.astype(np.int64)
     a, b, c = (points[faces[:, k]] for k in range(3))
     inward = np.einsum("fi,fi->f", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
     faces[inward] = faces[inward][:, ::-1]
-    return TriangleMesh(points, faces)
+    return RenderedMesh(points, faces)
 
 
 def _from_rows(data: bytes) -> tuple[list[list[float]], np.ndarray]:
-    """Rows 'v x y z' and 'f a b c' (from 1, or from 0 where a row says so; OBJ's a/b/c keep the first), polygons as fans."""
+    """Mesh of rows 'v x y z' and 'f a b c', polygons as fans.
+
+    From 1, or from 0 where a row says so; OBJ's a/b/c keep the first.
+    """
     vertices, faces = [], []
     for line in data.decode("utf-8", "replace").splitlines():
         words = line.split()

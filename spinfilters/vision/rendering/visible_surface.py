@@ -1,4 +1,7 @@
-"""Which triangle is seen at each sample of an image: a z-buffer over all pairs of triangles and samples of their boxes."""
+"""Visible triangle at each image sample, by a z-buffer.
+
+Over all pairs of triangles and samples of their boxes.
+"""
 
 from dataclasses import dataclass
 
@@ -31,7 +34,9 @@ class VisibleSurface:
 def visible_surface(
     corners: Float[np.ndarray, "f 3 2"], nearness: Float[np.ndarray, "f 3"], shape: tuple[int, int]
 ) -> VisibleSurface:
-    """The nearest triangle of each sample; triangles that run the other way round in the image are seen from behind and left out.
+    """The nearest triangle of each sample.
+
+    Triangles that run the other way round in the image are seen from behind and left out.
 
     Parameters
     ----------
@@ -86,7 +91,10 @@ def _draw(
 
 
 def _planes(corners: Float[np.ndarray, "f 3 2"]) -> Float[np.ndarray, "f 2 3"]:
-    """Barycentric weights of the first two corners as functions of a sample: factors of column and row, and a constant."""
+    """Barycentric weights of the first two corners, linear in the sample.
+
+    Factors of column and row, and a constant.
+    """
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     area = _cross(b - a, c - a)[:, None]
     first = np.stack([b[:, 1] - c[:, 1], c[:, 0] - b[:, 0], _cross(b, c)], axis=1) / area

@@ -1,4 +1,7 @@
-"""A constant acceleration of the centre of mass: gravity, thrust, drag of the air on a fast throw."""
+"""Constant acceleration of the centre of mass.
+
+Gravity, thrust, drag of the air on a fast throw.
+"""
 
 from typing import ClassVar, Final
 
@@ -19,6 +22,7 @@ class ConstantAcceleration(Alternative):
     held_by: ClassVar = {"process": {"gravity": True}}
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """Three columns of the acceleration of the centre of mass, i axes."""
         if not motion.translates:
             return None
         return motion.disturbed(linear=np.tile(np.eye(3), (len(motion.time), 1, 1)))

@@ -18,6 +18,7 @@ class AirResistance(Alternative):
     cure = "take a slower or shorter throw, or state a larger process.force_psd"
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """One column: deceleration along the velocity by its square."""
         if not motion.translates:
             return None
         v = motion.block(VELOCITY.name)

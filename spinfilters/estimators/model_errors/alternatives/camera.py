@@ -1,4 +1,4 @@
-"""Errors of cameras: their calibration, the right one of a pair, and the hand that holds them."""
+"""Errors of cameras: calibration, right camera of a pair, motion of the hand."""
 
 from abc import abstractmethod
 from typing import ClassVar, Final
@@ -25,7 +25,10 @@ def _sees(each: MeasuredRows) -> bool:
 
 
 def _normalised(each: MeasuredRows) -> tuple[Float[np.ndarray, "r i"], Float[np.ndarray, "r i"]]:
-    """Predicted pixels over the focal length, about the principal point, and the focal length of each component."""
+    """Normalised image coordinates of predicted pixels, and the focal lengths.
+
+    About the principal point, for each component.
+    """
     pixels, calibration = each.model.predict(each.states, each.parameters), each.parameters[:, CALIBRATION:]
     columns = [U, V, U][: pixels.shape[1]]
     focal, centre = calibration[:, columns], calibration[:, [2 + k for k in columns]]
@@ -36,6 +39,7 @@ class _CameraAlternative(Alternative):
     """An error of every image."""
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """Shift of the pixels of all cameras by this error."""
         return motion.shifted(lambda each: self.of_pixels(each) if _sees(each) else None)
 
     @abstractmethod
@@ -52,6 +56,7 @@ class CameraShake(_CameraAlternative):
     by_epoch = True
 
     def of_pixels(self, each: MeasuredRows) -> Float[np.ndarray, "r i m"]:
+        """Common shifts of u and v at every epoch."""
         by = np.zeros((len(each.epoch), each.model.dim, 2))
         by[:, U, 0] = by[:, V, 1] = 1.0
         if each.model.dim > RIGHT:
@@ -60,11 +65,16 @@ class CameraShake(_CameraAlternative):
 
 
 class _CalibrationAlternative(Alternative):
-    """An error of the calibration, as estimates consider it: the data are of a larger number than they are read with."""
+    """Error of the calibration, as estimates consider it.
+
+    The data are of a larger number than they are read with.
+    """
 
     parameter: ClassVar[ConsiderParameter]
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """Negative shift of the expected pixels per unit of the parameter."""
+
         def of_data(each: MeasuredRows) -> Float[np.ndarray, "r i m"] | None:
             by = each.by_calibration(self.parameter)
             return None if by is None else -by
@@ -102,6 +112,7 @@ class Distortion(_CameraAlternative):
     cure = "calibrate the cameras with distortion, and rectify the tracks"
 
     def of_pixels(self, each: MeasuredRows) -> Float[np.ndarray, "r i m"]:
+        """Radial shift by the square of the normalised radius."""
         xy, focal = _normalised(each)
         columns = [[U, V], [U, V], [RIGHT, V]][: xy.shape[1]]
         radius = np.stack([(xy[:, pair] ** 2).sum(axis=1) for pair in columns], axis=1)
@@ -112,6 +123,7 @@ class _PairAlternative(_CameraAlternative):
     """An error of the right camera of a pair."""
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """Shift of the pixels of stereo pairs by this error."""
         pair = lambda each: isinstance(each.model, StereoLandmark)  # noqa: E731
         return motion.shifted(lambda each: self.of_pixels(each) if pair(each) else None)
 
@@ -133,6 +145,7 @@ class RightCameraTurned(_PairAlternative):
     cure = "calibrate the pair again and rectify (spinfilters calibrate)"
 
     def of_pixels(self, each: MeasuredRows) -> Float[np.ndarray, "r i m"]:
+        """Shift of u_right by small rotations of the right camera, rad."""
         xy, focal = _normalised(each)
         x, y = xy[:, RIGHT], xy[:, V]
         by = np.zeros((len(x), each.model.dim, 3))
@@ -148,6 +161,8 @@ class RightCameraLate(Alternative):
     cure = "trigger both cameras together"
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """Shift of u_right by the motion of the image during the delay."""
+
         def moved(each: MeasuredRows) -> Float[np.ndarray, "r i m"] | None:
             if not isinstance(each.model, StereoLandmark):
                 return None

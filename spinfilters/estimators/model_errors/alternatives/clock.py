@@ -19,16 +19,21 @@ class ClockJitter(Alternative):
     by_epoch = True
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """One column: every epoch late by a time of its own."""
         return motion.in_time(lambda each: np.ones((len(each.epoch), 1)))
 
 
 class ClockDrift(Alternative):
-    """The clock runs ever faster or slower: epochs are late by the square of the time from the middle, in units of its span."""
+    """Linear drift of the clock.
+
+    Epochs are late by the square of the time from the middle, in units of its span.
+    """
 
     name, phrase, unit = "clock-drift", "a drift of the clock's rate", "s over the recording"
     cure = "check the clock, and the unit of the time stamps"
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """One column: epochs late by the square of the scaled time."""
         span = motion.time[-1] - motion.time[0]
         late = 4 * ((motion.time - motion.time.mean()) / span) ** 2
         return motion.in_time(lambda each: late[each.epoch, None])
@@ -42,6 +47,7 @@ class SensorDelay(Alternative):
     cure = "shift the time stamps of one of them"
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """A column per sensor but the first: its measurements late."""
         names = list(dict.fromkeys(each.model.name for each in motion.measured))
         if len(names) < 2:
             return None

@@ -1,4 +1,4 @@
-"""A hand or the ground that still touches the body in the first epochs, or touches it again in the last."""
+"""Contact with a hand or the ground in the first or last epochs."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -42,6 +42,7 @@ class ContactAtBegin(_Contact):
     cure = "begin the recording later (--segment)"
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """Columns of accelerations in the first epochs."""
         return self._touching(motion, at_end=False)
 
 
@@ -52,6 +53,7 @@ class ContactAtEnd(_Contact):
     cure = "end the recording earlier (--segment)"
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """Columns of accelerations in the last epochs."""
         return self._touching(motion, at_end=True)
 
 

@@ -20,6 +20,7 @@ class Drag(Alternative):
     held_by: ClassVar = {"process": {"drag": True}}
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """One column: angular deceleration by the square of the rate."""
         speed = np.linalg.norm(motion.rates, axis=1, keepdims=True)
         return motion.disturbed(angular=-(speed * motion.rates)[:, :, None])
 

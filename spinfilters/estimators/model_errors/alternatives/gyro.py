@@ -34,6 +34,7 @@ class _GyroAlternative(Alternative):
         """Change of the rate at every epoch, g axes, per unit."""
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """Shift of the rates of all gyros by this error."""
         change = self.of_rates(motion)
         return motion.shifted(lambda each: change[each.epoch] if isinstance(each.model, Gyro) else None)
 
@@ -48,17 +49,22 @@ class GyroBias(_GyroAlternative):
     held_by: ClassVar = {"initialisation": {"gyro_bias_std": 0.05}}
 
     def of_rates(self, motion: SmoothedMotion) -> Float[np.ndarray, "k 3 m"]:
+        """Three columns of a constant shift."""
         return np.tile(np.eye(3), (len(motion.time), 1, 1))
 
 
 class GyroDrift(_GyroAlternative):
-    """w reads w + b s, with s from -1 at the begin to 1 in the end."""
+    """Linear drift of the gyro bias.
+
+    w reads w + b s, with s from -1 at the begin to 1 in the end.
+    """
 
     name, phrase, unit = "gyro-drift", "a bias of the gyro that drifts", "rad/s"
     plausible = 0.05
     cure = "let the gyro warm up, or take a shorter recording (--segment)"
 
     def of_rates(self, motion: SmoothedMotion) -> Float[np.ndarray, "k 3 m"]:
+        """Three columns of a shift linear in time."""
         time = motion.time
         return ((2 * time - time[0] - time[-1]) / (time[-1] - time[0]))[:, None, None] * np.eye(3)
 
@@ -73,6 +79,7 @@ class GyroScale(_GyroAlternative):
     held_by: ClassVar = {"initialisation": {"gyro_scale_error_std": GYRO_SCALE.prior_std}}
 
     def of_rates(self, motion: SmoothedMotion) -> Float[np.ndarray, "k 3 m"]:
+        """One column proportional to the rates."""
         return motion.rates[:, :, None]
 
 
@@ -84,17 +91,22 @@ class GyroMisalignment(_GyroAlternative):
     cure = "calibrate the gyro's axes and their scales"
 
     def of_rates(self, motion: SmoothedMotion) -> Float[np.ndarray, "k 3 m"]:
+        """Columns of rates mixed by the off-diagonal shears."""
         return np.einsum("mij,kj->kim", SHEARS, motion.rates)
 
 
 class GyroLowPass(_GyroAlternative):
-    """Amplitudes fall with the square of the frequency: w reads w + tau^2 w'' / 2; its lag is a shift of time."""
+    """Low-pass filter of the gyro.
+
+    w reads w + tau^2 w'' / 2: amplitudes fall with the square of the frequency; its lag is a shift of time.
+    """
 
     name, phrase, unit = "gyro-low-pass", "a low-pass filter within the gyro", "s^2"
     plausible = 0.1
     cure = "set the gyro's bandwidth well above the wobble"
 
     def of_rates(self, motion: SmoothedMotion) -> Float[np.ndarray, "k 3 m"]:
+        """One column: half the second derivative of the rates."""
         return np.gradient(motion.rate_change, motion.time, axis=0)[:, :, None] / 2
 
 

@@ -11,8 +11,9 @@ from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 
 
 class Hinge(Alternative):
-    """J gains J^1/2 B J^1/2 s, B symmetric and traceless, s from -1 to 1: with D for it J w' loses (D s)' w, and turns with D s w.
+    """Linear change of the inertia over time, as of a hinge.
 
+    J gains J^1/2 B J^1/2 s, B symmetric and traceless, s from -1 to 1: with D for it J w' loses (D s)' w, and turns with D s w.
     About the smoothed motion J dw' = (D s w) x w - D s w' - D s' w. What is constant is of the body's own
     shape, and a B that is a multiple of the identity brakes the rotation as drag does.
     """
@@ -22,6 +23,7 @@ class Hinge(Alternative):
     cure = "lock the joint: of a body that is not rigid the moments cannot be told"
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """Columns of the inertia's traceless linear changes."""
         J, w, change = motion.inertia, motion.rates, motion.rate_change
         half = (motion.time[-1] - motion.time[0]) / 2
         share = ((motion.time - motion.time[0]) / half - 1)[:, None]

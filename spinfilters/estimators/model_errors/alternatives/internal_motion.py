@@ -10,7 +10,10 @@ from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 
 
 class EnergyLoss(Alternative):
-    """J w' loses k |h| (w less its part along h): the kinetic energy falls, |h| stays."""
+    """Energy dissipation: the kinetic energy falls, the angular momentum stays.
+
+    J w' loses k |h| (w less its part along h).
+    """
 
     name, phrase, unit = "energy-loss", "a loss of energy within the body", "1/rad"
     plausible = 0.3
@@ -19,6 +22,7 @@ class EnergyLoss(Alternative):
     )
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """One column: torque against the rate across the angular momentum."""
         momentum = motion.rates @ motion.inertia
         size = np.linalg.norm(momentum, axis=1, keepdims=True)
         along = momentum / np.maximum(size, np.finfo(float).tiny)
@@ -28,13 +32,17 @@ class EnergyLoss(Alternative):
 
 
 class Rotor(Alternative):
-    """J w' gains h_r x w of a constant angular momentum h_r inside, in units of J times rad/s."""
+    """Constant angular momentum h_r of a rotor inside.
+
+    J w' gains h_r x w; h_r in units of J times rad/s.
+    """
 
     name, phrase, unit = "rotor", "a rotor turning inside", "rad/s"
     plausible = 1.0
     cure = "the body is a gyrostat and its moments cannot be told; stop the rotor while recording"
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """Three columns of the rotor's angular momentum, g axes."""
         cross = np.cross(np.eye(3)[:, None], motion.rates[None])  # h_r along each axis, epoch
         gained = np.linalg.solve(motion.inertia, np.moveaxis(cross, 0, 2))
         return motion.disturbed(angular=gained)

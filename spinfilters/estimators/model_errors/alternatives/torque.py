@@ -19,6 +19,7 @@ class ConstantTorque(Alternative):
     held_by: ClassVar = {"process": {"body_torque": True}}
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """Three columns of the angular acceleration, g axes."""
         return motion.disturbed(angular=np.tile(np.eye(3), (len(motion.time), 1, 1)))
 
 

@@ -69,16 +69,6 @@ class MarginalizationPrior:
         now = gauge_columns(self.ordering, here)
         return np.linalg.solve(now[:p].T, (self._gauge - now).T).T
 
-    def information_sqrt_at(self, here: Float[np.ndarray, "F m"]) -> Float[np.ndarray, "q q1"]:
-        """Rows [R_now | y_now] about other points of the F epochs."""
-        away = column_errors(self.ordering, self.ordering.layout.local(self.first, here))
-        information_sqrt, p = self.information_sqrt.copy(), len(self.ordering.pose)
-        if p:
-            information_sqrt[:, :p] += self.information_sqrt @ self.shift(here)
-        return np.concatenate(
-            [information_sqrt, (self.right - self.information_sqrt @ away)[:, None]], axis=1
-        )
-
 
 @dataclass(frozen=True)
 class LinearizedPrior:

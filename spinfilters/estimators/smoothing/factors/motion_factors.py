@@ -54,7 +54,7 @@ class InformationBlocks:
 
 
 @dataclass(frozen=True)
-class Motion:
+class EpochFactors:
     """The dynamics, prior and sensors of some epochs.
 
     Attributes
@@ -78,7 +78,10 @@ class Motion:
         return sum(rows.values.shape[0] * rows.model.dim for rows in self.sensors)
 
     def dynamics(self, trajectory: Float[np.ndarray, "k m"]) -> InformationBlocks:
-        """Steps from epoch to epoch, linearised about a trajectory. Its constants are the same in every epoch."""
+        """Steps from epoch to epoch, linearised about a trajectory.
+
+        Its constants are the same in every epoch.
+        """
         if not len(self.dt):
             return InformationBlocks(NOTHING, NOTHING, 0.0, NOTHING)
         about = None if self.first is None else self._at_first_constants(trajectory[:-1])
@@ -165,8 +168,11 @@ class Motion:
             )
         return result
 
-    def stretch(self, begin: int, end: int) -> "Motion":
-        """Epochs from ``begin`` to before ``end``, and the steps from them. The prior belongs to the first epoch of all."""
+    def stretch(self, begin: int, end: int) -> "EpochFactors":
+        """Epochs from ``begin`` to before ``end``, and steps from them.
+
+        The prior belongs to the first epoch of all.
+        """
         return replace(
             self,
             ordering=replace(self.ordering, epochs=min(end, self.ordering.epochs) - begin),
@@ -176,7 +182,7 @@ class Motion:
         )
 
 
-def motion_of(process: ProcessModel, epochs: Timeline, has_landmarks: bool) -> Motion:
+def motion_of(process: ProcessModel, epochs: Timeline, has_landmarks: bool) -> EpochFactors:
     """The dynamics and sensors of some epochs, without a prior.
 
     Parameters
@@ -184,7 +190,7 @@ def motion_of(process: ProcessModel, epochs: Timeline, has_landmarks: bool) -> M
     has_landmarks: whether there are observations of landmarks.
     """
     dt = np.diff(times_of(epochs))
-    return Motion(
+    return EpochFactors(
         process, VariableOrdering(process.layout, len(epochs), has_landmarks), dt, collect_sensors(epochs)
     )
 
@@ -239,7 +245,10 @@ def whitened_steps_in_numpy(
 def prior_rows(
     ordering: VariableOrdering, first: Float[np.ndarray, " m"], prior: StatePrior
 ) -> Float[np.ndarray, "n n1"]:
-    """Jacobian of the prior's error by the error about the linearisation point. The prior is Gaussian about its own mean."""
+    """Jacobian of the prior's error by that about the linearisation point.
+
+    The prior is Gaussian about its own mean.
+    """
     layout = ordering.layout
     away = layout.local(prior.mean, first)
     by_trial = np.linalg.inv(layout.reset_jacobian(away))[:, ordering.order]

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.estimators.smoothing.factors.marginalization_prior import LinearizedPrior
-from spinfilters.estimators.smoothing.factors.motion_factors import NOTHING, InformationBlocks, Motion
+from spinfilters.estimators.smoothing.factors.motion_factors import NOTHING, EpochFactors, InformationBlocks
 from spinfilters.estimators.smoothing.factors.sensor_rows import STRETCH
 from spinfilters.estimators.smoothing.factors.variable_ordering import VariableOrdering
 from spinfilters.estimators.smoothing.kernels.compiled_kernels import kernels
@@ -154,14 +154,17 @@ def assembled(
 
 
 class AssembledMotion(NamedTuple):
-    """Linear system of a motion's factors, with the costs of sensors and dynamics, whose information blocks hold no rows."""
+    """Linear system of a motion's factors without stored rows.
+
+    With the costs of sensors and dynamics.
+    """
 
     sensors: InformationBlocks
     dynamics: InformationBlocks
     system: LinearSystem
 
 
-def assembled_by_stretches(motion: Motion, trajectory: Float[np.ndarray, "k m"]) -> AssembledMotion:
+def assembled_by_stretches(motion: EpochFactors, trajectory: Float[np.ndarray, "k m"]) -> AssembledMotion:
     """Linear system of a long chain of epochs, assembled part by part.
 
     Never are the rows of more than `STRETCH` epochs in memory.
@@ -182,17 +185,23 @@ def assembled_by_stretches(motion: Motion, trajectory: Float[np.ndarray, "k m"])
     return AssembledMotion(sensors, dynamics, system)
 
 
+class BlockSizes(NamedTuple):
+    """Errors of an epoch's pose and tridiagonal part, and of the constants."""
+
+    pose: int
+    tridiagonal: int
+    constant: int
+
+
 def _add(ordering: VariableOrdering, system: LinearSystem, blocks: InformationBlocks) -> None:
-    sizes = (len(ordering.pose), len(ordering.tridiagonal), len(ordering.constant))
+    sizes = BlockSizes(len(ordering.pose), len(ordering.tridiagonal), len(ordering.constant))
     if len(blocks.epochs):
         _add_epochs(system.M, system.tridiagonal, blocks.epochs, sizes)
     if len(blocks.steps):
         _add_steps(system.M, system.tridiagonal, blocks.steps, sizes)
 
 
-def _in_c(
-    M: np.ndarray, tridiagonal: Blocks, blocks: np.ndarray, sizes: tuple[int, int, int], both: int
-) -> bool:
+def _in_c(M: np.ndarray, tridiagonal: Blocks, blocks: np.ndarray, sizes: BlockSizes, both: int) -> bool:
     """Add information blocks of epochs, or of steps (``both``), by the compiled kernel."""
     library = kernels()
     if library is None:
@@ -204,7 +213,7 @@ def _in_c(
     return True
 
 
-def _add_epochs(M: np.ndarray, tridiagonal: Blocks, blocks: np.ndarray, sizes: tuple[int, int, int]) -> None:
+def _add_epochs(M: np.ndarray, tridiagonal: Blocks, blocks: np.ndarray, sizes: BlockSizes) -> None:
     """Grams of single epochs: pose, chain, constants, right-hand side."""
     if _in_c(M, tridiagonal, blocks, sizes, 0):
         return
@@ -221,7 +230,7 @@ def _add_epochs(M: np.ndarray, tridiagonal: Blocks, blocks: np.ndarray, sizes: t
         M[rest, : K * p] += blocks[:, p + v :, :p].transpose(1, 0, 2).reshape(-1, K * p)
 
 
-def _add_steps(M: np.ndarray, tridiagonal: Blocks, blocks: np.ndarray, sizes: tuple[int, int, int]) -> None:
+def _add_steps(M: np.ndarray, tridiagonal: Blocks, blocks: np.ndarray, sizes: BlockSizes) -> None:
     """Grams of steps: pose and chain here, pose and chain there, constants, right-hand side."""
     if _in_c(M, tridiagonal, blocks, sizes, 1):
         return

@@ -20,7 +20,9 @@ def reinitialised(
     inliers: Bool[np.ndarray, " N"],
     gate: float,
 ) -> Float[np.ndarray, "L 3"] | None:
-    """Points with those placed anew that have fewer than two inliers. (m, frame g); None when there are none.
+    """Points with those of fewer than two inliers placed anew.
+
+    m, frame g; None when there are none.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ from spinfilters.estimators.smoothing.factors.marginalization_prior import (
     LinearizedPrior,
     MarginalizationPrior,
 )
-from spinfilters.estimators.smoothing.factors.motion_factors import InformationBlocks, Motion, motion_of
+from spinfilters.estimators.smoothing.factors.motion_factors import EpochFactors, InformationBlocks, motion_of
 from spinfilters.estimators.smoothing.factors.sensor_rows import STRETCH
 from spinfilters.estimators.smoothing.factors.variable_ordering import VariableOrdering
 from spinfilters.estimators.smoothing.linear.landmark_elimination import Eliminated, eliminate
@@ -35,7 +35,9 @@ from spinfilters.state.layout import StateLayout
 
 @dataclass(frozen=True)
 class InitialGuess:
-    """Initial guess of a smoother: states and a map in frame g. One state per epoch; its constants are those of the first.
+    """Initial guess of a smoother: states and a map in frame g.
+
+    One state per epoch; its constants are those of the first.
 
     Attributes
     ----------
@@ -143,7 +145,7 @@ class LinearProblem:
 class Problem:
     """Frames, models and prior; see `problem_of`."""
 
-    motion: Motion
+    motion: EpochFactors
     observations: LandmarkObservations | None
     marginal_prior: MarginalizationPrior | None = None
 

@@ -1,5 +1,6 @@
-"""Unobservable directions of a linear problem, in words. Directions in which the measurements add nothing to the prior.
+"""Unobservable directions of a linear problem, in words.
 
+Directions in which the measurements add nothing to the prior.
 A direction of the first state counts as undetermined when its standard deviation is still most of the prior's. The pose of the
 first
 epoch is left out: it defines frame g and is not measured.

@@ -7,7 +7,7 @@ from scipy.special import chdtrc, chdtri
 
 from spinfilters.estimators.robust.losses import Gate, LeastSquares
 from spinfilters.estimators.smoothing.factors.landmark_observations import ROWS, linearise_observations
-from spinfilters.estimators.smoothing.factors.motion_factors import Motion
+from spinfilters.estimators.smoothing.factors.motion_factors import EpochFactors
 from spinfilters.estimators.smoothing.problem.landmark_reinitialisation import reinitialised
 from spinfilters.estimators.smoothing.problem.least_squares import (
     LinearizationPoint,
@@ -34,7 +34,7 @@ observations are right, 1.1 where 30 % are wrong."""
 
 
 def process_noise_inflation(
-    motion: Motion, here: LinearizationPoint, before: NormalEquations | None
+    motion: EpochFactors, here: LinearizationPoint, before: NormalEquations | None
 ) -> float:
     """Inflation of the process noise at which the trajectory obeys its dynamics.
 
@@ -51,7 +51,10 @@ def process_noise_inflation(
 
 
 def residual_scale(here: LinearizationPoint) -> float:
-    """Robust scale of the innovations in standard deviations, at least 1. More where the noise is larger than stated."""
+    """Robust scale of the innovations in standard deviations, at least 1.
+
+    More where the noise is larger than stated.
+    """
     squares = [here.sensors.mean_squares]
     if here.linear is not None:
         squares.append(here.linear.square / ROWS)
@@ -119,6 +122,9 @@ class AnnealedSchedule:
         return max(self.gate, float(same))
 
     def _width(self, iteration: int) -> float:
-        """Relative width of the gate in an iteration. 1 from the first where there are too few iterations to tighten it in."""
+        """Relative width of the gate in an iteration.
+
+        1 from the first where there are too few iterations to tighten it in.
+        """
         wide = self.gate is not None and iteration < len(WIDER_GATES) < self.iterations
         return WIDER_GATES[iteration] if wide else 1.0

@@ -51,7 +51,9 @@ def smooth_recording(
     loss: RobustLoss,
     annealed_iterations: int = 0,
 ) -> BatchSmoothing:
-    """Smooth measurements without landmark ids from an initial trajectory. Its constants are those of the last epoch.
+    """Smooth measurements without landmark ids from an initial trajectory.
+
+    Its constants are those of the last epoch.
 
     Parameters
     ----------

@@ -55,8 +55,9 @@ def record_convergence(
     quantities: SelectedQuantities = states,
     on_epoch: OnEpoch = lambda *_: None,
 ) -> ConvergenceRecord:
-    """Convergence record of a smoother that is fed epoch by epoch. The smoother must have seen nothing before.
+    """Convergence record of a smoother fed epoch by epoch.
 
+    The smoother must have seen nothing before.
     After a solve whose numbers lead nowhere there is none: from there on nothing is a number.
     The error of a first solve is raised.
 

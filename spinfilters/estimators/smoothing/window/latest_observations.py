@@ -1,4 +1,7 @@
-"""Inliers among the observations of the latest epoch. Its guess may be poor and its landmarks wrong."""
+"""Inliers among the observations of the latest epoch.
+
+Its guess may be poor and its landmarks wrong.
+"""
 
 from dataclasses import replace
 

@@ -24,7 +24,7 @@ TRIPLES, REFITS, SEED = 200, 3, 0
 
 
 @dataclass(frozen=True)
-class _Matches:
+class _LatestMatches:
     """Points in camera coordinates matched to landmarks in g.
 
     With the factors (k, 3, 3) that their distance (m) is divided by.
@@ -66,14 +66,14 @@ def latest_pose(
     return pose
 
 
-def _better(matches: _Matches, one: np.ndarray | None, other: np.ndarray | None) -> np.ndarray | None:
+def _better(matches: _LatestMatches, one: np.ndarray | None, other: np.ndarray | None) -> np.ndarray | None:
     """The pose that more matches agree with."""
     if one is None or other is None:
         return other if one is None else one
     return max((one, other), key=lambda pose: np.count_nonzero(matches.agreeing(pose, AGREEMENT)))
 
 
-def _matches(problem: Problem, trajectory: np.ndarray, points: np.ndarray) -> _Matches:
+def _matches(problem: Problem, trajectory: np.ndarray, points: np.ndarray) -> _LatestMatches:
     """Observations of the last epoch that tell a point, of landmarks that were observed before."""
     observations = problem.observations
     assert observations is not None
@@ -95,10 +95,10 @@ def _matches(problem: Problem, trajectory: np.ndarray, points: np.ndarray) -> _M
             np.sqrt(2) * made.root[good]
         )  # the landmark is about as uncertain as the observation
         found.append((here, points[observations.landmark[group.rows[at]]], whitening))
-    return _Matches(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+    return _LatestMatches(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
-def _refitted(matches: _Matches, pose: Float[np.ndarray, " 7"]) -> Float[np.ndarray, " 7"] | None:
+def _refitted(matches: _LatestMatches, pose: Float[np.ndarray, " 7"]) -> Float[np.ndarray, " 7"] | None:
     """Fitted again and again to what agrees with it; None where too little does."""
     weight = np.square(matches.whitening).sum(axis=(1, 2))
     for bound in np.linspace(ROUGH_AGREEMENT, AGREEMENT, REFITS):
@@ -117,7 +117,7 @@ def _require_a_step(good: Bool[np.ndarray, " k"]) -> bool:
     return bool(good.sum() >= FEWEST and good.mean() >= SMALLEST_SHARE)
 
 
-def _best_of_triples(matches: _Matches) -> Float[np.ndarray, " 7"]:
+def _best_of_triples(matches: _LatestMatches) -> Float[np.ndarray, " 7"]:
     """The motion of three points that all others fit best."""
     generator = np.random.default_rng(SEED)
     chosen = generator.random((TRIPLES, len(matches.seen))).argpartition(2, axis=1)[:, :3]

@@ -18,7 +18,7 @@ from spinfilters.estimators.smoothing.factors.marginalization_prior import (
     column_errors,
     gauge_columns,
 )
-from spinfilters.estimators.smoothing.factors.motion_factors import Motion, prior_rows
+from spinfilters.estimators.smoothing.factors.motion_factors import EpochFactors, prior_rows
 from spinfilters.estimators.smoothing.factors.variable_ordering import VariableOrdering
 from spinfilters.estimators.smoothing.linear.landmark_elimination import POSE, eliminate
 from spinfilters.estimators.smoothing.problem.least_squares import LinearProblem, NormalEquations, Problem
@@ -105,8 +105,9 @@ def _of_landmarks(
 def landmark_rows(
     normal: NormalEquations, linear: LinearObservations, landmarks: Bool[np.ndarray, " L"], epochs: int
 ) -> Float[np.ndarray, "r w"]:
-    """Information of landmarks' observations on the poses, landmarks unknown. As a square root with the right-hand side.
+    """Information of landmarks' observations on the poses, landmarks unknown.
 
+    As a square root with the right-hand side.
     The root is that of the information which elimination leaves to the poses, scaled and with pivots, for it lacks the rank that
     the gauge and unseen poses would need. Its last row holds what no pose can explain.
     """
@@ -182,7 +183,9 @@ def _at_first_estimates(
     here: Float[np.ndarray, "k m"],
     more: int = 0,
 ) -> Float[np.ndarray, "r w"]:
-    """Rows of the current points, moved to the first estimates. They stay blind to the same gauge moves of frame g there.
+    """Rows of the current points, moved to the first estimates.
+
+    They stay blind to the same gauge moves of frame g there.
 
     Parameters
     ----------
@@ -198,7 +201,9 @@ def _at_first_estimates(
     return result
 
 
-def _alone(motion: Motion, k: int, trajectory: Float[np.ndarray, "k m"]) -> list[Float[np.ndarray, "r w"]]:
+def _alone(
+    motion: EpochFactors, k: int, trajectory: Float[np.ndarray, "k m"]
+) -> list[Float[np.ndarray, "r w"]]:
     """Rows of epoch k's sensors, and of the prior for the first."""
     parts: list[np.ndarray] = []
     if motion.prior is not None and k == 0:
@@ -222,8 +227,9 @@ def _alone(motion: Motion, k: int, trajectory: Float[np.ndarray, "k m"]) -> list
 def _triangular(
     old: MarginalizationPrior | None, new: Float[np.ndarray, "r w"], ordering: VariableOrdering, removed: int
 ) -> Float[np.ndarray, "w w"]:
-    """Upper triangle of old and new rows together. Columns in the order of elimination, right-hand side last.
+    """Upper triangle of old and new rows together.
 
+    Columns in the order of elimination, right-hand side last.
     The old root is a triangle in that order already: only the new rows are turned into it.
     """
     order, width = elimination_order(ordering, removed), new.shape[1]

@@ -43,7 +43,10 @@ class RetrySchedule:
 
 
 def fits(here: LinearizationPoint, normal: NormalEquations) -> bool:
-    """Whether a point fits as well as the noise allows. By its own cost, not the one that its linear problem predicts."""
+    """Whether a point fits as well as the noise allows.
+
+    By its own cost, not the one that its linear problem predicts.
+    """
     if not normal.solved:
         return False
     if normal.eliminated is None or here.linear is None:

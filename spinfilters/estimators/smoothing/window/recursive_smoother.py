@@ -70,7 +70,9 @@ class RecursiveSmoother(Estimator):
         self._time, self._belief = 0.0, belief
 
     def begin(self, prior: StatePrior, epochs: Timeline, first: InitialGuess) -> list[UpdateResult]:
-        """Begin with the epochs of an initialisation. From the states and landmarks that it found for them.
+        """Begin with the smoothed epochs of an initialisation.
+
+        From the states and landmarks that it found for them.
 
         Parameters
         ----------

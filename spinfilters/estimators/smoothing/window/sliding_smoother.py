@@ -79,7 +79,7 @@ class SlidingSmoother:
         """Of the linear problem; some have left the window since."""
 
     def resume(self, window: Window, state: SmootherState) -> None:
-        """Continue from the window of a snapshot. It is linearised where it is when that is asked for."""
+        """Continue from the window of a snapshot, linearised again if asked for."""
         self.window, self.state, self._linear = window, state, None
         self._landmarks = window.ids, window.points
 
@@ -118,7 +118,7 @@ class SlidingSmoother:
         return self.extend(epoch.measurements)
 
     def add_all(self, epochs: Sequence[Epoch]) -> UpdateResult:
-        """Take in epochs that have gathered and solve once; what is said is of the last of them."""
+        """Take in gathered epochs, solve once, and return the last one's result."""
         for epoch in epochs[:-1]:
             self.window = self.window.opened(
                 epoch.time, predicted_state(self.process, self._prior, self.window, epoch.time)
@@ -146,9 +146,9 @@ class SlidingSmoother:
         return latest_belief(self.process.layout, self.window, self._linearised().normal)
 
     def joint_belief(self, options: LandmarkOptions) -> Gaussian | LandmarkBelief:
-        """Of the latest epoch and all landmarks of its linear problem that are well constrained, as a filter holds them."""
+        """Joint belief of the latest epoch and all well-constrained landmarks."""
         belief = joint_latest_belief(
-            self._linearised().normal, self.window.trajectory[-1], self._landmarks, options
+            self._linearised().normal, self.window.trajectory[-1], *self._landmarks, options
         )
         return self.belief if belief is None else belief
 
@@ -167,7 +167,7 @@ class SlidingSmoother:
         return window_marginals(self.process.layout, self.window, self._linearised().normal, epochs)
 
     def settle(self) -> None:
-        """Iterate on the window until it converges. One step per epoch leaves a little to be gained."""
+        """Iterate on the window until it converges."""
         problem = self.problem()
         here = problem.at(self.window.trajectory, self.window.points)
         solved = solve(problem, here, SolverOptions(), ConstantSchedule(self.options.observation_loss))
@@ -175,7 +175,7 @@ class SlidingSmoother:
         self._remember(problem)
 
     def counts(self) -> Int[np.ndarray, "k 2"] | None:
-        """Numbers of accepted and rejected values per epoch. None where a part of them has been marginalized."""
+        """Accepted and rejected values per epoch, None where some are marginalized."""
         if self.window.marginal_prior is not None:
             return None
         found = []
@@ -233,7 +233,7 @@ class SlidingSmoother:
         return self._linear
 
     def _found_back(self, problem: Problem, here: LinearizationPoint, loss: RobustLoss) -> LinearizationPoint:
-        """Latest epoch moved to where its observations agree. Only if its guess is so poor that the loss would reject them."""
+        """Latest epoch moved to its observations, if its guess is poor."""
         self.state.poor_guess = False
         if not is_poor_guess(problem, here, loss):
             return here

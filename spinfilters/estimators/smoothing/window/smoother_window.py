@@ -116,7 +116,7 @@ class Window:
         if not len(m.ids):
             return self
         assert isinstance(m.model, LandmarkSensor)
-        return _with_observations(self, m.model, (m.ids, m.values, m.parameters))
+        return _with_observations(self, m.model, m.ids, m)
 
     def placed(self, ids: Int[np.ndarray, " k"], points: Float[np.ndarray, "k 3"]) -> "Window":
         """With those of its landmarks that have these ids at these points (m, frame g)."""
@@ -125,7 +125,10 @@ class Window:
         return replace(self, points=moved)
 
     def latest_at(self, pose: Float[np.ndarray, " 7"]) -> "Window":
-        """With the latest epoch at a pose (t m, q_ig). Landmarks that no other epoch observed move with it."""
+        """The window with the latest epoch at a pose (t m, q_ig).
+
+        Landmarks that no other epoch observed move with it.
+        """
         seen, latest = self.seen, len(self.epochs) - 1
         trajectory, points = self.trajectory.copy(), self.points.copy()
         trajectory[-1, :7] = pose
@@ -153,13 +156,13 @@ class Window:
 
 
 def _with_observations(
-    window: Window, model: LandmarkSensor, measured: tuple[np.ndarray, np.ndarray, np.ndarray]
+    window: Window, model: LandmarkSensor, ids: Int[np.ndarray, " k"], measured: Measurement
 ) -> Window:
     """With one sensor's observations in the latest epoch.
 
     Those that tell no landmark and are not of a known one are left out.
     """
-    ids, values, parameters = measured
+    values, parameters = measured.values, measured.parameters
     if not any(known is model for known in window.models):
         window = replace(window, models=(*window.models, model))
     landmark = _numbers(window.ids, ids)

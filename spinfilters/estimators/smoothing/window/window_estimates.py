@@ -1,4 +1,7 @@
-"""Estimates of a window with their covariances, from its normal equations; and of an epoch to come."""
+"""Estimates of a window and of a coming epoch, with covariances.
+
+From the window's normal equations.
+"""
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -28,7 +31,8 @@ def latest_belief(layout: StateLayout, window: Window, normal: NormalEquations) 
 def joint_latest_belief(
     normal: NormalEquations,
     mean: Float[np.ndarray, " m"],
-    landmarks: tuple[Int[np.ndarray, " L"], Float[np.ndarray, "L 3"]],
+    ids: Int[np.ndarray, " L"],
+    points: Float[np.ndarray, "L 3"],
     options: LandmarkOptions,
 ) -> LandmarkBelief | None:
     """Belief of the latest epoch and of all well-constrained landmarks; None without any."""
@@ -37,8 +41,8 @@ def joint_latest_belief(
     constrained = normal.eliminated.is_constrained
     if not constrained.any():
         return None
-    ids, points = (array[constrained] for array in landmarks)
-    return joint_belief(Marginals(normal.solution, normal.eliminated), mean, (ids, points), options)
+    marginals = Marginals(normal.solution, normal.eliminated)
+    return joint_belief(marginals, mean, ids[constrained], points[constrained], options)
 
 
 def window_marginals(
@@ -63,7 +67,10 @@ def predicted_state(
     time: float,
     pose: Float[np.ndarray, " 7"] | None = None,
 ) -> Float[np.ndarray, " m"]:
-    """State of a new epoch: predicted from the latest, or the prior's mean; at a pose (t m, q_ig) where one is given."""
+    """Initial state of a new epoch.
+
+    Predicted from the latest, or the prior's mean; at a pose (t m, q_ig) where one is given.
+    """
     if window.epochs:
         latest = window.epochs[-1].time
         if not time > latest:

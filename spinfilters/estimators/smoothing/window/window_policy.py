@@ -118,7 +118,10 @@ class FixedLag(WindowPolicy):
 
 
 def _batch_size(policy: WindowPolicy, kept: int, epochs: int, mass_std: float) -> int:
-    """Number of epochs to remove at once, 0 until there are enough. More are kept while the inertia is not determined."""
+    """Number of epochs to remove at once, 0 until enough.
+
+    More are kept while the inertia is not determined.
+    """
     over = epochs - (kept if mass_std <= policy.determined else max(kept, LONGEST_STARTUP))
     return min(over, LARGEST_BATCH) if over >= smallest_batch(kept) else 0
 
