@@ -79,7 +79,11 @@ def recognised(
     if library is None:
         return _recognised_in_numpy(visible, drawn, probability)
     given = [np.ascontiguousarray(each) for each in (visible, drawn, probability)]
-    appearances, marks, found = np.zeros(count, np.int64), np.zeros((2, count + 8), bool), np.empty_like(given[0])
+    appearances, marks, found = (
+        np.zeros(count, np.int64),
+        np.zeros((2, count + 8), bool),
+        np.empty_like(given[0]),
+    )
     library.recognised(*visible.shape, *map(address, (*given, appearances, *marks, found)))
     return found
 
