@@ -40,6 +40,10 @@ SETTLED: Final[float] = 0.05
 """Share of its standard deviation that a component still moves by when the iteration ends."""
 LONGEST_STEP: Final[float] = 3.0
 """Of ln variance, in one iteration."""
+NEAR: Final[float] = 0.7
+"""Of the logarithms of (r + slope) / S, below which all levels take their step together."""
+LONGEST_NEAR: Final[float] = 1.0
+"""Of ln variance, in one such iteration."""
 GAINS: Final[tuple[float, float]] = (0.1, 4.0)
 PRIOR_SLOPE: Final[float] = 2 * PRIOR_INFORMATION
 """Of twice the log prior by ln variance: flat in the standard deviation."""
@@ -144,11 +148,16 @@ def _components(
 
 
 def _step(working: WorkingSolutions, residuals: Residuals) -> tuple[Float[np.ndarray, " c"], bool]:
-    """Of ln variances, and whether it is negligible."""
+    """Of ln variances, and whether it is negligible; near the optimum all at once, for one level takes what another leaves."""
+    ratio = (residuals.squares + PRIOR_SLOPE) / np.maximum(residuals.redundancy, SMALLEST_REDUNDANCY)
+    logarithms = np.log(np.maximum(ratio, TINY))
+    if np.all(np.abs(logarithms) < NEAR):
+        covariance = _covariance(working.information)
+        by = np.clip(covariance @ (residuals.squares / 2 * logarithms), -LONGEST_NEAR, LONGEST_NEAR)
+        return by, bool(np.all(np.abs(by) <= SETTLED * np.sqrt(np.diag(covariance)) + NEGLIGIBLE))
     information = np.maximum(working.variances_information, TINY)
     gain = np.clip(residuals.squares / (2 * information), *GAINS)
-    ratio = (residuals.squares + PRIOR_SLOPE) / np.maximum(residuals.redundancy, SMALLEST_REDUNDANCY)
-    by = np.clip(gain * np.log(np.maximum(ratio, TINY)), -LONGEST_STEP, LONGEST_STEP)
+    by = np.clip(gain * logarithms, -LONGEST_STEP, LONGEST_STEP)
     return by, bool(np.all(np.abs(by) <= SETTLED / np.sqrt(information) + NEGLIGIBLE))
 
 
