@@ -4,7 +4,8 @@
 
 Simulates every case of `experiments.honest_cases`, estimates with MEKF, UKF and smoother, and prints of every case the verdicts,
 the largest error of the latest epoch in standard deviations among the estimates called ``ok`` and the quantity it is of, and the
-mean NEES per degree of freedom of mass distribution and rate; draws the errors. With ``--silent`` no noise is stated. An ``ok`` with an error beyond 4 is a defect.
+mean NEES per degree of freedom of mass distribution and rate; draws the errors. With ``--silent`` no noise is stated. An ``ok``
+with an error beyond 4 is a defect.
 """
 
 import argparse
