@@ -66,7 +66,7 @@ def rows_of(table: pd.DataFrame) -> Iterator[str]:
     for levels, both in table.groupby(list(CELL), sort=False):
         assert isinstance(levels, tuple)
         silent, stated = (both[both["noise"] == kind].set_index("seed") for kind in ("silent", "stated"))
-        seeds = determined(table[table["motion"] == levels[0]])
+        seeds = determined(table.loc[table["motion"] == levels[0]])
         yield f"| {' | '.join((', '.join(map(str, levels)), *_numbers(silent, stated, seeds)))} |"
 
 
