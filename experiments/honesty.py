@@ -39,7 +39,7 @@ TICKS: Final = (0.5, 1, 2, 4, 8, 16, 32)
 
 
 @dataclass(frozen=True)
-class HonestyOutcome:
+class Outcome:
     """Of one run.
 
     Attributes
@@ -57,7 +57,7 @@ class HonestyOutcome:
     stated: bool
 
     @classmethod
-    def of(cls, row: Mapping[str, Any]) -> "HonestyOutcome":
+    def of(cls, row: Mapping[str, Any]) -> "Outcome":
         """A row of a campaign."""
         error = row["worst_error"]
         return cls(
@@ -86,8 +86,8 @@ class SensorStudy:
     """Runs of one sensor: with wrong models, and with right ones."""
 
     sensor: str
-    faulty: Sequence[HonestyOutcome]
-    clean: Sequence[HonestyOutcome]
+    faulty: Sequence[Outcome]
+    clean: Sequence[Outcome]
 
     @property
     def faults(self) -> list[str]:
@@ -124,7 +124,7 @@ def main() -> None:
     print(f"map: {options.output / 'honesty.png'}")
 
 
-def _runs(name: str, seeds: int, options: argparse.Namespace) -> list[HonestyOutcome]:
+def _runs(name: str, seeds: int, options: argparse.Namespace) -> list[Outcome]:
     """Of a campaign with so many seeds; those that its folder has are not made again."""
     document = dict(read_study(STUDIES / f"{name}.toml").document)
     document["study"] = {**document["study"], "seeds": seeds}
@@ -132,7 +132,7 @@ def _runs(name: str, seeds: int, options: argparse.Namespace) -> list[HonestyOut
     if not options.report:
         campaign_rows(document, folder, workers=options.workers, resume=folder.exists())
     rows = read_rows(folder, study_from(document, name).columns).to_pylist()
-    return [HonestyOutcome.of(row) for row in rows if row["seed"] < seeds]
+    return [Outcome.of(row) for row in rows if row["seed"] < seeds]
 
 
 def lines_of(study: SensorStudy) -> Iterator[str]:
@@ -153,7 +153,7 @@ def lines_of(study: SensorStudy) -> Iterator[str]:
     yield _line(f"all of {study.sensor}", study.faulty)
 
 
-def _line(name: str, runs: Sequence[HonestyOutcome]) -> str:
+def _line(name: str, runs: Sequence[Outcome]) -> str:
     wrong = [each for each in runs if each.has_effect]
     first, two = (sum(each.fault in each.named[:count] for each in wrong) for count in (1, 2))
     return (

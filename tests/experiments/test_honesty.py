@@ -1,16 +1,14 @@
 """The study of wrong models: its lines and its map, from rows of a campaign."""
 
-from experiments.honesty import STUDIES, HonestyOutcome, SensorStudy, figure, lines_of
+from experiments.honesty import STUDIES, Outcome, SensorStudy, figure, lines_of
 from spinfilters.campaigns.study import read_study
 from spinfilters.simulation.model_faults.faulty_recording import model_faults
 
 
-def outcome(fault: str, size: float, verdict: str, error: float, *named: str) -> HonestyOutcome:
+def outcome(fault: str, size: float, verdict: str, error: float, *named: str) -> Outcome:
     """Of one run."""
     row = {"fault.model": fault, "fault.model_size": str(size), "noise.stated": "true", "outcome": "done"}
-    return HonestyOutcome.of(
-        row | {"verdict": verdict, "worst_error": error, "model_errors": " ".join(named)}
-    )
+    return Outcome.of(row | {"verdict": verdict, "worst_error": error, "model_errors": " ".join(named)})
 
 
 def study() -> SensorStudy:
