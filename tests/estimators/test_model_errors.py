@@ -17,6 +17,7 @@ from spinfilters.estimators.smoothing.solver.iterations import SolverOptions, so
 from spinfilters.estimators.timeline import times_of
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.pipeline import model_errors
+from spinfilters.pipeline.identified_noise import Unstated, noise_model
 from spinfilters.pipeline.setup import Setup, prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
@@ -125,7 +126,8 @@ def shifted(rows: LinearRows, by: Columns) -> LinearRows:
 )
 def test_an_error_that_is_put_in_is_ranked_first_at_its_size(kind: str, name: str) -> None:
     motion, setup = smoothed(kind), prepared(kind)
-    model = model_errors._noise_model(setup, motion.rows.problem)  # pyright: ignore[reportPrivateUsage]
+    model = noise_model(motion.rows.problem, setup.noise, Unstated.of_all(setup.log, setup.process.noise))
+    assert model is not None
     noise = noise_of(model, motion.rows)
     (before,) = (t for t in score_tests(motion, noise, table().values()) if t.error.name == name)
     columns, size = table()[name].columns(motion), 12 * before.std
@@ -141,7 +143,8 @@ def test_an_error_that_is_put_in_is_ranked_first_at_its_size(kind: str, name: st
 
 def test_an_error_drawn_by_epoch_is_found_by_its_variance() -> None:
     motion, setup = smoothed("pose"), prepared("pose")
-    model = model_errors._noise_model(setup, motion.rows.problem)  # pyright: ignore[reportPrivateUsage]
+    model = noise_model(motion.rows.problem, setup.noise, Unstated.of_all(setup.log, setup.process.noise))
+    assert model is not None
     noise, jitter = noise_of(model, motion.rows), table()["clock-jitter"]
     columns = jitter.columns(motion)
     assert columns is not None
@@ -159,7 +162,8 @@ def test_an_error_drawn_by_epoch_is_found_by_its_variance() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_right_model_is_not_doubted(kind: str) -> None:
     motion, setup = smoothed(kind), prepared(kind)
-    model = model_errors._noise_model(setup, motion.rows.problem)  # pyright: ignore[reportPrivateUsage]
+    model = noise_model(motion.rows.problem, setup.noise, Unstated.of_all(setup.log, setup.process.noise))
+    assert model is not None
     found = score_tests(motion, noise_of(model, motion.rows), table().values())
     assert len(found) >= 8
     assert min(each.p_value for each in found) > 1e-4
