@@ -29,14 +29,17 @@ class NoiseComponents:
     ----------
     components: of sensors.   factors: (k - 1, d, i) of each disturbance, L^-1 G of its share G G' of a step's covariance L L'.
     redundancy: S of each, expected squared residuals, sensors first.   known: whether a level is stated, not identified.
-    samples: of each, how many errors count as one: more than 1 where white noise stands for a correlated error that weighs as much.
+    correlated: whether a level stands for an error that is correlated, as white noise that weighs as much.
+    telling: degrees of freedom of the residuals that tell each level: its redundancy; of a correlated error what the states, which
+        are as slow, leave of its independent samples.
     """
 
     components: tuple[ComponentRows, ...]
     factors: tuple[Float[np.ndarray, "k d i"], ...]
     redundancy: Float[np.ndarray, " c"]
     known: Bool[np.ndarray, " c"]
-    samples: Float[np.ndarray, " c"]
+    correlated: Bool[np.ndarray, " c"]
+    telling: Float[np.ndarray, " c"]
 
     def squares(self, rest: Columns) -> Float[np.ndarray, " c"]:
         """Squared residuals of each component, of one column."""
@@ -55,7 +58,7 @@ class NoiseComponents:
     @property
     def dof(self) -> Float[np.ndarray, " c"]:
         """Degrees of freedom that tell each level, that of its prior among them; infinite of known ones."""
-        return np.where(self.known, np.inf, np.maximum(self.redundancy, 0.0) / self.samples + 1)
+        return np.where(self.known, np.inf, self.telling + 1)
 
     @property
     def sensor_dof(self) -> float:
@@ -70,7 +73,7 @@ class NoiseComponents:
         r, left, dof = self.squares(before), self.squares(after), self.dof
         finite = np.where(self.known, 1.0, dof)
         shares = np.maximum((r - left) / finite, LEAST_SHARE)
-        falls = np.where(self.samples > 1, np.log1p(shares), np.log((r + 1) / (left + 1)))
+        falls = np.where(self.correlated, np.log1p(shares), np.log((r + 1) / (left + 1)))
         each = np.where(self.known, r - left, finite * falls)
         falls = np.maximum(each, 0.0)
         per_dof = float((falls / dof).sum())
