@@ -9,8 +9,8 @@ stated deviations): how many of them are ``ok``, in how many it is named first a
 recordings are doubted. A run that is ``ok`` with an error beyond 4 deviations is a defect.
 
 Of some of these nothing could tell, and they are counted apart: made once more with the true noise stated, the score test of the
-very error that is in the data is within chance at the level of a verdict that asks for all errors (or the error is a wrong unit,
-which leaves no residual at all). The answers are kept in ``NAME-told.json`` of the folder.
+very error that is in the data is within chance at the level of a verdict that asks for all errors. Units of lengths and of a clock
+leave no residual, for free motion has no scale of its own. The answers are kept in ``NAME-told.json`` of the folder.
 """
 
 import argparse
@@ -39,6 +39,8 @@ from spinfilters.plots.style import save_figure
 STUDIES: Final = Path(__file__).parent / "studies"
 EFFECT: Final = 5.0
 """Stated deviations of an error from which a wrong model ought to be found."""
+WITHOUT_RESIDUAL: Final = ("clock-unit", "length-unit")
+"""Wrong models of which no residual can tell."""
 NORM: Final = LogNorm(0.5, 32.0)
 """Stated deviations by colour; 4 is in the middle."""
 COLOURS: Final = ScalarMappable(NORM, "RdYlGn_r")
@@ -177,9 +179,11 @@ def _with_told(document: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], p
 
 
 def is_told(runner: Runner, index: int, fault: str) -> bool:
-    """Whether the test of the very error is beyond chance, in a run that states the true noise; not of a wrong unit."""
-    if fault not in table():
+    """Whether the test of the very error is beyond chance, in a run that states the true noise; True where there is none."""
+    if fault in WITHOUT_RESIDUAL:
         return False
+    if fault not in table():
+        return True
     try:
         models = runner.compared(runner.study.run(index), with_bound=False).models
     except SpinfiltersError:

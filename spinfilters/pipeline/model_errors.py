@@ -192,8 +192,8 @@ def _tested(
 
 
 def _correlation(setup: "Setup") -> dict[str, float]:
-    """Samples that count as one, of the level of a gyro whose error is correlated."""
-    if setup.gyro_noise is None:
+    """Samples that count as one, of the level of a gyro whose error is correlated, and no error of the motion's model."""
+    if setup.gyro_noise is None or not setup.gyro_noise.is_of_flight:
         return {}
     return {
         option.name: setup.gyro_noise.correlation_time

@@ -65,4 +65,4 @@ def test_a_test_that_knows_what_it_looks_for_tells_a_plain_error_and_neither_a_t
     }
     runner = Runner(study_from(document, "told"))
     assert [is_told(runner, index, "gyro-bias") for index in (0, 1)] == [False, True]
-    assert not is_told(runner, 0, "gyro-unit")
+    assert not is_told(runner, 0, "length-unit")
