@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
-LARGEST_JUMP: Final = 5.0
+LARGEST_JUMP: Final = 10.0
 """Of the mean rate between two samples to the next, in root mean squares of those amid the flight."""
 TINY: Final = 1e-9
 """rad/s: what arithmetic leaves of a uniform rotation."""
