@@ -9,7 +9,12 @@ import pytest
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.estimators.model_errors.alternative import table
-from spinfilters.estimators.model_errors.hypotheses import minus_twice_log_likelihood, noise_of, solved_near
+from spinfilters.estimators.model_errors.hypotheses import (
+    KnownLevels,
+    minus_twice_log_likelihood,
+    noise_of,
+    solved_near,
+)
 from spinfilters.estimators.model_errors.linear_rows import Columns, LinearRows
 from spinfilters.estimators.model_errors.score_tests import score_tests
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
@@ -167,6 +172,27 @@ def test_a_right_model_is_not_doubted(kind: str) -> None:
     found = score_tests(motion, noise_of(model, motion.rows), table().values())
     assert len(found) >= 8
     assert min(each.p_value for each in found) > 1e-4
+
+
+def test_a_correlated_error_tells_its_level_by_the_independent_samples_that_states_leave() -> None:
+    motion, setup = smoothed("gyro"), prepared("gyro")
+    model = noise_model(motion.rows.problem, setup.noise, Unstated.of_all(setup.log, setup.process.noise))
+    assert model is not None
+    white = noise_of(model, motion.rows)
+    slow = noise_of(model, motion.rows, KnownLevels(correlation={"gyro_noise_std": 3.0}))
+    values = 3 * len(motion.time)
+    by_states = values - white.redundancy[0]
+    assert white.dof[0] == pytest.approx(white.redundancy[0] + 1)
+    assert slow.dof[0] == pytest.approx(values / 3 - by_states + 1)
+    shift = table()["gyro-bias"].columns(motion)
+    assert shift is not None
+    wrong = replace(motion, rows=shifted(motion.rows, shift.times(0.02 * np.eye(3))))
+    by_white, by_slow = (
+        next(t for t in score_tests(wrong, noise, table().values()) if t.error.name == "gyro-bias")
+        for noise in (white, slow)
+    )
+    assert by_slow.statistic == by_white.statistic
+    assert by_slow.p_value > 10 * by_white.p_value
 
 
 def test_the_likelihood_is_greatest_near_the_true_noise() -> None:

@@ -21,7 +21,7 @@ from spinfilters.pipeline.setup import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
 from spinfilters.simulation.motion import Motion, simulate_motion
-from spinfilters.simulation.scenario import RICH_RPM, Scenario, first_state, measured, simulate, without_noise
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, first_state, measured, without_noise
 from spinfilters.state.block import StateBlock
 from spinfilters.state.blocks.acceleration import ACCELERATION
 from spinfilters.state.blocks.torque import TORQUE
@@ -189,28 +189,6 @@ def test_a_contact_that_makes_the_noise_of_a_gyro_look_large_is_named() -> None:
     assert noise is not None
     assert not noise.is_of_flight
     assert comparison.models.names[0] == "contact-at-end"
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_correlated_noise_of_a_gyro_is_no_error_of_the_models(seed: int) -> None:
-    scenario = Scenario(
-        kind="gyro",
-        principal_moments=(1.0, 0.93, 0.3),
-        rate_rpm=(100.0, 60.0, 30.0),
-        epochs=90,
-        interval=0.01,
-    )
-    dataset = without_noise(
-        simulate(replace(scenario, gyro_std=1e-4, noise=ProcessNoise(1e-8, 1e-4), seed=seed))
-    )
-    (stream,) = dataset.log.streams
-    generator, slow = np.random.default_rng(seed), np.zeros((90, 3))
-    for k in range(1, 90):
-        slow[k] = 0.85 * slow[k - 1] + 0.02 * generator.standard_normal(3)
-    noisy = replace(dataset, log=MeasurementLog((replace(stream, values=stream.values + slow),)))
-    comparison = compared(noisy, replace(SMOOTHER, estimators=("mekf",)))
-    assert comparison.setup.gyro_noise is not None
-    assert comparison.models.names == ()
 
 
 def test_a_wrong_unit_is_named_first() -> None:
