@@ -64,7 +64,8 @@ def racquet(data: Path, output: Path, which: str) -> None:
         middle = np.median(ratios, axis=0)
         print(
             f"racquet, {MEANT[which]}, {name}: {len(ratios)} of {len(throws)} throws ok, median J1/J3 {middle[0]:.4f}, "
-            f"J2/J3 {middle[1]:.4f}, rms departure from the median in own standard deviations {np.sqrt(np.mean(((ratios - middle) / std) ** 2)):.2f}"
+            f"J2/J3 {middle[1]:.4f}, rms departure from the median in own standard deviations "
+            f"{np.sqrt(np.mean(((ratios - middle) / std) ** 2)):.2f}"
         )
         save_figure(throws_figure([throw for throw, _ in throws]), output / f"throws-{which}-{name}.png")
 
