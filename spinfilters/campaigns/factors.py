@@ -122,6 +122,7 @@ class NoiseFactor:
     Attributes
     ----------
     stated: whether estimators are told it, unless ``settings`` say otherwise; if not, they identify it.
+    calibrated: whether they are told that the calibration has no error; if not, they consider the errors that are usual.
     """
 
     pixel_std: Annotated[float, STD] = 1.0
@@ -136,6 +137,7 @@ class NoiseFactor:
     force_psd: Annotated[float, PSD] = THESIS_NOISE.force_psd
     torque_psd: Annotated[float, PSD] = THESIS_NOISE.torque_psd
     stated: Annotated[bool, TruthValue()] = True
+    calibrated: Annotated[bool, TruthValue()] = True
 
     @property
     def levels(self) -> dict[str, float]:

@@ -6,8 +6,14 @@ from typing import Final
 
 import numpy as np
 
+from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.data.sensor_format import sensor_format
-from spinfilters.estimators.identification.components import FORCE_PSD, ComponentRows, VarianceComponent
+from spinfilters.estimators.identification.components import (
+    DISTURBANCES,
+    FORCE_PSD,
+    ComponentRows,
+    VarianceComponent,
+)
 from spinfilters.estimators.identification.identify import Identified, identify
 from spinfilters.estimators.identification.noise_model import NoiseModel
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
@@ -15,7 +21,7 @@ from spinfilters.estimators.smoothing.factors.landmark_observations import OBSER
 from spinfilters.estimators.smoothing.problem.least_squares import Problem, problem_of
 from spinfilters.estimators.timeline import SensorNoise, Timeline
 from spinfilters.models.measurement import MeasurementModel
-from spinfilters.models.process import TorqueFreeProcess
+from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 
 ROUNDS: Final[int] = 3
 """Initialisations at most: each linearises about what the noise of the one before made of the epochs."""
@@ -51,6 +57,22 @@ class Unstated:
 
     def __bool__(self) -> bool:
         return bool(self.options or self.densities)
+
+    @classmethod
+    def of_all(cls, log: MeasurementLog, noise: ProcessNoise) -> "Unstated":
+        """All levels that a recording has, as if nobody stated them."""
+        options: dict[str, dict[str, tuple[int, ...]]] = {}
+        for stream in log.streams:
+            for option in sensor_format(stream.sensor).noise:
+                if option.components is not None:
+                    options.setdefault(option.name, {})[stream.sensor] = option.components
+        return cls(options, tuple(name for name in DISTURBANCES if getattr(noise, name) > 0))
+
+
+def levels_of_rows(log: MeasurementLog) -> frozenset[str]:
+    """Names of the levels that every row of a sensor states for itself."""
+    own = (stream.sensor for stream in log.streams if stream.covariance is not None)
+    return frozenset(option.name for sensor in own for option in sensor_format(sensor).noise)
 
 
 def with_identified_noise(

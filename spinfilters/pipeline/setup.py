@@ -54,6 +54,7 @@ class Setup:
 
     Attributes
     ----------
+    log: of the data set, without covariances of rows in whose place the settings state a number.
     timeline: all epochs.   initial: of which the first have been smoothed.
     belief: what every filter begins from at the end of the initialisation, with landmarks where the map is not known.
     map_points: (k, 3) m in g: the known map or that of the start, or None.
@@ -65,6 +66,7 @@ class Setup:
     """
 
     dataset: Dataset
+    log: MeasurementLog
     process: TorqueFreeProcess
     timeline: Timeline
     noise: SensorNoise
@@ -171,7 +173,8 @@ def _setup(dataset: Dataset, settings: Settings, initial: Given | None) -> Setup
         points = start.points
     belief = start.joint_belief(settings.landmarks)
     return Setup(
-        *(dataset, made.process, made.timeline, made.noise, start, belief, points, gyro_noise, components),
+        *(dataset, log, made.process, made.timeline, made.noise),
+        *(start, belief, points, gyro_noise, components),
         unstated_names(dataset, settings),
         NOTHING_SOUGHT if initial is not None else silent,
         initial is not None,

@@ -11,7 +11,6 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.data.sensor_format import sensor_format
 from spinfilters.errors import NUMERICAL_ERRORS
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.identification.components import DISTURBANCES, VarianceComponent
@@ -22,9 +21,9 @@ from spinfilters.estimators.smoothing.factors.landmark_observations import OBSER
 from spinfilters.estimators.smoothing.factors.motion_factors import STRETCH
 from spinfilters.estimators.smoothing.problem.least_squares import problem_of, with_common_constants
 from spinfilters.estimators.smoothing.solver.batch_smoother import NO_LANDMARKS, NO_POINTS
-from spinfilters.pipeline.identified_noise import Unstated, noise_model
+from spinfilters.pipeline.identified_noise import Unstated, levels_of_rows, noise_model
+from spinfilters.pipeline.noise_diagnostics import untested
 from spinfilters.pipeline.setup import Setup
-from spinfilters.pipeline.stated_noise import log_with_noise
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.status import Verdict
 
@@ -52,8 +51,8 @@ def stated_level_diagnostics(
         with np.errstate(all="ignore"):
             levels = _Levels.of(setup, settings, histories)
             return [] if levels is None else levels.doubts
-    except NUMERICAL_ERRORS:
-        return []
+    except NUMERICAL_ERRORS as error:
+        return [untested(error)]
 
 
 @dataclass(frozen=True)
@@ -90,10 +89,10 @@ class _Levels:
             return None
         epochs = setup.timeline[: len(trajectory)]
         problem = problem_of(setup.process, epochs, ids, start.prior, needed, settings.smoother.robust_loss)
-        model = noise_model(problem, setup.noise, _every_level(setup))
+        model = noise_model(problem, setup.noise, Unstated.of_all(setup.log, setup.process.noise))
         if model is None:
             return None
-        return cls(setup, _levels_of_rows(setup, settings), _at(model, used or ()), trajectory, points)
+        return cls(setup, levels_of_rows(setup.log), _at(model, used or ()), trajectory, points)
 
     @cached_property
     def doubts(self) -> list[str]:
@@ -131,23 +130,6 @@ class _Levels:
         cure = "state another, or leave it out to have it identified"
         table, cure = ("process", f"{cure}, or the model is wrong") if is_density else ("sensors", cure)
         return f"{table}.{level.name} is {stated:.3g}, the data have {told} ({score:.0f} deviations of chance): {cure}"
-
-
-def _levels_of_rows(setup: Setup, settings: Settings) -> frozenset[str]:
-    streams = log_with_noise(setup.dataset.log, settings).streams
-    rows = [stream for stream in streams if stream.covariance is not None]
-    return frozenset(option.name for stream in rows for option in sensor_format(stream.sensor).noise)
-
-
-def _every_level(setup: Setup) -> Unstated:
-    """All levels as if nobody stated them."""
-    options: dict[str, dict[str, tuple[int, ...]]] = {}
-    for stream in setup.dataset.log.streams:
-        for option in sensor_format(stream.sensor).noise:
-            if option.components is not None:
-                options.setdefault(option.name, {})[stream.sensor] = option.components
-    noise = setup.process.noise
-    return Unstated(options, tuple(name for name in DISTURBANCES if getattr(noise, name) > 0))
 
 
 def _at(model: NoiseModel, levels: Sequence[VarianceComponent]) -> NoiseModel:
