@@ -148,7 +148,7 @@ def _tested(
     if solved is None:
         return TestedModels(trouble="the smoothed motion cannot be linearised")
     model, every, stated_names = _noise_model(setup, problem), tuple(errors), _stated(setup)
-    noise = noise_of(model, solved, stated_names)
+    noise = noise_of(model, solved, stated_names, setup.inflation)
     contradicted = is_contradicted(noise, solved)
     identified = with_identified(model, solved) if not rejected and is_doubtful(noise, solved) else None
     if identified is None:

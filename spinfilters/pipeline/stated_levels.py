@@ -1,6 +1,6 @@
 """Stated noise levels beside the data: which of them these contradict, with the level that they have."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -21,7 +21,6 @@ from spinfilters.estimators.smoothing.problem.least_squares import problem_of, w
 from spinfilters.estimators.smoothing.solver.batch_smoother import NO_LANDMARKS, NO_POINTS
 from spinfilters.pipeline.identified_noise import Unstated, noise_model
 from spinfilters.pipeline.setup import Setup
-from spinfilters.pipeline.stated_noise import log_with_noise
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.status import Verdict
 
@@ -58,11 +57,11 @@ class _Levels:
 
     Attributes
     ----------
-    by_rows: names of those that every row of a sensor states for itself.
+    by_rows: those that every row of a sensor states for itself; they are held against the data without their inflation.
     """
 
     setup: Setup
-    by_rows: frozenset[str]
+    by_rows: Mapping[str, float]
     model: NoiseModel
     trajectory: Float[np.ndarray, "k m"]
     points: Float[np.ndarray, "L 3"]
@@ -86,13 +85,13 @@ class _Levels:
         model = noise_model(problem, setup.noise, _every_level(setup))
         if model is None:
             return None
-        return cls(setup, _levels_of_rows(setup, settings), _at(model, used or ()), trajectory, points)
+        return cls(setup, setup.inflation, _deflated(_at(model, used or ()), setup.inflation), trajectory, points)
 
     @cached_property
     def doubts(self) -> list[str]:
         """See the module's function."""
         tests = level_tests(self.model, self.trajectory, self.points)
-        unstated = self.setup.unstated - self.by_rows
+        unstated = self.setup.unstated - self.by_rows.keys()
         white = self.setup.gyro_noise is None  # what is correlated is told as white noise that weighs as much
         asked = [test for test in tests if test.name not in unstated or (white and test.score > 0)]
         worst = max(asked, key=lambda test: abs(test.score), default=None)
@@ -114,7 +113,8 @@ class _Levels:
         times = float(np.exp(half * found.log_variance[number]))
         if level.name in self.by_rows:
             std = times * half * level.log_std
-            told = f"{times:.3g} +- {std:.1g} times the deviations that the rows state"
+            less = " without their inflation" if self.by_rows[level.name] > 1 else ""
+            told = f"{times:.3g} +- {std:.1g} times the deviations that the rows state{less}"
             return (
                 f"{level.name}: the data have {told} ({score:.0f} deviations of chance): state others, or leave them out to have "
                 "them identified"
@@ -124,12 +124,6 @@ class _Levels:
         cure = "state another, or leave it out to have it identified"
         table, cure = ("process", f"{cure}, or the model is wrong") if is_density else ("sensors", cure)
         return f"{table}.{level.name} is {stated:.3g}, the data have {told} ({score:.0f} deviations of chance): {cure}"
-
-
-def _levels_of_rows(setup: Setup, settings: Settings) -> frozenset[str]:
-    streams = log_with_noise(setup.dataset.log, settings).streams
-    rows = [stream for stream in streams if stream.covariance is not None]
-    return frozenset(option.name for stream in rows for option in sensor_format(stream.sensor).noise)
 
 
 def _every_level(setup: Setup) -> Unstated:
@@ -154,3 +148,9 @@ def _at(model: NoiseModel, levels: Sequence[VarianceComponent]) -> NoiseModel:
             half = 1.0 if name in DISTURBANCES else 0.5
             by[k] = np.log(own[name].value / before[name]) / half
     return model.at(by)
+
+
+def _deflated(model: NoiseModel, inflation: Mapping[str, float]) -> NoiseModel:
+    """The model at the levels of single rows, without what errors in common add."""
+    names = (*(each.name for each in model.components), *model.densities)
+    return model.at(-np.log([inflation.get(name, 1.0) for name in names]))

@@ -49,6 +49,17 @@ def log_with_noise(log: MeasurementLog, settings: Settings) -> MeasurementLog:
     return MeasurementLog(tuple(streams))
 
 
+def levels_of_rows(dataset: Dataset, settings: Settings) -> dict[str, float]:
+    """Noise options that rows state for themselves, and by how much their variances are inflated."""
+    streams = log_with_noise(dataset.log, settings).streams
+    rows = [stream for stream in streams if stream.covariance is not None]
+    return {
+        option.name: dataset.options.covariance_inflation
+        for stream in rows
+        for option in sensor_format(stream.sensor).noise
+    }
+
+
 def sensor_of_unknown_noise(
     log: MeasurementLog, dataset: Dataset, settings: Settings
 ) -> MeasurementStream | None:

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -75,7 +75,8 @@ def track_images(
             "inflation": tracks.correlation.inflation,
         },
     }
-    return TrackedImages(_dataset(folder, rectification, tracks.stream), losses, document)
+    dataset = _dataset(folder, rectification, tracks.stream, tracks.correlation.inflation)
+    return TrackedImages(dataset, losses, document)
 
 
 def track_images_online(
@@ -148,7 +149,9 @@ def _rectification(folder: Path) -> Rectification:
     return rectification
 
 
-def _dataset(folder: Path, rectification: Rectification, stream: MeasurementStream) -> Dataset:
+def _dataset(
+    folder: Path, rectification: Rectification, stream: MeasurementStream, inflation: float = 1.0
+) -> Dataset:
     path, description, options = folder / DATASET_FILE, "", DatasetOptions()
     if os.path.lexists(path):
         document = read_toml(path)
@@ -162,5 +165,5 @@ def _dataset(folder: Path, rectification: Rectification, stream: MeasurementStre
         description=f"tracks of {description or printable(folder.name)}",
         truth=None if truth is None else rectification.truth(truth),
         rig=rectification.stereo,
-        options=with_told_deviations(options, folder),
+        options=replace(with_told_deviations(options, folder), covariance_inflation=inflation),
     )

@@ -1,7 +1,8 @@
 """Linear problems about one motion under two explanations of a misfit: noise as stated, and noise as the data would have it."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -34,6 +35,7 @@ CHANCE: Final = 1e-6
 IN_A_ROW: Final = 2
 """Epochs without any measurement that counts, beyond which gross errors are none."""
 EVERY_MEASUREMENT: Final = Stage(LeastSquares(), pose_only_loss=LeastSquares())
+NOT_INFLATED: Final[Mapping[str, float]] = MappingProxyType({})
 FEWEST_COUNTED: Final = 0.9
 """Share of measurements that count, below which noise is identified anew."""
 
@@ -80,20 +82,31 @@ def solved_near(
     return LinearRows(problem, found.point, found.normal) if found.normal.solved else None
 
 
-def noise_of(model: NoiseModel, solved: LinearRows, stated: Collection[str] = frozenset()) -> NoiseComponents:
-    """Variance components of a solved problem; those that are not ``stated`` are identified."""
+def noise_of(
+    model: NoiseModel,
+    solved: LinearRows,
+    stated: Collection[str] = frozenset(),
+    inflation: Mapping[str, float] = NOT_INFLATED,
+) -> NoiseComponents:
+    """Variance components of a solved problem; those that are not ``stated`` are identified.
+
+    Parameters
+    ----------
+    inflation: of stated variances for errors that rows have in common, by the level's name; 1 where none is told.
+    """
     problem, here = solved.problem, solved.here
     after = residuals_of(problem, here, solved.normal, model.components, model.densities)
     factors = tuple(source_factors(problem, here, model.densities))
     names = (*(each.name for each in model.components), *model.densities)
     known = np.array([name in stated for name in names])
-    return NoiseComponents(model.components, factors, after.redundancy, known)
+    larger = np.array([inflation.get(name, 1.0) for name in names])
+    return NoiseComponents(model.components, factors, after.redundancy, known, larger)
 
 
 def is_doubtful(noise: NoiseComponents, solved: LinearRows) -> bool:
-    """Whether residuals of some component are not what its noise level says."""
+    """Whether residuals of some component are not what its noise level says; smaller ones are where it is inflated."""
     ratio = noise.squares(solved.residual(solved.right)) / np.maximum(noise.redundancy, 1.0)
-    away = np.abs(np.log(np.maximum(ratio, np.finfo(float).tiny))) > np.log(NOISE_RATIO)
+    away = (ratio > NOISE_RATIO) | (ratio * noise.inflation < 1 / NOISE_RATIO)
     return bool(np.any(away & (noise.redundancy > TELLING))) or rejects(solved)
 
 

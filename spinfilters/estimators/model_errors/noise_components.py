@@ -25,12 +25,14 @@ class NoiseComponents:
     ----------
     components: of sensors.   factors: (k - 1, d, i) of each disturbance, L^-1 G of its share G G' of a step's covariance L L'.
     redundancy: S of each, expected squared residuals, sensors first.   known: whether a level is stated, not identified.
+    inflation: of stated variances for errors that rows have in common, at least 1.
     """
 
     components: tuple[ComponentRows, ...]
     factors: tuple[Float[np.ndarray, "k d i"], ...]
     redundancy: Float[np.ndarray, " c"]
     known: Bool[np.ndarray, " c"]
+    inflation: Float[np.ndarray, " c"]
 
     def squares(self, rest: Columns) -> Float[np.ndarray, " c"]:
         """Squared residuals of each component, of one column."""
