@@ -94,7 +94,9 @@ class DatasetOptions:
     def document(self) -> dict[str, Any]:
         """The options that are given, as keys of dataset.toml."""
         values = {key: getattr(self, key) for key in (*noise_ranges(), "frames")}
-        values["covariance_inflation"] = None if self.covariance_inflation == 1.0 else self.covariance_inflation
+        values["covariance_inflation"] = (
+            None if self.covariance_inflation == 1.0 else self.covariance_inflation
+        )
         given = {key: value for key, value in values.items() if value not in (None, "")}
         tables = {"calibration": dict(self.calibration), "notes": dict(self.notes)}
         return given | {name: table for name, table in tables.items() if table}

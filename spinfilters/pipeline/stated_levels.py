@@ -85,7 +85,9 @@ class _Levels:
         model = noise_model(problem, setup.noise, _every_level(setup))
         if model is None:
             return None
-        return cls(setup, setup.inflation, _deflated(_at(model, used or ()), setup.inflation), trajectory, points)
+        return cls(
+            setup, setup.inflation, _deflated(_at(model, used or ()), setup.inflation), trajectory, points
+        )
 
     @cached_property
     def doubts(self) -> list[str]:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -25,6 +25,9 @@ from spinfilters.vision.loss_count import LossCount
 from spinfilters.vision.raw_rig import read_raw_rig
 from spinfilters.vision.rectification import Rectification
 
+SYSTEMATIC_PX: Final = 0.01
+"""Errors of places and disparities that many observations have in common, as near edges of the body and from interpolation: they
+do not average out, and are told as errors of the calibration, which they are like."""
 Progress = Callable[[str, int, int], None]
 """Called with a stage, how much of it is done, and of how much."""
 
@@ -165,5 +168,20 @@ def _dataset(
         description=f"tracks of {description or printable(folder.name)}",
         truth=None if truth is None else rectification.truth(truth),
         rig=rectification.stereo,
-        options=replace(with_told_deviations(options, folder), covariance_inflation=inflation),
+        options=_with_systematic_errors(
+            replace(with_told_deviations(options, folder), covariance_inflation=inflation), stream
+        ),
     )
+
+
+def _with_systematic_errors(options: DatasetOptions, stream: MeasurementStream) -> DatasetOptions:
+    """The options with deviations of the calibration, where they are told, that hold for these tracks."""
+    u, v, right = stream.values.T
+    size = float(np.hypot(np.std(u), np.std(v)))
+    own = {
+        "center_std": SYSTEMATIC_PX,
+        "focal_std": SYSTEMATIC_PX / max(size, 1.0),
+        "baseline_std": SYSTEMATIC_PX / max(float(np.median(u - right)), 1.0),
+    }
+    told = {name: float(np.hypot(std, own.get(name, 0.0))) for name, std in options.calibration.items()}
+    return replace(options, calibration=told)
