@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from spinfilters.vision.image_folder import CAMERAS, STAGE, PairReader, read_pai
 from spinfilters.vision.loss_count import LossCount
 from spinfilters.vision.raw_rig import read_raw_rig
 from spinfilters.vision.rectification import Rectification
+from spinfilters.vision.stereo_matching import StereoFeatures
 
 SYSTEMATIC_PX: Final = 0.01
 """Errors of places and disparities that many observations have in common, as near edges of the body and from interpolation: they
@@ -57,15 +58,9 @@ def track_images(
     InputError: no images, no calibration, no two pairs whose motion is found. The text names the folder or file.
     """
     options, losses = options or FrontEndOptions(), LossCount()
-    rectification, stamped = _rectification(folder), stamped_pairs(folder, losses)
-    reader = PairReader(rectification.rig.size, losses)
-    finder, points = StereoPoints(rectification, options, losses), []
-    for number, pair in enumerate(read_pairs(stamped, reader), start=1):
-        if pair is not None:
-            points.append((pair.time, finder.of(pair)))
-        progress("features", number, len(stamped))
+    rectification, points, count = stereo_points(folder, options, losses, progress)
     with _naming(folder, losses):
-        _require_pairs(losses, len(stamped))
+        _require_pairs(losses, count)
         tracks = batch_tracks(
             points, rectification.stereo, options, losses, lambda *at: progress("tracks", *at)
         )
@@ -80,6 +75,28 @@ def track_images(
     }
     dataset = _dataset(folder, rectification, tracks.stream, tracks.correlation.inflation)
     return TrackedImages(dataset, losses, document)
+
+
+class FolderPoints(NamedTuple):
+    """Stereo points of the pairs of a folder that can be used, with their times (s), and how many pairs it has."""
+
+    rectification: Rectification
+    points: list[tuple[float, StereoFeatures]]
+    pairs: int
+
+
+def stereo_points(
+    folder: Path, options: FrontEndOptions, losses: LossCount, progress: Progress = lambda *_: None
+) -> FolderPoints:
+    """Stereo points of every pair of a folder, before they are associated. Errors: no images, no calibration."""
+    rectification, stamped = _rectification(folder), stamped_pairs(folder, losses)
+    reader = PairReader(rectification.rig.size, losses)
+    finder, points = StereoPoints(rectification, options, losses), []
+    for number, pair in enumerate(read_pairs(stamped, reader), start=1):
+        if pair is not None:
+            points.append((pair.time, finder.of(pair)))
+        progress("features", number, len(stamped))
+    return FolderPoints(rectification, points, len(stamped))
 
 
 def track_images_online(
