@@ -78,9 +78,9 @@ def aligned_patches(
 _ALONG = np.arange(-HALF - 1, HALF + 2, dtype=float)
 _X, _Y = (grid[None] for grid in np.meshgrid(_ALONG, _ALONG[1:-1]))
 """Places of a patch about its middle, a column wider on both sides than what is compared, for the derivative."""
-_BASIS = np.stack([np.ones_like(_X), _X, _Y], axis=3)[0, :, 1:-1].reshape(-1, 3)
+_BASIS = np.stack([np.ones_like(_X), _X, _Y], axis=3)[0, :, 1:-1].reshape(-1, 3).astype(np.float32)
 _WEIGHT = np.exp(-(_BASIS[:, 1] ** 2 + _BASIS[:, 2] ** 2) / (2 * SPREAD_PX**2))
-_WEIGHT /= _WEIGHT.sum()
+_WEIGHT = (_WEIGHT / _WEIGHT.sum()).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class _View:
         x = pixels[:, 0, None, None] + _X + shift + along * _X + across * _Y
         y = np.broadcast_to(pixels[:, 1, None, None] + _Y, x.shape)
         grey = self.rectification.grey_at(self.camera, self.image, x, y)
-        slope = (grey[:, :, 2:] - grey[:, :, :-2]) / (2 * (1 + along))
+        slope = (grey[:, :, 2:] - grey[:, :, :-2]) / (2 * (1 + along)).astype(np.float32)
         return grey[:, :, 1:-1].reshape(len(pixels), -1), slope.reshape(len(pixels), -1)
 
 
@@ -124,7 +124,7 @@ class _Fit:
         error = T - gain * own
         J = _centred(((gain * own_slope + slope) / 2)[..., None] * _BASIS)
         weighted = np.swapaxes(J * _WEIGHT[:, None], 1, 2)
-        information = weighted @ J + np.diag(DAMPING)
+        information = (weighted @ J).astype(float) + np.diag(DAMPING)
         step = np.linalg.solve(information, weighted @ error[..., None])[..., 0]
         step[:, 0] = np.clip(step[:, 0], -LARGEST_STEP_PX, LARGEST_STEP_PX)
         contrast = np.sqrt((T * T) @ _WEIGHT)
