@@ -69,12 +69,6 @@ class Unstated:
         return cls(options, tuple(name for name in DISTURBANCES if getattr(noise, name) > 0))
 
 
-def levels_of_rows(log: MeasurementLog) -> frozenset[str]:
-    """Names of the levels that every row of a sensor states for itself."""
-    own = (stream.sensor for stream in log.streams if stream.covariance is not None)
-    return frozenset(option.name for sensor in own for option in sensor_format(sensor).noise)
-
-
 def with_identified_noise(
     make: Initialise, process: TorqueFreeProcess, noise: SensorNoise, unstated: Unstated
 ) -> tuple[NoisyModels, tuple[VarianceComponent, ...]]:

@@ -38,7 +38,7 @@ from spinfilters.estimators.smoothing.problem.least_squares import Problem, prob
 from spinfilters.estimators.smoothing.solver.annealing import GATE
 from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.evaluation.evaluation import Evaluation
-from spinfilters.pipeline.identified_noise import Unstated, levels_of_rows, noise_model
+from spinfilters.pipeline.identified_noise import Unstated, noise_model
 from spinfilters.pipeline.wrong_units import WrongUnit, wrong_units
 from spinfilters.sensors.registry import sensor_of
 from spinfilters.state.status import Verdict
@@ -190,7 +190,7 @@ def _tested(
         return TestedModels(trouble="the smoothed motion cannot be linearised")
     levels = Unstated.of_all(setup.log, setup.process.noise)
     model = noise_model(problem, setup.noise, levels) or NoiseModel(problem, (), ())
-    every, told = tuple(errors), KnownLevels(stated_levels(setup), _correlation(setup))
+    every, told = tuple(errors), KnownLevels(stated_levels(setup), _correlation(setup), setup.inflation)
     noise = noise_of(model, solved, told)
     contradicted = is_contradicted(noise, solved)
     settled = solved is not near or bool(told.correlation) or not is_doubtful(noise, solved)
@@ -250,7 +250,7 @@ def _best(setup: "Setup", evaluations: Sequence[Evaluation]) -> EstimateHistory 
 def stated_levels(setup: "Setup") -> frozenset[str]:
     """Names of the noise levels that are not identified."""
     options = {option.name for name in setup.log.sensors for option in sensor_format(name).noise}
-    return frozenset((options | set(DISTURBANCES)) - setup.unstated | levels_of_rows(setup.log))
+    return frozenset((options | set(DISTURBANCES)) - setup.unstated | setup.inflation.keys())
 
 
 def linear_problem(setup: "Setup", epochs: Timeline, ids: Int[np.ndarray, " L"] | None = None) -> Problem:

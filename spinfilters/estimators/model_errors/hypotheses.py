@@ -99,10 +99,12 @@ class KnownLevels:
     ----------
     stated: names of levels that are not identified.
     correlation: samples that count as one, by the name of the level of an error that stands for a correlated one.
+    inflation: of stated variances for errors that rows have in common, by the level's name; 1 where none is told.
     """
 
     stated: Collection[str] = frozenset()
     correlation: Mapping[str, float] = field(default_factory=dict)
+    inflation: Mapping[str, float] = field(default_factory=dict)
 
 
 NOTHING_KNOWN: Final = KnownLevels()
@@ -121,13 +123,14 @@ def noise_of(model: NoiseModel, solved: LinearRows, told: KnownLevels = NOTHING_
         if correlated[k]:
             values = sum(len(solved.sensor_rows[s]) * len(rows) for s, rows in each.sensors.items())
             dof[k] = max(values / told.correlation[each.name] - (values - dof[k]), 0.0)
-    return NoiseComponents(model.components, factors, after.redundancy, known, correlated, dof)
+    larger = np.array([told.inflation.get(name, 1.0) for name in names])
+    return NoiseComponents(model.components, factors, after.redundancy, known, correlated, dof, larger)
 
 
 def is_doubtful(noise: NoiseComponents, solved: LinearRows) -> bool:
-    """Whether residuals of some component are not what its noise level says."""
+    """Whether residuals of some component are not what its noise level says; smaller ones are where it is inflated."""
     ratio = noise.squares(solved.residual(solved.right)) / np.maximum(noise.redundancy, 1.0)
-    away = np.abs(np.log(np.maximum(ratio, np.finfo(float).tiny))) > np.log(NOISE_RATIO)
+    away = (ratio > NOISE_RATIO) | (ratio * noise.inflation < 1 / NOISE_RATIO)
     return bool(np.any(away & (noise.redundancy > TELLING))) or rejects(solved)
 
 

@@ -35,6 +35,7 @@ class NoiseComponents:
     correlated: whether a level stands for an error that is correlated, as white noise that weighs as much.
     telling: degrees of freedom of the residuals that tell each level: its redundancy; of a correlated error what the states, which
         are as slow, leave of its independent samples.
+    inflation: of stated variances for errors that rows have in common, at least 1.
     """
 
     components: tuple[ComponentRows, ...]
@@ -43,6 +44,7 @@ class NoiseComponents:
     known: Bool[np.ndarray, " c"]
     correlated: Bool[np.ndarray, " c"]
     telling: Float[np.ndarray, " c"]
+    inflation: Float[np.ndarray, " c"]
 
     def squares(self, rest: Columns) -> Float[np.ndarray, " c"]:
         """Squared residuals of each component, of one column."""
