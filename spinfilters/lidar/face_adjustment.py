@@ -36,6 +36,8 @@ SAME_ANGLE: Final = np.deg2rad(3.0)
 """Between the normals of two faces that are one, at most."""
 SAME_OFFSET: Final = 0.02
 """Between their offsets, in sizes of the body, at most."""
+SETTLED: Final = 1e-8
+"""Predicted cost reduction of a step, in squared standard deviations, below which faces and poses are found."""
 _STEPS = 8
 
 
@@ -85,10 +87,10 @@ def adjusted_faces(tracked: TrackedFaces, evidence: FaceEvidence, size: float) -
         drift = uniform_drift(tracked, size)
         blocks = [_blocks(tracked, drift, k, evidence, size, robust=True) for k in range(len(tracked.poses))]
         free = _free(tracked, size)
-        S, side = _marginal(blocks)
+        S, side = _marginal(blocks, size)
         step = free @ np.linalg.solve(free.T @ S @ free, free.T @ side)
         tracked = _moved(tracked, blocks, step)
-        if np.abs(step).max() < 1e-12:
+        if step @ side < SETTLED:
             break
     return tracked
 
@@ -113,7 +115,7 @@ def with_map_errors(tracked: TrackedFaces, evidence: FaceEvidence, size: float) 
     drift, count = uniform_drift(tracked, size), 3 * len(tracked.faces)
     blocks = [_blocks(tracked, drift, k, evidence, size) for k in range(len(tracked.poses))]
     free = _free(tracked, size)
-    M = (free @ np.linalg.solve(free.T @ _marginal(blocks)[0] @ free, free.T))[:count, :count]
+    M = (free @ np.linalg.solve(free.T @ _marginal(blocks, size)[0] @ free, free.T))[:count, :count]
     own = _without_shift(tracked)
     M = own @ M @ own.T
     loose = replace(drift, scatter=np.inf)
@@ -170,14 +172,18 @@ def _blocks(
     return FaceInformation(own, cross, shared, own_side, shared_side)
 
 
-def _marginal(blocks: Sequence[FaceInformation]) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, " m"]]:
-    """Normal equations of what is shared, the poses eliminated."""
-    S, side = 0.0, 0.0
+def _marginal(
+    blocks: Sequence[FaceInformation], size: float
+) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, " m"]]:
+    """Normal equations of what is shared, the poses eliminated; a face that no scan tells of is known to a radian and ``size``."""
+    faces = (blocks[0].shared.shape[0] - 6) // 3
+    S = np.diag(np.concatenate([np.tile([1.0, 1.0, size**-2.0], faces), np.zeros(6)]))
+    side = np.zeros(len(S))
     for each in blocks:
         gain = np.linalg.solve(each.own, each.cross).T
         S = S + each.shared - gain @ each.cross
         side = side + each.shared_side - gain @ each.own_side
-    return np.asarray(S), np.asarray(side)
+    return S, side
 
 
 def _free(tracked: TrackedFaces, size: float) -> Float[np.ndarray, "m f"]:

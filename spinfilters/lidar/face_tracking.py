@@ -24,11 +24,11 @@ from spinfilters.lidar.face_map import (
     residual_and_jacobian,
 )
 from spinfilters.lidar.planes import FittedPlane
+from spinfilters.lidar.pose_prediction import predicted_pose
 from spinfilters.lidar.scan_pose import (
     ScanPose,
     nearest_rotation,
     pose_covariance,
-    predicted_pose,
     rotation_matrix,
 )
 
@@ -55,7 +55,7 @@ def track_faces(
     faces: list[Face] = []
     matches: list[tuple[int, ...]] = []
     for time, seen in zip(times, planes, strict=True):
-        R, t = predicted_pose(poses, time) if poses else (np.eye(3), middle)
+        R, t = predicted_pose(poses, time, size) if poses else (np.eye(3), middle)
         pairs: list[tuple[int, int]] = []
         for gate in (0.5 * size, 0.15 * size):
             pairs = _matched(seen, faces, R, t, gate)
@@ -66,7 +66,8 @@ def track_faces(
                 of_plane[number] = len(faces)
                 faces.append(_face(plane, R, t))
         matches.append(tuple(of_plane[number] for number in range(len(seen))))
-        poses.append(ScanPose(time, R, t, np.eye(6)))
+        known = normal_equations([(seen[i], faces[j]) for i, j in pairs], R, t)[0]
+        poses.append(ScanPose(time, R, t, pose_covariance(known, R, size)[0]))
     return _adjusted(poses, faces, matches, planes, size)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from spinfilters.lidar.pose_prediction import predicted_pose
 from spinfilters.lidar.registration import (
     Cloud,
     PointToPlane,
@@ -16,7 +17,7 @@ from spinfilters.lidar.registration import (
     coarse_pose,
     registered,
 )
-from spinfilters.lidar.scan_pose import ScanPose, pose_covariance, predicted_pose, skew
+from spinfilters.lidar.scan_pose import ScanPose, pose_covariance, skew
 
 MOST_POINTS: Final = 3000
 """Points of a scan that are registered."""
@@ -59,7 +60,7 @@ def _next(
 ) -> ScanPose:
     """The pose of the next scan: from the prediction, or searched where that leads to little overlap."""
     number = len(poses)
-    R, t = predicted_pose(poses, time)
+    R, t = predicted_pose(poses, time, size)
     target = _map(clouds, poses, R, list(range(number)))
     found = registered(clouds[number], target, R.T, -R.T @ t, _REACH * size, engine)
     if found.overlap < SURE_OVERLAP or number == 1:
