@@ -116,7 +116,7 @@ def with_map_errors(tracked: TrackedFaces, evidence: FaceEvidence, size: float) 
     blocks = [_blocks(tracked, drift, k, evidence, size) for k in range(len(tracked.poses))]
     free = _free(tracked, size)
     M = (free @ np.linalg.solve(free.T @ _marginal(blocks, size)[0] @ free, free.T))[:count, :count]
-    own = _without_shift(tracked)
+    own = _without_freedom(tracked, blocks)
     M = own @ M @ own.T
     loose = replace(drift, scatter=np.inf)
     alone = [_blocks(tracked, loose, k, evidence, size) for k in range(len(tracked.poses))]
@@ -194,10 +194,18 @@ def _free(tracked: TrackedFaces, size: float) -> Float[np.ndarray, "m f"]:
     return np.linalg.svd(gauge / scale[:, None])[0][:, gauge.shape[1] :] * scale[:, None]
 
 
-def _without_shift(tracked: TrackedFaces) -> Float[np.ndarray, "f f"]:
-    """Errors of the faces without a common shift: where the origin of g lies is a definition, and no error of a pose in that g."""
-    G = np.concatenate([_freedom(face)[:, 3:] for face in tracked.faces])
-    return np.eye(len(G)) - G @ np.linalg.pinv(G)
+def _without_freedom(tracked: TrackedFaces, blocks: Sequence[FaceInformation]) -> Float[np.ndarray, "f f"]:
+    """Errors of the faces without a common rotation and shift, where each face weighs as much as scans tell of it.
+
+    Which way g is turned and where its origin lies are definitions, and no error of a pose in that g. With equal weights a face
+    that was hardly seen would turn g, and all poses with it.
+    """
+    G = np.concatenate([_freedom(face) for face in tracked.faces])
+    W = np.zeros((len(G), len(G)))
+    for k in range(len(tracked.faces)):
+        at = slice(3 * k, 3 * k + 3)
+        W[at, at] = sum(each.shared[at, at] for each in blocks)
+    return np.eye(len(G)) - G @ np.linalg.pinv(G.T @ W @ G, hermitian=True) @ G.T @ W
 
 
 def _freedom(face: Face) -> Float[np.ndarray, "3 6"]:

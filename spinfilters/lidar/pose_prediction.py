@@ -1,4 +1,4 @@
-"""Prediction of the next scan's pose: mean rate of the scans before, and a centre that drifts uniformly."""
+"""Poses from those of other scans: of the next scan, and of scans that do not determine their own."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -6,11 +6,25 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import factorial
 
-from spinfilters.lidar.scan_pose import ScanPose, rotation_matrix, rotation_vector
+from spinfilters.lidar.scan_pose import (
+    ROTATION_PRIOR,
+    UNDETERMINED,
+    ScanPose,
+    rotation_matrix,
+    rotation_vector,
+)
 
 MOST_SCANS: Final = 20
 """Scans before that a prediction is made from."""
+NEIGHBOURS: Final = 7
+"""Scans between which a rotation is interpolated, at most."""
+WIDEST: Final = 2.0
+"""Rotation between them, rad, at most: rotation vectors are smooth far below half a turn."""
+SURE: Final = float(np.sqrt(UNDETERMINED)) * ROTATION_PRIOR
+"""Standard deviation of a rotation, rad, below which it is determined."""
+_DEGREE = 4  # of the polynomial
 CHANGE: Final = 0.3
 """Change of a rate in a time, per square of the rate: that of a torque-free body whose moments differ by so much."""
 
@@ -62,3 +76,32 @@ def _drifted(
         b += A.T @ W @ (pose.translation - last.translation)
     A = np.hstack([np.eye(3), np.eye(3) * (time - last.time) / span, last.rotation - rotation])
     return last.translation + A @ np.linalg.solve(H, b)
+
+
+def interpolated_rotation(poses: Sequence[ScanPose], number: int) -> Float[np.ndarray, "3 3"]:
+    """R_Lg of a scan from the nearest that determine theirs: a polynomial of their rotation vectors; else its own.
+
+    Its coefficients over the angle turned are CHANGE / j! to a standard deviation for j > 1: noise leaves a constant rate.
+    """
+    time = poses[number].time
+    sure = [pose for k, pose in enumerate(poses) if k != number and _rotation_std(pose) < SURE]
+    near = sorted(sure, key=lambda pose: abs(pose.time - time))[:NEIGHBOURS]
+    if len(near) < 2:
+        return poses[number].rotation
+    vectors = np.array([rotation_vector(pose.rotation @ near[0].rotation.T) for pose in near])
+    near = [pose for pose, vector in zip(near, vectors, strict=True) if np.linalg.norm(vector) < WIDEST]
+    vectors = vectors[np.linalg.norm(vectors, axis=1) < WIDEST]
+    late = np.array([pose.time - time for pose in near])
+    stds = np.array([_rotation_std(pose) + 1e-12 for pose in near])
+    line = np.linalg.lstsq(np.vander(late, 2) / stds[:, None], vectors / stds[:, None], rcond=None)[0]
+    turns = late * float(np.linalg.norm(line[0])) + 1e-12 * np.sign(late)
+    order = np.arange(_DEGREE + 1)
+    known = np.where(order < 2, 1e-3, factorial(order) / CHANGE)
+    A = np.concatenate([np.vander(turns, _DEGREE + 1, increasing=True) / stds[:, None], np.diag(known)])
+    b = np.concatenate([vectors / stds[:, None], np.zeros((_DEGREE + 1, 3))])
+    return rotation_matrix(np.linalg.lstsq(A, b, rcond=None)[0][0]) @ near[0].rotation
+
+
+def _rotation_std(pose: ScanPose) -> float:
+    """Of the least certain rotation, rad."""
+    return float(np.sqrt(np.linalg.eigvalsh(pose.covariance[3:, 3:])[-1]))

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from spinfilters.lidar.pose_prediction import predicted_pose
+from spinfilters.lidar.pose_prediction import interpolated_rotation, predicted_pose
 from spinfilters.lidar.scan_pose import ScanPose, rotation_matrix, rotation_vector
 
 RATE, VELOCITY, PLACE = np.array([0.1, 0.2, -0.15]), np.array([0.0, 0.01, 0.02]), np.array([30.0, 0.0, 0.0])
@@ -56,3 +56,23 @@ def test_one_scan_predicts_itself() -> None:
     R, t = predicted_pose([first], 5.0, SIZE)
     assert R is first.rotation
     assert t is first.translation
+
+
+@pytest.mark.parametrize("number", [0, 4, 8])
+def test_a_scan_that_does_not_determine_its_rotation_is_led_by_its_neighbours(number: int) -> None:
+    poses = [pose(k, (0, 0, 0), (0, 0, 0), 1e-6) for k in range(9)]
+    poses[number] = pose(number, (0.3, 0.4, 0.0), (0, 0, 0), 0.2)
+    turned = rotation_vector(interpolated_rotation(poses, number) @ rotation_matrix(RATE * number).T)
+    assert np.linalg.norm(turned) < 1e-6
+
+
+def test_noise_of_the_neighbours_is_not_magnified() -> None:
+    noise = 0.03 * np.random.default_rng(1).standard_normal((9, 3))
+    poses = [pose(k, turn, (0, 0, 0), 0.03) for k, turn in enumerate(noise)]
+    turned = rotation_vector(interpolated_rotation([pose(-1, (0, 0, 0), (0, 0, 0), 0.2), *poses], 0))
+    assert np.linalg.norm(turned + RATE) < 0.15
+
+
+def test_alone_it_keeps_its_own() -> None:
+    only = pose(0.0, (0, 0, 0), (0, 0, 0), 0.2)
+    assert interpolated_rotation([only], 0) is only.rotation
