@@ -35,6 +35,7 @@ from spinfilters.estimators.smoothing.solver.annealing import GATE
 from spinfilters.estimators.smoothing.solver.batch_smoother import NO_POINTS
 from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.pipeline.identified_noise import innovation_rows
 from spinfilters.pipeline.wrong_units import WrongUnit, wrong_units
 from spinfilters.state.status import Verdict
 
@@ -223,8 +224,9 @@ def _noise_model(setup: "Setup", problem: Problem) -> NoiseModel:
             rows = {}
             if name in by_name:
                 k = by_name[name]
-                every = tuple(range(problem.motion.sensors[k].model.dim))
-                rows = {k: every if form.has_landmarks else option.components}
+                rows = {k: innovation_rows(problem.motion.sensors[k].model, option.components)}
+                if not rows[k]:
+                    continue
             landmarks = problem.observations is not None and form.has_landmarks
             components.append(ComponentRows(option.name, getattr(setup.noise, option.name), rows, landmarks))
     densities = [name for name in DISTURBANCES if problem.layout.translates or name != FORCE_PSD]
