@@ -185,13 +185,3 @@ def _deskewed(scan: Scan, poses: Sequence[ScanPose], number: int) -> Float[np.nd
         + axis * (arm @ axis)[:, None] * (1 - np.cos(angle))
     )
     return turned + here.translation
-
-
-def scans_needed(poses: ScanPoses, attitude_std: float) -> int:
-    """Scans of which the mean attitude is as accurate as this, rad: the variance falls with their number.
-
-    The thesis' closing question, for scans like these; those that leave a rotation undetermined count for what they tell.
-    """
-    information = np.mean([np.linalg.inv(pose.covariance[3:, 3:]) for pose in poses.poses], axis=0)
-    worst = float(np.sqrt(1 / np.linalg.eigvalsh(information)[0]))
-    return max(1, int(np.ceil((worst / attitude_std) ** 2)))
