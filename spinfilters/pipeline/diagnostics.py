@@ -30,7 +30,7 @@ DISAGREEMENT_STD, DISAGREEMENT = 4.0, 0.01
 
 def shared_diagnostics(setup: Setup) -> list[str]:
     """Reasons that concern every estimator of a run."""
-    reasons = list(setup.initial.status.reasons)
+    reasons = [*setup.initial.status.reasons, *setup.dataset.doubts]
     noise = setup.gyro_noise
     if noise is not None and not noise.is_of_flight:
         reasons.append(

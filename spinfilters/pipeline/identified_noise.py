@@ -102,10 +102,11 @@ def noise_model(problem: Problem, noise: SensorNoise, unstated: Unstated) -> Noi
     components = []
     for option, by_sensor in unstated.options.items():
         rows = {
-            k: _rows(sensor.model, by_sensor[sensor.model.name])
+            k: innovation_rows(sensor.model, by_sensor[sensor.model.name])
             for k, sensor in enumerate(problem.motion.sensors)
             if sensor.model.name in by_sensor
         }
+        rows = {k: own for k, own in rows.items() if own}
         if rows or seen & set(by_sensor):
             value = getattr(noise, option)
             components.append(ComponentRows(option, value, rows, bool(seen & set(by_sensor))))
@@ -146,9 +147,10 @@ def _widened(start: InitialEstimate, found: Identified) -> InitialEstimate:
     return replace(start, factor=found.widened(start.factor))
 
 
-def _rows(model: MeasurementModel, components: tuple[int, ...]) -> tuple[int, ...]:
-    """Components of the innovation: of a camera all are pixels."""
-    return tuple(range(model.dim)) if sensor_format(model.name).has_landmarks else components
+def innovation_rows(model: MeasurementModel, components: tuple[int, ...]) -> tuple[int, ...]:
+    """Components of the innovation: of a camera all are pixels; of a row with more noises than innovations the first."""
+    every = tuple(range(model.dim))
+    return every if sensor_format(model.name).has_landmarks else tuple(k for k in components if k in every)
 
 
 def _levels(made: NoisyModels, unstated: Unstated) -> dict[str, float]:
