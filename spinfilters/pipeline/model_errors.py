@@ -38,7 +38,6 @@ from spinfilters.estimators.smoothing.problem.least_squares import Problem, prob
 from spinfilters.estimators.smoothing.solver.annealing import GATE
 from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.evaluation.evaluation import Evaluation
-from spinfilters.pipeline.identified_noise import innovation_rows
 from spinfilters.pipeline.wrong_units import WrongUnit, wrong_units
 from spinfilters.sensors.registry import sensor_of
 from spinfilters.state.status import Verdict
@@ -271,26 +270,3 @@ def landmarks_placed(problem: Problem, trajectory: Float[np.ndarray, "k m"]) -> 
     points, nobody = np.zeros((observations.landmarks, 3)), np.zeros(len(observations), dtype=bool)
     placed = reinitialised(observations, trajectory, points, nobody, GATE)
     return points if placed is None else placed
-
-
-def _noise_model(setup: "Setup", problem: Problem) -> NoiseModel:
-    """All noise levels of a problem, stated or not."""
-    components = []
-    sensors = enumerate(problem.motion.sensors)
-    by_name = {sensor.model.name: k for k, sensor in sensors}
-    for name in setup.dataset.log.sensors:
-        form = sensor_format(name)
-        for option in form.noise:
-            if option.components is None or (form.has_landmarks and option is not form.noise[0]):
-                continue
-            rows = {}
-            if name in by_name:
-                k = by_name[name]
-                rows = {k: innovation_rows(problem.motion.sensors[k].model, option.components)}
-                if not rows[k]:
-                    continue
-            landmarks = problem.observations is not None and form.has_landmarks
-            components.append(ComponentRows(option.name, getattr(setup.noise, option.name), rows, landmarks))
-    densities = [name for name in DISTURBANCES if problem.layout.translates or name != FORCE_PSD]
-    positive = tuple(name for name in densities if getattr(setup.process.noise, name) > 0)
-    return NoiseModel(problem, tuple(components), positive)
