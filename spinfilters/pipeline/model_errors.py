@@ -38,6 +38,7 @@ from spinfilters.estimators.smoothing.problem.least_squares import Problem, prob
 from spinfilters.estimators.smoothing.solver.annealing import GATE
 from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.pipeline.identified_noise import Unstated, noise_model
 from spinfilters.pipeline.wrong_units import WrongUnit, wrong_units
 from spinfilters.sensors.registry import sensor_of
 from spinfilters.state.status import Verdict
