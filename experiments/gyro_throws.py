@@ -3,7 +3,8 @@
     python -m experiments.gyro_throws ../shared/data/racquet_phyphox/data [-o runs/throws]
 
 Prints the moments of the phone's clean tosses with the error of rates predicted 0.3 s ahead, and the medians over all racquet
-throws with drag; draws the fitted inertia of every racquet throw.
+throws with drag, between the marks that people set, which hold some of the hand, and between the ends of the flights that are
+found; draws the fitted inertia of every racquet throw.
 """
 
 import argparse
@@ -13,9 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from spinfilters.data.atomic_write import make_folder
-from spinfilters.data.dataset import Dataset, read_dataset, read_segments
+from spinfilters.data.dataset import Dataset, read_dataset
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.pipeline.estimation import compare_estimators
+from spinfilters.pipeline.segment_choice import ALL, AUTO, read_several
 from spinfilters.pipeline.setup import Setup, prepare
 from spinfilters.plots.style import save_figure
 from spinfilters.plots.throws import Throw, throws_figure
@@ -24,6 +26,7 @@ from spinfilters.settings.run_settings import Settings
 PHONE = "round1/Gyroscope rotation rate 2025-01-16 17-10-11"
 SETTINGS = Settings(estimators=("mekf", "ukf"))
 AHEAD = 0.3
+MEANT = {ALL: "as marked", AUTO: "as found"}
 
 
 def main() -> None:
@@ -41,15 +44,16 @@ def main() -> None:
                 f"phone, segment {segment}, {evaluation.name}: moments {np.round(evaluation.body.principal_moments, 3)}, rate "
                 f"{AHEAD} s ahead: rms {100 * np.sqrt(np.mean(error**2)):.1f} %, largest {100 * error.max():.1f} % of |w|"
             )
-    racquet(options.data, options.output)
+    for which in (ALL, AUTO):
+        racquet(options.data, options.output, which)
 
 
-def racquet(data: Path, output: Path) -> None:
-    """Every kept throw of rounds 2 and 3, with drag."""
+def racquet(data: Path, output: Path, which: str) -> None:
+    """Every throw of rounds 2 and 3 that is marked (``all``) or found (``auto``), with drag."""
     settings = replace(SETTINGS, process=replace(SETTINGS.process, drag=True))
     folders = sorted(path for round_ in ("round2", "round3") for path in (data / round_).iterdir())
     results: dict[str, list[tuple[Throw, bool]]] = {name: [] for name in SETTINGS.estimators}
-    for dataset in [dataset for folder in folders for dataset in read_segments(folder)]:
+    for dataset in [dataset for folder in folders for dataset in read_several(folder, which)]:
         for evaluation in estimate(dataset, settings)[1]:
             ok = evaluation.history.status.verdict == "ok"
             number = len(results[evaluation.name])
@@ -59,10 +63,11 @@ def racquet(data: Path, output: Path) -> None:
         std = np.array([np.sqrt(np.diag(throw.covariance)) for throw, ok in throws if ok])
         middle = np.median(ratios, axis=0)
         print(
-            f"racquet, {name}: {len(ratios)} of {len(throws)} throws ok, median J1/J3 {middle[0]:.4f}, J2/J3 {middle[1]:.4f}, "
-            f"rms departure from the median in own standard deviations {np.sqrt(np.mean(((ratios - middle) / std) ** 2)):.2f}"
+            f"racquet, {MEANT[which]}, {name}: {len(ratios)} of {len(throws)} throws ok, median J1/J3 {middle[0]:.4f}, "
+            f"J2/J3 {middle[1]:.4f}, rms departure from the median in own standard deviations "
+            f"{np.sqrt(np.mean(((ratios - middle) / std) ** 2)):.2f}"
         )
-        save_figure(throws_figure([throw for throw, _ in throws]), output / f"throws-{name}.png")
+        save_figure(throws_figure([throw for throw, _ in throws]), output / f"throws-{which}-{name}.png")
 
 
 def estimate(dataset: Dataset, settings: Settings) -> tuple[Setup, tuple[Evaluation, ...]]:

@@ -8,6 +8,7 @@ Every seed draws its sensor's noise and the densities of its disturbances, log-u
 nothing stated and with the true noise stated (``noise = ["silent", "stated"]``). Printed are, of each motion and estimator,
 
     ok            verdicts (with the noise stated),
+    determined    of the runs whose moments the smoother determines with the noise stated, as the bound does, those ``ok``,
     NEES          per degree of freedom over its own epochs: mean over the ``ok`` runs, worst, share below 2; of all runs; by block,
     levels right  share of identified levels within three standard deviations of the true ones (of bounds: not below them),
     pixel noise   its largest error,
@@ -26,6 +27,7 @@ from spinfilters.campaigns.campaign_folder import read_folder
 from spinfilters.campaigns.rows_folder import read_rows
 from spinfilters.campaigns.schema import BLOCKS, ERRORS, LEVELS
 from spinfilters.estimators.identification.components import DISTURBANCES, TOLD_LOG_STD
+from spinfilters.pipeline.diagnostics import LARGEST_MOMENT_STD
 
 FAR = 3.0
 """Standard deviations of a level's logarithm from the truth, at most."""
@@ -35,6 +37,7 @@ CELL = ("motion", "estimator")
 HEAD = (
     "motion, estimator",
     "ok (noise stated)",
+    "of determined",
     "NEES of ok: mean, worst, below 2",
     "all; noise stated",
     "by block",
@@ -67,12 +70,21 @@ def rows_of(table: pd.DataFrame) -> Iterator[str]:
     for levels, both in table.groupby(list(CELL), sort=False):
         assert isinstance(levels, tuple)
         silent, stated = (both[both["noise"] == kind].set_index("seed") for kind in ("silent", "stated"))
-        yield f"| {' | '.join((', '.join(map(str, levels)), *_numbers(silent, stated)))} |"
+        seeds = determined(table.loc[table["motion"] == levels[0]])
+        yield f"| {' | '.join((', '.join(map(str, levels)), *_numbers(silent, stated, seeds)))} |"
 
 
-def _numbers(silent: pd.DataFrame, stated: pd.DataFrame) -> Iterator[str]:
+def determined(table: pd.DataFrame) -> pd.Index:
+    """Seeds whose moments the smoother knows where the noise is stated."""
+    smoothed = table[(table["estimator"] == "smoother") & (table["noise"] == "stated")].set_index("seed")
+    return smoothed.index[smoothed[["std_moment_1", "std_moment_2"]].max(axis=1) <= LARGEST_MOMENT_STD]
+
+
+def _numbers(silent: pd.DataFrame, stated: pd.DataFrame, seeds: pd.Index) -> Iterator[str]:
     ok = silent[silent["verdict"] == "ok"]
     yield f"{len(ok)} of {len(silent)} ({(stated['verdict'] == 'ok').sum()})"
+    told = silent.index.intersection(seeds)
+    yield f"{ok.index.isin(told).sum() / max(len(told), 1):.0%} of {len(told)}"
     nees = np.asarray(ok["nees"], dtype=float)
     nees = nees[np.isfinite(nees)]
     yield f"{nees.mean():.2f}, {nees.max():.2f}, {(nees < LARGEST_NEES).mean():.0%}" if len(nees) else "-"

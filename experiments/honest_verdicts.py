@@ -1,11 +1,11 @@
 """Errors of estimates called ok, in stated standard deviations.
 
-Are verdicts honest? Noise and model are right.
-    python -m experiments.honest_verdicts [--seeds 12] [--cases gyro] [-o runs/honest]
+    python -m experiments.honest_verdicts [--seeds 12] [--cases gyro] [--silent] [--estimators mekf smoother] [-o runs/honest]
 
 Simulates every case of `experiments.honest_cases`, estimates with MEKF, UKF and smoother, and prints of every case the verdicts,
 the largest error of the latest epoch in standard deviations among the estimates called ``ok`` and the quantity it is of, and the
-mean NEES per degree of freedom of mass distribution and rate; draws the errors. An ``ok`` with an error beyond 4 is a defect.
+mean NEES per degree of freedom of mass distribution and rate; draws the errors. With ``--silent`` no noise is stated. An ``ok``
+with an error beyond 4 is a defect.
 """
 
 import argparse
@@ -32,6 +32,7 @@ from spinfilters.pipeline.estimation import compare_estimators
 from spinfilters.pipeline.setup import prepare
 from spinfilters.plots.style import save_figure
 from spinfilters.settings.run_settings import ProcessSettings, Settings
+from spinfilters.simulation.scenario import without_noise
 from spinfilters.state.status import Verdict
 
 LARGEST = 4.0
@@ -72,12 +73,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=12)
     parser.add_argument("--cases", default="", help="only cases whose name holds this")
+    parser.add_argument("--silent", action="store_true", help="state no noise")
+    parser.add_argument("--estimators", nargs="+", choices=NAMES, default=NAMES)
     parser.add_argument("-o", "--output", type=Path, default=Path("runs/honest"))
     options = parser.parse_args()
     make_folder(options.output)
     chosen, found = [case for case in CASES if options.cases in case.name], []
     for case in chosen:
-        outcomes = list(outcomes_of(case, options.seeds))
+        outcomes = list(outcomes_of(case, options.seeds, tuple(options.estimators), options.silent))
         found += outcomes
         print(row_of(case, outcomes), flush=True)
     for outcome in found:
@@ -89,13 +92,16 @@ def main() -> None:
     )
 
 
-def outcomes_of(case: Case, seeds: int, names: tuple[str, ...] = NAMES) -> Iterator[Outcome]:
-    """What every estimator says of so many recordings of a case."""
+def outcomes_of(
+    case: Case, seeds: int, names: tuple[str, ...] = NAMES, silent: bool = False
+) -> Iterator[Outcome]:
+    """What every estimator says of so many recordings of a case, whose noise may be silent."""
     settings = Settings(estimators=names, process=ProcessSettings(drag=case.drag > 0))
     for seed, recording in enumerate(recordings(case, seeds)):
+        dataset = without_noise(recording.dataset) if silent else recording.dataset
         try:
             evaluations = compare_estimators(
-                prepare(recording.dataset, settings), settings, lambda *_: None
+                prepare(dataset, settings), settings, lambda *_: None
             ).evaluations
         except InputError:  # refused, with its reason: nothing is said of it
             continue
@@ -154,13 +160,13 @@ def _body_errors(case: Case, evaluation: Evaluation) -> dict[str, np.ndarray]:
 def row_of(case: Case, outcomes: Sequence[Outcome]) -> str:
     """One case in a line for each estimator."""
     lines = []
-    for name in NAMES:
+    for name in dict.fromkeys(outcome.estimator for outcome in outcomes):
         own = [o for o in outcomes if o.estimator == name]
         ok = [o for o in own if o.verdict is Verdict.OK]
         worst = max((o.worst for o in ok), default=(np.nan, "-"))
         nees = {b: np.mean([o.nees[b] for o in ok]) if ok else np.nan for b in "sw"}
         lines.append(
-            f"{case.name if name == NAMES[0] else '':28s} {name:9s} "
+            f"{case.name if not lines else '':28s} {name:9s} "
             f"{len(ok):3d} of {len(own):3d} ok, worst {worst[0]:7.2f} {worst[1]:10s} "
             f"NEES s {nees['s']:6.2f} w {nees['w']:6.2f}" + ("   <-- beyond 4" if worst[0] > LARGEST else "")
         )

@@ -8,11 +8,16 @@ they are), and draws the map: rows are wrong models, columns sizes, colours the 
 many of these there are of how many. Printed are of each wrong model its runs with an effect (an error of the estimates beyond 5
 stated deviations): how many of them are ``ok``, in how many it is named first and among the first two; and how many right
 recordings are doubted. A run that is ``ok`` with an error beyond 4 deviations is a defect.
+
+Of some of these nothing could tell, and they are counted apart: made once more with the true noise stated, the score test of the
+very error that is in the data is within chance at the level of a verdict that asks for all errors. Units of lengths and of a clock
+leave no residual, for free motion has no scale of its own. The answers are kept in ``NAME-told.json`` of the folder.
 """
 
 import argparse
+import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -24,14 +29,19 @@ from matplotlib.figure import Figure
 
 from spinfilters.api.campaigns import campaign_rows
 from spinfilters.campaigns.rows_folder import read_rows
+from spinfilters.campaigns.runner import Runner
 from spinfilters.campaigns.stated_errors import LARGEST
 from spinfilters.campaigns.study import read_study, study_from
-from spinfilters.data.atomic_write import make_folder
+from spinfilters.data.atomic_write import make_folder, write_text
+from spinfilters.errors import SpinfiltersError
+from spinfilters.estimators.model_errors.alternative import table
 from spinfilters.plots.style import save_figure
 
 STUDIES: Final = Path(__file__).parent / "studies"
 EFFECT: Final = 5.0
 """Stated deviations of an error from which a wrong model ought to be found."""
+WITHOUT_RESIDUAL: Final = ("clock-unit", "length-unit")
+"""Wrong models of which no residual can tell."""
 NORM: Final = LogNorm(0.5, 32.0)
 """Stated deviations by colour; 4 is in the middle."""
 COLOURS: Final = ScalarMappable(NORM, "RdYlGn_r")
@@ -45,7 +55,8 @@ class Outcome:
     Attributes
     ----------
     fault, size: what is wrong, in multiples of a plain size.   error: the largest, in stated deviations; NaN without estimates.
-    named: model errors in the verdict, the likeliest first.   stated: whether estimators were told the noise.
+    named: model errors in the verdict, the likeliest first, those that look alike together.
+    stated: whether estimators were told the noise.   told: whether a test could tell it at all (see the module).
     """
 
     fault: str
@@ -53,8 +64,9 @@ class Outcome:
     is_ok: bool
     is_refused: bool
     error: float
-    named: tuple[str, ...]
+    named: tuple[tuple[str, ...], ...]
     stated: bool
+    told: bool = True
 
     @classmethod
     def of(cls, row: Mapping[str, Any]) -> "Outcome":
@@ -66,7 +78,7 @@ class Outcome:
             row["verdict"] == "ok",
             row["outcome"] == "refused",
             np.nan if error is None else float(error),
-            tuple((row["model_errors"] or "").split()),
+            tuple(tuple(own.split("/")) for own in (row["model_errors"] or "").split()),
             row.get("noise.stated") == "true",
         )
 
@@ -79,6 +91,20 @@ class Outcome:
     def has_effect(self) -> bool:
         """Whether the estimates are wrong."""
         return self.error > EFFECT
+
+    @property
+    def is_silent_or_unnamed(self) -> bool:
+        """Whether it is a defect, unless nothing could tell."""
+        return self.is_dishonest or (self.has_effect and not self.is_named)
+
+    @property
+    def is_named(self) -> bool:
+        """Whether what is wrong is among the first two."""
+        return self.is_among(2)
+
+    def is_among(self, count: int) -> bool:
+        """Whether what is wrong is among so many that are named first."""
+        return any(self.fault in own for own in self.named[:count])
 
 
 @dataclass(frozen=True)
@@ -132,7 +158,39 @@ def _runs(name: str, seeds: int, options: argparse.Namespace) -> list[Outcome]:
     if not options.report:
         campaign_rows(document, folder, workers=options.workers, resume=folder.exists())
     rows = read_rows(folder, study_from(document, name).columns).to_pylist()
-    return [Outcome.of(row) for row in rows if row["seed"] < seeds]
+    rows = [row for row in rows if row["seed"] < seeds]
+    return _with_told(document, rows, options.output / f"{name}-told.json")
+
+
+def _with_told(document: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], path: Path) -> list[Outcome]:
+    """Outcomes of rows, with whether a test could tell what is wrong, of those in which that is asked."""
+    known: dict[str, bool] = json.loads(path.read_text()) if path.exists() else {}
+    outcomes = [Outcome.of(row) for row in rows]
+    asked = [k for k, each in enumerate(outcomes) if each.fault and each.is_silent_or_unnamed]
+    if asked:
+        stated = {**document, "noise": {"base": {**document["noise"]["base"], "stated": True}}}
+        runner = Runner(study_from(stated, "told"))
+        for k in asked:
+            run = rows[k]["run"]
+            if str(run) not in known:
+                known[str(run)] = is_told(runner, run, outcomes[k].fault)
+            outcomes[k] = replace(outcomes[k], told=known[str(run)])
+        write_text(path, json.dumps(known, indent=1) + "\n")
+    return outcomes
+
+
+def is_told(runner: Runner, index: int, fault: str) -> bool:
+    """Whether the test of the very error is beyond chance, in a run that states the true noise; True where there is none."""
+    if fault in WITHOUT_RESIDUAL:
+        return False
+    if fault not in table():
+        return True
+    try:
+        models = runner.compared(runner.study.run(index), with_bound=False).models
+    except SpinfiltersError:
+        return True
+    (p_value,) = [each.p_value for each in models.tests if each.error.name == fault] or [1.0]
+    return bool(models.trouble) or p_value < models.largest_p_value
 
 
 def lines_of(study: SensorStudy) -> Iterator[str]:
@@ -154,12 +212,15 @@ def lines_of(study: SensorStudy) -> Iterator[str]:
 
 
 def _line(name: str, runs: Sequence[Outcome]) -> str:
-    wrong = [each for each in runs if each.has_effect]
-    first, two = (sum(each.fault in each.named[:count] for each in wrong) for count in (1, 2))
+    wrong = [each for each in runs if each.has_effect and each.told]
+    first, two = (sum(each.is_among(count) for each in wrong) for count in (1, 2))
+    silent = [each for each in runs if each.is_dishonest]
+    untold = [each for each in runs if not each.told]
     return (
         f"  {name:20s} {len(runs):4d} runs, {sum(each.is_ok for each in runs):4d} ok, "
-        f"{sum(each.is_dishonest for each in runs):3d} ok and wrong; with effect {len(wrong):4d}: {first:4d} named first, "
-        f"{two:4d} among two, {sum(each.is_ok for each in wrong):3d} ok; {sum(each.is_refused for each in runs)} refused"
+        f"{sum(each.told for each in silent):3d} ok and wrong; with effect {len(wrong):4d}: {first:4d} named first, "
+        f"{two:4d} among two, {sum(each.is_ok for each in wrong):3d} ok; beside {len(untold):3d} of which nothing could tell; "
+        f"{sum(each.is_refused for each in runs)} refused"
     )
 
 
@@ -172,7 +233,9 @@ def figure(studies: Sequence[SensorStudy]) -> Figure:
         _draw(axes, study)
     bar = drawn.colorbar(COLOURS, ax=panels, location="bottom", shrink=0.5, extend="both", aspect=40)
     bar.set_ticks(list(TICKS), labels=[f"{each:g}" for each in TICKS])
-    bar.set_label("largest error of the runs called ok [stated standard deviations]; grey: none is ok")
+    bar.set_label(
+        "largest error of the runs called ok [stated standard deviations]; grey: none is ok, *: nothing could tell"
+    )
     return drawn
 
 
@@ -184,7 +247,8 @@ def _draw(axes: Axes, study: SensorStudy) -> None:
             runs = [each for each in study.faulty if (each.fault, each.size) == (fault, size)]
             ok = [each.error for each in runs if each.is_ok]
             worst[row, column] = np.clip(max(ok, default=np.nan), 1e-3, 1e6)
-            axes.text(column, row, f"{len(ok)}/{len(runs)}", ha="center", va="center", fontsize=7)
+            untold = "*" * any(each.is_dishonest and not each.told for each in runs)
+            axes.text(column, row, f"{len(ok)}/{len(runs)}{untold}", ha="center", va="center", fontsize=7)
     axes.set_facecolor("0.88")
     axes.imshow(worst, norm=NORM, cmap=COLOURS.cmap, aspect="auto")
     axes.set_xticks(range(len(sizes)), [f"{size:g}" for size in sizes])
@@ -195,14 +259,11 @@ def _draw(axes: Axes, study: SensorStudy) -> None:
 
 
 def _label(study: SensorStudy, fault: str) -> str:
-    """Name and number of runs that name it.
-
-    In how many of its runs with an effect it is among the two that are named.
-    """
-    wrong = [each for each in study.faulty if each.fault == fault and each.has_effect]
+    """Name, and in how many of its runs with an effect it is among the two that are named."""
+    wrong = [each for each in study.faulty if each.fault == fault and each.has_effect and each.told]
     if not wrong:
         return f"{fault} (-)"
-    return f"{fault} ({np.mean([fault in each.named[:2] for each in wrong]):.0%})"
+    return f"{fault} ({np.mean([each.is_named for each in wrong]):.0%})"
 
 
 if __name__ == "__main__":

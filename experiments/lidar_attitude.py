@@ -38,11 +38,10 @@ def main() -> None:
     exact = [transitions(500.0, 0.24, k, 0, options.rays, LidarNoise()) for k in (0, 1)]
     print(f"without noise at 500 m: worst transition {max(exact):.1e} deg", flush=True)
     for distance, field, asked in (PLACES[k] for k in options.places):
-        worst = [
-            transitions(distance, field, k, seed, options.rays, rvs_noise())
-            for k in (0, 1)
-            for seed in range(options.seeds)
-        ]
+        worst = []
+        for k, seed in ((k, seed) for k in (0, 1) for seed in range(options.seeds)):
+            worst.append(transitions(distance, field, k, seed, options.rays, rvs_noise()))
+            print(f"  {distance:g} m, sequence {k + 1}, seed {seed}: {worst[-1]:.4f} deg", flush=True)
         print(
             f"{distance:g} m, field {field:g} deg: worst transition of {options.seeds} seeds, both sequences {max(worst):.4f} deg, "
             f"median of worst {np.median(worst):.4f} (asked {asked})",
@@ -50,10 +49,14 @@ def main() -> None:
         )
     if not options.turn_seeds:
         return
-    turns = np.array([full_turn(seed) for seed in range(options.turn_seeds)])
+    turns = []
+    for seed in range(options.turn_seeds):
+        turns.append(full_turn(seed))
+        print(f"  full turn, seed {seed}: {turns[-1][0]:.4f} deg, NEES {turns[-1][1]:.2f}", flush=True)
+    largest, nees = np.array(turns).T
     print(
-        f"full turns at 30 m, {len(turns)} seeds: largest attitude error {turns[:, 0].max():.4f} deg (asked 0.2), "
-        f"mean NEES of poses {turns[:, 1].mean():.2f} (6 degrees of freedom)"
+        f"full turns at 30 m, {len(turns)} seeds: largest attitude error {largest.max():.4f} deg (asked 0.2), "
+        f"mean NEES of poses {nees.mean():.2f} (6 degrees of freedom)"
     )
 
 

@@ -97,7 +97,7 @@ def _begun(folder: Path) -> dict[str, Any]:
 
 
 def merge(shards: Sequence[Path], output: Path) -> int:
-    """Rows of several folders of one study in a new one; how many there are.
+    """Rows of several folders of one study in a new one, with the most seeds that one has; how many there are.
 
     Raises
     ------
@@ -122,7 +122,8 @@ def merge(shards: Sequence[Path], output: Path) -> int:
     table = table.filter(pa.array([True, *(runs[1:] != runs[:-1]).tolist()]))
     make_folder(output / ROWS)
     write_table(output / ROWS / "000001.parquet", table)
-    write_toml(output / STUDY_FILE, dict(first.document))
+    longest = max((study for study, _ in studies), key=len)
+    write_toml(output / STUDY_FILE, dict(longest.document))
     write_json(output / BEGUN_FILE, document)
     return len(table)
 

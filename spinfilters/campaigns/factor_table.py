@@ -141,9 +141,8 @@ def _check_levels(name: str, levels: Any) -> None:
     if not isinstance(levels, list) or not levels:
         raise InputError(f"factor {value_text(name)} is {value_text(levels)}; give a list of levels")
     if "." not in name and not all(isinstance(level, str) for level in levels):
-        raise InputError(
-            f"factor {name} has the levels {value_text(levels)}; give names, each with a table [{name}.NAME]"
-        )
+        cure = "such as mekf" if name == "estimator" else f"each with a table [{name}.NAME]"
+        raise InputError(f"factor {name} has the levels {value_text(levels)}; give names, {cure}")
     texts = [_text(level) for level in levels]
     odd = next((text for text in texts if not text.isprintable() or not 0 < len(text) <= LONGEST_LEVEL), None)
     if odd is not None:

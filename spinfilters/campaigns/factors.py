@@ -77,6 +77,14 @@ class BodyFactor:
     landmarks: Annotated[int, NumberRange(4, 100_000, whole=True)] = 4250
     radius_m: Annotated[float, NumberRange(1e-3, 1e6, "m")] = 0.12
 
+    def __post_init__(self) -> None:
+        smallest, middle, largest = sorted(self.principal_moments)
+        if not smallest + middle > largest:
+            raise InputError(
+                f"body.principal_moments are {list(self.principal_moments)}, of no rigid body; each must be less than the sum of "
+                "the other two"
+            )
+
 
 @dataclass(frozen=True)
 class SensorFactor:
@@ -114,6 +122,7 @@ class NoiseFactor:
     Attributes
     ----------
     stated: whether estimators are told it, unless ``settings`` say otherwise; if not, they identify it.
+    calibrated: whether they are told that the calibration has no error; if not, they consider the errors that are usual.
     """
 
     pixel_std: Annotated[float, STD] = 1.0
@@ -128,6 +137,7 @@ class NoiseFactor:
     force_psd: Annotated[float, PSD] = THESIS_NOISE.force_psd
     torque_psd: Annotated[float, PSD] = THESIS_NOISE.torque_psd
     stated: Annotated[bool, TruthValue()] = True
+    calibrated: Annotated[bool, TruthValue()] = True
 
     @property
     def levels(self) -> dict[str, float]:
@@ -175,7 +185,8 @@ class FaultFactor:
         _ = self.faults  # refuses what no recording can have
         if self.model and self.model not in model_faults():
             raise InputError(
-                f"fault.model is {value_text(self.model)}; use one of {', '.join(model_faults())}"
+                f"fault.model is {value_text(self.model)}; use a name of the page on model errors, such as "
+                f"{', '.join(list(model_faults())[:4])}"
             )
 
     @property

@@ -12,7 +12,7 @@ from spinfilters.data.truth import Truth
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.identification.components import VarianceComponent
 from spinfilters.evaluation.consistency import normalised_square, true_states
-from spinfilters.evaluation.errors import BodyErrors, RmsErrors, TruthErrors
+from spinfilters.evaluation.errors import BodyErrors, RmsErrors, TruthErrors, common_stamps
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.evaluation.span import span_errors
 from spinfilters.state.status import Verdict
@@ -124,13 +124,17 @@ def _body_nees(history: EstimateHistory, truth: Truth) -> dict[str, Any]:
 
     For a gyro, whose axes are those of g.
     """
-    layout, own = history.layout, history.own
-    error = layout.local(history.mean, true_states(truth, layout)[: len(history.mean)])[own]
+    layout, (epochs, rows) = history.layout, common_stamps(history.time, truth.time)
+    own = epochs >= history.initialisation
+    epochs, rows = epochs[own], rows[own]
+    if not len(epochs):
+        return {}
+    error = layout.local(history.mean[epochs], true_states(truth, layout)[rows])
 
     columns = {block: np.arange(layout.error_dim)[layout.slice(block)] for block in "ws"}
 
     def of(at: Int[np.ndarray, " j"]) -> Float[np.ndarray, " n"]:
-        return normalised_square(error[:, at], history.factor[own][:, at]) / len(at)
+        return normalised_square(error[:, at], history.factor[epochs][:, at]) / len(at)
 
     both = np.concatenate(list(columns.values()))
     total = of(both)

@@ -4,6 +4,7 @@ import platform
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any, Final, TypeVar
@@ -143,6 +144,8 @@ class Runner:
             dataset = without_map(dataset)
         if not factors.noise.stated:
             dataset = without_noise(dataset)
+        if not factors.noise.calibrated:
+            dataset = replace(dataset, options=replace(dataset.options, calibration={}))
         return with_faults(dataset, factors.fault.faults, whole_number(seeds.faults))
 
     def _initialised(self, run: CampaignRun, cell: Cell, dataset: Dataset) -> Setup:

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from spinfilters.cli.console import progress_bars, wide_console
+from spinfilters.cli.lidar_needed import needed
 from spinfilters.conventions import RPM
 from spinfilters.data.output_folder import output_folder, refuse_foreign
 from spinfilters.errors import InputError
@@ -38,6 +39,11 @@ _RATE_RPM = (1.0, 2.0, 1.5)
 
 
 def lidar(options: argparse.Namespace) -> int:
+    """The action that was chosen."""
+    return {"scan": _scan, "needed": needed}[options.action](options)
+
+
+def _scan(options: argparse.Namespace) -> int:
     """Simulate one scan, or a sequence as a data set."""
     folder = Path(options.output)
     refuse_foreign(folder, COMMAND)

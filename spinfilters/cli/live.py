@@ -11,12 +11,15 @@ from spinfilters.data.atomic_write import write_json
 from spinfilters.data.dataset import read_dataset
 from spinfilters.live.answer import Answer
 from spinfilters.live.answer_writer import AnswerWriter
+from spinfilters.live.course import CourseRecorder
 from spinfilters.live.executive import Executive
 from spinfilters.live.options import LiveOptions
 from spinfilters.live.setup import LONG_RUN, live_setup
 from spinfilters.live.sources import Replay, Source, open_lines
 from spinfilters.live.supervisor import SupervisionOptions
 from spinfilters.live.terminal_view import TerminalView
+from spinfilters.plots.live_course import live_figure
+from spinfilters.plots.style import draw_figure
 from spinfilters.settings.run_settings import Settings, read_settings
 
 MIB = 1 << 20
@@ -30,6 +33,7 @@ def live(options: argparse.Namespace) -> int:
     setup = live_setup(dataset, settings, options.filter)
     executive = Executive(setup, _options(options, settings))
     source: Source = lines or Replay(dataset.log, setup.time, options.speed)
+    course = CourseRecorder(executive.summary.deadline)
     writer = AnswerWriter(options.format, sys.stdout)
     try:
         with ExitStack() as stack:
@@ -37,6 +41,7 @@ def live(options: argparse.Namespace) -> int:
             show = _shown(stack, options, executive, writer)
             for answer in executive.run(source.epochs()):
                 show(answer)
+                course.keep(answer)
     except KeyboardInterrupt:
         pass
     except BrokenPipeError:  # nobody reads the answers any more
@@ -46,7 +51,11 @@ def live(options: argparse.Namespace) -> int:
         executive.summary.events["answer not read"] += writer.dropped
     print(executive.summary.text(), file=sys.stderr)
     if options.summary:
-        write_json(Path(options.summary), executive.summary.document())
+        path = Path(options.summary)
+        write_json(path, executive.summary.document())
+        draw_figure(
+            lambda: live_figure(course.course()), path.with_name(path.name.removesuffix(".json") + ".png")
+        )
     return 1 if executive.summary.missed else 0
 
 
@@ -66,12 +75,15 @@ def _options(options: argparse.Namespace, settings: Settings) -> LiveOptions:
 def _shown(
     stack: ExitStack, options: argparse.Namespace, executive: Executive, writer: AnswerWriter
 ) -> Callable[[Answer], None]:
-    """What is done with an answer."""
-    view = stack.enter_context(TerminalView(executive.summary)) if options.view else None
+    """What is done with an answer; a table and lines would spoil each other in one terminal."""
+    if not options.view:
+        return writer.write
+    view = stack.enter_context(TerminalView(executive.summary))
+    if sys.stdout.isatty():
+        return view.show
 
     def show(answer: Answer) -> None:
         writer.write(answer)
-        if view is not None:
-            view.show(answer)
+        view.show(answer)
 
     return show

@@ -46,6 +46,7 @@ class Dataset:
     inspector: poses of cam0 in i over the time of all measurements of cameras; None where frame i is that of cam0.
     segment: the stretch of a recording that this is, None of a whole one.
     acceleration: of an accelerometer beside the sensors; it tells flights, no estimator reads it.
+    doubts: reasons why no estimate from these measurements is to be trusted, of what made them of raw data.
 
     Raises
     ------
@@ -64,6 +65,7 @@ class Dataset:
     options: DatasetOptions = field(default_factory=DatasetOptions)
     segment: Segment | None = None
     acceleration: Acceleration | None = None
+    doubts: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         kinds = dataset_kinds()

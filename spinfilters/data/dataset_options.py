@@ -17,6 +17,7 @@ DENSITIES: Final[dict[str, NumberRange]] = {
     "torque_psd": NumberRange(1e-30, 1e12, "(rad/s^2)^2/Hz", zero=True),
 }
 """Keys that are densities of the disturbances, and what they may be."""
+INFLATION: Final = NumberRange(1.0, 1e6)
 
 
 def noise_ranges() -> dict[str, NumberRange]:
@@ -42,10 +43,12 @@ class DatasetOptions:
     frames: in words, what the frames i and g of this data set are.
     notes: numbers and words for the reader, such as a seed; no estimator looks at them.
     calibration: standard deviations of the calibration by `ConsiderParameter.name`, those that the data set tells.
+    covariance_inflation: factor, at least 1, on the covariances that rows state for themselves, so that errors which rows have in
+        common weigh as much as they should where estimators take them for white noise; residuals are smaller by it.
 
     Raises
     ------
-    InputError: a standard deviation or density out of its range.
+    InputError: a standard deviation, density or factor out of its range.
     """
 
     sensor_noise: Mapping[str, float]
@@ -54,6 +57,7 @@ class DatasetOptions:
     frames: str
     notes: Mapping[str, Note]
     calibration: Mapping[str, float]
+    covariance_inflation: float
 
     def __init__(
         self,
@@ -63,6 +67,7 @@ class DatasetOptions:
         frames: str = "",
         notes: Mapping[str, Note] | None = None,
         calibration: Mapping[str, float] | None = None,
+        covariance_inflation: float = 1.0,
         **noise: float | None,
     ) -> None:
         ranges = noise_ranges()
@@ -74,7 +79,9 @@ class DatasetOptions:
                 ranges[name].require(name, value)
         stated = {k: v for k, v in given.items() if v is not None and k not in DENSITIES}
         _check_calibration(calibration or {})
-        values = (stated, force_psd, torque_psd, frames, dict(notes or {}), dict(calibration or {}))
+        INFLATION.require("covariance_inflation", covariance_inflation)
+        told = frames, dict(notes or {}), dict(calibration or {}), float(covariance_inflation)
+        values = (stated, force_psd, torque_psd, *told)
         for name, field in zip(_FIELDS, values, strict=True):
             object.__setattr__(self, name, field)
 
@@ -92,6 +99,9 @@ class DatasetOptions:
     def document(self) -> dict[str, Any]:
         """The options that are given, as keys of dataset.toml."""
         values = {key: getattr(self, key) for key in (*noise_ranges(), "frames")}
+        values["covariance_inflation"] = (
+            None if self.covariance_inflation == 1.0 else self.covariance_inflation
+        )
         given = {key: value for key, value in values.items() if value not in (None, "")}
         tables = {"calibration": dict(self.calibration), "notes": dict(self.notes)}
         return given | {name: table for name, table in tables.items() if table}
@@ -108,7 +118,7 @@ def options_from_toml(path: Path, document: Mapping[str, Any]) -> DatasetOptions
     InputError: an unknown key, a value of another type, a standard deviation that is not positive.
     """
     noise = noise_ranges()
-    known = [*noise, "frames", "calibration", "notes"]
+    known = [*noise, "frames", "calibration", "covariance_inflation", "notes"]
     given = {key: value for key, value in document.items() if key not in ("kind", "description")}
     for key, value in given.items():
         if key not in known:
@@ -116,7 +126,7 @@ def options_from_toml(path: Path, document: Mapping[str, Any]) -> DatasetOptions
                 f"{path_text(path)}: key {value_text(key)} is unknown; "
                 f"use kind, description, {', '.join(known)}, or put it in [notes]"
             )
-        expected = float | int if key in noise else str if key == "frames" else dict
+        expected = float | int if _is_number(key) else str if key == "frames" else dict
         if not isinstance(value, expected) or isinstance(value, bool):
             raise InputError(f"{path_text(path)}: {key} is {value_text(value)}, {_expected(key)}; correct it")
     _check_notes(path, given.get("notes", {}))
@@ -129,10 +139,14 @@ def options_from_toml(path: Path, document: Mapping[str, Any]) -> DatasetOptions
         raise InputError(f"{path_text(path)}: {error}; correct it") from None
 
 
+def _is_number(key: str) -> bool:
+    return key in noise_ranges() or key == "covariance_inflation"
+
+
 def _expected(key: str) -> str:
     return (
         "expected a number"
-        if key in noise_ranges()
+        if _is_number(key)
         else "expected text"
         if key == "frames"
         else f"expected a table [{key}]"

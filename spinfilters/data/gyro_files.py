@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.special import bdtrc
 
 from spinfilters.data.input_file import path_text, read_settings_text, value_text
 from spinfilters.data.measurement_log import MeasurementStream
@@ -28,9 +29,15 @@ PHYPHOX_TABLE: Final[str] = "Raw Data.csv"
 FLAT_TOP: Final[float] = 1e-3
 NEAR_TOP: Final[float] = 2e-2
 """Of the largest |rate| of an axis: clipped samples lie within the first of it (offsets are corrected after clipping), and few
-others within the second. A smooth peak whose top two samples lie within the first has three times as many within the second."""
+others within the second. Of the samples within the second, a smooth peak has the square root of their ratio within the first."""
 FEWEST_CLIPPED: Final[int] = 3
 """Samples that can make a flat top."""
+CHANCE: Final[float] = 1e-4
+"""Probability of a smooth peak below which a flat top is clipped, whatever the full scale."""
+FULL_SCALES: Final = np.deg2rad(125.0 * 2.0 ** np.arange(6))
+"""Of usual gyros, rad/s: at them a flat top of few samples is clipped."""
+FULL_SCALE_TOLERANCE: Final[float] = 5e-3
+"""Of a full scale."""
 
 _SEGMENT_COLUMNS = ["segment", "start", "end", "keep", "comment"]
 _DEGREES = re.compile(r"(?<![a-z])(deg(ree)?s?|dps|degps)(?![a-z])|°(?!\s*[CF])", re.IGNORECASE)
@@ -114,18 +121,30 @@ def write_gyro_csv(path: Path, stream: MeasurementStream) -> None:
 def saturated(rate: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
     """Whether a component of the rate is clipped at its largest magnitude.
 
-    An axis that is there most of the time spins steadily and is not taken for clipped.
+    An axis that is there most of the time spins steadily and is not taken for clipped; nor is a peak whose top is as flat by
+    chance, or by the resolution.
     """
     clipped = np.zeros(len(rate), dtype=bool)
     for axis in np.asarray(rate).T:
-        largest = np.abs(axis).max(initial=0.0)
-        top = np.abs(axis) >= (1 - FLAT_TOP) * largest
-        near = np.abs(axis) >= (1 - NEAR_TOP) * largest
-        together = bool(np.any(top[1:] & top[:-1] & (np.sign(axis[1:]) == np.sign(axis[:-1]))))
-        count = np.count_nonzero(top)
-        if together and FEWEST_CLIPPED <= count <= len(axis) / 2 and 2 * count > np.count_nonzero(near):
-            clipped |= top
+        clipped |= _flat_top(np.abs(axis), np.sign(axis))
     return clipped
+
+
+def _flat_top(size: Float[np.ndarray, " n"], sign: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    """Clipped samples of an axis."""
+    largest, nothing = size.max(initial=0.0), np.zeros(len(size), dtype=bool)
+    if not 0 < largest < np.inf:
+        return nothing
+    resolution = np.diff(np.unique(size)).min(initial=largest) / largest
+    flat = max(FLAT_TOP, 1.5 * resolution)
+    top, near = size >= (1 - flat) * largest, size >= (1 - flat * NEAR_TOP / FLAT_TOP) * largest
+    together = bool(np.any(top[1:] & top[:-1] & (sign[1:] == sign[:-1])))
+    count, others = np.count_nonzero(top), np.count_nonzero(near)
+    if not together or not FEWEST_CLIPPED <= count <= len(size) / 2 or 2 * count <= others:
+        return nothing
+    usual = bool(np.any(np.abs(largest / FULL_SCALES - 1) < FULL_SCALE_TOLERANCE))
+    by_chance = float(bdtrc(count - 1, others, np.sqrt(FLAT_TOP / NEAR_TOP)))
+    return top if usual or by_chance < CHANCE else nothing
 
 
 def read_phyphox(folder: Path, options: ReadingOptions = NOTHING_STATED) -> PhyphoxRecording:

@@ -12,6 +12,22 @@ if TYPE_CHECKING:
     from spinfilters.data.truth import Truth
 
 
+@dataclass(frozen=True, eq=False)
+class RawMeasurements:
+    """What raw data became.
+
+    Attributes
+    ----------
+    stream: the measurements.   truth: told in the stream's frame g.
+    remarks: what was left out or not determined.   doubts: reasons why no estimate from this stream is to be trusted.
+    """
+
+    stream: "MeasurementStream"
+    truth: "Truth | None" = None
+    remarks: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True)
 class RawDataReader:
     """What makes the streams of a folder's raw data.
@@ -19,12 +35,12 @@ class RawDataReader:
     Attributes
     ----------
     kind: in dataset.toml.   made: kind of the data set that comes out.
-    read: given the folder and its truth, or None, gives the stream, the truth told in the stream's frame g, and remarks in words.
+    read: of a folder with its truth, or None.
     """
 
     kind: str
     made: str
-    read: "Callable[[Path, Truth | None], tuple[MeasurementStream, Truth | None, str]]"
+    read: "Callable[[Path, Truth | None], RawMeasurements]"
 
 
 RAW_DATA: Final = PluginGroup("spinfilters.front_ends", "READER", RawDataReader)

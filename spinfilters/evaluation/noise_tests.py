@@ -12,20 +12,25 @@ A test's score is the excess over its standard deviation; the ratio is that of t
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.estimators.estimator import ProcessModel
 from spinfilters.estimators.filters.noise_adaptation import SOURCES, motion_evidence
 from spinfilters.estimators.filters.square_root_update import triangular_factor
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.linear_algebra.lapack import dtrtrs
 from spinfilters.models.process import TorqueFreeProcess
+from spinfilters.state.gaussian import Gaussian
 
 MOST_EPOCHS: Final = 1500
 """That are tested, from a filter's first on."""
 MEASUREMENTS: Final = "measurements"
+TESTS: Final = (MEASUREMENTS, *SOURCES)
+"""Of the noise, in the order of an epoch's sums."""
 SMALLEST_RATIO: Final = 0.01
 """Of variances that is told: far below one the first order says nothing more."""
 
@@ -44,15 +49,6 @@ class NoiseTest:
     expected: float = 0.0
     variance: float = 0.0
     information: float = 0.0
-
-    def plus(self, seen: float, expected: float, information: float) -> "NoiseTest":
-        """With another epoch of a filter, whose squares have twice the information for their variance."""
-        return NoiseTest(
-            self.seen + seen,
-            self.expected + expected,
-            self.variance + 2 * information,
-            self.information + information,
-        )
 
     @property
     def score(self) -> float:
@@ -99,15 +95,97 @@ class FilterTests:
 
 
 @dataclass(frozen=True)
-class _Update:
-    """y, 1 - K and factor F of one update.
+class FilterEpoch:
+    """An epoch of a filter.
 
-    And what it says of the measurements.
+    Attributes
+    ----------
+    before, after: belief after the epoch before, and after this one.   dt: s between them.
+    nis, dof: of all its updates.
+    """
+
+    before: Gaussian
+    after: Gaussian
+    dt: float
+    nis: float
+    dof: float
+
+
+@dataclass(frozen=True)
+class _Update:
+    """y, 1 - K and F of one update in its prediction's tangent space.
+
+    reset leads from there to the tangent space of its mean.
     """
 
     y: Float[np.ndarray, " n"]
     left: Float[np.ndarray, "n n"]
     factor: Float[np.ndarray, "n n"]
+    reset: Float[np.ndarray, "n n"]
+
+
+class EpochTester:
+    """What every epoch of a filter adds to the sums of its tests; epochs come in order, none left out.
+
+    Parameters
+    ----------
+    process: with the noise that the filter was told.
+    """
+
+    def __init__(self, process: ProcessModel) -> None:
+        self._process = process
+        self._known: dict[str, np.ndarray] = {}
+        self._latest: tuple[np.ndarray, np.ndarray] | None = None
+
+    def take(self, epoch: FilterEpoch) -> Float[np.ndarray, "t 3"]:
+        """Sum of squares, expectation and information of every one of `TESTS`; last correlation, its variance, its length.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError, or what the process raises: numbers that lead nowhere.
+        """
+        moved, transition, noise = self._process.linearise(epoch.before.mean, epoch.dt)
+        update = _update(
+            epoch.after, moved, triangular_factor(np.hstack([transition @ epoch.before.factor, noise]).T)
+        )
+        sums = np.zeros((len(TESTS) + 1, 3))
+        for row, (source, columns) in enumerate(SOURCES.items(), start=1):
+            if noise[:, columns].size:
+                sums[row] = self._of_motion(source, noise[:, columns], transition, update)
+        K = np.eye(len(update.y)) - update.left
+        if epoch.dof > 0:
+            sums[0] = _of_measurements(epoch, update.y, K)
+        if self._latest is not None:
+            y, last = self._latest
+            sums[-1] = update.y @ y, np.vdot(K, last), _mean_trace(K, last)
+        self._latest = update.y, K
+        return sums
+
+    def _of_motion(
+        self,
+        source: str,
+        noise: Float[np.ndarray, "n k"],
+        transition: Float[np.ndarray, "n n"],
+        update: _Update,
+    ) -> tuple[float, float, float]:
+        entered = noise @ noise.T
+        if source in self._known:
+            entered += transition @ self._known[source] @ transition.T
+        D = _within(update.factor, entered)
+        evidence = motion_evidence(D, update.left, update.y)
+        shrunk = update.reset @ update.factor @ update.left
+        self._known[source] = shrunk @ D @ shrunk.T
+        return evidence.squared, evidence.expected, evidence.information
+
+
+def summed_tests(sums: Float[np.ndarray, "t 3"]) -> FilterTests:
+    """Tests from sums over epochs of what `EpochTester.take` gives."""
+    noise = {
+        name: NoiseTest(seen, expected, 2 * information, information)
+        for name, (seen, expected, information) in zip(TESTS, sums[:-1].tolist(), strict=True)
+        if information > 0
+    }
+    return FilterTests(noise, *sums[-1].tolist())
 
 
 def filter_tests(history: EstimateHistory, process: TorqueFreeProcess) -> FilterTests:
@@ -118,44 +196,26 @@ def filter_tests(history: EstimateHistory, process: TorqueFreeProcess) -> Filter
     numpy.linalg.LinAlgError: numbers that lead nowhere.
     """
     begin = max(history.initialisation, 1)
-    tests = dict.fromkeys((MEASUREMENTS, *SOURCES), NoiseTest())
-    known: dict[str, np.ndarray] = {}
-    sums, before = np.zeros(3), None
-    for k in range(begin, min(len(history.time), begin + MOST_EPOCHS)):
-        moved, transition, noise = process.linearise(
-            history.mean[k - 1], float(history.time[k] - history.time[k - 1])
-        )
-        update = _update(
-            history, k, moved, triangular_factor(np.hstack([transition @ history.factor[k - 1], noise]).T)
-        )
-        for source, columns in SOURCES.items():
-            if noise[:, columns].size:
-                entered = noise[:, columns] @ noise[:, columns].T
-                if source in known:
-                    entered += transition @ known[source] @ transition.T
-                D = _within(update.factor, entered)
-                evidence = motion_evidence(D, update.left, update.y)
-                tests[source] = tests[source].plus(evidence.squared, evidence.expected, evidence.information)
-                shrunk = update.factor @ update.left
-                known[source] = shrunk @ D @ shrunk.T
-        K = np.eye(len(update.y)) - update.left
-        if history.dof[k] > 0:
-            tests[MEASUREMENTS] = tests[MEASUREMENTS].plus(*_of_measurements(history, k, update.y, K))
-        if before is not None:
-            sums += [update.y @ before[0], np.vdot(K, before[1]), _mean_trace(K, before[1])]
-        before = update.y, K
-    noise_tests = {name: test for name, test in tests.items() if test.information > 0}
-    return FilterTests(noise_tests, *sums.tolist())
+    tester, sums = EpochTester(process), np.zeros((len(TESTS) + 1, 3))
+    beliefs = [
+        Gaussian(history.layout, history.mean[k], history.factor[k])
+        for k in range(begin - 1, min(len(history.time), begin + MOST_EPOCHS))
+    ]
+    for k, (before, after) in enumerate(pairwise(beliefs), start=begin):
+        dt = float(history.time[k] - history.time[k - 1])
+        sums += tester.take(FilterEpoch(before, after, dt, float(history.nis[k]), float(history.dof[k])))
+    return summed_tests(sums)
 
 
-def _update(
-    history: EstimateHistory, k: int, moved: Float[np.ndarray, " m"], factor: Float[np.ndarray, "n n"]
-) -> _Update:
-    error = history.layout.local(moved, history.mean[k])
-    solved, failed = dtrtrs(factor, np.column_stack([history.factor[k], error]), lower=1)
+def _update(after: Gaussian, moved: Float[np.ndarray, " m"], factor: Float[np.ndarray, "n n"]) -> _Update:
+    """The belief refers to its own mean: in the prediction's tangent space it has another factor."""
+    error = after.layout.local(moved, after.mean)
+    reset = after.layout.reset_jacobian(error)
+    at_prediction = np.linalg.solve(reset, after.factor)
+    solved, failed = dtrtrs(factor, np.column_stack([at_prediction, error]), lower=1)
     if failed:
-        raise np.linalg.LinAlgError(f"the predicted covariance of epoch {k} is singular")
-    return _Update(solved[:, -1], solved[:, :-1] @ solved[:, :-1].T, factor)
+        raise np.linalg.LinAlgError("a predicted covariance is singular")
+    return _Update(solved[:, -1], solved[:, :-1] @ solved[:, :-1].T, factor, reset)
 
 
 def _mean_trace(one: Float[np.ndarray, "n n"], other: Float[np.ndarray, "n n"]) -> float:
@@ -172,9 +232,8 @@ def _within(
 
 
 def _of_measurements(
-    history: EstimateHistory, k: int, y: Float[np.ndarray, " n"], K: Float[np.ndarray, "n n"]
+    epoch: FilterEpoch, y: Float[np.ndarray, " n"], K: Float[np.ndarray, "n n"]
 ) -> tuple[float, float, float]:
     """Sum of squares, expectation and half the variance of what no state explains."""
-    dof, told = float(history.dof[k]), float(np.trace(K))
-    free = dof - told
-    return float(history.nis[k] - y @ y), free, max(dof - 2 * told + float(np.vdot(K, K)), 0.0)
+    told = float(np.trace(K))
+    return float(epoch.nis - y @ y), epoch.dof - told, max(epoch.dof - 2 * told + float(np.vdot(K, K)), 0.0)

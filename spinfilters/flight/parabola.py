@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
+from spinfilters.flight.rotation_jumps import turns_on
 from spinfilters.flight.stretches import (
     Stretch,
     covered,
@@ -251,7 +252,7 @@ def _prior(log: PoseLog, unknowns: int) -> Float[np.ndarray, "unknowns unknowns"
 
 
 def _trimmed(log: PoseLog, stretch: Stretch) -> Stretch:
-    """The stretch without end samples off its middle's parabola."""
+    """The stretch without samples at its ends that do not lie on the parabola of its middle, or before which the rotation jumps."""
     margin = max(FEWEST_ENDS, len(stretch) // ENDS)
     core = np.arange(stretch.start + margin, stretch.end - margin)
     if len(core) < FEWEST // 2:
@@ -266,6 +267,7 @@ def _trimmed(log: PoseLog, stretch: Stretch) -> Stretch:
     spread = 1.0 + np.einsum("ij,ji->i", design[0], np.linalg.solve(normal, design[0].T))
     noise = max(float(np.sqrt(np.mean(error[within] ** 2))), log.noise)
     good = (np.abs(error) <= LARGEST_ERROR * noise * np.sqrt(spread)).reshape(-1, 3).all(axis=1)
+    good &= turns_on(log.time[chosen[0]], log.attitude[chosen[0]], margin)
     bad = np.flatnonzero(~good)
     before, after = bad[bad < margin], bad[bad >= len(good) - margin]
     first = stretch.start + (int(before[-1]) + 1 if len(before) else 0)

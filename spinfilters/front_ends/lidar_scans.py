@@ -18,7 +18,7 @@ from spinfilters.attitude.conversions import (
 from spinfilters.data.dataset import DATASET_FILE
 from spinfilters.data.input_file import path_text
 from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.data.raw_data import RawDataReader
+from spinfilters.data.raw_data import RawDataReader, RawMeasurements
 from spinfilters.data.truth import Truth
 from spinfilters.errors import InputError
 from spinfilters.lidar.scan_files import read_scan
@@ -31,10 +31,8 @@ LARGE: Final = 25.0
 _STEPS = 8
 
 
-def read_scans(folder: Path, truth: Truth | None) -> tuple[MeasurementStream, Truth | None, str]:
-    """Poses of the scans in ``scans/*.ply`` in time order, with truth and remarks.
-
-    The truth is told in the scans' frame g.
+def read_scans(folder: Path, truth: Truth | None) -> RawMeasurements:
+    """Poses of the scans in ``scans/*.ply`` in the order of their stamps, the truth told in their frame g.
 
     Raises
     ------
@@ -42,7 +40,8 @@ def read_scans(folder: Path, truth: Truth | None) -> tuple[MeasurementStream, Tr
     """
     found = registered_scans(folder)
     stream = pose_stream(found)
-    return stream, None if truth is None else in_frame_of(stream, truth), "; ".join(found.remarks)
+    told = None if truth is None else in_frame_of(stream, truth)
+    return RawMeasurements(stream, told, found.remarks, found.doubts)
 
 
 def registered_scans(folder: Path) -> ScanPoses:

@@ -11,18 +11,16 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.lidar.edge_model import FITTING, expected_ranges, inner_rays, moved_pose, with_edges
+from spinfilters.lidar.convex_ranges import expected_ranges
+from spinfilters.lidar.edge_model import FITTING, inner_rays, with_edges
 from spinfilters.lidar.face_adjustment import adjusted_faces, with_map_errors
-from spinfilters.lidar.face_map import Face, FaceInformation, TrackedFaces
+from spinfilters.lidar.face_map import FaceInformation, TrackedFaces
 from spinfilters.lidar.point_noise import PointNoise
 from spinfilters.lidar.ray_pattern import angles_of
 
-_DELTA = 1e-6
 _LARGE = 4.0  # standard deviations beyond which a range counts less (Huber)
 MOST_RAYS: Final = 2000
 """Of a scan within the outline: planes of more points are better than the ranges of so many of them."""
-MOST_SCANS: Final = 60
-"""Whose ranges adjust a map; with more scans planes alone make it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,24 +51,13 @@ class RangeEvidence:
     def _linearised(
         self, tracked: TrackedFaces, number: int
     ) -> tuple[Float[np.ndarray, "n m"], Float[np.ndarray, " n"]]:
-        """Whitened residuals of ranges and their derivatives by pose and faces.
-
-        Rays without a face are left out.
-        """
-        pose, faces, angles = tracked.poses[number], tracked.faces, self.angles[number]
-        expected, std = expected_ranges(angles, faces, pose.rotation, pose.translation, self.noise)
-        steps = np.repeat([_DELTA, _DELTA * self.size], 3)
-        ahead = [
-            expected_ranges(angles, faces, *moved_pose(pose.rotation, pose.translation, step), self.noise)[0]
-            for step in np.diag(steps)
-        ]
-        for k, face in enumerate(faces):
-            for step in np.diag([_DELTA, _DELTA, _DELTA * self.size]):
-                others = [*faces[:k], _changed(face, step), *faces[k + 1 :]]
-                ahead.append(expected_ranges(angles, others, pose.rotation, pose.translation, self.noise)[0])
-        scale = np.concatenate([steps, np.tile([_DELTA, _DELTA, _DELTA * self.size], len(faces))])
-        J = (np.stack(ahead, axis=1) - expected[:, None]) / scale / std[:, None]
-        residual = (self.ranges[number] - expected) / std
+        """Derivatives of whitened ranges by the pose and by all faces, and residuals; rays without a face are left out."""
+        pose = tracked.poses[number]
+        expected = expected_ranges(
+            self.angles[number], tracked.faces, pose.rotation, pose.translation, self.noise
+        )
+        J = np.hstack([expected.by_pose, expected.by_faces]) / expected.std[:, None]
+        residual = (self.ranges[number] - expected.mean) / expected.std
         good = np.isfinite(residual) & np.isfinite(J).all(axis=1)
         return J[good], residual[good]
 
@@ -87,11 +74,7 @@ def edge_adjusted(
     clouds: points of every scan, frame L, m.   size: of the body, m.
     """
     rays = [inner_rays(points, noise, MOST_RAYS + 1) for points in clouds]
-    if (
-        len(clouds) > MOST_SCANS
-        or not tracked.faces
-        or any(each is None or len(each) > MOST_RAYS for each in rays)
-    ):
+    if not tracked.faces or any(each is None or len(each) > MOST_RAYS for each in rays):
         return _posed_with_edges(tracked, clouds, noise, size)
     chosen = [points[rows] for points, rows in zip(clouds, rays, strict=True) if rows is not None]
     angles = [np.stack(angles_of(points), axis=1) for points in chosen]
@@ -121,9 +104,3 @@ def _posed_with_edges(
 
 def _reduced(residual: Float[np.ndarray, " n"]) -> float:
     return float(np.mean(np.minimum(residual**2, _LARGE**2))) if len(residual) else np.inf
-
-
-def _changed(face: Face, step: Float[np.ndarray, "3"]) -> Face:
-    """A face after two tangent components of its normal and its offset have changed."""
-    normal = face.normal + face.tangents @ step[:2]
-    return Face(normal / np.linalg.norm(normal), face.offset + float(step[2]))

@@ -37,6 +37,8 @@ SAME_ANGLE: Final = np.deg2rad(3.0)
 """Between the normals of two faces that are one, at most."""
 SAME_OFFSET: Final = 0.02
 """Between their offsets, in sizes of the body, at most."""
+SETTLED: Final = 1e-8
+"""Predicted cost reduction of a step, in squared standard deviations, below which faces and poses are found."""
 _STEPS = 8
 
 
@@ -89,10 +91,10 @@ def adjusted_faces(tracked: TrackedFaces, evidence: FaceEvidence, size: float) -
         drift = uniform_drift(tracked, size)
         blocks = [_blocks(tracked, drift, k, evidence, size, robust=True) for k in range(len(tracked.poses))]
         free = _free(tracked, size)
-        S, side = _marginal(blocks)
+        S, side = _marginal(blocks, size)
         step = free @ np.linalg.solve(free.T @ S @ free, free.T @ side)
         tracked = _moved(tracked, blocks, step)
-        if np.abs(step).max() < 1e-12:
+        if step @ side < SETTLED:
             break
     return tracked
 
@@ -120,8 +122,8 @@ def with_map_errors(tracked: TrackedFaces, evidence: FaceEvidence, size: float) 
     drift, count = uniform_drift(tracked, size), 3 * len(tracked.faces)
     blocks = [_blocks(tracked, drift, k, evidence, size) for k in range(len(tracked.poses))]
     free = _free(tracked, size)
-    M = (free @ np.linalg.solve(free.T @ _marginal(blocks)[0] @ free, free.T))[:count, :count]
-    own = _without_shift(tracked)
+    M = (free @ np.linalg.solve(free.T @ _marginal(blocks, size)[0] @ free, free.T))[:count, :count]
+    own = _without_freedom(tracked, blocks)
     M = own @ M @ own.T
     loose = replace(drift, scatter=np.inf)
     alone = [_blocks(tracked, loose, k, evidence, size) for k in range(len(tracked.poses))]
@@ -180,14 +182,18 @@ def _blocks(
     return FaceInformation(own, cross, shared, own_side, shared_side)
 
 
-def _marginal(blocks: Sequence[FaceInformation]) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, " m"]]:
-    """Normal equations of what is shared, the poses eliminated."""
-    S, side = 0.0, 0.0
+def _marginal(
+    blocks: Sequence[FaceInformation], size: float
+) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, " m"]]:
+    """Normal equations of what is shared, the poses eliminated; a face that no scan tells of is known to a radian and ``size``."""
+    faces = (blocks[0].shared.shape[0] - 6) // 3
+    S = np.diag(np.concatenate([np.tile([1.0, 1.0, size**-2.0], faces), np.zeros(6)]))
+    side = np.zeros(len(S))
     for each in blocks:
         gain = np.linalg.solve(each.own, each.cross).T
         S = S + each.shared - gain @ each.cross
         side = side + each.shared_side - gain @ each.own_side
-    return np.asarray(S), np.asarray(side)
+    return S, side
 
 
 def _free(tracked: TrackedFaces, size: float) -> Float[np.ndarray, "m f"]:
@@ -201,13 +207,18 @@ def _free(tracked: TrackedFaces, size: float) -> Float[np.ndarray, "m f"]:
     return np.linalg.svd(gauge / scale[:, None])[0][:, gauge.shape[1] :] * scale[:, None]
 
 
-def _without_shift(tracked: TrackedFaces) -> Float[np.ndarray, "f f"]:
-    """Errors of the faces without a common shift.
+def _without_freedom(tracked: TrackedFaces, blocks: Sequence[FaceInformation]) -> Float[np.ndarray, "f f"]:
+    """Errors of the faces without a common rotation and shift, where each face weighs as much as scans tell of it.
 
-    Where the origin of g lies is a definition, and no error of a pose in that g.
+    Which way g is turned and where its origin lies are definitions, and no error of a pose in that g. With equal weights a face
+    that was hardly seen would turn g, and all poses with it.
     """
-    G = np.concatenate([_freedom(face)[:, 3:] for face in tracked.faces])
-    return np.eye(len(G)) - G @ np.linalg.pinv(G)
+    G = np.concatenate([_freedom(face) for face in tracked.faces])
+    W = np.zeros((len(G), len(G)))
+    for k in range(len(tracked.faces)):
+        at = slice(3 * k, 3 * k + 3)
+        W[at, at] = sum(each.shared[at, at] for each in blocks)
+    return np.eye(len(G)) - G @ np.linalg.pinv(G.T @ W @ G, hermitian=True) @ G.T @ W
 
 
 def _freedom(face: Face) -> Float[np.ndarray, "3 6"]:

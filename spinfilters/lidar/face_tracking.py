@@ -16,6 +16,7 @@ from spinfilters.lidar.face_adjustment import (
     PlaneEvidence,
     adjusted_faces,
     merged_faces,
+    uniform_drift,
     with_map_errors,
 )
 from spinfilters.lidar.face_consistency import consistent_faces
@@ -27,11 +28,11 @@ from spinfilters.lidar.face_map import (
     residual_and_jacobian,
 )
 from spinfilters.lidar.planes import FittedPlane
+from spinfilters.lidar.pose_prediction import interpolated_rotation, predicted_pose
 from spinfilters.lidar.scan_pose import (
     ScanPose,
     nearest_rotation,
     pose_covariance,
-    predicted_pose,
     rotation_matrix,
 )
 
@@ -60,7 +61,7 @@ def track_faces(
     faces: list[Face] = []
     matches: list[tuple[int, ...]] = []
     for time, seen in zip(times, planes, strict=True):
-        R, t = predicted_pose(poses, time) if poses else (np.eye(3), middle)
+        R, t = predicted_pose(poses, time, size) if poses else (np.eye(3), middle)
         pairs: list[tuple[int, int]] = []
         for gate in (0.5 * size, 0.15 * size):
             pairs = _matched(seen, faces, R, t, gate)
@@ -71,7 +72,8 @@ def track_faces(
                 of_plane[number] = len(faces)
                 faces.append(_face(plane, R, t))
         matches.append(tuple(of_plane[number] for number in range(len(seen))))
-        poses.append(ScanPose(time, R, t, np.eye(6)))
+        known = normal_equations([(seen[i], faces[j]) for i, j in pairs], R, t)[0]
+        poses.append(ScanPose(time, R, t, pose_covariance(known, R, size)[0]))
     return _adjusted(poses, faces, matches, planes, size)
 
 
@@ -150,8 +152,19 @@ def _adjusted(
         tracked = adjusted_faces(merged, PlaneEvidence(planes), size)
     found = consistent_faces(_all_posed(tracked, planes, size), planes, size)
     tracked, planes = adjusted_faces(found.tracked, PlaneEvidence(found.planes), size), found.planes
-    tracked = with_map_errors(_all_posed(tracked, planes, size), PlaneEvidence(planes), size)
+    tracked = _all_posed(_led_by_neighbours(_all_posed(tracked, planes, size), size), planes, size)
+    tracked = with_map_errors(tracked, PlaneEvidence(planes), size)
     return replace(tracked, contradicted=found.contradicted)
+
+
+def _led_by_neighbours(tracked: TrackedFaces, size: float) -> TrackedFaces:
+    """Scans that do not determine their pose begin from where those before and after lead."""
+    drift, poses = uniform_drift(tracked, size), list(tracked.poses)
+    for k, pose in enumerate(tracked.poses):
+        if pose.undetermined:
+            place = drift.place(k) if np.isfinite(drift.scatter) else pose.translation
+            poses[k] = replace(pose, rotation=interpolated_rotation(tracked.poses, k), translation=place)
+    return replace(tracked, poses=tuple(poses))
 
 
 def _all_posed(tracked: TrackedFaces, planes: Sequence[Sequence[FittedPlane]], size: float) -> TrackedFaces:

@@ -10,10 +10,9 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import uniform_filter
-from scipy.spatial import KDTree
 
 from spinfilters.lidar.point_noise import PointNoise
-from spinfilters.lidar.ray_pattern import angles_of
+from spinfilters.lidar.ray_pattern import angle_tree, angles_of
 
 GATE: Final = 3.5
 """Standard deviations within which a point belongs to a plane."""
@@ -132,7 +131,7 @@ def _largest_plane(
     size = int(np.clip(len(points) // 40, 12, 400))
     subset = points[generator.choice(len(points), min(_SUBSET, len(points)), replace=False)]
     seeds = generator.integers(len(points), size=_SEEDS)
-    patches = np.asarray(KDTree(angles).query(angles[seeds], min(size, len(points)))[1])
+    patches = np.asarray(angle_tree(angles).query(angles[seeds], min(size, len(points)))[1])
     centres = points[patches].mean(axis=1)
     centred = points[patches] - centres[:, None]
     normals = np.linalg.eigh(np.swapaxes(centred, 1, 2) @ centred)[1][:, :, 0]
@@ -217,5 +216,5 @@ def border_reach(angles: Float[np.ndarray, "n 2"], noise: PointNoise) -> Float[n
 def _angular_step(angles: Float[np.ndarray, "n 2"]) -> float:
     """Median angle between neighbouring rays, rad."""
     sample: Int[np.ndarray, " s"] = np.linspace(0, len(angles) - 1, min(500, len(angles))).astype(int)
-    near = KDTree(angles).query(angles[sample], 2)[0][:, 1]
+    near = angle_tree(angles).query(angles[sample], 2)[0][:, 1]
     return float(max(np.median(near), 1e-12))

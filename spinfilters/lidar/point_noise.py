@@ -7,10 +7,9 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 from scipy.optimize import nnls
-from scipy.spatial import KDTree
 from scipy.stats import chi2
 
-from spinfilters.lidar.ray_pattern import angles_of
+from spinfilters.lidar.ray_pattern import angle_tree, angles_of, unit_vectors
 from spinfilters.lidar.scan import Scan
 
 FLOOR: Final = 1e-10
@@ -106,15 +105,23 @@ def _patch_residuals(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3 m
 
     Slopes of the range over the angles, (m/rad)^2; variance, m^2.
     The range is fitted rather than a plane in space: where beams lie closer than the noise a cloud is thickest along the range.
+    Over a tangent plane the inverse depth of a plane is linear; its range is curved, for near bodies by more than the noise.
     """
     kept = points[np.linspace(0, len(points) - 1, min(_LOOKED_AT, len(points))).astype(int)]
-    angles, distance = np.stack(angles_of(kept), axis=1), np.linalg.norm(kept, axis=1)
+    angles = np.stack(angles_of(kept), axis=1)
     seeds = np.linspace(0, len(kept) - 1, min(_PATCHES, len(kept))).astype(int)
-    rows = KDTree(angles).query(angles[seeds], _PATCH)[1]
-    angle = angles[rows] - angles[rows].mean(axis=1, keepdims=True)
+    rows = angle_tree(angles).query(angles[seeds], _PATCH)[1]
+    middle = angles[rows].mean(axis=1)
+    centre = unit_vectors(*middle.T)
+    by_azimuth, by_elevation = (each / np.sum(each**2, axis=1, keepdims=True) for each in _lateral(centre))
+    depth, across, along = (
+        np.einsum("mki,mi->mk", kept[rows], each) for each in (centre, by_azimuth, by_elevation)
+    )
+    angle = np.stack([across, along], axis=2) / depth[:, :, None]
     width = np.maximum(np.abs(angle).max(axis=(1, 2)), 1e-300)[:, None, None]
     A = np.concatenate([angle / width, np.ones((*angle.shape[:2], 1))], axis=2)
-    r = distance[rows] - distance[rows].mean(axis=1, keepdims=True)
+    typical = depth.mean(axis=1, keepdims=True)
+    r = typical - typical**2 / depth
     solution = np.linalg.pinv(A) @ r[:, :, None]
     residual = r - (A @ solution)[:, :, 0]
     freedom = _PATCH - _PARAMETERS

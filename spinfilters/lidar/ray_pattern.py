@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.spatial import KDTree
 
 from spinfilters.data.number_range import NumberRange
 from spinfilters.errors import InputError
@@ -144,6 +145,11 @@ def angles_of(points: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, " n"]
     """Azimuth and elevation, rad, of points in frame L."""
     x, y, z = np.moveaxis(points, -1, 0)
     return np.arctan2(z, x), np.arctan2(y, np.hypot(x, z))
+
+
+def angle_tree(angles: Float[np.ndarray, "n 2"]) -> KDTree:
+    """Tree over rays, split at middles: medians of a grid, which has many equal angles, take three times as long."""
+    return KDTree(angles, balanced_tree=False, compact_nodes=False)
 
 
 def _refined(angles: Float[np.ndarray, " k"], multiplier: int) -> Float[np.ndarray, " m"]:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from spinfilters.lidar.pose_prediction import predicted_pose
 from spinfilters.lidar.registration import (
     Cloud,
     PointToPlane,
@@ -19,7 +20,7 @@ from spinfilters.lidar.registration import (
     coarse_pose,
     registered,
 )
-from spinfilters.lidar.scan_pose import ScanPose, pose_covariance, predicted_pose, skew
+from spinfilters.lidar.scan_pose import ScanPose, pose_covariance, skew
 
 MOST_POINTS: Final = 3000
 """Points of a scan that are registered."""
@@ -67,7 +68,7 @@ def _next(
     From the prediction, or searched where that leads to little overlap.
     """
     number = len(poses)
-    R, t = predicted_pose(poses, time)
+    R, t = predicted_pose(poses, time, size)
     target = _map(clouds, poses, R, list(range(number)))
     found = registered(clouds[number], target, R.T, -R.T @ t, _REACH * size, engine)
     if found.overlap < SURE_OVERLAP or number == 1:

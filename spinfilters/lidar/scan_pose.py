@@ -1,6 +1,5 @@
 """Pose of the body in one scan, with covariance and undetermined directions."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -99,18 +98,3 @@ def _named(direction: Float[np.ndarray, "6"], size: float) -> str:
     )
     unit = vector / max(float(np.linalg.norm(vector)), 1e-300)
     return f"{kind} ({', '.join(f'{x:.2f}' for x in unit)})"
-
-
-def predicted_pose(
-    poses: Sequence[ScanPose], time: float
-) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
-    """Predicted pose at the rotation and drift of the last two scans."""
-    last = poses[-1]
-    if len(poses) < 2:
-        return last.rotation, last.translation
-    before = poses[-2]
-    share = (time - last.time) / (last.time - before.time)
-    step = rotation_vector(last.rotation @ before.rotation.T)
-    return rotation_matrix(share * step) @ last.rotation, last.translation + share * (
-        last.translation - before.translation
-    )

@@ -28,6 +28,8 @@ SMEAR: Final = 0.01
 """Range noise that stands for the motion during a scan in the first pass, in extents of the body."""
 DESKEWED: Final = 3
 """Passes that take the motion during the scans out, each with the rates of the one before."""
+DOUBTED: Final = 0.05
+"""Share of the scans, beyond which planes that contradict the drift are a reason to doubt all poses."""
 MOST_EXCESS: Final = 1.35
 """Mean reduced chi-square of the planes' points, at most: patches of a curved surface exceed the noise."""
 
@@ -41,6 +43,7 @@ class ScanPoses:
     poses: in order of time; frame g has the lidar's axes at the first scan.
     scans: that the poses are of.   faces: the map, of a body with faces.
     noise: of the points, given or identified.   remarks: what was left out or not determined, in words.
+    doubts: reasons why these poses are not to be trusted.
     """
 
     poses: tuple[ScanPose, ...]
@@ -48,6 +51,7 @@ class ScanPoses:
     faces: TrackedFaces | None
     noise: PointNoise
     remarks: tuple[str, ...]
+    doubts: tuple[str, ...] = ()
 
     @property
     def by_faces(self) -> bool:
@@ -76,8 +80,6 @@ def scan_poses(
     InputError: fewer than two scans with points.
     """
     usable = [scan for scan in scans if np.count_nonzero(scan.is_return) >= FEWEST]
-    remarks = [f"{len(scans) - len(usable)} scans with fewer than {FEWEST} points are left out"]
-    remarks = remarks if len(usable) < len(scans) else []
     if len(usable) < 2:
         raise InputError(
             f"{len(usable)} of {len(scans)} scans hold {FEWEST} points or more; give at least two that see the body"
@@ -97,14 +99,28 @@ def scan_poses(
     if faces is not None:
         faces = edge_adjusted(faces, clouds, noise, _extent(clouds[0]))
         poses = faces.poses
-        if faces.contradicted:
-            remarks.append(_contradicted(faces.contradicted, len(poses)))
-    blind = [k for k, pose in enumerate(poses) if pose.undetermined]
+    remarks = _remarks(len(scans) - len(usable), poses, faces)
+    return ScanPoses(tuple(poses), tuple(usable), faces, noise, remarks, _doubts(poses, faces))
+
+
+def _remarks(left_out: int, poses: Sequence[ScanPose], faces: TrackedFaces | None) -> tuple[str, ...]:
+    """What was left out, given up or not determined."""
+    remarks = [f"{left_out} scans with fewer than {FEWEST} points are left out"] if left_out else []
+    if faces is not None and faces.contradicted:
+        remarks.append(_contradicted(faces.contradicted, len(poses)))
+    blind = [pose for pose in poses if pose.undetermined]
     if blind:
         remarks.append(
-            f"{len(blind)} scans do not determine the whole pose; the first lacks {', '.join(poses[blind[0]].undetermined)}"
+            f"{len(blind)} scans do not determine the whole pose; the first lacks {', '.join(blind[0].undetermined)}"
         )
-    return ScanPoses(tuple(poses), tuple(usable), faces, noise, tuple(remarks))
+    return tuple(remarks)
+
+
+def _doubts(poses: Sequence[ScanPose], faces: TrackedFaces | None) -> tuple[str, ...]:
+    """Reasons to trust no pose."""
+    if faces is None or faces.contradicted <= DOUBTED * len(poses):
+        return ()
+    return (_contradicted(faces.contradicted, len(poses)),)
 
 
 def _has_faces(clouds: Sequence[Float[np.ndarray, "n 3"]], noise: PointNoise, seed: int) -> bool:
@@ -172,14 +188,3 @@ def _deskewed(scan: Scan, poses: Sequence[ScanPose], number: int) -> Float[np.nd
         + axis * (arm @ axis)[:, None] * (1 - np.cos(angle))
     )
     return turned + here.translation
-
-
-def scans_needed(poses: ScanPoses, attitude_std: float) -> int:
-    """Scans whose mean attitude is accurate to this, rad.
-
-    The variance falls with their number.
-    The thesis' closing question, for scans like these; those that leave a rotation undetermined count for what they tell.
-    """
-    information = np.mean([np.linalg.inv(pose.covariance[3:, 3:]) for pose in poses.poses], axis=0)
-    worst = float(np.sqrt(1 / np.linalg.eigvalsh(information)[0]))
-    return max(1, int(np.ceil((worst / attitude_std) ** 2)))

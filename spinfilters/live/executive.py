@@ -18,12 +18,14 @@ from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeF
 from spinfilters.estimators.run import rehearse
 from spinfilters.estimators.smoothing.window.recursive_smoother import RecursiveSmoother
 from spinfilters.estimators.timeline import Epoch, Timeline
+from spinfilters.evaluation.noise_tests import FilterEpoch
 from spinfilters.live.answer import Answer
 from spinfilters.live.filter_track import FilterTrack
 from spinfilters.live.gap_rule import GapRule
 from spinfilters.live.line_format import ArrivedEpoch
 from spinfilters.live.options import LiveOptions, LiveSetup
 from spinfilters.live.rebase import HandOver, distance, rebase
+from spinfilters.live.running_verdict import RunningVerdict
 from spinfilters.live.smoother_worker import Build, SmootherTask
 from spinfilters.live.summary import LiveSummary
 from spinfilters.live.supervisor import SmootherSupervisor
@@ -56,6 +58,9 @@ class Executive:
         self._refused, self._gaps = 0, GapRule(options.largest_gap)
         self._waiting: HandOver | None = None
         self._stands_on_smoother = False
+        self._verdict = RunningVerdict(setup.process)
+        self._smoother_believed = True
+        self._rebasing_to = setup.time
 
     def rehearse(self, epochs: Timeline) -> None:
         """Build what answers are computed with, before a clock runs.
@@ -119,6 +124,7 @@ class Executive:
             if self.track.rebase_step():
                 self.summary.events["hand-over"] += 1
                 self._stands_on_smoother = True
+                self._verdict.rebased(self._rebasing_to, self._smoother_believed)
 
     def _answers(self, arrived: ArrivedEpoch) -> Iterator[Answer]:
         """The answer to an epoch, if any, then the smoother's share.
@@ -140,9 +146,12 @@ class Executive:
             self.supervisor.send(frame)
         began = time.thread_time()
         is_latest = arrived.time > self.track.time
-        gap = arrived.time - self.track.time
+        gap, before = arrived.time - self.track.time, self.track.belief
         frame = self._frame(arrived)
         reports = self.track.take(frame)
+        if is_latest and reports:
+            nis, dof = sum(report.nis for report in reports), sum(report.dof for report in reports)
+            self._verdict.take(FilterEpoch(before, self.track.belief, gap, nis, dof), reports, arrived.time)
         if reports is None:
             self.summary.events["epoch left out, not finite"] += 1
         if not is_latest:
@@ -179,6 +188,8 @@ class Executive:
         status = self.track.estimator.status
         if self._options.smoother and self.supervisor.trouble:
             status = status.degraded(f"the filter goes on without the smoother: {self.supervisor.trouble}")
+        for reason in self._verdict.reasons:
+            status = status.degraded(reason)
         if count and not sum(report.accepted for report in reports):
             status = status.degraded("no measurement of this epoch was used")
         if instant > self.track.time:  # the epoch broke the filter: what it said before, carried on
@@ -230,6 +241,7 @@ class Executive:
         self._refused = 0
         try:
             self.track.begin_rebase(given.time, lambda filter_: rebase(filter_, given))
+            self._rebasing_to = given.time
         except (*NUMERICAL_ERRORS, InputError):
             events["hand-over refused, the filter cannot begin from it"] += 1
 
@@ -242,7 +254,8 @@ class Executive:
             far = distance(self.track.belief_at(given.time), given.state)
         except NUMERICAL_ERRORS:
             return "not comparable"
-        return None if far <= FAR else "far from the filter"
+        only_it_is_believed = self._smoother_believed and not self._verdict.is_believed
+        return None if far <= FAR or only_it_is_believed else "far from the filter"
 
     def _begin_smoother(self, first: bool) -> None:
         if not self._options.smoother:
@@ -259,6 +272,7 @@ class Executive:
             return smoother
 
         self._waiting, self._stands_on_smoother = None, False
+        self._smoother_believed = self._verdict.is_believed
         self.supervisor.begin(self._task(build, 0.0, self.track.time))
 
     def _task(self, build: Build, own_time: float, instant: float) -> SmootherTask:

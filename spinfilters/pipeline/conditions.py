@@ -127,7 +127,7 @@ def conditions_of(setup: Setup) -> Conditions:
     dataset, known = setup.dataset, setup.dataset.known_map
     sees = any(sensor_format(sensor).has_landmarks for sensor in dataset.log.sensors)
     seen = None if not sees else "unknown" if known is None else "known"
-    sensors = tuple(noise for stream in dataset.log.streams for noise in _sensor_noise(stream, setup))
+    sensors = tuple(noise for stream in setup.log.streams for noise in _sensor_noise(stream, setup))
     seed = dataset.options.notes.get("seed")
     return Conditions(
         seen,

@@ -18,8 +18,6 @@ LARGEST_MOMENT_STD = 0.1
 """Of a principal moment relative to the largest: beyond it the body's shape is not known."""
 LARGEST_NIS = 2.5
 """NIS per degree of freedom above which measurement or process noise is clearly understated."""
-LARGEST_GYRO_ERROR = 0.04
-"""Relative rms of a gyro's residual: beyond it this is no torque-free flight of a rigid body."""
 LARGEST_REJECTED = 0.2
 """Share of measurements left out, beyond which whatever makes them cannot be trusted."""
 FALSE_ALARM = 1e-6
@@ -32,9 +30,9 @@ DISAGREEMENT_STD, DISAGREEMENT = 4.0, 0.01
 
 def shared_diagnostics(setup: Setup) -> list[str]:
     """Reasons that concern every estimator of a run."""
-    reasons = list(setup.initial.status.reasons)
+    reasons = [*setup.initial.status.reasons, *setup.dataset.doubts]
     noise = setup.gyro_noise
-    if noise is not None and noise.relative_error > LARGEST_GYRO_ERROR:
+    if noise is not None and not noise.is_of_flight:
         reasons.append(
             f"the motion explains the gyro only to {100 * noise.relative_error:.1f} % of the rate: not a free flight"
         )

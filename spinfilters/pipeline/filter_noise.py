@@ -3,7 +3,8 @@
 from collections.abc import Callable
 
 from spinfilters.data.sensor_format import sensor_format
-from spinfilters.estimators.filters.noise_adaptation import NoiseScale, raised_logarithm
+from spinfilters.estimators.filters.density_mean import raised_logarithm
+from spinfilters.estimators.filters.noise_adaptation import NoiseScale
 from spinfilters.estimators.identification.components import TORQUE_PSD, VarianceComponent
 from spinfilters.pipeline.setup import Setup
 
@@ -19,10 +20,13 @@ def identified_scales(setup: Setup) -> dict[str, NoiseScale]:
     for source, options in _sources(setup).items():
         if all(name in found for name in options):
             information = sum(2 / found[name].log_std ** 2 for name in options)
+            share = found[options[0]].share
             raised = sum(
-                raised_logarithm(found[name].log_std ** 2) for name in options if found[name].is_density
+                raised_logarithm(found[name].log_std ** 2, share)
+                for name in options
+                if found[name].is_density
             )
-            scales[source] = NoiseScale(-raised, information)
+            scales[source] = NoiseScale(-raised, information, share)
     return scales
 
 

@@ -24,6 +24,8 @@ FIRST_SCALE = 0.01
 SMALLEST_SCALE = 1e-5
 WHITE = 2.5
 """Correlation time, in samples, below which an error counts as white: simulated white noise stays below 2, phones lie above 4."""
+LARGEST_ERROR = 0.04
+"""Relative rms of a gyro's residual: beyond it this is no torque-free flight of a rigid body."""
 DISTURBANCE = 0.01
 """Angular acceleration noise of a body that a phone rides on, relative to |w|, in (rad/s^2)/sqrt(Hz) per rad/s: air, straps and
 what the gyro's slow errors look like, one per cent of the rate in a second. Without it the clean phone tosses are predicted 0.3 s
@@ -46,6 +48,11 @@ class GyroNoise:
     def is_white(self) -> bool:
         """Whether one sample's error tells nothing of the next."""
         return self.correlation_time < WHITE
+
+    @property
+    def is_of_flight(self) -> bool:
+        """Whether it is as small as the error of a gyro in free flight; what is larger is an error of the motion's model."""
+        return self.relative_error <= LARGEST_ERROR
 
     @property
     def scale_std(self) -> float:

@@ -6,8 +6,14 @@ from typing import Final
 
 import numpy as np
 
+from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.data.sensor_format import sensor_format
-from spinfilters.estimators.identification.components import FORCE_PSD, ComponentRows, VarianceComponent
+from spinfilters.estimators.identification.components import (
+    DISTURBANCES,
+    FORCE_PSD,
+    ComponentRows,
+    VarianceComponent,
+)
 from spinfilters.estimators.identification.identify import Identified, identify
 from spinfilters.estimators.identification.noise_model import NoiseModel
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
@@ -15,7 +21,7 @@ from spinfilters.estimators.smoothing.factors.landmark_observations import OBSER
 from spinfilters.estimators.smoothing.problem.least_squares import Problem, problem_of
 from spinfilters.estimators.timeline import SensorNoise, Timeline
 from spinfilters.models.measurement import MeasurementModel
-from spinfilters.models.process import TorqueFreeProcess
+from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 
 ROUNDS: Final[int] = 3
 """Initialisations at most: each linearises about what the noise of the one before made of the epochs."""
@@ -52,6 +58,16 @@ class Unstated:
     def __bool__(self) -> bool:
         return bool(self.options or self.densities)
 
+    @classmethod
+    def of_all(cls, log: MeasurementLog, noise: ProcessNoise) -> "Unstated":
+        """All levels that a recording has, as if nobody stated them."""
+        options: dict[str, dict[str, tuple[int, ...]]] = {}
+        for stream in log.streams:
+            for option in sensor_format(stream.sensor).noise:
+                if option.components is not None:
+                    options.setdefault(option.name, {})[stream.sensor] = option.components
+        return cls(options, tuple(name for name in DISTURBANCES if getattr(noise, name) > 0))
+
 
 def with_identified_noise(
     make: Initialise, process: TorqueFreeProcess, noise: SensorNoise, unstated: Unstated
@@ -86,10 +102,11 @@ def noise_model(problem: Problem, noise: SensorNoise, unstated: Unstated) -> Noi
     components = []
     for option, by_sensor in unstated.options.items():
         rows = {
-            k: _rows(sensor.model, by_sensor[sensor.model.name])
+            k: innovation_rows(sensor.model, by_sensor[sensor.model.name])
             for k, sensor in enumerate(problem.motion.sensors)
             if sensor.model.name in by_sensor
         }
+        rows = {k: own for k, own in rows.items() if own}
         if rows or seen & set(by_sensor):
             value = getattr(noise, option)
             components.append(ComponentRows(option, value, rows, bool(seen & set(by_sensor))))
@@ -130,9 +147,10 @@ def _widened(start: InitialEstimate, found: Identified) -> InitialEstimate:
     return replace(start, factor=found.widened(start.factor))
 
 
-def _rows(model: MeasurementModel, components: tuple[int, ...]) -> tuple[int, ...]:
-    """Components of the innovation: of a camera all are pixels."""
-    return tuple(range(model.dim)) if sensor_format(model.name).has_landmarks else components
+def innovation_rows(model: MeasurementModel, components: tuple[int, ...]) -> tuple[int, ...]:
+    """Components of the innovation: of a camera all are pixels; of a row with more noises than innovations the first."""
+    every = tuple(range(model.dim))
+    return every if sensor_format(model.name).has_landmarks else tuple(k for k in components if k in every)
 
 
 def _levels(made: NoisyModels, unstated: Unstated) -> dict[str, float]:

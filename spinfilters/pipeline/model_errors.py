@@ -5,6 +5,7 @@ Score tests about the smoothed motion, with reasons for the verdict.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -15,19 +16,19 @@ from spinfilters.data.input_file import reason
 from spinfilters.data.sensor_format import sensor_format
 from spinfilters.errors import NUMERICAL_ERRORS
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.estimators.identification.components import DISTURBANCES, FORCE_PSD, ComponentRows
+from spinfilters.estimators.identification.components import DISTURBANCES
 from spinfilters.estimators.identification.noise_model import NoiseModel
 from spinfilters.estimators.model_errors.alternative import Alternative, table
 from spinfilters.estimators.model_errors.hypotheses import (
-    EVERY_MEASUREMENT,
+    KnownLevels,
     among_inliers,
     is_contradicted,
     is_doubtful,
     minus_twice_log_likelihood,
     noise_of,
-    rejects_in_a_row,
     solved_near,
     with_identified,
+    with_refused_in_a_row,
 )
 from spinfilters.estimators.model_errors.score_tests import Effect, ScoreTest, likelier, score_tests
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
@@ -35,10 +36,11 @@ from spinfilters.estimators.smoothing.factors.landmark_observations import OBSER
 from spinfilters.estimators.smoothing.problem.landmark_reinitialisation import reinitialised
 from spinfilters.estimators.smoothing.problem.least_squares import Problem, problem_of
 from spinfilters.estimators.smoothing.solver.annealing import GATE
-from spinfilters.estimators.smoothing.solver.batch_smoother import NO_POINTS
 from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.pipeline.identified_noise import Unstated, noise_model
 from spinfilters.pipeline.wrong_units import WrongUnit, wrong_units
+from spinfilters.sensors.registry import sensor_of
 from spinfilters.state.status import Verdict
 
 if TYPE_CHECKING:
@@ -46,11 +48,15 @@ if TYPE_CHECKING:
 
 FALSE_ALARM: Final = 1e-2
 """Probability that a model error is named where all models are right: of all tests together (Bonferroni)."""
-LEAST_EFFECT: Final = Effect(largest=10.0, rms=4.0)
+LEAST_EFFECT: Final = Effect(largest=4.0, rms=2.0)
 """Deviations by which removing an error moves a state, at one epoch or over all. One that moves all by less, and does not
-contradict the stated noise, is left to the uncertainty: of a tossed phone there is always one, as a hand that still touches."""
+contradict the stated noise, is left to the uncertainty."""
 NAMED: Final = 2
-"""Errors that a verdict names at most."""
+"""Errors that a verdict names at most, each with those that look alike."""
+ALIKE: Final = 0.95
+"""Correlation of what two errors explain of the residuals, from which the data do not tell which of them it is."""
+MOST_ALIKE: Final = 3
+"""Errors named as one."""
 MOST_EPOCHS_WITH_MAP, MOST_EPOCHS = 300, 1024
 """Of a recording that are tested: those of landmarks tie all poses together."""
 
@@ -72,15 +78,28 @@ class TestedModels:
     units: tuple[WrongUnit, ...] = ()
     std: Float[np.ndarray, "k n"] | None = None
 
+    @cached_property
+    def classes(self) -> tuple[tuple[ScoreTest, ...], ...]:
+        """What a verdict names: the likeliest errors beyond chance that matter to the estimates, with those that look alike."""
+        beyond = self.largest_p_value
+        left, likely = [each for each in self.tests if each.p_value < beyond], []
+        while left and len(likely) < NAMED:
+            first, *others = left
+            alike = [each for each in others if first.likeness(each) > ALIKE]
+            likely.append((first, *alike[: MOST_ALIKE - 1]))
+            left = [each for each in others if each not in alike]
+        named = (own for own in likely if self.contradicted or any(self._matters(e, beyond) for e in own))
+        return tuple(named)
+
+    @property
+    def largest_p_value(self) -> float:
+        """Of a test that is beyond chance."""
+        return FALSE_ALARM / max(len(self.tests), 1)
+
     @property
     def named(self) -> tuple[ScoreTest, ...]:
-        """Model errors that a verdict names.
-
-        The likeliest of those beyond chance, as far as they matter to the estimates.
-        """
-        beyond = FALSE_ALARM / max(len(self.tests), 1)
-        likely = [each for each in self.tests if each.p_value < beyond][:NAMED]
-        return tuple(each for each in likely if self.contradicted or self._matters(each, beyond))
+        """Those in the verdict, the likeliest first."""
+        return tuple(each for own in self.classes for each in own)
 
     def _matters(self, test: ScoreTest, beyond: float) -> bool:
         """Whether an error moves estimates and is beyond chance.
@@ -95,13 +114,14 @@ class TestedModels:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the model errors in the verdict, the likeliest first."""
-        return (*(each.name for each in self.units), *(each.error.name for each in self.named))
+        """Of the model errors in the verdict, the likeliest first; those that look alike as one ("drag/torque")."""
+        found = ("/".join(each.error.name for each in own) for own in self.classes)
+        return (*(each.name for each in self.units), *found)
 
     @property
     def reasons(self) -> list[str]:
         """For doubt: the errors that explain most, with what to do."""
-        shown = [f"the residuals show {'; or '.join(map(_phrase, self.named))}"] if self.named else []
+        shown = [f"the residuals show {'; or '.join(map(_phrases, self.classes))}"] if self.classes else []
         return [*self.beside, *shown]
 
     @property
@@ -115,6 +135,11 @@ class TestedModels:
 
 
 NOT_TESTED: Final = TestedModels()
+
+
+def _phrases(alike: Sequence[ScoreTest]) -> str:
+    """Of errors that the data do not tell apart."""
+    return " or, which looks alike, ".join(map(_phrase, alike))
 
 
 def _phrase(test: ScoreTest) -> str:
@@ -159,25 +184,38 @@ def _tested(
     """
     epochs = setup.timeline[: len(trajectory)]
     problem, time = linear_problem(setup, epochs), times_of(epochs)
-    solved = solved_near(problem, trajectory, landmarks_placed(problem, trajectory))
-    rejected = solved is not None and problem.observations is None and rejects_in_a_row(solved)
-    if rejected:  # by gates, which would hide the error
-        solved = solved_near(problem, trajectory, NO_POINTS, EVERY_MEASUREMENT)
+    near = solved_near(problem, trajectory, landmarks_placed(problem, trajectory))
+    solved = None if near is None else with_refused_in_a_row(near)
     if solved is None:
         return TestedModels(trouble="the smoothed motion cannot be linearised")
-    model, every, stated_names = _noise_model(setup, problem), tuple(errors), _stated(setup)
-    noise = noise_of(model, solved, stated_names)
+    levels = Unstated.of_all(setup.log, setup.process.noise)
+    model = noise_model(problem, setup.noise, levels) or NoiseModel(problem, (), ())
+    every, told = tuple(errors), KnownLevels(stated_levels(setup), _correlation(setup), setup.inflation)
+    noise = noise_of(model, solved, told)
     contradicted = is_contradicted(noise, solved)
-    identified = with_identified(model, solved) if not rejected and is_doubtful(noise, solved) else None
+    settled = solved is not near or bool(told.correlation) or not is_doubtful(noise, solved)
+    identified = None if settled else with_identified(model, solved)
     if identified is None:
         return TestedModels(tuple(score_tests(SmoothedMotion(time, solved), noise, every)), contradicted)
     found = score_tests(SmoothedMotion(time, identified), noise_of(model, identified), every)
     stated = among_inliers(problem, identified)
     if stated is not None:
-        beside = score_tests(SmoothedMotion(time, stated), noise_of(model, stated, stated_names), every)
+        beside = score_tests(SmoothedMotion(time, stated), noise_of(model, stated, told), every)
         advantage = minus_twice_log_likelihood(stated) - minus_twice_log_likelihood(identified)
         found = likelier(found, beside, max(advantage, 0.0))
     return TestedModels(tuple(found), contradicted)
+
+
+def _correlation(setup: "Setup") -> dict[str, float]:
+    """Samples that count as one, of the level of a gyro whose error is correlated, and no error of the motion's model."""
+    if setup.gyro_noise is None or not setup.gyro_noise.is_of_flight:
+        return {}
+    return {
+        option.name: setup.gyro_noise.correlation_time
+        for sensor in setup.log.sensors
+        if sensor_of(sensor).identified_option is not None
+        for option in sensor_format(sensor).noise
+    }
 
 
 def minus_twice_log_evidence(setup: "Setup", trajectory: Float[np.ndarray, "k m"]) -> float | None:
@@ -209,12 +247,10 @@ def _best(setup: "Setup", evaluations: Sequence[Evaluation]) -> EstimateHistory 
     return next((each for each in good if each.name == "smoother"), good[0] if good else None)
 
 
-def _stated(setup: "Setup") -> frozenset[str]:
+def stated_levels(setup: "Setup") -> frozenset[str]:
     """Names of the noise levels that are not identified."""
-    with_own = [stream.sensor for stream in setup.dataset.log.streams if stream.covariance is not None]
-    options = {option.name for name in setup.dataset.log.sensors for option in sensor_format(name).noise}
-    own = {option.name for name in with_own for option in sensor_format(name).noise}
-    return frozenset((options | set(DISTURBANCES)) - setup.unstated | own)
+    options = {option.name for name in setup.log.sensors for option in sensor_format(name).noise}
+    return frozenset((options | set(DISTURBANCES)) - setup.unstated | setup.inflation.keys())
 
 
 def linear_problem(setup: "Setup", epochs: Timeline, ids: Int[np.ndarray, " L"] | None = None) -> Problem:
@@ -235,25 +271,3 @@ def landmarks_placed(problem: Problem, trajectory: Float[np.ndarray, "k m"]) -> 
     points, nobody = np.zeros((observations.landmarks, 3)), np.zeros(len(observations), dtype=bool)
     placed = reinitialised(observations, trajectory, points, nobody, GATE)
     return points if placed is None else placed
-
-
-def _noise_model(setup: "Setup", problem: Problem) -> NoiseModel:
-    """All noise levels of a problem, stated or not."""
-    components = []
-    sensors = enumerate(problem.motion.sensors)
-    by_name = {sensor.model.name: k for k, sensor in sensors}
-    for name in setup.dataset.log.sensors:
-        form = sensor_format(name)
-        for option in form.noise:
-            if option.components is None or (form.has_landmarks and option is not form.noise[0]):
-                continue
-            rows = {}
-            if name in by_name:
-                k = by_name[name]
-                every = tuple(range(problem.motion.sensors[k].model.dim))
-                rows = {k: every if form.has_landmarks else option.components}
-            landmarks = problem.observations is not None and form.has_landmarks
-            components.append(ComponentRows(option.name, getattr(setup.noise, option.name), rows, landmarks))
-    densities = [name for name in DISTURBANCES if problem.layout.translates or name != FORCE_PSD]
-    positive = tuple(name for name in densities if getattr(setup.process.noise, name) > 0)
-    return NoiseModel(problem, tuple(components), positive)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from spinfilters.data.input_file import reason
 from spinfilters.data.sensor_format import sensor_format
 from spinfilters.errors import NUMERICAL_ERRORS
 from spinfilters.estimators.history import EstimateHistory
@@ -27,6 +28,11 @@ DENSITY_OF = {"torque": "torque_psd", "force": "force_psd"}
 """Options of the process by the source of the disturbance."""
 
 
+def untested(error: Exception) -> str:
+    """Doubt about noise that numerical trouble kept from being tested."""
+    return f"its noise could not be tested ({reason(error)}): check the data set and its noise"
+
+
 def filter_noise_diagnostics(history: EstimateHistory, setup: Setup, settings: Settings) -> list[str]:
     """Doubts of a filter's own epochs about noise.
 
@@ -38,8 +44,8 @@ def filter_noise_diagnostics(history: EstimateHistory, setup: Setup, settings: S
     with np.errstate(all="ignore"):
         try:
             found = filter_tests(without_calibration(history), setup.process)
-        except NUMERICAL_ERRORS:
-            return []
+        except NUMERICAL_ERRORS as error:
+            return [untested(error)]
     tests = {DENSITY_OF.get(name, name): test for name, test in found.noise.items()}
     correlated = _of_whiteness(found, setup)
     if correlated:  # which white noise of the measurements is not, whatever its size

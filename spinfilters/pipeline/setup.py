@@ -1,7 +1,7 @@
 """A data set and settings made ready for any estimator: process, timeline, start."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -27,6 +27,7 @@ from spinfilters.pipeline.gyro_noise import FIRST_SCALE, GyroNoise, identify_gyr
 from spinfilters.pipeline.identified_noise import NoisyModels, Unstated, with_identified_noise
 from spinfilters.pipeline.stated_noise import (
     disturbances,
+    levels_of_rows,
     log_with_noise,
     sensor_noise,
     sensor_of_unknown_noise,
@@ -54,6 +55,7 @@ class Setup:
 
     Attributes
     ----------
+    log: of the data set, without covariances of rows in whose place the settings state a number.
     timeline: all epochs.   initial: of which the first have been smoothed.
     belief: what every filter begins from at the end of the initialisation, with landmarks where the map is not known.
     map_points: (k, 3) m in g: the known map or that of the start, or None.
@@ -62,9 +64,11 @@ class Setup:
     unstated: names of all noise that nobody states.   sought: what of it is identified, by sensor.
     is_given: whether the initialisation was not made from the data, as in studies of filters alone.
     calibration: deviations of the calibration that are considered.
+    inflation: of the variances that rows state for themselves, by noise option.
     """
 
     dataset: Dataset
+    log: MeasurementLog
     process: TorqueFreeProcess
     timeline: Timeline
     noise: SensorNoise
@@ -77,6 +81,7 @@ class Setup:
     sought: Unstated = NOTHING_SOUGHT
     is_given: bool = False
     calibration: tuple[ConsideredDeviation, ...] = ()
+    inflation: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def end_of_initialisation(self) -> float:
@@ -171,11 +176,13 @@ def _setup(dataset: Dataset, settings: Settings, initial: Given | None) -> Setup
         points = start.points
     belief = start.joint_belief(settings.landmarks)
     return Setup(
-        *(dataset, made.process, made.timeline, made.noise, start, belief, points, gyro_noise, components),
+        *(dataset, log, made.process, made.timeline, made.noise),
+        *(start, belief, points, gyro_noise, components),
         unstated_names(dataset, settings),
         NOTHING_SOUGHT if initial is not None else silent,
         initial is not None,
         considered_deviations(dataset, settings, layout),
+        levels_of_rows(log, dataset),
     )
 
 

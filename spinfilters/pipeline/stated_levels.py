@@ -3,7 +3,7 @@
 With the level that they have.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -11,7 +11,6 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.data.sensor_format import sensor_format
 from spinfilters.errors import NUMERICAL_ERRORS
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.identification.components import DISTURBANCES, VarianceComponent
@@ -23,8 +22,8 @@ from spinfilters.estimators.smoothing.factors.motion_factors import STRETCH
 from spinfilters.estimators.smoothing.problem.least_squares import problem_of, with_common_constants
 from spinfilters.estimators.smoothing.solver.batch_smoother import NO_LANDMARKS, NO_POINTS
 from spinfilters.pipeline.identified_noise import Unstated, noise_model
+from spinfilters.pipeline.noise_diagnostics import untested
 from spinfilters.pipeline.setup import Setup
-from spinfilters.pipeline.stated_noise import log_with_noise
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.status import Verdict
 
@@ -52,8 +51,8 @@ def stated_level_diagnostics(
         with np.errstate(all="ignore"):
             levels = _Levels.of(setup, settings, histories)
             return [] if levels is None else levels.doubts
-    except NUMERICAL_ERRORS:
-        return []
+    except NUMERICAL_ERRORS as error:
+        return [untested(error)]
 
 
 @dataclass(frozen=True)
@@ -62,11 +61,11 @@ class _Levels:
 
     Attributes
     ----------
-    by_rows: names of those that every row of a sensor states for itself.
+    by_rows: those that every row of a sensor states for itself; they are held against the data without their inflation.
     """
 
     setup: Setup
-    by_rows: frozenset[str]
+    by_rows: Mapping[str, float]
     model: NoiseModel
     trajectory: Float[np.ndarray, "k m"]
     points: Float[np.ndarray, "L 3"]
@@ -90,16 +89,18 @@ class _Levels:
             return None
         epochs = setup.timeline[: len(trajectory)]
         problem = problem_of(setup.process, epochs, ids, start.prior, needed, settings.smoother.robust_loss)
-        model = noise_model(problem, setup.noise, _every_level(setup))
+        model = noise_model(problem, setup.noise, Unstated.of_all(setup.log, setup.process.noise))
         if model is None:
             return None
-        return cls(setup, _levels_of_rows(setup, settings), _at(model, used or ()), trajectory, points)
+        return cls(
+            setup, setup.inflation, _deflated(_at(model, used or ()), setup.inflation), trajectory, points
+        )
 
     @cached_property
     def doubts(self) -> list[str]:
         """See the module's function."""
         tests = level_tests(self.model, self.trajectory, self.points)
-        unstated = self.setup.unstated - self.by_rows
+        unstated = self.setup.unstated - self.by_rows.keys()
         white = self.setup.gyro_noise is None  # what is correlated is told as white noise that weighs as much
         asked = [test for test in tests if test.name not in unstated or (white and test.score > 0)]
         worst = max(asked, key=lambda test: abs(test.score), default=None)
@@ -121,7 +122,8 @@ class _Levels:
         times = float(np.exp(half * found.log_variance[number]))
         if level.name in self.by_rows:
             std = times * half * level.log_std
-            told = f"{times:.3g} +- {std:.1g} times the deviations that the rows state"
+            less = " without their inflation" if self.by_rows[level.name] > 1 else ""
+            told = f"{times:.3g} +- {std:.1g} times the deviations that the rows state{less}"
             return (
                 f"{level.name}: the data have {told} ({score:.0f} deviations of chance): state others, or leave them out to have "
                 "them identified"
@@ -131,23 +133,6 @@ class _Levels:
         cure = "state another, or leave it out to have it identified"
         table, cure = ("process", f"{cure}, or the model is wrong") if is_density else ("sensors", cure)
         return f"{table}.{level.name} is {stated:.3g}, the data have {told} ({score:.0f} deviations of chance): {cure}"
-
-
-def _levels_of_rows(setup: Setup, settings: Settings) -> frozenset[str]:
-    streams = log_with_noise(setup.dataset.log, settings).streams
-    rows = [stream for stream in streams if stream.covariance is not None]
-    return frozenset(option.name for stream in rows for option in sensor_format(stream.sensor).noise)
-
-
-def _every_level(setup: Setup) -> Unstated:
-    """All levels as if nobody stated them."""
-    options: dict[str, dict[str, tuple[int, ...]]] = {}
-    for stream in setup.dataset.log.streams:
-        for option in sensor_format(stream.sensor).noise:
-            if option.components is not None:
-                options.setdefault(option.name, {})[stream.sensor] = option.components
-    noise = setup.process.noise
-    return Unstated(options, tuple(name for name in DISTURBANCES if getattr(noise, name) > 0))
 
 
 def _at(model: NoiseModel, levels: Sequence[VarianceComponent]) -> NoiseModel:
@@ -161,3 +146,9 @@ def _at(model: NoiseModel, levels: Sequence[VarianceComponent]) -> NoiseModel:
             half = 1.0 if name in DISTURBANCES else 0.5
             by[k] = np.log(own[name].value / before[name]) / half
     return model.at(by)
+
+
+def _deflated(model: NoiseModel, inflation: Mapping[str, float]) -> NoiseModel:
+    """The model at the levels of single rows, without what errors in common add."""
+    names = (*(each.name for each in model.components), *model.densities)
+    return model.at(-np.log([inflation.get(name, 1.0) for name in names]))

@@ -55,6 +55,21 @@ def log_with_noise(log: MeasurementLog, settings: Settings) -> MeasurementLog:
     return MeasurementLog(tuple(streams))
 
 
+def levels_of_rows(log: MeasurementLog, dataset: Dataset) -> dict[str, float]:
+    """Noise options that rows state for themselves, with their variances' inflation.
+
+    Parameters
+    ----------
+    log: with the noise of the settings (`log_with_noise`), which may replace that of rows.
+    """
+    rows = [stream for stream in log.streams if stream.covariance is not None]
+    return {
+        option.name: dataset.options.covariance_inflation
+        for stream in rows
+        for option in sensor_format(stream.sensor).noise
+    }
+
+
 def sensor_of_unknown_noise(
     log: MeasurementLog, dataset: Dataset, settings: Settings
 ) -> MeasurementStream | None:

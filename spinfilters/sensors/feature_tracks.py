@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import pairwise
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -11,7 +12,7 @@ from spinfilters.data.camera import PinholeCamera, Rig, StereoRig
 from spinfilters.errors import InputError
 from spinfilters.geometry.cameras import Monocular
 from spinfilters.models.measurement import MeasurementModel
-from spinfilters.sensors.visibility import Surface, facing
+from spinfilters.sensors.visibility import Surface, facing, recognised
 from spinfilters.state.layout import StateLayout
 
 RIG = StereoRig(PinholeCamera(fx=466.7, fy=466.7, cx=320.0, cy=240.0, width=640, height=480), baseline_m=0.09)
@@ -91,18 +92,8 @@ class SomeAppearances:
         self, visible: Bool[np.ndarray, "n k"], generator: np.random.Generator
     ) -> Bool[np.ndarray, "n k"]:
         """The visible landmarks of those appearances in which they are known again."""
-        epochs, count = visible.shape
-        probability = generator.beta(self.alpha, self.beta, count)
-        drawn = generator.random((epochs, count))
-        known, appearances = np.empty_like(visible), np.zeros(count, dtype=np.intp)
-        recognised, before = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
-        for row, seen in zip(known, visible, strict=True):
-            new = np.flatnonzero(seen & ~before)
-            recognised[new] = drawn[appearances[new], new] < probability[new]
-            appearances[new] += 1
-            np.logical_and(seen, recognised, out=row)
-            before = seen
-        return known
+        probability = generator.beta(self.alpha, self.beta, visible.shape[1])
+        return recognised(visible, generator.random(visible.shape), probability)
 
 
 @dataclass(frozen=True)
@@ -229,8 +220,10 @@ def feature_tracks(
             row[rows] = camera.sees(camera.model.predict(x, camera.parameters[rows]))
     known = front_end.recognition.known(visible, generator)
     drawn, ids, noise = np.empty(len(surface.points)), [], []
-    for row in known:
-        found = (row & (generator.random(out=drawn) < front_end.detection)).nonzero()[0]
+    where, ends = known.nonzero()[1], np.cumsum(known.sum(axis=1)).tolist()
+    for begin, end in pairwise([0, *ends]):
+        row = where[begin:end]
+        found = row[generator.random(out=drawn)[row] < front_end.detection]
         ids.append(found)
         noise.append(generator.standard_normal((found.size, camera.model.value_dim)))
     every, epochs = np.concatenate(ids), np.repeat(np.arange(len(ids)), [len(found) for found in ids])

@@ -1,5 +1,7 @@
-/* Which landmarks face a camera, epoch by epoch; `visibility.py` computes the same in NumPy where there is no compiler. */
+/* Which landmarks face a camera and are known again, epoch by epoch; `visibility.py` computes the same in NumPy where there is no
+ * compiler. */
 #include <math.h>
+#include <string.h>
 
 typedef long long integer;
 
@@ -18,5 +20,23 @@ void facing(integer epochs, integer count, const double* restrict points, const 
       const double height = u[k] * c[0] + v[k] * c[1] + w[k] * c[2] - heights[k];
       row[k] = (height > cosine * sqrt(squares[k] - 2 * along + square)) & (depth > least[e]);
     }
+  }
+}
+
+/* Of `visible` [epochs][count] those known again: landmark k in its appearance a where `drawn` [epochs][count] at (a, k) is below its
+ * probability. now [count + 8], 0 at first; begun [count + 8] likewise, read eight at once, of which few are new. */
+void recognised(integer epochs, integer count, const unsigned char* restrict visible, const double* restrict drawn,
+                const double* restrict probability, integer* restrict appearances, unsigned char* restrict now,
+                unsigned char* restrict begun, unsigned char* restrict found) {
+  for (integer e = 0; e < epochs; ++e) {
+    const unsigned char *seen = visible + e * count, *before = e ? seen - count : now + count;
+    for (integer k = 0; k < count; ++k) begun[k] = seen[k] & ~before[e ? k : 0];
+    for (integer k = 0; k < count; k += 8) {
+      unsigned long long eight;
+      memcpy(&eight, begun + k, 8);
+      for (integer i = k; eight && i < k + 8; ++i)
+        if (begun[i]) now[i] = drawn[appearances[i]++ * count + i] < probability[i];
+    }
+    for (integer k = 0; k < count; ++k) found[e * count + k] = seen[k] & now[k];
   }
 }

@@ -1,4 +1,4 @@
-"""Which landmarks of a body's surface face a camera."""
+"""Which landmarks of a body's surface face a camera, and which of them are known again."""
 
 import ctypes
 from functools import cache
@@ -14,7 +14,7 @@ from spinfilters.symbolic.compiled import address
 NEAREST_M: Final = 0.05
 """Depth in m below which nothing is in focus."""
 _FLAGS: Final = (*FLAGS, "-O3", NATIVE, "-fno-math-errno", "-fno-trapping-math")
-_SIGNATURES: Final = {"facing": ("iippppppp" + "dp", None)}
+_SIGNATURES: Final = {"facing": ("iippppppp" + "dp", None), "recognised": ("iippppppp", None)}
 
 
 class Surface(NamedTuple):
@@ -69,6 +69,42 @@ def _facing_in_numpy(
         np.greater(normals @ c - heights, cosine * distance, out=row)
         row &= points @ axis > depth
     return found
+
+
+def recognised(
+    visible: Bool[np.ndarray, "n k"], drawn: Float[np.ndarray, "n k"], probability: Float[np.ndarray, " k"]
+) -> Bool[np.ndarray, "n k"]:
+    """The visible landmarks of those appearances in which they are known again.
+
+    Parameters
+    ----------
+    drawn: of appearance a of landmark k at (a, k), compared with the landmark's probability.
+    """
+    library, count = _library(), visible.shape[1]
+    if library is None:
+        return _recognised_in_numpy(visible, drawn, probability)
+    given = [np.ascontiguousarray(each) for each in (visible, drawn, probability)]
+    appearances, marks, found = (
+        np.zeros(count, np.int64),
+        np.zeros((2, count + 8), bool),
+        np.empty_like(given[0]),
+    )
+    library.recognised(*visible.shape, *map(address, (*given, appearances, *marks, found)))
+    return found
+
+
+def _recognised_in_numpy(
+    visible: Bool[np.ndarray, "n k"], drawn: Float[np.ndarray, "n k"], probability: Float[np.ndarray, " k"]
+) -> Bool[np.ndarray, "n k"]:
+    known, appearances = np.empty_like(visible), np.zeros(visible.shape[1], dtype=np.intp)
+    now, before = np.zeros((2, visible.shape[1]), dtype=bool)
+    for row, seen in zip(known, visible, strict=True):
+        new = np.flatnonzero(seen & ~before)
+        now[new] = drawn[appearances[new], new] < probability[new]
+        appearances[new] += 1
+        np.logical_and(seen, now, out=row)
+        before = seen
+    return known
 
 
 @cache

@@ -85,6 +85,10 @@ class Dropout(Fault):
     start: float
     end: float
 
+    def __post_init__(self) -> None:
+        if not self.start <= self.end:
+            raise InputError(f"a dropout from {self.start} s to {self.end} s; give an end after the start")
+
     def apply(self, dataset: Dataset, generator: np.random.Generator) -> Dataset:
         """The data set without the gap. InputError: a sensor would have no measurement left."""
         left = []

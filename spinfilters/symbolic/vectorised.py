@@ -63,6 +63,11 @@ class Vectorised:
             return _interpreted(self._plain, arguments, rows)
         return _run(self._library, arguments, rows, [(count, made) for made in self._made])
 
+    @property
+    def function(self) -> ca.Function:
+        """The expression, for others to be made of it."""
+        return self._function
+
     @cached_property
     def loop(self) -> int | None:
         """Address of the compiled loop, for other compiled code to call; None where there is none."""

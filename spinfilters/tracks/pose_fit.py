@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.geometry.cameras import StereoPair, stereo_pair
 from spinfilters.linear_algebra.definite import which_definite
 from spinfilters.models.sensor_noise import SensorNoiseModel, noise_model
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark
 from spinfilters.state.layout import POSE_BLOCKS, StateLayout
+from spinfilters.tracks.map_noise import UncertainMatches
 from spinfilters.tracks.matches import Matches, MatchTable
 from spinfilters.tracks.pose_consensus import SMALLEST_SHARE, consensus_poses
 
@@ -129,11 +129,7 @@ def _gauss_newton(
     agreeing: Bool[np.ndarray, "f k"],
 ) -> _Step:
     poses = about.poses
-    innovation, jacobian, valid = _linearised(model, table.about(about.points), poses)
-    by_map = None
-    if table.covariance is not None:
-        by_map = _MapNoise.of(about, table.points, jacobian, table.covariance)
-        innovation, jacobian = by_map.whitened(innovation, jacobian)
+    innovation, jacobian, valid, by_left = _linearised(model, table, about)
     squares = np.square(innovation).sum(axis=2)
     inliers = valid & _within_gate(np.abs(innovation).max(axis=2), agreeing)
     determined = np.count_nonzero(inliers, axis=1) >= np.maximum(4, SMALLEST_SHARE * table.counts)
@@ -145,21 +141,40 @@ def _gauss_newton(
     step[determined] = np.linalg.solve(information[determined], gradient[determined])[..., 0]
     length = np.sqrt(np.einsum("fi,fij,fj->f", step, information, step))
     points = about.points
-    if by_map is not None:
+    if by_left is not None:
         left = innovation - (jacobian @ step[:, None, :, None])[..., 0]
-        points = table.points + np.where(inliers[..., None], by_map.corrections(left), 0.0)
+        corrections = (by_left @ left[..., None])[..., 0]
+        points = table.points + np.where(inliers[..., None], corrections, 0.0)
     return _Step(model.layout.retract(poses, step), points, information, inliers, squares, length, determined)
 
 
-def _linearised(
-    model: StereoLandmark, table: MatchTable, poses: Float[np.ndarray, "f 7"]
-) -> tuple[Float[np.ndarray, "f k 3"], Float[np.ndarray, "f k 3 6"], Bool[np.ndarray, "f k"]]:
-    """Whitened innovations of the matches, their derivatives by the poses, and where the sensor applies."""
-    (f, k), p = table.given.shape, table.parameters.shape[2]
-    innovation, jacobian, valid, _ = model.linearise(
-        np.repeat(poses, k, axis=0), table.parameters.reshape(f * k, p), table.pixels.reshape(f * k, 3)
-    )
-    return innovation.reshape(f, k, 3), jacobian.reshape(f, k, 3, 6), valid.reshape(f, k) & table.given
+class _Rows(NamedTuple):
+    """Whitened innovations of the matches, their derivatives by the poses, and where the sensor applies.
+
+    Attributes
+    ----------
+    by_left: (f, k, 3, 3) corrections of the points by what a step leaves of the innovations; None of a map known exactly.
+    """
+
+    innovation: Float[np.ndarray, "f k 3"]
+    jacobian: Float[np.ndarray, "f k 3 6"]
+    valid: Bool[np.ndarray, "f k"]
+    by_left: Float[np.ndarray, "f k 3 3"] | None
+
+
+def _linearised(model: StereoLandmark, table: MatchTable, about: _About) -> _Rows:
+    (f, k), epochs = table.given.shape, np.repeat(np.arange(len(table.given)), table.given.shape[1])
+    parameters = table.about(about.points).parameters.reshape(f * k, -1)
+    pixels, by_left = table.pixels.reshape(f * k, 3), None
+    if table.covariance is None:
+        innovation, jacobian, valid, _ = model.linearise(about.poses[epochs], parameters, pixels)
+    else:
+        away = (table.points - about.points).reshape(f * k, 3)
+        matches = UncertainMatches(parameters, pixels, away, table.covariance.reshape(f * k, 3, 3))
+        innovation, jacobian, valid, by_left = matches.linearised(model, about.poses, epochs)
+        by_left = by_left.reshape(f, k, 3, 3)
+    valid = valid.reshape(f, k) & table.given
+    return _Rows(innovation.reshape(f, k, 3), jacobian.reshape(f, k, 3, 6), valid, by_left)
 
 
 def _within_gate(
@@ -172,50 +187,3 @@ def _within_gate(
     ordered = np.sort(np.where(agreeing, size, np.nan), axis=1)  # what is not a number comes last
     quarter = np.count_nonzero(agreeing, axis=1)[:, None] // 4
     return size < np.fmax(GATE_PX, OPENING * np.take_along_axis(ordered, quarter, axis=1))
-
-
-@dataclass(frozen=True)
-class _MapNoise:
-    """Noise of map points, which are unknowns of their own and are eliminated at every step.
-
-    A fit that whitens by the covariance of the points as a pose turns it, and takes that as constant, has a cost of which the
-    derivative by the rotation is missing: it finds too small rotations where points are poor. About the points' own estimates there
-    is nothing to miss.
-
-    Attributes
-    ----------
-    away: (f, k, 3) m from the points about which all is linear to those of the map.
-    by_point: (f, k, 3, 3) derivative of whitened pixels by the points.   covariance: (f, k, 3, 3) of the map.
-    root: (f, k, 3, 3) lower, of the covariance of the whitened pixels given the pose.
-    """
-
-    away: Float[np.ndarray, "f k 3"]
-    by_point: Float[np.ndarray, "f k 3 3"]
-    covariance: Float[np.ndarray, "f k 3 3"]
-    root: Float[np.ndarray, "f k 3 3"]
-
-    @classmethod
-    def of(
-        cls,
-        about: _About,
-        points: Float[np.ndarray, "f k 3"],
-        jacobian: Float[np.ndarray, "f k 3 6"],
-        covariance: Float[np.ndarray, "f k 3 3"],
-    ) -> "_MapNoise":
-        """Projected covariance of the map points, beside unit pixel noise."""
-        by_point = jacobian[..., :3] @ matrix_from_quaternion(about.poses[:, 3:])[:, None]
-        root = np.linalg.cholesky(np.eye(3) + by_point @ covariance @ np.swapaxes(by_point, 2, 3))
-        return cls(points - about.points, by_point, covariance, root)
-
-    def whitened(
-        self, innovation: Float[np.ndarray, "f k 3"], jacobian: Float[np.ndarray, "f k 3 6"]
-    ) -> tuple[Float[np.ndarray, "f k 3"], Float[np.ndarray, "f k 3 6"]]:
-        """By the pixels' and the points' noise together, about the points of the map."""
-        at_map = innovation[..., None] - self.by_point @ self.away[..., None]
-        both = np.linalg.solve(self.root, np.concatenate([at_map, jacobian], axis=3))
-        return both[..., 0], both[..., 1:]
-
-    def corrections(self, left: Float[np.ndarray, "f k 3"]) -> Float[np.ndarray, "f k 3"]:
-        """Of the map's points, m, by what a step leaves of the whitened innovations."""
-        back = np.linalg.solve(np.swapaxes(self.root, 2, 3), left[..., None])
-        return (self.covariance @ np.swapaxes(self.by_point, 2, 3) @ back)[..., 0]

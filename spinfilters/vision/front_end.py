@@ -15,7 +15,9 @@ from spinfilters.vision.epoch_observations import EpochObservations
 from spinfilters.vision.features import Detector, Features, detector, exposure_gain, stretched
 from spinfilters.vision.image_folder import ImagePair
 from spinfilters.vision.loss_count import LossCount
+from spinfilters.vision.patch_alignment import aligned_patches
 from spinfilters.vision.rectification import Rectification
+from spinfilters.vision.stereo_matching import STAGE as STEREO
 from spinfilters.vision.stereo_matching import StereoFeatures, StereoMatching, match_stereo
 from spinfilters.vision.track_noise import TrackNoise
 
@@ -68,9 +70,21 @@ class StereoPoints:
             trial = LossCount()
             points = self._within(images, None, trial)
         self._losses.add(trial)
+        points = self._aligned(pair, points)
         self._count = len(points)
         self._region = _around(points, images[0].shape[::-1]) if len(points) else None
         return points
+
+    def _aligned(self, pair: ImagePair, points: StereoFeatures) -> StereoFeatures:
+        """Points with the disparity of the raw images."""
+        if not len(points):
+            return points
+        found = aligned_patches(
+            self._rectification, (pair.left, pair.right), points.values[:, :2], points.disparity
+        )
+        self._losses.lose(STEREO, "not aligned", int(np.count_nonzero(~found.found)))
+        self._losses.keep(STEREO, int(np.count_nonzero(found.found)))
+        return points.aligned(found.disparity, found.residual).part(found.found)
 
     def _within(
         self,

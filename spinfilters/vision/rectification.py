@@ -82,6 +82,22 @@ class Rectification:
         (map_left, map_right), mode = self._maps, MODE
         return cv2.remap(left, *map_left, mode), cv2.remap(right, *map_right, mode)
 
+    def grey_at(
+        self,
+        camera: int,
+        raw: Float[np.ndarray, "h w"],
+        x: Float[np.ndarray, "..."],
+        y: Float[np.ndarray, "..."],
+    ) -> Float[np.ndarray, "..."]:
+        """Grey values of a raw image (camera 0 is the left one) at rectified columns and rows, in single precision."""
+        across, down = (np.ascontiguousarray(each, dtype=np.float32).reshape(len(x), -1) for each in (x, y))
+        column, row = (
+            cv2.remap(each, across, down, MODE, borderMode=cv2.BORDER_REPLICATE)
+            for each in self._maps[camera]
+        )
+        found = cv2.remap(raw, column, row, MODE, borderMode=cv2.BORDER_REPLICATE)
+        return found.reshape(x.shape)
+
     def points(
         self, left: Float[np.ndarray, "n 2"], right: Float[np.ndarray, "n 2"]
     ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]:

@@ -57,6 +57,18 @@ class StereoFeatures:
         """Some of them."""
         return StereoFeatures(self.values[chosen], self.features.part(chosen), self.residual[chosen])
 
+    @property
+    def disparity(self) -> Float[np.ndarray, " n"]:
+        """u_left - u_right, px."""
+        return self.values[:, 0] - self.values[:, 2]
+
+    def aligned(
+        self, disparity: Float[np.ndarray, " n"], residual: Float[np.ndarray, " n"]
+    ) -> "StereoFeatures":
+        """The points with other disparities and what their patches leave."""
+        values = np.column_stack([self.values[:, :2], self.values[:, 0] - disparity])
+        return StereoFeatures(values, self.features, residual)
+
     def moved(self, offset: Int[np.ndarray, " 2"]) -> "StereoFeatures":
         """Points of a part of the images in pixels of the whole ones."""
         features = replace(self.features, pixels=self.features.pixels + offset)
@@ -84,9 +96,7 @@ def match_stereo(
     good &= _counted(rows | ~good, "off their row", losses)
     good &= _counted((residual <= options.residual) | ~good, "unlike after alignment", losses)
     values = np.column_stack([chosen.pixels, place[:, 0]])
-    matched = StereoFeatures(values, chosen, residual).part(good)
-    losses.keep(STAGE, len(matched))
-    return matched
+    return StereoFeatures(values, chosen, residual).part(good)
 
 
 def _counted(good: Bool[np.ndarray, " n"], cause: str, losses: LossCount) -> Bool[np.ndarray, " n"]:

@@ -3,9 +3,9 @@
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -24,7 +24,11 @@ from spinfilters.vision.image_folder import CAMERAS, STAGE, PairReader, read_pai
 from spinfilters.vision.loss_count import LossCount
 from spinfilters.vision.raw_rig import read_raw_rig
 from spinfilters.vision.rectification import Rectification
+from spinfilters.vision.stereo_matching import StereoFeatures
 
+SYSTEMATIC_PX: Final = 0.01
+"""Errors of places and disparities that many observations have in common, as near edges of the body and from interpolation: they
+do not average out, and are told as errors of the calibration, which they are like."""
 Progress = Callable[[str, int, int], None]
 """Called with a stage, how much of it is done, and of how much."""
 
@@ -56,15 +60,9 @@ def track_images(
     InputError: no images, no calibration, no two pairs whose motion is found. The text names the folder or file.
     """
     options, losses = options or FrontEndOptions(), LossCount()
-    rectification, stamped = _rectification(folder), stamped_pairs(folder, losses)
-    reader = PairReader(rectification.rig.size, losses)
-    finder, points = StereoPoints(rectification, options, losses), []
-    for number, pair in enumerate(read_pairs(stamped, reader), start=1):
-        if pair is not None:
-            points.append((pair.time, finder.of(pair)))
-        progress("features", number, len(stamped))
+    rectification, points, count = stereo_points(folder, options, losses, progress)
     with _naming(folder, losses):
-        _require_pairs(losses, len(stamped))
+        _require_pairs(losses, count)
         tracks = batch_tracks(
             points, rectification.stereo, options, losses, lambda *at: progress("tracks", *at)
         )
@@ -77,7 +75,30 @@ def track_images(
             "inflation": tracks.correlation.inflation,
         },
     }
-    return TrackedImages(_dataset(folder, rectification, tracks.stream), losses, document)
+    dataset = _dataset(folder, rectification, tracks.stream, tracks.correlation.inflation)
+    return TrackedImages(dataset, losses, document)
+
+
+class FolderPoints(NamedTuple):
+    """Stereo points of the pairs of a folder that can be used, with their times (s), and how many pairs it has."""
+
+    rectification: Rectification
+    points: list[tuple[float, StereoFeatures]]
+    pairs: int
+
+
+def stereo_points(
+    folder: Path, options: FrontEndOptions, losses: LossCount, progress: Progress = lambda *_: None
+) -> FolderPoints:
+    """Stereo points of every pair of a folder, before they are associated. Errors: no images, no calibration."""
+    rectification, stamped = _rectification(folder), stamped_pairs(folder, losses)
+    reader = PairReader(rectification.rig.size, losses)
+    finder, points = StereoPoints(rectification, options, losses), []
+    for number, pair in enumerate(read_pairs(stamped, reader), start=1):
+        if pair is not None:
+            points.append((pair.time, finder.of(pair)))
+        progress("features", number, len(stamped))
+    return FolderPoints(rectification, points, len(stamped))
 
 
 def track_images_online(
@@ -152,7 +173,9 @@ def _rectification(folder: Path) -> Rectification:
     return rectification
 
 
-def _dataset(folder: Path, rectification: Rectification, stream: MeasurementStream) -> Dataset:
+def _dataset(
+    folder: Path, rectification: Rectification, stream: MeasurementStream, inflation: float = 1.0
+) -> Dataset:
     path, description, options = folder / DATASET_FILE, "", DatasetOptions()
     if os.path.lexists(path):
         document = read_toml(path)
@@ -166,5 +189,20 @@ def _dataset(folder: Path, rectification: Rectification, stream: MeasurementStre
         description=f"tracks of {description or printable(folder.name)}",
         truth=None if truth is None else rectification.truth(truth),
         rig=rectification.stereo,
-        options=with_told_deviations(options, folder),
+        options=_with_systematic_errors(
+            replace(with_told_deviations(options, folder), covariance_inflation=inflation), stream
+        ),
     )
+
+
+def _with_systematic_errors(options: DatasetOptions, stream: MeasurementStream) -> DatasetOptions:
+    """The options with deviations of the calibration, where they are told, that hold for these tracks."""
+    u, v, right = stream.values.T
+    size = float(np.hypot(np.std(u), np.std(v)))
+    own = {
+        "center_std": SYSTEMATIC_PX,
+        "focal_std": SYSTEMATIC_PX / max(size, 1.0),
+        "baseline_std": SYSTEMATIC_PX / max(float(np.median(u - right)), 1.0),
+    }
+    told = {name: float(np.hypot(std, own.get(name, 0.0))) for name, std in options.calibration.items()}
+    return replace(options, calibration=told)

@@ -26,7 +26,7 @@ class TrackNoise:
     """
 
     place: tuple[float, float] = (0.01, 0.008)
-    disparity: tuple[float, float] = (0.002, 1.6)
+    disparity: tuple[float, float] = (0.002, 0.3)
 
     def variances(
         self, size: Float[np.ndarray, " n"], residual: Float[np.ndarray, " n"]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from spinfilters.campaigns.campaign_folder import merge
+from spinfilters.campaigns.campaign_folder import merge, read_folder
 from spinfilters.campaigns.engine import Chunk, Processes, Shard, run_campaign
 from spinfilters.campaigns.rows_folder import read_rows
 from spinfilters.campaigns.runner import Row, Runner
@@ -76,6 +76,14 @@ def test_shards_merge_into_the_rows_of_one(tmp_path: Path, serial: Path) -> None
     assert _rows(tmp_path / "all", study) == _rows(serial, study)
     with pytest.raises(InputError, match="not empty"):
         merge([tmp_path / "0"], tmp_path / "all")
+
+
+def test_merged_shards_of_one_study_have_the_most_seeds_of_any(tmp_path: Path) -> None:
+    run_campaign(gyro_study(seeds=1), tmp_path / "0", InProcess(), Shard(0, 2))
+    run_campaign(gyro_study(seeds=2), tmp_path / "1", InProcess(), Shard(1, 2))
+    merge([tmp_path / "0", tmp_path / "1"], tmp_path / "all")
+    study, _ = read_folder(tmp_path / "all")
+    assert study.options.seeds == 2
 
 
 def test_another_study_and_a_foreign_folder_are_refused(tmp_path: Path, serial: Path) -> None:

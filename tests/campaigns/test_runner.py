@@ -90,3 +90,10 @@ def test_an_unexpected_error_is_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
     row = Runner(gyro_study()).row(1)
     assert (row["outcome"], row["reason"]) == ("raised", "ZeroDivisionError: the end of it")
     assert row["estimator"] == "ukf"
+
+
+def test_nees_of_a_gyro_with_a_gap_is_of_the_epochs_it_has() -> None:
+    document = copy.deepcopy(GYRO) | {"fault": {"base": {"dropout_s": [5.0, 9.0]}}}
+    row = Runner(study_from(document, "study")).row(0)
+    assert row["epochs"] < 40
+    assert row["nees"] < 5

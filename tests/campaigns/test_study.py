@@ -77,6 +77,10 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"fault": {"base": {"dropout_s": [1.0]}}}, "dropout_s"),
     ({"fault": {"base": {"few_at_first": [2.0, 9.0]}}}, "fraction 2.0"),
     ({"study": {"name": "x", "seeds": 1, "initialisation": "drawn"}}, "sensor.known_map = true"),
+    ({"fault": {"base": {"dropout_s": [9.0, 1.0]}}}, "end after the start"),
+    ({"fault": {"base": {"model": "ghost"}}}, "fault.model is 'ghost'"),
+    ({"body": {"base": {"principal_moments": [1.0, 1.0, 5.0]}}}, "body.principal_moments"),
+    ({"factors": {"estimator": [1]}, "motion": {}}, "such as mekf"),
     ({"motion": {"pixels-1": {"5": {}}, "rich": {}, "short": {}}}, '[motion."1.5"]'),
 ]
 

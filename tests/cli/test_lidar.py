@@ -67,3 +67,19 @@ def test_what_cannot_be_scanned_is_refused_in_one_line(
     assert len(said) == 1
     assert says in said[0]
     assert not (tmp_path / "out").exists()
+
+
+def test_the_number_of_scans_needed_is_told_with_a_picture(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scans, out = str(tmp_path / "scans"), tmp_path / "needed"
+    body = ["--rays", "40", "40", "--rotation", "20", "30", "0", "--scans", "5", "--noise", "jitter"]
+    assert main(["lidar", "scan", "cube", "-o", scans, *body]) == 0
+    assert main(["lidar", "needed", scans, "-o", str(out), "--attitude-deg", "0.001"]) == 0
+    assert "scans like these for an attitude of 0.001 deg" in capsys.readouterr().out
+    assert (out / "scans_needed.png").stat().st_size > 1000
+
+
+def test_scans_needed_of_nothing_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["lidar", "needed", str(tmp_path), "-o", str(tmp_path / "out")]) == 2
+    assert "holds no .ply" in capsys.readouterr().err

@@ -9,7 +9,12 @@ import pytest
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.estimators.model_errors.alternative import table
-from spinfilters.estimators.model_errors.hypotheses import minus_twice_log_likelihood, noise_of, solved_near
+from spinfilters.estimators.model_errors.hypotheses import (
+    KnownLevels,
+    minus_twice_log_likelihood,
+    noise_of,
+    solved_near,
+)
 from spinfilters.estimators.model_errors.linear_rows import Columns, LinearRows
 from spinfilters.estimators.model_errors.score_tests import score_tests
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
@@ -17,6 +22,7 @@ from spinfilters.estimators.smoothing.solver.iterations import SolverOptions, so
 from spinfilters.estimators.timeline import times_of
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.pipeline import model_errors
+from spinfilters.pipeline.identified_noise import Unstated, noise_model
 from spinfilters.pipeline.setup import Setup, prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
@@ -125,7 +131,8 @@ def shifted(rows: LinearRows, by: Columns) -> LinearRows:
 )
 def test_an_error_that_is_put_in_is_ranked_first_at_its_size(kind: str, name: str) -> None:
     motion, setup = smoothed(kind), prepared(kind)
-    model = model_errors._noise_model(setup, motion.rows.problem)  # pyright: ignore[reportPrivateUsage]
+    model = noise_model(motion.rows.problem, setup.noise, Unstated.of_all(setup.log, setup.process.noise))
+    assert model is not None
     noise = noise_of(model, motion.rows)
     (before,) = (t for t in score_tests(motion, noise, table().values()) if t.error.name == name)
     columns, size = table()[name].columns(motion), 12 * before.std
@@ -141,7 +148,8 @@ def test_an_error_that_is_put_in_is_ranked_first_at_its_size(kind: str, name: st
 
 def test_an_error_drawn_by_epoch_is_found_by_its_variance() -> None:
     motion, setup = smoothed("pose"), prepared("pose")
-    model = model_errors._noise_model(setup, motion.rows.problem)  # pyright: ignore[reportPrivateUsage]
+    model = noise_model(motion.rows.problem, setup.noise, Unstated.of_all(setup.log, setup.process.noise))
+    assert model is not None
     noise, jitter = noise_of(model, motion.rows), table()["clock-jitter"]
     columns = jitter.columns(motion)
     assert columns is not None
@@ -159,10 +167,32 @@ def test_an_error_drawn_by_epoch_is_found_by_its_variance() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_right_model_is_not_doubted(kind: str) -> None:
     motion, setup = smoothed(kind), prepared(kind)
-    model = model_errors._noise_model(setup, motion.rows.problem)  # pyright: ignore[reportPrivateUsage]
+    model = noise_model(motion.rows.problem, setup.noise, Unstated.of_all(setup.log, setup.process.noise))
+    assert model is not None
     found = score_tests(motion, noise_of(model, motion.rows), table().values())
     assert len(found) >= 8
     assert min(each.p_value for each in found) > 1e-4
+
+
+def test_a_correlated_error_tells_its_level_by_the_independent_samples_that_states_leave() -> None:
+    motion, setup = smoothed("gyro"), prepared("gyro")
+    model = noise_model(motion.rows.problem, setup.noise, Unstated.of_all(setup.log, setup.process.noise))
+    assert model is not None
+    white = noise_of(model, motion.rows)
+    slow = noise_of(model, motion.rows, KnownLevels(correlation={"gyro_noise_std": 3.0}))
+    values = 3 * len(motion.time)
+    by_states = values - white.redundancy[0]
+    assert white.dof[0] == pytest.approx(white.redundancy[0] + 1)
+    assert slow.dof[0] == pytest.approx(values / 3 - by_states + 1)
+    shift = table()["gyro-bias"].columns(motion)
+    assert shift is not None
+    wrong = replace(motion, rows=shifted(motion.rows, shift.times(0.02 * np.eye(3))))
+    by_white, by_slow = (
+        next(t for t in score_tests(wrong, noise, table().values()) if t.error.name == "gyro-bias")
+        for noise in (white, slow)
+    )
+    assert by_slow.statistic == by_white.statistic
+    assert by_slow.p_value > 10 * by_white.p_value
 
 
 def test_the_likelihood_is_greatest_near_the_true_noise() -> None:

@@ -9,18 +9,17 @@ from filter_samples import FULL
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement
+from spinfilters.estimators.filters.density_mean import raised_logarithm
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
 from spinfilters.estimators.filters.noise_adaptation import (
     BLOCK,
     CYCLE,
     LARGEST_SCALE,
-    PRIOR_INFORMATION,
     AdaptationOptions,
     NoiseAdaptation,
     NoiseEvidence,
     NoiseScale,
-    raised_logarithm,
     residual_evidence,
 )
 from spinfilters.estimators.filters.square_root_update import MeasurementPrediction, square_root_update
@@ -191,21 +190,6 @@ def test_a_scale_stays_bounded(squared: float, bound: float) -> None:
 def test_a_horizon_out_of_range_is_refused(name: str, value: float) -> None:
     with pytest.raises(InputError, match=f"adaptation.{name} is"):
         AdaptationOptions(**{name: value})
-
-
-@pytest.mark.parametrize("count", [15, 60, 240])
-def test_a_density_that_squares_tell_is_raised_to_its_mean(count: int) -> None:
-    theta = np.linspace(-3, 6, 20_001)
-    log_posterior = 0.5 * theta - 0.5 * count * (theta + np.exp(-theta))  # flat in the standard deviation
-    weight = np.exp(log_posterior - log_posterior.max())
-    mean = float(np.sum(weight * np.exp(theta)) / np.sum(weight))
-    likeliest = theta[np.argmax(weight)]
-    assert np.log(mean) - likeliest == pytest.approx(raised_logarithm(2 / count), rel=0.25)
-
-
-def test_a_density_that_the_prior_alone_tells_is_not_raised() -> None:
-    assert raised_logarithm(1 / PRIOR_INFORMATION) == 0.0
-    assert raised_logarithm(100.0) == 0.0
 
 
 IDENTIFIED = {

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
+from spinfilters.api.recordings import simulate
 from spinfilters.data.dataset import Dataset, read_dataset
 from spinfilters.data.noise_levels import SensorNoise
 from spinfilters.errors import InputError
@@ -23,7 +24,10 @@ from spinfilters.lidar.sequence import (
     tumble_of,
     write_sequence,
 )
+from spinfilters.pipeline.estimation import compare_estimators
+from spinfilters.pipeline.setup import prepare
 from spinfilters.sensors.registry import sensor_of
+from spinfilters.settings.run_settings import Settings
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 BOX = box((1.0, 1.3, 0.8))
@@ -85,3 +89,11 @@ def test_a_body_without_faces_is_told_to_use_the_poses(tmp_path: Path) -> None:
     mesh = TriangleMesh(sphere * [0.5, 0.7, 0.4], faces)
     with pytest.raises(InputError, match="no plane faces"):
         recording(tmp_path / "scans", mesh, 0.0, 61)
+
+
+def test_errors_of_the_models_are_looked_for_in_points_whose_angles_have_no_innovation() -> None:
+    """A row has three noises and one innovation: the run was called degraded, out of an index."""
+    settings = Settings(estimators=("mekf",))
+    prepared = prepare(simulate("lidar-points", seed=0, frames=20, interval=1.0), settings)
+    (found,) = compare_estimators(prepared, settings, lambda *_: None).evaluations
+    assert not [reason for reason in found.history.status.reasons if "could not be looked for" in reason]

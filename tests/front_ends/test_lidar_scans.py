@@ -19,6 +19,7 @@ from spinfilters.lidar.sequence import Initial, scan_sequence, scan_times, truth
 from spinfilters.pipeline.estimation import compare_estimators
 from spinfilters.pipeline.setup import prepare
 from spinfilters.settings.run_settings import Settings
+from spinfilters.state.status import Verdict
 
 
 @pytest.fixture(scope="module")
@@ -84,3 +85,11 @@ def test_a_folder_of_scans_that_cannot_be_used_is_refused(folder: Path, tmp_path
         (tmp_path / "scans" / name).write_bytes((folder / "scans" / "00.ply").read_bytes())
     with pytest.raises(InputError, match="as the scan before"):
         read_dataset(tmp_path)
+
+
+def test_planes_that_contradict_the_drift_are_a_doubt_of_every_estimate(dataset: Dataset) -> None:
+    assert dataset.doubts == ()
+    settings, doubted = Settings(estimators=("mekf",)), replace(dataset, doubts=("7 of 25 scans",))
+    (found,) = compare_estimators(prepare(doubted, settings), settings, lambda *_: None).evaluations
+    assert found.history.status.verdict is Verdict.DEGRADED
+    assert "7 of 25 scans" in found.history.status.reasons

@@ -77,3 +77,13 @@ def test_noise_of_azimuth_and_elevation_is_told_apart(scans: list[Scan]) -> None
     found = identified_noise(scans)
     assert found.azimuth_std == pytest.approx(NOISE.azimuth_std, rel=0.25)
     assert found.elevation_std == pytest.approx(NOISE.elevation_std, rel=0.25)
+
+
+def test_a_face_that_no_scan_tells_of_leaves_the_others_determined(scans: list[Scan]) -> None:
+    """It was a singular matrix."""
+    start = tilted(0.02)
+    hidden = Face(ROTATIONS[0].T @ np.array([1.0, 0.0, 0.0]), 0.5)
+    start = TrackedFaces(start.poses, (*start.faces, hidden), start.matches, common=start.common)
+    found = edge_adjusted(start, [scan.points for scan in scans], NOISE, SIZE)
+    assert np.isfinite(found.covariance).all()
+    assert skewness(TrackedFaces(found.poses, found.faces[:3], found.matches)) < 1.5

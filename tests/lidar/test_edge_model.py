@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from spinfilters.lidar.body_motion import Still, thesis_rotation
-from spinfilters.lidar.edge_model import expected_ranges
+from spinfilters.lidar.convex_ranges import expected_ranges
+from spinfilters.lidar.edge_model import moved_pose
 from spinfilters.lidar.face_map import Face
 from spinfilters.lidar.mesh import box
 from spinfilters.lidar.point_noise import PointNoise
@@ -37,20 +38,46 @@ def test_mean_and_deviation_of_ranges_near_edges_are_those_of_drawn_beams(
     generator, beam = np.random.default_rng(0), np.array([angles])
     drawn = beam + generator.standard_normal((200_000, 2)) * [NOISE.azimuth_std, NOISE.elevation_std]
     ranges = first_ranges(drawn) + NOISE.range_std * generator.standard_normal(len(drawn))
-    mean, std = expected_ranges(beam, FACES, R, T, NOISE)
-    assert mean[0] == pytest.approx(ranges.mean(), abs=0.15 * ranges.std())
-    assert std[0] == pytest.approx(ranges.std(), rel=0.1)
+    expected = expected_ranges(beam, FACES, R, T, NOISE)
+    assert expected.mean[0] == pytest.approx(ranges.mean(), abs=0.15 * ranges.std())
+    assert expected.std[0] == pytest.approx(ranges.std(), rel=0.1)
 
 
 def test_without_jitter_the_range_is_that_of_the_first_face() -> None:
     angles = np.random.default_rng(1).uniform(-5e-4, 5e-4, (50, 2))
-    mean, std = expected_ranges(angles, FACES, R, T, PointNoise(0.003, 0.0, 0.0))
-    np.testing.assert_allclose(mean, first_ranges(angles), atol=1e-9)
-    np.testing.assert_allclose(std, 0.003, rtol=1e-6)
+    expected = expected_ranges(angles, FACES, R, T, PointNoise(0.003, 0.0, 0.0))
+    np.testing.assert_allclose(expected.mean, first_ranges(angles), atol=1e-9)
+    np.testing.assert_allclose(expected.std, 0.003, rtol=1e-6)
+
+
+@pytest.mark.parametrize("noise", [NOISE, PointNoise(0.003, 0.0, 0.0)])
+def test_derivatives_by_pose_and_faces_are_those_of_differences(noise: PointNoise) -> None:
+    angles = np.random.default_rng(2).uniform(-8e-4, 8e-4, (60, 2))
+    found = expected_ranges(angles, FACES, R, T, noise)
+
+    def mean(step: np.ndarray, faces: list[Face]) -> np.ndarray:
+        return expected_ranges(angles, faces, *moved_pose(R, T, step), noise).mean
+
+    small = 1e-6
+    for k, step in enumerate(small * np.eye(6)):
+        difference = (mean(step, FACES) - mean(-step, FACES)) / (2 * small)
+        np.testing.assert_allclose(found.by_pose[:, k], difference, rtol=1e-4, atol=1e-4)
+    for k, j in ((k, j) for k in range(6) for j in range(3)):
+        sides = [
+            mean(np.zeros(6), [*FACES[:k], changed(FACES[k], sign * small * np.eye(3)[j]), *FACES[k + 1 :]])
+            for sign in (1, -1)
+        ]
+        difference = (sides[0] - sides[1]) / (2 * small)
+        np.testing.assert_allclose(found.by_faces[:, 3 * k + j], difference, rtol=1e-4, atol=1e-4)
+
+
+def changed(face: Face, step: np.ndarray) -> Face:
+    """A face after two tangent components of its normal and its offset have changed."""
+    return Face(face.normal + face.tangents @ step[:2], face.offset + float(step[2]))
 
 
 def test_a_beam_that_no_face_is_before_has_no_range() -> None:
-    behind = expected_ranges(np.array([[np.pi / 2, 0.0]]), FACES[:1], np.eye(3), T, NOISE)[0]
+    behind = expected_ranges(np.array([[np.pi / 2, 0.0]]), FACES[:1], np.eye(3), T, NOISE).mean
     assert np.isnan(behind).all()
 
 

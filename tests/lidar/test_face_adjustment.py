@@ -76,3 +76,15 @@ def test_the_covariance_of_poses_holds_what_the_faces_do_to_them() -> None:
     for before, after, more in zip(start.poses, found.poses, found.common, strict=True):
         np.testing.assert_allclose(after.covariance, before.covariance + more)
         assert np.trace(more[3:, 3:]) == pytest.approx(3 * 1e-6 / TURNS * 2, rel=2.0)
+
+
+def test_a_face_that_is_hardly_known_does_not_turn_the_frame_of_the_others() -> None:
+    start, planes = seen(1e-4, np.random.default_rng(3))
+    cap = Face(np.array([1.0, 1.0, 1.0]) / np.sqrt(3), 0.8)
+    pose = start.poses[0]
+    normal, tangents = pose.rotation @ cap.normal, pose.rotation @ cap.tangents
+    vague = FittedPlane(normal, PLACE + 0.8 * normal, tangents, 0.1**2 * np.eye(3), 20, 1.0)
+    more = TrackedFaces(start.poses, (*FACES, cap), ((*start.matches[0], 6), *start.matches[1:]))
+    found = with_map_errors(more, PlaneEvidence([[*planes[0], vague], *planes[1:]]), SIZE)
+    assert found.covariance[18, 18] > 0.05**2
+    assert np.sqrt(np.trace(found.common[5][3:, 3:])) < 1e-3

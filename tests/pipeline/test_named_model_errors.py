@@ -14,13 +14,14 @@ from spinfilters.estimators.model_errors.alternative import table
 from spinfilters.estimators.model_errors.score_tests import ScoreTest
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.pipeline import model_errors
+from spinfilters.pipeline.conditions import conditions_of
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
 from spinfilters.pipeline.explanations import explanations
 from spinfilters.pipeline.setup import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
 from spinfilters.simulation.motion import Motion, simulate_motion
-from spinfilters.simulation.scenario import RICH_RPM, Scenario, first_state, measured
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, first_state, measured, without_noise
 from spinfilters.state.block import StateBlock
 from spinfilters.state.blocks.acceleration import ACCELERATION
 from spinfilters.state.blocks.torque import TORQUE
@@ -120,7 +121,7 @@ def test_tests_that_cannot_be_made_are_a_reason_for_doubt(monkeypatch: pytest.Mo
 
 @pytest.mark.parametrize(
     ("size", "contradicted", "names"),
-    [(5.0, False, ()), (5.0, True, ("torque",)), (8.0, False, ("torque",)), (11.0, False, ("torque",))],
+    [(2.0, False, ()), (2.0, True, ("torque",)), (3.9, False, ("torque",)), (4.1, False, ("torque",))],
 )
 def test_an_error_beyond_chance_is_named_where_it_moves_a_state(
     size: float, contradicted: bool, names: tuple[str, ...]
@@ -132,6 +133,41 @@ def test_an_error_beyond_chance_is_named_where_it_moves_a_state(
     assert model_errors.TestedModels((test,), contradicted, std=std).names == names
 
 
+def test_errors_that_explain_the_same_residuals_are_named_as_one() -> None:
+    one, alike, other = np.ones(1), np.array([1.0, 0.1, 0.0]), np.array([0.0, 1.0, 0.0])
+    tests = tuple(
+        ScoreTest(table()[name], one, one, gain, 1.0, gain, 1e-9, None, explained)
+        for name, gain, explained in (
+            ("drag", 60.0, np.array([2.0, 0.0, 0.0])),
+            ("energy-loss", 55.0, alike),
+            ("torque", 50.0, other),
+            ("hinge", 45.0, other),
+            ("rotor", 40.0, np.array([0.0, 0.0, 1.0])),
+        )
+    )
+    models = model_errors.TestedModels(tests)
+    assert models.names == ("drag/energy-loss", "torque/hinge")
+    assert [each.error.name for each in models.named] == ["drag", "energy-loss", "torque", "hinge"]
+    assert "or, which looks alike, a loss of energy" in models.reasons[0]
+
+
+def test_settings_in_the_place_of_rows_covariances_are_what_the_run_tells() -> None:
+    dataset = recording(None, np.zeros(3), 0.4)
+    (stream,) = dataset.log.streams
+    rows = replace(stream, covariance=np.tile(1e-4 * np.eye(6), (len(stream.time), 1, 1)))
+    options = replace(dataset.options, pose_position_std=None, pose_rotation_std=None)
+    told = replace(dataset, log=MeasurementLog((rows,)), options=options)
+    with_rows = prepare(told, SMOOTHER)
+    assert {"pose_position_std", "pose_rotation_std"} <= model_errors.stated_levels(with_rows)
+    settings = replace(SMOOTHER, sensors=replace(SMOOTHER.sensors, pose_position_std=0.001))
+    setup = prepare(told, settings)
+    stated = model_errors.stated_levels(setup)
+    assert "pose_position_std" in stated
+    assert "pose_rotation_std" not in stated
+    position, _ = conditions_of(setup).sensors
+    assert (position.source, position.value) == ("stated", 0.001)
+
+
 def test_epochs_that_gates_refuse_in_a_row_are_tested_and_no_outliers() -> None:
     scenario = Scenario(
         kind="gyro", principal_moments=(1.0, 0.8, 0.55), rate_rpm=RICH_RPM, epochs=40, interval=0.4
@@ -140,6 +176,19 @@ def test_epochs_that_gates_refuse_in_a_row_are_tested_and_no_outliers() -> None:
     dataset = faulty_recording(scenario, model_faults()["contact-at-end"], 0.06, seeds)
     comparison = compared(dataset)
     assert "contact-at-end" in comparison.models.names[:2]
+
+
+def test_a_contact_that_makes_the_noise_of_a_gyro_look_large_is_named() -> None:
+    scenario = Scenario(
+        kind="gyro", principal_moments=(1.0, 0.8, 0.55), rate_rpm=RICH_RPM, epochs=80, interval=0.4
+    )
+    seeds = tuple(np.random.SeedSequence(3).spawn(3))
+    dataset = without_noise(faulty_recording(scenario, model_faults()["contact-at-end"], 0.2, seeds))
+    comparison = compared(dataset, replace(SMOOTHER, estimators=("mekf",)))
+    noise = comparison.setup.gyro_noise
+    assert noise is not None
+    assert not noise.is_of_flight
+    assert comparison.models.names[0] == "contact-at-end"
 
 
 def test_a_wrong_unit_is_named_first() -> None:

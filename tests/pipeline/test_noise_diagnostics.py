@@ -10,6 +10,7 @@ import pytest
 from experiments.honest_cases import Case, recordings
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.evaluation.noise_tests import MEASUREMENTS, FilterTests, NoiseTest, filter_tests
+from spinfilters.pipeline import noise_diagnostics, stated_levels
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
 from spinfilters.pipeline.noise_diagnostics import (
     LARGEST_RATIO,
@@ -159,3 +160,17 @@ def test_a_test_of_nothing_says_nothing() -> None:
     assert NoiseTest().ratio == 1
     assert FilterTests().whiteness_score == 0
     assert FilterTests().autocorrelation == 0
+
+
+def test_noise_that_cannot_be_tested_is_a_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object) -> None:
+        raise np.linalg.LinAlgError("no factor")
+
+    run = compared()
+    mekf, smoother = run.evaluations
+    monkeypatch.setattr(noise_diagnostics, "filter_tests", broken)
+    monkeypatch.setattr(stated_levels, "level_tests", broken)
+    (of_filter,) = filter_noise_diagnostics(mekf.history, run.setup, SETTINGS)
+    (of_levels,) = stated_level_diagnostics(run.setup, SETTINGS, [smoother.history])
+    for doubt in (of_filter, of_levels):
+        assert doubt == "its noise could not be tested (no factor): check the data set and its noise"

@@ -13,7 +13,7 @@ from spinfilters.pipeline.estimation import Comparison, compare_estimators
 from spinfilters.pipeline.setup import prepare
 from spinfilters.runs.run_summary import summary
 from spinfilters.settings.run_settings import Settings
-from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_noise
 
 TRUE = {"pose_position_std": 0.002, "pose_rotation_std": 0.004, "force_psd": 1e-5, "torque_psd": 1e-5}
 
@@ -112,3 +112,13 @@ def test_a_white_gyro_s_noise_is_identified_with_the_torque() -> None:
     found = {each.name: each for each in history.noise}
     assert abs(np.log(found["gyro_noise_std"].value / noise_std)) < 1.5 * found["gyro_noise_std"].log_std
     assert found["torque_psd"].upper > 2e-6
+
+
+@pytest.mark.parametrize("seed", [7, 10])
+def test_levels_of_which_one_takes_what_the_other_leaves_settle(seed: int) -> None:
+    true = {"gyro_noise_std": 2.4e-4, "torque_psd": 1.2e-7}
+    noise = ProcessNoise(torque_psd=true["torque_psd"])
+    scenario = Scenario("gyro", rate_rpm=RICH_RPM, seed=seed, gyro_std=true["gyro_noise_std"], noise=noise)
+    found = {each.name: each for each in prepare(without_noise(simulate(scenario)), Settings()).identified}
+    for name, half in (("gyro_noise_std", 0.5), ("torque_psd", 1.0)):
+        assert abs(np.log(found[name].value / true[name])) < 4 * half * found[name].log_std

@@ -5,7 +5,7 @@ import pytest
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.sensors import visibility
-from spinfilters.sensors.visibility import NEAREST_M, Surface, facing
+from spinfilters.sensors.visibility import NEAREST_M, Surface, facing, recognised
 
 
 def sample(depth: float) -> tuple[Surface, np.ndarray, np.ndarray]:
@@ -33,3 +33,21 @@ def test_only_points_on_the_near_side_of_a_ball_are_seen():
     found = facing(0.0, surface, rotations, origins)
     centre = np.linalg.norm(origins, axis=1)[:, np.newaxis]
     np.testing.assert_array_equal(found, np.linalg.norm(places, axis=2) < np.sqrt(centre**2 - 0.1**2))
+
+
+def test_compiled_and_numpy_know_the_same_appearances_again(monkeypatch):
+    generator = np.random.default_rng(4)
+    visible = generator.random((12, 37)) < 0.6
+    drawn, probability = generator.random(visible.shape), generator.random(37)
+    found = recognised(visible, drawn, probability)
+    monkeypatch.setattr(visibility, "_library", lambda: None)
+    np.testing.assert_array_equal(found, recognised(visible, drawn, probability))
+    assert found.any()
+    assert (found <= visible).all()
+
+
+def test_an_appearance_is_known_again_as_a_whole_and_each_is_drawn_anew():
+    visible = np.array([[1, 0], [1, 1], [0, 1], [1, 0], [1, 1]], dtype=bool)
+    drawn = np.tile([[0.9], [0.1], [0.5], [0.5], [0.5]], (1, 2))
+    found = recognised(visible, drawn, np.array([0.3, 0.95]))
+    np.testing.assert_array_equal(found, np.array([[0, 0], [0, 1], [0, 1], [1, 0], [1, 1]], dtype=bool))

@@ -19,7 +19,7 @@ POWER: Final = NumberRange(0.0, 1e18)
 
 def add_lidar(commands: Subparsers) -> argparse.ArgumentParser:
     """Parser of ``spinfilters lidar``."""
-    lidar = commands.add_parser("lidar", help="simulate scans of a body")
+    lidar = commands.add_parser("lidar", help="simulate scans of a body, tell how many are needed")
     actions = lidar.add_subparsers(title="actions", required=True, metavar="ACTION", dest="action")
     scan = actions.add_parser(
         "scan",
@@ -44,7 +44,27 @@ def add_lidar(commands: Subparsers) -> argparse.ArgumentParser:
     _add_rays(scan)
     _add_errors(scan)
     _add_output(scan)
+    _add_needed(actions)
     return lidar
+
+
+def _add_needed(actions: Subparsers) -> None:
+    needed = actions.add_parser(
+        "needed",
+        help="how many scans an attitude of a given accuracy takes",
+        description="Registers the scans of a data set of kind lidar-scans and tells how many like them a mean attitude of the "
+        "accuracy takes; writes scans_needed.png.",
+    )
+    needed.add_argument(
+        "scans", metavar="FOLDER", help="data set of scans, such as 'lidar scan --scans' writes"
+    )
+    needed.add_argument("-o", "--output", metavar="FOLDER", required=True)
+    needed.add_argument(
+        "--attitude-deg",
+        type=number(NumberRange(1e-9, 180.0, "deg")),
+        default=0.01,
+        help="standard deviation of the mean attitude (default 0.01)",
+    )
 
 
 def _add_body(parser: argparse.ArgumentParser) -> None:

@@ -88,19 +88,20 @@ def _require_description(path: Path, kinds: Iterable[str]) -> None:
 
 def _read_raw(folder: Path, reader: RawDataReader, description: str, options: DatasetOptions) -> Dataset:
     """Measurements made from raw data, with those of other sensors in the folder."""
-    stream, truth, remarks = reader.read(folder, read_truth(folder))
+    made = reader.read(folder, read_truth(folder))
     read = [_with_own_covariance(form, folder) for form in _stored(folder, None)]
-    log = MeasurementLog((stream, *read))
+    log = MeasurementLog((made.stream, *read))
     cameras = calibrations_of(log)
     return Dataset(
         kind=reader.made,
         log=log,
         path=folder,
-        description="; ".join(words for words in (description, remarks) if words),
-        truth=truth,
+        description="; ".join(words for words in (description, *made.remarks) if words),
+        truth=made.truth,
         rig=cameras[0].read(folder) if cameras else None,
         inspector=read_inspector(folder, log) if cameras else None,
         options=with_told_deviations(options, folder) if cameras else options,
+        doubts=made.doubts,
     )
 
 

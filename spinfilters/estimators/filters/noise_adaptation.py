@@ -25,6 +25,7 @@ from jaxtyping import Float
 
 from spinfilters.data.number_range import NumberRange
 from spinfilters.errors import InputError
+from spinfilters.estimators.filters.density_mean import raised_logarithm
 from spinfilters.linear_algebra.lapack import dtrtri, dtrtrs
 from spinfilters.state.layout import StateLayout
 
@@ -39,24 +40,6 @@ SMALLEST_FACTOR = 0.1
 BLOCK, CYCLE = 16, 256
 """Predictions of every cycle from which an identified level is learned further, its last. An epoch that is learned from costs an
 EKF on poses 2.6 times one that is not, so that all together cost a tenth; what is lost is little beside what was identified."""
-
-
-PRIOR_INFORMATION = 0.5
-"""Of the logarithm of a level, by a prior that is flat in its standard deviation."""
-
-
-def raised_logarithm(variance: float) -> float:
-    """Logarithm of a density's mean over the most probable one.
-
-    A sum of n squares tells a density to 2 / n in the variance of its logarithm; its mean lies by as much above the most probable.
-    Where the prior tells the rest, which bounds a density from below alone, it does not: only the data's share of the information
-    raises.
-
-    Parameters
-    ----------
-    variance: of the density's logarithm.
-    """
-    return variance * max(1.0 - PRIOR_INFORMATION * variance, 0.0)
 
 
 HORIZON = NumberRange(1, 1e9, "updates", zero=True)
@@ -96,10 +79,11 @@ class NoiseEvidence:
 
 @dataclass(frozen=True)
 class NoiseScale:
-    """Logarithm of a scale of a covariance, and the information that it rests on."""
+    """Logarithm of a scale of a covariance, the information that it rests on, and a density's share in it (`density_mean`)."""
 
     logarithm: float = 0.0
     information: float = 0.0
+    share: float = 1.0
 
     def after(self, evidence: NoiseEvidence, horizon: float) -> "NoiseScale":
         """The scale that follows from further evidence, what came before forgotten over this horizon."""
@@ -107,7 +91,7 @@ class NoiseScale:
         excess = (evidence.squared - evidence.expected) / (information + FIRST_INFORMATION)
         step = np.log(max(1 + excess, SMALLEST_FACTOR)) if np.isfinite(excess) else 0.0
         limit = np.log(LARGEST_SCALE)
-        return NoiseScale(float(np.clip(self.logarithm + step, -limit, limit)), information)
+        return NoiseScale(float(np.clip(self.logarithm + step, -limit, limit)), information, self.share)
 
 
 class UpdateOutcome(Protocol):
@@ -151,7 +135,7 @@ class NoiseAdaptation:
     ----------
     identified: scales by source ("sensor.pose", "process.torque") with the information that an identification has gathered. They go
         on from there, by a part of the epochs (`BLOCK`) and forgetting nothing where the options give no horizon; a density is
-        scaled to its mean (`raised_logarithm`).
+        scaled to its mean (`density_mean`).
     """
 
     def __init__(
@@ -233,7 +217,7 @@ class NoiseAdaptation:
     def snapshot(self) -> dict[str, np.ndarray]:
         """Everything learned, as arrays named ``noise.<what>``."""
         scales = {
-            f"noise.{name}": np.array([scale.logarithm, scale.information])
+            f"noise.{name}": np.array([scale.logarithm, scale.information, scale.share])
             for name, scale in self._scales.items()
         }
         if self.identified:
@@ -259,7 +243,7 @@ class NoiseAdaptation:
         level = self.level(name)
         raised = 0.0
         if name in self.identified and name.startswith("process."):
-            raised = raised_logarithm(2 / level.information)
+            raised = raised_logarithm(2 / level.information, level.share)
         return float(np.exp(level.logarithm + raised))
 
     @property

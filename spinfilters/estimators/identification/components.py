@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from spinfilters.estimators.filters.noise_adaptation import raised_logarithm
+from spinfilters.estimators.filters.density_mean import raised_logarithm
 
 FORCE_PSD: Final = "force_psd"
 TORQUE_PSD: Final = "torque_psd"
@@ -46,11 +46,13 @@ class VarianceComponent:
     ----------
     value: standard deviation of a sensor in the unit of its option, or density of a disturbance.
     log_std: standard deviation of ln variance (of a density, of its ln).
+    share: of the level in the variance of what tells it, beside all other noise.
     """
 
     name: str
     value: float
     log_std: float
+    share: float = 1.0
 
     @property
     def is_density(self) -> bool:
@@ -65,7 +67,9 @@ class VarianceComponent:
     @property
     def expected(self) -> float:
         """Level to estimate with: of a density its mean."""
-        return self.value * (float(np.exp(raised_logarithm(self.log_std**2))) if self.is_density else 1.0)
+        if not self.is_density:
+            return self.value
+        return self.value * float(np.exp(raised_logarithm(self.log_std**2, self.share)))
 
     @property
     def upper(self) -> float:
@@ -77,7 +81,7 @@ class VarianceComponent:
         """Of exp(log_variance) times the variance, with this share of the deviation."""
         half = 1.0 if self.is_density else 0.5
         value = self.value * float(np.exp(half * log_variance))
-        return VarianceComponent(self.name, value, share * self.log_std)
+        return VarianceComponent(self.name, value, share * self.log_std, self.share)
 
     @property
     def std(self) -> float:

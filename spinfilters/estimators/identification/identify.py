@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.estimators.filters.noise_adaptation import PRIOR_INFORMATION
+from spinfilters.estimators.filters.density_mean import PRIOR_INFORMATION
 from spinfilters.estimators.filters.square_root_update import lower_roots
 from spinfilters.estimators.identification.components import VarianceComponent
 from spinfilters.estimators.identification.noise_model import NoiseModel
@@ -40,10 +40,16 @@ SETTLED: Final[float] = 0.05
 """Share of its standard deviation that a component still moves by when the iteration ends."""
 LONGEST_STEP: Final[float] = 3.0
 """Of ln variance, in one iteration."""
+NEAR: Final[float] = 0.7
+"""Of the logarithms of (r + slope) / S, below which all levels take their step together."""
+LONGEST_NEAR: Final[float] = 1.0
+"""Of ln variance, in one such iteration."""
 GAINS: Final[tuple[float, float]] = (0.1, 4.0)
 PRIOR_SLOPE: Final[float] = 2 * PRIOR_INFORMATION
 """Of twice the log prior by ln variance: flat in the standard deviation."""
 SMALLEST_REDUNDANCY: Final[float] = 1e-3
+SMALLEST_SHARE: Final[float] = 0.01
+"""Of a level in what tells it, below which it makes no difference."""
 TINY: Final[float] = float(np.finfo(float).tiny)
 NEGLIGIBLE: Final[float] = 1e-3
 """Of ln variance: a change that nobody would see."""
@@ -107,7 +113,8 @@ def identify(
         by, settled = _step(working, residuals)
         if settled or iteration == ITERATIONS:
             covariance = _covariance(working.information)
-            components = _components(model, theta, covariance)
+            share = _shares(working, residuals)
+            components = _components(model, theta, covariance, share)
             return Identified(components, iteration, settled, theta, covariance, working.errors)
         there = advanced(problem, here, normal, rule, rule.first).point
         if there is None:
@@ -122,21 +129,35 @@ def _covariance(information: Float[np.ndarray, "c c"]) -> Float[np.ndarray, "c c
     return vectors / (np.maximum(values, 0.0) + PRIOR_INFORMATION) @ vectors.T
 
 
+def _shares(working: WorkingSolutions, residuals: Residuals) -> Float[np.ndarray, " c"]:
+    """Of every component in the variance of what tells it: 2F / r, as u'u = r and the states take their part of u."""
+    share = 2 * working.variances_information / np.maximum(residuals.squares, TINY)
+    return np.clip(share, SMALLEST_SHARE, 1.0)
+
+
 def _components(
-    model: NoiseModel, theta: Float[np.ndarray, " c"], covariance: Float[np.ndarray, "c c"]
+    model: NoiseModel,
+    theta: Float[np.ndarray, " c"],
+    covariance: Float[np.ndarray, "c c"],
+    share: Float[np.ndarray, " c"],
 ) -> tuple[VarianceComponent, ...]:
     """Levels at ln variances of this covariance."""
     names = (*(each.name for each in model.components), *model.densities)
     log_std = np.sqrt(np.diag(covariance))
-    return tuple(map(VarianceComponent, names, model.values(theta), log_std.tolist()))
+    return tuple(map(VarianceComponent, names, model.values(theta), log_std.tolist(), share.tolist()))
 
 
 def _step(working: WorkingSolutions, residuals: Residuals) -> tuple[Float[np.ndarray, " c"], bool]:
-    """Of ln variances, and whether it is negligible."""
+    """Of ln variances, and whether it is negligible; near the optimum all at once, for one level takes what another leaves."""
+    ratio = (residuals.squares + PRIOR_SLOPE) / np.maximum(residuals.redundancy, SMALLEST_REDUNDANCY)
+    logarithms = np.log(np.maximum(ratio, TINY))
+    if np.all(np.abs(logarithms) < NEAR):
+        covariance = _covariance(working.information)
+        by = np.clip(covariance @ (residuals.squares / 2 * logarithms), -LONGEST_NEAR, LONGEST_NEAR)
+        return by, bool(np.all(np.abs(by) <= SETTLED * np.sqrt(np.diag(covariance)) + NEGLIGIBLE))
     information = np.maximum(working.variances_information, TINY)
     gain = np.clip(residuals.squares / (2 * information), *GAINS)
-    ratio = (residuals.squares + PRIOR_SLOPE) / np.maximum(residuals.redundancy, SMALLEST_REDUNDANCY)
-    by = np.clip(gain * np.log(np.maximum(ratio, TINY)), -LONGEST_STEP, LONGEST_STEP)
+    by = np.clip(gain * logarithms, -LONGEST_STEP, LONGEST_STEP)
     return by, bool(np.all(np.abs(by) <= SETTLED / np.sqrt(information) + NEGLIGIBLE))
 
 

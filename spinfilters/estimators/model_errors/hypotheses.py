@@ -3,8 +3,8 @@
 Noise as stated, and noise as the data would have it.
 """
 
-from collections.abc import Collection
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -91,20 +91,46 @@ def solved_near(
     return LinearRows(problem, found.point, found.normal) if found.normal.solved else None
 
 
-def noise_of(model: NoiseModel, solved: LinearRows, stated: Collection[str] = frozenset()) -> NoiseComponents:
-    """Variance components of a solved problem; those that are not ``stated`` are identified."""
+@dataclass(frozen=True)
+class KnownLevels:
+    """What is known of noise levels before the tests.
+
+    Attributes
+    ----------
+    stated: names of levels that are not identified.
+    correlation: samples that count as one, by the name of the level of an error that stands for a correlated one.
+    inflation: of stated variances for errors that rows have in common, by the level's name; 1 where none is told.
+    """
+
+    stated: Collection[str] = frozenset()
+    correlation: Mapping[str, float] = field(default_factory=dict)
+    inflation: Mapping[str, float] = field(default_factory=dict)
+
+
+NOTHING_KNOWN: Final = KnownLevels()
+
+
+def noise_of(model: NoiseModel, solved: LinearRows, told: KnownLevels = NOTHING_KNOWN) -> NoiseComponents:
+    """Variance components of a solved problem."""
     problem, here = solved.problem, solved.here
     after = residuals_of(problem, here, solved.normal, model.components, model.densities)
     factors = tuple(source_factors(problem, here, model.densities))
     names = (*(each.name for each in model.components), *model.densities)
-    known = np.array([name in stated for name in names])
-    return NoiseComponents(model.components, factors, after.redundancy, known)
+    known = np.array([name in told.stated for name in names])
+    correlated = np.array([name in told.correlation for name in names])
+    dof = np.maximum(after.redundancy, 0.0)
+    for k, each in enumerate(model.components):
+        if correlated[k]:
+            values = sum(len(solved.sensor_rows[s]) * len(rows) for s, rows in each.sensors.items())
+            dof[k] = max(values / told.correlation[each.name] - (values - dof[k]), 0.0)
+    larger = np.array([told.inflation.get(name, 1.0) for name in names])
+    return NoiseComponents(model.components, factors, after.redundancy, known, correlated, dof, larger)
 
 
 def is_doubtful(noise: NoiseComponents, solved: LinearRows) -> bool:
-    """Whether residuals of some component are not what its noise level says."""
+    """Whether residuals of some component are not what its noise level says; smaller ones are where it is inflated."""
     ratio = noise.squares(solved.residual(solved.right)) / np.maximum(noise.redundancy, 1.0)
-    away = np.abs(np.log(np.maximum(ratio, np.finfo(float).tiny))) > np.log(NOISE_RATIO)
+    away = (ratio > NOISE_RATIO) | (ratio * noise.inflation < 1 / NOISE_RATIO)
     return bool(np.any(away & (noise.redundancy > TELLING))) or rejects(solved)
 
 
@@ -137,6 +163,14 @@ def rejects_in_a_row(solved: LinearRows) -> bool:
     return bool(np.any(np.convolve(empty, np.ones(IN_A_ROW), "valid") == IN_A_ROW))
 
 
+def with_refused_in_a_row(solved: LinearRows) -> LinearRows | None:
+    """The problem with all that it measured where gates refuse epochs in a row, which would hide an error; else as it is."""
+    problem = solved.problem
+    if problem.observations is not None or not rejects_in_a_row(solved):
+        return solved
+    return solved_near(problem, solved.here.trajectory, solved.here.points, EVERY_MEASUREMENT)
+
+
 def with_identified(model: NoiseModel, solved: LinearRows) -> LinearRows | None:
     """The problem with the noise levels that it identifies itself, solved again.
 
@@ -152,7 +186,9 @@ def with_identified(model: NoiseModel, solved: LinearRows) -> LinearRows | None:
     values = [each.value for each in found.components]
     log_variance = np.array(power) * np.log(np.divide(values, stated))
     again = solved_near(model.scaled(log_variance), here.trajectory, here.points)
-    return None if again is None or (rejects(again) and not rejects(solved)) else again
+    if again is None or (rejects(again) and not rejects(solved)):
+        return None
+    return with_refused_in_a_row(again)
 
 
 def among_inliers(problem: Problem, inliers: LinearRows) -> LinearRows | None:

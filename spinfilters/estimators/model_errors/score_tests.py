@@ -60,6 +60,7 @@ class ScoreTest:
     statistic, dof: of the score, chi-squared without the error.   gain: see the module.
     p_value: probability of as much without the error.
     shift: (k, n) by which the states of all epochs move once the error is removed; None of one that is not `TELLING`.
+    explained: what it explains of all whitened residuals, likewise.
     """
 
     error: Alternative
@@ -70,6 +71,15 @@ class ScoreTest:
     gain: float
     p_value: float
     shift: Float[np.ndarray, "k n"] | None = None
+    explained: Float[np.ndarray, " r"] | None = None
+
+    def likeness(self, other: "ScoreTest") -> float:
+        """Correlation of what two errors explain; 0 where it is not known."""
+        a, b = self.explained, other.explained
+        if a is None or b is None or a.shape != b.shape:
+            return 0.0
+        product = float(a @ b) / max(float(np.sqrt((a @ a) * (b @ b))), np.finfo(float).tiny)
+        return product if np.isfinite(product) else 0.0
 
     def effect(self, std: Float[np.ndarray, "k n"]) -> Effect:
         """How far the states would move, in their deviations; infinite where it is not known."""
@@ -79,6 +89,13 @@ class ScoreTest:
         return Effect(
             float(moved.max(initial=0.0)), float(np.sqrt(np.mean(moved**2, axis=0)).max(initial=0.0))
         )
+
+    def removing(self, motion: SmoothedMotion, right: Columns, explained: Columns) -> "ScoreTest":
+        """With what its removal does to states and residuals, if it is `TELLING`."""
+        if not self.p_value < TELLING:
+            return self
+        shift = motion.rows.sensitivity(right).states[:, :, 0]
+        return replace(self, shift=shift, explained=np.concatenate([p.ravel() for p in explained.parts]))
 
     @property
     def merit(self) -> float:
@@ -167,17 +184,13 @@ def _tested(
     prior, dof = (scale * error.plausible) ** -2.0, float(told.sum())
     probable = along @ np.linalg.solve(along.T @ (F + np.diag(prior)) @ along, along.T @ u)
     removed = (probable / scale)[:, None]
-    gain = noise.gain(left, left.minus(after.times(removed)))
+    explained = after.times(removed)
+    gain = noise.gain(left, left.minus(explained))
     gained = gain.value - float(prior @ probable**2)
     p_value = gain_tail(gained, dof, gain.dof)
     std = np.sqrt(np.diag(covariance)) / scale
-    shift = _shift(motion, columns.times(removed)) if p_value < TELLING else None
-    return ScoreTest(error, size / scale, std, float(u @ size), dof, gained, p_value, shift)
-
-
-def _shift(motion: SmoothedMotion, right: Columns) -> Float[np.ndarray, "k n"]:
-    """Of the states, by one right-hand side."""
-    return motion.rows.sensitivity(right).states[:, :, 0]
+    found = ScoreTest(error, size / scale, std, float(u @ size), dof, gained, p_value)
+    return found.removing(motion, columns.times(removed), explained)
 
 
 def _by_epoch(
@@ -199,14 +212,13 @@ def _by_epoch(
     every[chosen] = drawn.reshape(len(chosen), -1)
     free = float((variance * values / (1 + variance * values)).sum())
     right = _drawn(motion, columns, every[:, :, None])
-    after = left.minus(motion.rows.residual(right))
-    gain = max(likelihood, noise.gain(left, after).value - 2 * free) * K / len(chosen)
+    explained = motion.rows.residual(right)
+    gain = max(likelihood, noise.gain(left, left.minus(explained)).value - 2 * free) * K / len(chosen)
     curvature = float(((values / (1 + variance * values)) ** 2).sum()) / 2
     std = np.sqrt(1 / curvature) / (2 * np.sqrt(variance)) if variance else curvature**-0.25
     p_value = _p_value(values, along, noise.sensor_dof)
-    shift = _shift(motion, right) if p_value < TELLING else None
-    size = np.array([np.sqrt(variance)])
-    return ScoreTest(error, size, np.array([std]), likelihood, 1.0, gain, p_value, shift)
+    found = ScoreTest(error, np.array([np.sqrt(variance)]), np.array([std]), likelihood, 1.0, gain, p_value)
+    return found.removing(motion, right, explained)
 
 
 def _p_value(values: Float[np.ndarray, " n"], along: Float[np.ndarray, " n"], dof: float) -> float:

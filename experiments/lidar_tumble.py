@@ -1,0 +1,135 @@
+"""Rates and moments of inertia of a tumbling body from its scans alone, the noise not stated: filtered and smoothed.
+
+    python -m experiments.lidar_tumble [--seeds 10] [--mesh FILE] [--rate-rpm 1.43 1.91 1.15] [-o lidar-tumble.png]
+
+The figure shows the first seed.
+"""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from spinfilters.conventions import RPM
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.measurement_log import MeasurementLog
+from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.front_ends.lidar_scans import in_frame_of, pose_stream
+from spinfilters.lidar.mesh import TriangleMesh, box
+from spinfilters.lidar.mesh_files import read_mesh
+from spinfilters.lidar.ray_pattern import RayPattern
+from spinfilters.lidar.scan_errors import rvs_noise
+from spinfilters.lidar.scan_poses import scan_poses
+from spinfilters.lidar.scanner import LidarSettings, Scanner
+from spinfilters.lidar.sequence import Initial, scan_sequence, scan_times, truth_of, tumble_of
+from spinfilters.pipeline.estimation import compare_estimators
+from spinfilters.pipeline.setup import prepare
+from spinfilters.plots.style import BLUE, GREY, RED, save_figure
+from spinfilters.settings.run_settings import Settings
+
+PLACE, VELOCITY = np.array([30.0, 0.0, 0.0]), np.array([2e-3, 1e-3, -1e-3])
+LARGEST_RATE_ERROR = 0.1
+"""Deg/s, asked for."""
+
+
+def main() -> None:
+    """Print a line per seed and estimator, and the NEES of all."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--mesh", type=Path, help="default: a box of 1 x 1.3 x 0.8 m")
+    parser.add_argument("--rate-rpm", type=float, nargs=3, default=(1.43, 1.91, 1.15))
+    parser.add_argument("--field", type=float, default=4.0, help="of view, deg")
+    parser.add_argument("--rays", type=int, default=121)
+    parser.add_argument("-o", "--output", type=Path, default=Path("lidar-tumble.png"))
+    options = parser.parse_args()
+    mesh = read_mesh(options.mesh) if options.mesh else box((1.0, 1.3, 0.8))
+    scanner = Scanner.of(
+        mesh, LidarSettings(RayPattern((options.field,) * 2, (options.rays,) * 2), rvs_noise())
+    )
+    last: dict[str, list[float]] = {}
+    for seed in range(options.seeds):
+        dataset = scans_of(mesh, scanner, np.array(options.rate_rpm) * RPM, seed)
+        settings = Settings(estimators=("mekf", "smoother"))
+        found = compare_estimators(prepare(dataset, settings), settings, lambda *_: None).evaluations
+        for each in found:
+            tell(seed, each, last)
+        if not seed:
+            save_figure(figure(found, dataset), options.output)
+    for name, values in last.items():
+        low, high = chi2.ppf([0.025, 0.975], 20 * len(values)) / 20 / len(values)
+        print(
+            f"{name}: mean NEES per dof of the last epochs {np.mean(values):.2f}, band {low:.2f} to {high:.2f}"
+        )
+
+
+def scans_of(mesh: TriangleMesh, scanner: Scanner, rate: np.ndarray, seed: int) -> Dataset:
+    """Sixty scans at 1 Hz, from an attitude of this seed, as poses."""
+    attitude = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
+    motion = tumble_of(mesh, Initial(attitude, PLACE, rate, VELOCITY))
+    begin, epochs = scan_times(60, 1.0, 0.0)
+    found = scan_poses(scan_sequence(scanner, motion, begin, seed, lambda *_: None))
+    stream, told = pose_stream(found), "; ".join(found.remarks)
+    truth = in_frame_of(stream, truth_of(motion, epochs))
+    return Dataset(
+        kind="lidar-poses",
+        log=MeasurementLog((stream,)),
+        truth=truth,
+        description=told,
+        doubts=found.doubts,
+    )
+
+
+def tell(seed: int, found: Evaluation, last: dict[str, list[float]]) -> None:
+    """One run, and its NEES at the last epoch."""
+    assert found.errors is not None
+    assert found.errors.rate is not None
+    assert found.body_errors is not None
+    assert found.body_errors.principal_moments is not None
+    assert found.nees is not None
+    rate = np.rad2deg(np.sqrt(np.mean(np.sum(found.errors.rate**2, axis=1))))
+    moments = np.abs(found.body_errors.principal_moments).max()
+    per_dof = found.nees.total[-1] / found.nees.dof
+    last.setdefault(found.name, []).append(float(per_dof))
+    print(
+        f"seed {seed}, {found.name}: {found.history.status.verdict}, rate {rate:.4f} deg/s RMS (asked "
+        f"{LARGEST_RATE_ERROR}), moments within {100 * moments:.2f} % (asked 2), NEES per dof at the end {per_dof:.2f}",
+        flush=True,
+    )
+
+
+def figure(found: Sequence[Evaluation], dataset: Dataset) -> Figure:
+    """Rate errors over time, and moments beside the true ones with their standard deviations."""
+    drawn = Figure(figsize=(10, 4), layout="constrained")
+    rates, moments = drawn.subplots(1, 2)
+    for number, (each, colour) in enumerate(zip(found, (BLUE, RED), strict=True)):
+        assert each.errors is not None
+        assert each.errors.rate is not None
+        size = np.rad2deg(np.linalg.norm(each.errors.rate, axis=1))
+        rates.semilogy(each.errors.time, size, color=colour, label=each.name)
+        moments.errorbar(
+            np.arange(3) + 0.1 * number,
+            each.body.principal_moments,
+            3 * each.body.principal_moments_std,
+            fmt="o",
+            capsize=3,
+            color=colour,
+            label=f"{each.name}, 3 sigma",
+        )
+    rates.axhline(LARGEST_RATE_ERROR, color=GREY, linestyle="--", label="asked for")
+    rates.set(xlabel="time (s)", ylabel="rate error (deg/s)")
+    assert dataset.truth is not None
+    moments.plot(np.arange(3), np.asarray(dataset.truth.principal_moments), "kx", label="true")
+    moments.set(xticks=range(3), xticklabels=("minor", "middle", "major"), ylabel="moment / largest")
+    rates.legend()
+    moments.legend()
+    return drawn
+
+
+if __name__ == "__main__":
+    main()

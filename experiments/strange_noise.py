@@ -1,0 +1,222 @@
+"""Is an estimate ever ok and wrong where noise that nobody states is not white and normal, or one measurement is gross?
+
+    python -m experiments.strange_noise [--seeds 10] [--kinds gyro pose] [--noise quantised gross]
+
+Simulates rich motions, adds noise of every kind to exact gyro rates or poses, states nothing and estimates with MEKF and smoother.
+Printed are verdicts, the largest error of an ``ok`` estimate in stated standard deviations (beyond 4 is a defect), NEES of the
+``ok`` ones; of one gross error also the errors over those without it, geometric mean and 95 % quantile.
+"""
+
+import argparse
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.campaigns.metrics import metrics
+from spinfilters.campaigns.schema import ERRORS
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.errors import InputError
+from spinfilters.models.process import ProcessNoise
+from spinfilters.pipeline.estimation import ComparisonExtent, compare_estimators
+from spinfilters.pipeline.recording_bound import without_bounds
+from spinfilters.pipeline.setup import prepare
+from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.faults import with_stream
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_noise
+from spinfilters.state.layout import StateLayout
+
+Added = Callable[[Float[np.ndarray, "n k"], np.random.Generator], Float[np.ndarray, "n k"]]
+"""Errors in standard deviations, from those of white noise."""
+SETTINGS = Settings(estimators=("mekf", "smoother"))
+PSD = 1e-6
+STD = {"gyro": np.full(3, 0.005), "pose": np.repeat([0.005, 0.01], 3)}
+"""rad/s; m and rad."""
+EXACT = 1e-9
+"""Of the simulated noise, that all others are added to."""
+RESOLUTION = {"gyro": 4.36 / 128, "pose": 0.02}
+"""Of a gyro of 8 bit and 250 deg/s, rad/s; of poses, m and rad."""
+GROSS = (20.0, 300.0)
+"""Standard deviations of one gross error."""
+CORRELATION = 0.9
+"""From sample to sample."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One estimate: its metrics, or why there is none."""
+
+    estimator: str
+    found: dict[str, float | str]
+
+
+def main() -> None:
+    """Print a line for every sensor, noise and estimator."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--kinds", nargs="+", choices=list(STD), default=list(STD))
+    parser.add_argument("--noise", nargs="+", choices=list(NOISE), default=list(NOISE))
+    options = parser.parse_args()
+    for kind in options.kinds:
+        for name in options.noise:
+            for line in lines_of(kind, name, options.seeds):
+                print(line, flush=True)
+
+
+def lines_of(kind: str, name: str, seeds: int) -> Iterator[str]:
+    """A line for every estimator, and one for every estimate that is ok and wrong."""
+    found = [(seed, row) for seed in range(seeds) for row in rows_of(kind, name, seed)]
+    refused = sum(row.estimator == "" for _, row in found)
+    for estimator in SETTINGS.estimators:
+        own = [(seed, row.found) for seed, row in found if row.estimator == estimator]
+        ok = [(seed, each) for seed, each in own if each["verdict"] == "ok"]
+        worst = max((float(each["worst_error"]) for _, each in ok), default=np.nan)
+        nees = np.mean([float(each["nees"]) for _, each in ok]) if ok else np.nan
+        ratios = [float(each["ratio"]) for _, each in own if "ratio" in each]
+        over = (
+            f", errors {np.exp(np.mean(np.log(ratios))):.3f}, {np.quantile(ratios, 0.95):.2f}"
+            if ratios
+            else ""
+        )
+        yield (
+            f"{kind:5s} {name:11s} {estimator:9s} ok {len(ok):3d} of {seeds:3d} ({refused} refused), worst {worst:6.2f}, "
+            f"NEES {nees:5.2f}{over}"
+        )
+        yield from (
+            f"    seed {s}: ok and wrong, {each['worst_quantity']}" for s, each in ok if not each["right"]
+        )
+
+
+def rows_of(kind: str, name: str, seed: int) -> list[Row]:
+    """Estimates of one recording."""
+    rows = _estimated(recording(kind, name, seed))
+    if name != "gross":
+        return rows
+    without = {row.estimator: row.found for row in _estimated(recording(kind, "white", seed))}
+    return [Row(r.estimator, r.found | _ratio(r.found, without.get(r.estimator, {}))) for r in rows]
+
+
+def recording(kind: str, name: str, seed: int) -> Dataset:
+    """A rich motion under one kind of noise, which is not stated."""
+    scenario = Scenario(
+        kind, rate_rpm=RICH_RPM, seed=seed, gyro_std=EXACT, position_std=EXACT, rotation_std=EXACT
+    )
+    dataset = without_noise(simulate(replace(scenario, noise=ProcessNoise(PSD, PSD))))
+    stream, generator = dataset.log.stream(kind), np.random.default_rng([seed, 5])
+    return with_stream(dataset, NOISE[name](stream, generator))
+
+
+def _estimated(dataset: Dataset) -> list[Row]:
+    try:
+        setup = prepare(dataset, SETTINGS)
+        comparison = compare_estimators(
+            setup, SETTINGS, lambda *_: None, extent=ComparisonExtent(without_bounds)
+        )
+    except InputError as error:
+        return [Row("", {"reason": str(error)})]
+    return [Row(each.name, metrics(each, dataset.truth)) for each in comparison.evaluations]
+
+
+def _ratio(found: dict[str, float | str], without: dict[str, float | str]) -> dict[str, float | str]:
+    """Geometric mean of the errors over those without."""
+    names = [f"error_{name}" for name in ERRORS]
+    both = [(found.get(name), without.get(name)) for name in names]
+    ratios = [float(a) / float(b) for a, b in both if a is not None and b]
+    return {"ratio": float(np.exp(np.mean(np.log(ratios))))} if ratios else {}
+
+
+def _with(stream: MeasurementStream, errors: Float[np.ndarray, "n k"]) -> MeasurementStream:
+    """With errors in standard deviations."""
+    scaled = errors * STD[stream.sensor]
+    if stream.sensor == "gyro":
+        return replace(stream, values=stream.values + scaled)
+    return replace(stream, values=StateLayout(("t", "a")).retract(stream.values, scaled))
+
+
+def _added(stream: MeasurementStream, generator: np.random.Generator, added: Added) -> MeasurementStream:
+    white = generator.standard_normal((len(stream), len(STD[stream.sensor])))
+    return _with(stream, added(white, generator))
+
+
+def _white(white: np.ndarray, _: np.random.Generator) -> np.ndarray:
+    return white
+
+
+def _heavy(white: np.ndarray, generator: np.random.Generator) -> np.ndarray:
+    """Student's t of three degrees of freedom."""
+    return generator.standard_t(3.0, white.shape)
+
+
+def _two_levels(white: np.ndarray, _: np.random.Generator) -> np.ndarray:
+    """Five times as large in the second half."""
+    return white * np.where(np.arange(len(white)) < len(white) / 2, 1.0, 5.0)[:, np.newaxis]
+
+
+def _correlated(white: np.ndarray, _: np.random.Generator) -> np.ndarray:
+    errors = white.copy()
+    for k in range(1, len(errors)):
+        errors[k] = CORRELATION * errors[k - 1] + np.sqrt(1 - CORRELATION**2) * white[k]
+    return errors
+
+
+def _gross(white: np.ndarray, generator: np.random.Generator) -> np.ndarray:
+    """White, but for one epoch: in every third recording one of the first three."""
+    last = 3 if generator.random() < 1 / 3 else len(white)
+    direction = generator.standard_normal(white.shape[1])
+    errors = white.copy()
+    errors[generator.integers(last)] += (
+        direction / np.linalg.norm(direction) * np.exp(generator.uniform(*np.log(GROSS)))
+    )
+    return errors
+
+
+def _dropouts(stream: MeasurementStream, generator: np.random.Generator) -> MeasurementStream:
+    """White noise, of which bursts of up to eight samples are lost, 40 % in all."""
+    noisy = _added(stream, generator, _white)
+    kept = np.ones(len(stream), dtype=bool)
+    while kept.mean() > 0.6:
+        first = generator.integers(1, len(stream))
+        kept[first : first + generator.integers(1, 9)] = False
+    return replace(noisy, time=noisy.time[kept], values=noisy.values[kept])
+
+
+def _quantised(stream: MeasurementStream, _: np.random.Generator) -> MeasurementStream:
+    """Without other noise."""
+    step = RESOLUTION[stream.sensor]
+    if stream.sensor == "gyro":
+        return replace(stream, values=step * np.round(stream.values / step))
+    rounded = step * np.round(stream.values / step)
+    rounded[:, 3:] /= np.linalg.norm(rounded[:, 3:], axis=1, keepdims=True)
+    return replace(stream, values=rounded)
+
+
+def _constant(stream: MeasurementStream, _: np.random.Generator) -> MeasurementStream:
+    """The first value for ever."""
+    return replace(stream, values=np.tile(stream.values[0], (len(stream), 1)))
+
+
+NOISE: dict[str, Callable[[MeasurementStream, np.random.Generator], MeasurementStream]] = {
+    **{
+        name: partial(_added, added=added)
+        for name, added in {
+            "white": _white,
+            "heavy": _heavy,
+            "two levels": _two_levels,
+            "correlated": _correlated,
+            "gross": _gross,
+        }.items()
+    },
+    "exact": lambda stream, _: stream,
+    "dropouts": _dropouts,
+    "quantised": _quantised,
+    "constant": _constant,
+}
+"""Measurements with one kind of noise, from exact ones."""
+
+if __name__ == "__main__":
+    main()

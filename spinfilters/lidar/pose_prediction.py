@@ -1,0 +1,107 @@
+"""Poses from those of other scans: of the next scan, and of scans that do not determine their own."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import factorial
+
+from spinfilters.lidar.scan_pose import (
+    ROTATION_PRIOR,
+    UNDETERMINED,
+    ScanPose,
+    rotation_matrix,
+    rotation_vector,
+)
+
+MOST_SCANS: Final = 20
+"""Scans before that a prediction is made from."""
+NEIGHBOURS: Final = 7
+"""Scans between which a rotation is interpolated, at most."""
+WIDEST: Final = 2.0
+"""Rotation between them, rad, at most: rotation vectors are smooth far below half a turn."""
+SURE: Final = float(np.sqrt(UNDETERMINED)) * ROTATION_PRIOR
+"""Standard deviation of a rotation, rad, below which it is determined."""
+_DEGREE = 4  # of the polynomial
+CHANGE: Final = 0.3
+"""Change of a rate in a time, per square of the rate: that of a torque-free body whose moments differ by so much."""
+
+
+def predicted_pose(
+    poses: Sequence[ScanPose], time: float, size: float
+) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
+    """Pose at a time if the body goes on as in the scans before, each with the weight of its covariance.
+
+    What a scan does not determine is taken from those that do: a body that shows one face for some scans is found again after.
+
+    Parameters
+    ----------
+    poses: at least one.   size: of the body, m: how far the origin of g may be from the centre of mass.
+    """
+    recent = poses[-MOST_SCANS:]
+    last = recent[-1]
+    if len(recent) < 2:
+        return last.rotation, last.translation
+    rotation = rotation_matrix((time - last.time) * _mean_rate(recent)) @ last.rotation
+    return rotation, _drifted(recent, time, rotation, size)
+
+
+def _mean_rate(poses: Sequence[ScanPose]) -> Float[np.ndarray, "3"]:
+    """Rate in L, rad/s, of the steps between scans; older ones have less weight the faster the body turns."""
+    times = np.array([pose.time for pose in poses])
+    span = np.diff(times)
+    steps = np.array([rotation_vector(b.rotation @ a.rotation.T) for a, b in pairwise(poses)])
+    rates = steps / span[:, None]
+    P = np.array([pose.rotation @ pose.covariance[3:, 3:] @ pose.rotation.T for pose in poses])
+    aged = CHANGE * np.sum(np.median(rates, axis=0) ** 2) * (times[-1] - times[:-1]) * span
+    W = (
+        np.linalg.inv(P[:-1] + P[1:] + (aged**2 + 1e-20)[:, None, None] * np.eye(3))
+        * span[:, None, None] ** 2
+    )
+    return np.linalg.solve(np.sum(W, axis=0), np.einsum("nij,nj->i", W, rates))
+
+
+def _drifted(
+    poses: Sequence[ScanPose], time: float, rotation: Float[np.ndarray, "3 3"], size: float
+) -> Float[np.ndarray, "3"]:
+    """Origin of g at a time, m: t = r + v time - R c with the centre c in g; r, v and c of least squares, weighted."""
+    last, span = poses[-1], poses[-1].time - poses[0].time
+    H, b = np.eye(9) / size**2, np.zeros(9)
+    for pose in poses:
+        W = np.linalg.inv(pose.covariance[:3, :3] + (1e-9 * size) ** 2 * np.eye(3))
+        A = np.hstack([np.eye(3), np.eye(3) * (pose.time - last.time) / span, last.rotation - pose.rotation])
+        H += A.T @ W @ A
+        b += A.T @ W @ (pose.translation - last.translation)
+    A = np.hstack([np.eye(3), np.eye(3) * (time - last.time) / span, last.rotation - rotation])
+    return last.translation + A @ np.linalg.solve(H, b)
+
+
+def interpolated_rotation(poses: Sequence[ScanPose], number: int) -> Float[np.ndarray, "3 3"]:
+    """R_Lg of a scan from the nearest that determine theirs: a polynomial of their rotation vectors; else its own.
+
+    Its coefficients over the angle turned are CHANGE / j! to a standard deviation for j > 1: noise leaves a constant rate.
+    """
+    time = poses[number].time
+    sure = [pose for k, pose in enumerate(poses) if k != number and _rotation_std(pose) < SURE]
+    near = sorted(sure, key=lambda pose: abs(pose.time - time))[:NEIGHBOURS]
+    if len(near) < 2:
+        return poses[number].rotation
+    vectors = np.array([rotation_vector(pose.rotation @ near[0].rotation.T) for pose in near])
+    near = [pose for pose, vector in zip(near, vectors, strict=True) if np.linalg.norm(vector) < WIDEST]
+    vectors = vectors[np.linalg.norm(vectors, axis=1) < WIDEST]
+    late = np.array([pose.time - time for pose in near])
+    stds = np.array([_rotation_std(pose) + 1e-12 for pose in near])
+    line = np.linalg.lstsq(np.vander(late, 2) / stds[:, None], vectors / stds[:, None], rcond=None)[0]
+    turns = late * float(np.linalg.norm(line[0])) + 1e-12 * np.sign(late)
+    order = np.arange(_DEGREE + 1)
+    known = np.where(order < 2, 1e-3, factorial(order) / CHANGE)
+    A = np.concatenate([np.vander(turns, _DEGREE + 1, increasing=True) / stds[:, None], np.diag(known)])
+    b = np.concatenate([vectors / stds[:, None], np.zeros((_DEGREE + 1, 3))])
+    return rotation_matrix(np.linalg.lstsq(A, b, rcond=None)[0][0]) @ near[0].rotation
+
+
+def _rotation_std(pose: ScanPose) -> float:
+    """Of the least certain rotation, rad."""
+    return float(np.sqrt(np.linalg.eigvalsh(pose.covariance[3:, 3:])[-1]))

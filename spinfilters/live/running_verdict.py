@@ -1,0 +1,146 @@
+"""Whether the filter's latest epochs are what it says they should be: tests as those after a run, as far as the past tells."""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import chdtrc
+
+from spinfilters.errors import NUMERICAL_ERRORS
+from spinfilters.estimators.estimator import ProcessModel, UpdateReport
+from spinfilters.estimators.filters.noise_adaptation import SOURCES
+from spinfilters.evaluation.noise_tests import TESTS, EpochTester, FilterEpoch, NoiseTest, summed_tests
+from spinfilters.pipeline.diagnostics import LARGEST_NIS, LARGEST_REJECTED
+from spinfilters.pipeline.noise_diagnostics import LARGEST_RATIO
+
+WINDOW = 60
+"""Measured epochs that are tested together, beside all since the filter was last believed."""
+FALSE_ALARM = 1e-9
+"""Probability of a test's sum where all is well: it is looked at after every epoch of a run without an end."""
+
+
+@dataclass(frozen=True)
+class _Counts:
+    """Of an epoch or several: NIS and its degrees of freedom, measurements left out, all of them."""
+
+    nis: float
+    dof: float
+    left_out: int
+    measured: int
+
+
+class RunningVerdict:
+    """Doubts about a filter that answers.
+
+    Measurements that are left out do no harm once they are over. Innovations that the noise does not explain have changed the
+    estimate, its constants too: that doubt stays until the filter stands on a smoothed past that never was in doubt.
+
+    Parameters
+    ----------
+    process: with the noise that the filter was told.
+    """
+
+    def __init__(self, process: ProcessModel) -> None:
+        self._process, self._tester = process, EpochTester(process)
+        self._counts: deque[_Counts] = deque(maxlen=WINDOW)
+        self._sums: deque[Float[np.ndarray, "t 3"]] = deque(maxlen=WINDOW)
+        self._all = np.zeros((len(TESTS) + 1, 3))
+        self._lasting, self._passing = "", ""
+        self._last_bad = -np.inf
+
+    @property
+    def reasons(self) -> list[str]:
+        """Why the present estimate is in doubt."""
+        return [reason for reason in (self._lasting, self._passing) if reason]
+
+    @property
+    def is_believed(self) -> bool:
+        """Whether nothing speaks against what the filter has made of its past."""
+        return not self._lasting
+
+    def take(self, epoch: FilterEpoch, reports: Sequence[UpdateReport], time: float) -> None:
+        """Test an epoch (time s) that measured something."""
+        if not reports:
+            return
+        self._counts.append(_counts(reports))
+        with np.errstate(all="ignore"):
+            try:
+                sums = self._tester.take(epoch)
+            except NUMERICAL_ERRORS:
+                self._doubt("the filter's covariance could not be tested", time)
+                return
+        self._sums.append(sums)
+        self._all += sums
+        self._passing = _left_out(self._counts)
+        found = _innovations(self._counts) or _noise(np.sum(self._sums, axis=0), len(self._sums))
+        if found:
+            self._doubt(found, time)
+        elif not self._lasting and (slow := _noise(self._all, 0)):
+            self._doubt(slow, time)
+
+    def rebased(self, time: float, is_believed: bool) -> None:
+        """The filter has begun anew from a smoothed past up to a time (s), by a smoother that is believed or not."""
+        self._tester = EpochTester(self._process)
+        if self._lasting and is_believed and time > self._last_bad:
+            self._lasting, self._all = "", np.zeros_like(self._all)
+            self._sums.clear()
+            self._counts.clear()
+
+    def _doubt(self, why: str, time: float) -> None:
+        self._last_bad = time
+        if not self._lasting:
+            self._lasting = f"from t = {time:.3f} s on: {why}"
+
+
+def _counts(reports: Sequence[UpdateReport]) -> _Counts:
+    """Landmarks that were made anew because they were not where the map had them count as left out."""
+    anew = sum(
+        int(np.isin(report.map_change.removed, report.map_change.added).sum())
+        for report in reports
+        if report.map_change is not None
+    )
+    rejected = sum(report.rejected for report in reports)
+    measured = rejected + sum(report.accepted for report in reports)
+    return _Counts(
+        sum(report.nis for report in reports),
+        sum(report.dof for report in reports),
+        rejected + anew,
+        measured,
+    )
+
+
+def _left_out(counts: Sequence[_Counts]) -> str:
+    left_out, measured = sum(each.left_out for each in counts), sum(each.measured for each in counts)
+    if left_out <= LARGEST_REJECTED * measured:
+        return ""
+    return f"{left_out} of {measured} measurements of the last {len(counts)} epochs could not be used or were not believed"
+
+
+def _innovations(counts: Sequence[_Counts]) -> str:
+    nis, dof = sum(each.nis for each in counts), sum(each.dof for each in counts)
+    if nis <= LARGEST_NIS * dof or chdtrc(dof, nis) > FALSE_ALARM:
+        return ""
+    return f"innovations of {len(counts)} epochs are {nis / dof:.3g} times as large (squared) as the noise explains"
+
+
+def _noise(sums: Float[np.ndarray, "t 3"], epochs: int) -> str:
+    """About the level that the data contradict most."""
+    by_chance = {name: (chance(test), test) for name, test in summed_tests(sums).noise.items()}
+    if not by_chance:
+        return ""
+    name, (probability, test) = min(by_chance.items(), key=lambda item: item[1][0])
+    if probability > FALSE_ALARM or test.ratio <= LARGEST_RATIO:
+        return ""
+    what = f"disturbances of the {name}" if name in SOURCES else "errors of measurements"
+    when = f"the last {epochs} epochs" if epochs else "all epochs"
+    return f"{what} in {when} are {np.sqrt(test.ratio):.2g} times as large as their noise explains"
+
+
+def chance(test: NoiseTest) -> float:
+    """Probability of a sum of squares as large, of the scaled chi-square distribution with its mean and variance."""
+    if not (test.variance > 0 and test.expected > 0):
+        return 1.0
+    scale = test.variance / (2 * test.expected)
+    return float(chdtrc(test.expected / scale, max(test.seen, 0.0) / scale))

@@ -1,0 +1,20 @@
+"""Rows of honest noise count what they say."""
+
+import pandas as pd
+
+from experiments.honest_noise import determined
+
+TABLE = pd.DataFrame(
+    [
+        (0, "smoother", "stated", 0.02, 0.05),
+        (1, "smoother", "stated", 0.02, 0.3),
+        (2, "mekf", "stated", 0.02, 0.05),
+        (3, "smoother", "silent", 0.02, 0.05),
+        (4, "smoother", "stated", float("nan"), float("nan")),
+    ],
+    columns=["seed", "estimator", "noise", "std_moment_1", "std_moment_2"],
+)
+
+
+def test_moments_are_determined_where_the_smoother_knows_both_with_the_noise_stated() -> None:
+    assert determined(TABLE).tolist() == [0]

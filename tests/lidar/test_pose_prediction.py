@@ -1,0 +1,78 @@
+"""Poses predicted from scans of which some do not determine theirs."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from spinfilters.lidar.pose_prediction import interpolated_rotation, predicted_pose
+from spinfilters.lidar.scan_pose import ScanPose, rotation_matrix, rotation_vector
+
+RATE, VELOCITY, PLACE = np.array([0.1, 0.2, -0.15]), np.array([0.0, 0.01, 0.02]), np.array([30.0, 0.0, 0.0])
+CENTRE, SIZE = np.array([0.4, -0.2, 0.3]), 1.5
+
+
+def pose(time: float, turn: Sequence[float], shift: Sequence[float], std: float) -> ScanPose:
+    """Of a body that turns about its centre, with errors, rad and m."""
+    R = rotation_matrix(RATE * time)
+    t = PLACE + VELOCITY * time - R @ CENTRE
+    covariance = std**2 * np.eye(6)
+    return ScanPose(time, rotation_matrix(np.array(turn)) @ R, t + np.array(shift), covariance)
+
+
+def off(poses: Sequence[ScanPose], time: float) -> tuple[float, float]:
+    """Errors of the prediction, rad and m."""
+    R, t = predicted_pose(poses, time, SIZE)
+    true = pose(time, (0, 0, 0), (0, 0, 0), 1.0)
+    return float(np.linalg.norm(rotation_vector(R @ true.rotation.T))), float(
+        np.linalg.norm(t - true.translation)
+    )
+
+
+@pytest.mark.parametrize("count", [4, 12, 30])
+def test_a_body_that_turns_about_its_centre_is_where_it_is_predicted(count: int) -> None:
+    turned, shifted = off([pose(k, (0, 0, 0), (0, 0, 0), 1e-6) for k in range(count)], count + 2.0)
+    assert turned < 1e-6
+    assert shifted < 1e-3
+
+
+def test_noise_of_the_last_scans_does_not_carry_a_prediction_away() -> None:
+    generator = np.random.default_rng(0)
+    noise = 0.03 * generator.standard_normal((15, 2, 3))
+    poses = [pose(k, turn, shift, 0.03) for k, (turn, shift) in enumerate(noise)]
+    turned, shifted = off(poses, 19.0)
+    assert turned < 0.15
+    assert shifted < 0.15
+
+
+def test_scans_that_determine_nothing_have_no_say() -> None:
+    sure = [pose(k, (0, 0, 0), (0, 0, 0), 1e-3) for k in range(10)]
+    lost = [pose(10 + k, (0, 0, 0), (0.0, 1.0 + k, 0.0), 1.5) for k in range(4)]
+    assert off([*sure, *lost], 15.0)[1] < 0.05
+
+
+def test_one_scan_predicts_itself() -> None:
+    first = pose(0.0, (0, 0, 0), (0, 0, 0), 1e-3)
+    R, t = predicted_pose([first], 5.0, SIZE)
+    assert R is first.rotation
+    assert t is first.translation
+
+
+@pytest.mark.parametrize("number", [0, 4, 8])
+def test_a_scan_that_does_not_determine_its_rotation_is_led_by_its_neighbours(number: int) -> None:
+    poses = [pose(k, (0, 0, 0), (0, 0, 0), 1e-6) for k in range(9)]
+    poses[number] = pose(number, (0.3, 0.4, 0.0), (0, 0, 0), 0.2)
+    turned = rotation_vector(interpolated_rotation(poses, number) @ rotation_matrix(RATE * number).T)
+    assert np.linalg.norm(turned) < 1e-6
+
+
+def test_noise_of_the_neighbours_is_not_magnified() -> None:
+    noise = 0.03 * np.random.default_rng(1).standard_normal((9, 3))
+    poses = [pose(k, turn, (0, 0, 0), 0.03) for k, turn in enumerate(noise)]
+    turned = rotation_vector(interpolated_rotation([pose(-1, (0, 0, 0), (0, 0, 0), 0.2), *poses], 0))
+    assert np.linalg.norm(turned + RATE) < 0.15
+
+
+def test_alone_it_keeps_its_own() -> None:
+    only = pose(0.0, (0, 0, 0), (0, 0, 0), 0.2)
+    assert interpolated_rotation([only], 0) is only.rotation

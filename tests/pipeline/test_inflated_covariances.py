@@ -1,0 +1,80 @@
+"""Covariances that are inflated for errors which rows have in common: residuals are held against them without the inflation."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spinfilters.data.dataset import Dataset, read_dataset
+from spinfilters.data.dataset_options import DatasetOptions
+from spinfilters.data.dataset_writing import write_dataset
+from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.errors import InputError
+from spinfilters.pipeline.estimation import compare_estimators
+from spinfilters.pipeline.setup import prepare
+from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
+from spinfilters.state.status import EstimatorStatus
+
+STD_PX = 0.2
+INFLATION = 2.5
+
+
+@cache
+def _tracks() -> Dataset:
+    return simulate(Scenario(rate_rpm=RICH_RPM, epochs=50, landmarks=40, pixel_std=STD_PX))
+
+
+def _stating(variance: float, inflation: float) -> Dataset:
+    """Tracks whose rows state a variance, in those that the data have, and by how much it is inflated."""
+    dataset = _tracks()
+    (s,) = dataset.log.streams
+    covariance = np.tile(variance * STD_PX**2 * np.eye(3), (len(s), 1, 1))
+    stream = MeasurementStream(s.sensor, s.time, s.values, s.ids, covariance)
+    options = replace(dataset.options, pixel_std=None, covariance_inflation=inflation)
+    return replace(dataset, log=MeasurementLog((stream,)), options=options)
+
+
+def _smoothed(dataset: Dataset) -> EstimatorStatus:
+    settings = Settings(estimators=("smoother",))
+    (evaluation,) = compare_estimators(prepare(dataset, settings), settings, lambda *_: None).evaluations
+    return evaluation.history.status
+
+
+def test_rows_that_are_larger_by_what_is_told_are_no_doubt() -> None:
+    status = _smoothed(_stating(INFLATION, INFLATION))
+    assert status.verdict == "ok", status.reasons
+
+
+def test_rows_that_are_larger_and_do_not_tell_it_are_doubted() -> None:
+    status = _smoothed(_stating(INFLATION, 1.0))
+    assert status.verdict == "degraded"
+    assert "pixel_std: the data have 0.6" in status.reasons[0]
+
+
+def test_rows_that_are_smaller_than_the_inflation_told_are_doubted() -> None:
+    status = _smoothed(_stating(1.0, INFLATION))
+    assert status.verdict == "degraded"
+    assert "times the deviations that the rows state without their inflation" in status.reasons[0]
+
+
+def test_the_inflation_is_written_and_read(tmp_path: Path) -> None:
+    write_dataset(_stating(INFLATION, INFLATION), tmp_path)
+    assert read_dataset(tmp_path).options.covariance_inflation == INFLATION
+
+
+@pytest.mark.parametrize("value", [0.9, float("nan"), -1.0, 1e9])
+def test_an_inflation_that_is_none_is_refused(value: float) -> None:
+    with pytest.raises(InputError, match=r"covariance_inflation is .*; give a number from 1"):
+        DatasetOptions(covariance_inflation=value)
+
+
+def test_an_inflation_that_is_no_number_is_refused(tmp_path: Path) -> None:
+    write_dataset(_stating(1.0, 1.0), tmp_path)
+    with (tmp_path / "dataset.toml").open() as file:
+        text = file.read()
+    (tmp_path / "dataset.toml").write_text('covariance_inflation = "2"\n' + text)
+    with pytest.raises(InputError, match=r"covariance_inflation is .*, expected a number"):
+        read_dataset(tmp_path)
