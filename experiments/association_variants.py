@@ -1,5 +1,6 @@
-"""Association of rendered images in other ways: RANSAC of OpenCV beside the house's own, and poses predicted in other ways.
+"""Association of rendered images in other ways.
 
+RANSAC of OpenCV beside the house's own, and poses predicted in other ways.
     python -m experiments.association_variants FOLDER --step 1
 
 FOLDER holds rendered images with truth (`spinfilters simulate --kind stereo-images`). Poses between an image and the one `--step`
@@ -53,7 +54,10 @@ Pose = Float[np.ndarray, " 7"]
 
 @dataclass(frozen=True)
 class PairOfEpochs:
-    """Matches of two epochs, and the true attitude of g at the second with the axes of the camera at the first."""
+    """Matches of two epochs, and the true attitude between them.
+
+    Of g at the second with the axes of the camera at the first.
+    """
 
     matches: Matches
     rotation: Float[np.ndarray, "3 3"]

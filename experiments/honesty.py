@@ -163,7 +163,10 @@ def _runs(name: str, seeds: int, options: argparse.Namespace) -> list[Outcome]:
 
 
 def _with_told(document: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], path: Path) -> list[Outcome]:
-    """Outcomes of rows, with whether a test could tell what is wrong, of those in which that is asked."""
+    """Outcomes of rows, with whether a test could tell.
+
+    What is wrong, of those in which that is asked.
+    """
     known: dict[str, bool] = json.loads(path.read_text()) if path.exists() else {}
     outcomes = [Outcome.of(row) for row in rows]
     asked = [k for k, each in enumerate(outcomes) if each.fault and each.is_silent_or_unnamed]
@@ -180,7 +183,10 @@ def _with_told(document: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], p
 
 
 def is_told(runner: Runner, index: int, fault: str) -> bool:
-    """Whether the test of the very error is beyond chance, in a run that states the true noise; True where there is none."""
+    """Whether the test of the very error is beyond chance.
+
+    In a run that states the true noise; True where there is none.
+    """
     if fault in WITHOUT_RESIDUAL:
         return False
     if fault not in table():
@@ -259,7 +265,10 @@ def _draw(axes: Axes, study: SensorStudy) -> None:
 
 
 def _label(study: SensorStudy, fault: str) -> str:
-    """Name, and in how many of its runs with an effect it is among the two that are named."""
+    """Name and number of runs that name it.
+
+    In how many of its runs with an effect it is among the two that are named.
+    """
     wrong = [each for each in study.faulty if each.fault == fault and each.has_effect and each.told]
     if not wrong:
         return f"{fault} (-)"

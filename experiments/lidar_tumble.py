@@ -1,5 +1,6 @@
-"""Rates and moments of inertia of a tumbling body from its scans alone, the noise not stated: filtered and smoothed.
+"""Rates and moments of a tumbling body from scans alone.
 
+The noise not stated: filtered and smoothed.
     python -m experiments.lidar_tumble [--seeds 10] [--mesh FILE] [--rate-rpm 1.43 1.91 1.15] [-o lidar-tumble.png]
 
 The figure shows the first seed.

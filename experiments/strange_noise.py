@@ -1,5 +1,6 @@
-"""Is an estimate ever ok and wrong where noise that nobody states is not white and normal, or one measurement is gross?
+"""Search for estimates that are ok and wrong under strange noise.
 
+Noise that nobody states is not white and normal, or one measurement is gross.
     python -m experiments.strange_noise [--seeds 10] [--kinds gyro pose] [--noise quantised gross]
 
 Simulates rich motions, adds noise of every kind to exact gyro rates or poses, states nothing and estimates with MEKF and smoother.

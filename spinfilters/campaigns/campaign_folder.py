@@ -97,7 +97,9 @@ def _begun(folder: Path) -> dict[str, Any]:
 
 
 def merge(shards: Sequence[Path], output: Path) -> int:
-    """Rows of several folders of one study in a new one, with the most seeds that one has; how many there are.
+    """Merge rows of several folders of one study into a new one.
+
+    With the most seeds that one has; how many there are.
 
     Raises
     ------

@@ -75,7 +75,10 @@ def _options(options: argparse.Namespace, settings: Settings) -> LiveOptions:
 def _shown(
     stack: ExitStack, options: argparse.Namespace, executive: Executive, writer: AnswerWriter
 ) -> Callable[[Answer], None]:
-    """What is done with an answer; a table and lines would spoil each other in one terminal."""
+    """What is done with an answer.
+
+    A table and lines would spoil each other in one terminal.
+    """
     if not options.view:
         return writer.write
     view = stack.enter_context(TerminalView(executive.summary))

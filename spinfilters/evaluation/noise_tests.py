@@ -125,7 +125,9 @@ class _Update:
 
 
 class EpochTester:
-    """What every epoch of a filter adds to the sums of its tests; epochs come in order, none left out.
+    """Contribution of every epoch of a filter to its tests.
+
+    Epochs come in order, none left out.
 
     Parameters
     ----------
@@ -138,7 +140,9 @@ class EpochTester:
         self._latest: tuple[np.ndarray, np.ndarray] | None = None
 
     def take(self, epoch: FilterEpoch) -> Float[np.ndarray, "t 3"]:
-        """Sum of squares, expectation and information of every one of `TESTS`; last correlation, its variance, its length.
+        """Sum of squares, expectation and information of every one of `TESTS`.
+
+        Last correlation, its variance, its length.
 
         Raises
         ------

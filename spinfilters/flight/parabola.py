@@ -252,7 +252,10 @@ def _prior(log: PoseLog, unknowns: int) -> Float[np.ndarray, "unknowns unknowns"
 
 
 def _trimmed(log: PoseLog, stretch: Stretch) -> Stretch:
-    """The stretch without samples at its ends that do not lie on the parabola of its middle, or before which the rotation jumps."""
+    """The stretch without end samples off its middle's parabola.
+
+    Nor those before which the rotation jumps.
+    """
     margin = max(FEWEST_ENDS, len(stretch) // ENDS)
     core = np.arange(stretch.start + margin, stretch.end - margin)
     if len(core) < FEWEST // 2:

@@ -1,4 +1,7 @@
-"""Jumps of a rotation between samples: a touch changes the rate of a body at once, which its place shows only later."""
+"""Jumps of a rotation between samples.
+
+A touch changes the rate of a body at once, which its place shows only later.
+"""
 
 from typing import Final
 
@@ -15,7 +18,9 @@ TINY: Final = 1e-9
 def turns_on(
     time: Float[np.ndarray, " n"], attitude: Float[np.ndarray, "n 3 3"], margin: int
 ) -> Bool[np.ndarray, " n"]:
-    """Which samples the rotation comes to, in the first and last ``margin``, without a jump of its rate.
+    """Which samples the rotation comes to without a jump.
+
+    In the first and last ``margin``, of its rate.
 
     Parameters
     ----------

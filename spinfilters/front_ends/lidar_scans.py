@@ -32,7 +32,9 @@ _STEPS = 8
 
 
 def read_scans(folder: Path, truth: Truth | None) -> RawMeasurements:
-    """Poses of the scans in ``scans/*.ply`` in the order of their stamps, the truth told in their frame g.
+    """Poses of the scans in ``scans/*.ply`` in time order.
+
+    The truth is told in their frame g.
 
     Raises
     ------

@@ -1,5 +1,6 @@
-"""Ranges of a convex body of known faces through beams that jitter, with their derivatives by pose and faces.
+"""Ranges of a convex body of known faces by jittering beams.
 
+With their derivatives by pose and faces.
 A beam whose direction is known to a standard deviation meets, near an edge, now one face and now the other. The range is the
 largest of the faces' ranges, each linear in the deviation of the beam: its mean and variance are those of the maximum of jointly
 normal variables (Clark 1961, The greatest of a finite set of random variables).
@@ -59,7 +60,10 @@ def expected_ranges(
     t: Float[np.ndarray, "3"],
     noise: PointNoise,
 ) -> ExpectedRanges:
-    """Ranges of beams (azimuth, elevation, rad) that jitter, of the body in a pose (t in m)."""
+    """Ranges of jittering beams, of the body in a pose.
+
+    Azimuth, elevation, rad; t in m.
+    """
     u, by_angles = unit_vectors(*angles.T), _deviations(angles, noise)
     count, size = len(u), _PARAMETERS * len(faces)
     nothing = np.zeros((count, 2, size))
@@ -96,7 +100,10 @@ def _of_face(
     number: int,
     size: int,
 ) -> _Variable:
-    """Ranges of one face, r = d / (u.n) with d = offset + n.t; NaN where it is met at a grazing angle or from behind."""
+    """Ranges of one face, r = d / (u.n) with d = offset + n.t.
+
+    NaN where it is met at a grazing angle or from behind.
+    """
     n = R @ face.normal
     front = u @ n < -GRAZING
     along = np.where(front, u @ n, -1.0)

@@ -51,7 +51,10 @@ class RangeEvidence:
     def _linearised(
         self, tracked: TrackedFaces, number: int
     ) -> tuple[Float[np.ndarray, "n m"], Float[np.ndarray, " n"]]:
-        """Derivatives of whitened ranges by the pose and by all faces, and residuals; rays without a face are left out."""
+        """Whitened residuals of ranges and their derivatives by pose and faces.
+
+        Rays without a face are left out.
+        """
         pose = tracked.poses[number]
         expected = expected_ranges(
             self.angles[number], tracked.faces, pose.rotation, pose.translation, self.noise

@@ -1,5 +1,6 @@
-"""Pose of a convex body from all ranges: the points at edges, which belong to no one face, count too.
+"""Pose of a convex body from all ranges.
 
+The points at edges, which belong to no one face, count too.
 Where a face is few beams wide that halves the standard deviation of the attitude.
 """
 

@@ -185,7 +185,10 @@ def _blocks(
 def _marginal(
     blocks: Sequence[FaceInformation], size: float
 ) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, " m"]]:
-    """Normal equations of what is shared, the poses eliminated; a face that no scan tells of is known to a radian and ``size``."""
+    """Normal equations of what is shared, the poses eliminated.
+
+    A face that no scan tells of is known to a radian and ``size``.
+    """
     faces = (blocks[0].shared.shape[0] - 6) // 3
     S = np.diag(np.concatenate([np.tile([1.0, 1.0, size**-2.0], faces), np.zeros(6)]))
     side = np.zeros(len(S))
@@ -208,8 +211,9 @@ def _free(tracked: TrackedFaces, size: float) -> Float[np.ndarray, "m f"]:
 
 
 def _without_freedom(tracked: TrackedFaces, blocks: Sequence[FaceInformation]) -> Float[np.ndarray, "f f"]:
-    """Errors of the faces without a common rotation and shift, where each face weighs as much as scans tell of it.
+    """Errors of the faces without a common rotation and shift.
 
+    Each face weighs as much as scans tell of it.
     Which way g is turned and where its origin lies are definitions, and no error of a pose in that g. With equal weights a face
     that was hardly seen would turn g, and all poses with it.
     """

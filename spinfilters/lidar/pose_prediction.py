@@ -1,4 +1,7 @@
-"""Poses from those of other scans: of the next scan, and of scans that do not determine their own."""
+"""Poses of scans from those of other scans.
+
+Of the next scan, and of scans that do not determine their own.
+"""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -32,8 +35,9 @@ CHANGE: Final = 0.3
 def predicted_pose(
     poses: Sequence[ScanPose], time: float, size: float
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
-    """Pose at a time if the body goes on as in the scans before, each with the weight of its covariance.
+    """Pose at a time if the body goes on as before.
 
+    Earlier scans count with the weight of their covariance.
     What a scan does not determine is taken from those that do: a body that shows one face for some scans is found again after.
 
     Parameters
@@ -49,7 +53,10 @@ def predicted_pose(
 
 
 def _mean_rate(poses: Sequence[ScanPose]) -> Float[np.ndarray, "3"]:
-    """Rate in L, rad/s, of the steps between scans; older ones have less weight the faster the body turns."""
+    """Mean rate in L, rad/s, of the steps between scans.
+
+    Older ones have less weight the faster the body turns.
+    """
     times = np.array([pose.time for pose in poses])
     span = np.diff(times)
     steps = np.array([rotation_vector(b.rotation @ a.rotation.T) for a, b in pairwise(poses)])
@@ -66,7 +73,10 @@ def _mean_rate(poses: Sequence[ScanPose]) -> Float[np.ndarray, "3"]:
 def _drifted(
     poses: Sequence[ScanPose], time: float, rotation: Float[np.ndarray, "3 3"], size: float
 ) -> Float[np.ndarray, "3"]:
-    """Origin of g at a time, m: t = r + v time - R c with the centre c in g; r, v and c of least squares, weighted."""
+    """Origin of g at a time, m, by a weighted uniform drift.
+
+    t = r + v time - R c with the centre c in g; r, v and c of least squares.
+    """
     last, span = poses[-1], poses[-1].time - poses[0].time
     H, b = np.eye(9) / size**2, np.zeros(9)
     for pose in poses:
@@ -79,8 +89,9 @@ def _drifted(
 
 
 def interpolated_rotation(poses: Sequence[ScanPose], number: int) -> Float[np.ndarray, "3 3"]:
-    """R_Lg of a scan from the nearest that determine theirs: a polynomial of their rotation vectors; else its own.
+    """R_Lg of a scan, interpolated from scans that determine theirs.
 
+    From the nearest: a polynomial of their rotation vectors; else its own.
     Its coefficients over the angle turned are CHANGE / j! to a standard deviation for j > 1: noise leaves a constant rate.
     """
     time = poses[number].time

@@ -148,7 +148,10 @@ def angles_of(points: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, " n"]
 
 
 def angle_tree(angles: Float[np.ndarray, "n 2"]) -> KDTree:
-    """Tree over rays, split at middles: medians of a grid, which has many equal angles, take three times as long."""
+    """Tree over rays, split at middles.
+
+    Medians of a grid, which has many equal angles, take three times as long.
+    """
     return KDTree(angles, balanced_tree=False, compact_nodes=False)
 
 

@@ -1,4 +1,7 @@
-"""Accuracy of the attitude that several scans tell together, and the number of scans that an accuracy takes."""
+"""Accuracy of the mean attitude of several scans.
+
+And the number of scans that an accuracy takes.
+"""
 
 from collections.abc import Sequence
 
@@ -9,8 +12,9 @@ from spinfilters.lidar.scan_pose import ScanPose
 
 
 def attitude_stds(poses: Sequence[ScanPose]) -> Float[np.ndarray, " n"]:
-    """Standard deviation, rad, of the least certain rotation of the mean attitude of the first 1, 2, ... n scans.
+    """Standard deviations, rad, of the first scans' mean attitude.
 
+    Of its least certain rotation, of the first 1, 2, ... n.
     Scans that leave a rotation undetermined count for what they tell.
     """
     information = np.cumsum([np.linalg.inv(pose.covariance[3:, 3:]) for pose in poses], axis=0)
@@ -18,8 +22,9 @@ def attitude_stds(poses: Sequence[ScanPose]) -> Float[np.ndarray, " n"]:
 
 
 def scans_needed(poses: Sequence[ScanPose], attitude_std: float) -> int:
-    """Scans of which the mean attitude is as accurate as this, rad: the variance falls with their number.
+    """Scans whose mean attitude is accurate to this, rad.
 
+    The variance falls with their number.
     The closing question of Decoust (2008), for scans like these.
     """
     worst = float(attitude_stds(poses)[-1]) * np.sqrt(len(poses))

@@ -12,7 +12,10 @@ MOST_KEPT = 4000
 
 
 class CourseRecorder:
-    """Keeps every answer of a short run and a share of a long one; the slowest answer of each share is the one kept."""
+    """Recorder of a run's answers, all or a share.
+
+    A share of a long run; the slowest answer of each share is the one kept.
+    """
 
     def __init__(self, deadline: float) -> None:
         self._deadline, self._stride, self._count = deadline, 1, 0

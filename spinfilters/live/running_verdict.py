@@ -1,4 +1,7 @@
-"""Whether the filter's latest epochs are what it says they should be: tests as those after a run, as far as the past tells."""
+"""Verdict on a filter's latest epochs while it runs.
+
+Tests as those after a run, as far as the past tells.
+"""
 
 from collections import deque
 from collections.abc import Sequence
@@ -23,7 +26,10 @@ FALSE_ALARM = 1e-9
 
 @dataclass(frozen=True)
 class _Counts:
-    """Of an epoch or several: NIS and its degrees of freedom, measurements left out, all of them."""
+    """Counts of one or several epochs.
+
+    NIS and its degrees of freedom, measurements left out, all of them.
+    """
 
     nis: float
     dof: float
@@ -81,7 +87,10 @@ class RunningVerdict:
             self._doubt(slow, time)
 
     def rebased(self, time: float, is_believed: bool) -> None:
-        """The filter has begun anew from a smoothed past up to a time (s), by a smoother that is believed or not."""
+        """Take note that the filter began anew from a smoothed past.
+
+        Up to a time (s), by a smoother that is believed or not.
+        """
         self._tester = EpochTester(self._process)
         if self._lasting and is_believed and time > self._last_bad:
             self._lasting, self._all = "", np.zeros_like(self._all)
@@ -95,7 +104,10 @@ class RunningVerdict:
 
 
 def _counts(reports: Sequence[UpdateReport]) -> _Counts:
-    """Landmarks that were made anew because they were not where the map had them count as left out."""
+    """Counts of an epoch's update.
+
+    Landmarks that were made anew because they were not where the map had them count as left out.
+    """
     anew = sum(
         int(np.isin(report.map_change.removed, report.map_change.added).sum())
         for report in reports
@@ -139,7 +151,10 @@ def _noise(sums: Float[np.ndarray, "t 3"], epochs: int) -> str:
 
 
 def chance(test: NoiseTest) -> float:
-    """Probability of a sum of squares as large, of the scaled chi-square distribution with its mean and variance."""
+    """Probability of a larger sum of squares.
+
+    Of the scaled chi-square distribution with its mean and variance.
+    """
     if not (test.variance > 0 and test.expected > 0):
         return 1.0
     scale = test.variance / (2 * test.expected)

@@ -51,7 +51,10 @@ class GyroNoise:
 
     @property
     def is_of_flight(self) -> bool:
-        """Whether it is as small as the error of a gyro in free flight; what is larger is an error of the motion's model."""
+        """Whether it is small enough for a gyro in free flight.
+
+        What is larger is an error of the motion's model.
+        """
         return self.relative_error <= LARGEST_ERROR
 
     @property

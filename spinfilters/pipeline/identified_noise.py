@@ -148,7 +148,10 @@ def _widened(start: InitialEstimate, found: Identified) -> InitialEstimate:
 
 
 def innovation_rows(model: MeasurementModel, components: tuple[int, ...]) -> tuple[int, ...]:
-    """Components of the innovation: of a camera all are pixels; of a row with more noises than innovations the first."""
+    """Components of the innovation that a noise reaches.
+
+    Of a camera all are pixels; of a row with more noises than innovations the first.
+    """
     every = tuple(range(model.dim))
     return every if sensor_format(model.name).has_landmarks else tuple(k for k in components if k in every)
 

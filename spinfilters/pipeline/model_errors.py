@@ -80,7 +80,10 @@ class TestedModels:
 
     @cached_property
     def classes(self) -> tuple[tuple[ScoreTest, ...], ...]:
-        """What a verdict names: the likeliest errors beyond chance that matter to the estimates, with those that look alike."""
+        """Classes of alike model errors that a verdict names.
+
+        The likeliest beyond chance that matter to the estimates, with those that look alike.
+        """
         beyond = self.largest_p_value
         left, likely = [each for each in self.tests if each.p_value < beyond], []
         while left and len(likely) < NAMED:
@@ -114,7 +117,10 @@ class TestedModels:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the model errors in the verdict, the likeliest first; those that look alike as one ("drag/torque")."""
+        """Names of the model errors in the verdict, the likeliest first.
+
+        Those that look alike as one ("drag/torque").
+        """
         found = ("/".join(each.error.name for each in own) for own in self.classes)
         return (*(each.name for each in self.units), *found)
 
@@ -207,7 +213,10 @@ def _tested(
 
 
 def _correlation(setup: "Setup") -> dict[str, float]:
-    """Samples that count as one, of the level of a gyro whose error is correlated, and no error of the motion's model."""
+    """Samples that count as one, of a correlated gyro's level.
+
+    The error is no error of the motion's model.
+    """
     if setup.gyro_noise is None or not setup.gyro_noise.is_of_flight:
         return {}
     return {

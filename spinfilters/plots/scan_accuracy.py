@@ -1,4 +1,7 @@
-"""Accuracy of the mean attitude over the number of scans, with the number that an accuracy takes."""
+"""Accuracy of the mean attitude over the number of scans.
+
+With the number that an accuracy takes.
+"""
 
 import numpy as np
 from jaxtyping import Float
@@ -8,7 +11,9 @@ from spinfilters.plots.style import BLUE, GREY, RED
 
 
 def scan_accuracy_figure(stds: Float[np.ndarray, " n"], asked: float, needed: int, title: str) -> Figure:
-    """Standard deviation of the attitude of the first scans, deg, and where as many again would lead.
+    """Attitude deviation of the first scans, deg, and its trend.
+
+    Where as many again would lead.
 
     Parameters
     ----------

@@ -1,5 +1,6 @@
-"""Matches with map points that have noise of their own, linearised about a pose with the points eliminated.
+"""Matches with noisy map points, linearised about a pose.
 
+The points are eliminated.
 A fit that whitens by the covariance of the points as a pose turns it, and takes that as constant, has a cost of which the
 derivative by the rotation is missing: it finds too small rotations where points are poor. About the points' own estimates there is
 nothing to miss: they are unknowns, eliminated at every step. With B the derivative of whitened pixels by a point of covariance C,

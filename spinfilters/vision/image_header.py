@@ -10,7 +10,10 @@ _FRAMES: Final = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
 
 def claimed_size(data: bytes) -> tuple[int, int] | None:
-    """Width and height of a PNG, JPEG, BMP, PNM or TIFF, px; None where they cannot be read."""
+    """Width and height of an image file, px, None if unknown.
+
+    PNG, JPEG, BMP, PNM or TIFF.
+    """
     try:
         for begin, read in _READERS:
             if data.startswith(begin):

@@ -1,5 +1,6 @@
-"""Disparity of points by least squares on the grey values of small patches of the raw images (Gruen 1985).
+"""Disparity of points by least squares on raw image patches (Gruen 1985).
 
+On the grey values of small patches.
 A plane's disparity is linear over the image, so a patch of the right image is that of the left one under
 
     u_right = u_left - d + a (u - u_left) + b (v - v_left),
@@ -94,7 +95,10 @@ class _View:
     def patches(
         self, pixels: Float[np.ndarray, "n 2"], shape: Float[np.ndarray, "n 3"]
     ) -> tuple[Patches, Patches]:
-        """Grey values around pixels, and their derivatives along the row, of patches that are shifted and sheared."""
+        """Grey values around pixels, and their derivatives along the row.
+
+        Of patches that are shifted and sheared.
+        """
         shift, along, across = (shape[:, k, None, None] for k in range(3))
         x = pixels[:, 0, None, None] + _X + shift + along * _X + across * _Y
         y = np.broadcast_to(pixels[:, 1, None, None] + _Y, x.shape)

@@ -89,7 +89,10 @@ class Rectification:
         x: Float[np.ndarray, "..."],
         y: Float[np.ndarray, "..."],
     ) -> Float[np.ndarray, "..."]:
-        """Grey values of a raw image (camera 0 is the left one) at rectified columns and rows, in single precision."""
+        """Grey values of a raw image at rectified columns and rows.
+
+        Camera 0 is the left one; single precision.
+        """
         across, down = (np.ascontiguousarray(each, dtype=np.float32).reshape(len(x), -1) for each in (x, y))
         column, row = (
             cv2.remap(each, across, down, MODE, borderMode=cv2.BORDER_REPLICATE)

@@ -80,7 +80,10 @@ def track_images(
 
 
 class FolderPoints(NamedTuple):
-    """Stereo points of the pairs of a folder that can be used, with their times (s), and how many pairs it has."""
+    """Stereo points of the usable pairs of a folder.
+
+    With their times (s), and how many pairs it has.
+    """
 
     rectification: Rectification
     points: list[tuple[float, StereoFeatures]]
@@ -90,7 +93,10 @@ class FolderPoints(NamedTuple):
 def stereo_points(
     folder: Path, options: FrontEndOptions, losses: LossCount, progress: Progress = lambda *_: None
 ) -> FolderPoints:
-    """Stereo points of every pair of a folder, before they are associated. Errors: no images, no calibration."""
+    """Stereo points of every pair of a folder, before association.
+
+    Errors: no images, no calibration.
+    """
     rectification, stamped = _rectification(folder), stamped_pairs(folder, losses)
     reader = PairReader(rectification.rig.size, losses)
     finder, points = StereoPoints(rectification, options, losses), []

@@ -79,7 +79,10 @@ class NoiseEvidence:
 
 @dataclass(frozen=True)
 class NoiseScale:
-    """Logarithm of a scale of a covariance, the information that it rests on, and a density's share in it (`density_mean`)."""
+    """Logarithm of a covariance scale, with its information.
+
+    And a density's share in it (`density_mean`).
+    """
 
     logarithm: float = 0.0
     information: float = 0.0

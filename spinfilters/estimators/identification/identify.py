@@ -130,7 +130,10 @@ def _covariance(information: Float[np.ndarray, "c c"]) -> Float[np.ndarray, "c c
 
 
 def _shares(working: WorkingSolutions, residuals: Residuals) -> Float[np.ndarray, " c"]:
-    """Of every component in the variance of what tells it: 2F / r, as u'u = r and the states take their part of u."""
+    """Shares of every component in the variance of its evidence.
+
+    2F / r, as u'u = r and the states take their part of u.
+    """
     share = 2 * working.variances_information / np.maximum(residuals.squares, TINY)
     return np.clip(share, SMALLEST_SHARE, 1.0)
 
@@ -148,7 +151,10 @@ def _components(
 
 
 def _step(working: WorkingSolutions, residuals: Residuals) -> tuple[Float[np.ndarray, " c"], bool]:
-    """Of ln variances, and whether it is negligible; near the optimum all at once, for one level takes what another leaves."""
+    """Step of ln variances, and whether it is negligible.
+
+    Near the optimum all at once, for one level takes what another leaves.
+    """
     ratio = (residuals.squares + PRIOR_SLOPE) / np.maximum(residuals.redundancy, SMALLEST_REDUNDANCY)
     logarithms = np.log(np.maximum(ratio, TINY))
     if np.all(np.abs(logarithms) < NEAR):

@@ -128,7 +128,10 @@ def noise_of(model: NoiseModel, solved: LinearRows, told: KnownLevels = NOTHING_
 
 
 def is_doubtful(noise: NoiseComponents, solved: LinearRows) -> bool:
-    """Whether residuals of some component are not what its noise level says; smaller ones are where it is inflated."""
+    """Whether residuals of some component contradict its noise level.
+
+    Smaller ones are where it is inflated.
+    """
     ratio = noise.squares(solved.residual(solved.right)) / np.maximum(noise.redundancy, 1.0)
     away = (ratio > NOISE_RATIO) | (ratio * noise.inflation < 1 / NOISE_RATIO)
     return bool(np.any(away & (noise.redundancy > TELLING))) or rejects(solved)
@@ -164,7 +167,10 @@ def rejects_in_a_row(solved: LinearRows) -> bool:
 
 
 def with_refused_in_a_row(solved: LinearRows) -> LinearRows | None:
-    """The problem with all that it measured where gates refuse epochs in a row, which would hide an error; else as it is."""
+    """The problem with refused epochs taken in, where in a row.
+
+    Gates that refuse epochs in a row would hide an error; else as it is.
+    """
     problem = solved.problem
     if problem.observations is not None or not rejects_in_a_row(solved):
         return solved

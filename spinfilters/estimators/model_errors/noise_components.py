@@ -62,7 +62,10 @@ class NoiseComponents:
 
     @property
     def dof(self) -> Float[np.ndarray, " c"]:
-        """Degrees of freedom that tell each level, that of its prior among them; infinite of known ones."""
+        """Degrees of freedom that tell each level, with those of its prior.
+
+        Infinite of known ones.
+        """
         return np.where(self.known, np.inf, self.telling + 1)
 
     @property
@@ -71,8 +74,9 @@ class NoiseComponents:
         return float(self.dof[: len(self.components)].min(initial=np.inf))
 
     def gain(self, before: Columns, after: Columns) -> Gain:
-        """From one residual to another. Its degrees of freedom are those of the levels that fall, by their shares of the fall.
+        """Gain from one residual to another.
 
+        Its degrees of freedom are those of the levels that fall, by their shares of the fall.
         The squares of a correlated error tell the level that stands for it less than the recording did that it was identified from.
         """
         r, left, dof = self.squares(before), self.squares(after), self.dof

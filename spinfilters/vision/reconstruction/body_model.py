@@ -102,7 +102,10 @@ def _turned(
 
 
 def _sizes(surface: _Surface) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
-    """Extents along the axes and sides of the smallest box, m; NaN of a surface that is none."""
+    """Extents along the axes and sides of the smallest box, m.
+
+    NaN of a surface that is none.
+    """
     if len(surface.triangles) < FEWEST_TRIANGLES:
         return np.full(3, np.nan), np.full(3, np.nan)
     return np.ptp(surface.vertices, axis=0), smallest_box(surface.vertices)

@@ -1,5 +1,6 @@
-"""Smallest box around a surface: dimensions that the shape alone defines, whatever its principal axes are known to.
+"""Smallest box around a surface.
 
+Dimensions that the shape alone defines, whatever its principal axes are known to.
 A box of least volume has a side in a face of the convex hull, or nearly so (O'Rourke 1985: two adjacent sides hold edges); of the
 hull's faces the largest are tried, with the rectangle of least area around the hull seen along each.
 """
@@ -16,7 +17,10 @@ FACES: Final = 400
 
 
 def smallest_box(vertices: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, " 3"]:
-    """Sides of the smallest box around points that are not in one plane, m, the largest first."""
+    """Sides of the smallest box around points, m, largest first.
+
+    They are not in one plane.
+    """
     hull = ConvexHull(vertices)
     corners = vertices[hull.vertices]
     a, b, c = (vertices[hull.simplices[:, k]] for k in range(3))
