@@ -243,6 +243,8 @@ class NoiseAdaptation:
         return self._scales.get(name, self.identified.get(name, NoiseScale()))
 
     def _scale(self, name: str) -> float:
+        if name not in self._scales and name not in self.identified:
+            return 1.0
         level = self.level(name)
         raised = 0.0
         if name in self.identified and name.startswith("process."):
