@@ -1,12 +1,14 @@
 """Noise that nobody states is identified and said to be; what is stated is used as it is."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from spinfilters.data.dataset import Dataset
+from spinfilters.data.dataset import Dataset, read_dataset
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.models.process import ProcessNoise
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
@@ -122,3 +124,12 @@ def test_levels_of_which_one_takes_what_the_other_leaves_settle(seed: int) -> No
     found = {each.name: each for each in prepare(without_noise(simulate(scenario)), Settings()).identified}
     for name, half in (("gyro_noise_std", 0.5), ("torque_psd", 1.0)):
         assert abs(np.log(found[name].value / true[name])) < 4 * half * found[name].log_std
+
+
+def test_a_torque_six_decades_below_what_is_assumed_is_found_to_be_small(
+    shared_data: Callable[[str], Path],
+) -> None:
+    dataset = read_dataset(shared_data("suchai3_gyro") / "20230904_1693839903")
+    found = {each.name: each for each in prepare(dataset, Settings()).identified}
+    assert found["gyro_noise_std"].value == pytest.approx(0.0015, rel=0.15)
+    assert found["torque_psd"].upper < 1e-7

@@ -38,6 +38,8 @@ STAGE: Final = Stage(Gate(GATE, GATE), pose_only_loss=Gate(POSE_ONLY_GATE, POSE_
 ITERATIONS: Final[int] = 15
 SETTLED: Final[float] = 0.05
 """Share of its standard deviation that a component still moves by when the iteration ends."""
+NEARLY_SETTLED: Final[float] = 0.5
+"""The same after the last iteration: a density that the data hardly bound may lie six decades below what was assumed."""
 LONGEST_STEP: Final[float] = 3.0
 """Of ln variance, in one iteration."""
 NEAR: Final[float] = 0.7
@@ -61,7 +63,7 @@ class Identified:
 
     Attributes
     ----------
-    components: sensors' standard deviations, then densities.   converged: whether every component has settled.
+    components: sensors' standard deviations, then densities.   converged: whether every component has settled, or nearly.
     log_variance: (c,) of the components, beside what the model states.   covariance: (c, c) of these.
     sensitivity: (c, k, n) error of every epoch by each ln variance, up to its sign.
     """
@@ -110,12 +112,15 @@ def identify(
             return None
         residuals = residuals_of(problem, here, normal, model.components, model.densities)
         working = WorkingSolutions(problem, here, normal, residuals.sources)
-        by, settled = _step(working, residuals)
-        if settled or iteration == ITERATIONS:
+        by, deviations = _step(working, residuals)
+        away = float(np.max((np.abs(by) - NEGLIGIBLE) / deviations))
+        if away <= SETTLED or iteration == ITERATIONS:
             covariance = _covariance(working.information)
             share = _shares(working, residuals)
             components = _components(model, theta, covariance, share)
-            return Identified(components, iteration, settled, theta, covariance, working.errors)
+            return Identified(
+                components, iteration, away <= NEARLY_SETTLED, theta, covariance, working.errors
+            )
         there = advanced(problem, here, normal, rule, rule.first).point
         if there is None:
             return None
@@ -150,8 +155,10 @@ def _components(
     return tuple(map(VarianceComponent, names, model.values(theta), log_std.tolist(), share.tolist()))
 
 
-def _step(working: WorkingSolutions, residuals: Residuals) -> tuple[Float[np.ndarray, " c"], bool]:
-    """Step of ln variances, and whether it is negligible.
+def _step(
+    working: WorkingSolutions, residuals: Residuals
+) -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, " c"]]:
+    """Step of ln variances, and their standard deviations.
 
     Near the optimum all at once, for one level takes what another leaves.
     """
@@ -159,12 +166,11 @@ def _step(working: WorkingSolutions, residuals: Residuals) -> tuple[Float[np.nda
     logarithms = np.log(np.maximum(ratio, TINY))
     if np.all(np.abs(logarithms) < NEAR):
         covariance = _covariance(working.information)
-        by = np.clip(covariance @ (residuals.squares / 2 * logarithms), -LONGEST_NEAR, LONGEST_NEAR)
-        return by, bool(np.all(np.abs(by) <= SETTLED * np.sqrt(np.diag(covariance)) + NEGLIGIBLE))
+        by = covariance @ (residuals.squares / 2 * logarithms)
+        return np.clip(by, -LONGEST_NEAR, LONGEST_NEAR), np.sqrt(np.diag(covariance))
     information = np.maximum(working.variances_information, TINY)
     gain = np.clip(residuals.squares / (2 * information), *GAINS)
-    by = np.clip(gain * logarithms, -LONGEST_STEP, LONGEST_STEP)
-    return by, bool(np.all(np.abs(by) <= SETTLED / np.sqrt(information) + NEGLIGIBLE))
+    return np.clip(gain * logarithms, -LONGEST_STEP, LONGEST_STEP), 1 / np.sqrt(information)
 
 
 def _symmetric_sqrt(covariance: Float[np.ndarray, "c c"]) -> Float[np.ndarray, "c c"]:
