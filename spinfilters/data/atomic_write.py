@@ -24,8 +24,10 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
 
     Raises
     ------
-    InputError: disk full, no permission, no such folder, or a folder in the way; the target is untouched.
+    InputError: disk full, no permission, no such folder, or a folder or device in the way; the target is untouched.
     """
+    if path.exists() and not (path.is_file() or path.is_dir()):  # a file would take the place of the device
+        raise InputError(f"{path_text(path)}: is a device or a pipe, not a file; choose a file in a folder")
     temporary = path.with_name(f".{secrets.token_hex(8)}.part")
     try:
         with open(temporary, "xb") as stream:
