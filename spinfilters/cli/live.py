@@ -33,6 +33,8 @@ def live(options: argparse.Namespace) -> int:
     setup = live_setup(dataset, settings, options.filter)
     executive = Executive(setup, _options(options, settings))
     source: Source = lines or Replay(dataset.log, setup.time, options.speed)
+    if options.summary:  # a place that cannot be written is said now, not when the run is over
+        write_json(Path(options.summary), executive.summary.document())
     course = CourseRecorder(executive.summary.deadline)
     writer = AnswerWriter(options.format, sys.stdout)
     try:
