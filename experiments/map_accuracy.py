@@ -27,7 +27,6 @@ from spinfilters.geometry.cameras import stereo_pair
 from spinfilters.lidar.ply_files import read_ply
 from spinfilters.pipeline.figures import FigureData
 from spinfilters.runs.run_folder import MODEL_FILE, RECONSTRUCTION_FOLDER
-from spinfilters.vision.reconstruction.bounding_box import smallest_box
 from spinfilters.vision.rendering.triangle_mesh import POLYHEDRA, TriangleMesh, named_mesh
 from spinfilters.vision.stereo_geometry import pixels_of
 
@@ -47,7 +46,6 @@ class MapAccuracy:
     wrong_observations, wrong_tracks: shares with an error beyond `WRONG_PX`, and of tracks with such an observation.
     map_distance, model_distance: signed distances of landmarks, and of the model's vertices, to the surface.
     dimensions: (3,) errors of the extents along the principal axes.   along_estimated: of those along the axes as estimated.
-    box: of the sides of the smallest box.
     """
 
     wrong_observations: float
@@ -56,7 +54,6 @@ class MapAccuracy:
     model_distance: Float[np.ndarray, " v"]
     dimensions: Float[np.ndarray, " 3"]
     along_estimated: Float[np.ndarray, " 3"]
-    box: Float[np.ndarray, " 3"]
 
 
 def main() -> None:
@@ -78,7 +75,6 @@ def main() -> None:
     for words, errors in (
         ("along the true principal axes", found.dimensions),
         ("along those estimated", found.along_estimated),
-        ("of the smallest box", found.box),
     ):
         print(
             f"extents {words}: errors {np.round(1e3 * errors, 2)} mm, mean {1e3 * np.abs(errors).mean():.2f} mm"
@@ -112,7 +108,6 @@ def map_accuracy(run: Path, mesh: TriangleMesh) -> MapAccuracy:
         _distance(model @ estimated + centre, mesh),
         sizes - np.ptp(corners @ axes.T, axis=0),
         sizes - np.ptp(corners @ estimated.T, axis=0),
-        smallest_box(model) - smallest_box(corners),
     )
 
 

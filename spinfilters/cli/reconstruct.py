@@ -29,12 +29,9 @@ def reconstruct(options: argparse.Namespace) -> int:
 def _print(made: Reconstruction, folder: Path) -> None:
     sizes = zip("xyz", 1e3 * made.model.dimensions, 1e3 * made.model.dimensions_std, strict=True)
     extents = ", ".join(f"{axis} {size:.1f} +- {std:.1f} mm" for axis, size, std in sizes)
-    sides = zip(1e3 * made.model.box, 1e3 * made.model.box_std, strict=True)
-    box = ", ".join(f"{size:.1f} +- {std:.1f} mm" for size, std in sides)
     lines = [
         *made.losses.sentences(),
         f"extents along the principal axes: {extents}",
-        f"smallest box around it: {box}",
         f"surface of {len(made.model.triangles)} triangles in {folder}   (look at {folder / REPORT_FILE})",
     ]
     for line in lines:

@@ -237,8 +237,6 @@ def _document(
         "triangles": len(model.triangles),
         "dimensions_m": model.dimensions.tolist(),
         "dimensions_std_m": model.dimensions_std.tolist(),
-        "box_m": model.box.tolist(),
-        "box_std_m": model.box_std.tolist(),
         "losses": losses.document,
     }
 

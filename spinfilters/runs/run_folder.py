@@ -175,7 +175,9 @@ def finished_run(folder: Path, dataset: Dataset, settings: Settings) -> dict[str
 
 
 def _decisive(dataset: Dataset) -> tuple[Any, ...]:
-    return (*(getattr(dataset, part) for part in DECISIVE), dataset.options.noise)
+    options = dataset.options
+    told = options.noise, dict(options.calibration), options.covariance_inflation
+    return (*(getattr(dataset, part) for part in DECISIVE), told)
 
 
 def _equal(one: Any, other: Any) -> bool:

@@ -135,6 +135,10 @@ OTHER_KNOWLEDGE: dict[str, Callable[[Dataset], Dataset]] = {
     "no map": lambda dataset: replace(dataset, known_map=None),
     "truth": other_truth,
     "noise": lambda dataset: replace(dataset, options=replace(dataset.options, pixel_std=1.5)),
+    "calibration": lambda dataset: replace(
+        dataset, options=replace(dataset.options, calibration={"focal_std": 0.01})
+    ),
+    "inflation": lambda dataset: replace(dataset, options=replace(dataset.options, covariance_inflation=2.0)),
 }
 
 

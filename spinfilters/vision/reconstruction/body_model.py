@@ -11,7 +11,6 @@ from scipy.spatial import ConvexHull, KDTree
 from scipy.spatial.transform import Rotation
 
 from spinfilters.errors import InputError
-from spinfilters.vision.reconstruction.bounding_box import smallest_box
 from spinfilters.vision.reconstruction.distance_volume import GROUPS, DistanceVolume
 from spinfilters.vision.reconstruction.surface_nets import surface_of
 
@@ -29,7 +28,6 @@ class BodyModel:
     ----------
     vertices: (v, 3) m from the centre of mass, principal axes.   triangles: (f, 3), anticlockwise seen from outside.
     grey: (v,) 0..255.   dimensions, dimensions_std: (3,) m, extents along the principal axes.
-    box, box_std: (3,) m, sides of the smallest box around it, the largest first.
     """
 
     vertices: Float[np.ndarray, "v 3"]
@@ -37,8 +35,6 @@ class BodyModel:
     grey: Float[np.ndarray, " v"]
     dimensions: Float[np.ndarray, " 3"]
     dimensions_std: Float[np.ndarray, " 3"]
-    box: Float[np.ndarray, " 3"]
-    box_std: Float[np.ndarray, " 3"]
 
     def share_near(self, points: Float[np.ndarray, "k 3"], distance: float) -> float:
         """Share of points within a distance, m, of a vertex.
@@ -52,7 +48,7 @@ def body_model(volume: DistanceVolume, axes_cov: Float[np.ndarray, "3 3"] | None
     """Model of all depth maps.
 
     The variance of a dimension is that of models that leave out a group of epochs each (jackknife), that of rounded edges, and that
-    of extents along axes that are as uncertain as the estimate says; the sides of the smallest box do not depend on these.
+    of extents along axes that are as uncertain as the estimate says.
 
     Parameters
     ----------
@@ -68,18 +64,12 @@ def body_model(volume: DistanceVolume, axes_cov: Float[np.ndarray, "3 3"] | None
             f"depth of {volume.count} pair(s) makes a surface of {len(surface.triangles)} triangles; give sharper images of a "
             "textured body, or more of them"
         )
-    dimensions, box = _sizes(surface)
-    others = [_sizes(_largest_part(volume, group)) for group in range(GROUPS)]
-    rounded = (ROUNDING_STD_VOXELS * volume.grid.voxel) ** 2
-    along, boxed = (_jackknife(np.array(each)) + rounded for each in zip(*others, strict=True))
+    dimensions = np.ptp(surface.vertices, axis=0)
+    others = np.array([_extents(volume, group) for group in range(GROUPS)])
+    jackknife = (GROUPS - 1) / GROUPS * ((others - others.mean(axis=0)) ** 2).sum(axis=0)
     turned = 0.0 if axes_cov is None else _turned(surface.vertices, axes_cov).var(axis=0)
-    sizes = dimensions, np.sqrt(along + turned), box, np.sqrt(boxed)
-    return BodyModel(surface.vertices, surface.triangles, surface.grey, *sizes)
-
-
-def _jackknife(others: Float[np.ndarray, "g 3"]) -> Float[np.ndarray, " 3"]:
-    """Variance of what was found without each group."""
-    return (GROUPS - 1) / GROUPS * ((others - others.mean(axis=0)) ** 2).sum(axis=0)
+    std = np.sqrt(jackknife + turned + (ROUNDING_STD_VOXELS * volume.grid.voxel) ** 2)
+    return BodyModel(surface.vertices, surface.triangles, surface.grey, dimensions, std)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,14 +91,10 @@ def _turned(
     )
 
 
-def _sizes(surface: _Surface) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
-    """Extents along the axes and sides of the smallest box, m.
-
-    NaN of a surface that is none.
-    """
-    if len(surface.triangles) < FEWEST_TRIANGLES:
-        return np.full(3, np.nan), np.full(3, np.nan)
-    return np.ptp(surface.vertices, axis=0), smallest_box(surface.vertices)
+def _extents(volume: DistanceVolume, without: int) -> Float[np.ndarray, " 3"]:
+    """Along the axes, m, without a group of epochs; NaN where they make no surface."""
+    vertices = _largest_part(volume, without).vertices
+    return np.ptp(vertices, axis=0) if len(vertices) else np.full(3, np.nan)
 
 
 def _largest_part(volume: DistanceVolume, without: int | None = None) -> _Surface:
