@@ -46,7 +46,7 @@ def match_scans(
     engine, eye = engine or PointToPlane(), np.zeros(3) if viewpoint is None else viewpoint
     clouds = [cloud_of(points, eye, MOST_POINTS) for points in scans]
     size = max(cloud.size for cloud in clouds)
-    poses = [ScanPose(times[0], np.eye(3), middle, np.eye(6), matched=len(clouds[0].points))]
+    poses = [ScanPose(times[0], np.eye(3), middle, np.zeros((6, 6)), matched=len(clouds[0].points))]
     for k in range(1, len(clouds)):
         poses.append(_next(clouds, poses, times[k], size, engine))
     for _ in range(_SWEEPS):

@@ -183,3 +183,15 @@ def poses_of(contradicted: int) -> ScanPoses:
             lambda tracked, *_: replace(tracked, contradicted=contradicted, poses=tracked.poses * 6),
         )
         return scan_poses(scans)
+
+
+@pytest.mark.parametrize(("matched", "doubted"), [(600, False), (200, True)])
+def test_registered_scans_that_share_little_surface_are_doubted(
+    matched: int, doubted: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    poses = [ScanPose(float(k), np.eye(3), np.zeros(3), np.eye(6), matched=matched) for k in range(3)]
+    monkeypatch.setattr("spinfilters.lidar.scan_poses.match_scans", lambda *_: poses)
+    cloud = np.random.default_rng(0).standard_normal((1000, 3)) + [10.0, 0.0, 0.0]
+    found = scan_poses([scan_of_points(cloud, float(k)) for k in range(3)])
+    assert not found.by_faces
+    assert bool([each for each in found.doubts if "may be turned wrongly" in each]) == doubted
