@@ -15,7 +15,7 @@ from spinfilters.lidar.face_tracking import track_faces
 from spinfilters.lidar.planes import FEWEST, FittedPlane, extract_planes
 from spinfilters.lidar.point_noise import PointNoise, identified_noise
 from spinfilters.lidar.registration import RegistrationEngine
-from spinfilters.lidar.scan import Scan
+from spinfilters.lidar.scan import Scan, without_repeats
 from spinfilters.lidar.scan_matching import MOST_POINTS, SURE_OVERLAP, match_scans
 from spinfilters.lidar.scan_pose import ScanPose, rotation_vector
 
@@ -76,7 +76,7 @@ def scan_poses(
     ------
     InputError: fewer than two scans with points.
     """
-    usable = [scan for scan in scans if np.count_nonzero(scan.is_return) >= FEWEST]
+    usable = [scan for scan in map(without_repeats, scans) if np.count_nonzero(scan.is_return) >= FEWEST]
     if len(usable) < 2:
         raise InputError(
             f"{len(usable)} of {len(scans)} scans hold {FEWEST} points or more; give at least two that see the body"
