@@ -191,7 +191,7 @@ def rows_of_planes(
 def _is_wide(points: Float[np.ndarray, "n 3"], plane: FittedPlane, noise: PointNoise) -> bool:
     """Whether points extend in both directions of their plane by much more than their noise."""
     centred = (points - points.mean(axis=0)) @ plane.tangents
-    narrow = np.sqrt(np.linalg.eigvalsh(centred.T @ centred / len(points))[0])
+    narrow = np.sqrt(max(np.linalg.eigvalsh(centred.T @ centred / len(points))[0], 0.0))
     return bool(narrow > 2 * np.median(noise.across(points, plane.normal)))
 
 

@@ -28,6 +28,8 @@ WIDEST: Final = 2.0
 SURE: Final = float(np.sqrt(UNDETERMINED)) * ROTATION_PRIOR
 """Standard deviation of a rotation, rad, below which it is determined."""
 _DEGREE = 4  # of the polynomial
+EXACT: Final = 1e-4
+"""Standard deviation, rad and sizes of the body, below which a prediction takes no pose."""
 CHANGE: Final = 0.3
 """Change of a rate in a time, per square of the rate: that of a torque-free body whose moments differ by so much."""
 
@@ -64,7 +66,7 @@ def _mean_rate(poses: Sequence[ScanPose]) -> Float[np.ndarray, "3"]:
     P = np.array([pose.rotation @ pose.covariance[3:, 3:] @ pose.rotation.T for pose in poses])
     aged = CHANGE * np.sum(np.median(rates, axis=0) ** 2) * (times[-1] - times[:-1]) * span
     W = (
-        np.linalg.inv(P[:-1] + P[1:] + (aged**2 + 1e-20)[:, None, None] * np.eye(3))
+        np.linalg.inv(P[:-1] + P[1:] + (aged**2 + EXACT**2)[:, None, None] * np.eye(3))
         * span[:, None, None] ** 2
     )
     return np.linalg.solve(np.sum(W, axis=0), np.einsum("nij,nj->i", W, rates))
@@ -80,7 +82,7 @@ def _drifted(
     last, span = poses[-1], poses[-1].time - poses[0].time
     H, b = np.eye(9) / size**2, np.zeros(9)
     for pose in poses:
-        W = np.linalg.inv(pose.covariance[:3, :3] + (1e-9 * size) ** 2 * np.eye(3))
+        W = np.linalg.inv(pose.covariance[:3, :3] + (EXACT * size) ** 2 * np.eye(3))
         A = np.hstack([np.eye(3), np.eye(3) * (pose.time - last.time) / span, last.rotation - pose.rotation])
         H += A.T @ W @ A
         b += A.T @ W @ (pose.translation - last.translation)

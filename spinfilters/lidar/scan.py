@@ -1,7 +1,7 @@
 """A scan: every ray of a lidar with its stamp, angles, range, intensity and flag."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -59,6 +59,16 @@ class Scan:
             if self.time.min() <= middle <= max(float(self.time.max()), start + duration):
                 return middle
         return float((self.time.min() + self.time.max()) / 2)
+
+
+def without_repeats(scan: Scan) -> Scan:
+    """The scan with every measured range and direction once: repeats are no further measurements."""
+    rays = np.stack([scan.azimuth, scan.elevation, np.nan_to_num(scan.distance)], axis=1)
+    first = np.sort(np.unique(rays, axis=0, return_index=True)[1])
+    if len(first) == len(scan):
+        return scan
+    names = ("time", "azimuth", "elevation", "distance", "intensity", "flag", "window")
+    return replace(scan, **{name: getattr(scan, name)[first] for name in names})
 
 
 def scan_of_points(points: Float[np.ndarray, "n 3"], time: float = 0.0, name: str = "the scan") -> Scan:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from spinfilters.errors import InputError
 from spinfilters.lidar.pose_prediction import predicted_pose
 from spinfilters.lidar.registration import (
     Cloud,
@@ -28,6 +29,8 @@ MAP_SCANS: Final = 12
 """Scans of a map, those seen from most alike directions: distant views share no surface."""
 WIDEST_TURN: Final = 1.8
 """Largest rotation between the first scans that is searched, rad."""
+SMALLEST: Final = 1e-9
+"""Size of a body that can be registered, in distances, at least."""
 SURE_OVERLAP: Final = 0.5
 _REACH = 0.25  # of the body's size: how far a prediction may be wrong
 _SWEEPS = 2
@@ -47,11 +50,17 @@ def match_scans(
     Parameters
     ----------
     scans: points in L, m.   engine: `PointToPlane` where None.   viewpoint: of the lidar in L, its origin where None.
+
+    Raises
+    ------
+    InputError: points that all lie in one place.
     """
     engine, eye = engine or PointToPlane(), np.zeros(3) if viewpoint is None else viewpoint
     clouds = [cloud_of(points, eye, MOST_POINTS) for points in scans]
     size = max(cloud.size for cloud in clouds)
-    poses = [ScanPose(times[0], np.eye(3), middle, np.eye(6), matched=len(clouds[0].points))]
+    if not size > SMALLEST * float(np.linalg.norm(middle - eye)):
+        raise InputError("the points of every scan lie in one place; give scans that resolve the body")
+    poses = [ScanPose(times[0], np.eye(3), middle, np.zeros((6, 6)), matched=len(clouds[0].points))]
     for k in range(1, len(clouds)):
         poses.append(_next(clouds, poses, times[k], size, engine))
     for _ in range(_SWEEPS):

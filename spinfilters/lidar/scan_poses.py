@@ -18,8 +18,8 @@ from spinfilters.lidar.face_tracking import track_faces
 from spinfilters.lidar.planes import FEWEST, FittedPlane, extract_planes
 from spinfilters.lidar.point_noise import PointNoise, identified_noise
 from spinfilters.lidar.registration import RegistrationEngine
-from spinfilters.lidar.scan import Scan
-from spinfilters.lidar.scan_matching import match_scans
+from spinfilters.lidar.scan import Scan, without_repeats
+from spinfilters.lidar.scan_matching import MOST_POINTS, SURE_OVERLAP, match_scans
 from spinfilters.lidar.scan_pose import ScanPose, rotation_vector
 
 PLANE_SHARE: Final = 0.75
@@ -79,7 +79,7 @@ def scan_poses(
     ------
     InputError: fewer than two scans with points.
     """
-    usable = [scan for scan in scans if np.count_nonzero(scan.is_return) >= FEWEST]
+    usable = [scan for scan in map(without_repeats, scans) if np.count_nonzero(scan.is_return) >= FEWEST]
     if len(usable) < 2:
         raise InputError(
             f"{len(usable)} of {len(scans)} scans hold {FEWEST} points or more; give at least two that see the body"
@@ -100,7 +100,7 @@ def scan_poses(
         faces = edge_adjusted(faces, clouds, noise, _extent(clouds[0]))
         poses = faces.poses
     remarks = _remarks(len(scans) - len(usable), poses, faces)
-    return ScanPoses(tuple(poses), tuple(usable), faces, noise, remarks, _doubts(poses, faces))
+    return ScanPoses(tuple(poses), tuple(usable), faces, noise, remarks, _doubts(poses, faces, clouds))
 
 
 def _remarks(left_out: int, poses: Sequence[ScanPose], faces: TrackedFaces | None) -> tuple[str, ...]:
@@ -116,11 +116,20 @@ def _remarks(left_out: int, poses: Sequence[ScanPose], faces: TrackedFaces | Non
     return tuple(remarks)
 
 
-def _doubts(poses: Sequence[ScanPose], faces: TrackedFaces | None) -> tuple[str, ...]:
+def _doubts(
+    poses: Sequence[ScanPose], faces: TrackedFaces | None, clouds: Sequence[Float[np.ndarray, "n 3"]]
+) -> tuple[str, ...]:
     """Reasons to trust no pose."""
-    if faces is None or faces.contradicted <= DOUBTED * len(poses):
+    most = DOUBTED * len(poses)
+    if faces is not None:
+        return (_contradicted(faces.contradicted, len(poses)),) if faces.contradicted > most else ()
+    apart = [p.matched < SURE_OVERLAP * min(len(c), MOST_POINTS) for p, c in zip(poses, clouds, strict=True)]
+    if not sum(apart) > most:
         return ()
-    return (_contradicted(faces.contradicted, len(poses)),)
+    return (
+        f"{sum(apart)} of {len(poses)} scans share less than half of their surface with the others and may be turned wrongly; scan "
+        "more often",
+    )
 
 
 def _has_faces(clouds: Sequence[Float[np.ndarray, "n 3"]], noise: PointNoise, seed: int) -> bool:

@@ -76,3 +76,9 @@ def test_noise_of_the_neighbours_is_not_magnified() -> None:
 def test_alone_it_keeps_its_own() -> None:
     only = pose(0.0, (0, 0, 0), (0, 0, 0), 0.2)
     assert interpolated_rotation([only], 0) is only.rotation
+
+
+def test_an_exact_first_pose_leaves_the_prediction_finite() -> None:
+    poses = [pose(k, (0, 0, 0), (0, 0, 0), 0.0 if k == 0 else 1e-4) for k in range(2)]
+    assert np.isfinite(predicted_pose(poses, 2.0, SIZE)[1]).all()
+    assert off([*poses, pose(2.0, (0, 0, 0), (0, 0, 0), 1e-4)], 3.0)[0] < 1e-3

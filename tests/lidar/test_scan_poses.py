@@ -121,7 +121,7 @@ def test_a_single_face_leaves_directions_that_are_named() -> None:
     assert "do not determine the whole pose" in found.remarks[-1]
 
 
-def test_scans_without_points_are_left_out_and_two_are_needed() -> None:
+def test_scans_with_repeats_are_left_out_and_two_are_needed() -> None:
     scans, _ = snapshots(30.0, 4.0, 61, rvs_noise())
     empty = scan_of_points(np.zeros((0, 3)))
     assert "1 scans" in scan_poses([scans[2], empty, scans[3]]).remarks[0]
@@ -183,3 +183,40 @@ def poses_of(contradicted: int) -> ScanPoses:
             lambda tracked, *_: replace(tracked, contradicted=contradicted, poses=tracked.poses * 6),
         )
         return scan_poses(scans)
+
+
+@pytest.mark.parametrize(("matched", "doubted"), [(600, False), (200, True)])
+def test_registered_scans_that_share_little_surface_are_doubted(
+    matched: int, doubted: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    poses = [ScanPose(float(k), np.eye(3), np.zeros(3), np.eye(6), matched=matched) for k in range(3)]
+    monkeypatch.setattr("spinfilters.lidar.scan_poses.match_scans", lambda *_: poses)
+    cloud = np.random.default_rng(0).normal([10.0, 0.0, 0.0], 1.0, (1000, 3))
+    found = scan_poses([scan_of_points(cloud, float(k)) for k in range(3)])
+    assert not found.by_faces
+    assert bool([each for each in found.doubts if "may be turned wrongly" in each]) == doubted
+
+
+def test_thousands_of_points_in_one_spot_are_one_point() -> None:
+    scans, _ = snapshots(30.0, 4.0, 61, rvs_noise())
+    spot = [with_repeats(scan, 3000) for scan in scans]
+    found, alone = scan_poses(spot), scan_poses(scans)
+    assert found.by_faces
+    np.testing.assert_allclose(found.poses[-1].rotation, alone.poses[-1].rotation, atol=1e-9)
+    with pytest.raises(InputError, match="at least two"):
+        scan_poses([scan_of_points(np.tile([[30.0, 0.1, 0.2]], (500, 1)), float(k)) for k in range(3)])
+
+
+def with_repeats(scan: Scan, repeats: int) -> Scan:
+    """A scan whose first return is there so many times more."""
+    first = np.flatnonzero(scan.is_return)[:1].repeat(repeats)
+    rows = np.concatenate([np.arange(len(scan)), first])
+    names = ("time", "azimuth", "elevation", "distance", "intensity", "flag", "window")
+    return replace(scan, **{name: getattr(scan, name)[rows] for name in names})
+
+
+def test_points_that_all_lie_in_one_place_are_refused() -> None:
+    generator = np.random.default_rng(0)
+    spots = [np.array([30.0, 0.1, 0.2]) + 1e-12 * generator.standard_normal((500, 3)) for _ in range(3)]
+    with pytest.raises(InputError, match=r"one place|at least two"):
+        scan_poses([scan_of_points(points, float(k)) for k, points in enumerate(spots)])
