@@ -121,6 +121,7 @@ class _Fit:
 
     @classmethod
     def of(cls, template: Patches, slope: Patches, right: tuple[Patches, Patches]) -> "_Fit":
+        """Damped Gauss-Newton step of each template to its right patch, with its residual."""
         grey, own_slope = right
         T, own = _centred(template), _centred(grey)
         power = np.maximum((own * own) @ _WEIGHT, 1e-6)
