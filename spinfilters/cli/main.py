@@ -45,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _complain(str(error))
     except KeyboardInterrupt:
         return _complain(
-            "interrupted; what was finished before is kept, compare with --resume goes on from it"
+            "interrupted; what was finished before is kept, the same command with --resume goes on from it"
         )
     except BrokenPipeError:
         return EXIT_BAD_INPUT
