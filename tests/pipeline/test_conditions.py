@@ -46,11 +46,23 @@ def test_noise_is_what_the_estimators_are_told_whatever_was_simulated() -> None:
     assert noise["torque_psd"] == {"value": 1e-6, "unit": "(rad/s^2)^2/Hz"} | stated
 
 
-def test_disturbances_are_the_data_sets_own_and_the_thesis_where_it_is_silent() -> None:
+def test_disturbances_are_the_data_sets_own_and_identified_where_it_is_silent() -> None:
     dataset = simulate(replace(TRACKS, noise=ProcessNoise(2e-7, 3e-7)))
     assert prepare(dataset, Settings()).process.noise == ProcessNoise(2e-7, 3e-7)
     silent = replace(dataset, options=replace(dataset.options, force_psd=None, torque_psd=None))
-    assert prepare(silent, Settings()).process.noise == THESIS_NOISE
+    setup = prepare(silent, Settings())
+    levels = {each.name: each for each in setup.identified}
+    assert set(levels) == {"force_psd", "torque_psd"}
+    assert not any(each.told for each in levels.values()), "twelve epochs tell a bound alone"
+    assert 2e-7 < setup.process.noise.force_psd < levels["force_psd"].upper
+    assert 3e-7 < setup.process.noise.torque_psd < levels["torque_psd"].upper
+
+
+def test_disturbances_are_those_of_the_thesis_where_the_initialisation_is_given() -> None:
+    dataset = simulate(replace(TRACKS, noise=ProcessNoise(2e-7, 3e-7)))
+    silent = replace(dataset, options=replace(dataset.options, force_psd=None, torque_psd=None))
+    belief = prepare(dataset, Settings()).initial
+    assert prepare(silent, Settings(), lambda layout: belief).process.noise == THESIS_NOISE
 
 
 def test_a_density_that_is_not_positive_is_refused() -> None:
