@@ -16,6 +16,8 @@ RICHER = "give a longer recording, a richer motion or a larger initialisation.sh
 """What helps filters that began from too little."""
 LARGEST_MOMENT_STD = 0.1
 """Of a principal moment relative to the largest: beyond it the body's shape is not known."""
+CLEAR_OF_ZERO = 3.0
+"""Standard deviations of the smallest moment above zero: below, the ratio k2 to the next has no upper bound."""
 LARGEST_NIS = 2.5
 """NIS per degree of freedom above which measurement or process noise is clearly understated."""
 LARGEST_REJECTED = 0.2
@@ -75,6 +77,12 @@ def _own_diagnostics(evaluation: Evaluation, false_alarm: float) -> list[str]:
     if worst > LARGEST_MOMENT_STD:
         reasons.append(
             f"the moments of inertia are not determined: standard deviation {worst:.2g} of the largest"
+        )
+    smallest, std = float(body.principal_moments[0]), float(body.principal_moments_std[0])
+    if worst <= LARGEST_MOMENT_STD and smallest < CLEAR_OF_ZERO * std:
+        reasons.append(
+            f"the smallest moment of inertia, {smallest:.2g} ± {std:.2g} of the largest, may be zero: the body is a needle, "
+            "and its ratio k2 may be any larger number"
         )
     ratio = evaluation.nis_ratio
     if ratio is not None and ratio > LARGEST_NIS:

@@ -102,3 +102,18 @@ def test_nominal_data_are_not_doubted_for_what_a_narrow_gate_refuses(kind: str) 
     for evaluation in comparison.evaluations:
         assert evaluation.history.rejected.sum() > 0
         assert not [reason for reason in evaluation.history.status.reasons if "told nothing" in reason]
+
+
+@pytest.mark.parametrize(
+    ("moment", "std", "wanted"), [(7e-4, 1.4e-3, False), (0.02, 6e-4, True), (0.3, 0.02, True)]
+)
+def test_a_moment_that_may_be_zero_leaves_its_ratio_open(moment: float, std: float, wanted: bool) -> None:
+    evaluation = replace(nominal(100))  # a copy that has computed nothing yet
+    evaluation.__dict__["body"] = replace(
+        nominal(100).body,
+        principal_moments=np.array([moment, 0.99, 1.0]),
+        principal_moments_cov=np.diag([std**2, 1e-8, 0.0]),
+    )
+    status = with_verdict(evaluation, [], [], FALSE_ALARM)
+    assert (status.verdict is Verdict.OK) == wanted
+    assert wanted or "may be zero" in status.reasons[0]
