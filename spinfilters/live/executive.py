@@ -149,9 +149,10 @@ class Executive:
         gap, before = arrived.time - self.track.time, self.track.belief
         frame = self._frame(arrived)
         reports = self.track.take(frame)
+        belief = self.track.belief
         if is_latest and reports:
             nis, dof = sum(report.nis for report in reports), sum(report.dof for report in reports)
-            self._verdict.take(FilterEpoch(before, self.track.belief, gap, nis, dof), reports, arrived.time)
+            self._verdict.take(FilterEpoch(before, belief, gap, nis, dof), reports, arrived.time)
         if reports is None:
             self.summary.events["epoch left out, not finite"] += 1
         if not is_latest:
@@ -159,7 +160,7 @@ class Executive:
             return
         if self._gaps.passed(gap):
             self.summary.events["gap"] += 1
-        answer = self._said(arrived, reports or [], len(frame.measurements))
+        answer = self._said(arrived, belief, reports or [], len(frame.measurements))
         self.summary.latencies.append(answer.latency)
         self.summary.work.append(time.thread_time() - began)
         yield answer
@@ -183,9 +184,10 @@ class Executive:
                 self.summary.events["unusable"] += 1
         return Epoch(arrived.time, tuple(measurements))
 
-    def _said(self, arrived: ArrivedEpoch, reports: list[UpdateReport], count: int) -> Answer:
-        instant, belief = arrived.time, self.track.belief
-        status = self.track.estimator.status
+    def _said(
+        self, arrived: ArrivedEpoch, belief: Gaussian, reports: list[UpdateReport], count: int
+    ) -> Answer:
+        instant, status = arrived.time, self.track.estimator.status
         if self._options.smoother and self.supervisor.trouble:
             status = status.degraded(f"the filter goes on without the smoother: {self.supervisor.trouble}")
         for reason in self._verdict.reasons:

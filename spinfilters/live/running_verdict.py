@@ -68,9 +68,7 @@ class RunningVerdict:
 
     def take(self, epoch: FilterEpoch, reports: Sequence[UpdateReport], time: float) -> None:
         """Test an epoch (time s) that measured something."""
-        if not reports:
-            return
-        self._counts.append(_counts(reports))
+        self._counts.append(_counts(epoch, reports))
         with np.errstate(all="ignore"):
             try:
                 sums = self._tester.take(epoch)
@@ -103,7 +101,7 @@ class RunningVerdict:
             self._lasting = f"from t = {time:.3f} s on: {why}"
 
 
-def _counts(reports: Sequence[UpdateReport]) -> _Counts:
+def _counts(epoch: FilterEpoch, reports: Sequence[UpdateReport]) -> _Counts:
     """Counts of an epoch's update.
 
     Landmarks that were made anew because they were not where the map had them count as left out.
@@ -115,12 +113,7 @@ def _counts(reports: Sequence[UpdateReport]) -> _Counts:
     )
     rejected = sum(report.rejected for report in reports)
     measured = rejected + sum(report.accepted for report in reports)
-    return _Counts(
-        sum(report.nis for report in reports),
-        sum(report.dof for report in reports),
-        rejected + anew,
-        measured,
-    )
+    return _Counts(epoch.nis, epoch.dof, rejected + anew, measured)
 
 
 def _left_out(counts: Sequence[_Counts]) -> str:
