@@ -20,8 +20,8 @@ from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
-from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.gyro_model import Gyro, gyro_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.sensors.feature_tracks import RIG
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout

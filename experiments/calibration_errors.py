@@ -16,7 +16,7 @@ from typing import Final
 
 import numpy as np
 
-from spinfilters.campaigns.metrics import nees_metrics
+from spinfilters.campaigns.metric_columns import nees_metrics
 from spinfilters.data.camera import StereoRig
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog

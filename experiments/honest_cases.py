@@ -30,7 +30,7 @@ POSITION_PER_ROTATION = 0.5
 
 
 @dataclass(frozen=True)
-class Case:
+class RecordingCase:
     """One kind of recording.
 
     Attributes
@@ -62,59 +62,59 @@ class Recording:
 
 
 CASES = (
-    Case("gyro rich"),
-    Case("gyro thesis", rate_rpm=THESIS_RPM),
-    Case("gyro slow", rate_rpm=(0.4, 0.9, 0.3), noise_std=0.002, psd=1e-8),
-    Case("gyro fast", rate_rpm=(80.0, 180.0, 60.0), interval=0.01, epochs=1000),
-    Case("gyro flip", rate_rpm=(0.02, 10.0, 0.02), psd=1e-10, epochs=400),
-    Case("gyro near-axisymmetric", moments=(1.0, 0.995, 0.6)),
-    Case("gyro near-spherical", moments=(1.0, 0.99, 0.98)),
-    Case("gyro plate", moments=(1.0, 0.6, 0.402)),
-    Case("gyro rod", moments=(1.0, 0.99, 0.02)),
-    Case("gyro near major axis", rate_rpm=(9.0, 0.6, 0.4)),
-    Case("gyro hard steady, major", rate_rpm=(9.0, 0.0, 0.0), psd=1e-8),
-    Case("gyro hard steady, minor", rate_rpm=(0.0, 0.0, 9.0), psd=1e-8),
-    Case("gyro hard steady, middle", rate_rpm=(0.0, 9.0, 0.0), psd=FREE),
-    Case("gyro hard sphere", moments=(1.0, 1.0, 1.0)),
-    Case("gyro hard near-sphere", moments=(1.0, 0.999, 0.998)),
-    Case("gyro hard plate", moments=(1.0, 0.501, 0.5)),
-    Case("gyro 20 samples", epochs=20),
-    Case("gyro 50 samples", epochs=50),
-    Case("gyro 100 samples", epochs=100),
-    Case("gyro thesis 50 samples", rate_rpm=THESIS_RPM, epochs=50),
-    Case("gyro 100 Hz", rate_rpm=THESIS_RPM, interval=0.02, epochs=1000, noise_std=0.002),
-    Case("gyro free, long", epochs=3000, psd=FREE),
-    Case("gyro free, thesis, long", rate_rpm=THESIS_RPM, interval=0.1, epochs=3000, psd=FREE),
-    Case("gyro noise 1e-6", noise_std=1e-6),
-    Case("gyro noise 1e-6, free", noise_std=1e-6, psd=FREE),
-    Case("gyro noise 0.3", noise_std=0.3, epochs=1000, psd=1e-8),
-    Case("gyro drag", drag=0.005),
-    Case("gyro irregular", jitter=0.45),
-    Case("gyro dropped", dropped=0.5, epochs=400),
-    Case("pose rich", kind="pose"),
-    Case("pose thesis", kind="pose", rate_rpm=THESIS_RPM),
-    Case("pose slow", kind="pose", rate_rpm=(0.4, 0.9, 0.3), psd=1e-8),
-    Case("pose flip", kind="pose", rate_rpm=(0.02, 10.0, 0.02), psd=1e-10),
-    Case("pose near-axisymmetric", kind="pose", moments=(1.0, 0.995, 0.6)),
-    Case("pose near-spherical", kind="pose", moments=(1.0, 0.99, 0.98)),
-    Case("pose plate", kind="pose", moments=(1.0, 0.6, 0.402)),
-    Case("pose hard steady, major", kind="pose", rate_rpm=(9.0, 0.0, 0.0), psd=1e-8),
-    Case("pose hard steady, minor", kind="pose", rate_rpm=(0.0, 0.0, 9.0), psd=1e-8),
-    Case("pose hard sphere", kind="pose", moments=(1.0, 1.0, 1.0)),
-    Case("pose hard plate", kind="pose", moments=(1.0, 0.501, 0.5)),
-    Case("pose 20 epochs", kind="pose", epochs=20),
-    Case("pose 50 epochs", kind="pose", epochs=50),
-    Case("pose thesis 100 epochs", kind="pose", rate_rpm=THESIS_RPM, epochs=100),
-    Case("pose free, long", kind="pose", epochs=2000, psd=FREE),
-    Case("pose noise 1e-6", kind="pose", noise_std=1e-6),
-    Case("pose noise 0.3", kind="pose", noise_std=0.3, epochs=400, psd=1e-8),
-    Case("pose drag", kind="pose", drag=0.005),
-    Case("pose irregular", kind="pose", jitter=0.45),
-    Case("pose dropped", kind="pose", dropped=0.5, epochs=400),
+    RecordingCase("gyro rich"),
+    RecordingCase("gyro thesis", rate_rpm=THESIS_RPM),
+    RecordingCase("gyro slow", rate_rpm=(0.4, 0.9, 0.3), noise_std=0.002, psd=1e-8),
+    RecordingCase("gyro fast", rate_rpm=(80.0, 180.0, 60.0), interval=0.01, epochs=1000),
+    RecordingCase("gyro flip", rate_rpm=(0.02, 10.0, 0.02), psd=1e-10, epochs=400),
+    RecordingCase("gyro near-axisymmetric", moments=(1.0, 0.995, 0.6)),
+    RecordingCase("gyro near-spherical", moments=(1.0, 0.99, 0.98)),
+    RecordingCase("gyro plate", moments=(1.0, 0.6, 0.402)),
+    RecordingCase("gyro rod", moments=(1.0, 0.99, 0.02)),
+    RecordingCase("gyro near major axis", rate_rpm=(9.0, 0.6, 0.4)),
+    RecordingCase("gyro hard steady, major", rate_rpm=(9.0, 0.0, 0.0), psd=1e-8),
+    RecordingCase("gyro hard steady, minor", rate_rpm=(0.0, 0.0, 9.0), psd=1e-8),
+    RecordingCase("gyro hard steady, middle", rate_rpm=(0.0, 9.0, 0.0), psd=FREE),
+    RecordingCase("gyro hard sphere", moments=(1.0, 1.0, 1.0)),
+    RecordingCase("gyro hard near-sphere", moments=(1.0, 0.999, 0.998)),
+    RecordingCase("gyro hard plate", moments=(1.0, 0.501, 0.5)),
+    RecordingCase("gyro 20 samples", epochs=20),
+    RecordingCase("gyro 50 samples", epochs=50),
+    RecordingCase("gyro 100 samples", epochs=100),
+    RecordingCase("gyro thesis 50 samples", rate_rpm=THESIS_RPM, epochs=50),
+    RecordingCase("gyro 100 Hz", rate_rpm=THESIS_RPM, interval=0.02, epochs=1000, noise_std=0.002),
+    RecordingCase("gyro free, long", epochs=3000, psd=FREE),
+    RecordingCase("gyro free, thesis, long", rate_rpm=THESIS_RPM, interval=0.1, epochs=3000, psd=FREE),
+    RecordingCase("gyro noise 1e-6", noise_std=1e-6),
+    RecordingCase("gyro noise 1e-6, free", noise_std=1e-6, psd=FREE),
+    RecordingCase("gyro noise 0.3", noise_std=0.3, epochs=1000, psd=1e-8),
+    RecordingCase("gyro drag", drag=0.005),
+    RecordingCase("gyro irregular", jitter=0.45),
+    RecordingCase("gyro dropped", dropped=0.5, epochs=400),
+    RecordingCase("pose rich", kind="pose"),
+    RecordingCase("pose thesis", kind="pose", rate_rpm=THESIS_RPM),
+    RecordingCase("pose slow", kind="pose", rate_rpm=(0.4, 0.9, 0.3), psd=1e-8),
+    RecordingCase("pose flip", kind="pose", rate_rpm=(0.02, 10.0, 0.02), psd=1e-10),
+    RecordingCase("pose near-axisymmetric", kind="pose", moments=(1.0, 0.995, 0.6)),
+    RecordingCase("pose near-spherical", kind="pose", moments=(1.0, 0.99, 0.98)),
+    RecordingCase("pose plate", kind="pose", moments=(1.0, 0.6, 0.402)),
+    RecordingCase("pose hard steady, major", kind="pose", rate_rpm=(9.0, 0.0, 0.0), psd=1e-8),
+    RecordingCase("pose hard steady, minor", kind="pose", rate_rpm=(0.0, 0.0, 9.0), psd=1e-8),
+    RecordingCase("pose hard sphere", kind="pose", moments=(1.0, 1.0, 1.0)),
+    RecordingCase("pose hard plate", kind="pose", moments=(1.0, 0.501, 0.5)),
+    RecordingCase("pose 20 epochs", kind="pose", epochs=20),
+    RecordingCase("pose 50 epochs", kind="pose", epochs=50),
+    RecordingCase("pose thesis 100 epochs", kind="pose", rate_rpm=THESIS_RPM, epochs=100),
+    RecordingCase("pose free, long", kind="pose", epochs=2000, psd=FREE),
+    RecordingCase("pose noise 1e-6", kind="pose", noise_std=1e-6),
+    RecordingCase("pose noise 0.3", kind="pose", noise_std=0.3, epochs=400, psd=1e-8),
+    RecordingCase("pose drag", kind="pose", drag=0.005),
+    RecordingCase("pose irregular", kind="pose", jitter=0.45),
+    RecordingCase("pose dropped", kind="pose", dropped=0.5, epochs=400),
 )
 
 
-def recordings(case: Case, seeds: int) -> list[Recording]:
+def recordings(case: RecordingCase, seeds: int) -> list[Recording]:
     """So many recordings of a case; the draws depend on the case and their number."""
     generator = np.random.default_rng([seeds, *case.name.encode()])
     time = case.interval * np.arange(case.epochs)
@@ -125,11 +125,11 @@ def recordings(case: Case, seeds: int) -> list[Recording]:
 
 
 def principal_axes() -> Float[np.ndarray, "3 3"]:
-    """R_gb: columns are the principal axes, in the order of `Case.moments`, in g."""
+    """R_gb: columns are the principal axes, in the order of `RecordingCase.moments`, in g."""
     return matrix_from_quaternion(quaternion_from_euler321(np.array(AXES_EULER_G)))
 
 
-def _first_state(case: Case) -> Float[np.ndarray, " m"]:
+def _first_state(case: RecordingCase) -> Float[np.ndarray, " m"]:
     R_gb, x = principal_axes(), LAYOUT.origin()
     blocks = {
         "t": np.array(PLACE) - CENTRE,
@@ -144,7 +144,7 @@ def _first_state(case: Case) -> Float[np.ndarray, " m"]:
 
 
 def _recording(
-    case: Case, time: np.ndarray, states: Float[np.ndarray, "n m"], generator: np.random.Generator
+    case: RecordingCase, time: np.ndarray, states: Float[np.ndarray, "n m"], generator: np.random.Generator
 ) -> Recording:
     measure, options = {"gyro": _gyro, "pose": _poses}[case.kind], {"gyro_noise_std": case.noise_std}
     if case.kind == "pose":
@@ -161,12 +161,16 @@ def _recording(
     return Recording(Dataset(kind=case.kind, log=log, description=case.name, options=stated), states[kept])
 
 
-def _gyro(case: Case, states: np.ndarray, generator: np.random.Generator) -> Float[np.ndarray, "n 3"]:
+def _gyro(
+    case: RecordingCase, states: np.ndarray, generator: np.random.Generator
+) -> Float[np.ndarray, "n 3"]:
     rates = states[:, LAYOUT.mean_slice("w")]
     return rates + case.noise_std * generator.standard_normal(rates.shape)
 
 
-def _poses(case: Case, states: np.ndarray, generator: np.random.Generator) -> Float[np.ndarray, "n 7"]:
+def _poses(
+    case: RecordingCase, states: np.ndarray, generator: np.random.Generator
+) -> Float[np.ndarray, "n 7"]:
     small = StateLayout(("t", "a"))
     exact = states[
         :, [*range(*LAYOUT.mean_slice("t").indices(99)), *range(*LAYOUT.mean_slice("a").indices(99))]

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.honest_cases import CASES, LAYOUT, Case, Recording, principal_axes, recordings
+from experiments.honest_cases import CASES, LAYOUT, Recording, RecordingCase, principal_axes, recordings
 from spinfilters.attitude.conversions import (
     inverse,
     multiply,
@@ -41,7 +41,7 @@ NAMES = ("mekf", "ukf", "smoother")
 
 
 @dataclass(frozen=True)
-class Outcome:
+class VerdictOutcome:
     """What one estimator said of one recording.
 
     Attributes
@@ -93,8 +93,8 @@ def main() -> None:
 
 
 def outcomes_of(
-    case: Case, seeds: int, names: tuple[str, ...] = NAMES, silent: bool = False
-) -> Iterator[Outcome]:
+    case: RecordingCase, seeds: int, names: tuple[str, ...] = NAMES, silent: bool = False
+) -> Iterator[VerdictOutcome]:
     """What every estimator says of so many recordings of a case, whose noise may be silent."""
     settings = Settings(estimators=names, process=ProcessSettings(drag=case.drag > 0))
     for seed, recording in enumerate(recordings(case, seeds)):
@@ -109,11 +109,13 @@ def outcomes_of(
             yield outcome_of(case, seed, evaluation, recording)
 
 
-def outcome_of(case: Case, seed: int, evaluation: Evaluation, recording: Recording) -> Outcome:
+def outcome_of(
+    case: RecordingCase, seed: int, evaluation: Evaluation, recording: Recording
+) -> VerdictOutcome:
     """Errors of the latest epoch."""
     history, verdict = evaluation.history, evaluation.history.status.verdict
     if not np.isfinite(history.mean[-1]).all() or not np.isfinite(history.factor[-1]).all():
-        return Outcome(case.name, seed, evaluation.name, verdict, {"not finite": np.inf}, {})
+        return VerdictOutcome(case.name, seed, evaluation.name, verdict, {"not finite": np.inf}, {})
     error = _state_error(evaluation, recording)
     layout, factor = history.layout, history.factor[-1]
     std = np.linalg.norm(factor, axis=1)
@@ -125,7 +127,7 @@ def outcome_of(case: Case, seed: int, evaluation: Evaluation, recording: Recordi
         / (part.stop - part.start)
         for b, part in ((b, layout.slice(b)) for b in "ws")
     }
-    return Outcome(case.name, seed, evaluation.name, verdict, sizes, nees)
+    return VerdictOutcome(case.name, seed, evaluation.name, verdict, sizes, nees)
 
 
 def _state_error(evaluation: Evaluation, recording: Recording) -> np.ndarray:
@@ -142,7 +144,7 @@ def _state_error(evaluation: Evaluation, recording: Recording) -> np.ndarray:
     return layout.local(history.mean[-1], true)
 
 
-def _body_errors(case: Case, evaluation: Evaluation) -> dict[str, np.ndarray]:
+def _body_errors(case: RecordingCase, evaluation: Evaluation) -> dict[str, np.ndarray]:
     """Of moments, their log ratios and the principal axes, in standard deviations."""
     body, order = evaluation.body, np.argsort(case.moments)
     moments, axes = np.array(case.moments)[order] / max(case.moments), principal_axes().T[order]
@@ -157,7 +159,7 @@ def _body_errors(case: Case, evaluation: Evaluation) -> dict[str, np.ndarray]:
     }
 
 
-def row_of(case: Case, outcomes: Sequence[Outcome]) -> str:
+def row_of(case: RecordingCase, outcomes: Sequence[VerdictOutcome]) -> str:
     """One case in a line for each estimator."""
     lines = []
     for name in dict.fromkeys(outcome.estimator for outcome in outcomes):
@@ -173,7 +175,7 @@ def row_of(case: Case, outcomes: Sequence[Outcome]) -> str:
     return "\n".join(lines)
 
 
-def figure(cases: Sequence[Case], outcomes: Sequence[Outcome]) -> Figure:
+def figure(cases: Sequence[RecordingCase], outcomes: Sequence[VerdictOutcome]) -> Figure:
     """Largest error of every run against the case: filled where it is called ok."""
     drawn = Figure(figsize=(9.0, 1.5 + 0.24 * len(cases)), layout="constrained")
     axes = drawn.add_subplot()

@@ -49,7 +49,7 @@ TICKS: Final = (0.5, 1, 2, 4, 8, 16, 32)
 
 
 @dataclass(frozen=True)
-class Outcome:
+class FaultOutcome:
     """Of one run.
 
     Attributes
@@ -69,7 +69,7 @@ class Outcome:
     told: bool = True
 
     @classmethod
-    def of(cls, row: Mapping[str, Any]) -> "Outcome":
+    def of(cls, row: Mapping[str, Any]) -> "FaultOutcome":
         """A row of a campaign."""
         error = row["worst_error"]
         return cls(
@@ -112,8 +112,8 @@ class SensorStudy:
     """Runs of one sensor: with wrong models, and with right ones."""
 
     sensor: str
-    faulty: Sequence[Outcome]
-    clean: Sequence[Outcome]
+    faulty: Sequence[FaultOutcome]
+    clean: Sequence[FaultOutcome]
 
     @property
     def faults(self) -> list[str]:
@@ -150,7 +150,7 @@ def main() -> None:
     print(f"map: {options.output / 'honesty.png'}")
 
 
-def _runs(name: str, seeds: int, options: argparse.Namespace) -> list[Outcome]:
+def _runs(name: str, seeds: int, options: argparse.Namespace) -> list[FaultOutcome]:
     """Of a campaign with so many seeds; those that its folder has are not made again."""
     document = dict(read_study(STUDIES / f"{name}.toml").document)
     document["study"] = {**document["study"], "seeds": seeds}
@@ -162,13 +162,15 @@ def _runs(name: str, seeds: int, options: argparse.Namespace) -> list[Outcome]:
     return _with_told(document, rows, options.output / f"{name}-told.json")
 
 
-def _with_told(document: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], path: Path) -> list[Outcome]:
+def _with_told(
+    document: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], path: Path
+) -> list[FaultOutcome]:
     """Outcomes of rows, with whether a test could tell.
 
     What is wrong, of those in which that is asked.
     """
     known: dict[str, bool] = json.loads(path.read_text()) if path.exists() else {}
-    outcomes = [Outcome.of(row) for row in rows]
+    outcomes = [FaultOutcome.of(row) for row in rows]
     asked = [k for k, each in enumerate(outcomes) if each.fault and each.is_silent_or_unnamed]
     if asked:
         stated = {**document, "noise": {"base": {**document["noise"]["base"], "stated": True}}}
@@ -217,7 +219,7 @@ def lines_of(study: SensorStudy) -> Iterator[str]:
     yield _line(f"all of {study.sensor}", study.faulty)
 
 
-def _line(name: str, runs: Sequence[Outcome]) -> str:
+def _line(name: str, runs: Sequence[FaultOutcome]) -> str:
     wrong = [each for each in runs if each.has_effect and each.told]
     first, two = (sum(each.is_among(count) for each in wrong) for count in (1, 2))
     silent = [each for each in runs if each.is_dishonest]

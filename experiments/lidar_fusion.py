@@ -17,7 +17,7 @@ from spinfilters.api.recordings import simulate
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.data.sensor_format import sensor_format
-from spinfilters.evaluation.errors import TruthErrors, root_mean_square
+from spinfilters.evaluation.trajectory_errors import TruthErrors, root_mean_square
 from spinfilters.pipeline.estimation import compare_estimators
 from spinfilters.pipeline.setup import prepare
 from spinfilters.settings.run_settings import Settings

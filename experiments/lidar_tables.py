@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.lidar.presets import RANGE_NOISE
-from spinfilters.lidar.thesis.attitude import best_fitting_sphere
+from spinfilters.lidar.thesis.reference_frames import best_fitting_sphere
 from spinfilters.lidar.thesis.sequences import PLACE, SEQUENCES, ProcessedSequence, processed_sequence
 
 DIGITS = 0.015

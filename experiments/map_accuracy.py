@@ -27,7 +27,7 @@ from spinfilters.geometry.cameras import stereo_pair
 from spinfilters.lidar.ply_files import read_ply
 from spinfilters.pipeline.figures import FigureData
 from spinfilters.runs.run_folder import MODEL_FILE, RECONSTRUCTION_FOLDER
-from spinfilters.vision.rendering.triangle_mesh import POLYHEDRA, TriangleMesh, named_mesh
+from spinfilters.vision.rendering.triangle_mesh import POLYHEDRA, BodyMesh, named_mesh
 from spinfilters.vision.stereo_geometry import pixels_of
 
 WRONG_PX: Final = 3.0
@@ -81,7 +81,7 @@ def main() -> None:
         )
 
 
-def map_accuracy(run: Path, mesh: TriangleMesh) -> MapAccuracy:
+def map_accuracy(run: Path, mesh: BodyMesh) -> MapAccuracy:
     """Accuracy of a run folder with a dense model.
 
     InputError: a run without truth, map, stereo camera or model.
@@ -136,7 +136,7 @@ def _rows(truth: Truth, time: Float[np.ndarray, " n"]) -> np.ndarray:
     return np.searchsorted(truth.time, time - 1e-6)
 
 
-def _distance(points: Float[np.ndarray, "k 3"], mesh: TriangleMesh) -> Float[np.ndarray, " k"]:
+def _distance(points: Float[np.ndarray, "k 3"], mesh: BodyMesh) -> Float[np.ndarray, " k"]:
     """Signed distance to a convex body's planes, positive outside.
 
     Onto which the points are laid.

@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.campaigns.metrics import metrics
+from spinfilters.campaigns.metric_columns import metrics
 from spinfilters.campaigns.schema import ERRORS
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementStream
@@ -47,7 +47,7 @@ CORRELATION = 0.9
 
 
 @dataclass(frozen=True)
-class Row:
+class NoiseRow:
     """One estimate: its metrics, or why there is none."""
 
     estimator: str
@@ -93,13 +93,13 @@ def lines_of(kind: str, name: str, seeds: int) -> Iterator[str]:
         )
 
 
-def rows_of(kind: str, name: str, seed: int) -> list[Row]:
+def rows_of(kind: str, name: str, seed: int) -> list[NoiseRow]:
     """Estimates of one recording."""
     rows = _estimated(recording(kind, name, seed))
     if name != "gross":
         return rows
     without = {row.estimator: row.found for row in _estimated(recording(kind, "white", seed))}
-    return [Row(r.estimator, r.found | _ratio(r.found, without.get(r.estimator, {}))) for r in rows]
+    return [NoiseRow(r.estimator, r.found | _ratio(r.found, without.get(r.estimator, {}))) for r in rows]
 
 
 def recording(kind: str, name: str, seed: int) -> Dataset:
@@ -112,15 +112,15 @@ def recording(kind: str, name: str, seed: int) -> Dataset:
     return with_stream(dataset, NOISE[name](stream, generator))
 
 
-def _estimated(dataset: Dataset) -> list[Row]:
+def _estimated(dataset: Dataset) -> list[NoiseRow]:
     try:
         setup = prepare(dataset, SETTINGS)
         comparison = compare_estimators(
             setup, SETTINGS, lambda *_: None, extent=ComparisonExtent(without_bounds)
         )
     except InputError as error:
-        return [Row("", {"reason": str(error)})]
-    return [Row(each.name, metrics(each, dataset.truth)) for each in comparison.evaluations]
+        return [NoiseRow("", {"reason": str(error)})]
+    return [NoiseRow(each.name, metrics(each, dataset.truth)) for each in comparison.evaluations]
 
 
 def _ratio(found: dict[str, float | str], without: dict[str, float | str]) -> dict[str, float | str]:

@@ -21,8 +21,8 @@ from pathlib import Path
 
 import numpy as np
 
+from spinfilters.embedded.embedded_options import EmbedOptions
 from spinfilters.embedded.folder import write_library
-from spinfilters.embedded.options import EmbedOptions
 from spinfilters.pipeline.estimation import compare_estimators
 from spinfilters.pipeline.setup import Setup, prepare
 from spinfilters.settings.run_settings import Settings

@@ -3,7 +3,7 @@
 import ast
 import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +67,34 @@ def test_every_package_module_and_folder_stands_in_a_layer() -> None:
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_a_file_is_short_enough_to_be_one_noun(path: Path) -> None:
     assert len(path.read_text().splitlines()) <= LONGEST_FILE
+
+
+def doubled(places: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
+    """Names that stand at more than one place, with their places."""
+    found: dict[str, list[str]] = {}
+    for name, place in places:
+        found.setdefault(name, []).append(place)
+    return {name: at for name, at in found.items() if len(at) > 1}
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_module_name_stands_once_in_a_package(package: str) -> None:
+    modules = [path for path in (ROOT / package).rglob("*.py") if not path.stem.startswith("__")]
+    assert doubled((path.stem, str(path.relative_to(ROOT))) for path in modules) == {}
+
+
+def classes_of(path: Path) -> list[str]:
+    """Names of the classes that a source defines."""
+    return [node.name for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ClassDef)]
+
+
+def test_a_class_name_stands_once_in_the_tree() -> None:
+    places = [(name, str(path.relative_to(ROOT))) for path in SOURCES for name in classes_of(path)]
+    assert doubled(places) == {}
+
+
+def test_a_name_at_two_places_is_found() -> None:
+    assert doubled([("a", "x"), ("b", "y"), ("a", "z")]) == {"a": ["x", "z"]}
 
 
 def wordy(text: str) -> list[str]:

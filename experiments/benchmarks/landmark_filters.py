@@ -34,7 +34,7 @@ from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeFilter
 from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.plots.style import BLUE, GREY, ORANGE, RED, save_figure, tidy
 from spinfilters.sensors.feature_tracks import RIG, ball
 from spinfilters.simulation.motion import simulate_motion

@@ -14,7 +14,7 @@ import numpy as np
 from spinfilters.campaigns.factor_table import Cell
 from spinfilters.campaigns.factors import RecordingFactors
 from spinfilters.campaigns.initial_belief import prepared_with_drawn_belief
-from spinfilters.campaigns.metrics import bound_metrics, metrics, noise_metrics
+from spinfilters.campaigns.metric_columns import bound_metrics, metrics, noise_metrics
 from spinfilters.campaigns.randomness import RunSeeds, run_seeds, whole_number
 from spinfilters.campaigns.schema import TIMES
 from spinfilters.campaigns.study import CampaignRun, Study

@@ -31,7 +31,7 @@ from spinfilters.data.atomic_write import write_json, write_text
 from spinfilters.data.output_folder import output_folder, refuse_foreign
 from spinfilters.errors import InputError
 from spinfilters.models.rotation_integrator import IntegrationError
-from spinfilters.plots.conditioning import TIME_STEPS, conditioning_figure, covariance_figure
+from spinfilters.plots.noise_conditioning import TIME_STEPS, conditioning_figure, covariance_figure
 from spinfilters.plots.style import save_figure
 from spinfilters.runs.history_file import read_history
 from spinfilters.runs.run_folder import HISTORY_FILE

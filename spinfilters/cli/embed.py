@@ -5,8 +5,8 @@ from pathlib import Path
 
 from spinfilters.cli.console import wide_console
 from spinfilters.data.output_folder import output_folder, refuse_foreign
+from spinfilters.embedded.embedded_options import EmbedOptions
 from spinfilters.embedded.folder import write_library
-from spinfilters.embedded.options import EmbedOptions
 
 COMMAND = "embed"
 

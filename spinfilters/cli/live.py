@@ -13,8 +13,8 @@ from spinfilters.live.answer import Answer
 from spinfilters.live.answer_writer import AnswerWriter
 from spinfilters.live.course import CourseRecorder
 from spinfilters.live.executive import Executive
-from spinfilters.live.options import LiveOptions
-from spinfilters.live.setup import LONG_RUN, live_setup
+from spinfilters.live.live_options import LiveOptions
+from spinfilters.live.live_setup import LONG_RUN, live_setup
 from spinfilters.live.sources import Replay, Source, open_lines
 from spinfilters.live.supervisor import SupervisionOptions
 from spinfilters.live.terminal_view import TerminalView

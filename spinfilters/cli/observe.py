@@ -17,7 +17,7 @@ from spinfilters.cli.console import wide_console
 from spinfilters.data.atomic_write import write_json
 from spinfilters.data.output_folder import output_folder, refuse_foreign
 from spinfilters.plots.bounds import study_figure
-from spinfilters.plots.conditioning import conditioning_figure
+from spinfilters.plots.noise_conditioning import conditioning_figure
 from spinfilters.plots.style import save_figure
 
 

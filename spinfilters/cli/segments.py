@@ -12,7 +12,7 @@ from spinfilters.data.reading_options import ReadingOptions
 from spinfilters.errors import InputError
 from spinfilters.flight.free_flight import find_flights
 from spinfilters.pipeline.segment_choice import has_marks, no_flight, read_several
-from spinfilters.pipeline.segments import (
+from spinfilters.pipeline.segment_runs import (
     SegmentResult,
     pool,
     run_segments,

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
-from spinfilters.data.acceleration import Acceleration
+from spinfilters.data.accelerometer import Acceleration
 from spinfilters.data.camera import Rig
 from spinfilters.data.dataset_options import DatasetOptions
 from spinfilters.data.dataset_reader import OnRefused, reader_of

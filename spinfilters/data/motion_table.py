@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.data.acceleration import Acceleration
+from spinfilters.data.accelerometer import Acceleration
 from spinfilters.data.clock_units import clock_unit
 from spinfilters.data.headings import Quantity
 from spinfilters.data.input_file import path_text, value_text

@@ -6,8 +6,8 @@ C, Makefile, test vectors and a page for the firmware engineer.
 from pathlib import Path
 
 from spinfilters.data.atomic_write import write_text
+from spinfilters.embedded.embedded_options import EmbedOptions
 from spinfilters.embedded.library import library_texts, template
-from spinfilters.embedded.options import EmbedOptions
 from spinfilters.embedded.vectors import make_vectors
 
 TEST = ("test_spinfilter.c", "test_spinfilter.h", "firmware.c", "firmware.ld", "Makefile")

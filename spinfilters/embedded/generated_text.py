@@ -6,6 +6,7 @@ from textwrap import fill, wrap
 import casadi as ca
 from scipy.special import chdtri
 
+from spinfilters.embedded.embedded_options import EmbedOptions
 from spinfilters.embedded.model_functions import (
     MODELS,
     POINT,
@@ -13,7 +14,6 @@ from spinfilters.embedded.model_functions import (
     moving_dim,
     transition_pattern,
 )
-from spinfilters.embedded.options import EmbedOptions
 from spinfilters.estimators.landmarks.landmark_map import CONFIRMED, WRONG_IN_A_ROW
 from spinfilters.estimators.robust.outlier_rejection import RobustOptions
 from spinfilters.models.step_count import boole_weights

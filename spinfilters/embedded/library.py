@@ -5,8 +5,8 @@ import re
 from functools import cache
 from importlib.resources import files
 
+from spinfilters.embedded.embedded_options import EmbedOptions
 from spinfilters.embedded.generated_text import config_text, model_texts
-from spinfilters.embedded.options import EmbedOptions
 from spinfilters.symbolic.c_library import FLAGS, load_text
 
 HEADERS = (

@@ -8,14 +8,14 @@ import numpy as np
 
 from spinfilters.attitude.expressions import Expression, matrix_from_quaternion
 from spinfilters.dynamics.mass_distribution import inertia, lower_factor
-from spinfilters.embedded.options import EmbedOptions
+from spinfilters.embedded.embedded_options import EmbedOptions
 from spinfilters.embedded.reset_model import attitude_reset, mass_correction
 from spinfilters.embedded.rotation_model import INERTIA_ENTRIES, substep_expression
 from spinfilters.models.landmark_sensor import LandmarkSensor
 from spinfilters.models.measurement import MeasurementModel, row_by_row
-from spinfilters.models.sensors.gyro import Gyro
-from spinfilters.models.sensors.pose import Pose
-from spinfilters.models.sensors.stereo_landmark import StereoLandmark
+from spinfilters.models.sensor_models.gyro_model import Gyro
+from spinfilters.models.sensor_models.pose_model import Pose
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
 from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION
 from spinfilters.state.layout import StateLayout
 

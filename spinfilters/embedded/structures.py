@@ -3,7 +3,7 @@
 import ctypes
 from functools import cache
 
-from spinfilters.embedded.options import EmbedOptions
+from spinfilters.embedded.embedded_options import EmbedOptions
 
 STATUS = ("ok", "refused", "turns too far in a step", "would not be finite", "invalid argument")
 USED, OUTSIDE, BEHIND, NEW, NOT_TOLD = range(5)

@@ -9,14 +9,14 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.dynamics.mass_distribution import from_inertia
+from spinfilters.embedded.embedded_options import EmbedOptions
 from spinfilters.embedded.model_functions import MODELS
-from spinfilters.embedded.options import EmbedOptions
 from spinfilters.embedded.reference import ReferenceFilter
 from spinfilters.models.landmark_sensor import LandmarkSensor
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensors.pose import pose_parameters
-from spinfilters.models.sensors.stereo_landmark import stereo_parameters
+from spinfilters.models.sensor_models.pose_model import pose_parameters
+from spinfilters.models.sensor_models.stereo_landmark import stereo_parameters
 
 EPOCHS, INTERVAL = 6, 0.1
 OBSERVATIONS = 200

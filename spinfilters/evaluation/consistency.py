@@ -12,7 +12,7 @@ from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.error_propagation import by_stretches
-from spinfilters.evaluation.errors import common_stamps
+from spinfilters.evaluation.trajectory_errors import common_stamps
 from spinfilters.state.blocks import BLOCKS
 from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION, POSITION, RATE
 from spinfilters.state.layout import StateLayout

@@ -20,9 +20,15 @@ from spinfilters.evaluation.consistency import (
 )
 from spinfilters.evaluation.deviation_parts import DeviationPart, deviation_parts, without_calibration
 from spinfilters.evaluation.error_bound import ErrorBound
-from spinfilters.evaluation.errors import Alignment, BodyErrors, TruthErrors, body_errors, truth_errors
 from spinfilters.evaluation.reported_constants import ConstantEstimate, constant_estimates
 from spinfilters.evaluation.trajectory import Trajectory, trajectory_of
+from spinfilters.evaluation.trajectory_errors import (
+    Alignment,
+    BodyErrors,
+    TruthErrors,
+    body_errors,
+    truth_errors,
+)
 from spinfilters.evaluation.truth_frames import (
     tells_first_frame,
     truth_in_first_frame,

@@ -9,8 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from spinfilters.evaluation.errors import RmsErrors
 from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.trajectory_errors import RmsErrors
 
 ALWAYS: Final = -np.inf
 """Begin of a span that leaves nothing out, s."""

@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.data.acceleration import Acceleration
+from spinfilters.data.accelerometer import Acceleration
 
 LARGEST_FORCE: Final = 2.5
 """m/s^2, root mean square, that rotation may leave unexplained: drag and scale errors leave less, a hand or a table 9.8."""

@@ -23,11 +23,11 @@ from spinfilters.live.answer import Answer
 from spinfilters.live.filter_track import FilterTrack
 from spinfilters.live.gap_rule import GapRule
 from spinfilters.live.line_format import ArrivedEpoch
-from spinfilters.live.options import LiveOptions, LiveSetup
+from spinfilters.live.live_options import LiveOptions, LiveSetup
+from spinfilters.live.live_summary import LiveSummary
 from spinfilters.live.rebase import HandOver, distance, rebase
 from spinfilters.live.running_verdict import RunningVerdict
 from spinfilters.live.smoother_worker import Build, SmootherTask
-from spinfilters.live.summary import LiveSummary
 from spinfilters.live.supervisor import SmootherSupervisor
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.status import Verdict

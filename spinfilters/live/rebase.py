@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spinfilters.embedded.estimator import EmbeddedFilter
+from spinfilters.embedded.embedded_estimator import EmbeddedFilter
 from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeFilter
 from spinfilters.estimators.landmarks.belief import LandmarkBelief

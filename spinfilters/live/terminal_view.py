@@ -12,7 +12,7 @@ from rich.table import Table
 
 from spinfilters.evaluation.body import body_estimate
 from spinfilters.live.answer import Answer
-from spinfilters.live.summary import LiveSummary
+from spinfilters.live.live_summary import LiveSummary
 from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION
 from spinfilters.state.gaussian import Gaussian
 

@@ -80,7 +80,7 @@ class EstimatorEntry(ABC, Generic[Built]):
 AnyEntry = EstimatorEntry[Any]
 
 TABLE: Final[PluginGroup[AnyEntry]] = PluginGroup(
-    "spinfilters.pipeline.estimators", "ESTIMATOR", EstimatorEntry, group="spinfilters.estimators"
+    "spinfilters.pipeline.estimator_entries", "ESTIMATOR", EstimatorEntry, group="spinfilters.estimators"
 )
 """All estimators: one per module of that package, and those of the entry points ``spinfilters.estimators``."""
 

@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 from spinfilters.data.dataset import Dataset, read_dataset
 from spinfilters.data.input_file import value_text
 from spinfilters.errors import InputError
-from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
 from spinfilters.evaluation.rates import BodyRates, measured_rates, true_rates
 from spinfilters.evaluation.trajectory import read_map_ply
+from spinfilters.evaluation.trajectory_errors import Alignment
 from spinfilters.geometry.camera_trajectory import CameraTrajectory
 from spinfilters.pipeline.conditions import conditions_of, told_sentences
 from spinfilters.pipeline.estimation import Comparison

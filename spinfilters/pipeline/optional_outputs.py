@@ -13,7 +13,7 @@ from spinfilters.data.dataset import Dataset
 from spinfilters.data.truth import Truth
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.pipeline import convergence, predictions
+from spinfilters.pipeline import predictions, smoother_convergence
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
 from spinfilters.pipeline.explanations import read_sentences, write_explanations
 from spinfilters.pipeline.setup import Setup, prepare
@@ -53,7 +53,7 @@ class OptionalOutputs:
         if self.predict_s is not None:
             predictions.times_ahead(np.array([epoch.time for epoch in setup.timeline]), self.predict_s)
         if self.convergence:
-            convergence.require_convergence(setup, settings)
+            smoother_convergence.require_convergence(setup, settings)
 
     def write(
         self, folder: Path, comparison: Comparison, settings: Settings, on_epoch: Callable[[int, int], None]
@@ -67,7 +67,7 @@ class OptionalOutputs:
             process = comparison.setup.process
             predictions.write_predictions(folder, process, histories, self.predict_s)
         if self.convergence:
-            convergence.write_convergence(folder, comparison.setup, settings, on_epoch)
+            smoother_convergence.write_convergence(folder, comparison.setup, settings, on_epoch)
         if self.explain:
             write_explanations(folder, comparison, settings)
 
@@ -84,10 +84,10 @@ class OptionalOutputs:
         InputError: as `check`; a file of the run is damaged.
         """
         made = []
-        if self.convergence and not convergence.is_whole(folder):
+        if self.convergence and not smoother_convergence.is_whole(folder):
             setup = prepare(dataset, settings)
             self.check(setup, settings)
-            convergence.write_convergence(folder, setup, settings, on_epoch)
+            smoother_convergence.write_convergence(folder, setup, settings, on_epoch)
             made.append(CONVERGENCE_PICTURE)
         if self.explain and not (folder / EXPLANATIONS_FILE).exists():
             own = compare_estimators(prepare(dataset, settings), settings, lambda *_: None)
@@ -144,7 +144,7 @@ def _draw_prediction(folder: Path, histories: Sequence[EstimateHistory]) -> list
 
 
 def _draw_convergence(folder: Path, truth: Truth | None) -> list[str]:
-    settled = convergence.read_convergence(folder, truth)
+    settled = smoother_convergence.read_convergence(folder, truth)
     if settled is None:
         return []
     draw_figure(lambda: convergence_figure(settled), folder / CONVERGENCE_PICTURE)

@@ -20,7 +20,7 @@ from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline, times_of
 from spinfilters.geometry.camera_trajectory import CameraTrajectory
 from spinfilters.models.process import TorqueFreeProcess
-from spinfilters.pipeline.acceleration import with_acceleration_if_told
+from spinfilters.pipeline.acceleration_state import with_acceleration_if_told
 from spinfilters.pipeline.considered_calibration import considered_deviations
 from spinfilters.pipeline.first_epochs import FirstEpochs
 from spinfilters.pipeline.gyro_noise import FIRST_SCALE, GyroNoise, identify_gyro_noise, white_level

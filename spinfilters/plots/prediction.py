@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 
 from spinfilters.evaluation.rates import BodyRates
 from spinfilters.evaluation.trajectory import Trajectory
-from spinfilters.plots.rates import PRINCIPAL_AXES
+from spinfilters.plots.body_rates import PRINCIPAL_AXES
 from spinfilters.plots.style import BLACK, GREY, EstimatorLine, estimator_lines, legend_below, tidy
 
 PAST = 0.25

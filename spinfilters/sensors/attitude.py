@@ -8,8 +8,7 @@ from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.data.noise_levels import SensorNoise
 from spinfilters.data.number_range import NumberRange
 from spinfilters.data.sensor_format import NoiseOption, SensorFormat
-from spinfilters.models.sensors.attitude import Attitude, attitude_parameters
-from spinfilters.sensors.scene import Scene, SimulatedStream
+from spinfilters.models.sensor_models.attitude_model import Attitude, attitude_parameters
 from spinfilters.sensors.sensor import (
     AnalysedSensor,
     BoundStream,
@@ -20,6 +19,7 @@ from spinfilters.sensors.sensor import (
     model_over,
     row_covariance,
 )
+from spinfilters.sensors.simulated_scene import Scene, SimulatedStream
 from spinfilters.state.layout import StateLayout
 
 

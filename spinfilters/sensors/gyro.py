@@ -12,9 +12,8 @@ from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.data.noise_levels import SensorNoise
 from spinfilters.data.number_range import RATE, NumberRange
 from spinfilters.data.sensor_format import NoiseOption, SensorFormat
+from spinfilters.models.sensor_models.gyro_model import Gyro, gyro_parameters
 from spinfilters.models.sensor_noise import noise_model
-from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
-from spinfilters.sensors.scene import Scene, SimulatedStream, with_noise
 from spinfilters.sensors.sensor import (
     AnalysedSensor,
     BoundStream,
@@ -24,6 +23,7 @@ from spinfilters.sensors.sensor import (
     model_over,
     noise_level,
 )
+from spinfilters.sensors.simulated_scene import Scene, SimulatedStream, with_noise
 from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
 from spinfilters.state.blocks.gyro_scale import GYRO_SCALE
 from spinfilters.state.layout import StateLayout
@@ -33,7 +33,7 @@ GYRO_FULL_SCALE: Final = 35.0
 
 
 class GyroSensor(Sensor):
-    """See `spinfilters.models.sensors.gyro.Gyro` for the model."""
+    """See `spinfilters.models.sensor_models.gyro_model.Gyro` for the model."""
 
     name = "gyro"
     format = SensorFormat(

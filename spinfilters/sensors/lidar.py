@@ -6,13 +6,13 @@ No data set holds it yet.
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.data.noise_levels import SensorNoise
 from spinfilters.errors import InputError
-from spinfilters.models.sensors.lidar_landmark import LidarLandmark
+from spinfilters.models.sensor_models.lidar_landmark import LidarLandmark
 from spinfilters.sensors.sensor import AnalysedSensor, BoundStream, CameraView, Sensor
 from spinfilters.state.layout import StateLayout
 
 
 class LidarSensor(Sensor):
-    """See `spinfilters.models.sensors.lidar_landmark.LidarLandmark` for the model."""
+    """See `spinfilters.models.sensor_models.lidar_landmark.LidarLandmark` for the model."""
 
     name = "lidar"
     sees_place = True

@@ -15,8 +15,7 @@ from spinfilters.data.sensor_format import NoiseOption, SensorFormat
 from spinfilters.errors import InputError
 from spinfilters.lidar.point_poses import PlanePoints, plane_poses
 from spinfilters.lidar.ray_pattern import angles_of, unit_vectors
-from spinfilters.models.sensors.lidar_point import LidarPoint, lidar_point_parameters
-from spinfilters.sensors.scene import Scene, SimulatedStream
+from spinfilters.models.sensor_models.lidar_point import LidarPoint, lidar_point_parameters
 from spinfilters.sensors.sensor import (
     BoundStream,
     CameraView,
@@ -25,6 +24,7 @@ from spinfilters.sensors.sensor import (
     model_over,
     row_covariance,
 )
+from spinfilters.sensors.simulated_scene import Scene, SimulatedStream
 from spinfilters.state.layout import StateLayout
 
 NORMAL_TOLERANCE: Final = 1e-6

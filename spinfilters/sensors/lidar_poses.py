@@ -9,7 +9,7 @@ import numpy as np
 
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.data.noise_levels import SensorNoise
-from spinfilters.models.sensors.pose import LidarPose
+from spinfilters.models.sensor_models.pose_model import LidarPose
 from spinfilters.sensors.pose import PoseSensor, pose_format
 from spinfilters.sensors.sensor import CameraView, MotionSamples
 

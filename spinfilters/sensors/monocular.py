@@ -14,10 +14,9 @@ from spinfilters.data.sensor_format import CalibrationFiles, SensorFormat
 from spinfilters.errors import InputError
 from spinfilters.geometry.cameras import monocular_camera
 from spinfilters.models.camera_pose import camera_pose_model, with_camera_poses
+from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark, monocular_parameters
 from spinfilters.models.sensor_noise import noise_model, noise_of_rows
-from spinfilters.models.sensors.monocular_landmark import MonocularLandmark, monocular_parameters
 from spinfilters.sensors.feature_tracks import RIG, TrackCamera, feature_tracks
-from spinfilters.sensors.scene import Scene, SimulatedStream
 from spinfilters.sensors.sensor import (
     AnalysedSensor,
     BoundStream,
@@ -27,6 +26,7 @@ from spinfilters.sensors.sensor import (
     model_over,
     noise_level,
 )
+from spinfilters.sensors.simulated_scene import Scene, SimulatedStream
 from spinfilters.sensors.track_rows import CALIBRATION, PIXEL_STD, mapped_rows, posed_samples, required_view
 from spinfilters.state.layout import StateLayout
 from spinfilters.tracks.perspective_poses import perspective_pose

@@ -15,8 +15,7 @@ from spinfilters.data.noise_levels import SensorNoise
 from spinfilters.data.number_range import NumberRange
 from spinfilters.data.pose_files import read_tum, write_tum
 from spinfilters.data.sensor_format import NoiseOption, SensorFormat, sensor_format
-from spinfilters.models.sensors.pose import Pose, pose_parameters
-from spinfilters.sensors.scene import Scene, SimulatedStream
+from spinfilters.models.sensor_models.pose_model import Pose, pose_parameters
 from spinfilters.sensors.sensor import (
     AnalysedSensor,
     BoundStream,
@@ -28,6 +27,7 @@ from spinfilters.sensors.sensor import (
     pose_samples,
     row_covariance,
 )
+from spinfilters.sensors.simulated_scene import Scene, SimulatedStream
 from spinfilters.state.layout import StateLayout
 
 POSE_REACH_M: Final = 1.0

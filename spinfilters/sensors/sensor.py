@@ -22,7 +22,7 @@ from spinfilters.geometry.cameras import Camera
 from spinfilters.models.camera_pose import CameraPoseModel
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.sensor_noise import NoiseLevel, SensorNoiseModel
-from spinfilters.sensors.scene import Scene, SimulatedStream
+from spinfilters.sensors.simulated_scene import Scene, SimulatedStream
 from spinfilters.state.block import StateBlock
 from spinfilters.state.layout import StateLayout
 

@@ -14,8 +14,8 @@ from spinfilters.data.sensor_format import CalibrationFiles, SensorFormat
 from spinfilters.data.track_files import SMALLEST_DISPARITY_PX, TRACK_COLUMNS, read_tracks, write_tracks
 from spinfilters.geometry.cameras import stereo_pair
 from spinfilters.models.camera_pose import camera_pose_model, with_camera_poses
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.models.sensor_noise import noise_model, noise_of_rows
-from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.sensors.feature_tracks import (
     RIG,
     FrontEnd,
@@ -23,7 +23,6 @@ from spinfilters.sensors.feature_tracks import (
     TrueMotion,
     feature_tracks,
 )
-from spinfilters.sensors.scene import Scene, SimulatedStream
 from spinfilters.sensors.sensor import (
     AnalysedSensor,
     BoundStream,
@@ -33,6 +32,7 @@ from spinfilters.sensors.sensor import (
     model_over,
     noise_level,
 )
+from spinfilters.sensors.simulated_scene import Scene, SimulatedStream
 from spinfilters.sensors.track_rows import CALIBRATION, PIXEL_STD, mapped_rows, posed_samples, required_view
 from spinfilters.sensors.visibility import Surface
 from spinfilters.state.layout import StateLayout

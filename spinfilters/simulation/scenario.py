@@ -30,7 +30,7 @@ from spinfilters.sensors.feature_tracks import (
     stays_in_view,
 )
 from spinfilters.sensors.registry import sensor_of
-from spinfilters.sensors.scene import Scene, SimulatedStream
+from spinfilters.sensors.simulated_scene import Scene, SimulatedStream
 from spinfilters.simulation.inspector import INSPECTORS, STATIC
 from spinfilters.simulation.motion import SUBSTEPS, Motion, Progress, silent, simulate_motion
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout

@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int
 
 from spinfilters.attitude.expressions import matrix_from_quaternion
 from spinfilters.models.measurement import row_by_row
-from spinfilters.models.sensors.stereo_landmark import StereoLandmark
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
 from spinfilters.symbolic import Vectorised, building
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from spinfilters.models.sensor_models.stereo_landmark import stereo_parameters
 from spinfilters.models.sensor_noise import NoiseLevel
-from spinfilters.models.sensors.stereo_landmark import stereo_parameters
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from spinfilters.attitude.conversions import quaternion_from_matrix
 from spinfilters.geometry.absolute_orientation import rigid_motions
 from spinfilters.linear_algebra.definite import is_definite
 from spinfilters.models.measurement import MeasurementModel
-from spinfilters.models.sensors.monocular_landmark import MonocularLandmark
+from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark
 
 TRIPLES = 80
 """Where half of the matches are right, one triple in eight is: none of 80 is with a probability of 2e-5."""

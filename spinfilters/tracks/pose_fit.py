@@ -10,8 +10,8 @@ from jaxtyping import Bool, Float
 
 from spinfilters.geometry.cameras import StereoPair, stereo_pair
 from spinfilters.linear_algebra.definite import which_definite
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
 from spinfilters.models.sensor_noise import SensorNoiseModel, noise_model
-from spinfilters.models.sensors.stereo_landmark import StereoLandmark
 from spinfilters.state.layout import POSE_BLOCKS, StateLayout
 from spinfilters.tracks.map_noise import UncertainMatches
 from spinfilters.tracks.matches import Matches, MatchTable

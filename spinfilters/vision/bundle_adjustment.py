@@ -14,8 +14,8 @@ from scipy.sparse import bsr_array
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.data.camera import StereoRig
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.models.sensor_noise import CorrelatedNoise
-from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.state.layout import POSE_BLOCKS, StateLayout
 
 ITERATIONS: Final = 8

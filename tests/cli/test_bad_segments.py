@@ -10,7 +10,7 @@ import pytest
 
 from spinfilters.cli.main import main
 from spinfilters.errors import InputError
-from spinfilters.pipeline import estimation, segments
+from spinfilters.pipeline import estimation, segment_runs
 from spinfilters.pipeline.setup import Setup, prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
@@ -48,7 +48,7 @@ def test_a_segment_outside_the_recording_or_without_a_start_has_its_row(
             raise InputError("the body does not rotate; give another recording")
         return prepare(dataset, settings)
 
-    monkeypatch.setattr(segments, "prepare", refusing)
+    monkeypatch.setattr(segment_runs, "prepare", refusing)
     found = rows_of(recording, tmp_path / "run")
     assert list(found) == ["1", "2", "3", "4"]
     assert "does not rotate" in found["1"]["failure"]

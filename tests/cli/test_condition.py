@@ -10,7 +10,7 @@ import pytest
 from observability.conditioning import BEST_CONDITION, covariance_conditioning
 from spinfilters.cli.main import main
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.plots.conditioning import conditioning_figure, covariance_figure
+from spinfilters.plots.noise_conditioning import conditioning_figure, covariance_figure
 from spinfilters.runs.history_file import write_history
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 from spinfilters.state.status import EstimatorStatus, Verdict

@@ -15,7 +15,7 @@ from spinfilters.cli.main import main
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.evaluation import evaluation
 from spinfilters.pipeline import first_epochs
-from spinfilters.pipeline.estimators import smoother
+from spinfilters.pipeline.estimator_entries import smoother
 from spinfilters.state.gaussian import Gaussian
 
 pytestmark = pytest.mark.usefixtures("few_figures")

@@ -10,7 +10,7 @@ import pytest
 from failures import compared, of_casadi, singular
 
 from spinfilters.estimators.smoothing.window import convergence_record
-from spinfilters.pipeline import convergence, optional_outputs, predictions, recording_bound
+from spinfilters.pipeline import optional_outputs, predictions, recording_bound, smoother_convergence
 
 pytestmark = pytest.mark.usefixtures("few_figures")
 
@@ -64,7 +64,7 @@ def test_convergence_ends_at_a_solve_that_raises(
         return singular() if count > solve and recording else real(smoother, frame, guess)
 
     recording = False
-    written = convergence.write_convergence
+    written = smoother_convergence.write_convergence
 
     def write(*arguments: Any) -> None:
         nonlocal recording, count
@@ -73,7 +73,7 @@ def test_convergence_ends_at_a_solve_that_raises(
         recording = False
 
     monkeypatch.setattr(convergence_record.SlidingSmoother, "add", add)
-    monkeypatch.setattr(optional_outputs.convergence, "write_convergence", write)
+    monkeypatch.setattr(optional_outputs.smoother_convergence, "write_convergence", write)
     compared(tracks, tmp_path / "run", "--convergence", names=("smoother",))
     assert (tmp_path / "run" / "convergence.png").exists()
     with np.load(tmp_path / "run" / "smoother" / "convergence.npz") as file:

@@ -12,7 +12,7 @@ from flight.throws import carried
 from spinfilters.cli import segments
 from spinfilters.cli.main import main
 from spinfilters.data.dataset import Dataset
-from spinfilters.pipeline.segments import SegmentResult
+from spinfilters.pipeline.segment_runs import SegmentResult
 
 
 @pytest.fixture

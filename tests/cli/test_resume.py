@@ -15,7 +15,7 @@ from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.pipeline import comparison_run, figures
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
-from spinfilters.pipeline.estimators import mekf
+from spinfilters.pipeline.estimator_entries import mekf
 from spinfilters.pipeline.setup import Setup
 from spinfilters.runs.checkpoint_store import CHECKPOINT_FILE, CheckpointInterval, checkpoint_stores
 from spinfilters.settings.run_settings import Settings

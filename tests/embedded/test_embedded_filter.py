@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from spinfilters.embedded.estimator import EmbeddedFilter
-from spinfilters.embedded.options import EmbedOptions
+from spinfilters.embedded.embedded_estimator import EmbeddedFilter
+from spinfilters.embedded.embedded_options import EmbedOptions
 from spinfilters.embedded.reference import OwnLandmark, ReferenceFilter
 from spinfilters.embedded.vectors import CALIBRATION, STD, make_vectors
 from spinfilters.estimators.estimator import Estimator, Measurement, UpdateReport
@@ -15,9 +15,9 @@ from spinfilters.estimators.filters.iterated_update import IterationOptions
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
-from spinfilters.models.sensors.pose import Pose, pose_parameters
-from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.gyro_model import Gyro, gyro_parameters
+from spinfilters.models.sensor_models.pose_model import Pose, pose_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.symbolic.c_library import compiler
 

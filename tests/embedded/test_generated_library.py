@@ -9,8 +9,8 @@ import casadi as ca
 import pytest
 
 from spinfilters.cli.main import main
+from spinfilters.embedded.embedded_options import EmbedOptions
 from spinfilters.embedded.library import library_texts
-from spinfilters.embedded.options import EmbedOptions
 
 GOLDEN = Path(__file__).parent / "golden"
 MAKE = shutil.which("make")

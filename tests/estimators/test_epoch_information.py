@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from spinfilters.estimators.model_errors.alternatives.clock import ClockJitter
+from spinfilters.estimators.model_errors.alternatives.clock_alternatives import ClockJitter
 from spinfilters.estimators.model_errors.epoch_information import information_by_epoch
 from spinfilters.estimators.model_errors.hypotheses import solved_near
 from spinfilters.estimators.model_errors.linear_rows import Columns

@@ -18,7 +18,7 @@ from spinfilters.estimators.robust.outlier_rejection import RobustOptions
 from spinfilters.estimators.run import run
 from spinfilters.estimators.timeline import Epoch
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
+from spinfilters.models.sensor_models.gyro_model import Gyro, gyro_parameters
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 from spinfilters.state.status import Verdict

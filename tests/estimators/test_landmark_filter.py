@@ -25,7 +25,7 @@ from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.evaluation.consistency import chi_square_band
 from spinfilters.models.landmark_sensor import LandmarkSensor
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
+from spinfilters.models.sensor_models.gyro_model import Gyro, gyro_parameters
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 

@@ -27,7 +27,7 @@ from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import Epoch
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensors.pose import Pose, pose_parameters
+from spinfilters.models.sensor_models.pose_model import Pose, pose_parameters
 from spinfilters.sensors.sensor import MotionSamples
 from spinfilters.simulation.scenario import Scenario
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout

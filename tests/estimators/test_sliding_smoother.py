@@ -28,7 +28,7 @@ from spinfilters.estimators.smoothing.window.window_policy import (
 )
 from spinfilters.estimators.timeline import Epoch, SensorNoise, build_timeline
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensors.pose import Pose, pose_parameters
+from spinfilters.models.sensor_models.pose_model import Pose, pose_parameters
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 

@@ -20,7 +20,7 @@ from spinfilters.estimators.smoothing.problem.least_squares import (
     Stage,
 )
 from spinfilters.estimators.timeline import Epoch
-from spinfilters.models.sensors.pose import Pose, pose_parameters
+from spinfilters.models.sensor_models.pose_model import Pose, pose_parameters
 
 STEP = 1e-6
 MOVING, CONSTANT = 12, 8

@@ -12,11 +12,11 @@ from rich.console import Console
 from spinfilters.attitude.conversions import quaternion_from_rotation_vector, rotate
 from spinfilters.errors import InputError
 from spinfilters.evaluation.comparison import comparison_table
-from spinfilters.evaluation.errors import Alignment
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
 from spinfilters.evaluation.formatting import with_uncertainty
 from spinfilters.evaluation.metrics import numbers
 from spinfilters.evaluation.rates import estimated_rates, true_rates
+from spinfilters.evaluation.trajectory_errors import Alignment
 
 TRUTH = sample_truth(np.random.default_rng(0), 40)
 HISTORY = consistent_history(TRUTH, np.random.default_rng(1))

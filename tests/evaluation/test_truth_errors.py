@@ -17,14 +17,14 @@ from spinfilters.data.truth import Truth
 from spinfilters.errors import InputError
 from spinfilters.evaluation.body import body_estimate
 from spinfilters.evaluation.consistency import true_states
-from spinfilters.evaluation.errors import (
+from spinfilters.evaluation.trajectory import Trajectory, trajectory_of
+from spinfilters.evaluation.trajectory_errors import (
     Alignment,
     attitude_alignment,
     body_errors,
     common_stamps,
     truth_errors,
 )
-from spinfilters.evaluation.trajectory import Trajectory, trajectory_of
 from spinfilters.state.gaussian import Gaussian
 
 TRUTH = sample_truth(np.random.default_rng(0), 12)

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.honest_cases import CASES, Case
-from experiments.honest_verdicts import LARGEST, Outcome, figure, outcomes_of, row_of
+from experiments.honest_cases import CASES, RecordingCase
+from experiments.honest_verdicts import LARGEST, VerdictOutcome, figure, outcomes_of, row_of
 from spinfilters.state.status import Verdict
 
 BY_NAME = {case.name: case for case in CASES}
@@ -26,13 +26,15 @@ def test_a_well_determined_motion_is_called_ok() -> None:
 
 
 def test_an_error_beyond_four_or_not_a_number_belies_ok_alone() -> None:
-    def outcome(verdict: Verdict, size: float) -> Outcome:
-        return Outcome("gyro rich", 0, "mekf", verdict, {"w": size, "moments": 0.1}, {"w": 1.0, "s": 1.0})
+    def outcome(verdict: Verdict, size: float) -> VerdictOutcome:
+        return VerdictOutcome(
+            "gyro rich", 0, "mekf", verdict, {"w": size, "moments": 0.1}, {"w": 1.0, "s": 1.0}
+        )
 
     assert not outcome(Verdict.OK, LARGEST).is_dishonest
     assert outcome(Verdict.OK, 1.01 * LARGEST).is_dishonest
     assert outcome(Verdict.OK, np.inf).is_dishonest
     assert not outcome(Verdict.DEGRADED, 2 * LARGEST).is_dishonest
-    assert "beyond 4" in row_of(Case("gyro rich"), [outcome(Verdict.OK, 5.0)])
-    drawn = figure([Case("gyro rich")], [outcome(Verdict.OK, 5.0)])
+    assert "beyond 4" in row_of(RecordingCase("gyro rich"), [outcome(Verdict.OK, 5.0)])
+    drawn = figure([RecordingCase("gyro rich")], [outcome(Verdict.OK, 5.0)])
     assert drawn.axes[0].get_yticklabels()[0].get_text() == "gyro rich"

@@ -2,16 +2,16 @@
 
 from dataclasses import replace
 
-from experiments.honesty import STUDIES, Outcome, SensorStudy, figure, is_told, lines_of
+from experiments.honesty import STUDIES, FaultOutcome, SensorStudy, figure, is_told, lines_of
 from spinfilters.campaigns.runner import Runner
 from spinfilters.campaigns.study import read_study, study_from
 from spinfilters.simulation.model_faults.faulty_recording import model_faults
 
 
-def outcome(fault: str, size: float, verdict: str, error: float, *named: str) -> Outcome:
+def outcome(fault: str, size: float, verdict: str, error: float, *named: str) -> FaultOutcome:
     """Of one run."""
     row = {"fault.model": fault, "fault.model_size": str(size), "noise.stated": "true", "outcome": "done"}
-    return Outcome.of(row | {"verdict": verdict, "worst_error": error, "model_errors": " ".join(named)})
+    return FaultOutcome.of(row | {"verdict": verdict, "worst_error": error, "model_errors": " ".join(named)})
 
 
 def study() -> SensorStudy:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from throws import FLIGHTS, INTERVAL, MOMENTS, Carried, carried
 
-from spinfilters.data.acceleration import Acceleration
+from spinfilters.data.accelerometer import Acceleration
 from spinfilters.flight.gyro_flights import gyro_flights
 from spinfilters.flight.momentum import inertia_tensor, momentum_change, rotation_history
 from spinfilters.flight.specific_force import unexplained_force

@@ -4,7 +4,7 @@ import numpy as np
 
 from spinfilters.live.answer import Answer
 from spinfilters.live.course import MOST_KEPT, CourseRecorder
-from spinfilters.live.summary import LiveSummary
+from spinfilters.live.live_summary import LiveSummary
 from spinfilters.live.terminal_view import answer_table
 from spinfilters.plots.live_course import live_figure
 from spinfilters.state.status import EstimatorStatus

@@ -16,11 +16,11 @@ from spinfilters.live.answer import Answer, json_line, tum_line
 from spinfilters.live.executive import Executive
 from spinfilters.live.filter_track import FilterTrack
 from spinfilters.live.line_format import ArrivedEpoch
-from spinfilters.live.options import LiveOptions, LiveSetup
+from spinfilters.live.live_options import LiveOptions, LiveSetup
 from spinfilters.live.rebase import HandOver
 from spinfilters.live.supervisor import SupervisionOptions
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
+from spinfilters.models.sensor_models.gyro_model import Gyro, gyro_parameters
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 from spinfilters.state.status import Verdict

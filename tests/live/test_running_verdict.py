@@ -14,7 +14,7 @@ from spinfilters.live.line_format import ArrivedEpoch
 from spinfilters.live.rebase import HandOver
 from spinfilters.live.running_verdict import FALSE_ALARM, WINDOW, RunningVerdict, chance
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensors.gyro import gyro_parameters
+from spinfilters.models.sensor_models.gyro_model import gyro_parameters
 from spinfilters.state.gaussian import Gaussian
 from tests.hostile.smoother_faults import INTERVAL, PSD, RATE_STD, motion
 from tests.live.test_executive import LAYOUT, MODEL, STD, executive, truth

@@ -5,9 +5,9 @@ import pytest
 from sensor_contract import check_sensor_contract
 
 from spinfilters.geometry.cameras import NEAREST_DEPTH
-from spinfilters.models.sensors.attitude import Attitude, attitude_parameters
-from spinfilters.models.sensors.monocular_landmark import MonocularLandmark, monocular_parameters
-from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.attitude_model import Attitude, attitude_parameters
+from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark, monocular_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
 FULL, POSE_ONLY = StateLayout(FULL_BLOCKS), StateLayout(("t", "a"))

@@ -9,7 +9,7 @@ from process_samples import LAYOUTS, random_point
 
 from spinfilters.errors import InputError, ShapeError
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 from spinfilters.symbolic import c_library
 

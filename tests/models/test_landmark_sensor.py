@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.state.layout import StateLayout
 
 LAYOUT = StateLayout(("t", "a"))

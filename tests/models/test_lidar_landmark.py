@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from sensor_contract import check_sensor_contract
 
-from spinfilters.models.sensors.lidar_landmark import NEAREST_RANGE, LidarLandmark, lidar_parameters
+from spinfilters.models.sensor_models.lidar_landmark import NEAREST_RANGE, LidarLandmark, lidar_parameters
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 FULL, POSE_ONLY = StateLayout(FULL_BLOCKS), StateLayout(("t", "a"))

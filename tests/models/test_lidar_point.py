@@ -13,7 +13,7 @@ from spinfilters.lidar.scan import Scan
 from spinfilters.lidar.scan_errors import LidarNoise
 from spinfilters.lidar.scanner import LidarSettings, Scanner
 from spinfilters.lidar.sequence import Initial, tumble_of
-from spinfilters.models.sensors.lidar_point import LidarPoint, lidar_point_parameters
+from spinfilters.models.sensor_models.lidar_point import LidarPoint, lidar_point_parameters
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 LAYOUT = StateLayout(FULL_BLOCKS)

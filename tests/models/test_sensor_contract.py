@@ -9,10 +9,10 @@ from sensor_contract import check_sensor_contract
 from spinfilters.attitude.expressions import Expression
 from spinfilters.geometry.cameras import NEAREST_DEPTH
 from spinfilters.models.measurement import MeasurementModel
+from spinfilters.models.sensor_models.gyro_model import Gyro, gyro_parameters
+from spinfilters.models.sensor_models.pose_model import Pose, pose_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.models.sensor_noise import CorrelatedNoise, IsotropicNoise, NoiseLevel, SensorNoiseModel
-from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
-from spinfilters.models.sensors.pose import Pose, pose_parameters
-from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 

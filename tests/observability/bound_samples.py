@@ -7,7 +7,7 @@ from observability.canonical_motions import CanonicalMotion, landmarks, point_of
 from observability.charts.filter_state import FilterChart
 from observability.rational import as_floats
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 LAYOUT = StateLayout(FULL_BLOCKS)

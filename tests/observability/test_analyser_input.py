@@ -19,7 +19,7 @@ from observability.system import Input, System, SystemSensor
 from observability.tape import tape_of
 from spinfilters.attitude.expressions import Expression
 from spinfilters.errors import InputError, ShapeError
-from spinfilters.models.sensors.gyro import Gyro
+from spinfilters.models.sensor_models.gyro_model import Gyro
 
 PRINCIPAL = PrincipalChart()
 

@@ -18,7 +18,7 @@ from observability.conditioning import (
 )
 from spinfilters.errors import InputError, ShapeError
 from spinfilters.models.process import ProcessNoise
-from spinfilters.plots.conditioning import conditioning_figure
+from spinfilters.plots.noise_conditioning import conditioning_figure
 
 STEPS = [10.0**k for k in range(-8, 9)]
 TUMBLE = np.array([0.05, 1.05, 0.05])

@@ -12,9 +12,9 @@ from observability.bounds.reference_trajectory import ReferenceTrajectory, Senso
 from observability.sensors import analysed
 from spinfilters.errors import InputError, ShapeError
 from spinfilters.models.process import ProcessNoise
-from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
-from spinfilters.models.sensors.monocular_landmark import MonocularLandmark, monocular_parameters
-from spinfilters.models.sensors.pose import Pose, pose_parameters
+from spinfilters.models.sensor_models.gyro_model import Gyro, gyro_parameters
+from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark, monocular_parameters
+from spinfilters.models.sensor_models.pose_model import Pose, pose_parameters
 
 QUIET = ProcessNoise(0.0, 0.0)
 WIDE = {"t": 0.1, "a": 0.1, "v": 0.1, "w": 0.1, "c": 0.1, "s": 0.3}

@@ -8,7 +8,7 @@ from observability.certificate import certify
 from observability.charts.filter_state import FilterChart
 from observability.rational import rationals
 from observability.system import System, SystemSensor
-from spinfilters.models.sensors.gyro import Gyro
+from spinfilters.models.sensor_models.gyro_model import Gyro
 from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 

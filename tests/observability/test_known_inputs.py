@@ -15,7 +15,7 @@ from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.errors import InputError
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
+from spinfilters.models.sensor_models.gyro_model import Gyro, gyro_parameters
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
 FULL, ROTATION = StateLayout(FULL_BLOCKS), StateLayout(ROTATION_BLOCKS)

@@ -14,9 +14,9 @@ from spinfilters.geometry.cameras import monocular_camera, stereo_pair
 from spinfilters.models.camera_pose import MOVING
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.process import ProcessNoise
+from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark, monocular_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.models.sensor_noise import IsotropicNoise
-from spinfilters.models.sensors.monocular_landmark import MonocularLandmark, monocular_parameters
-from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.simulation.inspector import circling
 
 FRAMES, INTERVAL = 25, 0.5

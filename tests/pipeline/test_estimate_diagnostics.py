@@ -5,7 +5,7 @@ from functools import cache
 
 import pytest
 
-from experiments.honest_cases import Case, recordings
+from experiments.honest_cases import RecordingCase, recordings
 from spinfilters.pipeline.estimate_diagnostics import (
     LEAST_EVIDENCE,
     agreement_diagnostics,
@@ -19,12 +19,14 @@ from spinfilters.settings.run_settings import ProcessSettings, Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 
 SETTINGS = Settings(estimators=("mekf", "smoother"))
-STEADY = Case("steady gyro", moments=(1.0, 0.7, 0.5), rate_rpm=(10.0, 0.0, 0.0), psd=1e-12, epochs=120)
-RICH = Case("rich gyro", rate_rpm=RICH_RPM, epochs=120)
+STEADY = RecordingCase(
+    "steady gyro", moments=(1.0, 0.7, 0.5), rate_rpm=(10.0, 0.0, 0.0), psd=1e-12, epochs=120
+)
+RICH = RecordingCase("rich gyro", rate_rpm=RICH_RPM, epochs=120)
 
 
 @cache
-def compared(case: Case, seed: int = 0) -> Comparison:
+def compared(case: RecordingCase, seed: int = 0) -> Comparison:
     """MEKF and smoother on a recording whose stated noise is true."""
     return compare_estimators(
         prepare(recordings(case, seed + 1)[seed].dataset, SETTINGS), SETTINGS, lambda *_: None
@@ -59,7 +61,7 @@ def test_nothing_is_smoothed_for_filters_that_began_from_a_well_known_motion() -
     assert reference_smoother([], replace(setup, initial=replace(setup.initial, departure=5.0)), SETTINGS)
 
 
-def evidence(case: Case, seed: int = 0) -> float:
+def evidence(case: RecordingCase, seed: int = 0) -> float:
     """Of a recording's inertia."""
     found = inertia_evidence(compared(case, seed).setup, SETTINGS)
     assert found is not None

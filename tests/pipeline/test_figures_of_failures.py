@@ -102,7 +102,7 @@ def test_a_picture_that_raises_is_replaced_by_a_note_and_the_others_are_drawn(
         raise InputError("principal_moments: Jxx = -1e-17 kg m^2 is not positive; give three that are")
 
     monkeypatch.setattr("spinfilters.plots.summary.summary_figure", singular)
-    monkeypatch.setattr("spinfilters.plots.consistency.consistency_figure", impossible)
+    monkeypatch.setattr("spinfilters.plots.consistency_bands.consistency_figure", impossible)
     replaced = notes(monkeypatch)
     drawn(comparisons["gyro"], tmp_path / "run", lambda history: history)
     assert [text.partition(":")[0] for text in replaced] == [

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from experiments.honest_cases import Case, recordings
+from experiments.honest_cases import RecordingCase, recordings
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.evaluation.noise_tests import MEASUREMENTS, FilterTests, NoiseTest, filter_tests
 from spinfilters.pipeline import noise_diagnostics, stated_levels
@@ -24,7 +24,7 @@ from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 
 SETTINGS = Settings(estimators=("mekf", "smoother"))
-POSE = Case("pose of noise tests", kind="pose", epochs=150)
+POSE = RecordingCase("pose of noise tests", kind="pose", epochs=150)
 
 
 @cache

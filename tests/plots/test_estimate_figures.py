@@ -29,11 +29,11 @@ from spinfilters.errors import InputError
 from spinfilters.evaluation.evaluation import evaluate
 from spinfilters.evaluation.flips import count_flips
 from spinfilters.evaluation.rates import BodyRates, estimated_rates, true_rates
-from spinfilters.plots.consistency import consistency_figure
+from spinfilters.plots.body_rates import rates_figure
+from spinfilters.plots.consistency_bands import consistency_figure
 from spinfilters.plots.error_bands import error_bands_figure
 from spinfilters.plots.inertia import inertia_figure
-from spinfilters.plots.polhode import estimated_polhode_figure
-from spinfilters.plots.rates import rates_figure
+from spinfilters.plots.polhode_on_ellipsoids import estimated_polhode_figure
 from spinfilters.plots.scene import DrawnCamera, scene_figure
 from spinfilters.plots.style import estimator_lines, save_figure
 from spinfilters.plots.summary import headline, summary_figure

@@ -18,7 +18,7 @@ from spinfilters.evaluation.trajectory import STD_COLUMNS, read_map_ply
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
 from spinfilters.pipeline.figure_entry import picture_files
 from spinfilters.pipeline.figures import FigureData, draw_run
-from spinfilters.pipeline.segments import run_segments
+from spinfilters.pipeline.segment_runs import run_segments
 from spinfilters.pipeline.setup import prepare
 from spinfilters.runs.history_file import read_history, write_history
 from spinfilters.runs.run_folder import write_run
@@ -210,7 +210,7 @@ def test_an_interrupt_between_estimators_keeps_the_finished_ones(monkeypatch: py
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("spinfilters.pipeline.estimators.ukf.MultiplicativeUkf", interrupted)
+    monkeypatch.setattr("spinfilters.pipeline.estimator_entries.ukf.MultiplicativeUkf", interrupted)
     comparison = compare_estimators(setup, settings, silent)
     assert comparison.interrupted
     assert [evaluation.name for evaluation in comparison.evaluations] == ["mekf"]

@@ -3,7 +3,7 @@
 import numpy as np
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
-from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.sensors.feature_tracks import RIG
 from spinfilters.state.layout import POSE_BLOCKS, StateLayout
 from spinfilters.tracks.map_noise import UncertainMatches

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from spinfilters.models.sensors.monocular_landmark import MonocularLandmark, monocular_parameters
+from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark, monocular_parameters
 from spinfilters.state.layout import StateLayout
 from spinfilters.tracks.perspective_poses import perspective_pose, three_point_poses
 

@@ -13,7 +13,7 @@ from spinfilters.attitude.conversions import (
     rotation_vector_from_quaternion,
 )
 from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.sensors.feature_tracks import RIG
 from spinfilters.state.layout import StateLayout
 from spinfilters.tracks.map_building import poses_without_map

@@ -18,7 +18,7 @@ from spinfilters.data.track_files import KnownMap
 from spinfilters.errors import InputError
 from spinfilters.geometry.absolute_orientation import absolute_orientation, rigid_motions
 from spinfilters.geometry.cameras import StereoPair
-from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.sensors.feature_tracks import RIG
 from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.state.layout import StateLayout

@@ -16,7 +16,7 @@ from spinfilters.attitude.conversions import (
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.geometry.cameras import StereoPair
-from spinfilters.models.sensors.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.sensors.feature_tracks import RIG
 from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.state.layout import StateLayout

@@ -11,8 +11,8 @@ import pyarrow as pa
 from matplotlib.figure import Figure
 
 from spinfilters.campaigns.campaign_folder import STUDY_FILE, read_folder
-from spinfilters.campaigns.report.figures import bound_figure, nees_figure, verdict_figure
-from spinfilters.campaigns.report.page import (
+from spinfilters.campaigns.report.report_figures import bound_figure, nees_figure, verdict_figure
+from spinfilters.campaigns.report.report_sections import (
     MOST_ROWS,
     asked_section,
     consistency_section,

@@ -196,4 +196,4 @@ def _triple(
     group.add_argument(name, type=number(allowed), nargs=3, metavar=tuple(metavar.split()), help=words)
 
 
-COMMANDS = (Command(35, add_lidar, "spinfilters.cli.lidar:lidar"),)
+COMMANDS = (Command(35, add_lidar, "spinfilters.cli.lidar_command:lidar"),)

@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.data.acceleration import Acceleration
+from spinfilters.data.accelerometer import Acceleration
 from spinfilters.data.dataset import DATASET_FILE, Dataset
 from spinfilters.data.dataset_reader import DatasetReader
 from spinfilters.data.input_file import MAX_TABLE_ROWS, path_text, printable, reason, require_file, value_text

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
 
-from spinfilters.lidar.thesis.features import (
+from spinfilters.lidar.thesis.scan_features import (
     BOUNDARY,
     EDGE,
     Parameters,

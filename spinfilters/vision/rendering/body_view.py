@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from spinfilters.vision.rendering.surface_texture import SurfaceTexture
-from spinfilters.vision.rendering.triangle_mesh import TriangleMesh
+from spinfilters.vision.rendering.triangle_mesh import BodyMesh
 from spinfilters.vision.rendering.visible_surface import VisibleSurface, visible_surface
 
 SHADOW_MAP = 512
@@ -30,7 +30,7 @@ class Appearance:
     ambient: light from everywhere, of the sun's.
     """
 
-    mesh: TriangleMesh
+    mesh: BodyMesh
     texture: SurfaceTexture = field(default_factory=SurfaceTexture)
     sun: tuple[float, float, float] = (-0.5, -0.6, -1.0)
     ambient: float = 0.12
@@ -111,7 +111,7 @@ def _shaded(
 
 
 def _shadowed(
-    mesh: TriangleMesh, points: Float[np.ndarray, "k 3"], sun: Float[np.ndarray, " 3"]
+    mesh: BodyMesh, points: Float[np.ndarray, "k 3"], sun: Float[np.ndarray, " 3"]
 ) -> Bool[np.ndarray, " k"]:
     """Whether surface points (frame g) are shadowed by the mesh.
 

@@ -22,7 +22,7 @@ SMOOTH_FACES: Final = 200
 
 
 @dataclass(frozen=True)
-class TriangleMesh:
+class BodyMesh:
     """Triangles whose corners run anticlockwise seen from outside.
 
     Attributes
@@ -48,16 +48,16 @@ class TriangleMesh:
             np.add.at(sums, self.faces[:, corner], areas)
         return _unit(sums)[self.faces]
 
-    def scaled_to(self, radius: float) -> "TriangleMesh":
+    def scaled_to(self, radius: float) -> "BodyMesh":
         """The mesh centred in its bounding box and scaled.
 
         The farthest vertex is at this distance from the centre, m.
         """
         centred = self.vertices - (self.vertices.max(axis=0) + self.vertices.min(axis=0)) / 2
-        return TriangleMesh(centred * (radius / np.linalg.norm(centred, axis=1).max()), self.faces)
+        return BodyMesh(centred * (radius / np.linalg.norm(centred, axis=1).max()), self.faces)
 
 
-def named_mesh(shape: str, radius: float) -> TriangleMesh:
+def named_mesh(shape: str, radius: float) -> BodyMesh:
     """A polyhedron of `POLYHEDRA`, or the mesh of a file.
 
     .obj, binary .stl, or a table of vertices and faces.
@@ -76,7 +76,7 @@ def named_mesh(shape: str, radius: float) -> TriangleMesh:
     require_file(path, LARGEST_MESH_FILE)
     try:
         vertices, faces = _READERS[path.suffix.lower()](path.read_bytes())
-        mesh = TriangleMesh(
+        mesh = BodyMesh(
             np.asarray(vertices, dtype=float).reshape(-1, 3), np.asarray(faces, dtype=np.int64).reshape(-1, 3)
         )
     except (ValueError, IndexError, struct.error):
@@ -87,7 +87,7 @@ def named_mesh(shape: str, radius: float) -> TriangleMesh:
     return _outward(mesh).scaled_to(radius)
 
 
-def _check(path: Path, mesh: TriangleMesh) -> None:
+def _check(path: Path, mesh: BodyMesh) -> None:
     count, faces = len(mesh.vertices), mesh.faces
     if not 4 <= len(faces) <= MOST_FACES or count < 4:
         raise InputError(
@@ -101,21 +101,21 @@ def _check(path: Path, mesh: TriangleMesh) -> None:
         raise InputError(f"{path_text(path)}: all vertices are at one place; export it again")
 
 
-def _outward(mesh: TriangleMesh) -> TriangleMesh:
+def _outward(mesh: BodyMesh) -> BodyMesh:
     """The mesh with positive volume."""
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     volume = np.einsum("fi,fi->", a, np.cross(b, c))
-    return mesh if volume >= 0 else TriangleMesh(mesh.vertices, mesh.faces[:, ::-1])
+    return mesh if volume >= 0 else BodyMesh(mesh.vertices, mesh.faces[:, ::-1])
 
 
-def _convex(points: Float[np.ndarray, "v 3"]) -> TriangleMesh:
+def _convex(points: Float[np.ndarray, "v 3"]) -> BodyMesh:
     """Convex hull of points around the origin."""
     hull = ConvexHull(points)
     faces = hull.simplices.astype(np.int64)
     a, b, c = (points[faces[:, k]] for k in range(3))
     inward = np.einsum("fi,fi->f", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
     faces[inward] = faces[inward][:, ::-1]
-    return TriangleMesh(points, faces)
+    return BodyMesh(points, faces)
 
 
 def _from_rows(data: bytes) -> tuple[list[list[float]], np.ndarray]:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import casadi as ca
 
+from spinfilters.embedded.embedded_options import EmbedOptions
 from spinfilters.embedded.library import library_texts
-from spinfilters.embedded.options import EmbedOptions
 
 HERE = Path(__file__).parent
 

@@ -6,7 +6,7 @@ import pytest
 from spinfilters.errors import InputError
 from spinfilters.vision.rendering.body_view import Appearance, View, body_image
 from spinfilters.vision.rendering.surface_texture import SurfaceTexture
-from spinfilters.vision.rendering.triangle_mesh import POLYHEDRA, TriangleMesh, named_mesh
+from spinfilters.vision.rendering.triangle_mesh import POLYHEDRA, BodyMesh, named_mesh
 
 K = np.array([[100.0, 0.0, 39.5], [0.0, 100.0, 29.5], [0.0, 0.0, 1.0]])
 VIEW = View(K, (60, 80), np.eye(3), np.zeros(3))
@@ -19,10 +19,10 @@ def _plate(side: float, z: float) -> tuple[np.ndarray, np.ndarray]:
     return np.column_stack([corners, np.full(4, z)]), np.array([[0, 2, 1], [0, 3, 2]])
 
 
-def _plates(*plates: tuple[float, float]) -> TriangleMesh:
+def _plates(*plates: tuple[float, float]) -> BodyMesh:
     vertices, faces = zip(*(_plate(*plate) for plate in plates), strict=True)
     shifted = [face + 4 * k for k, face in enumerate(faces)]
-    return TriangleMesh(np.concatenate(vertices), np.concatenate(shifted))
+    return BodyMesh(np.concatenate(vertices), np.concatenate(shifted))
 
 
 def test_depth_of_a_plate_is_its_distance_where_its_corners_project() -> None:

@@ -12,14 +12,16 @@ if TYPE_CHECKING:
 
 
 class PolhodeFigure(FigureEntry):
-    """See `spinfilters.plots.polhode`."""
+    """See `spinfilters.plots.polhode_on_ellipsoids`."""
 
     name, order = "polhode", 3
     caption = "Path of the body rate of the first estimator on its inertia ellipsoid."
 
     def draw(self, shown: "FigureData", name: str) -> "Figure":
         """Polhode of the first estimator's rates."""
-        from spinfilters.plots.polhode import estimated_polhode_figure  # matplotlib is slow to import
+        from spinfilters.plots.polhode_on_ellipsoids import (
+            estimated_polhode_figure,  # matplotlib is slow to import
+        )
 
         first = shown.evaluations[0]
         return estimated_polhode_figure(

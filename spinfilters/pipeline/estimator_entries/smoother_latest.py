@@ -6,7 +6,7 @@ What it says of each epoch when it comes.
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.smoothing.window.recursive_smoother import RecursiveSmoother
-from spinfilters.pipeline.estimators.smoother import BatchSmoother, SmootherEntry
+from spinfilters.pipeline.estimator_entries.smoother import BatchSmoother, SmootherEntry
 from spinfilters.pipeline.setup import Setup
 from spinfilters.settings.run_settings import Settings
 

@@ -17,15 +17,17 @@ LARGEST_MAP = 16_384
 
 
 class EmbeddedEntry(EstimatorEntry):
-    """See `spinfilters.embedded.estimator.EmbeddedFilter`."""
+    """See `spinfilters.embedded.embedded_estimator.EmbeddedFilter`."""
 
     name, order, real = "embedded", 5, "float"
     holds_landmarks = True
 
     def build(self, setup: Setup, settings: Settings) -> Estimator:
         """The embedded filter in compiled C. InputError: unfit sensors, no compiler."""
-        from spinfilters.embedded.estimator import EmbeddedFilter  # builds expressions, rarely asked for
-        from spinfilters.embedded.options import SENSORS, EmbedOptions
+        from spinfilters.embedded.embedded_estimator import (
+            EmbeddedFilter,  # builds expressions, rarely asked for
+        )
+        from spinfilters.embedded.embedded_options import SENSORS, EmbedOptions
 
         sensors = setup.dataset.log.sensors
         sensor = "stereo" if "stereo" in sensors else sensors[0]
@@ -42,7 +44,7 @@ class EmbeddedEntry(EstimatorEntry):
 
     def begin(self, estimator: Estimator, setup: Setup) -> None:
         """Start with the belief of the initialisation."""
-        from spinfilters.embedded.estimator import EmbeddedFilter
+        from spinfilters.embedded.embedded_estimator import EmbeddedFilter
 
         assert isinstance(estimator, EmbeddedFilter)
         estimator.start(setup.belief)
@@ -51,7 +53,7 @@ class EmbeddedEntry(EstimatorEntry):
         self, estimator: Estimator, history: EstimateHistory, setup: Setup
     ) -> Float[np.ndarray, "k 3"] | None:
         """Landmarks (k, 3), m, frame g, of the known or the estimated map."""
-        from spinfilters.embedded.estimator import EmbeddedFilter
+        from spinfilters.embedded.embedded_estimator import EmbeddedFilter
 
         assert isinstance(estimator, EmbeddedFilter)
         return setup.map_points if setup.dataset.known_map is not None else estimator.points

@@ -2,9 +2,9 @@
 
 from spinfilters.geometry.cameras import Monocular
 from spinfilters.models.camera_pose import RESTING, CameraPoseModel
+from spinfilters.models.sensor_models.camera_landmark import CameraLandmark
+from spinfilters.models.sensor_models.camera_landmark import camera_parameters as monocular_parameters
 from spinfilters.models.sensor_noise import SensorNoiseModel
-from spinfilters.models.sensors.camera_landmark import CameraLandmark
-from spinfilters.models.sensors.camera_landmark import camera_parameters as monocular_parameters
 from spinfilters.state.layout import StateLayout
 
 __all__ = ["MonocularLandmark", "monocular_parameters"]

@@ -6,7 +6,7 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.run import REHEARSED
 from spinfilters.estimators.smoothing.window.recursive_smoother import RecursiveSmoother
-from spinfilters.live.options import LiveSetup
+from spinfilters.live.live_options import LiveSetup
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.pipeline.estimator_entry import estimator_entries
 from spinfilters.pipeline.setup import Setup, camera_view, prepare

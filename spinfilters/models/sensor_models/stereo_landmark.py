@@ -4,9 +4,9 @@ from spinfilters.attitude.expressions import Expression, conjugate, rotate
 from spinfilters.geometry.cameras import StereoPair
 from spinfilters.models.camera_pose import RESTING, CameraPoseModel
 from spinfilters.models.landmark_sensor import LandmarkSensor
+from spinfilters.models.sensor_models.camera_landmark import CameraLandmark
+from spinfilters.models.sensor_models.camera_landmark import camera_parameters as stereo_parameters
 from spinfilters.models.sensor_noise import SensorNoiseModel
-from spinfilters.models.sensors.camera_landmark import CameraLandmark
-from spinfilters.models.sensors.camera_landmark import camera_parameters as stereo_parameters
 from spinfilters.state.layout import StateLayout
 
 __all__ = ["StereoLandmark", "stereo_parameters"]

@@ -10,8 +10,8 @@ from spinfilters.data.consider_parameter import ConsiderParameter
 from spinfilters.estimators.model_errors.alternative import Alternative
 from spinfilters.estimators.model_errors.linear_rows import Columns
 from spinfilters.estimators.model_errors.smoothed_motion import MeasuredRows, SmoothedMotion
-from spinfilters.models.sensors.monocular_landmark import MonocularLandmark
-from spinfilters.models.sensors.stereo_landmark import StereoLandmark
+from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
 from spinfilters.sensors.calibration import baseline, focal_length, principal_point
 
 CALIBRATION: Final = 3

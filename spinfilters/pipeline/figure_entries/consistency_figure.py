@@ -11,14 +11,14 @@ if TYPE_CHECKING:
 
 
 class ConsistencyFigure(FigureEntry):
-    """See `spinfilters.plots.consistency`."""
+    """See `spinfilters.plots.consistency_bands`."""
 
     name, order = "consistency", 5
     caption = "NEES and NIS of every estimator with their chi-square bands."
 
     def draw(self, shown: "FigureData", name: str) -> "Figure":
         """NEES, NIS and their bands over time."""
-        from spinfilters.plots.consistency import consistency_figure  # matplotlib is slow to import
+        from spinfilters.plots.consistency_bands import consistency_figure  # matplotlib is slow to import
 
         return consistency_figure(shown.evaluations)
 

@@ -1,6 +1,6 @@
 """The embedded filter's C in double: what float costs is the difference."""
 
-from spinfilters.pipeline.estimators.embedded import EmbeddedEntry
+from spinfilters.pipeline.estimator_entries.embedded import EmbeddedEntry
 
 
 class EmbeddedDoubleEntry(EmbeddedEntry):

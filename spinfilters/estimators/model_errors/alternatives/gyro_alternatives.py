@@ -9,7 +9,7 @@ from jaxtyping import Float
 from spinfilters.estimators.model_errors.alternative import Alternative
 from spinfilters.estimators.model_errors.linear_rows import Columns
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
-from spinfilters.models.sensors.gyro import Gyro
+from spinfilters.models.sensor_models.gyro_model import Gyro
 from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
 from spinfilters.state.blocks.gyro_scale import GYRO_SCALE
 

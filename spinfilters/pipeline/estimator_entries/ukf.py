@@ -1,7 +1,7 @@
 """The multiplicative UKF."""
 
 from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
-from spinfilters.pipeline.estimators.mekf import MultiplicativeEntry
+from spinfilters.pipeline.estimator_entries.mekf import MultiplicativeEntry
 from spinfilters.pipeline.setup import Setup
 from spinfilters.settings.run_settings import Settings
 

@@ -15,7 +15,7 @@ from scipy.stats import chi2
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
-from spinfilters.estimators.model_errors.alternatives.acceleration import ConstantAcceleration
+from spinfilters.estimators.model_errors.alternatives.acceleration_alternative import ConstantAcceleration
 from spinfilters.pipeline.model_errors import minus_twice_log_evidence, tested_about
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.blocks.acceleration import ACCELERATION

@@ -13,14 +13,14 @@ if TYPE_CHECKING:
 
 
 class RatesFigure(FigureEntry):
-    """See `spinfilters.plots.rates`."""
+    """See `spinfilters.plots.body_rates`."""
 
     name, order = "rates", 1
     caption = "Body rates of every estimator over time, beside the true or measured ones."
 
     def draw(self, shown: "FigureData", name: str) -> "Figure":
         """Body rates of all estimators and of the truth."""
-        from spinfilters.plots.rates import rates_figure  # matplotlib is slow to import
+        from spinfilters.plots.body_rates import rates_figure  # matplotlib is slow to import
 
         estimates = [estimated_rates(each.history) for each in shown.evaluations]
         return rates_figure(

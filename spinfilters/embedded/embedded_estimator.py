@@ -5,9 +5,9 @@ import ctypes
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinfilters.embedded.embedded_options import EmbedOptions
 from spinfilters.embedded.library import load_filter
 from spinfilters.embedded.map_slots import MapSlots
-from spinfilters.embedded.options import EmbedOptions
 from spinfilters.embedded.structures import (
     NEW,
     USED,
