@@ -15,7 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import minimize, minimize_scalar
+from scipy.optimize import minimize_scalar
 
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.errors import InputError, ShapeError
@@ -129,21 +129,6 @@ def jacobi_scaling(covariance: Float[np.ndarray, "n n"]) -> Float[np.ndarray, " 
             f"variances {variances.tolist()} must be positive and finite; leave out what no noise reaches"
         )
     return np.sqrt(variances)
-
-
-def optimal_scaling(covariance: Float[np.ndarray, "n n"]) -> Float[np.ndarray, " n"]:
-    """Divisors of least condition number found from Jacobi's.
-
-    Those are within a factor n of it (van der Sluis 1969).
-    """
-    jacobi = jacobi_scaling(covariance)
-    correlation = scaled(covariance, jacobi)
-
-    def badness(logarithms: Float[np.ndarray, " n"]) -> float:
-        return float(np.log(condition_number(scaled(correlation, np.exp(logarithms)))))
-
-    found = minimize(badness, np.zeros(len(jacobi)), method="Powell", options={"xtol": 1e-8, "ftol": 1e-10})
-    return jacobi * np.exp(found.x) if found.fun < badness(np.zeros(len(jacobi))) else jacobi
 
 
 def scaled(

@@ -15,8 +15,7 @@ from observability.system import System
 from observability.tape import evaluate
 
 ORDERS = 22
-"""With steps that turn by at most `STEP_ANGLE` the first term left out is below 1e-16 of the state."""
-STEP_ANGLE = 0.6
+"""With steps that turn by at most 0.6 rad the first term left out is below 1e-16 of the state."""
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
@@ -17,7 +16,6 @@ from spinfilters.vision.rendering.imaging import Imaging
 from spinfilters.vision.rendering.surface_texture import SurfaceTexture
 from spinfilters.vision.rendering.triangle_mesh import named_mesh
 
-IMAGE_KIND: Final = "stereo-images"
 _FOCAL_PX, _BASELINE_M = 466.7, 0.09
 _SIZE = (640, 480)
 

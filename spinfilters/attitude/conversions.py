@@ -59,27 +59,9 @@ def quaternion_from_mrp(a: Vectors) -> Quaternions:
 def mrp_from_quaternion(q: Quaternions) -> Vectors:
     """4 x MRP of the short way round, |a| <= 4.
 
-    `shadow_mrp` gives the long way (Tweddle 2013, Eq. 2.34).
+    Tweddle 2013, Eq. 2.34.
     """
     return _numeric(expressions.short_mrp_from_quaternion, 4)(_unit("q", q))[0]
-
-
-def shadow_mrp(a: Vectors) -> Vectors:
-    """The other 4 x MRP of the same attitude, -16 a / |a|^2.
-
-    InputError at a = 0 (infinite shadow).
-    """
-    return _numeric(expressions.shadow_mrp, 3)(_nonzero_mrp(a))[0]
-
-
-def shadow_mrp_covariance(a: Vectors, P: Matrices) -> Matrices:
-    """First-order covariance J P J' of the shadow of a 4 x MRP.
-
-    Mean a and covariance P (rad^2).
-    """
-    P = _finite("P", P, 3, 3)
-    (J,) = _numeric(expressions.shadow_mrp_jacobian, 3)(_nonzero_mrp(a))
-    return J @ P @ np.swapaxes(J, -1, -2)
 
 
 def quaternion_from_rotation_vector(r: Vectors) -> Quaternions:
@@ -92,21 +74,6 @@ def rotation_vector_from_quaternion(q: Quaternions) -> Vectors:
     return _numeric(expressions.rotation_vector_from_quaternion, 4)(_unit("q", q))[0]
 
 
-def quaternion_from_axis_angle(axis: Vectors, angle: Angles | float) -> Quaternions:
-    """Quaternion of the rotation by ``angle`` rad about the unit vector ``axis``."""
-    angle = _finite("angle", angle)[..., np.newaxis]
-    return _numeric(expressions.quaternion_from_axis_angle, 3, 1)(_unit("axis", axis, 3), angle)[0]
-
-
-def axis_angle_from_quaternion(q: Quaternions) -> tuple[Vectors, Angles]:
-    """Unit axis and angle in [0, pi] rad of the short way round.
-
-    No rotation has axis x and angle 0.
-    """
-    axis, angle = _numeric(expressions.axis_angle_from_quaternion, 4)(_unit("q", q))
-    return axis, angle[..., 0]
-
-
 def quaternion_from_euler321(angles: Vectors) -> Quaternions:
     """q_ib of yaw, pitch and roll [psi, theta, phi], rad.
 
@@ -114,14 +81,6 @@ def quaternion_from_euler321(angles: Vectors) -> Quaternions:
     R_ib maps body to inertial: Tweddle 2013, Eq. 2.14, transposed, which is printed inertial to body.
     """
     return _numeric(expressions.quaternion_from_euler321, 3)(_finite("angles", angles, 3))[0]
-
-
-def euler321_from_quaternion(q: Quaternions) -> Vectors:
-    """Yaw, pitch and roll [psi, theta, phi] of q_ib, rad.
-
-    |psi|, |phi| <= pi, |theta| <= pi/2; roll phi is 0 in gimbal lock.
-    """
-    return _numeric(expressions.euler321_from_quaternion, 4)(_unit("q", q))[0]
 
 
 def multiply(q: Quaternions, p: Quaternions) -> Quaternions:
@@ -221,18 +180,11 @@ def _finite(name: str, value: np.ndarray | float, *trailing: int) -> np.ndarray:
     return array
 
 
-def _unit(name: str, value: np.ndarray, size: int = 4) -> np.ndarray:
-    array = _finite(name, value, size)
+def _unit(name: str, value: np.ndarray) -> np.ndarray:
+    array = _finite(name, value, 4)
     norm = np.linalg.norm(array, axis=-1, keepdims=True)
     _require(np.abs(norm[..., 0] - 1) <= UNIT_TOLERANCE, name, array, "is not of unit norm; normalise it")
     return array / norm
-
-
-def _nonzero_mrp(a: np.ndarray) -> np.ndarray:
-    a = _finite("a", a, 3)
-    square = np.einsum("...i,...i->...", a, a)
-    _require(square >= expressions.SMALLEST_SQUARE, "a", a, "is zero, so its shadow is at infinity")
-    return a
 
 
 def _require(good: np.ndarray, name: str, value: np.ndarray, complaint: str) -> None:

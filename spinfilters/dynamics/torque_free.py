@@ -67,20 +67,6 @@ def torque_free_motion(
     return TorqueFreeMotion(time, attitude, rate.reshape(*time.shape, 3) * scale)
 
 
-def polhode_period(principal_moments: Float[np.ndarray, "3"], rate0: Float[np.ndarray, "3"]) -> float:
-    """Time in s after which the rate returns, 4 K / lambda.
-
-    Infinite on the separatrix and for rates that stay fixed. A polhode about an axis of symmetry, a
-    circle, has the period of the nutation.
-    """
-    moments = validate_principal_moments(principal_moments)
-    moments, rate0, scale = _scaled(moments, finite_vector(rate0, 3, "rate0", "rad/s"))
-    if is_fixed_rate(moments, rate0):
-        return float("inf")
-    rates = euler_rates(moments, rate0)
-    return 4.0 * rates.shape.modulus.quarter_period / abs(rates.frequency * scale)
-
-
 def _scaled(
     moments: Float[np.ndarray, "3"], rate: Float[np.ndarray, "3"]
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"], float]:

@@ -52,7 +52,7 @@ class MapChange:
 
 @dataclass(frozen=True)
 class UpdateReport:
-    """What an update did.
+    """Innovation, degrees of freedom and outcome of an update.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class UpdateReport:
 
 
 class ProcessModel(Protocol):
-    """What a filter asks of a process: see `spinfilters.models.process.TorqueFreeProcess`."""
+    """Process model of a filter, as `spinfilters.models.process.TorqueFreeProcess`."""
 
     @property
     def layout(self) -> StateLayout:

@@ -21,7 +21,7 @@ from spinfilters.state.layout import StateLayout
 
 @dataclass(frozen=True, slots=True)
 class Epoch:
-    """Everything measured at one instant (s)."""
+    """All measurements of one instant (s)."""
 
     time: float
     measurements: tuple[Measurement, ...]

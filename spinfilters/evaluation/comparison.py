@@ -184,7 +184,7 @@ def _rms_row(
 
 
 def _nees(span: Callable[[Column], SpanErrors | None], block: str | None = None) -> Cell:
-    """Of a block, or of the whole state."""
+    """NEES per degree of freedom of a block or the state."""
 
     def cell(column: Column) -> str | None:
         found = span(column)

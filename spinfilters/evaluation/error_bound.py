@@ -32,11 +32,11 @@ class ErrorBound:
 
     @property
     def rms(self) -> RmsErrors:
-        """Over all epochs of the errors."""
+        """Root mean square of the bound over all epochs of the errors."""
         return self.over(self.rows)
 
     def over(self, rows: Int[np.ndarray, " n"]) -> RmsErrors:
-        """Over some epochs of the trajectory."""
+        """Root mean square of the bound over some epochs."""
         bound, position, velocity = self.trajectory, None, None
         if bound.sees_position:
             position = root_mean_square(bound.std_position[rows])

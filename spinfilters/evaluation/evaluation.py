@@ -58,7 +58,7 @@ class Evaluation:
 
     @property
     def name(self) -> str:
-        """Of the estimator."""
+        """Name of the estimator."""
         return self.history.name
 
     @property
@@ -96,7 +96,7 @@ class Evaluation:
         return None if exact else trajectory_of(without_calibration(self.history))
 
     def with_fields(self, **changes: Any) -> "Evaluation":
-        """With other errors; what has been made of the history stays."""
+        """This evaluation with other errors; what was derived stays."""
         changed = replace(self, **changes)
         for name in ("body", "constants", "deviation_parts"):
             if name in self.__dict__:
@@ -104,7 +104,7 @@ class Evaluation:
         return changed
 
     def with_status(self, status: EstimatorStatus) -> "Evaluation":
-        """With another status of the same history."""
+        """This evaluation with another status."""
         return self.with_fields(history=replace(self.history, status=status))
 
     @property

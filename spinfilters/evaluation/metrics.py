@@ -97,7 +97,7 @@ def _span_numbers(span: SpanErrors | None) -> dict[str, Any] | None:
 
 
 def _bound_numbers(bound: ErrorBound, own: SpanErrors | None, late: SpanErrors | None) -> dict[str, Any]:
-    """Under the names of the errors."""
+    """Numbers of the bound under the names of the errors."""
     return {
         **_rms_numbers("rms", None if own is None else own.bound),
         **_rms_numbers("rms_second_half", None if late is None else late.bound),

@@ -70,7 +70,7 @@ class NoiseTest:
 
 @dataclass(frozen=True)
 class FilterTests:
-    """Of one filter's own epochs.
+    """Chi-square tests over one filter's own epochs.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class FilterTests:
 
     @property
     def autocorrelation(self) -> float:
-        """Of corrections of neighbouring epochs."""
+        """Autocorrelation of the corrections of neighbouring epochs."""
         return self.correlation / self.length if self.length > 0 else 0.0
 
 

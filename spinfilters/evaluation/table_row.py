@@ -15,7 +15,7 @@ DEGREE: Final = float(np.deg2rad(1.0))
 
 @dataclass(frozen=True)
 class Column:
-    """What a column of the table is filled from.
+    """Source of the cells of one column.
 
     Attributes
     ----------

@@ -61,7 +61,7 @@ class Trajectory:
         return np.asarray(np.isfinite(motion).all(axis=1))
 
     def at(self, rows: Int[np.ndarray, " k"]) -> "Trajectory":
-        """Some of its epochs."""
+        """The trajectory at some epochs."""
         arrays = {name: values[rows] for name, values in vars(self).items() if isinstance(values, np.ndarray)}
         return replace(self, **arrays)
 

@@ -19,7 +19,7 @@ TIME_TOLERANCE: Final[float] = 1e-6
 
 
 class Alignment(StrEnum):
-    """What is removed before the estimate is compared."""
+    """Transformation removed before the estimate is compared."""
 
     NONE = "none"
     BODY_FRAME = "body frame"
@@ -69,7 +69,7 @@ class TruthErrors:
 
     @property
     def rms(self) -> RmsErrors:
-        """Over all common stamps."""
+        """Root mean square errors over all common stamps."""
         position = None if self.position is None else root_mean_square(self.position)
         velocity = None if self.velocity is None else root_mean_square(self.velocity)
         return RmsErrors(position, root_mean_square(self.attitude), velocity, root_mean_square(self.rate))
@@ -226,7 +226,7 @@ def common_stamps(
 
 
 def root_mean_square(error: Float[np.ndarray, "n 3"]) -> float:
-    """Of the lengths."""
+    """Root mean square length of vectors."""
     return float(np.sqrt(np.mean(np.square(error).sum(axis=1))))
 
 

@@ -19,7 +19,7 @@ NOT_IDENTICAL = "Estimators on the same recording, each on the observations that
 
 @dataclass(frozen=True)
 class ObservationUse:
-    """What became of the observations of some epochs.
+    """Numbers of used and unused observations of some epochs.
 
     Attributes
     ----------

@@ -42,14 +42,14 @@ UNKNOWN: Final = (
 
 @dataclass(frozen=True)
 class CalibrationErrors:
-    """Of one run."""
+    """Effect of calibration errors on one run."""
 
     setup: Setup
     settings: Settings
 
     @property
     def considered(self) -> tuple[ConsideredDeviation, ...]:
-        """Those that are not zero."""
+        """Considered deviations that are not zero."""
         return tuple(each for each in self.setup.calibration if each.std > 0)
 
     def counted(self, history: EstimateHistory, entry: AnyEntry) -> EstimateHistory:
@@ -149,7 +149,7 @@ class CalibrationErrors:
 
     @cached_property
     def _initialisation(self) -> Sensitivity | None:
-        """Of the initialisation; nothing of one that was given."""
+        """Sensitivity of the initialisation; none of one that was given."""
         initial = self.setup.initial
         if self.setup.is_given:
             count = sum(each.parameter.size for each in self.considered)
@@ -160,7 +160,7 @@ class CalibrationErrors:
     def _sensitivity(
         self, epochs: Timeline, trajectory: Float[np.ndarray, "k m"], ids: Int[np.ndarray, " L"] | None = None
     ) -> Sensitivity | None:
-        """Of epochs smoothed together."""
+        """Sensitivity of epochs smoothed together."""
         problem = linear_problem(self.setup, epochs, ids)
         solved = solved_near(problem, trajectory, landmarks_placed(problem, trajectory))
         return (

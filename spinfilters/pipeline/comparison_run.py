@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RunOutput:
-    """Where a run is written.
+    """Run folder and what is written there.
 
     Attributes
     ----------

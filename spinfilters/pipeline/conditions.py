@@ -43,7 +43,7 @@ class StatedNoise:
 
     @property
     def document(self) -> dict[str, Any]:
-        """As summary.json holds it."""
+        """The noise as summary.json holds it."""
         return {**self.level, "unit": self.unit}
 
     @property
@@ -52,7 +52,7 @@ class StatedNoise:
         return {"value": self.value, "std": self.std, "upper": self.upper, "source": self.source}
 
     def identified(self, found: Sequence[VarianceComponent]) -> "StatedNoise":
-        """As it was identified, if it is among these."""
+        """The noise as identified, where it is among these."""
         own = next((each for each in found if each.name == self.name), None)
         if own is None:
             return self
@@ -73,7 +73,7 @@ class StatedNoise:
 
 @dataclass(frozen=True)
 class Conditions:
-    """See the module.
+    """Conditions under which the numbers of a run hold.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ class Conditions:
 
     @property
     def document(self) -> dict[str, Any]:
-        """As summary.json holds it."""
+        """The conditions as summary.json holds them."""
         noise = (*self.sensors, *self.disturbances)
         return {
             "map": self.map,
@@ -123,7 +123,7 @@ class Conditions:
 
 
 def conditions_of(setup: Setup) -> Conditions:
-    """Of a prepared data set."""
+    """Conditions of a prepared data set."""
     dataset, known = setup.dataset, setup.dataset.known_map
     sees = any(sensor_format(sensor).has_landmarks for sensor in dataset.log.sensors)
     seen = None if not sees else "unknown" if known is None else "known"

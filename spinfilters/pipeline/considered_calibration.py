@@ -3,15 +3,12 @@
 Settings first, then the data set's own, then priors.
 """
 
-from typing import Final
-
 from spinfilters.data.consider_parameter import ConsideredDeviation, consider_parameters
 from spinfilters.data.dataset import Dataset
 from spinfilters.settings.run_settings import AUTO, Settings
 from spinfilters.state.layout import StateLayout
 
 STATED, PRIOR = "stated", "prior"
-NOTHING_CONSIDERED: Final[tuple[ConsideredDeviation, ...]] = ()
 
 
 def considered_deviations(

@@ -134,7 +134,7 @@ def _empty_epochs(history: EstimateHistory, false_alarm: float) -> list[str]:
 
 
 def _disagreements(evaluation: Evaluation, others: Sequence[Evaluation]) -> list[str]:
-    """With every other estimator that has not failed."""
+    """Disagreements with every other estimator that has not failed."""
     reasons = []
     for other in others:
         if other.name == evaluation.name or other.history.status.verdict is Verdict.FAILED:

@@ -23,7 +23,7 @@ from spinfilters.settings.run_settings import Settings
 
 @dataclass(frozen=True)
 class Doubts:
-    """Of one run.
+    """Doubts about the estimators of one run.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class Doubts:
         return []
 
     def _agreement_of(self, evaluation: Evaluation) -> list[str]:
-        """With the smoother, asked once of a filter."""
+        """Agreement with the smoother, asked once of a filter."""
         if evaluation.name not in self._agreements:
             self._agreements[evaluation.name] = agreement_diagnostics(evaluation, self.smoother)
         return self._agreements[evaluation.name]

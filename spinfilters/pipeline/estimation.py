@@ -50,7 +50,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class ComparisonExtent:
-    """What a comparison does beside running and judging.
+    """Optional work of a comparison besides estimation and diagnostics.
 
     Attributes
     ----------

@@ -94,5 +94,5 @@ def estimator_entries() -> dict[str, AnyEntry]:
 
 
 def estimator_names() -> tuple[str, ...]:
-    """Of all estimators."""
+    """Names of all estimators."""
     return tuple(estimator_entries())

@@ -40,7 +40,7 @@ class Explanation:
 
     @property
     def sentence(self) -> str:
-        """What came out, in one line."""
+        """The result in one line."""
         keys = ", ".join(
             f"{table}.{key} = {value}" for table, own in self.settings.items() for key, value in own.items()
         )
@@ -67,7 +67,7 @@ class Explanation:
 
     @property
     def document(self) -> dict[str, Any]:
-        """For the file."""
+        """The explanation as its file holds it."""
         evaluation, block = self.evaluation, self.alternative.block
         found = None if evaluation is None or block is None else evaluation.constants.get(block.name)
         status = None if evaluation is None else evaluation.history.status

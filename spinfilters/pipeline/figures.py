@@ -31,7 +31,7 @@ from spinfilters.state.status import Verdict
 
 @dataclass(frozen=True)
 class FigureData:
-    """What the figures show.
+    """Data of all figures of a run.
 
     Evaluations of one data set, the landmarks (k, 3) if any, and sentences on its conditions.
     """
@@ -68,14 +68,14 @@ class FigureData:
 
     @classmethod
     def from_comparison(cls, comparison: Comparison) -> "FigureData":
-        """Of a run that has just ended."""
+        """Figure data of a run that has just ended."""
         setup, first = comparison.setup, comparison.evaluations[0].name
         conditions = conditions_of(setup).sentences
         return cls(setup.dataset, comparison.evaluations, comparison.maps.get(first), conditions)
 
     @classmethod
     def from_folder(cls, folder: Path) -> "FigureData":
-        """Of a run folder.
+        """Figure data of a run folder.
 
         Raises
         ------

@@ -25,7 +25,7 @@ LEADING_EPOCHS = 16
 
 @dataclass(frozen=True)
 class FirstEpochs:
-    """Those of a data set, with models and noise.
+    """First epochs of a data set, with models and noise.
 
     Attributes
     ----------

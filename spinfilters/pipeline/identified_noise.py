@@ -130,7 +130,7 @@ def _identified(made: NoisyModels, unstated: Unstated, from_residuals: bool) -> 
 
 
 def _expected(made: NoisyModels, found: Identified) -> tuple[TorqueFreeProcess, SensorNoise]:
-    """What estimators are told of the levels."""
+    """Process and sensor noise at the expected levels."""
     densities = {each.name: each.expected for each in found.components if each.is_density}
     stds = {each.name: each.expected for each in found.components if not each.is_density}
     process = made.process.with_noise(replace(made.process.noise, **densities))

@@ -96,12 +96,12 @@ class TestedModels:
 
     @property
     def largest_p_value(self) -> float:
-        """Of a test that is beyond chance."""
+        """Largest p-value at which a test is beyond chance."""
         return FALSE_ALARM / max(len(self.tests), 1)
 
     @property
     def named(self) -> tuple[ScoreTest, ...]:
-        """Those in the verdict, the likeliest first."""
+        """Score tests in the verdict, the likeliest first."""
         return tuple(each for own in self.classes for each in own)
 
     def _matters(self, test: ScoreTest, beyond: float) -> bool:
@@ -144,7 +144,7 @@ NOT_TESTED: Final = TestedModels()
 
 
 def _phrases(alike: Sequence[ScoreTest]) -> str:
-    """Of errors that the data do not tell apart."""
+    """Phrases for errors that the data do not tell apart."""
     return " or, which looks alike, ".join(map(_phrase, alike))
 
 

@@ -33,7 +33,7 @@ class PlottedQuantity:
 
 
 def _rates(rates: BodyRates) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
-    """Of estimates, which have a covariance."""
+    """Body rates of estimates, with covariance."""
     std = rates.std
     assert std is not None
     return rates.rate, std

@@ -47,7 +47,7 @@ class PooledMoments:
 
     @property
     def sentence(self) -> str:
-        """It in words."""
+        """The pooled ratios in words."""
         (first, second), (first_std, second_std) = self.ratios, self.std
         words = f"pooled J1/J3 {first:.4f} ± {first_std:.4f}, J2/J3 {second:.4f} ± {second_std:.4f}"
         if not self.degrees:
@@ -59,7 +59,7 @@ class PooledMoments:
 
     @property
     def document(self) -> dict[str, Any]:
-        """It for segments.json."""
+        """The pooled ratios as segments.json holds them."""
         return {
             "ratios": self.ratios.tolist(),
             "std": self.std.tolist(),

@@ -93,7 +93,7 @@ def read_predictions(folder: Path, histories: Sequence[EstimateHistory]) -> list
 
 
 def _sound(histories: Sequence[EstimateHistory]) -> list[EstimateHistory]:
-    """Those that did not fail."""
+    """Evaluations that did not fail."""
     return [history for history in histories if history.status.verdict is not Verdict.FAILED]
 
 
@@ -154,7 +154,7 @@ def _predicted_motion(
 
 
 def _cut(history: EstimateHistory, rows: slice) -> EstimateHistory:
-    """Some epochs of a history."""
+    """A history cut to some epochs."""
     beliefs = GrowingHistory(history.layout, float(history.time[0]))
     for k in range(*rows.indices(len(history.time))):
         beliefs.append(float(history.time[k]), history.belief(k), [], 0.0)

@@ -49,7 +49,7 @@ SAME_TIME_S: Final = 1e-6
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """What was made of a run.
+    """Files and numbers of a run's dense model.
 
     Attributes
     ----------

@@ -25,7 +25,7 @@ _NUMBER = re.compile(r"[0-9]{1,9}")
 
 @dataclass(frozen=True)
 class SegmentChoice:
-    """What ``--segment`` says.
+    """Segments chosen by ``--segment``.
 
     Attributes
     ----------

@@ -51,7 +51,7 @@ WHOLE_RECORDING = 400
 
 @dataclass(frozen=True)
 class Setup:
-    """What every estimator of a run shares.
+    """Models, timeline and initialisation shared by all estimators of a run.
 
     Attributes
     ----------

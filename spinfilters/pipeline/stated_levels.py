@@ -98,7 +98,7 @@ class _Levels:
 
     @cached_property
     def doubts(self) -> list[str]:
-        """See the module's function."""
+        """Sentences about the levels that the data contradict most."""
         tests = level_tests(self.model, self.trajectory, self.points)
         unstated = self.setup.unstated - self.by_rows.keys()
         white = self.setup.gyro_noise is None  # what is correlated is told as white noise that weighs as much

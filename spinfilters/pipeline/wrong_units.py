@@ -43,7 +43,7 @@ class WrongUnit:
 
     @property
     def reason(self) -> str:
-        """For doubt."""
+        """Reason for doubt, with what to do."""
         return f"{self.sentence}: {self.cure}"
 
 

@@ -42,18 +42,3 @@ def disparity_map(
     found = matcher.compute(*padded)[:, count:].astype(float) / 16
     found[found < smallest] = np.nan
     return found
-
-
-def with_occlusions(disparity: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
-    """The disparity map with occluded pixels filled.
-
-    Only the left camera sees them: they lie behind, at the smaller disparity beside them on the row.
-    """
-    found = np.isfinite(disparity)
-    columns = np.arange(disparity.shape[1])
-    before = np.maximum.accumulate(np.where(found, columns, -1), axis=1)
-    after = np.minimum.accumulate(np.where(found, columns, disparity.shape[1])[:, ::-1], axis=1)[:, ::-1]
-    padded = np.pad(disparity, ((0, 0), (1, 1)), constant_values=np.inf)
-    rows = np.arange(len(disparity))[:, None]
-    smaller = np.fmin(padded[rows, before + 1], padded[rows, after + 1])
-    return np.where(found, disparity, np.where(np.isfinite(smaller), smaller, np.nan))

@@ -157,8 +157,9 @@ def _scaled(P: np.ndarray, reference: np.ndarray) -> np.ndarray:
     return P / std / std[:, None]
 
 
-def _same(found: np.ndarray, expected: np.ndarray) -> None:
-    np.testing.assert_allclose(_scaled(found, expected), _scaled(expected, expected), atol=TOLERANCE)
+def _apart(found: np.ndarray, expected: np.ndarray) -> float:
+    """Largest difference of two covariances in the expected deviations."""
+    return float(np.abs(_scaled(found, expected) - _scaled(expected, expected)).max())
 
 
 @pytest.mark.parametrize("loss", LOSSES, ids=str)
@@ -200,7 +201,7 @@ def test_the_promised_fall_of_the_cost_is_that_of_the_dense_problem(loss: Robust
 def test_the_covariance_of_every_epoch_is_that_of_the_dense_problem(loss: RobustLoss) -> None:
     dense = _dense(loss)
     for k, factor in enumerate(Marginals(_solution(loss), None).factors):
-        _same(factor @ factor.T, dense.covariance[np.ix_(dense.epoch(k), dense.epoch(k))])
+        assert _apart(factor @ factor.T, dense.covariance[np.ix_(dense.epoch(k), dense.epoch(k))]) < TOLERANCE
         assert not np.triu(factor, 1).any()
 
 
@@ -213,7 +214,7 @@ def test_the_covariance_of_landmarks_is_that_of_the_dense_problem() -> None:
     )
     for covariance, k in zip(found, (6, 2, 9), strict=True):
         at = first + 3 * k + np.arange(3)
-        _same(covariance, dense.covariance[np.ix_(at, at)])
+        assert _apart(covariance, dense.covariance[np.ix_(at, at)]) < TOLERANCE
 
 
 def test_epochs_and_landmarks_are_correlated_as_in_the_dense_problem() -> None:
@@ -232,5 +233,5 @@ def test_epochs_and_landmarks_are_correlated_as_in_the_dense_problem() -> None:
 def test_the_factor_of_the_newest_epoch_alone_is_the_same(loss: RobustLoss) -> None:
     factor = latest_factor(_solution(loss))
     every = Marginals(_solution(loss), None).factors[-1]
-    _same(factor @ factor.T, every @ every.T)
+    assert _apart(factor @ factor.T, every @ every.T) < TOLERANCE
     assert not np.triu(factor, 1).any()

@@ -5,11 +5,16 @@ import numpy as np
 import pytest
 from sensor_contract import check_sensor_contract
 
-from spinfilters.models.sensor_models.lidar_landmark import NEAREST_RANGE, LidarLandmark, lidar_parameters
+from spinfilters.models.sensor_models.lidar_landmark import NEAREST_RANGE, LidarLandmark
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 FULL, POSE_ONLY = StateLayout(FULL_BLOCKS), StateLayout(("t", "a"))
 RANGE_STD, ANGLE_STD = 0.01, 0.002
+
+
+def _parameters(points: np.ndarray) -> np.ndarray:
+    """Of points (frame g, m) for a lidar with these deviations."""
+    return np.concatenate([points, np.tile([RANGE_STD, ANGLE_STD], (len(points), 1))], axis=1)
 
 
 def _point(layout: StateLayout, seed: int) -> np.ndarray:
@@ -24,9 +29,7 @@ def _point(layout: StateLayout, seed: int) -> np.ndarray:
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_lidar_keeps_the_contract(layout: StateLayout, seed: int) -> None:
     points = 0.1 * np.random.default_rng(2).uniform(-1, 1, (5, 3))
-    check_sensor_contract(
-        LidarLandmark(layout), _point(layout, seed), lidar_parameters(points, RANGE_STD, ANGLE_STD)
-    )
+    check_sensor_contract(LidarLandmark(layout), _point(layout, seed), _parameters(points))
 
 
 @pytest.mark.parametrize("azimuth", [-2.0, 0.0, 0.7, 3.1])
@@ -45,7 +48,7 @@ def test_its_noise_is_that_of_range_azimuth_and_elevation(azimuth: float, elevat
         ca.DM(
             model.noise_factor(
                 POSE_ONLY.unpack(ca.DM(POSE_ONLY.origin())),
-                ca.DM(lidar_parameters(z.T, RANGE_STD, ANGLE_STD)[0]),
+                ca.DM(_parameters(z.T)[0]),
             )
         )
     )
@@ -58,7 +61,7 @@ def test_its_noise_is_that_of_range_azimuth_and_elevation(azimuth: float, elevat
 def test_a_point_at_the_lidar_is_not_valid_one_behind_it_is_and_both_stay_finite(
     distance: float, valid: bool
 ) -> None:
-    parameters = lidar_parameters(np.array([[0.0, 0.0, distance]]), RANGE_STD, ANGLE_STD)
+    parameters = _parameters(np.array([[0.0, 0.0, distance]]))
     about = LidarLandmark(POSE_ONLY).linearise(POSE_ONLY.origin(), parameters, np.zeros((1, 3)))
     assert about.valid[0] == valid
     assert np.isfinite(about.jacobian).all()

@@ -11,7 +11,6 @@ from observability.conditioning import (
     double_integrator_covariance,
     jacobi_scaling,
     noise_covariance,
-    optimal_scaling,
     scaled,
     suggest_scaling,
     whitening_matrix,
@@ -58,16 +57,6 @@ def test_whitening_is_right_to_rounding_at_every_step(dt: float, size: int) -> N
     covariance = double_integrator_covariance(dt) if size == 2 else noise_covariance(dt, np.zeros(3))
     whitening = whitening_matrix(covariance)
     np.testing.assert_allclose(whitening @ covariance @ whitening.T, np.eye(size), atol=1e-14)
-
-
-@pytest.mark.parametrize("dt", [0.1, 0.5, 2.0])
-def test_the_optimal_scaling_of_a_rotating_body_beats_jacobis_and_both_beat_none(dt: float) -> None:
-    covariance = noise_covariance(dt, TUMBLE)
-    plain, jacobi, best = (
-        condition_number(scaled(covariance, divisors))
-        for divisors in (np.ones(12), jacobi_scaling(covariance), optimal_scaling(covariance))
-    )
-    assert BEST_CONDITION - 1e-6 < best < jacobi < plain
 
 
 def test_a_condition_number_beyond_double_precision_is_still_right() -> None:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from analyser_samples import CHARTS, EULER, LOG_RATIOS, MOTIONS, TUMBLE, Z_SPIN, stereo_system
+from float_rank import float_rank
 
 from observability import sensors
 from observability.canonical_motions import landmarks, motion, point_of
@@ -10,7 +11,6 @@ from observability.certificate import Certificate, certify
 from observability.charts.chart import Chart
 from observability.charts.principal import RATIOS, PrincipalChart
 from observability.charts.tensor import TensorChart
-from observability.float_rank import float_rank
 from observability.rational import rationals
 from observability.system import Input, System, SystemSensor
 

@@ -4,6 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from analyser_samples import CHARTS, EULER, MOTIONS, TUMBLE, Z_SPIN, stereo_system
+from float_rank import float_rank
 
 from observability import sensors
 from observability.canonical_motions import CANONICAL_MOTIONS, landmarks, point_of
@@ -13,7 +14,6 @@ from observability.charts.principal import PrincipalChart
 from observability.codistribution import codistribution
 from observability.elimination import FIELD
 from observability.explanation import explained, tangent_symmetries
-from observability.float_rank import float_rank
 from observability.rational import as_floats, rationals
 from observability.simulation import Trajectories, simulate
 from observability.symmetries.candidates import candidates

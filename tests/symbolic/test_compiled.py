@@ -166,7 +166,7 @@ def test_more_batch_sizes_than_are_remembered_all_work() -> None:
 def _everything(q: ca.SX, r: ca.SX) -> list[ca.SX]:
     p = expressions.product(q, expressions.quaternion_from_rotation_vector(r))
     derivative = ca.jacobian(expressions.rotation_vector_from_quaternion(p), r)
-    return [p, expressions.euler321_from_quaternion(p), derivative, expressions.angle_between(q, p)]
+    return [p, expressions.mrp_from_quaternion(p), derivative, expressions.angle_between(q, p)]
 
 
 def test_c_rounds_like_the_virtual_machine(c_compiler: str) -> None:

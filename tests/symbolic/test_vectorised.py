@@ -179,20 +179,24 @@ def _matrices() -> ca.Function:
     return ca.Function("matrix_lanes", [A, v], [A @ v, A @ ca.diag(v)])
 
 
-def _columns_of_matrices(vectorised: Vectorised) -> None:
+def _columns_of_matrices() -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+    """A v and A diag(v) as found, and as expected."""
     generator = np.random.default_rng(2)
     A, v = generator.standard_normal((5, 2, 3)), generator.standard_normal((5, 3))
-    product, scaled = vectorised(A.swapaxes(1, 2).reshape(5, 6).copy(), v, rows=(None, None))
-    np.testing.assert_allclose(product, np.einsum("kij,kj->ki", A, v), rtol=1e-14, atol=1e-15)
-    np.testing.assert_array_equal(scaled, (A * v[:, None]).swapaxes(1, 2).reshape(5, 6))
+    found = Vectorised(_matrices())(A.swapaxes(1, 2).reshape(5, 6).copy(), v, rows=(None, None))
+    return found, (np.einsum("kij,kj->ki", A, v), (A * v[:, None]).swapaxes(1, 2).reshape(5, 6))
 
 
 def test_matrices_go_in_and_come_out_column_by_column() -> None:
-    _columns_of_matrices(Vectorised(_matrices()))
+    (product, scaled), expected = _columns_of_matrices()
+    np.testing.assert_allclose(product, expected[0], rtol=1e-14, atol=1e-15)
+    np.testing.assert_array_equal(scaled, expected[1])
 
 
 def test_matrices_go_in_and_come_out_column_by_column_without_a_compiler(no_compiler: None) -> None:
-    _columns_of_matrices(Vectorised(_matrices()))
+    (product, scaled), expected = _columns_of_matrices()
+    np.testing.assert_allclose(product, expected[0], rtol=1e-14, atol=1e-15)
+    np.testing.assert_array_equal(scaled, expected[1])
 
 
 def _pendulum() -> tuple[ca.Function, ca.Function, ca.Function]:
@@ -221,16 +225,18 @@ def _folded(angle: np.ndarray, p: np.ndarray, each: np.ndarray) -> tuple[np.ndar
 EACH = np.array([[0.1, 0.0], [0.2, 0.1], [0.05, -0.3], [0.3, 0.0], [0.1, 0.2]])
 
 
-def _same(found: tuple[np.ndarray, ...], expected: tuple[np.ndarray, ...]) -> None:
-    for one, other in zip(found, expected, strict=True):
-        np.testing.assert_array_equal(one, other)
+def _same(found: tuple[np.ndarray, ...], expected: tuple[np.ndarray, ...]) -> bool:
+    """Whether both are as many arrays, equal to the bit."""
+    return all(np.array_equal(one, other) for one, other in zip(found, expected, strict=True))
 
 
 @pytest.mark.parametrize("turns", [0, 1, 5])
 @pytest.mark.parametrize("count", [1, 8, 13])
 def test_a_fold_is_its_functions_one_after_the_other_to_the_bit(count: int, turns: int) -> None:
     arguments = _swinging(count)
-    _same(VectorisedScan(*_pendulum())(*arguments, each=EACH[:turns]), _folded(*arguments, EACH[:turns]))
+    assert _same(
+        VectorisedScan(*_pendulum())(*arguments, each=EACH[:turns]), _folded(*arguments, EACH[:turns])
+    )
 
 
 def test_a_fold_of_nothing_gives_nothing() -> None:
@@ -241,12 +247,12 @@ def test_a_fold_leaves_its_arguments_alone() -> None:
     angle, p = _swinging(3)
     before = angle.copy(), p.copy()
     VectorisedScan(*_pendulum())(angle, p, each=EACH)
-    _same((angle, p), before)
+    assert _same((angle, p), before)
 
 
 def test_a_column_of_a_fold_may_be_the_same_for_all_items() -> None:
     angle, p = _swinging(11)
-    _same(
+    assert _same(
         VectorisedScan(*_pendulum())(angle, p[:1], each=EACH),
         VectorisedScan(*_pendulum())(angle, np.tile(p[:1], (11, 1)), each=EACH),
     )
@@ -266,13 +272,13 @@ def test_numbers_that_do_not_fit_the_turns_of_a_fold_are_refused(shape: tuple[in
 
 def test_without_a_compiler_a_fold_gives_the_same_bits(no_compiler: None) -> None:
     arguments = _swinging(5)
-    _same(VectorisedScan(*_pendulum())(*arguments, each=EACH), _folded(*arguments, EACH))
+    assert _same(VectorisedScan(*_pendulum())(*arguments, each=EACH), _folded(*arguments, EACH))
 
 
 def test_a_fold_survives_pickling() -> None:
     scan, arguments = VectorisedScan(*_pendulum()), _swinging(3)
     before = scan(*arguments, each=EACH)
-    _same(pickle.loads(pickle.dumps(scan))(*arguments, each=EACH), before)
+    assert _same(pickle.loads(pickle.dumps(scan))(*arguments, each=EACH), before)
 
 
 def test_vectorised_functions_are_compiled_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from spinfilters.data.sensor_yaml import read_sensor_file
 from spinfilters.errors import InputError
 from spinfilters.vision.calibration_check import checks, measured_board
 from spinfilters.vision.calibration_images import Board, BoardView, board_views, image_pairs
-from spinfilters.vision.disparity import disparity_map, with_occlusions
+from spinfilters.vision.disparity import disparity_map
 from spinfilters.vision.loss_count import LossCount
 from spinfilters.vision.raw_rig import RawRig, camera_text, raw_camera, read_raw_rig, write_raw_rig
 from spinfilters.vision.stereo_calibration import StereoCalibration, calibrate_stereo
@@ -182,18 +182,16 @@ def test_rig_answers_as_the_thesis_does(capsys: pytest.CaptureFixture[str]) -> N
     assert "42 m" in said
 
 
-def test_disparity_of_a_shifted_texture_is_the_shift_and_holes_get_the_background() -> None:
+def test_disparity_of_a_shifted_texture_is_the_shift() -> None:
     generator = np.random.default_rng(0)
     texture = cv2.GaussianBlur(generator.integers(0, 255, (60, 160)).astype(np.uint8), (0, 0), 1.0)
     left, right = np.ascontiguousarray(texture[:, :140]), np.ascontiguousarray(texture[:, 9:149])
     found = disparity_map(left, right, 31)
     assert np.nanmedian(found) == pytest.approx(9.0, abs=0.1)
-    holes = np.array([[np.nan, 5.0, np.nan, np.nan, 2.0, np.nan]])
-    np.testing.assert_array_equal(with_occlusions(holes), [[5, 5, 2, 2, 2, 2]])
 
 
 def test_real_disparity_is_within_two_pixels_of_the_truth(shared_data) -> None:
-    """A quarter of the images of the Aloe; the whole of them: 92.0 % with occluded pixels filled."""
+    """A quarter of the images of the Aloe, where both cameras see."""
     folder = shared_data("opencv_aloe")
     left, right, truth = (
         cv2.imread(str(folder / name), cv2.IMREAD_GRAYSCALE)
@@ -203,6 +201,7 @@ def test_real_disparity_is_within_two_pixels_of_the_truth(shared_data) -> None:
     assert right is not None
     assert truth is not None
     part = np.s_[400:560]
-    found = with_occlusions(disparity_map(left[part], right[part], 224))
-    known = truth[part] > 0
+    found = disparity_map(left[part], right[part], 224)
+    known = (truth[part] > 0) & np.isfinite(found)
+    assert known.mean() > 0.6
     assert (np.abs(found - truth[part])[known] <= 2).mean() >= 0.85

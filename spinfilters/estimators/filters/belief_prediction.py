@@ -36,7 +36,7 @@ class Prediction:
     factor: Float[np.ndarray, "k n n"]
 
     def belief(self, index: int) -> Gaussian:
-        """At the time of this index."""
+        """The predicted belief at the time of this index."""
         return Gaussian(self.layout, self.mean[index], self.factor[index])
 
 

@@ -104,7 +104,7 @@ class CompiledUpdate:
         return self._taken(made, used * self._dim) if used else None
 
     def _taken(self, made: Float[np.ndarray, " k"], dof: int) -> Update:
-        """What `Made` of the C text holds."""
+        """Result of a compiled update, read from its structure `Made`."""
         n, begin = self._size, 3 + 2 * self._size
         nis, log_noise, log_root = float(made[0]), float(made[1]), float(made[begin - 1])
         factor, root, reset = made[begin : begin + 3 * n * n].reshape(3, n, n)

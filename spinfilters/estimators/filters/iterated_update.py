@@ -25,7 +25,7 @@ HALVINGS = 6
 
 @dataclass(frozen=True)
 class IterationOptions:
-    """How an update iterates.
+    """Options of an iterated update.
 
     Attributes
     ----------

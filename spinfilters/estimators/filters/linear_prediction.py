@@ -92,30 +92,6 @@ def linear_rows(measurement: Measurement, x: Float[np.ndarray, " m"]) -> Lineari
     return rows if np.count_nonzero(keep) == len(keep) else rows.only(keep)
 
 
-def linear_prediction(
-    measurement: Measurement,
-    x: Float[np.ndarray, " m"],
-    factor: Float[np.ndarray, "n r"],
-    error: Float[np.ndarray, " n"] | None = None,
-) -> tuple[MeasurementPrediction, int]:
-    """Whitened prediction linearised at ``x``, with its usable values counted.
-
-    Usable are valid and finite ones.
-
-    Parameters
-    ----------
-    factor: covariance factor of the error about ``x``.   error: its mean, None for zero.
-    """
-    rows = linear_rows(measurement, x)
-    used = len(rows.innovation)
-    return (rows.predicted(factor, error), used) if used else nothing_usable(factor)
-
-
-def nothing_usable(factor: Float[np.ndarray, "n n"]) -> tuple[MeasurementPrediction, int]:
-    """The prediction of a measurement none of whose values is valid."""
-    return MeasurementPrediction(np.zeros(0), np.zeros((0, factor.shape[1])), factor, 0.0, 0, 0.0), 0
-
-
 def usable(values: Float[np.ndarray, "k r"], valid: Bool[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
     """Where an innovation is valid and finite."""
     if np.count_nonzero(np.isfinite(values)) == values.size:  # the usual case, in a third of the time

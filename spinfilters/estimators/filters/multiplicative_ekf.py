@@ -224,12 +224,12 @@ class IteratedUpdate:
 
     @property
     def _rows(self) -> Float[np.ndarray, "n N"]:
-        """Of the state."""
+        """Rows of the covariance factor that belong to the state."""
         return self.factor[: self.layout.error_dim]
 
     @cached_property
     def _weighing(self) -> Float[np.ndarray, "k d d"]:
-        """What whitens a residual and gives it its weight."""
+        """Whitening matrix of a residual times the square root of its weight."""
         m, root = self.rows.measurement, self.rows.root_weights
         whitening = m.model.whitening(self.mean, m.parameters)
         return whitening if root is None else whitening * root[:, np.newaxis, np.newaxis]

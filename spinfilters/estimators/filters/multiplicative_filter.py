@@ -237,7 +237,7 @@ class MultiplicativeFilter(Estimator):
 
     @abstractmethod
     def _solved(self, observations: MapObservations, guard: SensorOutlierRejection) -> SolvedObservations:
-        """What observations of landmarks say."""
+        """Solved observations of landmarks."""
 
 
 def propagated(

@@ -47,7 +47,7 @@ HORIZON = NumberRange(1, 1e9, "updates", zero=True)
 
 @dataclass(frozen=True)
 class AdaptationOptions:
-    """How fast noise follows what is seen.
+    """Options of noise adaptation: how fast it follows the innovations.
 
     Attributes
     ----------
@@ -150,7 +150,7 @@ class NoiseAdaptation:
         self._predictions = 0
 
     def measurement_scale(self, sensor: str) -> float:
-        """Of the sensor's noise covariance; 1 without adaptation."""
+        """Scale of the sensor's noise covariance; 1 without adaptation."""
         return self._scale(f"sensor.{sensor}")
 
     def process_scale(self, source: str) -> float:

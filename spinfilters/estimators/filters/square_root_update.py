@@ -46,7 +46,7 @@ class MeasurementPrediction:
 
 @dataclass(frozen=True)
 class Correction:
-    """What a measurement says.
+    """Correction of mean and covariance by a measurement.
 
     Attributes
     ----------

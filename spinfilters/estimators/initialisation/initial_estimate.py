@@ -61,7 +61,7 @@ class InitialEstimate:
 
     @classmethod
     def failed(cls, layout: StateLayout, epochs: int, reason: str) -> "InitialEstimate":
-        """Of epochs whose numbers lead nowhere: nothing is finite."""
+        """Failed estimate of epochs whose numbers lead nowhere: nothing is finite."""
         mean = np.full((epochs, layout.mean_dim), np.nan)
         prior = FirstStatePrior(mean[0], np.full(layout.error_dim, np.nan))
         factor = np.full((epochs, layout.error_dim, layout.error_dim), np.nan)
@@ -85,7 +85,7 @@ class InitialEstimate:
 
     @property
     def belief(self) -> Gaussian:
-        """Of the state at the last epoch."""
+        """Belief of the state at the last epoch."""
         return Gaussian(self.layout, self.mean[-1], self.factor[-1])
 
     def hits(self, ids: Int[np.ndarray, " q"]) -> Int[np.ndarray, " q"]:

@@ -58,7 +58,7 @@ class InitialisableProcess(ProcessModel, Protocol):
 
 @dataclass(frozen=True)
 class SmoothingOptions:
-    """How the first epochs are smoothed.
+    """Options of the smoothing of the first epochs.
 
     Attributes
     ----------

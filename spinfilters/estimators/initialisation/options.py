@@ -22,7 +22,7 @@ _MAY_BE_ZERO = (GYRO_BIAS.prior_option, GYRO_SCALE.prior_option)
 
 @dataclass(frozen=True)
 class InitialisationOptions:
-    """How a start is made.
+    """Options of the initialisation.
 
     Attributes
     ----------

@@ -63,7 +63,7 @@ def _library(modes: int, precision: str) -> ctypes.PyDLL | None:
 
 
 class CompiledSteps:
-    """See `reference.NumpySteps`, which says what is computed."""
+    """Landmark steps in C, as `reference.NumpySteps` defines them."""
 
     def __init__(self, library: ctypes.PyDLL, modes: int, precision: str) -> None:
         self._c, self._modes, self._kept = library, modes, np.dtype(precision)

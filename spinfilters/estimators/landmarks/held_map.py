@@ -43,7 +43,7 @@ class HeldMap:
 
     @classmethod
     def empty(cls, options: LandmarkOptions) -> "HeldMap":
-        """Without a landmark."""
+        """A map without a landmark."""
         return cls(LandmarkMap(options.modes, options.precision), options)
 
     @classmethod
@@ -58,7 +58,7 @@ class HeldMap:
 
     @property
     def ids(self) -> Int[np.ndarray, " k"]:
-        """Of the landmarks, in the map's order."""
+        """Ids of the landmarks, in the map's order."""
         return self.landmarks.ids[: len(self.landmarks)].copy()
 
     def has_move(self, factor: Float[np.ndarray, "N N"], layout: StateLayout) -> bool:
@@ -68,7 +68,7 @@ class HeldMap:
     def belief(
         self, layout: StateLayout, mean: Float[np.ndarray, " m"], factor: Float[np.ndarray, "N N"]
     ) -> LandmarkBelief:
-        """Everything, brought up to date in copies."""
+        """Belief of state and landmarks, brought up to date in copies."""
         now, rows = LandmarkMap.restored(self.landmarks.snapshot()), np.arange(len(self.landmarks))
         now.refresh(rows)
         modes, roots = now.modes[rows].astype(float), now.roots[rows].astype(float)

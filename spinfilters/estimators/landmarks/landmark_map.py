@@ -35,7 +35,7 @@ FIELDS = ("ids", "points", "modes", "roots", "epoch", "hits", "wrong", "last")
 
 @dataclass(frozen=True)
 class LandmarkOptions:
-    """How a filter holds landmarks.
+    """Options of a filter with landmarks.
 
     Attributes
     ----------

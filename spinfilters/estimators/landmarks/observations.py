@@ -39,17 +39,17 @@ class MapObservations:
 
     @cached_property
     def points(self) -> Float[np.ndarray, "k 3"]:
-        """Of the landmarks, m."""
+        """Points of the observed landmarks, m."""
         return self.landmarks.points[self.at]
 
     @cached_property
     def modes(self) -> Float[np.ndarray, "k 3 r"]:
-        """Of the landmarks."""
+        """Modes of the observed landmarks."""
         return self.landmarks.modes[self.at].astype(float)
 
     @cached_property
     def roots(self) -> Float[np.ndarray, "k 3 3"]:
-        """Of the landmarks' own covariances."""
+        """Square roots of the observed landmarks' own covariances."""
         return self.landmarks.roots[self.at].astype(float)
 
     def rows_at(
@@ -67,7 +67,7 @@ class MapObservations:
 
 
 class SolvedObservations(NamedTuple):
-    """What observations say.
+    """Solution of an update by observations of landmarks.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class SolvedObservations(NamedTuple):
 
     @property
     def coordinates(self) -> Float[np.ndarray, " N"]:
-        """Of the correction, as `length`."""
+        """Coordinates of the correction, as `length` measures it."""
         return self.correction.coordinates
 
     def length(self, step: Float[np.ndarray, " N"]) -> float:

@@ -32,7 +32,7 @@ class Regression:
     factor: Float[np.ndarray, "N N"]
 
     def rows(self, options: SigmaPointOptions) -> LinearisedObservations:
-        """What `MapObservations.rows_at` gives, by regression."""
+        """Rows of `MapObservations.rows_at` by statistical regression."""
         o, n = self.observations, self.observations.layout.error_dim
         pose, modes = self.factor[o.sensor.columns], self.factor[n : n + o.landmarks.rank]
         s = last_nonzero(pose)
@@ -45,7 +45,7 @@ class Regression:
 
 @dataclass(frozen=True)
 class Spread:
-    """What sigma points move.
+    """States and landmarks moved by sigma points.
 
     Attributes
     ----------

@@ -80,7 +80,7 @@ class WhitenedLandmarks:
 
 
 class NewModes(NamedTuple):
-    """Next modes by the old ones.
+    """Next modes as combinations of the old ones.
 
     (x, m) = kept m' + dropped f, m' and f of unit covariance.
 
@@ -96,12 +96,12 @@ class NewModes(NamedTuple):
 
     @property
     def kept(self) -> Float[np.ndarray, "q r"]:
-        """What stays shared."""
+        """Combinations that stay shared."""
         return self.turned[:, : len(self.rows)]
 
     @property
     def dropped(self) -> Float[np.ndarray, "q c"]:
-        """What becomes every landmark's own."""
+        """Combinations that become every landmark's own."""
         return self.turned[:, len(self.rows) :]
 
 

@@ -93,7 +93,7 @@ def solved_near(
 
 @dataclass(frozen=True)
 class KnownLevels:
-    """What is known of noise levels before the tests.
+    """Noise levels known before the tests, with their uncertainty.
 
     Attributes
     ----------

@@ -39,7 +39,7 @@ class Columns:
 
     @property
     def count(self) -> int:
-        """Of right-hand sides."""
+        """Number of right-hand sides."""
         return self.steps.shape[2]
 
     @property
@@ -74,7 +74,7 @@ class Columns:
         return Columns(sensors, self.steps - other.steps, seen, self.prior - other.prior)
 
     def part(self, columns: slice) -> "Columns":
-        """Some of them."""
+        """Some of the right-hand sides."""
         seen = None if self.observations is None else self.observations[:, :, columns]
         sensors = tuple(part[:, :, columns] for part in self.sensors)
         return Columns(sensors, self.steps[:, :, columns], seen, self.prior[:, columns])

@@ -52,7 +52,7 @@ class Effect(NamedTuple):
 
 @dataclass(frozen=True)
 class ScoreTest:
-    """What one model error explains.
+    """Score test of one model error.
 
     Attributes
     ----------

@@ -84,7 +84,7 @@ class SmoothedMotion:
 
     @cached_property
     def inertia(self) -> Float[np.ndarray, "3 3"]:
-        """Up to scale, g axes."""
+        """Inertia up to scale, g axes."""
         return inertia_matrix(self.block(MASS_DISTRIBUTION.name)[0])
 
     @cached_property

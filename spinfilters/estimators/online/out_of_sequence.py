@@ -23,7 +23,7 @@ from spinfilters.state.status import EstimatorStatus
 
 
 class Outcome(StrEnum):
-    """What became of a measurement."""
+    """Outcome of an out-of-sequence measurement."""
 
     TAKEN = "taken"
     """In, as the latest."""
@@ -39,7 +39,7 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True)
 class OutOfSequenceResult:
-    """What became of a measurement.
+    """Outcome of a measurement, with the epochs done again.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ class OutOfSequenceUpdates:
 
     @property
     def time(self) -> float:
-        """Of the latest epoch, s."""
+        """Time of the latest epoch, s."""
         return self._time
 
     @property
@@ -110,17 +110,17 @@ class OutOfSequenceUpdates:
 
     @property
     def counts(self) -> dict[Outcome, int]:
-        """How many measurements came to each outcome."""
+        """Number of measurements by outcome."""
         return dict(self._counts)
 
     @property
     def kept_epochs(self) -> int:
-        """How many epochs can be gone back to."""
+        """Number of epochs that late measurements can go back to."""
         return len(self._epochs)
 
     @property
     def replayed_epochs(self) -> int:
-        """How many epochs were done again because of late measurements."""
+        """Number of epochs done again because of late measurements."""
         return self._replayed
 
     @property

@@ -35,7 +35,7 @@ Deviations = Callable[[Bool[np.ndarray, " k"]], Float[np.ndarray, "s d r"]]
 
 @dataclass(frozen=True)
 class RobustOptions:
-    """How values that disagree with the prediction are treated.
+    """Options of outlier rejection.
 
     Attributes
     ----------

@@ -1,8 +1,6 @@
 """A known point of the body seen by a lidar: range, azimuth and elevation."""
 
 import casadi as ca
-import numpy as np
-from jaxtyping import Float
 
 from spinfilters.attitude.expressions import Expression, rotate
 from spinfilters.models.measurement import MeasurementModel
@@ -44,10 +42,3 @@ class LidarLandmark(MeasurementModel):
         """Positive beyond the nearest range."""
         p = self.symbolic(state, parameters)
         return ca.dot(p, p) - NEAREST_RANGE**2
-
-
-def lidar_parameters(
-    points: Float[np.ndarray, "count 3"], range_std: float, angle_std: float
-) -> Float[np.ndarray, "count 5"]:
-    """Parameters of points (frame g, m) for a lidar with these standard deviations, m and rad."""
-    return np.concatenate([points, np.tile([range_std, angle_std], (len(points), 1))], axis=1)

@@ -17,7 +17,7 @@ LARGEST_MAP = 16_384
 
 
 class EmbeddedEntry(EstimatorEntry):
-    """See `spinfilters.embedded.embedded_estimator.EmbeddedFilter`."""
+    """Table entry of `spinfilters.embedded.embedded_estimator.EmbeddedFilter`."""
 
     name, order, real = "embedded", 5, "float"
     holds_landmarks = True

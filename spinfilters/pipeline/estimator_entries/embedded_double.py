@@ -4,7 +4,7 @@ from spinfilters.pipeline.estimator_entries.embedded import EmbeddedEntry
 
 
 class EmbeddedDoubleEntry(EmbeddedEntry):
-    """See `EmbeddedEntry`."""
+    """Table entry of the embedded filter in double precision."""
 
     name, order, real = "embedded-double", 6, "double"
 

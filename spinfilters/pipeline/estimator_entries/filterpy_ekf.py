@@ -7,7 +7,7 @@ from spinfilters.settings.run_settings import Settings
 
 
 class FilterpyEkfEntry(EstimatorEntry[Estimator]):
-    """See `spinfilters.estimators.baselines.filterpy_filters.FilterpyEkf`."""
+    """Table entry of `spinfilters.estimators.baselines.filterpy_filters.FilterpyEkf`."""
 
     name, order = "filterpy-ekf", 3
     is_baseline = True

@@ -7,7 +7,7 @@ from spinfilters.settings.run_settings import Settings
 
 
 class FilterpyUkfEntry(EstimatorEntry[Estimator]):
-    """See `spinfilters.estimators.baselines.filterpy_filters.FilterpyUkf`."""
+    """Table entry of `spinfilters.estimators.baselines.filterpy_filters.FilterpyUkf`."""
 
     name, order = "filterpy-ukf", 4
     is_baseline = True

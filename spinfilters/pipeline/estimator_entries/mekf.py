@@ -45,7 +45,7 @@ class MultiplicativeEntry(EstimatorEntry[MultiplicativeFilter]):
 
 
 class MekfEntry(MultiplicativeEntry):
-    """See `MultiplicativeEkf`."""
+    """Table entry of `MultiplicativeEkf`."""
 
     name, order = "mekf", 0
 

@@ -29,7 +29,7 @@ from spinfilters.settings.run_settings import Settings
 
 @dataclass(frozen=True)
 class BatchSmoother:
-    """See `smooth_at_once`."""
+    """Batch smoother of sensors without landmarks, by `smooth_at_once`."""
 
     setup: Setup
     settings: Settings

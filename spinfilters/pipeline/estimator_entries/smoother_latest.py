@@ -12,7 +12,7 @@ from spinfilters.settings.run_settings import Settings
 
 
 class LatestSmootherEntry(SmootherEntry):
-    """As `SmootherEntry`, with no epoch revised by later measurements.
+    """Table entry of the smoother without revision by later measurements.
 
     To be compared with filters.
     """

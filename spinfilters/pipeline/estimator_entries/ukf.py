@@ -7,7 +7,7 @@ from spinfilters.settings.run_settings import Settings
 
 
 class UkfEntry(MultiplicativeEntry):
-    """See `MultiplicativeUkf`."""
+    """Table entry of `MultiplicativeUkf`."""
 
     name, order = "ukf", 1
 

@@ -99,7 +99,7 @@ class LinearObservations:
         return np.sqrt(self.square)
 
     def cost(self, loss: RobustLoss, used: Bool[np.ndarray, " N"]) -> float:
-        """Of those that are used."""
+        """Cost of the inliers."""
         return float(loss.cost(self.square)[used].sum())
 
 

@@ -81,7 +81,7 @@ class LinearizedPrior:
 
     @property
     def epochs(self) -> int:
-        """How many epochs it reaches over."""
+        """Number of epochs that the prior reaches over."""
         return len(self.marginal_prior.first)
 
     def add_to(

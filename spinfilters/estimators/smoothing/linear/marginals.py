@@ -47,7 +47,7 @@ class Marginals:
         return self.first_factors(self.solution.ordering.epochs)
 
     def first_factors(self, count: int) -> Float[np.ndarray, "k n n"]:
-        """Those of the first epochs."""
+        """Covariance factors of the first epochs."""
         n = self.solution.ordering.layout.error_dim
         factors = np.empty((count, n, n))
         for first in range(0, count, STRETCH):
@@ -131,7 +131,7 @@ class Marginals:
         return -np.linalg.solve(out, pull), np.linalg.inv(out)
 
     def landmark_covariance(self, landmarks: Int[np.ndarray, " q"]) -> Float[np.ndarray, "q 3 3"]:
-        """Of told landmarks, m^2."""
+        """Covariance of well-constrained landmarks, m^2."""
         rows, own = self.landmark_rows(landmarks)
         return rows @ rows.swapaxes(1, 2) + own @ own.swapaxes(1, 2)
 

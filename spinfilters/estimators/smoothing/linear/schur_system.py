@@ -32,7 +32,7 @@ Blocks = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class LinearSystem:
-    """What is to be solved.
+    """Normal equations of epochs and constants before elimination.
 
     Attributes
     ----------
@@ -44,12 +44,12 @@ class LinearSystem:
 
     @classmethod
     def empty(cls, ordering: VariableOrdering, G: Float[np.ndarray, "k v w"]) -> "LinearSystem":
-        """Without any information; G is zero."""
+        """A system without any information; G is zero."""
         K, v, width = G.shape
         return cls(np.zeros((width, width - 1)), (np.zeros((K, v, v)), np.zeros((max(K - 1, 0), v, v)), G))
 
     def copy(self) -> "LinearSystem":
-        """In arrays of its own: solving overwrites them."""
+        """A copy in arrays of its own: solving overwrites them."""
         D, E, G = self.tridiagonal
         return LinearSystem(self.M.copy(), (D.copy(), E.copy(), G.copy()))
 

@@ -151,12 +151,12 @@ class Problem:
 
     @property
     def layout(self) -> StateLayout:
-        """Of every epoch's state."""
+        """Layout of every epoch's state."""
         return self.motion.process.layout
 
     @property
     def ordering(self) -> VariableOrdering:
-        """How errors are split."""
+        """Variable ordering: how errors are split for elimination."""
         return self.motion.ordering
 
     @property

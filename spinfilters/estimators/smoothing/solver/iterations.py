@@ -21,10 +21,10 @@ COST_SLACK = 1e-3
 
 
 class Schedule(Protocol):
-    """What changes from one iteration to the next."""
+    """Schedule of loss and process noise over iterations."""
 
     def stage(self, iteration: int, here: LinearizationPoint, before: NormalEquations | None) -> Stage:
-        """How strict an iteration is."""
+        """Loss and process-noise inflation of an iteration."""
         ...
 
     def last(self, iteration: int, stage: Stage) -> bool:
@@ -51,13 +51,13 @@ class ConstantSchedule:
         return iteration >= self.loss.stages
 
     def repaired(self, here: LinearizationPoint, stage: Stage) -> LinearizationPoint:
-        """As it is."""
+        """The linearisation point as it is."""
         return here
 
 
 @dataclass(frozen=True)
 class SolverOptions:
-    """How a problem is solved.
+    """Options of the nonlinear solver.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class SolverOptions:
 
 @dataclass(frozen=True)
 class Solved:
-    """Where iterations ended.
+    """Result of the iterations.
 
     Attributes
     ----------

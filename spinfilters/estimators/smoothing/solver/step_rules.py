@@ -24,7 +24,7 @@ Solve = Callable[[float], NormalEquations]
 
 @dataclass(frozen=True)
 class Step:
-    """Where a rule wants to go.
+    """Proposed step of a rule.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class GaussNewton(StepRule):
         return _shared(normal, errors, min(number, _cap(layout, errors)))
 
     def adapted(self, number: float, gain: float, step: Step) -> float:
-        """Half of it after a failure, else the whole."""
+        """Half the share after a failure, else the whole step."""
         return step.size / 2 if gain <= 0 else 1.0
 
 
@@ -180,7 +180,7 @@ def _dogleg(solution: SchurSystem, radius: float) -> tuple[Float[np.ndarray, " r
 
 
 def _solvable(solve: Solve) -> NormalEquations | None:
-    """With the least damping that gives a solution."""
+    """Normal equations with the least damping that gives a solution."""
     for damping in DAMPINGS:
         normal = solve(damping)
         if not isinstance(normal.solution, int):

@@ -27,7 +27,7 @@ OnEpoch = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class ConvergenceRecord:
-    """Everything that was said.
+    """Beliefs of every solve, for figures of convergence.
 
     Attributes
     ----------

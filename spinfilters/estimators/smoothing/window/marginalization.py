@@ -255,7 +255,7 @@ def _marginal_prior(
     first: Float[np.ndarray, "k m"],
     before: MarginalizationPrior | None,
 ) -> MarginalizationPrior:
-    """From a triangle in the order of elimination."""
+    """Marginalization prior from a triangle in the order of elimination."""
     constant_cost = float(root[-1, -1] ** 2) + (0.0 if before is None else before.constant_cost)
     columns = np.empty((len(root) - 1, len(root) - 1))
     columns[:, elimination_order(ordering, 0)[:-1]] = root[:-1, :-1]

@@ -174,7 +174,7 @@ class RecursiveSmoother(Estimator):
         self.marginalized = [MarginalizedState(float(t), m, f) for t, m, f in zip(*kept, strict=True)]
 
     def _begun(self, prior: StatePrior) -> None:
-        """Nothing taken in yet."""
+        """Begin with this prior and no epoch."""
         self._prior, self.marginalized = prior, list[MarginalizedState]()
         has_landmarks = self.layout.blocks[:2] == POSE_BLOCKS
         self.sliding = SlidingSmoother(self.process, prior, self._options, has_landmarks)

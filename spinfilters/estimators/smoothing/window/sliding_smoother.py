@@ -217,7 +217,7 @@ class SlidingSmoother:
         self._linear = linear
 
     def _remember(self, problem: Problem) -> None:
-        """What the last linear problem says of the whole."""
+        """Keep what the last linear problem tells of the whole run."""
         linear = self._linearised(problem)
         solution = linear.normal.solution
         self._landmarks = self.window.ids, self.window.points

@@ -21,7 +21,7 @@ more than a covariance tells (NEES of a hundred times the degrees of freedom abo
 
 @dataclass(frozen=True)
 class SmootherOptions:
-    """How a sliding smoother works.
+    """Options of a sliding smoother.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class MarginalizedState:
 
 @dataclass(frozen=True)
 class UpdateResult:
-    """What taking in an epoch did.
+    """Result of adding an epoch.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class UpdateResult:
 
 @dataclass
 class SmootherState:
-    """What a sliding smoother remembers beside its window.
+    """State of a sliding smoother beside its window.
 
     Attributes
     ----------

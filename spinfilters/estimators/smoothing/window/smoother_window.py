@@ -32,7 +32,7 @@ class WindowObservations:
     parameters: Float[np.ndarray, "N p"]
 
     def chosen(self, rows: Bool[np.ndarray, " N"]) -> "WindowObservations":
-        """Some of them."""
+        """Chosen observations."""
         taken = np.flatnonzero(rows)
         return WindowObservations(*(array.take(taken, axis=0) for array in vars(self).values()))
 
@@ -69,14 +69,14 @@ class Window:
 
     @classmethod
     def empty(cls, mean_dim: int) -> "Window":
-        """Without an epoch."""
+        """A window without an epoch."""
         none = np.zeros(0, dtype=int)
         seen = WindowObservations(none, none, none, np.zeros((0, 3)), np.zeros((0, 6)))
         return cls((), np.zeros((0, mean_dim)), seen, (), none, np.zeros((0, 3)))
 
     @cached_property
     def observations(self) -> LandmarkObservations:
-        """As the elimination wants them: landmark after landmark."""
+        """Observations in the order of elimination: landmark after landmark."""
         s, many = self.seen, len(self.ids) > np.iinfo(np.uint16).max
         order = np.argsort(s.landmark if many else s.landmark.astype(np.uint16), kind="stable")
         groups, every = [], np.arange(len(order))
@@ -142,7 +142,7 @@ class Window:
         return replace(self, trajectory=trajectory, points=points)
 
     def without(self, landmarks: Bool[np.ndarray, " L"]) -> "Window":
-        """Without some landmarks and their observations."""
+        """The window without some landmarks and their observations."""
         number = np.cumsum(~landmarks) - 1
         seen = self.seen.chosen(~landmarks[self.seen.landmark])
         seen = replace(seen, landmark=number[seen.landmark])
@@ -158,7 +158,7 @@ class Window:
 def _with_observations(
     window: Window, model: LandmarkSensor, ids: Int[np.ndarray, " k"], measured: Measurement
 ) -> Window:
-    """With one sensor's observations in the latest epoch.
+    """The window with one sensor's observations in the latest epoch.
 
     Those that tell no landmark and are not of a known one are left out.
     """

@@ -25,7 +25,7 @@ SMALLEST_LANDMARK_BATCH = 100
 
 
 class WindowPolicy(ABC):
-    """What leaves after an epoch has been taken in.
+    """Policy of what leaves a window after an epoch was added.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class WindowPolicy(ABC):
 
 @dataclass(frozen=True)
 class FullSmoothing(WindowPolicy):
-    """Everything stays (the thesis' way)."""
+    """Window policy of full smoothing: nothing leaves."""
 
     determined: float = DETERMINED
 
