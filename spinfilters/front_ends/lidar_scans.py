@@ -9,11 +9,8 @@ from jaxtyping import Float
 
 from spinfilters.attitude.conversions import (
     continuous_quaternions,
-    inverse,
     matrix_from_quaternion,
-    multiply,
     quaternion_from_matrix,
-    rotate,
 )
 from spinfilters.data.dataset import DATASET_FILE
 from spinfilters.data.input_file import path_text
@@ -21,6 +18,7 @@ from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.data.raw_data import RawDataReader, RawMeasurements
 from spinfilters.data.truth import Truth
 from spinfilters.errors import InputError
+from spinfilters.geometry.truth_frame import truth_in_moved_frame
 from spinfilters.lidar.scan_files import read_scan
 from spinfilters.lidar.scan_pose import nearest_rotation, rotation_vector
 from spinfilters.lidar.scan_poses import ScanPoses, scan_poses
@@ -82,7 +80,7 @@ def in_frame_of(stream: MeasurementStream, truth: Truth) -> Truth:
     """The truth in the frame g of the scans.
 
     Nobody but the scans defines that g: it is the transformation that fits all poses best.
-    Six numbers are fitted; each pose has six. The estimators see nothing of it.
+    The estimators see nothing of it; NEES has six degrees of freedom less.
     """
     rows = np.searchsorted(truth.time, stream.time)
     rows = np.clip(rows, 0, len(truth.time) - 1)
@@ -93,14 +91,7 @@ def in_frame_of(stream: MeasurementStream, truth: Truth) -> Truth:
     P = np.broadcast_to(np.eye(6), (len(rows), 6, 6)) if stream.covariance is None else stream.covariance
     turn = _common_rotation(true, measured, P[:, 3:, 3:])
     shift = _common_shift(true, stream.values[:, :3] - place, P[:, :3, :3])
-    q = quaternion_from_matrix(turn)
-    axes = truth.principal_axes_g
-    return replace(
-        truth,
-        q_ig=multiply(truth.q_ig, np.broadcast_to(q, truth.q_ig.shape)),
-        principal_axes_g=None if axes is None else rotate(inverse(q), axes),
-        center_of_mass_g=turn.T @ (truth.center_of_mass_g - shift),
-    )
+    return replace(truth_in_moved_frame(truth, quaternion_from_matrix(turn), shift), frame_is_fitted=True)
 
 
 def _common_rotation(
