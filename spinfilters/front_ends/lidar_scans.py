@@ -1,6 +1,9 @@
 """Data sets of lidar scans: registered into poses with covariance."""
 
+import re
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
@@ -19,6 +22,7 @@ from spinfilters.data.raw_data import RawDataReader, RawMeasurements
 from spinfilters.data.truth import Truth
 from spinfilters.errors import InputError
 from spinfilters.geometry.truth_frame import truth_in_moved_frame
+from spinfilters.lidar.scan import Scan
 from spinfilters.lidar.scan_files import read_scan
 from spinfilters.lidar.scan_pose import nearest_rotation, rotation_vector
 from spinfilters.lidar.scan_poses import ScanPoses, scan_poses
@@ -36,7 +40,7 @@ def read_scans(folder: Path, truth: Truth | None) -> RawMeasurements:
 
     Raises
     ------
-    InputError: no scan, one that cannot be read, two at one time, fewer than two that see the body.
+    InputError: no scan, one that cannot be read, stamps that do not rise with the names, fewer than two that see the body.
     """
     found = registered_scans(folder)
     stream = pose_stream(found)
@@ -46,23 +50,38 @@ def read_scans(folder: Path, truth: Truth | None) -> RawMeasurements:
 
 def registered_scans(folder: Path) -> ScanPoses:
     """The scans in ``scans/*.ply`` with their poses. InputError: see `read_scans`."""
-    paths = sorted((folder / SCAN_FOLDER).glob("*.ply"))
+    paths = sorted((folder / SCAN_FOLDER).glob("*.ply"), key=_name_order)
     if not paths:
         raise InputError(
             f"{path_text(folder / DATASET_FILE)}: the kind is lidar-scans or lidar-scan-points, "
             f"but {SCAN_FOLDER} holds no .ply; put the scans there"
         )
-    scans = sorted((read_scan(path) for path in paths), key=lambda scan: scan.epoch)
-    times = np.array([scan.epoch for scan in scans])
-    if (np.diff(times) <= 0).any():
-        second = scans[int(np.argmax(np.diff(times) <= 0)) + 1]
-        raise InputError(
-            f"{second.name}: is at {second.epoch} s as the scan before; give every scan its own times (time_s)"
-        )
+    scans = [read_scan(path) for path in paths]
+    _require_order(scans)
     try:
         return scan_poses(scans)
     except InputError as error:
         raise InputError(f"{path_text(folder)}: {error}") from None
+
+
+def _name_order(path: Path) -> tuple[list[str | int], str]:
+    """Key of names in the order of their numbers: scan2 before scan10."""
+    parts = re.split(r"(\d+)", path.stem)
+    return [int(part) if k % 2 else part for k, part in enumerate(parts)], path.name
+
+
+def _require_order(scans: Sequence[Scan]) -> None:
+    """InputError: a scan that is not after the one before in the order of names."""
+    for first, second in pairwise(scans):
+        if second.epoch == first.epoch:
+            raise InputError(
+                f"{second.name}: is at {second.epoch} s as the scan before; give every scan its own times (time_s)"
+            )
+        if second.epoch < first.epoch:
+            raise InputError(
+                f"{second.name}: is at {second.epoch:g} s, {Path(first.name).name} before it at {first.epoch:g} s: time runs "
+                "backwards; name the scans in the order of their times, or correct time_s"
+            )
 
 
 def pose_stream(found: ScanPoses) -> MeasurementStream:
