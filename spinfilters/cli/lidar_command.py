@@ -34,6 +34,8 @@ from spinfilters.plots.lidar_scan import scan_figure
 from spinfilters.plots.style import save_figure
 
 COMMAND: Final = "lidar scan"
+FAR: Final = 2000.0
+"""Distance of a body, m, beyond which its unit is doubted."""
 _RADII, _MARGIN, _RAYS = 4.0, 1.1, 200
 _RATE_RPM = (1.0, 2.0, 1.5)
 
@@ -48,8 +50,10 @@ def _scan(options: argparse.Namespace) -> int:
     folder = Path(options.output)
     refuse_foreign(folder, COMMAND)
     scene = _scene(options)
+    _require_outside(scene)
     scanner = Scanner.of(scene.mesh, _settings(options, scene))
     console = wide_console()
+    console.print(_sized(scene), highlight=False, soft_wrap=True)
     for remark in scene.mesh.remarks:
         console.print(f"{scene.mesh.name}: {remark}", highlight=False, soft_wrap=True)
     said = (
@@ -82,6 +86,29 @@ def _scene(options: argparse.Namespace) -> _Scene:
     if options.translation:
         preset = replace(preset, translation=tuple(options.translation))
     return _Scene(replace(preset, pattern=_pattern(options, preset, mesh, given is not None)), mesh)
+
+
+def _require_outside(scene: _Scene) -> None:
+    """InputError: the lidar stands within the box around the body."""
+    lidar, vertices = -scene.rotation.T @ scene.translation, scene.mesh.vertices
+    if not ((lidar > vertices.min(axis=0)) & (lidar < vertices.max(axis=0))).all():
+        return
+    distance = float(np.linalg.norm(scene.translation))
+    raise InputError(
+        f"{scene.mesh.name}: is {_size_text(scene.mesh)} m large and its origin {distance:g} m away, so that the lidar is "
+        "within it; give --scale 0.001 if it is in mm, or a longer --translation"
+    )
+
+
+def _sized(scene: _Scene) -> str:
+    """Size and distance of the body, which show a wrong unit."""
+    distance = float(np.linalg.norm(scene.translation))
+    unit = f"; --scale 0.001 if it is in mm ({FAR:g} m is far for a lidar)" if distance > FAR else ""
+    return f"{scene.mesh.name}: {_size_text(scene.mesh)} m, {distance:g} m away{unit}"
+
+
+def _size_text(mesh: TriangleMesh) -> str:
+    return " x ".join(f"{side:.3g}" for side in np.ptp(mesh.vertices, axis=0))
 
 
 def _pattern(options: argparse.Namespace, preset: ScanPreset, mesh: TriangleMesh, kept: bool) -> RayPattern:

@@ -59,6 +59,7 @@ class Truth:
     principal_moments: any common scale, positive, none above the sum of the others.
     principal_axes_g: rows are the principal axes in g, so that it is R_bg; right-handed.
     center_of_mass_g: in g, m.   gyro_bias: constant error of a gyro's rates, g axes, rad/s.
+    frame_is_fitted: whether g is the one that fits the measurements best, as nothing else defines it.
 
     Raises
     ------
@@ -74,6 +75,7 @@ class Truth:
     principal_axes_g: Float[np.ndarray, "3 3"] | None = None
     center_of_mass_g: Float[np.ndarray, "3"] | None = None
     gyro_bias: Float[np.ndarray, "3"] | None = None
+    frame_is_fitted: bool = False
 
     def __post_init__(self) -> None:
         freeze_arrays(self, ("time", *_TRAJECTORY_SHAPES, *_BODY_SHAPES))

@@ -6,16 +6,24 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import chdtri
 
-from spinfilters.attitude.conversions import inverse, matrix_from_quaternion, rotate
+from spinfilters.attitude.conversions import (
+    inverse,
+    matrix_from_quaternion,
+    quaternion_from_rotation_vector,
+    rotate,
+)
 from spinfilters.data.truth import BODY_KEYS, Truth
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.error_propagation import by_stretches
 from spinfilters.evaluation.trajectory_errors import common_stamps
+from spinfilters.geometry.truth_frame import truth_in_moved_frame
 from spinfilters.state.blocks import BLOCKS
 from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION, POSITION, RATE
 from spinfilters.state.layout import StateLayout
+
+_FRAME_STEP = 1e-5  # rad and m: of a central difference
 
 
 @dataclass(frozen=True)
@@ -123,6 +131,9 @@ def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedError
     In the same frames i and g (`truth_in_first_frame`, if need be).
     Epochs whose mean or factor is not finite are left out.
 
+    Where g is the frame that fits the measurements best (`Truth.frame_is_fitted`), the whole error has six degrees of freedom less:
+    its NEES is the least over all small changes of g, chi-square whatever the fit was. Blocks' are as they are.
+
     The tangent is taken at the estimate. Where the pose of g at the first epoch is exact by definition, the error and the NEES
     of blocks t and a vanish there, and the whole state has six degrees of freedom less in that one epoch.
 
@@ -135,16 +146,45 @@ def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedError
     finite = finite_epochs(history)[rows]
     rows, true_rows = rows[finite], true_rows[finite]
     error = layout.local(history.mean[rows], true_states(truth, layout)[true_rows])
+    moved = _frame_changes(truth, layout)[true_rows] if truth.frame_is_fitted else None
 
     def derive(part: slice) -> dict[str, np.ndarray]:
         away, factor = error[part], history.factor[rows[part]]
         blocks = {
             b: normalised_square(away[:, layout.slice(b)], factor[:, layout.slice(b)]) for b in layout.blocks
         }
-        return {"total": normalised_square(away, factor), **blocks}
+        total = normalised_square(away, factor) if moved is None else _least_square(away, factor, moved[part])
+        return {"total": total, **blocks}
 
     squares = by_stretches(len(rows), derive)
-    return NormalisedErrors(history.time[rows], squares.pop("total"), layout.error_dim, squares)
+    dof = layout.error_dim - (0 if moved is None else moved.shape[2])
+    return NormalisedErrors(history.time[rows], squares.pop("total"), dof, squares)
+
+
+def _frame_changes(truth: Truth, layout: StateLayout) -> Float[np.ndarray, "n k 6"]:
+    """Changes of the true states by a small rotation (rad) and shift (m) of g, central differences."""
+    columns = []
+    for step in _FRAME_STEP * np.eye(6):
+        near = [
+            truth_in_moved_frame(truth, quaternion_from_rotation_vector(sign * step[:3]), sign * step[3:])
+            for sign in (-1, 1)
+        ]
+        before, after = (true_states(each, layout) for each in near)
+        columns.append(layout.local(before, after) / (2 * _FRAME_STEP))
+    return np.stack(columns, axis=2)
+
+
+def _least_square(
+    error: Float[np.ndarray, "n k"], factor: Float[np.ndarray, "n k e"], moved: Float[np.ndarray, "n k c"]
+) -> Float[np.ndarray, " n"]:
+    """Least (e + M c)' P^-1 (e + M c) over c, infinite where P is singular."""
+    upper = np.asarray(np.linalg.qr(np.swapaxes(factor, 1, 2), mode="r"))
+    regular = _regular(upper)
+    both = np.concatenate([moved, error[:, :, np.newaxis]], axis=2)
+    whitened = np.linalg.solve(np.swapaxes(upper[regular], 1, 2), both[regular])
+    result = np.full(len(error), np.inf)
+    result[regular] = np.linalg.qr(whitened, mode="r")[:, -1, -1] ** 2
+    return result
 
 
 def normalised_square(

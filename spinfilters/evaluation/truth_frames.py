@@ -9,12 +9,8 @@ from spinfilters.attitude.conversions import inverse, multiply, rotate
 from spinfilters.data.truth import Truth
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.trajectory_errors import (
-    TIME_TOLERANCE,
-    Alignment,
-    attitude_alignment,
-    common_stamps,
-)
+from spinfilters.evaluation.trajectory_errors import TIME_TOLERANCE, Alignment, attitude_alignment, common_stamps
+from spinfilters.geometry.truth_frame import truth_in_moved_frame
 from spinfilters.state.layout import POSE_BLOCKS
 
 DEFINED_STD: Final[float] = 1e-4
@@ -56,15 +52,7 @@ def truth_in_first_frame(history: EstimateHistory, truth: Truth) -> Truth:
     q_true, q_first = truth.q_ig[row], first[layout.mean_slice("a")]
     turn = multiply(inverse(q_true), q_first)
     from_origin = truth.center_of_mass[row] - first[layout.mean_slice("t")]
-    return replace(
-        truth,
-        q_ig=multiply(truth.q_ig, turn),
-        principal_axes_g=None
-        if truth.principal_axes_g is None
-        else rotate(inverse(turn), truth.principal_axes_g),
-        center_of_mass_g=rotate(inverse(q_first), from_origin),
-        gyro_bias=None if truth.gyro_bias is None else rotate(inverse(turn), truth.gyro_bias),
-    )
+    return truth_in_moved_frame(truth, turn, truth.center_of_mass_g - rotate(inverse(q_true), from_origin))
 
 
 def truth_in_inertial_frame(history: EstimateHistory, truth: Truth) -> Truth:

@@ -1,6 +1,9 @@
 """Data sets of lidar scans: registered into poses with covariance."""
 
+import re
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
@@ -9,11 +12,8 @@ from jaxtyping import Float
 
 from spinfilters.attitude.conversions import (
     continuous_quaternions,
-    inverse,
     matrix_from_quaternion,
-    multiply,
     quaternion_from_matrix,
-    rotate,
 )
 from spinfilters.data.dataset import DATASET_FILE
 from spinfilters.data.input_file import path_text
@@ -21,6 +21,8 @@ from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.data.raw_data import RawDataReader, RawMeasurements
 from spinfilters.data.truth import Truth
 from spinfilters.errors import InputError
+from spinfilters.geometry.truth_frame import truth_in_moved_frame
+from spinfilters.lidar.scan import Scan
 from spinfilters.lidar.scan_files import read_scan
 from spinfilters.lidar.scan_pose import nearest_rotation, rotation_vector
 from spinfilters.lidar.scan_poses import ScanPoses, scan_poses
@@ -38,7 +40,7 @@ def read_scans(folder: Path, truth: Truth | None) -> RawMeasurements:
 
     Raises
     ------
-    InputError: no scan, one that cannot be read, two at one time, fewer than two that see the body.
+    InputError: no scan, one that cannot be read, stamps that do not rise with the names, fewer than two that see the body.
     """
     found = registered_scans(folder)
     stream = pose_stream(found)
@@ -48,23 +50,38 @@ def read_scans(folder: Path, truth: Truth | None) -> RawMeasurements:
 
 def registered_scans(folder: Path) -> ScanPoses:
     """The scans in ``scans/*.ply`` with their poses. InputError: see `read_scans`."""
-    paths = sorted((folder / SCAN_FOLDER).glob("*.ply"))
+    paths = sorted((folder / SCAN_FOLDER).glob("*.ply"), key=_name_order)
     if not paths:
         raise InputError(
             f"{path_text(folder / DATASET_FILE)}: the kind is lidar-scans or lidar-scan-points, "
             f"but {SCAN_FOLDER} holds no .ply; put the scans there"
         )
-    scans = sorted((read_scan(path) for path in paths), key=lambda scan: scan.epoch)
-    times = np.array([scan.epoch for scan in scans])
-    if (np.diff(times) <= 0).any():
-        second = scans[int(np.argmax(np.diff(times) <= 0)) + 1]
-        raise InputError(
-            f"{second.name}: is at {second.epoch} s as the scan before; give every scan its own times (time_s)"
-        )
+    scans = [read_scan(path) for path in paths]
+    _require_order(scans)
     try:
         return scan_poses(scans)
     except InputError as error:
         raise InputError(f"{path_text(folder)}: {error}") from None
+
+
+def _name_order(path: Path) -> tuple[list[str | int], str]:
+    """Key of names in the order of their numbers: scan2 before scan10."""
+    parts = re.split(r"(\d+)", path.stem)
+    return [int(part) if k % 2 else part for k, part in enumerate(parts)], path.name
+
+
+def _require_order(scans: Sequence[Scan]) -> None:
+    """InputError: a scan that is not after the one before in the order of names."""
+    for first, second in pairwise(scans):
+        if second.epoch == first.epoch:
+            raise InputError(
+                f"{second.name}: is at {second.epoch} s as the scan before; give every scan its own times (time_s)"
+            )
+        if second.epoch < first.epoch:
+            raise InputError(
+                f"{second.name}: is at {second.epoch:g} s, {Path(first.name).name} before it at {first.epoch:g} s: time runs "
+                "backwards; name the scans in the order of their times, or correct time_s"
+            )
 
 
 def pose_stream(found: ScanPoses) -> MeasurementStream:
@@ -82,7 +99,7 @@ def in_frame_of(stream: MeasurementStream, truth: Truth) -> Truth:
     """The truth in the frame g of the scans.
 
     Nobody but the scans defines that g: it is the transformation that fits all poses best.
-    Six numbers are fitted; each pose has six. The estimators see nothing of it.
+    The estimators see nothing of it; NEES has six degrees of freedom less.
     """
     rows = np.searchsorted(truth.time, stream.time)
     rows = np.clip(rows, 0, len(truth.time) - 1)
@@ -93,14 +110,7 @@ def in_frame_of(stream: MeasurementStream, truth: Truth) -> Truth:
     P = np.broadcast_to(np.eye(6), (len(rows), 6, 6)) if stream.covariance is None else stream.covariance
     turn = _common_rotation(true, measured, P[:, 3:, 3:])
     shift = _common_shift(true, stream.values[:, :3] - place, P[:, :3, :3])
-    q = quaternion_from_matrix(turn)
-    axes = truth.principal_axes_g
-    return replace(
-        truth,
-        q_ig=multiply(truth.q_ig, np.broadcast_to(q, truth.q_ig.shape)),
-        principal_axes_g=None if axes is None else rotate(inverse(q), axes),
-        center_of_mass_g=turn.T @ (truth.center_of_mass_g - shift),
-    )
+    return replace(truth_in_moved_frame(truth, quaternion_from_matrix(turn), shift), frame_is_fitted=True)
 
 
 def _common_rotation(

@@ -87,7 +87,7 @@ class PointToPlane:
     ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
         """See `RegistrationEngine`."""
         for _ in range(_ITERATIONS):
-            matches = _matches(source, target, R, t, reach)
+            matches = closest_points(source, target, R, t, reach)
             if len(matches.rows) < 6:
                 break
             H, b = matches.normal_equations(t)
@@ -129,7 +129,7 @@ class SmallGicp:
 
 
 @dataclass(frozen=True, eq=False)
-class _Matches:
+class Matches:
     """Moved source points ``moved`` against planes of the target; ``arms`` from the present translation."""
 
     rows: Int[np.ndarray, " m"]
@@ -147,9 +147,13 @@ class _Matches:
         return J.T @ J, -J.T @ self.residual
 
 
-def _matches(
+def closest_points(
     source: Cloud, target: Cloud, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"], reach: float
-) -> _Matches:
+) -> Matches:
+    """Points of the source, moved by a pose, with the nearest of the target within ``reach`` m that face alike.
+
+    Residuals beyond three robust standard deviations are left out.
+    """
     moved = source.points @ R.T + t
     distance, index = target.tree.query(moved, distance_upper_bound=reach)
     rows = np.flatnonzero(np.isfinite(distance))
@@ -160,7 +164,7 @@ def _matches(
     residual = np.einsum("ni,ni->n", moved[rows] - target.points[index], normals)
     std = 1.4826 * float(np.median(np.abs(residual))) if len(residual) else 0.0
     kept = np.abs(residual) <= _TRIMMED * std + 1e-12
-    return _Matches(rows[kept], index[kept], moved[rows[kept]], normals[kept], residual[kept], std)
+    return Matches(rows[kept], index[kept], moved[rows[kept]], normals[kept], residual[kept], std)
 
 
 def registered(
@@ -177,8 +181,8 @@ def registered(
     is that which sums of residuals over patches of the surface have, never less than that of independent points.
     """
     R, t = engine.refined(source, target, R, t, reach)
-    near = _matches(source, target, R, t, reach)
-    near = _matches(source, target, R, t, max(6 * near.std, 1e-9))
+    near = closest_points(source, target, R, t, reach)
+    near = closest_points(source, target, R, t, max(6 * near.std, 1e-9))
     if len(near.rows) < 6:
         return Registration(R, t, np.zeros((6, 6)), np.inf, len(near.rows), 0.0)
     H, _ = near.normal_equations(t)
@@ -189,7 +193,7 @@ def registered(
     )
 
 
-def _dependence(matches: _Matches, size: float) -> float:
+def _dependence(matches: Matches, size: float) -> float:
     """Variance factor of sums of correlated residuals over patches.
 
     In terms of that of independent residuals; at least 2, for the target's noise.
@@ -218,7 +222,7 @@ def coarse_pose(
         R = Rotation.from_rotvec(turn).as_matrix()
         t = middle - R @ centre
         for k in range(_COARSE_ITERATIONS):
-            matches = _matches(few, target, R, t, reach * 0.75**k)
+            matches = closest_points(few, target, R, t, reach * 0.75**k)
             if len(matches.rows) < 20:
                 break
             H, b = matches.normal_equations(t)

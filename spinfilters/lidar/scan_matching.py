@@ -1,6 +1,6 @@
 """Poses of a body of any shape, by registration.
 
-Every scan is registered to the map of those before it, then to that of all.
+Every scan is registered to the map of those before it, then all are adjusted together.
 """
 
 from collections.abc import Sequence
@@ -21,19 +21,17 @@ from spinfilters.lidar.registration import (
     coarse_pose,
     registered,
 )
+from spinfilters.lidar.scan_adjustment import MAP_SCANS, adjusted_scans
 from spinfilters.lidar.scan_pose import ScanPose, pose_covariance, skew
 
 MOST_POINTS: Final = 3000
 """Points of a scan that are registered."""
-MAP_SCANS: Final = 12
-"""Scans of a map, those seen from most alike directions: distant views share no surface."""
 WIDEST_TURN: Final = 1.8
 """Largest rotation between the first scans that is searched, rad."""
 SMALLEST: Final = 1e-9
 """Size of a body that can be registered, in distances, at least."""
 SURE_OVERLAP: Final = 0.5
 _REACH = 0.25  # of the body's size: how far a prediction may be wrong
-_SWEEPS = 2
 
 
 def match_scans(
@@ -63,10 +61,7 @@ def match_scans(
     poses = [ScanPose(times[0], np.eye(3), middle, np.zeros((6, 6)), matched=len(clouds[0].points))]
     for k in range(1, len(clouds)):
         poses.append(_next(clouds, poses, times[k], size, engine))
-    for _ in range(_SWEEPS):
-        for k in range(len(clouds)):
-            poses[k] = _posed(clouds, poses, k, size, engine)
-    return poses
+    return adjusted_scans(clouds, poses, size, 0.3 * _REACH * size)
 
 
 def _next(
@@ -85,28 +80,6 @@ def _next(
         other = registered(clouds[number], target, *start, _REACH * size, engine)
         found = max(found, other, key=lambda each: each.overlap / max(each.residual_std, 1e-12) ** 0.5)
     return _told(found, time, size)
-
-
-def _posed(
-    clouds: list[Cloud], poses: list[ScanPose], number: int, size: float, engine: RegistrationEngine
-) -> ScanPose:
-    """A scan registered again, to the map of all others.
-
-    The first keeps its pose, which defines g.
-    """
-    pose = poses[number]
-    others = [k for k in range(len(clouds)) if k != number]
-    if not others:
-        return pose
-    target = _map(clouds, poses, pose.rotation, others)
-    start = pose.rotation.T, -pose.rotation.T @ pose.translation
-    found = registered(clouds[number], target, *start, 0.3 * _REACH * size, engine)
-    told = _told(found, pose.time, size)
-    if number == 0:
-        return ScanPose(
-            pose.time, pose.rotation, pose.translation, told.covariance, told.undetermined, told.matched
-        )
-    return told
 
 
 def _map(clouds: list[Cloud], poses: list[ScanPose], R: Float[np.ndarray, "3 3"], among: list[int]) -> Cloud:

@@ -30,8 +30,12 @@ DESKEWED: Final = 3
 """Passes that take the motion during the scans out, each with the rates of the one before."""
 DOUBTED: Final = 0.05
 """Share of the scans, beyond which planes that contradict the drift are a reason to doubt all poses."""
-MOST_EXCESS: Final = 1.35
-"""Mean reduced chi-square of the planes' points, at most: patches of a curved surface exceed the noise."""
+MOST_EXCESS: Final = 1.25
+"""Mean reduced chi-square of the planes' points, of the median scan, at most.
+
+Patches of a curved surface exceed the noise: plane faces have 0.8 to 1.0, a bumpy sphere of a metre at 30 m 1.2 to 2.5."""
+LOOKED_AT: Final = 9
+"""Scans that tell whether a body has faces."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,9 +137,9 @@ def _doubts(
 
 
 def _has_faces(clouds: Sequence[Float[np.ndarray, "n 3"]], noise: PointNoise, seed: int) -> bool:
-    """Whether most points of three scans lie on planes."""
+    """Whether most points of some scans lie on planes."""
     generator = np.random.default_rng(seed)
-    looked_at = clouds[:: max(1, len(clouds) // 3)][:3]
+    looked_at = clouds[:: max(1, len(clouds) // LOOKED_AT)][:LOOKED_AT]
     found = [extract_planes(points, noise, generator) for points in looked_at]
     flat = np.median([_excess(planes) for planes, _ in found]) < MOST_EXCESS
     return bool(np.median([share for _, share in found]) >= PLANE_SHARE and flat)

@@ -32,6 +32,18 @@ def test_a_preset_is_scanned_into_files_and_a_picture(
     assert np.linalg.norm(scan.points - [3, 0, 0], axis=1).max() < 0.9
 
 
+def test_the_size_of_a_body_is_told_and_a_far_one_is_doubted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["lidar", "scan", "cube", "--rays", "9", "9", "-o", str(tmp_path / "m")]) == 0
+    assert "1 x 1 x 1 m, 3.4641 m away\n" in capsys.readouterr().out
+    assert (
+        main(["lidar", "scan", "cube", "--scale", "1000", "--rays", "9", "9", "-o", str(tmp_path / "mm")])
+        == 0
+    )
+    assert "--scale 0.001 if it is in mm" in capsys.readouterr().out
+
+
 def test_a_tumbling_body_is_scanned_into_a_data_set(tmp_path: Path) -> None:
     body = ["--rays", "30", "30", "--scans", "4", "--scan-seconds", "0.5", "--noise", "jitter"]
     assert main(["lidar", "scan", "spacecraft", "-o", str(tmp_path / "out"), *body]) == 0
@@ -50,6 +62,7 @@ def test_a_tumbling_body_is_scanned_into_a_data_set(tmp_path: Path) -> None:
         (["cube", "--translation", "0", "10", "0"], "none of"),
         (["--preset", "figure-9"], "use one of table-2.1"),
         (["cube", "--bias"], "belong to --noise"),
+        (["cube", "--scale", "20000", "--translation", "30", "0", "0"], "2e+04 x 2e+04 x 2e+04 m large"),
         (["cube", "--sun", "0", "0", "0"], "no direction"),
         (["cube", "--scans", "3", "--scan-seconds", "2"], "overlap"),
         (["cube", "--scans", "3", "--translation", "0", "10", "0"], "no ray of any scan"),

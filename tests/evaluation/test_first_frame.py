@@ -212,3 +212,20 @@ def test_errors_of_rotations_do_not_hang_on_the_inertial_frame_of_the_truth(std:
     assert errors is not None
     np.testing.assert_allclose(errors.attitude, 0, atol=1e-9)
     np.testing.assert_allclose(errors.rate, 0, atol=1e-9)
+
+
+def test_a_frame_fitted_to_the_measurements_takes_six_degrees_of_freedom_whatever_the_fit() -> None:
+    generator, fitted = np.random.default_rng(4), replace(TRUTH, frame_is_fitted=True)
+    history = consistent_history(TRUTH, generator, 1e-4)
+    low, high = chi_square_band(14, COUNT)
+    nees = evaluate(history, fitted).nees
+    assert nees is not None
+    assert nees.dof == 14
+    assert low < nees.total.mean() < high
+    turn, shift = quaternion_from_rotation_vector(np.array([1e-3, -2e-3, 1e-3])), np.array([1e-3, 2e-3, 0.0])
+    moved = replace(history, mean=in_another_frame(history.mean, turn, shift))
+    away, counted = evaluate(moved, fitted).nees, evaluate(moved, TRUTH).nees
+    assert away is not None
+    assert counted is not None
+    assert counted.mean > 50
+    assert low < away.total.mean() < high

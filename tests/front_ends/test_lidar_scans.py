@@ -93,3 +93,15 @@ def test_planes_that_contradict_the_drift_are_a_doubt_of_every_estimate(dataset:
     (found,) = compare_estimators(prepare(doubted, settings), settings, lambda *_: None).evaluations
     assert found.history.status.verdict is Verdict.DEGRADED
     assert "7 of 25 scans" in found.history.status.reasons
+
+
+def test_stamps_that_fall_with_the_names_are_refused(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "scans").mkdir()
+    (tmp_path / "dataset.toml").write_text('kind = "lidar-scans"\n')
+    paths = sorted((folder / "scans").iterdir())[:3]
+    for name, path in zip(("scan9", "scan10", "scan11"), paths, strict=True):
+        (tmp_path / "scans" / f"{name}.ply").write_bytes(path.read_bytes())
+    assert len(read_dataset(tmp_path).log.streams[0]) == 3
+    (tmp_path / "scans" / "scan10.ply").rename(tmp_path / "scans" / "scan12.ply")
+    with pytest.raises(InputError, match="time runs backwards; name the scans in the order"):
+        read_dataset(tmp_path)
