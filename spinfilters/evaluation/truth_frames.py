@@ -9,7 +9,12 @@ from spinfilters.attitude.conversions import inverse, multiply, rotate
 from spinfilters.data.truth import Truth
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.trajectory_errors import TIME_TOLERANCE, Alignment, attitude_alignment, common_stamps
+from spinfilters.evaluation.trajectory_errors import (
+    TIME_TOLERANCE,
+    Alignment,
+    attitude_alignment,
+    common_stamps,
+)
 from spinfilters.geometry.truth_frame import truth_in_moved_frame
 from spinfilters.state.layout import POSE_BLOCKS
 
