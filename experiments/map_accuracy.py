@@ -10,6 +10,7 @@ Map and model are laid onto the body by the six numbers of a rigid motion, so th
 """
 
 import argparse
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -26,8 +27,8 @@ from spinfilters.errors import InputError
 from spinfilters.geometry.cameras import stereo_pair
 from spinfilters.lidar.ply_files import read_ply
 from spinfilters.pipeline.figures import FigureData
-from spinfilters.runs.run_folder import MODEL_FILE, RECONSTRUCTION_FOLDER
-from spinfilters.vision.rendering.triangle_mesh import POLYHEDRA, BodyMesh, named_mesh
+from spinfilters.runs.run_folder import MODEL_FILE, RECONSTRUCTION_FILE, RECONSTRUCTION_FOLDER
+from spinfilters.vision.rendering.triangle_mesh import POLYHEDRA, TriangleMesh, named_mesh
 from spinfilters.vision.stereo_geometry import pixels_of
 
 WRONG_PX: Final = 3.0
@@ -46,6 +47,7 @@ class MapAccuracy:
     wrong_observations, wrong_tracks: shares with an error beyond `WRONG_PX`, and of tracks with such an observation.
     map_distance, model_distance: signed distances of landmarks, and of the model's vertices, to the surface.
     dimensions: (3,) errors of the extents along the principal axes.   along_estimated: of those along the axes as estimated.
+    dimensions_std, surface_std: (3,) what the run states of both.
     """
 
     wrong_observations: float
@@ -54,6 +56,8 @@ class MapAccuracy:
     model_distance: Float[np.ndarray, " v"]
     dimensions: Float[np.ndarray, " 3"]
     along_estimated: Float[np.ndarray, " 3"]
+    dimensions_std: Float[np.ndarray, " 3"]
+    surface_std: Float[np.ndarray, " 3"]
 
 
 def main() -> None:
@@ -72,12 +76,13 @@ def main() -> None:
             f"{name}: {len(distance)} points, distance to the surface median {np.median(np.abs(millimetres)):.3f} mm, "
             f"95 % within {np.quantile(np.abs(millimetres), 0.95):.2f} mm"
         )
-    for words, errors in (
-        ("along the true principal axes", found.dimensions),
-        ("along those estimated", found.along_estimated),
+    for words, errors, std in (
+        ("along the true principal axes", found.dimensions, found.dimensions_std),
+        ("along those estimated", found.along_estimated, found.surface_std),
     ):
         print(
-            f"extents {words}: errors {np.round(1e3 * errors, 2)} mm, mean {1e3 * np.abs(errors).mean():.2f} mm"
+            f"extents {words}: errors {np.round(1e3 * errors, 2)} mm (stated {np.round(1e3 * std, 2)}), "
+            f"mean {1e3 * np.abs(errors).mean():.2f} mm"
         )
 
 
@@ -92,7 +97,8 @@ def map_accuracy(run: Path, mesh: BodyMesh) -> MapAccuracy:
         raise InputError(f"{run}: has no truth of the body; render images with 'spinfilters simulate'")
     if evaluation is None or evaluation.body.center_of_mass_g is None or points is None:
         raise InputError(f"{run}: has no estimator with a map; compare stereo images first")
-    model = read_ply(run / RECONSTRUCTION_FOLDER / MODEL_FILE).points
+    place = run / RECONSTRUCTION_FOLDER
+    model, told = read_ply(place / MODEL_FILE).points, json.loads((place / RECONSTRUCTION_FILE).read_text())
     wrong, tracks = _wrong(data.dataset, truth)
     body, first = evaluation.body, evaluation.trajectory
     # estimated axes g to true ones, by the attitude of the first epoch
@@ -108,6 +114,8 @@ def map_accuracy(run: Path, mesh: BodyMesh) -> MapAccuracy:
         _distance(model @ estimated + centre, mesh),
         sizes - np.ptp(corners @ axes.T, axis=0),
         sizes - np.ptp(corners @ estimated.T, axis=0),
+        np.array(told["dimensions_std_m"]),
+        np.array(told["surface_std_m"]),
     )
 
 

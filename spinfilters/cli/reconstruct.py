@@ -27,11 +27,13 @@ def reconstruct(options: argparse.Namespace) -> int:
 
 
 def _print(made: Reconstruction, folder: Path) -> None:
-    sizes = zip("xyz", 1e3 * made.model.dimensions, 1e3 * made.model.dimensions_std, strict=True)
+    dimensions = made.model.dimensions
+    sizes = zip("xyz", 1e3 * dimensions.extents, 1e3 * dimensions.std, strict=True)
     extents = ", ".join(f"{axis} {size:.1f} +- {std:.1f} mm" for axis, size, std in sizes)
     lines = [
         *made.losses.sentences(),
         f"extents along the principal axes: {extents}",
+        *dimensions.sentences,
         f"surface of {len(made.model.triangles)} triangles in {folder}   (look at {folder / REPORT_FILE})",
     ]
     for line in lines:

@@ -235,8 +235,11 @@ def _document(
         "voxel_m": volume.grid.voxel,
         "vertices": len(model.vertices),
         "triangles": len(model.triangles),
-        "dimensions_m": model.dimensions.tolist(),
-        "dimensions_std_m": model.dimensions_std.tolist(),
+        "dimensions_m": model.dimensions.extents.tolist(),
+        "dimensions_std_m": model.dimensions.std.tolist(),
+        "surface_std_m": model.dimensions.surface_std.tolist(),
+        "axes_std_deg": np.degrees(model.dimensions.rotation_std).tolist(),
+        "notes": model.dimensions.sentences,
         "losses": losses.document,
     }
 
@@ -246,6 +249,6 @@ def _write_model(path: Path, model: BodyModel) -> None:
     columns = dict(zip("xyz", model.vertices.T.astype(float), strict=True))
     comments = (
         "body in principal axes, moments ascending along x, y, z; origin at the centre of mass, m",
-        f"extents {' '.join(f'{size:.5f}' for size in model.dimensions)} m",
+        f"extents {' '.join(f'{size:.5f}' for size in model.dimensions.extents)} m",
     )
     write_ply(path, columns | dict.fromkeys(("red", "green", "blue"), grey), comments, model.triangles)

@@ -151,10 +151,18 @@ def _dense_sections(folder: Path) -> dict[str, str]:
 
 
 def _dimensions(document: dict[str, Any]) -> str:
-    sizes = zip("xyz", document["dimensions_m"], document["dimensions_std_m"], strict=True)
-    rows = [[axis, f"{1e3 * float(size):.1f}", f"{1e3 * float(std):.1f}"] for axis, size, std in sizes]
+    keys = ("dimensions_m", "surface_std_m", "dimensions_std_m")
+    sizes = [[f"{1e3 * float(size):.1f}" for size in document[key]] for key in keys]
+    rows = [[axis, *of_axis] for axis, *of_axis in zip("xyz", *sizes, strict=True)]
     words = f"Of the surface of {int(document['epochs'])} pairs, voxels of {1e3 * float(document['voxel_m']):.1f} mm."
-    return table(["principal axis", "extent [mm]", "standard deviation [mm]"], rows, 1) + note(words)
+    heads = [
+        "principal axis",
+        "extent [mm]",
+        "deviation, axes as estimated [mm]",
+        "deviation, true axes [mm]",
+    ]
+    said = "".join(note(f"{sentence}.") for sentence in document["notes"])
+    return table(heads, rows, 1) + note(words) + said
 
 
 def _pictures(figure_data: FigureData, folder: Path) -> Iterator[str]:

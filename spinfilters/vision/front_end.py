@@ -15,6 +15,7 @@ from spinfilters.vision.epoch_observations import EpochObservations
 from spinfilters.vision.features import Detector, Features, detector, exposure_gain, stretched
 from spinfilters.vision.image_folder import ImagePair
 from spinfilters.vision.loss_count import LossCount
+from spinfilters.vision.outline import clear_of_outline
 from spinfilters.vision.patch_alignment import aligned_patches
 from spinfilters.vision.rectification import Rectification
 from spinfilters.vision.stereo_matching import STAGE as STEREO
@@ -100,7 +101,9 @@ class StereoPoints:
         offset = np.array([first, top])
         rig = self._rectification.stereo
         points = match_stereo((left, right), (found[0], found[1]), rig, self._options.stereo, losses)
-        return points.moved(offset)
+        clear = clear_of_outline((cut[0], cut[1]), points.values)
+        losses.lose(STEREO, "at the outline of the body", int(np.count_nonzero(~clear)))
+        return points.part(clear).moved(offset)
 
 
 def _detect(finder: Detector, image: UInt8[np.ndarray, "h w"]) -> Features:

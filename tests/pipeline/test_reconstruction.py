@@ -61,6 +61,8 @@ def test_a_dense_model_has_the_size_of_the_body_and_stands_in_the_report(
     assert len(content.triangles) == document["triangles"] > 100
     text = (run / "report.html").read_text(encoding="utf-8")
     assert "Dimensions" in text
+    assert document["notes"]  # half a revolution leaves the axes uncertain
+    assert all(note in text for note in document["notes"])
     assert "data:image/gif" in text
 
 

@@ -7,17 +7,16 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import ConvexHull, KDTree
-from scipy.spatial.transform import Rotation
+from scipy.spatial import KDTree
 
 from spinfilters.errors import InputError
+from spinfilters.vision.reconstruction.dimensions import Dimensions, dimensions_of
 from spinfilters.vision.reconstruction.distance_volume import GROUPS, DistanceVolume
 from spinfilters.vision.reconstruction.surface_nets import surface_of
 
 FEWEST_TRIANGLES: Final = 100
-AXES_DRAWN: Final = 100
 ROUNDING_STD_VOXELS: Final = 0.25
-"""Standard deviation of a dimension, in voxels, by which fusion rounds or widens edges whatever the number of epochs."""
+"""Standard deviation of an extent, in voxels, by which fusion rounds or widens edges whatever the number of epochs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,14 +26,13 @@ class BodyModel:
     Attributes
     ----------
     vertices: (v, 3) m from the centre of mass, principal axes.   triangles: (f, 3), anticlockwise seen from outside.
-    grey: (v,) 0..255.   dimensions, dimensions_std: (3,) m, extents along the principal axes.
+    grey: (v,) 0..255.   dimensions: extents along the principal axes.
     """
 
     vertices: Float[np.ndarray, "v 3"]
     triangles: Int[np.ndarray, "f 3"]
     grey: Float[np.ndarray, " v"]
-    dimensions: Float[np.ndarray, " 3"]
-    dimensions_std: Float[np.ndarray, " 3"]
+    dimensions: Dimensions
 
     def share_near(self, points: Float[np.ndarray, "k 3"], distance: float) -> float:
         """Share of points within a distance, m, of a vertex.
@@ -47,8 +45,8 @@ class BodyModel:
 def body_model(volume: DistanceVolume, axes_cov: Float[np.ndarray, "3 3"] | None = None) -> BodyModel:
     """Model of all depth maps.
 
-    The variance of a dimension is that of models that leave out a group of epochs each (jackknife), that of rounded edges, and that
-    of extents along axes that are as uncertain as the estimate says.
+    The variance of an extent by the surface is that of models that leave out a group of epochs each (jackknife), and that of
+    rounded edges.
 
     Parameters
     ----------
@@ -64,12 +62,13 @@ def body_model(volume: DistanceVolume, axes_cov: Float[np.ndarray, "3 3"] | None
             f"depth of {volume.count} pair(s) makes a surface of {len(surface.triangles)} triangles; give sharper images of a "
             "textured body, or more of them"
         )
-    dimensions = np.ptp(surface.vertices, axis=0)
     others = np.array([_extents(volume, group) for group in range(GROUPS)])
     jackknife = (GROUPS - 1) / GROUPS * ((others - others.mean(axis=0)) ** 2).sum(axis=0)
-    turned = 0.0 if axes_cov is None else _turned(surface.vertices, axes_cov).var(axis=0)
-    std = np.sqrt(jackknife + turned + (ROUNDING_STD_VOXELS * volume.grid.voxel) ** 2)
-    return BodyModel(surface.vertices, surface.triangles, surface.grey, dimensions, std)
+    surface_std = np.sqrt(jackknife + (ROUNDING_STD_VOXELS * volume.grid.voxel) ** 2)
+    dimensions = dimensions_of(
+        surface.vertices, surface_std, np.zeros((3, 3)) if axes_cov is None else axes_cov
+    )
+    return BodyModel(surface.vertices, surface.triangles, surface.grey, dimensions)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,18 +76,6 @@ class _Surface:
     vertices: Float[np.ndarray, "v 3"]
     triangles: Int[np.ndarray, "f 3"]
     grey: Float[np.ndarray, " v"]
-
-
-def _turned(
-    vertices: Float[np.ndarray, "v 3"], axes_cov: Float[np.ndarray, "3 3"]
-) -> Float[np.ndarray, "s 3"]:
-    """Extents along axes drawn around the estimated ones, m."""
-    values, vectors = np.linalg.eigh(axes_cov)
-    drawn = np.random.default_rng(0).standard_normal((AXES_DRAWN, 3)) * np.sqrt(np.maximum(values, 0.0))
-    corners = vertices[ConvexHull(vertices).vertices]
-    return np.array(
-        [np.ptp(corners @ turn.as_matrix(), axis=0) for turn in Rotation.from_rotvec(drawn @ vectors.T)]
-    )
 
 
 def _extents(volume: DistanceVolume, without: int) -> Float[np.ndarray, " 3"]:
