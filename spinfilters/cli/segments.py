@@ -15,6 +15,7 @@ from spinfilters.pipeline.segment_choice import has_marks, no_flight, read_sever
 from spinfilters.pipeline.segment_runs import (
     SegmentResult,
     pool,
+    pool_accelerations,
     run_segments,
     segment_medians,
     segment_table,
@@ -77,9 +78,10 @@ def compare_segments(
     for name, (first, second, good, total) in segment_medians(results, settings).items():
         medians = f"median J1/J3 {first:.4f}, J2/J3 {second:.4f} of {good} segments that are ok, of {total}"
         console.print(f"{name}: {medians if good else f'none of {total} segments is ok'}", highlight=False)
-    for name, pooled in pool(results, settings).items():
-        if pooled is not None:
-            console.print(f"{name}: {pooled.sentence}", highlight=False, soft_wrap=True)
+    for pools in (pool(results, settings), pool_accelerations(results, settings)):
+        for name, pooled in pools.items():
+            if pooled is not None:
+                console.print(f"{name}: {pooled.sentence}", highlight=False, soft_wrap=True)
     if interrupted:
         raise InputError(
             f"interrupted after {len(results)} of {len(datasets) + len(refused)} segments; run the command again to go on"

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
-from spinfilters.flight.rotation_jumps import turns_on
+from spinfilters.flight.rotation_jumps import leads_on, turns_on
 from spinfilters.flight.stretches import (
     Stretch,
     covered,
@@ -270,7 +270,8 @@ def _trimmed(log: PoseLog, stretch: Stretch) -> Stretch:
     spread = 1.0 + np.einsum("ij,ji->i", design[0], np.linalg.solve(normal, design[0].T))
     noise = max(float(np.sqrt(np.mean(error[within] ** 2))), log.noise)
     good = (np.abs(error) <= LARGEST_ERROR * noise * np.sqrt(spread)).reshape(-1, 3).all(axis=1)
-    good &= turns_on(log.time[chosen[0]], log.attitude[chosen[0]], margin)
+    time, attitude = log.time[chosen[0]], log.attitude[chosen[0]]
+    good &= turns_on(time, attitude, margin) & leads_on(time, attitude, margin)
     bad = np.flatnonzero(~good)
     before, after = bad[bad < margin], bad[bad >= len(good) - margin]
     first = stretch.start + (int(before[-1]) + 1 if len(before) else 0)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 TOLD: Final = 1e-5
 """Probability of as large an acceleration by chance, below which it is told from zero."""
-CENTRE_STDS: Final = (0.1, 0.03)
+CENTRE_STDS: Final = (0.1, 0.03, 0.01)
 """Of the prior of the centre of mass that are tried beside the default, m."""
 KNOWN_CENTRE: Final = 0.1
 """Standard deviation of the centre of mass over that of its default prior, below which the motion tells it."""

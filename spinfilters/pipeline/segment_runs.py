@@ -17,6 +17,7 @@ from spinfilters.data.atomic_write import write_json
 from spinfilters.data.dataset import Dataset
 from spinfilters.errors import InputError
 from spinfilters.pipeline.estimation import compare_estimators
+from spinfilters.pipeline.pooled_acceleration import PooledAcceleration, pooled_acceleration, strength_of
 from spinfilters.pipeline.pooled_moments import PooledMoments, pooled_moments
 from spinfilters.pipeline.setup import prepare
 from spinfilters.plots.style import draw_figure
@@ -89,7 +90,14 @@ def write_segments(folder: Path, results: Sequence[SegmentResult], settings: Set
     pooled = {
         name: None if found is None else found.document for name, found in pool(results, settings).items()
     }
-    write_json(folder / "segments.json", {"schema": 1, "segments": document, "pooled": pooled})
+    accelerations = {
+        name: None if found is None else found.document
+        for name, found in pool_accelerations(results, settings).items()
+    }
+    write_json(
+        folder / "segments.json",
+        {"schema": 1, "segments": document, "pooled": pooled, "pooled_acceleration": accelerations},
+    )
     for name in settings.estimators:
         estimates = [(r.number, r.summary["estimators"][name]) for r in results if r.summary is not None]
         throws = [_throw(number, estimate) for number, estimate in estimates]
@@ -118,13 +126,13 @@ def _numbers(listed: list[Any]) -> Float[np.ndarray, "..."]:
 
 
 def segment_table(results: Sequence[SegmentResult], settings: Settings) -> Table:
-    """A row per segment and estimator: moments, their deviations, drag, status and why."""
+    """A row per segment and estimator: moments and acceleration, their deviations, drag, status and why."""
     table = Table(title="Fitted inertia of every segment", title_justify="left")
-    for heading in ("segment", "estimator", "J1/J3", "J2/J3", "drag 1/rad", "status", "reason"):
+    for heading in ("segment", "estimator", "J1/J3", "J2/J3", "drag 1/rad", "m/s^2", "status", "reason"):
         table.add_column(heading)
     for result in results:
         if result.summary is None:
-            table.add_row(str(result.number), "-", "-", "-", "-", "failed", result.failure or "")
+            table.add_row(str(result.number), *5 * ("-",), "failed", result.failure or "")
             continue
         for name in settings.estimators:
             table.add_row(str(result.number), name, *_cells(result.summary["estimators"][name]))
@@ -133,7 +141,7 @@ def segment_table(results: Sequence[SegmentResult], settings: Settings) -> Table
 
 def _cells(estimate: dict[str, Any]) -> tuple[str, ...]:
     moments, std = _numbers(estimate["principal_moments"]), _numbers(estimate["principal_moments_std"])
-    drag = estimate["drag_per_rad"]
+    drag, strength = estimate["drag_per_rad"], strength_of(estimate)
     first, second = (
         f"{value:.4f} ± {spread:.4f}" if np.isfinite(value) else "-"
         for value, spread in zip(moments[:2], std[:2], strict=True)
@@ -142,6 +150,7 @@ def _cells(estimate: dict[str, Any]) -> tuple[str, ...]:
         first,
         second,
         "-" if drag is None else f"{drag:.4f}",
+        "-" if strength is None else f"{strength.value:.2f} ± {strength.std:.2f}",
         estimate["status"],
         "; ".join(estimate["reasons"]),
     )
@@ -152,6 +161,17 @@ def pool(results: Sequence[SegmentResult], settings: Settings) -> dict[str, Pool
     summaries = [result.summary for result in results if result.summary is not None]
     return {
         name: pooled_moments([summary["estimators"][name] for summary in summaries], len(results))
+        for name in settings.estimators
+    }
+
+
+def pool_accelerations(
+    results: Sequence[SegmentResult], settings: Settings
+) -> dict[str, PooledAcceleration | None]:
+    """Per estimator the acceleration of all segments together, None where none has one."""
+    summaries = [result.summary for result in results if result.summary is not None]
+    return {
+        name: pooled_acceleration([summary["estimators"][name] for summary in summaries])
         for name in settings.estimators
     }
 

@@ -24,7 +24,7 @@ PARAMETERS = consider_parameters()
 KINDS = {
     "stereo-tracks": ("focal_std", "center_std", "baseline_std"),
     "gyro": ("gyro_scale_std",),
-    "pose": (),
+    "pose": ("length_scale_std",),
 }
 EXACT = Scenario(
     principal_moments=(1.0, 0.8, 0.55),
@@ -104,6 +104,16 @@ def test_a_baseline_scales_the_whole_scene_and_neither_rates_nor_inertia() -> No
     assert told.mean() > 0.9
     points = motion.rows.here.points + back
     np.testing.assert_allclose(found.landmarks[told, :, 0], points[told], atol=1e-3)
+
+
+def test_lengths_of_poses_scale_places_and_velocities_alone() -> None:
+    kind, motion = "pose", smoothed("pose")
+    states = sensitivity(kind, "length_scale_std").states[:, :, 0]
+    for name in ("t", "v", "c"):
+        value = motion.block(name)
+        np.testing.assert_allclose(block(kind, name, states), -value, atol=2e-3 * np.abs(value).max())
+    for name in ("a", "w", "s"):
+        np.testing.assert_allclose(block(kind, name, states), 0, atol=2e-3)
 
 
 def test_a_clock_scales_velocities_and_rates_alone() -> None:

@@ -11,6 +11,7 @@ from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.estimators.model_errors.alternative import table
 from spinfilters.estimators.model_errors.hypotheses import (
     KnownLevels,
+    gross_error_cost,
     minus_twice_log_likelihood,
     noise_of,
     solved_near,
@@ -19,11 +20,11 @@ from spinfilters.estimators.model_errors.linear_rows import Columns, LinearRows
 from spinfilters.estimators.model_errors.score_tests import score_tests
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.estimators.smoothing.solver.iterations import SolverOptions, solve
-from spinfilters.estimators.timeline import times_of
+from spinfilters.estimators.timeline import build_timeline, times_of
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.pipeline import model_errors
 from spinfilters.pipeline.identified_noise import Unstated, noise_model
-from spinfilters.pipeline.setup import Setup, prepare
+from spinfilters.pipeline.setup import Setup, camera_view, prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 from spinfilters.state.blocks.acceleration import ACCELERATION
@@ -205,6 +206,26 @@ def test_the_likelihood_is_greatest_near_the_true_noise() -> None:
         solved = solve(other, other.at(trajectory, np.zeros((0, 3))), SolverOptions())
         found.append(minus_twice_log_likelihood(LinearRows(other, solved.point, solved.normal)))
     assert found[1] < min(found[0], found[2]) - 20
+
+
+@pytest.mark.parametrize(("kind", "option"), [("pose", "pose_position_std"), ("stereo-tracks", "pixel_std")])
+def test_the_evidence_tells_noise_that_is_stated_wrongly(kind: str, option: str) -> None:
+    setup, found = prepared(kind), []
+    log = MeasurementLog(tuple(replace(stream, covariance=None) for stream in setup.log.streams))
+    for factor in (0.2, 1.0, 5.0):
+        noise = replace(setup.noise, **{option: factor * getattr(setup.noise, option)})
+        timeline = build_timeline(log, setup.process.layout, noise, camera_view(setup.dataset))
+        own = replace(setup, timeline=timeline)
+        evidence = model_errors.minus_twice_log_evidence(own, setup.initial.mean)
+        assert evidence is not None
+        found.append(evidence)
+    assert found[1] < min(found[0], found[2]) - 20
+
+
+def test_a_gross_error_costs_more_than_noise_and_less_than_as_noise() -> None:
+    near, far = gross_error_cost(np.array([40.0, 1e6]), 6)
+    assert 30 < near < 60
+    assert near < far < 150
 
 
 def test_every_alternative_says_what_it_is_and_what_to_do() -> None:

@@ -12,7 +12,7 @@ from throws import FLIGHTS, INTERVAL, carried
 import spinfilters
 from spinfilters.data.dataset import read_dataset
 from spinfilters.flight.parabola import PoseLog, acceleration_of, pose_flights
-from spinfilters.flight.rotation_jumps import turns_on
+from spinfilters.flight.rotation_jumps import leads_on, turns_on
 
 HALF_EDGE = 0.0524
 NOISE = 5e-4
@@ -67,6 +67,29 @@ def test_a_rotation_that_jumps_ends_a_flight_before_its_place_tells() -> None:
     assert good[:36].all()
     assert not good[36]
     assert turns_on(time[:36], attitude[:36], 6).all()
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_a_hand_that_lets_go_slowly_is_no_part_of_a_flight(backwards: bool) -> None:
+    time, generator = 0.0068 * np.arange(22), np.random.default_rng(3)
+    rate = np.where(time < 0.02, 4.0 - 1.0 * (0.02 - time) / 0.02, 4.0)
+    angle = np.concatenate([[0.0], np.cumsum(rate[:-1] * np.diff(time))])
+    turned = np.outer(angle, [0.6, 0.0, 0.8]) + 2e-4 * generator.standard_normal((22, 3))
+    attitude = Rotation.from_rotvec(turned[::-1] if backwards else turned).as_matrix()
+    good = leads_on(time, attitude, 4)
+    assert (good[::-1] if backwards else good).tolist() == 3 * [False] + 19 * [True]
+
+
+def test_a_rotation_that_wobbles_leads_on_to_its_ends() -> None:
+    time = 0.01 * np.arange(60)
+    for speed in (0.5, 5.0, 20.0):
+        wobble = np.stack([np.cos(0.4 * speed * time), np.sin(0.4 * speed * time), 0 * time], axis=1)
+        step = Rotation.from_rotvec(speed * 0.01 * (0.5 * wobble + [0.0, 0.0, 0.8]))
+        attitude = [Rotation.identity()]
+        for each in step[:-1]:
+            attitude.append(attitude[-1] * each)
+        log = Rotation.concatenate(attitude).as_matrix()
+        assert leads_on(time, log, 8).all()
 
 
 def test_a_thrown_cube_flies_until_it_touches_the_ground(shared_data: Callable[[str], Path]) -> None:

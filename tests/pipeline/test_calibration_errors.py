@@ -131,7 +131,8 @@ def test_parts_add_up_and_are_told_in_summary_and_table() -> None:
     )
     assert max(told["rate_rad_s"]["calibration"]) > max(told["rate_rad_s"]["random"])
     assert document["conditions"]["calibration"] == {
-        "clock_scale_std": {"value": CLOCK, "unit": "1", "source": "stated"}
+        "length_scale_std": {"value": 0.0, "unit": "1", "source": "stated"},
+        "clock_scale_std": {"value": CLOCK, "unit": "1", "source": "stated"},
     }
     assert any("scale of the clock 1 %" in line for line in document["conditions"]["sentences"])
     rows = [row[0] for section in comparison_cells(compared().evaluations).sections for row in section]
@@ -141,10 +142,11 @@ def test_parts_add_up_and_are_told_in_summary_and_table() -> None:
 def test_a_data_set_that_is_silent_is_not_taken_for_exact() -> None:
     silent = replace(poses(), options=replace(poses().options, calibration={}))
     setup = prepare(silent, settings())
-    (clock,) = setup.calibration
-    assert (clock.source, clock.std) == ("prior", clock.parameter.default)
+    assert {each.parameter.name for each in setup.calibration} == {"length_scale_std", "clock_scale_std"}
+    for each in setup.calibration:
+        assert (each.source, each.std) == ("prior", each.parameter.default)
     assert any("(assumed)" in line for line in conditions_of(setup).sentences)
-    settled = prepare(silent, settings(clock_scale_std=0.0))
+    settled = prepare(silent, settings(clock_scale_std=0.0, length_scale_std=0.0))
     assert not CalibrationErrors(settled, settings()).considered
 
 

@@ -13,5 +13,5 @@ PARAMETER: Final = ConsiderParameter(
     words="scale of the clock",
     allowed=NumberRange(0, 0.1, "of durations"),
     default=1e-4,
-    order=4,
+    order=5,
 )

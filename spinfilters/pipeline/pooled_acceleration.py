@@ -1,0 +1,104 @@
+"""Strength of the acceleration that several flights of a recording show: gravity, say."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from scipy.stats import chi2
+
+from spinfilters.evaluation.reported_constants import REPORTED
+from spinfilters.pipeline.pooled_moments import DISAGREEMENT
+from spinfilters.state.blocks.acceleration import ACCELERATION
+from spinfilters.state.status import Verdict
+
+
+@dataclass(frozen=True)
+class Strength:
+    """Length of an estimated acceleration with both parts of its standard deviation, m/s^2."""
+
+    value: float
+    random: float
+    calibration: float
+
+    @property
+    def std(self) -> float:
+        """Whole standard deviation."""
+        return float(np.hypot(self.random, self.calibration))
+
+
+@dataclass(frozen=True)
+class PooledAcceleration:
+    """Weighted mean of the strengths.
+
+    The errors of the calibration are in all of them and are not averaged away.
+
+    Attributes
+    ----------
+    strength: the mean, its random part widened where the segments disagree.
+    chi_square: of the segments about it, of ``degrees`` degrees of freedom.
+    """
+
+    strength: Strength
+    chi_square: float
+    degrees: int
+
+    @property
+    def probability(self) -> float:
+        """Of a chi-square as large, 1 for a single segment."""
+        return float(chi2.sf(self.chi_square, self.degrees)) if self.degrees else 1.0
+
+    @property
+    def sentence(self) -> str:
+        """It in words."""
+        mean = self.strength
+        words = f"pooled acceleration {mean.value:.3f} ± {mean.std:.3f} m/s^2 (± {mean.calibration:.2g} of it of lengths and clock)"
+        if not self.degrees:
+            return words
+        return f"{words}, chi-square {self.chi_square:.1f} of {self.degrees} (p {self.probability:.2g})"
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """It for segments.json."""
+        return {
+            "strength": self.strength.value,
+            "random_std": self.strength.random,
+            "calibration_std": self.strength.calibration,
+            "chi_square": self.chi_square,
+            "degrees_of_freedom": self.degrees,
+            "probability": self.probability,
+        }
+
+
+def strength_of(estimate: Mapping[str, Any]) -> Strength | None:
+    """Of an estimator's entry of a summary, components taken for independent; None where it has failed or has none."""
+    key = REPORTED[ACCELERATION.name].value_key
+    parts = (estimate.get("deviation_parts") or {}).get(key)
+    if estimate["status"] == Verdict.FAILED or estimate.get(key) is None or parts is None:
+        return None
+    value = np.array(estimate[key], dtype=float)
+    length = float(np.linalg.norm(value))
+    along = value / max(length, np.finfo(float).tiny)
+    found = Strength(length, _along(along, parts["random"]), _along(along, parts["calibration"]))
+    return found if np.isfinite([found.value, found.std]).all() and found.random > 0 else None
+
+
+def pooled_acceleration(estimates: Sequence[Mapping[str, Any]]) -> PooledAcceleration | None:
+    """Of an estimator's entries of summaries; None where none has an acceleration."""
+    found = [each for each in map(strength_of, estimates) if each is not None]
+    if not found:
+        return None
+    values, random = np.array([each.value for each in found]), np.array([each.random for each in found])
+    weights = random**-2 / np.sum(random**-2)
+    mean, degrees = float(weights @ values), len(found) - 1
+    distance = float(np.sum(((values - mean) / random) ** 2))
+    agree = not degrees or chi2.sf(distance, degrees) >= DISAGREEMENT
+    widening = 1.0 if agree else float(np.sqrt(distance / degrees))
+    common = float(weights @ [each.calibration for each in found])
+    std = widening * float(np.sum(random**-2)) ** -0.5
+    return PooledAcceleration(Strength(mean, std, common), distance, degrees)
+
+
+def _along(direction: Float[np.ndarray, " 3"], std: list[float | None]) -> float:
+    return float(np.linalg.norm(direction * np.array(std, dtype=float)))
