@@ -15,7 +15,6 @@ from jaxtyping import Float
 
 from experiments.arithmetic_runs import LAYOUT, FilterStep, RandomRun
 from spinfilters.estimators.landmarks.held_map import HeldMap
-from spinfilters.models.landmark_sensor import LandmarkSensor
 
 STATE = LAYOUT.error_dim
 DIGITS = 80
@@ -72,7 +71,8 @@ def _observation_rows(run: RandomRun, step: FilterStep, size: int) -> Float[np.n
     assert measured is not None
     assert measured.ids is not None
     assert change is not None
-    assert isinstance(measured.model, LandmarkSensor)
+    sensor = measured.model.landmark_sensor
+    assert sensor is not None
     held = HeldMap.restored(step.before, run.options)
     if held is None:
         return np.zeros((0, size))

@@ -25,7 +25,6 @@ from spinfilters.data.track_files import KnownMap
 from spinfilters.estimators.robust.losses import LeastSquares
 from spinfilters.estimators.smoothing.factors.landmark_observations import OBSERVATIONS_NEEDED
 from spinfilters.estimators.smoothing.linear.marginals import Marginals
-from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
 from spinfilters.estimators.smoothing.problem.least_squares import Problem, Stage, problem_of
 from spinfilters.estimators.smoothing.solver.iterations import SolverOptions, solve
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
@@ -112,8 +111,7 @@ def bound_at_truth(recording: MonteCarloRecording) -> Float[np.ndarray, "k n"]:
     """Standard deviation of every error component of every frame, given all measurements."""
     problem = recording.problem(recording.states[0])
     normal = problem.normal(problem.at(recording.states, recording.known_map.points), Stage(LeastSquares()))
-    assert isinstance(normal.solution, SchurSystem)
-    return np.linalg.norm(Marginals(normal.solution, normal.eliminated).factors, axis=2)
+    return np.linalg.norm(Marginals(normal.system, normal.eliminated).factors, axis=2)
 
 
 def smoothed_errors(

@@ -17,13 +17,13 @@ from typing import Final
 import numpy as np
 
 from spinfilters.campaigns.metric_columns import nees_metrics
-from spinfilters.data.camera import StereoRig
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.evaluation.deviation_parts import without_calibration
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
 from spinfilters.pipeline.estimation import ComparisonExtent, compare_estimators
 from spinfilters.pipeline.setup import prepare
+from spinfilters.sensors.registry import sensor_of
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate, without_map
 from spinfilters.state.status import Verdict
@@ -60,11 +60,12 @@ def miscalibrated(dataset: Dataset, errors: Mapping[str, np.ndarray]) -> Dataset
     slower = 1 - float(errors["clock_scale_std"][0])
     streams = []
     for stream in dataset.log.streams:
-        scale = 1 + float(errors["gyro_scale_std"][0]) if stream.sensor == "gyro" else 1.0
+        reads_rates = sensor_of(stream.sensor).measured_rates(stream) is not None
+        scale = 1 + float(errors["gyro_scale_std"][0]) if reads_rates else 1.0
         streams.append(replace(stream, time=slower * stream.time, values=scale * stream.values))
     truth, rig = dataset.truth, dataset.rig
     assert truth is not None
-    if isinstance(rig, StereoRig):
+    if rig is not None and rig.baseline_m:
         focal, centre = 1 - float(errors["focal_std"][0]), errors["center_std"].tolist()
         moved = {"cx": rig.left.cx - centre[0], "cy": rig.left.cy - centre[1]}
         left = replace(rig.left, fx=focal * rig.left.fx, fy=focal * rig.left.fy, **moved)

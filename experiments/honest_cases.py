@@ -143,15 +143,18 @@ def _first_state(case: RecordingCase) -> Float[np.ndarray, " m"]:
     return x
 
 
+NOISE_OPTIONS = {
+    "gyro": {"gyro_noise_std": 1.0},
+    "pose": {"pose_position_std": POSITION_PER_ROTATION, "pose_rotation_std": 1.0},
+}
+"""Stated noise of a kind per its `RecordingCase.noise_std`."""
+
+
 def _recording(
     case: RecordingCase, time: np.ndarray, states: Float[np.ndarray, "n m"], generator: np.random.Generator
 ) -> Recording:
-    measure, options = {"gyro": _gyro, "pose": _poses}[case.kind], {"gyro_noise_std": case.noise_std}
-    if case.kind == "pose":
-        options = {
-            "pose_position_std": POSITION_PER_ROTATION * case.noise_std,
-            "pose_rotation_std": case.noise_std,
-        }
+    measure = {"gyro": _gyro, "pose": _poses}[case.kind]
+    options = {name: scale * case.noise_std for name, scale in NOISE_OPTIONS[case.kind].items()}
     kept = generator.random(len(time)) >= case.dropped
     kept[0] = True
     values = measure(case, states, generator)[kept]

@@ -21,7 +21,7 @@ from spinfilters.estimators.timeline import Epoch
 from spinfilters.evaluation.evaluation import evaluate
 from spinfilters.evaluation.trajectory_errors import Alignment
 from spinfilters.live.filter_track import FilterTrack
-from spinfilters.live.rebase import HandOver, rebase
+from spinfilters.live.rebase import HandOver
 from spinfilters.models.process import ProcessNoise
 from spinfilters.pipeline.estimator_entry import estimator_entries
 from spinfilters.pipeline.setup import Setup, prepare
@@ -74,7 +74,9 @@ def answers(
     for k, epoch in enumerate(setup.timeline[len(setup.initial.mean) :]):
         track.take(epoch)
         if every and k >= late and k % every == 0 and given[k - late].verdict == Verdict.OK:
-            track.begin_rebase(given[k - late].time, lambda filter_, k=k: rebase(filter_, given[k - late]))
+            track.begin_rebase(
+                given[k - late].time, lambda filter_, k=k: filter_.rebase(given[k - late].belief)
+            )
             while not track.rebase_step():
                 pass
             fresh.append(k)

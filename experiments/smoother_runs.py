@@ -17,7 +17,6 @@ from spinfilters.estimators.history import EstimateHistory, GrowingHistory
 from spinfilters.estimators.robust.losses import LeastSquares
 from spinfilters.estimators.smoothing.factors.landmark_observations import OBSERVATIONS_NEEDED
 from spinfilters.estimators.smoothing.linear.marginals import Marginals
-from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
 from spinfilters.estimators.smoothing.problem.least_squares import (
     LinearizationPoint,
     NormalEquations,
@@ -129,8 +128,7 @@ def _linear_nees(problem: Problem, here: LinearizationPoint, normal: NormalEquat
 
     Chi-square when the noise models are right, whatever is not linear.
     """
-    assert isinstance(normal.solution, SchurSystem)
-    errors, factors = normal.solution.errors, Marginals(normal.solution, normal.eliminated).factors
+    errors, factors = normal.system.errors, Marginals(normal.system, normal.eliminated).factors
     where = {"nees": slice(None)} | {f"nees_{b}": problem.layout.slice(b) for b in problem.layout.blocks}
     return {name: normalised_square(errors[:, at], factors[:, at]) for name, at in where.items()}
 
@@ -140,7 +138,7 @@ def _history(
 ) -> EstimateHistory:
     """Every frame given all of them."""
     layout = problem.layout
-    if isinstance(normal.solution, SchurSystem):
+    if normal.solution is not None:
         factors = Marginals(normal.solution, normal.eliminated).factors
     else:
         factors = np.full((len(timeline), layout.error_dim, layout.error_dim), np.nan)

@@ -25,6 +25,7 @@ from spinfilters.models.process import ProcessNoise
 from spinfilters.pipeline.estimation import ComparisonExtent, compare_estimators
 from spinfilters.pipeline.recording_bound import without_bounds
 from spinfilters.pipeline.setup import prepare
+from spinfilters.sensors.registry import sensor_of
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.faults import with_stream
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_noise
@@ -134,7 +135,7 @@ def _ratio(found: dict[str, float | str], without: dict[str, float | str]) -> di
 def _with(stream: MeasurementStream, errors: Float[np.ndarray, "n k"]) -> MeasurementStream:
     """With errors in standard deviations."""
     scaled = errors * STD[stream.sensor]
-    if stream.sensor == "gyro":
+    if sensor_of(stream.sensor).measured_rates(stream) is not None:
         return replace(stream, values=stream.values + scaled)
     return replace(stream, values=StateLayout(("t", "a")).retract(stream.values, scaled))
 
@@ -189,7 +190,7 @@ def _dropouts(stream: MeasurementStream, generator: np.random.Generator) -> Meas
 def _quantised(stream: MeasurementStream, _: np.random.Generator) -> MeasurementStream:
     """Without other noise."""
     step = RESOLUTION[stream.sensor]
-    if stream.sensor == "gyro":
+    if sensor_of(stream.sensor).measured_rates(stream) is not None:
         return replace(stream, values=step * np.round(stream.values / step))
     rounded = step * np.round(stream.values / step)
     rounded[:, 3:] /= np.linalg.norm(rounded[:, 3:], axis=1, keepdims=True)

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import singledispatch
 
 import numpy as np
 
@@ -96,16 +97,7 @@ def point_of(chart: Chart, of: CanonicalMotion) -> Rationals:
     ------
     InputError: for a chart that is none of `observability.charts`.
     """
-    if isinstance(chart, PrincipalChart):
-        blocks = _principal(of)
-    elif isinstance(chart, TensorChart):
-        blocks = _tensor(of)
-    elif isinstance(chart, FilterChart):
-        blocks = _filter_state(of)
-    else:
-        raise InputError(
-            f"no motion is given in the chart {chart.name}; use Chart.point with numbers of your own"
-        )
+    blocks = blocks_of(chart, of)
     return chart.point({block.name: blocks[block.name] for block in chart.blocks})
 
 
@@ -114,7 +106,7 @@ def principal_axes(chart: Chart) -> tuple[Rationals, ...]:
 
     x, y, z at its point (`point_of`).
     """
-    if "q_gb" not in {block.name for block in chart.blocks} and not isinstance(chart, TensorChart):
+    if not chart.has_turned_axes:
         return AXES_OF_G
     R = exact_matrix(ATTITUDE_GB)
     return tuple(tuple(R[row][column] for row in range(3)) for column in range(3))
@@ -127,7 +119,21 @@ def landmarks(count: int, seed: int = 0) -> tuple[Rationals, ...]:
     return tuple(rationals(point) for point in points)
 
 
-def _principal(of: CanonicalMotion) -> dict[str, Rationals]:
+@singledispatch
+def blocks_of(chart: Chart, of: CanonicalMotion) -> dict[str, Rationals]:
+    """Numbers of a motion's blocks in a chart, some that it may lack among them; each kind of chart registers its own.
+
+    Raises
+    ------
+    InputError: for a chart without an entry.
+    """
+    raise InputError(
+        f"no motion is given in the chart {chart.name}; use Chart.point with numbers of your own"
+    )
+
+
+@blocks_of.register
+def _principal(chart: PrincipalChart, of: CanonicalMotion) -> dict[str, Rationals]:
     return {
         "r": PLACE,
         "v": VELOCITY,
@@ -140,7 +146,8 @@ def _principal(of: CanonicalMotion) -> dict[str, Rationals]:
     }
 
 
-def _tensor(of: CanonicalMotion) -> dict[str, Rationals]:
+@blocks_of.register
+def _tensor(chart: TensorChart, of: CanonicalMotion) -> dict[str, Rationals]:
     """The same in g axes: R_gb w and R_gb J R_gb', in fractions."""
     R = exact_matrix(ATTITUDE_GB)
     w = tuple(sum((R[i][k] * of.rate[k] for k in range(3)), Fraction(0)) for i in range(3))
@@ -152,7 +159,8 @@ def _tensor(of: CanonicalMotion) -> dict[str, Rationals]:
     return {"t": PLACE, "q": ATTITUDE_IB, "v": VELOCITY, "w": w, "c": CENTRE, "J": tensor}
 
 
-def _filter_state(of: CanonicalMotion) -> dict[str, Rationals]:
+@blocks_of.register
+def _filter_state(chart: FilterChart, of: CanonicalMotion) -> dict[str, Rationals]:
     """With g along the principal axes: s holds half logarithms of the second moments (`spinfilters.dynamics.mass_distribution`).
 
     Blocks that a motion does not tell, such as the bias of a gyro, are at their origin.

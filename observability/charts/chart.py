@@ -46,10 +46,12 @@ class Chart(ABC):
     ----------
     name: in words.
     blocks: of a point, in order. A block of four numbers and three error components is a unit quaternion; others add.
+    has_turned_axes: whether principal axes may lie anywhere in g, rather than along its axes.
     """
 
     name: str
     blocks: tuple[Block, ...]
+    has_turned_axes: bool = False
 
     @abstractmethod
     def rates(self, values: Values) -> Values:

@@ -34,7 +34,7 @@ class PrincipalChart(Chart):
 
     def __init__(self, inertia: Block = RATIOS, with_attitude: bool = True, with_place: bool = True) -> None:
         place, turned = (vector("r"), vector("v")), (attitude("q_ib"),)
-        self.name = "principal axes"
+        self.name, self.has_turned_axes = "principal axes", with_attitude
         self.blocks = (
             *(place if with_place else ()),
             *(turned if with_attitude else ()),

@@ -16,7 +16,7 @@ class TensorChart(Chart):
     """
 
     def __init__(self, with_attitude: bool = True, with_place: bool = True) -> None:
-        self.name = "inertia tensor"
+        self.name, self.has_turned_axes = "inertia tensor", True
         self.blocks = (
             *((vector("t"),) if with_place else ()),
             *((attitude("q"),) if with_attitude else ()),

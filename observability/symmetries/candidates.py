@@ -1,5 +1,7 @@
 """Which symmetries to try for a system at a point."""
 
+from functools import singledispatch
+
 import casadi as ca
 import numpy as np
 
@@ -21,7 +23,7 @@ def candidates(system: System, point: Rationals) -> list[Symmetry]:
     chart = system.chart
     rate = as_floats(point)[_place(chart, "w")]
     values = chart.unpack(ca.SX.sym("x", chart.mean_dim))
-    found = _of_chart(system, values, rate)
+    found = of_chart(chart, system, values, rate)
     mapped = [sensor for sensor in system.sensors if sensor.unknown == 3]
     return [each for each in found if mapped or each.group not in NEED_LANDMARKS]
 
@@ -29,19 +31,35 @@ def candidates(system: System, point: Rationals) -> list[Symmetry]:
 NEED_LANDMARKS = {"turn that looks like drift", "spin about the line to the landmark"}
 
 
-def _of_chart(system: System, values: Values, rate: np.ndarray) -> list[Symmetry]:
-    chart, still = system.chart, not rate.any()
-    if isinstance(chart, PrincipalChart):
-        axes = gauge_axes(system, still)
-        return list(principal_symmetries(values, axes, still, bool(rate.all()) and "k" in values))
-    spin = None if still else int(np.argmin(np.abs(rate)))
-    axes = gauge_axes(system, still)
-    if isinstance(chart, TensorChart):
-        return list(GeometricMoves(_tensor, _with_tensor, axes, scale_held=True).symmetries(values, spin))
-    if isinstance(chart, FilterChart):
-        moves = GeometricMoves(_filter_inertia, with_second_moments, axes, scale_held=False)
-        return list(moves.symmetries(values, spin))
+@singledispatch
+def of_chart(chart: Chart, system: System, values: Values, rate: np.ndarray) -> list[Symmetry]:
+    """Candidates of a chart at a rate (3,), rad/s; each kind of chart registers its own, another has none."""
     return []
+
+
+@of_chart.register
+def _(chart: PrincipalChart, system: System, values: Values, rate: np.ndarray) -> list[Symmetry]:
+    still = not rate.any()
+    axes = gauge_axes(system, still)
+    return list(principal_symmetries(values, axes, still, bool(rate.all()) and "k" in values))
+
+
+@of_chart.register
+def _(chart: TensorChart, system: System, values: Values, rate: np.ndarray) -> list[Symmetry]:
+    axes = gauge_axes(system, not rate.any())
+    return list(GeometricMoves(_tensor, _with_tensor, axes, scale_held=True).symmetries(values, _spin(rate)))
+
+
+@of_chart.register
+def _(chart: FilterChart, system: System, values: Values, rate: np.ndarray) -> list[Symmetry]:
+    axes = gauge_axes(system, not rate.any())
+    moves = GeometricMoves(_filter_inertia, with_second_moments, axes, scale_held=False)
+    return list(moves.symmetries(values, _spin(rate)))
+
+
+def _spin(rate: np.ndarray) -> int | None:
+    """Axis about which a body turns least; None of one at rest."""
+    return int(np.argmin(np.abs(rate))) if rate.any() else None
 
 
 def _place(chart: Chart, name: str) -> slice:

@@ -20,10 +20,12 @@ from spinfilters.data.reading_options import ReadingOptions
 from spinfilters.data.sensor_format import dataset_kinds
 from spinfilters.errors import InputError
 from spinfilters.pipeline.segment_choice import read_chosen, segment_choice
+from spinfilters.sensors.registry import kinds_with
 from spinfilters.simulation.inspector import STATIC
 from spinfilters.simulation.motion import Progress, silent
 from spinfilters.simulation.scenario import Scenario, without_map
 from spinfilters.simulation.scenario import simulate as simulate_scenario
+from spinfilters.state.blocks.gyro_bias import GYRO_BIAS as BIAS_BLOCK
 
 MOST_TURNS = 100
 """Revolutions between epochs, at most: beyond, rounding decides where the body points."""
@@ -143,7 +145,7 @@ def _checked_bias(bias: Sequence[float], kinds: Sequence[str]) -> tuple[float, f
         raise InputError(
             f"gyro_bias is {value_text(tuple(bias))}; give three numbers, about the axes x, y, z"
         )
-    if "gyro" not in kinds:
+    if not kinds_with(BIAS_BLOCK).intersection(kinds):
         raise InputError(f"a gyro's bias is for the kind gyro; a {kinds[0]} has no gyro")
     for value in bias:
         GYRO_BIAS.require("gyro_bias", value)

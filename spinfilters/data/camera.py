@@ -92,6 +92,11 @@ class PinholeCamera:
         """Itself."""
         return self
 
+    @property
+    def baseline_m(self) -> float:
+        """0: one camera has no baseline."""
+        return 0.0
+
 
 @dataclass(frozen=True)
 class StereoRig:

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.embedded.embedded_options import EmbedOptions
+from spinfilters.embedded.emitted_sensors import EMITTED_SENSORS
 from spinfilters.embedded.library import load_filter
 from spinfilters.embedded.map_slots import MapSlots
 from spinfilters.embedded.structures import (
@@ -24,7 +25,7 @@ from spinfilters.estimators.estimator import (
     UpdateReport,
 )
 from spinfilters.estimators.filters.square_root_update import triangular_factor
-from spinfilters.estimators.landmarks.belief import LandmarkBelief, moved_points, state_in_g
+from spinfilters.estimators.landmarks.belief import Belief, LandmarkBelief, moved_points, state_in_g
 from spinfilters.models.gauge import GAUGE_DIM
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.state.gaussian import Gaussian
@@ -63,12 +64,12 @@ class EmbeddedFilter(Estimator):
             )
         self.options, self._c, self._noise = options, library, process.noise
         self._filter = filter_type(options)()
-        self._map = (landmark_type(options) * options.landmarks)() if "stereo" in options.sensors else None
+        self._map = (landmark_type(options) * options.landmarks)() if options.has_map else None
         self._slots = MapSlots(options.landmarks)
         self._move, self._move_rows = np.zeros(GAUGE_DIM), np.zeros((GAUGE_DIM, 0))
         self._fast = self._not_finite = 0
 
-    def start(self, belief: Gaussian | LandmarkBelief) -> None:
+    def start(self, belief: Belief) -> None:
         """Begin with a belief, landmarks included.
 
         What does not fit in the map's slots is left out.
@@ -78,11 +79,16 @@ class EmbeddedFilter(Estimator):
         self._fast = self._not_finite = 0
         self._move, self._move_rows = np.zeros(GAUGE_DIM), np.zeros((GAUGE_DIM, 0))
         factor = belief.factor[:n]
-        if isinstance(belief, LandmarkBelief):
-            self._take_map(belief)
-            if len(belief.factor) > n + belief.modes.shape[2]:
-                self._move, self._move_rows = belief.move.copy(), belief.factor[-GAUGE_DIM:]
+        joint = belief.joint
+        if joint is not None:
+            self._take_map(joint)
+            if len(joint.factor) > n + joint.modes.shape[2]:
+                self._move, self._move_rows = joint.move.copy(), joint.factor[-GAUGE_DIM:]
         self._set(belief.mean, factor)
+
+    def rebase(self, belief: Belief) -> None:
+        """Begin with a smoothed belief, landmarks included."""
+        self.start(belief)
 
     @property
     def belief(self) -> Gaussian:
@@ -153,7 +159,7 @@ class EmbeddedFilter(Estimator):
             raise InputError(
                 f"the embedded filter takes {', '.join(self.options.sensors)}, not {name!r}; leave it out of --estimators"
             )
-        if name == "stereo":
+        if EMITTED_SENSORS[name].landmark_model is not None:
             return self._observed(measurement)
         nis, dof, used = 0.0, 0, 0
         for value, parameters in zip(measurement.values, measurement.parameters, strict=True):
@@ -205,7 +211,11 @@ class EmbeddedFilter(Estimator):
         for each, pixels, place in zip(observations, measurement.values, places.tolist(), strict=True):
             each.pixels[:], each.landmark = pixels.tolist(), place
         result = self._call(
-            "sf_update_stereo", self._map, observations, ctypes.c_uint16(k), self._array(camera[0])
+            f"sf_update_{measurement.model.name}",
+            self._map,
+            observations,
+            ctypes.c_uint16(k),
+            self._array(camera[0]),
         )
         self._not_finite += result > FAST
         outcome = np.array([each.outcome for each in observations])

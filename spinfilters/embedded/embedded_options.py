@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
+from spinfilters.embedded.emitted_sensors import EMITTED_SENSORS, EmittedSensor
 from spinfilters.errors import InputError
-from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
+from spinfilters.state.layout import StateLayout
 
-SENSORS = ("pose", "stereo", "gyro")
 REALS = ("float", "double")
 SUBSTEPS = (2, 4, 8, 16, 32, 64)
 """Of a prediction: even, for the noise is integrated by Simpson's or Boole's rule over them."""
@@ -31,7 +31,7 @@ class EmbedOptions:
 
     def __post_init__(self) -> None:
         for name, value, allowed in (
-            ("sensor", self.sensor, SENSORS),
+            ("sensor", self.sensor, tuple(EMITTED_SENSORS)),
             ("real", self.real, REALS),
             ("substeps", self.substeps, SUBSTEPS),
         ):
@@ -43,9 +43,19 @@ class EmbedOptions:
     @property
     def layout(self) -> StateLayout:
         """Blocks of the state."""
-        return StateLayout(ROTATION_BLOCKS if self.sensor == "gyro" else FULL_BLOCKS)
+        return StateLayout(EMITTED_SENSORS[self.sensor].blocks)
 
     @property
     def sensors(self) -> tuple[str, ...]:
+        """Names of the sensors whose updates are generated."""
+        return EMITTED_SENSORS[self.sensor].taken
+
+    @property
+    def emitted(self) -> tuple[EmittedSensor, ...]:
         """Sensors whose updates are generated."""
-        return ("stereo", "pose") if self.sensor == "stereo" else (self.sensor,)
+        return tuple(EMITTED_SENSORS[name] for name in self.sensors)
+
+    @property
+    def has_map(self) -> bool:
+        """Whether the filter holds landmarks."""
+        return any(each.landmark_model is not None for each in self.emitted)

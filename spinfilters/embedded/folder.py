@@ -36,7 +36,7 @@ def readme_text(options: EmbedOptions) -> str:
     n = layout.error_dim
     state = size * (layout.mean_dim + n * (n - 1) // 2 + n + 3) + 8
     rows = [f"| `sf_filter` | {state} bytes |"]
-    if "stereo" in options.sensors:
+    if options.has_map:
         rows.append(f"| map of {options.landmarks} landmarks | {options.landmarks * (9 * size + 4)} bytes |")
     values = {
         "options": f"sensor {options.sensor}, {options.real}, {options.substeps} substeps",

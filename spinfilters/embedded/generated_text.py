@@ -8,8 +8,6 @@ from scipy.special import chdtri
 
 from spinfilters.embedded.embedded_options import EmbedOptions
 from spinfilters.embedded.model_functions import (
-    MODELS,
-    POINT,
     model_functions,
     moving_dim,
     transition_pattern,
@@ -121,7 +119,8 @@ def _config_numbers(options: EmbedOptions) -> dict[str, float | str]:
     """Sizes, places in the state, and gates, by their macros."""
     layout, count = options.layout, options.substeps
     phi, g = transition_pattern(layout)
-    seen = MODELS[options.sensors[0]](layout).columns
+    models = {each: each.model(layout) for each in options.emitted}
+    seen = models[options.emitted[0]].columns
     numbers: dict[str, float | str] = {
         "SF_NX": layout.mean_dim,
         "SF_N": layout.error_dim,
@@ -143,11 +142,8 @@ def _config_numbers(options: EmbedOptions) -> dict[str, float | str]:
         "SF_CONFIRMED": CONFIRMED,
         "SF_WRONG_IN_A_ROW": WRONG_IN_A_ROW,
     }
-    if "stereo" in options.sensors:
-        numbers["SF_LANDMARKS"] = options.landmarks
-        numbers["SF_STEREO_PARAMETERS"] = MODELS["stereo"](layout).parameter_dim - POINT
-    if "gyro" in options.sensors:
-        numbers["SF_GYRO_PARAMETERS"] = MODELS["gyro"](layout).parameter_dim
+    for each, model in models.items():
+        numbers |= each.macros(model, options.landmarks)
     return numbers
 
 

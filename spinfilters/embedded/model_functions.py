@@ -9,20 +9,15 @@ import numpy as np
 from spinfilters.attitude.expressions import Expression, matrix_from_quaternion
 from spinfilters.dynamics.mass_distribution import inertia, lower_factor
 from spinfilters.embedded.embedded_options import EmbedOptions
+from spinfilters.embedded.emitted_sensors import POINT
 from spinfilters.embedded.reset_model import attitude_reset, mass_correction
 from spinfilters.embedded.rotation_model import INERTIA_ENTRIES, substep_expression
 from spinfilters.models.landmark_sensor import LandmarkSensor
 from spinfilters.models.measurement import MeasurementModel, row_by_row
-from spinfilters.models.sensor_models.gyro_model import Gyro
-from spinfilters.models.sensor_models.pose_model import Pose
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
 from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION
 from spinfilters.state.layout import StateLayout
 
-MODELS: dict[str, type[MeasurementModel]] = {"pose": Pose, "stereo": StereoLandmark, "gyro": Gyro}
 SHARED = {"cse": True}
-POINT = 3
-"""Parameters that are a landmark's point; they come first."""
 ROTATION_SHAPES = ((3, 3), (3, 3), (3, 3), (3, 5), (3, 5), (5, 5))
 """Of Psi_aa, Psi_aw, Psi_ww, Theta_a, Theta_w and dJ."""
 
@@ -32,12 +27,11 @@ def model_functions(options: EmbedOptions) -> list[ca.Function]:
     layout = options.layout
     functions = [inertia_function(), substep_function(), transition_function(layout)]
     functions.append(correction_function(layout))
-    for name in options.sensors:
-        model = MODELS[name](layout)
-        if isinstance(model, LandmarkSensor):
-            functions += [rotation_function(layout), *landmark_functions(model)]
+    for each in options.emitted:
+        if each.landmark_model is None:
+            functions.append(measurement_function(each.model(layout)))
         else:
-            functions.append(measurement_function(model))
+            functions += [rotation_function(layout), *landmark_functions(each.landmark_model(layout))]
     return functions
 
 

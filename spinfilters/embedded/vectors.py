@@ -10,13 +10,11 @@ from jaxtyping import Float
 
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.embedded.embedded_options import EmbedOptions
-from spinfilters.embedded.model_functions import MODELS
+from spinfilters.embedded.emitted_sensors import EmittedSensor
 from spinfilters.embedded.reference import ReferenceFilter
-from spinfilters.models.landmark_sensor import LandmarkSensor
-from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensor_models.pose_model import pose_parameters
 from spinfilters.models.sensor_models.stereo_landmark import stereo_parameters
+from spinfilters.state.layout import StateLayout
 
 EPOCHS, INTERVAL = 6, 0.1
 OBSERVATIONS = 200
@@ -53,7 +51,9 @@ def make_vectors(options: EmbedOptions) -> TestVectors:
     x = layout.retract(truth, std * rng.normal(size=layout.error_dim))
     reference = ReferenceFilter(process, x, np.diag(std**2))
     arrays = {"x": x, "covariance": reference.covariance.copy(), "psd": np.array([1e-6, 1e-6])}
-    sensor = _PoseOrGyro(options, arrays) if options.sensor != "stereo" else _Stereo(options, arrays, rng)
+    sensor = (
+        _Landmarks(options, arrays, rng) if options.has_map else _OneValue(options.emitted[0], layout, arrays)
+    )
     out: list[np.ndarray] = []
     for _ in range(EPOCHS):
         truth = process.step(truth, INTERVAL)
@@ -64,22 +64,19 @@ def make_vectors(options: EmbedOptions) -> TestVectors:
     return TestVectors(arrays | sensor.finished())
 
 
-class _PoseOrGyro:
-    """One value an epoch."""
+class _OneValue:
+    """One value an epoch, of a sensor without landmarks."""
 
-    def __init__(self, options: EmbedOptions, arrays: dict[str, np.ndarray]) -> None:
-        self._model: MeasurementModel = MODELS[options.sensor](options.layout)
-        noise = np.diag([1.6e-5] * 3 + [2.5e-5] * 3)[None]
-        self._parameters = np.array([0.01, 0.0]) if options.sensor == "gyro" else pose_parameters(noise)[0]
+    def __init__(self, sensor: EmittedSensor, layout: StateLayout, arrays: dict[str, np.ndarray]) -> None:
+        assert sensor.example is not None
+        self._sensor, self._model, self._parameters = sensor, sensor.model(layout), sensor.example
         arrays["parameters"] = self._parameters
         self._values: list[np.ndarray] = []
 
     def measure(self, reference: ReferenceFilter, truth: np.ndarray, rng: np.random.Generator) -> None:
         """Take one noisy pose or rate from the true state and update."""
         expected = self._model.predict(truth, self._parameters)
-        value = expected + 0.003 * rng.normal(size=len(expected))
-        if self._model.name == "pose":
-            value[3:] /= np.linalg.norm(value[3:])
+        value = self._sensor.normalised(expected + 0.003 * rng.normal(size=len(expected)))
         self._values.append(value)
         assert reference.update(self._model, value, self._parameters)
 
@@ -88,7 +85,7 @@ class _PoseOrGyro:
         return {"values": np.array(self._values)}
 
 
-class _Stereo:
+class _Landmarks:
     """Stereo landmarks on the near side of a ball, half of them known.
 
     At first those of every other place are known.
@@ -97,9 +94,9 @@ class _Stereo:
     def __init__(
         self, options: EmbedOptions, arrays: dict[str, np.ndarray], rng: np.random.Generator
     ) -> None:
-        model = MODELS["stereo"](options.layout)
-        assert isinstance(model, LandmarkSensor)
-        self._model = model
+        (self._model,) = (
+            each.landmark_model(options.layout) for each in options.emitted if each.landmark_model
+        )
         count = min(OBSERVATIONS, options.landmarks)
         normals = rng.normal(size=(count, 3))
         normals[:, 2] = -np.abs(normals[:, 2])

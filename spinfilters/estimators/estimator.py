@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -13,6 +13,9 @@ from spinfilters.models.measurement import MeasurementModel
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
 from spinfilters.state.status import EstimatorStatus
+
+if TYPE_CHECKING:
+    from spinfilters.estimators.landmarks.belief import Belief
 
 
 @dataclass(frozen=True)
@@ -115,6 +118,19 @@ class Estimator(ABC):
     @abstractmethod
     def start(self, belief: Gaussian) -> None:
         """Begin from a belief over the process' layout."""
+
+    def rebase(self, belief: "Belief") -> None:
+        """Begin anew from a smoothed belief of the present time, landmarks included where the estimator holds some.
+
+        Landmarks that only the estimator holds go: what told them has told the smoother's state too, and nobody knows how their
+        errors depend on one another.
+        """
+        self.start(belief.state)
+
+    @property
+    def mode_count(self) -> int:
+        """Modes that the landmarks of its map share; 0 without a map."""
+        return 0
 
     @property
     @abstractmethod

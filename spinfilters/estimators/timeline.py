@@ -5,6 +5,7 @@ The one place where the two meet; in the order of time.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import singledispatch
 from typing import overload
 
 import numpy as np
@@ -83,11 +84,16 @@ class LogTimeline(Sequence[Epoch]):
         return Epoch(float(self.time[index]), tuple(m for part in self.sensors for m in part.measured(index)))
 
 
+@singledispatch
 def times_of(epochs: Timeline) -> Float[np.ndarray, " k"]:
     """Times of epochs, s."""
-    if isinstance(epochs, LogTimeline):  # without making any epoch
-        return epochs.time
     return np.fromiter((epoch.time for epoch in epochs), float, len(epochs))
+
+
+@times_of.register
+def _(epochs: LogTimeline) -> Float[np.ndarray, " k"]:
+    """Without making any epoch."""
+    return epochs.time
 
 
 def distinct(time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:

@@ -1,6 +1,6 @@
 """The estimated motion in inertial axes with its uncertainty, and the files that hold it."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from pathlib import Path
 from typing import Final
@@ -62,8 +62,8 @@ class Trajectory:
 
     def at(self, rows: Int[np.ndarray, " k"]) -> "Trajectory":
         """The trajectory at some epochs."""
-        arrays = {name: values[rows] for name, values in vars(self).items() if isinstance(values, np.ndarray)}
-        return replace(self, **arrays)
+        arrays = {field.name for field in fields(self)} - {"sees_position"}
+        return replace(self, **{name: getattr(self, name)[rows] for name in arrays})
 
 
 def trajectory_of(history: EstimateHistory) -> Trajectory:

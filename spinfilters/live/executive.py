@@ -14,7 +14,6 @@ import numpy as np
 from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.estimator import UpdateReport
 from spinfilters.estimators.filters.belief_prediction import predict_ahead
-from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeFilter
 from spinfilters.estimators.run import rehearse
 from spinfilters.estimators.smoothing.window.recursive_smoother import RecursiveSmoother
 from spinfilters.estimators.timeline import Epoch, Timeline
@@ -25,7 +24,7 @@ from spinfilters.live.gap_rule import GapRule
 from spinfilters.live.line_format import ArrivedEpoch
 from spinfilters.live.live_options import LiveOptions, LiveSetup
 from spinfilters.live.live_summary import LiveSummary
-from spinfilters.live.rebase import HandOver, distance, rebase
+from spinfilters.live.rebase import HandOver, distance
 from spinfilters.live.running_verdict import RunningVerdict
 from spinfilters.live.smoother_worker import Build, SmootherTask
 from spinfilters.live.supervisor import SmootherSupervisor
@@ -242,7 +241,7 @@ class Executive:
             return
         self._refused = 0
         try:
-            self.track.begin_rebase(given.time, lambda filter_: rebase(filter_, given))
+            self.track.begin_rebase(given.time, lambda filter_: filter_.rebase(given.belief))
             self._rebasing_to = given.time
         except (*NUMERICAL_ERRORS, InputError):
             events["hand-over refused, the filter cannot begin from it"] += 1
@@ -279,7 +278,7 @@ class Executive:
 
     def _task(self, build: Build, own_time: float, instant: float) -> SmootherTask:
         """Task of the smoother, with as many modes as the filter."""
-        filter_, landmarks = self.track.estimator, self._options.landmarks
-        if isinstance(filter_, MultiplicativeFilter) and filter_.mode_count:
-            landmarks = replace(landmarks, modes=filter_.mode_count, explained=0.0)
+        modes, landmarks = self.track.estimator.mode_count, self._options.landmarks
+        if modes:
+            landmarks = replace(landmarks, modes=modes, explained=0.0)
         return SmootherTask(build, own_time, instant, landmarks, self._options.memory)

@@ -107,8 +107,8 @@ def hand_over_message(smoother: RecursiveSmoother, time: float, options: Landmar
     """State and landmarks of the latest epoch that measured something (time s), frame g."""
     belief = smoother.sliding.joint_belief(options)
     message: Message = {"time": np.array(time), "mean": belief.mean, "factor": belief.factor}
-    if isinstance(belief, LandmarkBelief):
-        message |= {name: np.asarray(getattr(belief, name)) for name in MAP}
+    if belief.joint is not None:
+        message |= {name: np.asarray(getattr(belief.joint, name)) for name in MAP}
     return message | {"verdict": np.array(str(smoother.status.verdict))}
 
 

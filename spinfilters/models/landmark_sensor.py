@@ -55,6 +55,11 @@ class LandmarkSensor(MeasurementModel):
 
     known_by = 3
 
+    @property
+    def landmark_sensor(self) -> "LandmarkSensor":
+        """Itself."""
+        return self
+
     @abstractmethod
     def landmark(
         self, state: dict[str, Expression], measured: Expression, parameters: Expression

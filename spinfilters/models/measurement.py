@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cache, cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -12,6 +12,9 @@ from jaxtyping import Bool, Float
 from spinfilters.attitude.expressions import Expression
 from spinfilters.state.layout import StateLayout
 from spinfilters.symbolic import Compiled, Vectorised, building
+
+if TYPE_CHECKING:
+    from spinfilters.models.landmark_sensor import LandmarkSensor
 
 ByError = Callable[[Expression, Expression, Expression], tuple[Expression, Expression]]
 """Gives a measured value and the parameters of its measurement, were the calibration larger by an error."""
@@ -58,6 +61,7 @@ class MeasurementModel(ABC):
     parameter_dim: dimension of what accompanies each measurement: landmark, calibration, noise.
     needs: state blocks that the measurement depends on.
     known_by: leading parameters that tell what is measured, by which it is known again; None for all of them.
+    images: of which a value holds pixels: one of a camera, two of a pair.   reads_rate: whether it reads the body rate, axes g.
     """
 
     name: str
@@ -66,6 +70,8 @@ class MeasurementModel(ABC):
     parameter_dim: int
     needs: tuple[str, ...]
     known_by: int | None = None
+    images: int = 0
+    reads_rate: bool = False
 
     def __init__(self, layout: StateLayout) -> None:
         self.layout = layout
@@ -85,6 +91,11 @@ class MeasurementModel(ABC):
     def valid(self, state: dict[str, Expression], parameters: Expression) -> Expression:
         """Positive where the model applies (a point in front of the camera)."""
         return ca.DM(1)
+
+    @property
+    def landmark_sensor(self) -> "LandmarkSensor | None":
+        """The model as one that tells landmarks; None of one that does not."""
+        return None
 
     @cached_property
     def columns(self) -> list[int]:

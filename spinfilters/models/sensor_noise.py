@@ -29,7 +29,7 @@ class SensorNoiseModel(ABC):
         """How many parameters tell it."""
 
     @abstractmethod
-    def factor(self, parameters: Expression, added: Expression | float = 0.0) -> Expression:
+    def factor(self, parameters: Expression, added: Expression | None = None) -> Expression:
         """Lower factor (dim, dim) of the covariance, with a variance ``added`` to every component."""
 
     @abstractmethod
@@ -46,9 +46,9 @@ class IsotropicNoise(SensorNoiseModel):
         """The standard deviation."""
         return 1
 
-    def factor(self, parameters: Expression, added: Expression | float = 0.0) -> Expression:
+    def factor(self, parameters: Expression, added: Expression | None = None) -> Expression:
         """sqrt(std^2 + added) I."""
-        std = parameters[0] if isinstance(added, float) else ca.sqrt(parameters[0] ** 2 + added)
+        std = parameters[0] if added is None else ca.sqrt(parameters[0] ** 2 + added)
         return std * ca.DM.eye(self.dim)
 
     def difference_std(self, parameters: Expression, one: int, other: int) -> Expression:
@@ -65,10 +65,10 @@ class CorrelatedNoise(SensorNoiseModel):
         """Entries of the Cholesky factor."""
         return self.dim * (self.dim + 1) // 2
 
-    def factor(self, parameters: Expression, added: Expression | float = 0.0) -> Expression:
+    def factor(self, parameters: Expression, added: Expression | None = None) -> Expression:
         """Cholesky factor of L L' + added I."""
         root = factor_of(parameters, self.dim)
-        if isinstance(added, float):
+        if added is None:
             return root
         return ca.chol(root @ root.T + added * ca.SX.eye(self.dim)).T
 
@@ -80,7 +80,7 @@ class CorrelatedNoise(SensorNoiseModel):
 
 def noise_model(level: NoiseLevel, dim: int) -> SensorNoiseModel:
     """What the parameters of measurements with such a noise are."""
-    return IsotropicNoise(dim) if isinstance(level, float | int) else CorrelatedNoise(dim)
+    return CorrelatedNoise(dim) if np.ndim(level) else IsotropicNoise(dim)
 
 
 def noise_parameters(level: NoiseLevel, count: int) -> Float[np.ndarray, "count e"]:
@@ -90,11 +90,11 @@ def noise_parameters(level: NoiseLevel, count: int) -> Float[np.ndarray, "count 
     ------
     numpy.linalg.LinAlgError: when a covariance is not positive definite.
     """
-    return np.full((count, 1), level) if isinstance(level, float | int) else parameters_of(level)
+    return parameters_of(np.asarray(level)) if np.ndim(level) else np.full((count, 1), level)
 
 
 def noise_of_rows(
     level: NoiseLevel, rows: slice | Bool[np.ndarray, " k"]
 ) -> float | Float[np.ndarray, "chosen d d"]:
     """That of some of the measurements."""
-    return level if isinstance(level, float | int) else level[rows]
+    return np.asarray(level)[rows] if np.ndim(level) else level

@@ -19,7 +19,6 @@ from spinfilters.data.consider_parameter import ConsideredDeviation
 from spinfilters.errors import NUMERICAL_ERRORS
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.model_errors.calibration_sensitivity import smoothed_sensitivity
 from spinfilters.estimators.model_errors.hypotheses import solved_near
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
@@ -127,8 +126,8 @@ class CalibrationErrors:
         mean = setup.process.layout.retract(setup.initial.mean, states)
         initial = replace(setup.initial, mean=mean, points=setup.initial.points + landmarks)
         belief = replace(setup.belief, mean=mean[-1])
-        if isinstance(belief, LandmarkBelief):  # whose map is in frame g yet
-            belief = replace(belief, points=belief.points + landmarks)
+        if belief.joint is not None:  # whose map is in frame g yet
+            belief = replace(belief.joint, points=belief.joint.points + landmarks)
         moved = replace(setup, timeline=timeline, initial=initial, belief=belief)
         estimator = entry.build(moved, self.settings)
         entry.begin(estimator, moved)

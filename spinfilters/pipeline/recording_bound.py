@@ -129,7 +129,7 @@ def _factors(setup: Setup, states: Float[np.ndarray, "k m"]) -> Float[np.ndarray
     if rough is not None:
         here = problem.at(states, points + rough.points_step(np.zeros((len(states), 6))))
     normal = problem.normal(here, Stage(Gate(GATE, GATE)))
-    if isinstance(normal.solution, int) or _inliers(problem, here, normal.used) < INLIERS_NEEDED:
+    if normal.solution is None or _inliers(problem, here, normal.used) < INLIERS_NEEDED:
         return None
     return Marginals(normal.solution, normal.eliminated).factors
 

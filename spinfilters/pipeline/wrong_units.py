@@ -10,7 +10,6 @@ from typing import Final
 
 import numpy as np
 
-from spinfilters.data.camera import StereoRig
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.sensors.gyro import GYRO_FULL_SCALE
@@ -50,7 +49,7 @@ class WrongUnit:
 def wrong_units(dataset: Dataset) -> list[WrongUnit]:
     """Of every stream and of the cameras; empty where all are plausible."""
     found = [each for stream in dataset.log.streams for each in _of_stream(stream)]
-    if isinstance(dataset.rig, StereoRig) and dataset.rig.baseline_m > LARGEST_BASELINE:
+    if dataset.rig is not None and dataset.rig.baseline_m > LARGEST_BASELINE:
         sentence = f"the cameras' baseline is {dataset.rig.baseline_m:.3g} m"
         found.append(WrongUnit("length-unit", sentence, "give the calibration in m, not in mm"))
     return list({each.name: each for each in found}.values())

@@ -1,7 +1,8 @@
 """Prediction of motion and uncertainty after the last epoch."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float
@@ -78,15 +79,20 @@ def _growth(
 
 def _std(name: str, each: PredictionCurves) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " n"]]:
     """Roots of the sums of the axes' variances, before and ahead."""
-    if name == "body rate":
-        assert each.rates_before.std is not None
-        assert each.rates_ahead.std is not None
-        pair = each.rates_before.std, each.rates_ahead.std
-    elif name == "attitude":
-        pair = each.before.std_attitude, each.ahead.std_attitude
-    else:
-        pair = each.before.std_position, each.ahead.std_position
-    return np.linalg.norm(pair[0], axis=1), np.linalg.norm(pair[1], axis=1)
+    before, ahead = _DEVIATIONS[name](each)
+    assert before is not None
+    assert ahead is not None
+    return np.linalg.norm(before, axis=1), np.linalg.norm(ahead, axis=1)
+
+
+_DEVIATIONS: Final[
+    Mapping[str, Callable[[PredictionCurves], tuple[np.ndarray | None, np.ndarray | None]]]
+] = {
+    "position": lambda each: (each.before.std_position, each.ahead.std_position),
+    "attitude": lambda each: (each.before.std_attitude, each.ahead.std_attitude),
+    "body rate": lambda each: (each.rates_before.std, each.rates_ahead.std),
+}
+"""Deviations of the three axes by the quantity, before and ahead."""
 
 
 def _rates(

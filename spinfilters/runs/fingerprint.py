@@ -109,9 +109,8 @@ def _digest_of_timeline(timeline: Timeline) -> str:
 
 def _digest_of(belief: Gaussian | LandmarkBelief) -> str:
     digest = hashlib.sha256(" ".join(belief.layout.blocks).encode())
-    landmarks = ()
-    if isinstance(belief, LandmarkBelief):
-        landmarks = (belief.ids, belief.points, belief.modes, belief.roots)
+    joint = belief.joint
+    landmarks = () if joint is None else (joint.ids, joint.points, joint.modes, joint.roots)
     for array in (belief.mean, belief.factor, *landmarks):
         digest.update(f"{array.shape}".encode() + array.tobytes())
     return digest.hexdigest()

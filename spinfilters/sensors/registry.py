@@ -4,6 +4,7 @@ from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.data.sensor_format import SENSORS
 from spinfilters.errors import InputError
 from spinfilters.sensors.sensor import Sensor
+from spinfilters.state.block import StateBlock
 
 
 def all_sensors() -> tuple[Sensor, ...]:
@@ -27,6 +28,13 @@ def sensor_of(name: str) -> Sensor:
     if name not in sensors:
         raise InputError(f"sensor {name!r} is unknown; use one of {', '.join(sensors)}")
     return sensors[name]
+
+
+def kinds_with(block: StateBlock) -> set[str]:
+    """Kinds of data sets whose sensor has this constant error."""
+    return {
+        each.format.kind for each in all_sensors() if each.format is not None and block in each.error_blocks
+    }
 
 
 def sensors_in(log: MeasurementLog) -> tuple[Sensor, ...]:

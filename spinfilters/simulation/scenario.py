@@ -29,10 +29,11 @@ from spinfilters.sensors.feature_tracks import (
     ball,
     stays_in_view,
 )
-from spinfilters.sensors.registry import sensor_of
+from spinfilters.sensors.registry import kinds_with, sensor_of
 from spinfilters.sensors.simulated_scene import Scene, SimulatedStream
 from spinfilters.simulation.inspector import INSPECTORS, STATIC
 from spinfilters.simulation.motion import SUBSTEPS, Motion, Progress, silent, simulate_motion
+from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 THESIS_RPM: Final = (0.5, 10.0, 0.5)
@@ -288,7 +289,9 @@ def _truth(scenario: Scenario, motion: Motion) -> Truth:
         principal_moments=np.array(scenario.principal_moments)[order] / max(scenario.principal_moments),
         principal_axes_g=axes,
         center_of_mass_g=np.array(scenario.center_of_mass_g),
-        gyro_bias=np.array(scenario.gyro_bias) if "gyro" in scenario.kinds else None,
+        gyro_bias=np.array(scenario.gyro_bias)
+        if kinds_with(GYRO_BIAS).intersection(scenario.kinds)
+        else None,
     )
 
 

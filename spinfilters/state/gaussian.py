@@ -59,6 +59,16 @@ class Gaussian:
         return cls(layout, mean, factor)
 
     @property
+    def state(self) -> "Gaussian":
+        """Itself."""
+        return self
+
+    @property
+    def joint(self) -> None:
+        """None: a belief of the state alone."""
+        return None
+
+    @property
     def covariance(self) -> Float[np.ndarray, "n n"]:
         """P = factor factor', positive semidefinite by construction."""
         return self.factor @ self.factor.T

@@ -163,6 +163,5 @@ def _point_information(
     Of (u_left, v_left, u_right) with noise N.
     """
     J = stereo_pair(calibration).pixels_by_point(camera, calibration)
-    roots = noise if isinstance(noise, float | int) else np.linalg.cholesky(noise)
-    whitened = J / roots if isinstance(roots, float | int) else np.linalg.solve(roots, J)
+    whitened = np.linalg.solve(np.linalg.cholesky(noise), J) if np.ndim(noise) else J / noise
     return np.swapaxes(whitened, 1, 2) @ whitened

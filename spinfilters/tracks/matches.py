@@ -88,6 +88,6 @@ class MatchTable:
 
 
 def _pixel_std(epoch: Matches) -> Float[np.ndarray, " k"]:
-    if isinstance(epoch.noise, float | int):
-        return np.full(len(epoch.points), float(epoch.noise))
+    if not np.ndim(epoch.noise):
+        return np.full(len(epoch.points), epoch.noise)
     return np.sqrt(np.trace(epoch.noise, axis1=1, axis2=2) / 3)

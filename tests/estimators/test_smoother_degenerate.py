@@ -125,7 +125,7 @@ def test_no_prior_leaves_the_frame_undetermined() -> None:
     found = solve(problem, point, SolverOptions(3))
     assert np.isfinite(found.point.trajectory).all()
     solution = found.normal.solution
-    assert isinstance(solution, int) or np.linalg.norm(latest_factor(solution), axis=1).max() > 1.0
+    assert solution is None or np.linalg.norm(latest_factor(solution), axis=1).max() > 1.0
 
 
 def test_no_prior_and_no_observations_are_not_solved() -> None:

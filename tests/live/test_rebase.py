@@ -6,7 +6,7 @@ import pytest
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
-from spinfilters.live.rebase import HandOver, rebase, with_modes
+from spinfilters.live.rebase import HandOver
 from spinfilters.live.smoother_worker import MAP, hand_over_of
 from spinfilters.models.gauge import GAUGE_DIM
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
@@ -37,7 +37,7 @@ def smoothed(modes: int = 2, landmarks: int = 5) -> LandmarkBelief:
 
 def test_further_modes_change_no_covariance() -> None:
     given = smoothed()
-    more = with_modes(given, 7)
+    more = given.with_modes(7)
     assert more.modes.shape == (5, 3, 7)
     expected, found = given.joint_factor(), more.joint_factor()
     np.testing.assert_allclose(found @ found.T, expected @ expected.T, rtol=1e-9, atol=1e-15)
@@ -46,7 +46,7 @@ def test_further_modes_change_no_covariance() -> None:
 def test_a_filter_on_a_hand_over_believes_what_the_smoother_does() -> None:
     filter_, given = MultiplicativeEkf(PROCESS), smoothed()
     filter_.start(smoothed(MODES, landmarks=9))
-    rebase(filter_, HandOver(1.0, given))
+    filter_.rebase(HandOver(1.0, given).belief)
     assert filter_.mode_count == MODES
     assert filter_.held.tolist() == given.ids.tolist()
     np.testing.assert_allclose(filter_.belief.mean, given.state.mean, atol=1e-12)
@@ -74,5 +74,5 @@ def test_a_map_that_is_not_finite_is_no_hand_over(name: str) -> None:
 def test_a_hand_over_without_landmarks_is_a_state_alone() -> None:
     filter_, given = MultiplicativeEkf(PROCESS), smoothed(MODES)
     filter_.start(given)
-    rebase(filter_, HandOver(1.0, Gaussian(LAYOUT, given.mean, given.state.factor)))
+    filter_.rebase(HandOver(1.0, Gaussian(LAYOUT, given.mean, given.state.factor)).belief)
     assert not len(filter_.held)

@@ -83,12 +83,13 @@ class RosBagReader(DatasetReader):
         remarks = [f"topic {printable(topic)}"]
         if not keep.all():
             remarks.append(f"{np.count_nonzero(~keep)} messages of a stamp that was there left out")
-        sensor = "gyro" if kind.endswith("Imu") else "pose"
+        is_unit = kind.endswith("Imu")
+        sensor, columns = ("gyro", 3) if is_unit else ("pose", 7)
         try:
-            stream = MeasurementStream(sensor, time, values[:, : 3 if sensor == "gyro" else 7])
+            stream = MeasurementStream(sensor, time, values[:, :columns])
         except InputError as error:
             raise InputError(f"{path_text(path)}: topic {printable(topic)}: {error}") from None
-        force = values[:, 3:] if sensor == "gyro" and values[:, 3:].any() else None
+        force = values[:, 3:] if is_unit and values[:, 3:].any() else None
         acceleration = None if force is None else Acceleration(time, force)
         return motion_dataset(path, path.name, MotionTable(stream, acceleration, tuple(remarks)))
 

@@ -27,7 +27,7 @@ from spinfilters.estimators.filters.noise_adaptation import (
     PredictedMotion,
 )
 from spinfilters.estimators.filters.square_root_update import triangular_factor
-from spinfilters.estimators.landmarks.belief import LandmarkBelief, state_in_g
+from spinfilters.estimators.landmarks.belief import Belief, LandmarkBelief, state_in_g
 from spinfilters.estimators.landmarks.held_map import HeldMap
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.estimators.landmarks.observations import MapObservations, SolvedObservations
@@ -80,13 +80,13 @@ class MultiplicativeFilter(Estimator):
         self._options = landmarks or LandmarkOptions()
         self._held: HeldMap | None = None
 
-    def start(self, belief: Gaussian | LandmarkBelief) -> None:
+    def start(self, belief: Belief) -> None:
         """Begin with a belief; gates and noise adaptation start afresh."""
         if belief.layout != self.layout:
             raise InputError(
                 f"belief has the blocks {belief.layout.blocks}, the process has {self.layout.blocks}"
             )
-        self.take_belief(belief)
+        self._take(belief)
         self._guards = OutlierRejection(self._guards.options)
         self._adaptation = NoiseAdaptation(self._adaptation.options, self._adaptation.identified)
 
@@ -98,13 +98,16 @@ class MultiplicativeFilter(Estimator):
         """Scale of a source of noise so far."""
         return self._adaptation.level(source)
 
-    def take_belief(self, belief: Gaussian | LandmarkBelief) -> None:
+    def rebase(self, belief: Belief) -> None:
         """Go on from another belief of the present time.
 
-        What was learnt of noise and outliers stays.
+        What was learnt of noise and outliers stays, and the landmarks share at least as many modes as before.
         """
+        self._take(belief if belief.joint is None else belief.joint.with_modes(self.mode_count))
+
+    def _take(self, belief: Belief) -> None:
         self._mean, self._factor = belief.mean.copy(), belief.factor.copy()
-        self._held = HeldMap.of(belief, self._options) if isinstance(belief, LandmarkBelief) else None
+        self._held = None if belief.joint is None else HeldMap.of(belief.joint, self._options)
 
     @property
     def belief(self) -> Gaussian:

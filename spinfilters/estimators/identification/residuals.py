@@ -18,7 +18,6 @@ from jaxtyping import Float
 from spinfilters.estimators.identification.components import FORCE_PSD, TORQUE_PSD, ComponentRows
 from spinfilters.estimators.smoothing.factors.motion_factors import NOISE_FLOOR, prior_rows
 from spinfilters.estimators.smoothing.linear.marginals import Marginals
-from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
 from spinfilters.estimators.smoothing.problem.least_squares import (
     LinearizationPoint,
     NormalEquations,
@@ -86,9 +85,7 @@ def residuals_of(
     ----------
     densities: names of the disturbances wanted.   normal: solved, its rows in memory (`Problem.is_long` is false).
     """
-    solution = normal.solution
-    assert isinstance(solution, SchurSystem)
-    marginals = Marginals(solution, normal.eliminated)
+    marginals = Marginals(normal.system, normal.eliminated)
     steps = _steps_after(problem, here, marginals)
     sensors = [_sensor_after(problem, here, marginals, k) for k in range(len(problem.motion.sensors))]
     nothing = WhitenedRows(
@@ -184,10 +181,9 @@ def _observations_after(
     problem: Problem, here: LinearizationPoint, normal: NormalEquations
 ) -> Float[np.ndarray, "N 3"]:
     """Whitened residuals of the observations that count."""
-    fit, linear, solution = normal.eliminated, here.linear, normal.solution
+    fit, linear, solution = normal.eliminated, here.linear, normal.system
     assert fit is not None
     assert linear is not None
-    assert isinstance(solution, SchurSystem)
     poses, points = (
         solution.poses[fit.observations.epoch],
         fit.points_step(solution.poses)[fit.observations.landmark],

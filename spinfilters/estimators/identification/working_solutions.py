@@ -15,7 +15,6 @@ from jaxtyping import Float
 
 from spinfilters.estimators.identification.residuals import WhitenedRows
 from spinfilters.estimators.smoothing.factors.landmark_observations import LinearObservations
-from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
 from spinfilters.estimators.smoothing.problem.least_squares import (
     LinearizationPoint,
     NormalEquations,
@@ -63,7 +62,7 @@ class WorkingSolutions:
     def errors(self) -> Float[np.ndarray, "c k n"]:
         """P J'u: error of every epoch by each ln variance, up to its sign."""
         solutions = [each.solution for each in self._solved]
-        return np.array([each.errors for each in solutions if isinstance(each, SchurSystem)])
+        return np.array([each.errors for each in solutions if each is not None])
 
     @cached_property
     def _solved(self) -> list[NormalEquations]:

@@ -84,8 +84,8 @@ def consistent_samples(samples: MotionSamples) -> MotionSamples:
         return samples
     given = {name: getattr(samples, name) for name in ("attitude", "rates", "positions")}
     wrong = [
-        _SampleSequence(samples.time, values, name == "attitude").wrong()
-        for name, values in given.items()
+        _SampleSequence(samples.time, values, values is samples.attitude).wrong()
+        for values in given.values()
         if values is not None
     ]
     good = np.setdiff1d(np.arange(len(samples.time)), np.concatenate(wrong))

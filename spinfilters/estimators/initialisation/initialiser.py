@@ -214,7 +214,7 @@ def _with_rejected(found: InitialEstimate, gate: float) -> float:
 def _estimate(problem: Problem, solved: Solved, prior: FirstStatePrior) -> InitialEstimate:
     """The motion that was found, and how its pose-only observations fit."""
     here, solution, n = solved.point, solved.normal.solution, problem.layout.error_dim
-    marginals = None if isinstance(solution, int) else Marginals(solution, solved.normal.eliminated)
+    marginals = None if solution is None else Marginals(solution, solved.normal.eliminated)
     nothing = np.full((len(here.trajectory), n, n), np.nan)
     cost, dof, accepted, rejected = here.sensors.cost + here.dynamics.cost, 0, 0, 0
     for sensor in problem.motion.sensors:

@@ -1,6 +1,6 @@
 """A belief about a state and the landmarks of the body together."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import casadi as ca
@@ -63,6 +63,11 @@ class LandmarkBelief:
         return Gaussian(self.layout, mean, triangular_factor(rows.T))
 
     @property
+    def joint(self) -> "LandmarkBelief":
+        """Itself: state and landmarks together."""
+        return self
+
+    @property
     def points_in_g(self) -> Float[np.ndarray, "k 3"]:
         """Landmarks in frame g, m."""
         return moved_points(self.points, self.move)
@@ -80,11 +85,25 @@ class LandmarkBelief:
             np.concatenate([top, np.concatenate([rows, own.reshape(3 * k, -1)], axis=1)]).T
         )
 
+    def with_modes(self, rank: int) -> "LandmarkBelief":
+        """The belief padded to at least so many modes."""
+        n, r = self.layout.error_dim, self.modes.shape[2]
+        more = max(rank - r, 0)
+        modes = np.pad(self.modes, [(0, 0), (0, 0), (0, more)])
+        place = np.r_[0 : n + r, n + r + more : len(self.factor) + more]
+        factor = np.eye(len(self.factor) + more)
+        factor[np.ix_(place, place)] = self.factor
+        return replace(self, modes=modes, factor=factor)
+
     def _state_rows(self) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "n N"]]:
         n = self.layout.error_dim
         if len(self.factor) == n + self.modes.shape[2]:
             return self.mean, self.factor[:n]
         return state_in_g(self.layout, self.mean, self.factor, self.move)
+
+
+Belief = Gaussian | LandmarkBelief
+"""Of a state, alone or with landmarks: `state` is the one, `joint` the other or None."""
 
 
 def state_in_g(

@@ -94,10 +94,10 @@ class HeldMap:
         ------
         InputError: for a sensor that cannot see landmarks.
         """
-        sensor, held = measurement.model, self.landmarks
-        if not isinstance(sensor, LandmarkSensor):
+        sensor, held = measurement.model.landmark_sensor, self.landmarks
+        if sensor is None:
             raise InputError(
-                f"sensor {sensor.name!r} names landmarks, but cannot see them; leave out their ids"
+                f"sensor {measurement.model.name!r} names landmarks, but cannot see them; leave out their ids"
             )
         known = rows >= 0
         values, parameters = measurement.values, measurement.parameters

@@ -113,8 +113,7 @@ class LinearRows:
     @property
     def solution(self) -> SchurSystem:
         """Factors of the normal equations."""
-        assert isinstance(self.normal.solution, SchurSystem)
-        return self.normal.solution
+        return self.normal.system
 
     @cached_property
     def right(self) -> Columns:

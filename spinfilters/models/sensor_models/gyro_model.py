@@ -26,6 +26,7 @@ class Gyro(MeasurementModel):
     dim = 3
     value_dim = 3
     needs = ("w",)
+    reads_rate = True
 
     def __init__(self, layout: StateLayout, noise: SensorNoiseModel | None = None) -> None:
         super().__init__(layout)

@@ -20,6 +20,7 @@ class MonocularLandmark(CameraLandmark[Monocular]):
     dim = 2
     value_dim = 2
     known_by = 3
+    images = 1
 
     def __init__(
         self,

@@ -23,6 +23,7 @@ class StereoLandmark(CameraLandmark[StereoPair], LandmarkSensor):
     name = "stereo"
     dim = 3
     value_dim = 3
+    images = 2
 
     def __init__(
         self,

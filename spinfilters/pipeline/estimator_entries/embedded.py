@@ -1,10 +1,11 @@
 """The embedded filter's C in float, as it flies."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from jaxtyping import Float
 
 from spinfilters.errors import InputError
-from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.timeline import times_of
 from spinfilters.models.step_count import substeps, turns
@@ -12,50 +13,47 @@ from spinfilters.pipeline.estimator_entry import EstimatorEntry
 from spinfilters.pipeline.setup import Setup
 from spinfilters.settings.run_settings import Settings
 
+if TYPE_CHECKING:
+    from spinfilters.embedded.embedded_estimator import EmbeddedFilter
+
 LARGEST_MAP = 16_384
 """Landmarks that the map holds: 48 bytes each."""
 
 
-class EmbeddedEntry(EstimatorEntry):
+class EmbeddedEntry(EstimatorEntry["EmbeddedFilter"]):
     """Table entry of `spinfilters.embedded.embedded_estimator.EmbeddedFilter`."""
 
     name, order, real = "embedded", 5, "float"
     holds_landmarks = True
 
-    def build(self, setup: Setup, settings: Settings) -> Estimator:
+    def build(self, setup: Setup, settings: Settings) -> "EmbeddedFilter":
         """The embedded filter in compiled C. InputError: unfit sensors, no compiler."""
         from spinfilters.embedded.embedded_estimator import (
             EmbeddedFilter,  # builds expressions, rarely asked for
         )
-        from spinfilters.embedded.embedded_options import SENSORS, EmbedOptions
+        from spinfilters.embedded.embedded_options import EmbedOptions
+        from spinfilters.embedded.emitted_sensors import EMITTED_SENSORS
 
         sensors = setup.dataset.log.sensors
-        sensor = "stereo" if "stereo" in sensors else sensors[0]
-        taken = EmbedOptions(sensor).sensors if sensor in SENSORS else ()
-        for other in sensors:
-            if other not in taken:
-                raise InputError(
-                    f"the embedded filter takes stereo tracks and poses, poses, or a gyro, not {' and '.join(sensors)}; leave it "
-                    "out of --estimators"
-                )
+        fit = (each for each in EMITTED_SENSORS.values() if set(sensors) <= set(each.taken))
+        sensor = next(fit, None)
+        if sensor is None:
+            raise InputError(
+                f"the embedded filter takes stereo tracks and poses, poses, or a gyro, not {' and '.join(sensors)}; leave it out "
+                "of --estimators"
+            )
         count = _substeps(setup, settings.process.tolerance)
-        options = EmbedOptions(sensor, LARGEST_MAP, self.real, count)
+        options = EmbedOptions(sensor.name, LARGEST_MAP, self.real, count)
         return EmbeddedFilter(setup.process, options)
 
-    def begin(self, estimator: Estimator, setup: Setup) -> None:
+    def begin(self, estimator: "EmbeddedFilter", setup: Setup) -> None:
         """Start with the belief of the initialisation."""
-        from spinfilters.embedded.embedded_estimator import EmbeddedFilter
-
-        assert isinstance(estimator, EmbeddedFilter)
         estimator.start(setup.belief)
 
     def points(
-        self, estimator: Estimator, history: EstimateHistory, setup: Setup
+        self, estimator: "EmbeddedFilter", history: EstimateHistory, setup: Setup
     ) -> Float[np.ndarray, "k 3"] | None:
         """Landmarks (k, 3), m, frame g, of the known or the estimated map."""
-        from spinfilters.embedded.embedded_estimator import EmbeddedFilter
-
-        assert isinstance(estimator, EmbeddedFilter)
         return setup.map_points if setup.dataset.known_map is not None else estimator.points
 
     def false_alarm_probability(self, setup: Setup, settings: Settings) -> float:

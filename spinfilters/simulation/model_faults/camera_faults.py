@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.data.camera import StereoRig
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.simulation.model_faults.model_fault import POSE, TRACKS, FaultyView, ModelFault
@@ -72,7 +71,7 @@ def _shake(view: FaultyView) -> Pixels:
 
 def _unit(dataset: Dataset, size: float) -> Dataset:
     """Lengths ``size`` times too large: 1000 for mm that are read as m."""
-    if isinstance(dataset.rig, StereoRig):
+    if dataset.rig is not None and dataset.rig.baseline_m:
         return replace(dataset, rig=replace(dataset.rig, baseline_m=size * dataset.rig.baseline_m))
     (stream,) = dataset.log.streams
     values = np.concatenate([size * stream.values[:, :3], stream.values[:, 3:]], axis=1)

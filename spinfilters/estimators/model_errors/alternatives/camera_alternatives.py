@@ -10,18 +10,12 @@ from spinfilters.data.consider_parameter import ConsiderParameter
 from spinfilters.estimators.model_errors.alternative import Alternative
 from spinfilters.estimators.model_errors.linear_rows import Columns
 from spinfilters.estimators.model_errors.smoothed_motion import MeasuredRows, SmoothedMotion
-from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
 from spinfilters.sensors.calibration import baseline, focal_length, principal_point
 
 CALIBRATION: Final = 3
 """First parameter of a camera's calibration (fx, fy, cx, cy px, of a pair the baseline m): the point stands before it."""
 U, V, RIGHT = 0, 1, 2
 """Components of an observation: pixels of the (left) camera, column of the right one."""
-
-
-def _sees(each: MeasuredRows) -> bool:
-    return isinstance(each.model, StereoLandmark | MonocularLandmark)
 
 
 def _normalised(each: MeasuredRows) -> tuple[Float[np.ndarray, "r i"], Float[np.ndarray, "r i"]]:
@@ -40,7 +34,7 @@ class _CameraAlternative(Alternative):
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
         """Shift of the pixels of all cameras by this error."""
-        return motion.shifted(lambda each: self.of_pixels(each) if _sees(each) else None)
+        return motion.shifted(lambda each: self.of_pixels(each) if each.model.images else None)
 
     @abstractmethod
     def of_pixels(self, each: MeasuredRows) -> Float[np.ndarray, "r i m"]:
@@ -124,8 +118,7 @@ class _PairAlternative(_CameraAlternative):
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
         """Shift of the pixels of stereo pairs by this error."""
-        pair = lambda each: isinstance(each.model, StereoLandmark)  # noqa: E731
-        return motion.shifted(lambda each: self.of_pixels(each) if pair(each) else None)
+        return motion.shifted(lambda each: self.of_pixels(each) if each.model.images > 1 else None)
 
 
 class Baseline(_CalibrationAlternative):
@@ -164,7 +157,7 @@ class RightCameraLate(Alternative):
         """Shift of u_right by the motion of the image during the delay."""
 
         def moved(each: MeasuredRows) -> Float[np.ndarray, "r i m"] | None:
-            if not isinstance(each.model, StereoLandmark):
+            if each.model.images < 2:
                 return None
             by_time = np.einsum("rin,rn->ri", each.jacobian, motion.change[each.epoch])
             counts = np.abs(each.whitening).max(axis=(1, 2)) > 0

@@ -9,7 +9,6 @@ from jaxtyping import Float
 from spinfilters.estimators.model_errors.alternative import Alternative
 from spinfilters.estimators.model_errors.linear_rows import Columns
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
-from spinfilters.models.sensor_models.gyro_model import Gyro
 from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
 from spinfilters.state.blocks.gyro_scale import GYRO_SCALE
 
@@ -36,7 +35,7 @@ class _GyroAlternative(Alternative):
     def columns(self, motion: SmoothedMotion) -> Columns | None:
         """Shift of the rates of all gyros by this error."""
         change = self.of_rates(motion)
-        return motion.shifted(lambda each: change[each.epoch] if isinstance(each.model, Gyro) else None)
+        return motion.shifted(lambda each: change[each.epoch] if each.model.reads_rate else None)
 
 
 class GyroBias(_GyroAlternative):

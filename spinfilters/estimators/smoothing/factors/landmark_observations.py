@@ -185,12 +185,13 @@ def _landmark_measurements(epoch: Epoch) -> list[tuple[LandmarkSensor, np.ndarra
     for m in epoch.measurements:
         if m.ids is None:
             continue
-        if not isinstance(m.model, LandmarkSensor) or m.model.needs != POSE_BLOCKS or m.model.dim > ROWS:
+        sensor = m.model.landmark_sensor
+        if sensor is None or sensor.needs != POSE_BLOCKS or sensor.dim > ROWS:
             raise InputError(
                 f"sensor {m.model.name} sees {m.model.needs}; a smoother takes a LandmarkSensor of (t, a) with at most "
                 f"{ROWS} components"
             )
-        found.append((m.model, m.values, m.parameters, m.ids))
+        found.append((sensor, m.values, m.parameters, m.ids))
     return found
 
 

@@ -101,15 +101,20 @@ class SchurSystem:
         return float(variance[(constant >= mass.start) & (constant < mass.stop)].max() ** 0.5)
 
 
+class SchurSolution(NamedTuple):
+    """A solved system, or the number of the first unobservable variable of one that is not positive definite."""
+
+    solution: SchurSystem | None
+    unobservable: int = -1
+
+
 def solve_schur_system(
     ordering: VariableOrdering,
     system: LinearSystem,
     marginal_prior: LinearizedPrior | None,
     damping: float = 0.0,
-) -> SchurSystem | int:
+) -> SchurSolution:
     """Solve the Schur system in place.
-
-    Returns the number of the first unobservable variable where it is not positive definite.
 
     Unknowns are numbered as in the elimination: chained errors epoch after epoch, then poses, then constants.
     """
@@ -124,17 +129,18 @@ def solve_schur_system(
         D, E, G, len(ordering.pose), 0 if marginal_prior is None else marginal_prior.epochs
     )
     if tridiagonal.failed >= 0:
-        return tridiagonal.failed * v
+        return SchurSolution(None, tridiagonal.failed * v)
     tridiagonal.reduce(M)
     gradient = M[-1].copy()
     upper, failed = dpotrf(M[:-1].T, lower=0, overwrite_a=1, clean=0) if separator_dim else (M[:-1].T, 0)
     half = dtrtrs(upper, gradient, lower=0, trans=1)[0] if separator_dim and not failed else gradient
     if failed or not np.isfinite(half).all():
-        return ordering.epochs * v + max(failed - 1, 0)
+        return SchurSolution(None, ordering.epochs * v + max(failed - 1, 0))
     step = dtrtrs(upper, half, lower=0)[0] if separator_dim else half
     predicted_reduction = float(half @ half) + float((tridiagonal.coupling[:, :, -1] ** 2).sum())
-    return SchurSystem(
-        ordering, upper.T, tridiagonal, step, tridiagonal.back(step), gradient, predicted_reduction
+    back = tridiagonal.back(step)
+    return SchurSolution(
+        SchurSystem(ordering, upper.T, tridiagonal, step, back, gradient, predicted_reduction)
     )
 
 

@@ -105,12 +105,15 @@ class LinearizationPoint:
 class NormalEquations:
     """Normal equations about a linearisation point, with their solution.
 
-    Without one, the number of the first unobservable variable.
+    Attributes
+    ----------
+    solution: None without one.   unobservable: number of the first unobservable variable then.
     """
 
     stage: Stage
     eliminated: Eliminated | None
-    solution: SchurSystem | int
+    solution: SchurSystem | None
+    unobservable: int = -1
 
     @property
     def used(self) -> Bool[np.ndarray, " N"] | None:
@@ -120,12 +123,18 @@ class NormalEquations:
     @property
     def solved(self) -> bool:
         """Whether it has a solution."""
-        return not isinstance(self.solution, int)
+        return self.solution is not None
+
+    @property
+    def system(self) -> SchurSystem:
+        """The solution of those that have one."""
+        assert self.solution is not None
+        return self.solution
 
     @property
     def predicted_reduction(self) -> float:
         """By how much the linear problem's cost falls; infinite without a solution."""
-        if isinstance(self.solution, int):
+        if self.solution is None:
             return np.inf
         e = self.eliminated
         return self.solution.predicted_reduction + (
@@ -212,7 +221,7 @@ class Problem:
         if here.assembled is not None:
             assert stage.inflation == 1.0, "disturbances are inflated where there are landmarks alone"
             return NormalEquations(
-                stage, None, solve_schur_system(self.ordering, here.assembled.copy(), None, damping)
+                stage, None, *solve_schur_system(self.ordering, here.assembled.copy(), None, damping)
             )
         if self.observations is not None:
             assert here.linear is not None
@@ -226,7 +235,7 @@ class Problem:
         blocks = (here.sensors, steps)
         system = assembled(self.ordering, blocks, eliminated)
         solution = solve_schur_system(self.ordering, system, here.marginal_prior, damping)
-        return NormalEquations(stage, eliminated, solution)
+        return NormalEquations(stage, eliminated, *solution)
 
 
 def problem_of(

@@ -37,8 +37,8 @@ def unobservable_directions(
     normal: the linear problem about ``here``.   marginals: of its solution, where they are at hand.
     """
     solution = normal.solution
-    if isinstance(solution, int):
-        return [f"nothing determines {component_name(problem.ordering, solution)}"]
+    if solution is None:
+        return [f"nothing determines {component_name(problem.ordering, normal.unobservable)}"]
     prior = problem.motion.prior
     if prior is None:
         return []

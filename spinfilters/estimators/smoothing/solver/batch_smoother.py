@@ -72,7 +72,7 @@ def smooth_problem(
     schedule = AnnealedSchedule(problem, annealed_iterations) if annealed_iterations else None
     solved = solve(problem, problem.at(start, NO_POINTS), SolverOptions(), schedule)
     solution, here, n = solved.normal.solution, solved.point.trajectory, problem.layout.error_dim
-    marginals = None if isinstance(solution, int) else Marginals(solution, None)
+    marginals = None if solution is None else Marginals(solution, None)
     factor = np.full((len(here), n, n), np.nan) if marginals is None else marginals.factors
     accepted, rejected = np.zeros(len(here), dtype=int), np.zeros(len(here), dtype=int)
     for sensor in problem.motion.sensors:

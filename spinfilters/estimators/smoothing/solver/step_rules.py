@@ -76,7 +76,7 @@ class GaussNewton(StepRule):
         normal = _solvable(solve)
         if normal is None:
             return None
-        errors = _solution(normal).errors
+        errors = normal.system.errors
         return _shared(normal, errors, min(number, _cap(layout, errors)))
 
     def adapted(self, number: float, gain: float, step: Step) -> float:
@@ -106,7 +106,7 @@ class LevenbergMarquardt(StepRule):
     def propose(self, solve: Solve, layout: StateLayout, number: float) -> Step | None:
         """The step of the damped linear problem."""
         normal = solve(number)
-        if isinstance(normal.solution, int):
+        if normal.solution is None:
             return None
         errors = normal.solution.errors
         return _shared(normal, errors, _cap(layout, errors))
@@ -141,7 +141,7 @@ class Dogleg(StepRule):
         normal = _solvable(solve)
         if normal is None:
             return None
-        solution = _solution(normal)
+        solution = normal.system
         separator_step, share = _dogleg(solution, number)
         errors = solution.ordering.errors(separator_step, solution.tridiagonal.back(separator_step))
         cap = _cap(layout, errors)
@@ -183,14 +183,9 @@ def _solvable(solve: Solve) -> NormalEquations | None:
     """Normal equations with the least damping that gives a solution."""
     for damping in DAMPINGS:
         normal = solve(damping)
-        if not isinstance(normal.solution, int):
+        if normal.solved:
             return normal
     return None
-
-
-def _solution(normal: NormalEquations) -> SchurSystem:
-    assert not isinstance(normal.solution, int)
-    return normal.solution
 
 
 def _cap(layout: StateLayout, errors: Float[np.ndarray, "k n"]) -> float:
@@ -207,6 +202,6 @@ def _shared(normal: NormalEquations, errors: Float[np.ndarray, "k n"], share: fl
     """Part of the whole step, landmarks and velocities too."""
     points = None
     if normal.eliminated is not None:
-        points = share * normal.eliminated.points_step(_solution(normal).poses)
+        points = share * normal.eliminated.points_step(normal.system.poses)
     predicted = share * (2 - share) * normal.predicted_reduction
     return Step(share * errors, points, normal, predicted, share)

@@ -221,7 +221,7 @@ class SlidingSmoother:
         linear = self._linearised(problem)
         solution = linear.normal.solution
         self._landmarks = self.window.ids, self.window.points
-        self.state.mass_std = np.inf if isinstance(solution, int) else solution.mass_std
+        self.state.mass_std = np.inf if solution is None else solution.mass_std
         self.state.fits = fits(linear.point, linear.normal)
 
     def _linearised(self, problem: Problem | None = None) -> LinearProblem:

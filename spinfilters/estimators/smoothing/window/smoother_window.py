@@ -115,8 +115,9 @@ class Window:
             return replace(self, epochs=(*self.epochs[:-1], latest))
         if not len(m.ids):
             return self
-        assert isinstance(m.model, LandmarkSensor)
-        return _with_observations(self, m.model, m.ids, m)
+        sensor = m.model.landmark_sensor
+        assert sensor is not None
+        return _with_observations(self, sensor, m.ids, m)
 
     def placed(self, ids: Int[np.ndarray, " k"], points: Float[np.ndarray, "k 3"]) -> "Window":
         """With those of its landmarks that have these ids at these points (m, frame g)."""

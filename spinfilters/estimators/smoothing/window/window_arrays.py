@@ -95,8 +95,9 @@ def _sensor(sensors: Sequence[MeasurementModel], number: int) -> MeasurementMode
 
 def _landmark_sensor(sensors: Sequence[MeasurementModel], number: int) -> LandmarkSensor:
     model = _sensor(sensors, number)
-    if not isinstance(model, LandmarkSensor):
+    seeing = model.landmark_sensor
+    if seeing is None:
         raise InputError(
             f"the snapshot's sensor {number} sees landmarks, {model.name} does not; build the smoother with the sensors of its run"
         )
-    return model
+    return seeing

@@ -24,7 +24,7 @@ from spinfilters.state.layout import StateLayout
 def latest_belief(layout: StateLayout, window: Window, normal: NormalEquations) -> Gaussian:
     """Belief of the latest epoch; its factor is NaN where something is not determined."""
     solution, n = normal.solution, layout.error_dim
-    factor = np.full((n, n), np.nan) if isinstance(solution, int) else latest_factor(solution)
+    factor = np.full((n, n), np.nan) if solution is None else latest_factor(solution)
     return Gaussian(layout, window.trajectory[-1], factor)
 
 
@@ -36,7 +36,7 @@ def joint_latest_belief(
     options: LandmarkOptions,
 ) -> LandmarkBelief | None:
     """Belief of the latest epoch and of all well-constrained landmarks; None without any."""
-    if isinstance(normal.solution, int) or normal.eliminated is None:
+    if normal.solution is None or normal.eliminated is None:
         return None
     constrained = normal.eliminated.is_constrained
     if not constrained.any():
@@ -51,7 +51,7 @@ def window_marginals(
     """Marginals of the epochs of a window: of all, or of so many of the oldest."""
     solution, n = normal.solution, layout.error_dim
     count = len(window.epochs) if epochs is None else epochs
-    if isinstance(solution, int):
+    if solution is None:
         factors = np.full((count, n, n), np.nan)
     else:
         gone = solution.ordering.epochs - len(window.epochs)
