@@ -30,6 +30,7 @@ from spinfilters.estimators.model_errors.hypotheses import (
     with_identified,
     with_refused_in_a_row,
 )
+from spinfilters.estimators.model_errors.refused_ends import with_refused_ends
 from spinfilters.estimators.model_errors.score_tests import Effect, ScoreTest, likelier, score_tests
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.estimators.smoothing.factors.landmark_observations import OBSERVATIONS_NEEDED, seen_ids
@@ -197,6 +198,7 @@ def _tested(
     levels = Unstated.of_all(setup.log, setup.process.noise)
     model = noise_model(problem, setup.noise, levels) or NoiseModel(problem, (), ())
     every, told = tuple(errors), KnownLevels(stated_levels(setup), _correlation(setup), setup.inflation)
+    solved = with_refused_ends(solved, time, lambda rows: noise_of(model, rows, told))
     noise = noise_of(model, solved, told)
     contradicted = is_contradicted(noise, solved)
     settled = solved is not near or bool(told.correlation) or not is_doubtful(noise, solved)
