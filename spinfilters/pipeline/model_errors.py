@@ -52,6 +52,9 @@ FALSE_ALARM: Final = 1e-2
 LEAST_EFFECT: Final = Effect(largest=4.0, rms=2.0)
 """Deviations by which removing an error moves a state, at one epoch or over all. One that moves all by less, and does not
 contradict the stated noise, is left to the uncertainty."""
+LEAST_LEVEL: Final = 0.2
+"""Fall of ln variance of an identified noise level by removing an error, from which that is not left to the uncertainty: the levels
+share the residuals, so that one with an error in it leaves others, and with them the deviations, too small."""
 NAMED: Final = 2
 """Errors that a verdict names at most, each with those that look alike."""
 ALIKE: Final = 0.95
@@ -106,7 +109,7 @@ class TestedModels:
         return tuple(each for own in self.classes for each in own)
 
     def _matters(self, test: ScoreTest, beyond: float) -> bool:
-        """Whether an error moves estimates and is beyond chance.
+        """Whether an error moves estimates, or noise levels, and is beyond chance.
 
         At the tested noise levels, not only by what the levels fall.
         """
@@ -114,7 +117,7 @@ class TestedModels:
             return True
         effect = test.effect(self.std)
         moves = effect.largest >= LEAST_EFFECT.largest or effect.rms >= LEAST_EFFECT.rms
-        return moves and float(chi2.sf(test.statistic, test.dof)) < beyond
+        return (moves or test.level >= LEAST_LEVEL) and float(chi2.sf(test.statistic, test.dof)) < beyond
 
     @property
     def names(self) -> tuple[str, ...]:

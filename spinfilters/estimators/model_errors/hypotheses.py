@@ -15,7 +15,7 @@ from spinfilters.estimators.identification.identify import STAGE, identify
 from spinfilters.estimators.identification.noise_model import NoiseModel
 from spinfilters.estimators.identification.residuals import residuals_of, source_factors
 from spinfilters.estimators.model_errors.linear_rows import LinearRows
-from spinfilters.estimators.model_errors.noise_components import NoiseComponents
+from spinfilters.estimators.model_errors.noise_components import TELLING, NoiseComponents
 from spinfilters.estimators.robust.losses import LeastSquares, RobustLoss, Squares
 from spinfilters.estimators.smoothing.factors.motion_factors import SensorRows
 from spinfilters.estimators.smoothing.problem.least_squares import (
@@ -30,8 +30,6 @@ from spinfilters.estimators.smoothing.solver.iterations import SolverOptions, so
 ITERATIONS: Final = 6
 NOISE_RATIO: Final = 1.25
 """Of squared residuals over their expectation, either way, beyond which noise levels are identified anew before the tests."""
-TELLING: Final = 20.0
-"""Redundancy of a component from which such a ratio tells anything."""
 CHANCE: Final = 1e-6
 """Probability of larger residuals below which the noise level of a component is contradicted."""
 IN_A_ROW: Final = 2
