@@ -21,6 +21,7 @@ from spinfilters.simulation.faults import (
     PointsAtInfinity,
     WrongAssociations,
 )
+from spinfilters.simulation.gross_error import GrossError
 from spinfilters.simulation.landmark_faults import FewAtFirst, NewIds
 from spinfilters.simulation.model_faults.faulty_recording import model_faults
 from spinfilters.simulation.scenario import THESIS_RPM, Scenario
@@ -34,6 +35,7 @@ SECONDS = NumberRange(0.0, 1e9, "s")
 PSD = NumberRange(1e-20, 1e6, zero=True)
 EPOCHS = NumberRange(5, 100_000, whole=True)
 COUNT = NumberRange(0, 100_000, whole=True)
+EPOCH = NumberRange(-100_000, 100_000, whole=True)
 MULTIPLE = NumberRange(1e-6, 1e6)
 Triple = tuple[Annotated[float, LENGTH], Annotated[float, LENGTH], Annotated[float, LENGTH]]
 
@@ -161,6 +163,8 @@ class FaultFactor:
     wrong_associations, outliers: shares.   dropout_s: begin and end.   frozen_epochs: first epoch and how many repeat it.
     points_at_infinity: how many in every epoch.   new_ids_s: begin and end of a time in which no landmark is known again.
     few_at_first: share of the landmarks that are seen at first, and until when (s).
+    gross_error: kind of a single wrong measurement (`spinfilters.simulation.gross_error`), "" for none.
+    gross_error_epoch: in which; negative ones count from the last.
     model: what is wrong with the models (`spinfilters.simulation.model_faults`), "" for nothing.
     model_size: of that, in multiples of a plain size of its own.
     """
@@ -172,6 +176,8 @@ class FaultFactor:
     points_at_infinity: Annotated[int, COUNT] = 0
     new_ids_s: tuple[Annotated[float, SECONDS], ...] = ()
     few_at_first: tuple[Annotated[float, SECONDS], ...] = ()
+    gross_error: str = ""
+    gross_error_epoch: Annotated[int, EPOCH] = 0
     model: str = ""
     model_size: Annotated[float, MULTIPLE] = 1.0
 
@@ -200,6 +206,7 @@ class FaultFactor:
             *_made(PointsAtInfinity, _given(self.points_at_infinity)),
             *_made(NewIds, self.new_ids_s),
             *_made(FewAtFirst, self.few_at_first),
+            *([GrossError(self.gross_error, self.gross_error_epoch)] if self.gross_error else []),
         ]
 
 

@@ -30,6 +30,7 @@ from spinfilters.estimators.model_errors.hypotheses import (
     with_identified,
     with_refused_in_a_row,
 )
+from spinfilters.estimators.model_errors.refused_ends import with_refused_ends
 from spinfilters.estimators.model_errors.score_tests import Effect, ScoreTest, likelier, score_tests
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.estimators.smoothing.factors.landmark_observations import OBSERVATIONS_NEEDED, seen_ids
@@ -51,6 +52,9 @@ FALSE_ALARM: Final = 1e-2
 LEAST_EFFECT: Final = Effect(largest=4.0, rms=2.0)
 """Deviations by which removing an error moves a state, at one epoch or over all. One that moves all by less, and does not
 contradict the stated noise, is left to the uncertainty."""
+LEAST_LEVEL: Final = 0.2
+"""Fall of ln variance of an identified noise level by removing an error, from which that is not left to the uncertainty: the levels
+share the residuals, so that one with an error in it leaves others, and with them the deviations, too small."""
 NAMED: Final = 2
 """Errors that a verdict names at most, each with those that look alike."""
 ALIKE: Final = 0.95
@@ -105,7 +109,7 @@ class TestedModels:
         return tuple(each for own in self.classes for each in own)
 
     def _matters(self, test: ScoreTest, beyond: float) -> bool:
-        """Whether an error moves estimates and is beyond chance.
+        """Whether an error moves estimates, or noise levels, and is beyond chance.
 
         At the tested noise levels, not only by what the levels fall.
         """
@@ -113,7 +117,7 @@ class TestedModels:
             return True
         effect = test.effect(self.std)
         moves = effect.largest >= LEAST_EFFECT.largest or effect.rms >= LEAST_EFFECT.rms
-        return moves and float(chi2.sf(test.statistic, test.dof)) < beyond
+        return (moves or test.level >= LEAST_LEVEL) and float(chi2.sf(test.statistic, test.dof)) < beyond
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -197,6 +201,7 @@ def _tested(
     levels = Unstated.of_all(setup.log, setup.process.noise)
     model = noise_model(problem, setup.noise, levels) or NoiseModel(problem, (), ())
     every, told = tuple(errors), KnownLevels(stated_levels(setup), _correlation(setup), setup.inflation)
+    solved = with_refused_ends(solved, time, lambda rows: noise_of(model, rows, told))
     noise = noise_of(model, solved, told)
     contradicted = is_contradicted(noise, solved)
     settled = solved is not near or bool(told.correlation) or not is_doubtful(noise, solved)

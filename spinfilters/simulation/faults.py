@@ -48,7 +48,7 @@ class WrongAssociations(Fault):
         """The data set with ids exchanged, epoch by epoch."""
         stream = landmark_stream(dataset)
         ids = _ids(stream).copy()
-        for rows in _epoch_rows(stream):
+        for rows in epoch_rows(stream):
             count = round(self.fraction * len(rows))
             if count > 1:
                 chosen = generator.choice(rows, count, replace=False)
@@ -116,7 +116,7 @@ class FrozenFrames(Fault):
     def apply(self, dataset: Dataset, generator: np.random.Generator) -> Dataset:
         """The data set with the repeated epochs. InputError: epochs outside the recording."""
         stream = dataset.log.stream(self.sensor or dataset.sensor)
-        epochs, times = _epoch_rows(stream), stream.epoch_times
+        epochs, times = epoch_rows(stream), stream.epoch_times
         last = self.frame + self.count
         if not 0 <= self.frame <= last < len(epochs):
             raise InputError(
@@ -194,7 +194,7 @@ def stream_rows(
     )
 
 
-def _epoch_rows(stream: MeasurementStream) -> list[Int[np.ndarray, " k"]]:
+def epoch_rows(stream: MeasurementStream) -> list[Int[np.ndarray, " k"]]:
     """Rows of every epoch."""
     return np.split(np.arange(len(stream)), stream.epoch_offsets[1:-1])
 

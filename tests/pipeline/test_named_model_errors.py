@@ -120,16 +120,22 @@ def test_tests_that_cannot_be_made_are_a_reason_for_doubt(monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize(
-    ("size", "contradicted", "names"),
-    [(2.0, False, ()), (2.0, True, ("torque",)), (3.9, False, ("torque",)), (4.1, False, ("torque",))],
+    ("size", "level", "contradicted", "names"),
+    [
+        (2.0, 0.1, False, ()),
+        (2.0, 0.1, True, ("torque",)),
+        (2.0, 0.3, False, ("torque",)),
+        (3.9, 0.1, False, ("torque",)),
+        (4.1, 0.1, False, ("torque",)),
+    ],
 )
-def test_an_error_beyond_chance_is_named_where_it_moves_a_state(
-    size: float, contradicted: bool, names: tuple[str, ...]
+def test_an_error_beyond_chance_is_named_where_it_moves_a_state_or_a_noise_level(
+    size: float, level: float, contradicted: bool, names: tuple[str, ...]
 ) -> None:
     std = np.full((3, 2), 0.1)
     shift = np.array([[0.0, 0.0], [0.01, -0.1 * size], [0.0, 0.02]])
     one = np.ones(1)
-    test = ScoreTest(table()["torque"], one, one, 40.0, 1.0, 40.0, 1e-8, shift)
+    test = ScoreTest(table()["torque"], one, one, 40.0, 1.0, 40.0, 1e-8, shift, level=level)
     assert model_errors.TestedModels((test,), contradicted, std=std).names == names
 
 
@@ -189,6 +195,23 @@ def test_a_contact_that_makes_the_noise_of_a_gyro_look_large_is_named() -> None:
     assert noise is not None
     assert not noise.is_of_flight
     assert comparison.models.names[0] == "contact-at-end"
+
+
+def test_drag_that_identified_noise_takes_in_is_named() -> None:
+    scenario = Scenario(
+        kind="gyro",
+        principal_moments=(1.0, 0.8, 0.55),
+        rate_rpm=RICH_RPM,
+        epochs=60,
+        interval=0.4,
+        noise=ProcessNoise(1e-6, 4e-8),
+    )
+    seeds = tuple(np.random.SeedSequence(3).spawn(3))
+    comparison = compared(without_noise(faulty_recording(scenario, model_faults()["drag"], 0.01, seeds)))
+    drag = comparison.models.named[0]
+    assert drag.error.name == "drag"
+    assert comparison.models.std is not None
+    assert drag.effect(comparison.models.std).largest < 1  # it is in the torque's density
 
 
 def test_a_wrong_unit_is_named_first() -> None:

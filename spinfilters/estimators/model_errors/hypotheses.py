@@ -8,15 +8,14 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Float
-from scipy.special import gammaln
+from jaxtyping import Bool, Float, Int
 from scipy.stats import chi2
 
 from spinfilters.estimators.identification.identify import STAGE, identify
 from spinfilters.estimators.identification.noise_model import NoiseModel
 from spinfilters.estimators.identification.residuals import residuals_of, source_factors
 from spinfilters.estimators.model_errors.linear_rows import LinearRows
-from spinfilters.estimators.model_errors.noise_components import NoiseComponents
+from spinfilters.estimators.model_errors.noise_components import TELLING, NoiseComponents
 from spinfilters.estimators.robust.losses import LeastSquares, RobustLoss, Squares
 from spinfilters.estimators.smoothing.factors.motion_factors import SensorRows
 from spinfilters.estimators.smoothing.problem.least_squares import (
@@ -31,8 +30,6 @@ from spinfilters.estimators.smoothing.solver.iterations import SolverOptions, so
 ITERATIONS: Final = 6
 NOISE_RATIO: Final = 1.25
 """Of squared residuals over their expectation, either way, beyond which noise levels are identified anew before the tests."""
-TELLING: Final = 20.0
-"""Redundancy of a component from which such a ratio tells anything."""
 CHANCE: Final = 1e-6
 """Probability of larger residuals below which the noise level of a component is contradicted."""
 IN_A_ROW: Final = 2
@@ -162,13 +159,18 @@ def rejects_in_a_row(solved: LinearRows) -> bool:
 
     Gross errors of single measurements do not explain that.
     """
-    time = np.arange(solved.problem.ordering.epochs)
-    measured, counted = np.zeros(len(time), dtype=bool), np.zeros(len(time), dtype=bool)
+    measured, counted = measured_epochs(solved)
+    empty = (measured & ~counted)[measured]
+    return bool(np.any(np.convolve(empty, np.ones(IN_A_ROW), "valid") == IN_A_ROW))
+
+
+def measured_epochs(solved: LinearRows) -> tuple[Bool[np.ndarray, " k"], Bool[np.ndarray, " k"]]:
+    """Epochs with measurements without landmarks, and those in which any of these counts."""
+    measured, counted = np.zeros((2, solved.problem.ordering.epochs), dtype=bool)
     for sensor, rows in zip(solved.problem.motion.sensors, solved.sensor_rows, strict=True):
         measured[sensor.epoch] = True
         counted[sensor.epoch[np.abs(rows).max(axis=(1, 2), initial=0.0) > 0]] = True
-    empty = (measured & ~counted)[measured]
-    return bool(np.any(np.convolve(empty, np.ones(IN_A_ROW), "valid") == IN_A_ROW))
+    return measured, counted
 
 
 def with_refused_in_a_row(solved: LinearRows) -> LinearRows | None:
@@ -202,11 +204,18 @@ def with_identified(model: NoiseModel, solved: LinearRows) -> LinearRows | None:
     return with_refused_in_a_row(again)
 
 
-def among_inliers(problem: Problem, inliers: LinearRows) -> LinearRows | None:
-    """A problem with other noise levels, solved with exactly the measurements that count in ``inliers``."""
+def among_inliers(
+    problem: Problem, inliers: LinearRows, beside: Int[np.ndarray, " e"] | None = None
+) -> LinearRows | None:
+    """A problem with other noise levels, solved with exactly the measurements that count in ``inliers``.
+
+    And with all measurements without landmarks of the epochs ``beside`` these.
+    """
     sensors = []
     for sensor, rows in zip(problem.motion.sensors, inliers.sensor_rows, strict=True):
         good = np.abs(rows).max(axis=(1, 2)) > 0
+        if beside is not None:
+            good |= np.isin(sensor.epoch, beside)
         chosen = (sensor.epoch[good], sensor.values[good], sensor.parameters[good])
         sensors.append(SensorRows(sensor.model, *chosen, sensor.scale))
     motion = replace(problem.motion, sensors=tuple(sensors), loss=LeastSquares())

@@ -9,6 +9,8 @@ from jaxtyping import Bool, Float
 from spinfilters.estimators.identification.components import ComponentRows
 from spinfilters.estimators.model_errors.linear_rows import Columns
 
+TELLING: Final = 20.0
+"""Redundancy of a component from which a ratio of its squared residuals tells anything."""
 LEAST_SHARE: Final = -0.9
 """Of its degrees of freedom by which a level is less likely with an error removed, at least."""
 
@@ -17,11 +19,16 @@ LEAST_SHARE: Final = -0.9
 class Gain:
     """Fall of -2 ln likelihood, profiled over the noise levels.
 
-    ``dof`` degrees of freedom tell these levels; infinite of known ones.
+    Attributes
+    ----------
+    dof: degrees of freedom that tell these levels; infinite of known ones.
+    level: by how much ln variance falls of the level that falls most, among those that are identified from the same residuals: not
+        those that are known or hardly told, and none beside a level that stands for a correlated error.
     """
 
     value: float
     dof: float
+    level: float
 
 
 @dataclass(frozen=True)
@@ -86,4 +93,6 @@ class NoiseComponents:
         each = np.where(self.known, r - left, finite * falls)
         falls = np.maximum(each, 0.0)
         per_dof = float((falls / dof).sum())
-        return Gain(float(each.sum()), float(falls.sum()) / per_dof if per_dof > 0 else np.inf)
+        shared = (self.redundancy > TELLING) & ~self.known & ~self.correlated.any()
+        level = float((falls / finite)[shared].max(initial=0.0))
+        return Gain(float(each.sum()), float(falls.sum()) / per_dof if per_dof > 0 else np.inf, level)

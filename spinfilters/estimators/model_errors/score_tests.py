@@ -61,6 +61,7 @@ class ScoreTest:
     p_value: probability of as much without the error.
     shift: (k, n) by which the states of all epochs move once the error is removed; None of one that is not `TELLING`.
     explained: what it explains of all whitened residuals, likewise.
+    level: by how much ln variance of an identified noise level falls with it removed, of the one that falls most.
     """
 
     error: Alternative
@@ -72,6 +73,7 @@ class ScoreTest:
     p_value: float
     shift: Float[np.ndarray, "k n"] | None = None
     explained: Float[np.ndarray, " r"] | None = None
+    level: float = 0.0
 
     def likeness(self, other: "ScoreTest") -> float:
         """Correlation of what two errors explain; 0 where it is not known."""
@@ -189,7 +191,7 @@ def _tested(
     gained = gain.value - float(prior @ probable**2)
     p_value = gain_tail(gained, dof, gain.dof)
     std = np.sqrt(np.diag(covariance)) / scale
-    found = ScoreTest(error, size / scale, std, float(u @ size), dof, gained, p_value)
+    found = ScoreTest(error, size / scale, std, float(u @ size), dof, gained, p_value, level=gain.level)
     return found.removing(motion, columns.times(removed), explained)
 
 
@@ -213,7 +215,8 @@ def _by_epoch(
     free = float((variance * values / (1 + variance * values)).sum())
     right = _drawn(motion, columns, every[:, :, None])
     explained = motion.rows.residual(right)
-    gain = max(likelihood, noise.gain(left, left.minus(explained)).value - 2 * free) * K / len(chosen)
+    fallen = noise.gain(left, left.minus(explained))
+    gain = max(likelihood, fallen.value - 2 * free) * K / len(chosen)
     curvature = float(((values / (1 + variance * values)) ** 2).sum()) / 2
     std = np.sqrt(1 / curvature) / (2 * np.sqrt(variance)) if variance else curvature**-0.25
     p_value = _p_value(values, along, noise.sensor_dof)

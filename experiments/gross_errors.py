@@ -1,0 +1,110 @@
+"""Estimates of recordings with one gross error, over those without.
+
+    python -m experiments.gross_errors [--sensors pose,gyro,tracks] [--seeds 20] [-o runs/gross-errors]
+
+Runs the campaigns ``experiments/studies/gross-errors-*.toml``, or goes on with their rows in the folder. One measurement of one
+epoch is wrong altogether. Printed are of each estimator and error the root mean square over all seeds of the errors of position,
+attitude, velocity, rate (over the estimator's own epochs) and moments (in the end), over the same without the gross error; how many
+runs are called ``ok`` with it and without; how many of these are wrong by more than 4 stated deviations, with it and without. A
+ratio beyond 1.1 is marked.
+"""
+
+import argparse
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from spinfilters.api.campaigns import campaign_rows
+from spinfilters.campaigns.rows_folder import read_rows
+from spinfilters.campaigns.stated_errors import LARGEST
+from spinfilters.campaigns.study import read_study, study_from
+from spinfilters.data.atomic_write import make_folder
+
+STUDIES: Final = Path(__file__).parent / "studies"
+NONE: Final = "none"
+"""Level of the factor ``fault`` without an error."""
+WORST_RATIO: Final = 1.1
+QUANTITIES: Final = {
+    "t": ("error_position_m",),
+    "a": ("error_attitude_rad",),
+    "v": ("error_velocity_m_s",),
+    "w": ("error_rate_rad_s",),
+    "moments": ("error_moment_1", "error_moment_2"),
+}
+"""Columns of which there is a ratio, by what they are called in print."""
+Row = Mapping[str, Any]
+
+
+def main() -> None:
+    """Run what is missing and print."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--sensors", default="pose,gyro,tracks")
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--workers", type=int, default=None)
+    parser.add_argument("-o", "--output", type=Path, default=Path("runs/gross-errors"))
+    options = parser.parse_args()
+    make_folder(options.output)
+    for sensor in options.sensors.split(","):
+        rows = _rows(sensor, options.seeds, options.output, options.workers)
+        for line in lines_of(sensor, rows):
+            print(line, flush=True)
+
+
+def _rows(sensor: str, seeds: int, output: Path, workers: int | None) -> list[Row]:
+    """Of a campaign with so many seeds; those that its folder has are not made again."""
+    name = f"gross-errors-{sensor}"
+    document = dict(read_study(STUDIES / f"{name}.toml").document)
+    document["study"] = {**document["study"], "seeds": seeds}
+    folder = output / name
+    campaign_rows(document, folder, workers=workers, resume=folder.exists())
+    rows = read_rows(folder, study_from(document, name).columns).to_pylist()
+    return [row for row in rows if row["seed"] < seeds]
+
+
+def lines_of(sensor: str, rows: Sequence[Row]) -> Iterator[str]:
+    """A line of each estimator and gross error, then the worst ratio of all."""
+    worst = 0.0
+    for estimator in dict.fromkeys(row["estimator"] for row in rows):
+        own = [row for row in rows if row["estimator"] == estimator]
+        right = [row for row in own if row["fault"] == NONE]
+        for fault in dict.fromkeys(row["fault"] for row in own if row["fault"] != NONE):
+            wrong = [row for row in own if row["fault"] == fault]
+            found = ratios(wrong, right)
+            worst = max(worst, *found.values())
+            yield f"{sensor} {estimator:9s} {fault:15s} {_text(found)}; {_verdicts(wrong, right)}"
+    yield f"{sensor}: largest ratio {worst:.3f}"
+
+
+def ratios(wrong: Sequence[Row], right: Sequence[Row]) -> dict[str, float]:
+    """Root mean square errors with over without; infinite where a run has none."""
+    found = {}
+    for name, columns in QUANTITIES.items():
+        without = _rms(right, columns)
+        if np.isfinite(without):
+            found[name] = _rms(wrong, columns) / without
+    return found
+
+
+def _rms(rows: Sequence[Row], columns: Sequence[str]) -> float:
+    """Over runs and columns; infinite where a value is missing or not finite."""
+    values = [np.inf if row[column] is None else float(row[column]) for row in rows for column in columns]
+    return float(np.sqrt(np.mean(np.square(values)))) if np.isfinite(values).all() else np.inf
+
+
+def _text(found: Mapping[str, float]) -> str:
+    each = (f"{name} {value:.3f}{'*' * (value > WORST_RATIO)}" for name, value in found.items())
+    return ", ".join(each)
+
+
+def _verdicts(wrong: Sequence[Row], right: Sequence[Row]) -> str:
+    ok = [[row for row in rows if row["verdict"] == "ok"] for rows in (wrong, right)]
+    bad = [sum(not row["worst_error"] <= LARGEST for row in rows) for rows in ok]
+    return f"ok {len(ok[0])} and {len(ok[1])} of {len(right)}, of these wrong {bad[0]} and {bad[1]}"
+
+
+if __name__ == "__main__":
+    main()

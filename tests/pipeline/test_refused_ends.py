@@ -1,0 +1,39 @@
+"""Measurements that are refused at the ends of a recording: contact where it explains them, else gross errors."""
+
+import numpy as np
+import pytest
+
+from spinfilters.data.dataset import Dataset
+from spinfilters.pipeline.estimation import Comparison, compare_estimators
+from spinfilters.pipeline.setup import prepare
+from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.faults import with_faults
+from spinfilters.simulation.gross_error import GrossError
+from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
+
+SETTINGS = Settings(estimators=("smoother",), process={"gravity": False})  # pyright: ignore[reportArgumentType]
+SCENARIO = Scenario(
+    kind="pose", principal_moments=(1.0, 0.8, 0.55), rate_rpm=RICH_RPM, interval=0.4, epochs=60, seed=2
+)
+
+
+def compared(dataset: Dataset) -> Comparison:
+    """By the smoother, which refuses one epoch."""
+    found = compare_estimators(prepare(dataset, SETTINGS), SETTINGS, lambda *_: None)
+    assert found.evaluations[0].history.rejected.sum() == 1
+    return found
+
+
+@pytest.mark.parametrize("name", ["contact-at-begin", "contact-at-end"])
+def test_a_contact_whose_last_epoch_alone_is_refused_is_named(name: str) -> None:
+    sequences = tuple(np.random.SeedSequence(SCENARIO.seed).spawn(3))
+    models = compared(faulty_recording(SCENARIO, model_faults()[name], 0.08, sequences)).models
+    assert models.named[0].error.name == name
+    assert models.named[0].statistic > 40
+
+
+@pytest.mark.parametrize("epoch", [0, -1])
+def test_a_gross_error_at_an_end_is_no_contact(epoch: int) -> None:
+    models = compared(with_faults(simulate(SCENARIO), [GrossError("turned", epoch)], 0)).models
+    assert models.names == ()
