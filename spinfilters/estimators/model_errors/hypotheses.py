@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.special import gammaln
 from scipy.stats import chi2
 
 from spinfilters.estimators.identification.identify import STAGE, identify
