@@ -17,6 +17,7 @@ from scipy.stats import chi2
 
 from spinfilters.conventions import RPM
 from spinfilters.data.dataset import Dataset
+from spinfilters.data.dataset_options import DatasetOptions
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.front_ends.lidar_scans import in_frame_of, pose_stream
@@ -35,6 +36,8 @@ from spinfilters.settings.run_settings import Settings
 PLACE, VELOCITY = np.array([30.0, 0.0, 0.0]), np.array([2e-3, 1e-3, -1e-3])
 LARGEST_RATE_ERROR = 0.1
 """Deg/s, asked for."""
+DOF = 14
+"""Of a state of 20, as the frame g of the truth is fitted."""
 
 
 def main() -> None:
@@ -63,7 +66,7 @@ def main() -> None:
         if not seed:
             save_figure(figure(found, dataset), options.output)
     for name, values in last.items():
-        low, high = chi2.ppf([0.025, 0.975], 20 * len(values)) / 20 / len(values)
+        low, high = chi2.ppf([0.025, 0.975], DOF * len(values)) / DOF / len(values)
         print(
             f"{name}: mean NEES per dof of the last epochs {np.mean(values):.2f}, band {low:.2f} to {high:.2f}"
         )
@@ -82,6 +85,7 @@ def scans_of(mesh: TriangleMesh, scanner: Scanner, rate: np.ndarray, seed: int) 
         log=MeasurementLog((stream,)),
         truth=truth,
         description=told,
+        options=DatasetOptions(covariance_inflation=found.inflation),
         doubts=found.doubts,
     )
 

@@ -26,6 +26,7 @@ class RawMeasurements:
     truth: "Truth | None" = None
     remarks: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
+    inflation: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -110,10 +110,11 @@ def read_truth(folder: Path) -> Truth | None:
     for columns, allowed in ((slice(1, 4), LENGTH), (slice(8, 11), SPEED), (slice(11, 14), RATE)):
         table.require(columns, allowed)
     require_unit_quaternions(table, 4)
-    body = _read_body(settings) if os.path.lexists(settings) else {}
+    body: dict[str, Any] = _read_body(settings) if os.path.lexists(settings) else {}
     columns = np.split(table.values, [1, 4, 8, 11], axis=1)
     try:
-        return Truth(columns[0][:, 0], *columns[1:], **body)
+        time, center_of_mass, q_ig, velocity, rate_i = columns
+        return Truth(time[:, 0], center_of_mass, q_ig, velocity, rate_i, **body)
     except InputError as error:
         raise InputError(f"{path_text(settings)}: {error}") from None
 

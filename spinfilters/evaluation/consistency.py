@@ -183,7 +183,7 @@ def _least_square(
     both = np.concatenate([moved, error[:, :, np.newaxis]], axis=2)
     whitened = np.linalg.solve(np.swapaxes(upper[regular], 1, 2), both[regular])
     result = np.full(len(error), np.inf)
-    result[regular] = np.linalg.qr(whitened, mode="r")[:, -1, -1] ** 2
+    result[regular] = np.asarray(np.linalg.qr(whitened, mode="r"))[:, -1, -1] ** 2
     return result
 
 

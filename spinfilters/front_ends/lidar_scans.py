@@ -45,7 +45,7 @@ def read_scans(folder: Path, truth: Truth | None) -> RawMeasurements:
     found = registered_scans(folder)
     stream = pose_stream(found)
     told = None if truth is None else in_frame_of(stream, truth)
-    return RawMeasurements(stream, told, found.remarks, found.doubts)
+    return RawMeasurements(stream, told, found.remarks, found.doubts, found.inflation)
 
 
 def registered_scans(folder: Path) -> ScanPoses:
@@ -85,13 +85,17 @@ def _require_order(scans: Sequence[Scan]) -> None:
 
 
 def pose_stream(found: ScanPoses) -> MeasurementStream:
-    """Poses as measurements of the sensor ``lidar-poses``; frame i is that of the lidar."""
+    """Poses as measurements of the sensor ``lidar-poses``; frame i is that of the lidar.
+
+    Their covariances are those of what scans do not share, inflated for what they do (`ScanPoses.inflation`).
+    """
     poses = found.poses
+    own = [pose.covariance if pose.own_covariance is None else pose.own_covariance for pose in poses]
     q = continuous_quaternions(
         quaternion_from_matrix(np.array([nearest_rotation(pose.rotation) for pose in poses]))
     )
     values = np.hstack([np.array([pose.translation for pose in poses]), q])
-    covariance = np.array([(pose.covariance + pose.covariance.T) / 2 for pose in poses])
+    covariance = np.array([found.inflation * (each + each.T) / 2 for each in own])
     return MeasurementStream("lidar-poses", np.array([pose.time for pose in poses]), values, None, covariance)
 
 

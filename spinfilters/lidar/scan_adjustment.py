@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
+from spinfilters.lidar.common_errors import smooth_inflation
 from spinfilters.lidar.registration import Cloud, Matches, closest_points
 from spinfilters.lidar.scan_pose import ROTATION_PRIOR, ScanPose, pose_covariance, rotation_matrix
 
@@ -29,38 +30,51 @@ LEAST_RESPONSE: Final = 0.2
 """Share of a shift that residuals follow, at least."""
 _ITERATIONS, _SHRINKING = 12, 0.6
 _SHIFT = 0.5  # robust standard deviations of a residual
-_SETTLED = 0.01  # mean square of a step in standard deviations
+_SETTLED = 0.04  # mean square of a step in standard deviations
 _DAMPING, _GAUGE = 1e-9, 1e3  # in terms of the mean diagonal
+
+
+@dataclass(frozen=True, eq=False)
+class AdjustedScans:
+    """Poses of all scans with covariances.
+
+    Attributes
+    ----------
+    inflation: of the poses' own covariances, for the errors that scans share (`smooth_inflation`).
+    """
+
+    poses: tuple[ScanPose, ...]
+    inflation: float = 1.0
 
 
 def adjusted_scans(
     clouds: Sequence[Cloud], poses: Sequence[ScanPose], size: float, reach: float
-) -> list[ScanPose]:
+) -> AdjustedScans:
     """Poses of all scans with their covariances.
 
     Parameters
     ----------
     clouds: in L.   poses: about which the matches begin.   size: of the body, m.   reach: of the first matches, m.
     """
-    found = list(poses)
+    found, inflation = list(poses), 1.0
     for begin in range(0, len(poses), MOST_TOGETHER):
         group = range(begin, min(begin + MOST_TOGETHER, len(poses)))
-        reach_now = reach
+        normal = _normal_equations(clouds, found, group, size, reach)
         for _ in range(_ITERATIONS):
-            normal = _normal_equations(clouds, found, group, size, reach_now)
             if not normal.matched.any():
                 break
             step = normal.step()
             for k, by in zip(group, step.reshape(-1, 6), strict=True):
                 found[k] = _moved(found[k], by)
             small = normal.gradient @ step < _SETTLED * normal.variance * len(step)
-            if small and reach_now <= normal.reach:
+            normal = _normal_equations(clouds, found, group, size, normal.following_reach)
+            if small and normal.reach <= normal.asked_reach / _SHRINKING:
                 break
-            reach_now = max(_SHRINKING * reach_now, normal.reach)
         share = _response(clouds, found, group, normal.reach)
         normal = replace(normal, variance=normal.variance / share**2)
-        found[begin : group.stop] = _with_covariances([found[k] for k in group], normal, size)
-    return found
+        adjusted = _with_covariances([found[k] for k in group], normal, size)
+        found[begin : group.stop], inflation = adjusted.poses, max(inflation, adjusted.inflation)
+    return AdjustedScans(tuple(found), inflation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +84,8 @@ class _Normal:
     Attributes
     ----------
     information: (6k, 6k), of unit variance.   gradient: (6k,).   matched: (k,) points of every scan.
-    variance: of a residual, m^2, times the dependence of neighbouring ones.   reach: of the next matches, m.
+    variance: of a residual, m^2, times the dependence of neighbouring ones.
+    reach: of the matches, m.   asked_reach: what the residuals ask for, m.
     is_free: whether no pose is held.
     """
 
@@ -79,7 +94,13 @@ class _Normal:
     matched: Int[np.ndarray, " k"]
     variance: float
     reach: float
+    asked_reach: float
     is_free: bool
+
+    @property
+    def following_reach(self) -> float:
+        """Of the next matches, m."""
+        return max(_SHRINKING * self.reach, self.asked_reach)
 
     def step(self) -> Float[np.ndarray, " a"]:
         """Gauss-Newton step."""
@@ -126,7 +147,8 @@ def _normal_equations(
         matched[row] = len(near.rows)
         squares, std = squares + float(near.residual @ near.residual), max(std, near.std)
     variance = max(squares / max(matched.sum(), 1), 1e-24) * max(each.dependence for each in patches)
-    return _Normal(H.reshape(6 * k, 6 * k), b.ravel(), matched, variance, max(6 * std, 1e-9), k == len(poses))
+    is_free, information = k == len(poses), H.reshape(6 * k, 6 * k)
+    return _Normal(information, b.ravel(), matched, variance, reach, max(6 * std, 1e-9), is_free)
 
 
 def _in_body_frame(cloud: Cloud, pose: ScanPose) -> Cloud:
@@ -215,18 +237,25 @@ def _moved(pose: ScanPose, step: Float[np.ndarray, "6"]) -> ScanPose:
     return replace(pose, rotation=R, translation=pose.translation - R @ step[3:])
 
 
-def _with_covariances(poses: Sequence[ScanPose], normal: _Normal, size: float) -> list[ScanPose]:
-    """Poses with the marginals of the joint covariance.
+def _with_covariances(poses: Sequence[ScanPose], normal: _Normal, size: float) -> AdjustedScans:
+    """Poses with the marginals of the joint covariance, and their covariances beside exact poses of the others.
 
     What no scan determines has the prior of a predicted pose, see `pose_covariance`.
     """
-    prior = np.repeat([ROTATION_PRIOR**-2.0, size**-2.0], 3)
-    information = normal.constrained(normal.information / normal.variance, np.tile(prior, len(poses)))
-    covariance = np.linalg.inv(information).reshape(len(poses), 6, len(poses), 6)
+    k, prior = len(poses), np.repeat([ROTATION_PRIOR**-2.0, size**-2.0], 3)
+    whole = normal.information / normal.variance
+    covariance = np.linalg.inv(normal.constrained(whole, np.tile(prior, k))).reshape(k, 6, k, 6)
+    alone = np.einsum("kikj->kij", whole.reshape(k, 6, k, 6))
     found = []
-    for k, pose in enumerate(poses):
+    for number, pose in enumerate(poses):
         to_lidar = np.kron(np.eye(2), -pose.rotation)
-        told = np.linalg.inv(covariance[k, :, k]) - np.diag(prior)
-        marginal, lacking = pose_covariance(to_lidar @ told @ to_lidar.T, pose.rotation, size)
-        found.append(replace(pose, covariance=marginal, undetermined=lacking, matched=int(normal.matched[k])))
-    return found
+        told = np.linalg.inv(covariance[number, :, number]) - np.diag(prior)
+        (every, lacking), (own, _) = (
+            pose_covariance(to_lidar @ each @ to_lidar.T, pose.rotation, size)
+            for each in (told, alone[number])
+        )
+        matched = int(normal.matched[number])
+        found.append(
+            replace(pose, covariance=every, own_covariance=own, undetermined=lacking, matched=matched)
+        )
+    return AdjustedScans(tuple(found), smooth_inflation(poses, covariance, alone + np.diag(prior)))

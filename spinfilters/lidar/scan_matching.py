@@ -21,7 +21,7 @@ from spinfilters.lidar.registration import (
     coarse_pose,
     registered,
 )
-from spinfilters.lidar.scan_adjustment import MAP_SCANS, adjusted_scans
+from spinfilters.lidar.scan_adjustment import MAP_SCANS, AdjustedScans, adjusted_scans
 from spinfilters.lidar.scan_pose import ScanPose, pose_covariance, skew
 
 MOST_POINTS: Final = 3000
@@ -40,7 +40,7 @@ def match_scans(
     middle: Float[np.ndarray, "3"],
     engine: RegistrationEngine | None = None,
     viewpoint: Float[np.ndarray, "3"] | None = None,
-) -> list[ScanPose]:
+) -> AdjustedScans:
     """Poses of scans in frame g.
 
     It has the lidar's axes at the first scan and its origin at ``middle`` (m, in L).

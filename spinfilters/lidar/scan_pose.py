@@ -22,6 +22,7 @@ class ScanPose:
     ----------
     time: s.   rotation: (3, 3).   translation: (3,) m.
     covariance: (6, 6) over (translation in L, m; rotation vector on the body side, axes g, rad).
+    own_covariance: of the error that no other scan shares; None where that is all of it.
     undetermined: directions that only the prediction tells, in words.   matched: points or faces that it rests on.
     """
 
@@ -31,6 +32,7 @@ class ScanPose:
     covariance: Float[np.ndarray, "6 6"]
     undetermined: tuple[str, ...] = ()
     matched: int = 0
+    own_covariance: Float[np.ndarray, "6 6"] | None = None
 
 
 def rotation_matrix(vector: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:

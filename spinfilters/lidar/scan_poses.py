@@ -48,6 +48,7 @@ class ScanPoses:
     scans: that the poses are of.   faces: the map, of a body with faces.
     noise: of the points, given or identified.   remarks: what was left out or not determined, in words.
     doubts: reasons why these poses are not to be trusted.
+    inflation: that the poses' own covariances need for the errors that they share.
     """
 
     poses: tuple[ScanPose, ...]
@@ -56,6 +57,7 @@ class ScanPoses:
     noise: PointNoise
     remarks: tuple[str, ...]
     doubts: tuple[str, ...] = ()
+    inflation: float = 1.0
 
     @property
     def by_faces(self) -> bool:
@@ -95,16 +97,17 @@ def scan_poses(
     smeared = replace(noise, range_std=noise.range_std + SMEAR * _extent(clouds[0])) if moving else noise
     by_faces = _has_faces(clouds, smeared, seed)
     planes = _planes(clouds, smeared, seed) if by_faces else None
-    poses, faces = _poses(times, clouds, planes, engine)
+    poses, faces, inflation = _poses(times, clouds, planes, engine)
     for _ in range(DESKEWED if moving else 0):
         clouds = [_deskewed(scan, poses, k) for k, scan in enumerate(usable)]
         planes = _planes(clouds, noise, seed) if by_faces else None
-        poses, faces = _poses(times, clouds, planes, engine)
+        poses, faces, inflation = _poses(times, clouds, planes, engine)
     if faces is not None:
         faces = edge_adjusted(faces, clouds, noise, _extent(clouds[0]))
         poses = faces.poses
     remarks = _remarks(len(scans) - len(usable), poses, faces)
-    return ScanPoses(tuple(poses), tuple(usable), faces, noise, remarks, _doubts(poses, faces, clouds))
+    doubts = _doubts(poses, faces, clouds)
+    return ScanPoses(tuple(poses), tuple(usable), faces, noise, remarks, doubts, inflation)
 
 
 def _remarks(left_out: int, poses: Sequence[ScanPose], faces: TrackedFaces | None) -> tuple[str, ...]:
@@ -164,12 +167,14 @@ def _poses(
     clouds: Sequence[Float[np.ndarray, "n 3"]],
     planes: list[list[FittedPlane]] | None,
     engine: RegistrationEngine | None,
-) -> tuple[Sequence[ScanPose], TrackedFaces | None]:
+) -> tuple[Sequence[ScanPose], TrackedFaces | None, float]:
+    """Poses, the map of faces, and the inflation of the poses' own covariances."""
     middle = clouds[0].mean(axis=0)
     if planes is None:
-        return match_scans(times, clouds, middle, engine), None
+        matched = match_scans(times, clouds, middle, engine)
+        return matched.poses, None, matched.inflation
     faces = track_faces(times, planes, middle, _extent(clouds[0]))
-    return faces.poses, faces
+    return faces.poses, faces, 1.0
 
 
 def _contradicted(count: int, total: int) -> str:

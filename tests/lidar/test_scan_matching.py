@@ -18,7 +18,9 @@ def test_the_bunny_is_put_together_within_a_millimetre_of_its_published_poses() 
     lines = [line.split() for line in (FOLDER / "bun.conf").read_text().splitlines()]
     told = {words[1]: np.array(words[2:], dtype=float) for words in lines if words[:1] == ["bmesh"]}
     clouds = [read_scan(FOLDER / f"{name}.ply").points[::8] for name in NAMES]
-    found = match_scans([0.0, 1.0, 2.0], clouds, clouds[0].mean(axis=0), viewpoint=np.array([0.0, 0.1, 0.8]))
+    found = match_scans(
+        [0.0, 1.0, 2.0], clouds, clouds[0].mean(axis=0), viewpoint=np.array([0.0, 0.1, 0.8])
+    ).poses
     for name, points, pose in zip(NAMES[1:], clouds[1:], found[1:], strict=True):
         place, q = told[f"{name}.ply"][:3], told[f"{name}.ply"][3:]
         published = points @ Rotation.from_quat(q).as_matrix() + place

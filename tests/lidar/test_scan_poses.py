@@ -14,6 +14,7 @@ from spinfilters.lidar.planes import extract_planes
 from spinfilters.lidar.point_noise import PointNoise, identified_noise
 from spinfilters.lidar.ray_pattern import RayPattern
 from spinfilters.lidar.scan import Scan, scan_of_points
+from spinfilters.lidar.scan_adjustment import AdjustedScans
 from spinfilters.lidar.scan_errors import LidarNoise, rvs_noise
 from spinfilters.lidar.scan_pose import ScanPose, nearest_rotation, rotation_vector
 from spinfilters.lidar.scan_poses import ScanPoses, scan_poses
@@ -145,7 +146,7 @@ def test_a_body_without_faces_is_registered() -> None:
     errors = errors_of(found.poses, R, t)
     assert np.rad2deg(np.linalg.norm(errors[:, 3:], axis=1)).max() < 1.0
     nees = [e @ np.linalg.solve(p.covariance, e) for e, p in zip(errors, found.poses, strict=True)]
-    assert np.median(nees) < 18.0  # a dependence of residuals that is not known better than so
+    assert 3.0 < np.mean(nees) < 14.0
 
 
 def test_planes_are_those_of_the_body_and_their_covariance_is_honest() -> None:
@@ -190,7 +191,7 @@ def test_registered_scans_that_share_little_surface_are_doubted(
     matched: int, doubted: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     poses = [ScanPose(float(k), np.eye(3), np.zeros(3), np.eye(6), matched=matched) for k in range(3)]
-    monkeypatch.setattr("spinfilters.lidar.scan_poses.match_scans", lambda *_: poses)
+    monkeypatch.setattr("spinfilters.lidar.scan_poses.match_scans", lambda *_: AdjustedScans(tuple(poses)))
     cloud = np.random.default_rng(0).normal([10.0, 0.0, 0.0], 1.0, (1000, 3))
     found = scan_poses([scan_of_points(cloud, float(k)) for k in range(3)])
     assert not found.by_faces

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -91,6 +92,7 @@ def _read_raw(folder: Path, reader: RawDataReader, description: str, options: Da
     made = reader.read(folder, read_truth(folder))
     read = [_with_own_covariance(form, folder) for form in _stored(folder, None)]
     log = MeasurementLog((made.stream, *read))
+    options = replace(options, covariance_inflation=made.inflation)
     cameras = calibrations_of(log)
     return Dataset(
         kind=reader.made,

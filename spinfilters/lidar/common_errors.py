@@ -1,0 +1,65 @@
+"""Errors that the poses of a sequence share, beside estimators that take them for white noise.
+
+Poses that were adjusted together have errors that are alike from scan to scan. A motion that is fitted to poses of covariances W^-1
+each has the covariance N^-1 S N^-1 for the poses' joint covariance C, N = B' W B, S = B' W C W B, with B what the poses change by
+with the motion. Covariances s W^-1 tell as much on average where s = tr(N^-1 S) / dim.
+
+The columns of B stand for any smooth motion: places, velocities and attitudes at the start, drifts of the attitude in the lidar's
+frame and in that of the body. A rotation and a shift of frame g are none, for nothing but the poses defines it.
+"""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.lidar.scan_pose import ScanPose
+
+NEGLIGIBLE: Final = 1e-9
+"""Share of the largest information, below which a direction is not told."""
+
+
+def smooth_inflation(
+    poses: Sequence[ScanPose], covariance: Float[np.ndarray, "k 6 k 6"], own: Float[np.ndarray, "k 6 6"]
+) -> float:
+    """Factor on the poses' own covariances, at least 1.
+
+    Parameters
+    ----------
+    covariance: joint, over (rotation, shift) in g.   own: information of every pose, likewise.
+    """
+    frame, smooth = _changes(poses)
+    C = covariance.reshape(6 * len(poses), -1)
+    weighted_frame, weighted = (_weighted(own, each) for each in (frame, smooth))
+    held = np.linalg.pinv(frame.T @ weighted_frame, hermitian=True) @ weighted_frame.T @ smooth
+    smooth, weighted = smooth - frame @ held, weighted - weighted_frame @ held
+    values, vectors = np.linalg.eigh(smooth.T @ weighted)
+    told = values > NEGLIGIBLE * values[-1]
+    if not told.any():
+        return 1.0
+    whitened = weighted @ (vectors[:, told] / np.sqrt(values[told]))
+    return max(1.0, float(np.einsum("ai,ab,bi->", whitened, C, whitened)) / np.count_nonzero(told))
+
+
+def _changes(poses: Sequence[ScanPose]) -> tuple[Float[np.ndarray, "a 6"], Float[np.ndarray, "a m"]]:
+    """Changes of all poses with the frame g, and with a smooth motion."""
+    times = np.array([pose.time for pose in poses])
+    late = (2 * times - times[0] - times[-1]) / max(float(np.ptp(times)), 1e-300)
+    body, lidar = (
+        np.broadcast_to(np.eye(3), (len(poses), 3, 3)),
+        np.array([pose.rotation.T for pose in poses]),
+    )
+
+    def column(axes: Float[np.ndarray, "k 3 3"], power: int, first: int) -> Float[np.ndarray, "a 3"]:
+        found = np.zeros((len(poses), 6, 3))
+        found[:, first : first + 3] = axes * late[:, None, None] ** power
+        return found.reshape(-1, 3)
+
+    frame = [column(body, 0, 0), column(body, 0, 3)]
+    turns = [column(lidar, 0, 0), column(lidar, 1, 0), column(body, 1, 0), column(body, 2, 0)]
+    return np.hstack(frame), np.hstack([*turns, column(lidar, 0, 3), column(lidar, 1, 3)])
+
+
+def _weighted(own: Float[np.ndarray, "k 6 6"], columns: Float[np.ndarray, "a m"]) -> Float[np.ndarray, "a m"]:
+    return np.einsum("kij,kjc->kic", own, columns.reshape(len(own), 6, -1)).reshape(columns.shape)
