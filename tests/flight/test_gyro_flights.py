@@ -42,7 +42,7 @@ def test_stamps_in_milliseconds_under_a_header_of_seconds_are_refused() -> None:
     time = 0.01 * np.arange(300)
     rates = 4.0 * np.stack([0.2 * np.cos(2 * time), 0.2 * np.sin(2 * time), np.ones(300)], axis=1)
     slow = Dataset(kind="gyro", log=MeasurementLog((MeasurementStream("gyro", 1e3 * time, rates),)))
-    with pytest.raises(InputError, match="turns by .* from one sample to the next.*--clock ms"):
+    with pytest.raises(InputError, match=r"turns by .* from one sample to the next.*--clock ms"):
         find_flights(slow)
 
 
