@@ -197,9 +197,8 @@ def _number(where: str, name: str, cell: str, layout: TextLayout) -> float:
         value = None
     if value is None or not math.isfinite(value):
         fault = "not a number" if value is None else "not finite"
-        raise InputError(
-            f"{where}{printable(name[:60])} is {value_text(cell)}, {fault}; correct or delete the line"
-        )
+        cure = "give seconds, or --rate HZ" if cell.count(":") > 1 else "correct or delete the line"
+        raise InputError(f"{where}{printable(name[:60])} is {value_text(cell)}, {fault}; {cure}")
     return value
 
 

@@ -16,6 +16,8 @@ from spinfilters.flight.parabola import PoseLog, acceleration_of, pose_flights
 from spinfilters.flight.specific_force import LARGEST_FORCE, unexplained_force
 from spinfilters.flight.stretches import Stretch
 
+LARGEST_STEP: Final[float] = np.pi
+"""Rotation from one sample to the next, rad: of a flight that is sampled more slowly nothing is known in between."""
 WHOLE: Final = 0.9
 """Share of a recording's time from which on it counts as all flight."""
 
@@ -46,7 +48,7 @@ def find_flights(dataset: Dataset) -> list[FreeFlight]:
 
     Raises
     ------
-    InputError: measurements of other kinds.
+    InputError: measurements of other kinds; rates between whose samples a body turns by more than half a revolution.
     """
     finder = _FINDERS.get(dataset.sensor)
     if finder is None:
@@ -68,7 +70,7 @@ def flights_within(dataset: Dataset) -> list[FreeFlight]:
 
 def _in_rates(dataset: Dataset, stream: MeasurementStream) -> list[FreeFlight]:
     """By the angular momentum; where there is an accelerometer it has a veto."""
-    found = []
+    found, steps = [], []
     for stretch in gyro_flights(stream.time, stream.values):
         rows = np.s_[stretch.start : stretch.end]
         time, rates = stream.time[rows], stream.values[rows]
@@ -76,7 +78,15 @@ def _in_rates(dataset: Dataset, stream: MeasurementStream) -> list[FreeFlight]:
         if force is not None and force > LARGEST_FORCE:
             continue
         history = rotation_history(time, rates)
+        steps.append(float(history.angle[-1]) / (len(stretch) - 1))
+        if steps[-1] > LARGEST_STEP:
+            continue
         found.append(_flight(stream, stretch, float(history.angle[-1]), _momentum_words(history, force)))
+    if steps and not found:
+        raise InputError(
+            f"{dataset.name}: the body turns by {min(steps):.3g} rad from one sample to the next, too far to find a flight; "
+            "if the time stamps are in ms, say --clock ms; if the rates are in deg/s, --unit deg/s"
+        )
     return found
 
 

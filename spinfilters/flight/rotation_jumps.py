@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 LARGEST_JUMP: Final = 10.0
 """Of the mean rate between two samples to the next, in root mean squares of those amid the flight."""
-LARGEST_DEVIATION: Final = 3.0
-"""Of a rate at an end from the parabola of those behind it, in standard deviations of that: one of a hundred by chance."""
+LARGEST_DEVIATION: Final = 2.5
+"""Of a rate at an end from the parabola of those behind it, in standard deviations of that: four of a hundred by chance."""
 SLOWEST_RELEASE: Final = 4
 """Rates at each end, at most, that a hand may have changed."""
 FEWEST: Final = 8

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 TOLD: Final = 1e-5
 """Probability of as large an acceleration by chance, below which it is told from zero."""
 CENTRE_STDS: Final = (0.1, 0.03, 0.01)
-"""Of the prior of the centre of mass that are tried beside the default, m."""
+"""Of the prior of the centre of mass that are tried beside the default, m; without an acceleration the first alone."""
 KNOWN_CENTRE: Final = 0.1
 """Standard deviation of the centre of mass over that of its default prior, below which the motion tells it."""
 ALIKE: Final = 10.0
@@ -58,7 +58,7 @@ def _likeliest(make: "Callable[[Settings], Setup]", settings: Settings) -> Setti
     """Settings with an acceleration told from zero, if most likely."""
     found: list[tuple[float, float, bool, Settings]] = []
     for gravity in (False, True):
-        for std in (CENTRE_OF_MASS.prior_std, *CENTRE_STDS):
+        for std in (CENTRE_OF_MASS.prior_std, *(CENTRE_STDS if gravity else CENTRE_STDS[:1])):
             own = _with(settings, gravity, std)
             tried = _tried(make, replace(own, initialisation=replace(own.initialisation, share=1.0)))
             if tried is not None:

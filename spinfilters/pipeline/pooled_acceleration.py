@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float
@@ -12,6 +12,9 @@ from spinfilters.evaluation.reported_constants import REPORTED
 from spinfilters.pipeline.pooled_moments import DISAGREEMENT
 from spinfilters.state.blocks.acceleration import ACCELERATION
 from spinfilters.state.status import Verdict
+
+FARTHEST: Final = 4.0
+"""Deviations from the median of all segments, beyond which one is left out: a bounce that is no flight."""
 
 
 @dataclass(frozen=True)
@@ -37,12 +40,13 @@ class PooledAcceleration:
     Attributes
     ----------
     strength: the mean, its random part widened where the segments disagree.
-    chi_square: of the segments about it, of ``degrees`` degrees of freedom.
+    chi_square: of the segments about it, of ``degrees`` degrees of freedom.   left_out: segments too far from their median.
     """
 
     strength: Strength
     chi_square: float
     degrees: int
+    left_out: int = 0
 
     @property
     def probability(self) -> float:
@@ -56,7 +60,8 @@ class PooledAcceleration:
         words = f"pooled acceleration {mean.value:.3f} ± {mean.std:.3f} m/s^2 (± {mean.calibration:.2g} of it of lengths and clock)"
         if not self.degrees:
             return words
-        return f"{words}, chi-square {self.chi_square:.1f} of {self.degrees} (p {self.probability:.2g})"
+        words += f", chi-square {self.chi_square:.1f} of {self.degrees} (p {self.probability:.2g})"
+        return f"{words}; left out as far off: {self.left_out}" if self.left_out else words
 
     @property
     def document(self) -> dict[str, Any]:
@@ -68,6 +73,7 @@ class PooledAcceleration:
             "chi_square": self.chi_square,
             "degrees_of_freedom": self.degrees,
             "probability": self.probability,
+            "left_out": self.left_out,
         }
 
 
@@ -89,15 +95,18 @@ def pooled_acceleration(estimates: Sequence[Mapping[str, Any]]) -> PooledAcceler
     found = [each for each in map(strength_of, estimates) if each is not None]
     if not found:
         return None
-    values, random = np.array([each.value for each in found]), np.array([each.random for each in found])
+    median = float(np.median([each.value for each in found]))
+    near = [each for each in found if abs(each.value - median) <= FARTHEST * each.random]
+    kept = near if 2 * len(near) > len(found) else found
+    values, random = np.array([each.value for each in kept]), np.array([each.random for each in kept])
     weights = random**-2 / np.sum(random**-2)
-    mean, degrees = float(weights @ values), len(found) - 1
+    mean, degrees = float(weights @ values), len(kept) - 1
     distance = float(np.sum(((values - mean) / random) ** 2))
     agree = not degrees or chi2.sf(distance, degrees) >= DISAGREEMENT
     widening = 1.0 if agree else float(np.sqrt(distance / degrees))
-    common = float(weights @ [each.calibration for each in found])
+    common = float(weights @ [each.calibration for each in kept])
     std = widening * float(np.sum(random**-2)) ** -0.5
-    return PooledAcceleration(Strength(mean, std, common), distance, degrees)
+    return PooledAcceleration(Strength(mean, std, common), distance, degrees, len(found) - len(kept))
 
 
 def _along(direction: Float[np.ndarray, " 3"], std: list[float | None]) -> float:

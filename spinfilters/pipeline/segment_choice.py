@@ -6,6 +6,7 @@ A number, times, all that are marked, all flights that are found.
 import math
 import os
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -15,6 +16,7 @@ from spinfilters.data.dataset_reader import OnRefused, reader_of
 from spinfilters.data.gyro_files import Segment
 from spinfilters.data.input_file import path_text, value_text
 from spinfilters.data.reading_options import NOTHING_STATED, ReadingOptions
+from spinfilters.data.recording_folder import recordings_in
 from spinfilters.errors import InputError
 from spinfilters.flight.free_flight import FreeFlight, find_flights
 
@@ -96,10 +98,41 @@ def read_several(
     options: ReadingOptions = NOTHING_STATED,
     on_refused: OnRefused | None = None,
 ) -> list[Dataset]:
-    """All segments that are marked (``all``), or that are found (``auto``). InputError: as `read_chosen`."""
+    """All segments that are marked (``all``), or that are found (``auto``), of a folder of recordings in each.
+
+    Parameters
+    ----------
+    on_refused: called with the number and the reason of what is no segment, or of a recording without any, instead of raising.
+
+    Raises
+    ------
+    InputError: as `read_chosen`.
+    """
     if which == AUTO:
+        recordings = recordings_in(Path(path))
+        if recordings and on_refused is not None:
+            return _of_recordings(recordings, options, on_refused)
         return flight_segments(read_whole(path, options))
     return read_segments(path, on_refused, options)
+
+
+def _of_recordings(
+    recordings: Sequence[Path], options: ReadingOptions, on_refused: OnRefused
+) -> list[Dataset]:
+    """The free flights of all recordings, numbered through."""
+    found, number = [], 0
+    for path in recordings:
+        try:
+            flights = flight_segments(read_whole(path, options))
+        except InputError as error:
+            number += 1
+            on_refused(number, str(error))
+            continue
+        for flight in flights:
+            number += 1
+            assert flight.segment is not None
+            found.append(replace(flight, segment=replace(flight.segment, number=number)))
+    return found
 
 
 def flight_segments(whole: Dataset) -> list[Dataset]:

@@ -54,6 +54,29 @@ def test_all_flights_are_compared_and_pooled(
     assert "mekf: pooled J1/J3 0.2005 ± 0.0021, J2/J3 0.8000 ± 0.0021, chi-square" in capsys.readouterr().out
 
 
+def test_flights_of_all_recordings_in_a_folder_are_compared_and_numbered_through(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "many"
+    folder.mkdir()
+    for name in ("a.csv", "c.csv"):
+        (folder / name).write_text(recording.read_text())
+    (folder / "b.csv").write_text("time_s,wx,wy,wz\n" + "".join(f"{0.01 * k},0,0,0\n" for k in range(100)))
+
+    def estimated(datasets: Sequence[Dataset], *_: object) -> list[SegmentResult]:
+        assert ["c.csv" in each.description for each in datasets] == [False, False, True, True]
+        numbers = [each.segment.number or 0 for each in datasets if each.segment is not None]
+        return [SegmentResult(number, {"estimators": {"mekf": estimate(number)}}) for number in numbers]
+
+    monkeypatch.setattr(segments, "run_segments", estimated)
+    run = tmp_path / "run"
+    arguments = ["compare", str(folder), "--unit", "deg/s", "--segment", "auto", "--estimators", "mekf"]
+    assert main([*arguments, "-o", str(run)]) == 0
+    document = json.loads((run / "segments.json").read_text())
+    assert list(document["segments"]) == ["1", "2", "3", "4", "5"]
+    assert "b.csv" in document["segments"]["3"]["failure"]
+
+
 def estimate(number: int) -> dict[str, Any]:
     """An estimator's entry of a segment's summary."""
     covariance = np.diag([9e-6, 9e-6, 0.0])

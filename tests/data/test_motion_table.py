@@ -150,6 +150,13 @@ def test_a_quoted_cell_beyond_all_measure_is_refused_in_one_line(tmp_path: Path)
         read_dataset(path)
 
 
+def test_a_time_of_day_is_refused_with_what_to_give_in_its_place(tmp_path: Path) -> None:
+    path = tmp_path / "mine.csv"
+    path.write_text("time,wx,wy,wz\n" + "".join(f"2025-01-16T17:10:{k:02d}.5,1,2,3\n" for k in range(9)))
+    with pytest.raises(InputError, match=r"line 2: time is .*; give seconds, or --rate HZ"):
+        read_dataset(path)
+
+
 def test_poses_are_found_by_name_whatever_the_order_of_the_quaternion(tmp_path: Path) -> None:
     rows = np.array([[0.0, 1, 2, 3, 1, 0, 0, 0], [0.1, 1, 2, 3, 0, 1, 0, 0]])
     dataset = read_dataset(written(tmp_path, "t_s,px_mm,py_mm,pz_mm,qw,qx,qy,qz", rows))

@@ -5,6 +5,11 @@ import pytest
 from throws import FLIGHTS, INTERVAL, MOMENTS, Carried, carried
 
 from spinfilters.data.accelerometer import Acceleration
+from spinfilters.data.acceleration import Acceleration
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.errors import InputError
+from spinfilters.flight.free_flight import find_flights
 from spinfilters.flight.gyro_flights import gyro_flights
 from spinfilters.flight.momentum import inertia_tensor, momentum_change, rotation_history
 from spinfilters.flight.specific_force import unexplained_force
@@ -32,6 +37,14 @@ def test_the_inertia_of_a_flight_is_that_of_the_body(log: Carried) -> None:
     change = momentum_change(history, tensor)
     assert change.error < 0.01
     assert abs(change.loss) < 0.02
+
+
+def test_stamps_in_milliseconds_under_a_header_of_seconds_are_refused() -> None:
+    time = 0.01 * np.arange(300)
+    rates = 4.0 * np.stack([0.2 * np.cos(2 * time), 0.2 * np.sin(2 * time), np.ones(300)], axis=1)
+    slow = Dataset(kind="gyro", log=MeasurementLog((MeasurementStream("gyro", 1e3 * time, rates),)))
+    with pytest.raises(InputError, match=r"turns by .* from one sample to the next.*--clock ms"):
+        find_flights(slow)
 
 
 def test_a_flight_ends_at_a_gap(log: Carried) -> None:

@@ -33,6 +33,14 @@ def test_what_chance_leaves_is_averaged_and_what_the_lengths_leave_is_not() -> N
     assert np.mean([pool.chi_square for pool in found]) == pytest.approx(3.0, abs=0.4)
 
 
+def test_a_segment_far_off_is_left_out_and_counted() -> None:
+    pool = pooled_acceleration([*(estimate(GRAVITY + shift) for shift in (-0.1, 0.0, 0.1)), estimate(2.0)])
+    assert pool is not None
+    assert pool.strength.value == pytest.approx(GRAVITY)
+    assert pool.left_out == 1
+    assert pool.sentence.endswith("; left out as far off: 1")
+
+
 def test_flights_that_disagree_widen_the_deviation() -> None:
     pool = pooled_acceleration([estimate(GRAVITY), estimate(GRAVITY + 3)])
     assert pool is not None

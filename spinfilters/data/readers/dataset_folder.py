@@ -11,10 +11,11 @@ from spinfilters.data.covariance_files import with_covariance
 from spinfilters.data.dataset import DATASET_FILE, LANDMARK_FILE, Dataset, calibrations_of
 from spinfilters.data.dataset_options import DatasetOptions, options_from_toml
 from spinfilters.data.dataset_reader import DatasetReader
-from spinfilters.data.input_file import path_text, require_folder, value_text
+from spinfilters.data.input_file import path_text, printable, require_folder, value_text
 from spinfilters.data.inspector_files import read_inspector
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.data.raw_data import RawDataReader, raw_data_reader
+from spinfilters.data.recording_folder import recordings_in
 from spinfilters.data.sensor_files import read_sensor_file
 from spinfilters.data.sensor_format import SensorFormat, dataset_kinds, sensor_formats
 from spinfilters.data.settings_files import read_toml
@@ -81,6 +82,11 @@ def _require_description(path: Path, kinds: Iterable[str]) -> None:
         return
     if os.path.isfile(path.parent / "cam0" / "data.csv"):
         raise _no_front_end(path.parent, "stereo-images")
+    if recordings := recordings_in(path.parent):
+        such = f"{len(recordings)} recordings, such as {printable(recordings[0].name)}"
+        raise InputError(
+            f"{path_text(path.parent)}: holds {such}; give one of them, or take the free flights in all with --segment auto"
+        )
     raise InputError(
         f"{path_text(path)}: no such file; write it with a line kind = '...' ({', '.join(kinds)}), or check "
         "the path"
