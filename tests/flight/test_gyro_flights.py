@@ -5,7 +5,6 @@ import pytest
 from throws import FLIGHTS, INTERVAL, MOMENTS, Carried, carried
 
 from spinfilters.data.accelerometer import Acceleration
-from spinfilters.data.acceleration import Acceleration
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.errors import InputError
