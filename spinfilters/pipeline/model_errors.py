@@ -30,6 +30,7 @@ from spinfilters.estimators.model_errors.hypotheses import (
     with_identified,
     with_refused_in_a_row,
 )
+from spinfilters.estimators.model_errors.lower_densities import beside_lower_densities
 from spinfilters.estimators.model_errors.refused_ends import with_refused_ends
 from spinfilters.estimators.model_errors.score_tests import Effect, ScoreTest, likelier, score_tests
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
@@ -207,7 +208,9 @@ def _tested(
     settled = solved is not near or bool(told.correlation) or not is_doubtful(noise, solved)
     identified = None if settled else with_identified(model, solved)
     if identified is None:
-        return TestedModels(tuple(score_tests(SmoothedMotion(time, solved), noise, every)), contradicted)
+        motion = SmoothedMotion(time, solved)
+        found = beside_lower_densities(score_tests(motion, noise, every), motion, model, told)
+        return TestedModels(tuple(found), contradicted)
     found = score_tests(SmoothedMotion(time, identified), noise_of(model, identified), every)
     stated = among_inliers(problem, identified)
     if stated is not None:

@@ -214,6 +214,21 @@ def test_drag_that_identified_noise_takes_in_is_named() -> None:
     assert drag.effect(comparison.models.std).largest < 1  # it is in the torque's density
 
 
+def test_a_drift_of_the_clock_that_the_densities_take_in_is_named_at_smaller_ones() -> None:
+    scenario = Scenario(
+        kind="pose",
+        principal_moments=(1.0, 0.8, 0.55),
+        rate_rpm=RICH_RPM,
+        epochs=60,
+        interval=0.4,
+        noise=ProcessNoise(1e-6, 4e-8),
+    )
+    seeds = tuple(np.random.SeedSequence(1).spawn(3))
+    dataset = without_noise(faulty_recording(scenario, model_faults()["clock-drift"], 0.09, seeds))
+    named = compared(dataset, replace(SMOOTHER, process=replace(SMOOTHER.process, gravity=False))).models
+    assert named.names == ("clock-drift/drag",)
+
+
 def test_a_wrong_unit_is_named_first() -> None:
     dataset = recording(None, np.zeros(3), 0.4)
     (stream,) = dataset.log.streams

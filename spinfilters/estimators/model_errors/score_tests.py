@@ -19,7 +19,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2
 
 from spinfilters.estimators.model_errors.alternative import Alternative
 from spinfilters.estimators.model_errors.epoch_information import information_by_epoch
@@ -62,6 +61,7 @@ class ScoreTest:
     shift: (k, n) by which the states of all epochs move once the error is removed; None of one that is not `TELLING`.
     explained: what it explains of all whitened residuals, likewise.
     level: by how much ln variance of an identified noise level falls with it removed, of the one that falls most.
+    level_dof: degrees of freedom that tell the levels that fall; infinite of stated ones.
     """
 
     error: Alternative
@@ -74,6 +74,7 @@ class ScoreTest:
     shift: Float[np.ndarray, "k n"] | None = None
     explained: Float[np.ndarray, " r"] | None = None
     level: float = 0.0
+    level_dof: float = np.inf
 
     def likeness(self, other: "ScoreTest") -> float:
         """Correlation of what two errors explain; 0 where it is not known."""
@@ -143,7 +144,7 @@ def likelier(found: list[ScoreTest], beside: list[ScoreTest], advantage: float) 
         instead = other.get(each.error.name)
         gained = -np.inf if instead is None else instead.statistic - advantage
         if instead is not None and gained > each.gain:
-            beyond = float(chi2.sf(gained, instead.dof))
+            beyond = gain_tail(gained, instead.dof, instead.level_dof)
             each = replace(instead, statistic=gained, gain=gained, p_value=min(beyond, each.p_value))
         best.append(each)
     return sorted(best, key=lambda each: -each.merit)
@@ -191,7 +192,8 @@ def _tested(
     gained = gain.value - float(prior @ probable**2)
     p_value = gain_tail(gained, dof, gain.dof)
     std = np.sqrt(np.diag(covariance)) / scale
-    found = ScoreTest(error, size / scale, std, float(u @ size), dof, gained, p_value, level=gain.level)
+    found = ScoreTest(error, size / scale, std, float(u @ size), dof, gained, p_value)
+    found = replace(found, level=gain.level, level_dof=gain.dof)
     return found.removing(motion, columns.times(removed), explained)
 
 
