@@ -5,7 +5,8 @@ Front end and estimators on bodies and motions, truth and noise unknown to both.
 
 Renders what FOLDER lacks (half a minute of processor time each), then measures the front end in processor time, in one piece and
 on line, runs MEKF, UKF and smoother on its tracks, and prints one line of a table per estimator. Errors are root mean squares
-after two revolutions.
+after two revolutions; the last column holds position, attitude and rate over those of the last estimator, in the epochs that all
+made themselves: those before are the filters' initialisation, which is a smoother of its own epochs alone.
 """
 
 import argparse
@@ -17,6 +18,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from jaxtyping import Float
 
 from spinfilters.api.image_recordings import ImageScenario, render
 from spinfilters.data.dataset import has_images
@@ -64,7 +66,9 @@ def main() -> None:
     )
     parser.add_argument("--estimators", nargs="+", default=list(ESTIMATORS))
     options = parser.parse_args()
-    print("| case, estimator | verdict | position | attitude | rate | worst moment | NEES per dof |")
+    print(
+        "| case, estimator | verdict | position | attitude | rate | worst moment | NEES per dof | over the last |"
+    )
     for shape, seed, *rpm in options.case:
         x, y, z = map(float, rpm)
         _measured(options.folder, SequenceCase(shape, int(seed), (x, y, z)), options.estimators)
@@ -80,8 +84,8 @@ def _measured(folder: Path, case: SequenceCase, estimators: Sequence[str]) -> No
     online = track_images_online(images)
     end = time.process_time()
     comparison = compare_dataset(tracked.dataset, Settings(estimators=tuple(estimators)))
-    for evaluation in comparison.evaluations:
-        print(_line(case, evaluation), flush=True)
+    for line in lines(case, comparison.evaluations):
+        print(line, flush=True)
     print(
         f"{case.name}: front end {middle - begin:.1f} s, on line {_pairs(online) / (end - middle):.1f} pairs a second of processor "
         f"time; inflation {tracked.document['error_correlation']['inflation']:.2f}",
@@ -93,7 +97,21 @@ def _pairs(tracked: TrackedImages) -> int:
     return tracked.losses.kept["image pairs"]
 
 
-def _line(case: SequenceCase, evaluation: Evaluation) -> str:
+def lines(case: SequenceCase, evaluations: Sequence[Evaluation]) -> list[str]:
+    """Of a table, one per estimator."""
+    own = max(case.begin, *(each.own_begin or 0.0 for each in evaluations))
+    last = _sizes(evaluations[-1], own)
+    return [_line(case, each, _sizes(each, own) / last) for each in evaluations]
+
+
+def _sizes(evaluation: Evaluation, begin: float) -> Float[np.ndarray, " 3"]:
+    """Root mean squares of position, attitude and rate from a time on; not a number without errors."""
+    errors = None if evaluation.errors is None else evaluation.errors.within(begin, np.inf)
+    rms = None if errors is None else errors.rms
+    return np.array([np.nan] * 3 if rms is None else [rms.position, rms.attitude, rms.rate], dtype=float)
+
+
+def _line(case: SequenceCase, evaluation: Evaluation, ratios: Float[np.ndarray, " 3"]) -> str:
     """Of a table. Root mean squares of errors after two revolutions; NEES over all own epochs."""
     status = evaluation.history.status
     moments = None if evaluation.body_errors is None else evaluation.body_errors.principal_moments
@@ -104,7 +122,8 @@ def _line(case: SequenceCase, evaluation: Evaluation) -> str:
         return f"| {case.name}, {evaluation.name} | {status.verdict} | no errors: {'; '.join(status.reasons)[:160]} |"
     return (
         f"| {case.name}, {evaluation.name} | {status.verdict} | {1e3 * rms.position:.2f} mm | {degrees(rms.attitude):.3f} deg | "
-        f"{degrees(rms.rate):.3f} deg/s | {np.abs(moments).max():.4f} | {nees.mean:.2f} |"
+        f"{degrees(rms.rate):.3f} deg/s | {np.abs(moments).max():.4f} | {nees.mean:.2f} | "
+        f"{', '.join(f'{ratio:.2f}' for ratio in ratios)} |"
         + "".join(f"\n    {reason[:240]}" for reason in status.reasons)
     )
 

@@ -92,30 +92,52 @@ def map_accuracy(run: Path, mesh: BodyMesh) -> MapAccuracy:
     InputError: a run without truth, map, stereo camera or model.
     """
     data = FigureData.from_folder(run)
+    body, truth = _body_in_truth(data, run), data.dataset.truth
+    assert truth is not None  # looked at with the body
+    place = run / RECONSTRUCTION_FOLDER
+    model, told = read_ply(place / MODEL_FILE).points, json.loads((place / RECONSTRUCTION_FILE).read_text())
+    wrong, tracks = _wrong(data.dataset, truth)
+    axes, corners = np.asarray(truth.principal_axes_g), mesh.vertices - body.centre
+    sizes = np.ptp(model, axis=0)
+    return MapAccuracy(
+        wrong,
+        tracks,
+        surface_distance(laid_onto(body.landmarks, mesh), mesh),
+        surface_distance(laid_onto(model @ body.axes + body.centre, mesh), mesh),
+        sizes - np.ptp(corners @ axes.T, axis=0),
+        sizes - np.ptp(corners @ body.axes.T, axis=0),
+        np.array(told["dimensions_std_m"]),
+        np.array(told["surface_std_m"]),
+    )
+
+
+def landmarks_on(run: Path, mesh: BodyMesh) -> Float[np.ndarray, "k 3"]:
+    """Map of a run folder laid onto the true body, m. InputError: as `map_accuracy`."""
+    return laid_onto(_body_in_truth(FigureData.from_folder(run), run).landmarks, mesh)
+
+
+@dataclass(frozen=True)
+class _EstimatedBody:
+    """Of a run, in the truth's frame g: ``landmarks`` (k, 3) m, principal ``axes`` as rows, and the true ``centre`` of mass."""
+
+    landmarks: Float[np.ndarray, "k 3"]
+    axes: Float[np.ndarray, "3 3"]
+    centre: Float[np.ndarray, " 3"]
+
+
+def _body_in_truth(data: FigureData, run: Path) -> _EstimatedBody:
+    """The body as estimated, by the attitude of the first epoch. InputError: no truth, no map."""
     truth, evaluation, points = data.dataset.truth, data.most_exact, data.map_points
     if truth is None or truth.center_of_mass_g is None or truth.principal_axes_g is None:
         raise InputError(f"{run}: has no truth of the body; render images with 'spinfilters simulate'")
     if evaluation is None or evaluation.body.center_of_mass_g is None or points is None:
         raise InputError(f"{run}: has no estimator with a map; compare stereo images first")
-    place = run / RECONSTRUCTION_FOLDER
-    model, told = read_ply(place / MODEL_FILE).points, json.loads((place / RECONSTRUCTION_FILE).read_text())
-    wrong, tracks = _wrong(data.dataset, truth)
     body, first = evaluation.body, evaluation.trajectory
-    # estimated axes g to true ones, by the attitude of the first epoch
     R = Rotation.from_quat(truth.q_ig[_rows(truth, first.time[:1])[0]]).inv().as_matrix()
     R = R @ matrix_from_quaternion(first.q_ig[0])
-    axes, centre = np.asarray(truth.principal_axes_g), np.asarray(truth.center_of_mass_g)
-    estimated = body.principal_axes_g @ R.T
-    corners, sizes = mesh.vertices - centre, np.ptp(model, axis=0)
-    return MapAccuracy(
-        wrong,
-        tracks,
-        _distance((points - body.center_of_mass_g) @ R.T + centre, mesh),
-        _distance(model @ estimated + centre, mesh),
-        sizes - np.ptp(corners @ axes.T, axis=0),
-        sizes - np.ptp(corners @ estimated.T, axis=0),
-        np.array(told["dimensions_std_m"]),
-        np.array(told["surface_std_m"]),
+    centre = np.asarray(truth.center_of_mass_g)
+    return _EstimatedBody(
+        (points - evaluation.body.center_of_mass_g) @ R.T + centre, body.principal_axes_g @ R.T, centre
     )
 
 
@@ -144,15 +166,15 @@ def _rows(truth: Truth, time: Float[np.ndarray, " n"]) -> np.ndarray:
     return np.searchsorted(truth.time, time - 1e-6)
 
 
-def _distance(points: Float[np.ndarray, "k 3"], mesh: BodyMesh) -> Float[np.ndarray, " k"]:
-    """Signed distance to a convex body's planes, positive outside.
+def surface_distance(points: Float[np.ndarray, "k 3"], mesh: BodyMesh) -> Float[np.ndarray, " k"]:
+    """Signed distance to a convex body's planes, positive outside."""
+    normals, offsets = _planes(mesh)
+    return (points @ normals.T - offsets).max(axis=1)
 
-    Onto which the points are laid.
-    """
-    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    normals = np.cross(b - a, c - a)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    offsets = np.einsum("fi,fi->f", normals, a)
+
+def laid_onto(points: Float[np.ndarray, "k 3"], mesh: BodyMesh) -> Float[np.ndarray, "k 3"]:
+    """Points moved rigidly onto the surface of a convex body, by robust least squares."""
+    normals, offsets = _planes(mesh)
     for _ in range(ITERATIONS):
         every = points @ normals.T - offsets
         nearest = every.argmax(axis=1)
@@ -161,7 +183,15 @@ def _distance(points: Float[np.ndarray, "k 3"], mesh: BodyMesh) -> Float[np.ndar
         J = np.hstack([np.cross(points, normal), normal])
         step = np.linalg.lstsq(J.T @ (weight[:, None] * J), -J.T @ (weight * distance), rcond=None)[0]
         points = Rotation.from_rotvec(step[:3]).apply(points) + step[3:]
-    return (points @ normals.T - offsets).max(axis=1)
+    return points
+
+
+def _planes(mesh: BodyMesh) -> tuple[Float[np.ndarray, "f 3"], Float[np.ndarray, " f"]]:
+    """Outward unit normals of the faces, and their distances from the origin."""
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return normals, np.einsum("fi,fi->f", normals, a)
 
 
 if __name__ == "__main__":

@@ -9,8 +9,10 @@ import numpy as np
 
 from spinfilters.cli.console import wide_console
 from spinfilters.data.atomic_write import write_json, write_text
+from spinfilters.data.input_file import path_text
 from spinfilters.data.output_folder import output_folder, refuse_foreign
 from spinfilters.data.sensor_yaml import deviations_text
+from spinfilters.errors import InputError
 from spinfilters.plots.calibration import calibration_figure
 from spinfilters.plots.style import save_figure
 from spinfilters.vision.calibration_check import BoardMeasurement, CheckResult, checks, measured_board
@@ -38,7 +40,10 @@ def calibrate(options: argparse.Namespace) -> int:
     pairs = image_pairs(source)
     views, size = board_views(pairs, board, losses)
     found = calibrate_stereo(views, board, size)
-    measured = measured_board(found.rig, found.views, board)
+    try:
+        measured = measured_board(found.rig, found.views, board)
+    except InputError as error:  # left and right exchanged, as a whole
+        raise InputError(f"{path_text(source)}: {error} (left* is cam0)") from None
     results = checks(found.rig, measured, board) if options.check else []
     with output_folder(folder, COMMAND) as place:
         write_raw_rig(found.rig, place, stated_deviations(found))

@@ -108,7 +108,7 @@ def reconstruct(
             f"{path_text(source)}: no pair has the time of an epoch of {path_text(folder)}; give the images of "
             "the run with --images"
         )
-    model = body_model(volume, motion.axes_cov)
+    model = body_model(volume, motion.axes_cov, motion.landmarks)
     near = model.share_near(motion.landmarks, NEAR_VOXELS * volume.grid.voxel)
     if near < LEAST_NEAR:
         raise InputError(

@@ -149,10 +149,10 @@ class Tracker:
         )
         features, chosen = pairs[:, 0], rows[pairs[:, 1]]
         fit = self._fit(points, features, chosen)
-        if fit is None:
+        agreeing = 0 if fit is None else int(self._within_gate(points, fit.pose, features, chosen).sum())
+        if fit is None or agreeing < FEWEST:
             self._losses.lose(ODOMETRY, "of an epoch with too few", len(pairs))
             return None
-        agreeing = int(np.count_nonzero(self._within_gate(points, fit.pose, features, chosen)))
         self._losses.lose(ODOMETRY, "against the motion of the others", len(pairs) - agreeing)
         self._losses.keep(ODOMETRY, agreeing)
         return fit.pose

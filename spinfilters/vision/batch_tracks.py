@@ -23,6 +23,7 @@ from spinfilters.vision.front_end import FrontEndOptions
 from spinfilters.vision.loss_count import LossCount
 from spinfilters.vision.stereo_matching import StereoFeatures
 from spinfilters.vision.track_noise import FEWEST, TrackNoise, identified
+from spinfilters.vision.visual_odometry import found_epochs
 
 STAGE: Final = "observations in tracks"
 FEWEST_EPOCHS: Final = 2
@@ -92,12 +93,7 @@ def batch_tracks(
     ------
     InputError: fewer than two epochs whose pose is found, no landmark seen twice.
     """
-    rough = Tracker(rig, options.noise, LossCount(), options.association)
-    found = []
-    for number, (time, each) in enumerate(points):
-        found.append(rough.add(number, time, each))
-        progress(number + 1, 2 * len(points))
-    epochs = _required([each for each in found if each is not None])
+    epochs = _required(found_epochs(points, rig, options, lambda done, _: progress(done, 2 * len(points))))
     noise, adjusted, _ = _settled(epochs, options.noise, rig)
     tracker = Tracker(rig, noise, losses, options.association)
     again = []

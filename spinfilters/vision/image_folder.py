@@ -15,7 +15,7 @@ from jaxtyping import UInt8, UInt16
 
 from spinfilters.data.input_file import path_text, require_folder, require_text_table, value_text
 from spinfilters.errors import InputError
-from spinfilters.vision.image_header import claimed_size
+from spinfilters.vision.image_header import PNG_BEGIN, claimed_size, is_damaged_png
 from spinfilters.vision.loss_count import LossCount
 
 CAMERAS: Final = ("cam0", "cam1")
@@ -26,7 +26,7 @@ LARGEST_IMAGE_FILE: Final = 200_000_000
 """Bytes."""
 MOST_PIXELS: Final = 100_000_000
 """Of an image: a file of a few kB may claim a thousand million."""
-FIRST_AND_LAST: Final = ((b"\x89PNG\r\n\x1a\n", b"IEND"), (b"\xff\xd8", b"\xff\xd9"))
+FIRST_AND_LAST: Final = ((PNG_BEGIN, b"IEND"), (b"\xff\xd8", b"\xff\xd9"))
 """Bytes at the beginning and the end of a whole PNG and JPEG: decoders fill what is missing with grey."""
 LONGEST_TRAILER: Final = 65536
 """Bytes that some programs write behind the end."""
@@ -120,9 +120,12 @@ def _decoded(path: Path) -> tuple[Grey | None, str | None]:
     begin, end = data[:8].tobytes(), data[-LONGEST_TRAILER:].tobytes()
     if any(begin.startswith(first) and last not in end for first, last in FIRST_AND_LAST):
         return None, "cut short"
-    width, height = claimed_size(data.tobytes()) or (0, 0)
+    content = data.tobytes()
+    width, height = claimed_size(content) or (0, 0)
     if width * height > MOST_PIXELS:
         return None, "of more pixels than an image may have"
+    if is_damaged_png(content):
+        return None, "damaged"
     try:
         image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
     except cv2.error:

@@ -1,9 +1,11 @@
-"""Width and height that an image file claims, before memory is taken for it."""
+"""What an image file says of itself before it is decoded: width, height, checksums."""
 
 import re
 import struct
+import zlib
 from typing import Final
 
+PNG_BEGIN: Final = b"\x89PNG\r\n\x1a\n"
 _PGM: Final = re.compile(rb"P[1-7]\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s")
 _FRAMES: Final = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 """Markers of a JPEG segment that tells the size."""
@@ -21,6 +23,21 @@ def claimed_size(data: bytes) -> tuple[int, int] | None:
     except (struct.error, IndexError, ValueError):
         pass
     return None
+
+
+def is_damaged_png(data: bytes) -> bool:
+    """Whether a PNG has a chunk whose checksum is wrong: its decoder would complain on the console."""
+    at = len(PNG_BEGIN)
+    if not data.startswith(PNG_BEGIN):
+        return False
+    while at + 8 <= len(data):
+        end = at + 8 + int.from_bytes(data[at : at + 4], "big")
+        if zlib.crc32(data[at + 4 : end]) != int.from_bytes(data[end : end + 4], "big"):
+            return True
+        if data[at + 4 : at + 8] == b"IEND":
+            return False
+        at = end + 4
+    return True
 
 
 def _png(data: bytes) -> tuple[int, int] | None:

@@ -95,6 +95,11 @@ def read_raw_rig(folder: Path) -> RawRig:
     """
     infos = [folder / file.parent / CAMERA_INFO_FILE for file in RIG_FILES]
     told = all(info.is_file() for info in infos) and not any((folder / file).exists() for file in RIG_FILES)
+    missing = next((folder / file for file in RIG_FILES if not told and not (folder / file).exists()), None)
+    if missing is not None:
+        raise InputError(
+            f"{path_text(missing)}: no such file; write that camera's calibration there (spinfilters calibrate)"
+        )
     left, right = (
         read_camera_infos(*infos) if told else [read_sensor_file(folder / file) for file in RIG_FILES]
     )

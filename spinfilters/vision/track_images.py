@@ -165,7 +165,8 @@ def _naming(folder: Path, losses: LossCount) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        worst = [f"{count} {cause}" for (_, cause), count in losses.lost.most_common(2)]
+        of_pairs_first = sorted(losses.lost.items(), key=lambda loss: (loss[0][0] != STAGE, -loss[1]))
+        worst = [f"{count} {cause}" for (_, cause), count in of_pairs_first[:2]]
         lost = f" (lost: {', '.join(worst)})" if worst else ""
         raise InputError(f"{path_text(folder)}: {error}{lost}") from None
 

@@ -79,6 +79,22 @@ def test_a_shuffled_pair_is_found_and_named() -> None:
     assert "no pair" in found.dropped["left04.png"]
 
 
+def test_left_and_right_exchanged_in_one_pair_or_in_all_are_named(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    views = _views(example_rig(SIZE), 9, noise=0.1)
+    exchanged = [replace(view, left=view.right, right=view.left) for view in views]
+    assert list(calibrate_stereo([*views[:3], exchanged[3], *views[4:]], BOARD, SIZE).dropped) == [
+        "left03.png"
+    ]
+    monkeypatch.setattr("spinfilters.cli.calibrate.image_pairs", lambda _: [])
+    monkeypatch.setattr("spinfilters.cli.calibrate.board_views", lambda *_: (exchanged, SIZE))
+    call = ["calibrate", str(tmp_path), "--corners", "7x5", "--square", "0.03", "-o", str(tmp_path / "out")]
+    assert main(call) == 2
+    assert "not side by side with cam0 on the left; exchange them" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_view_whose_corners_are_wrong_is_left_out_with_a_reason() -> None:
     views = _views(example_rig(SIZE), 9, noise=0.1)
     views[2].left[:] += 6 * np.random.default_rng(0).standard_normal(views[2].left.shape)

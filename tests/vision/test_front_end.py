@@ -139,6 +139,28 @@ def test_images_that_are_cut_short_are_counted_and_say_nothing(
     assert capfd.readouterr() == ("", "")
 
 
+def test_a_damaged_image_is_counted_and_says_nothing(
+    damaged: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = _image(damaged, "cam0", 1)
+    content = bytearray(path.read_bytes())
+    content[200:260] = bytes(60)
+    path.write_bytes(content)
+    reader = PairReader((320, 240), LossCount())
+    pairs = list(read_pairs(stamped_pairs(damaged, reader.losses), reader))
+    assert [pair is None for pair in pairs] == [False, True, False, False, False, False]
+    assert reader.losses.lost == {(STAGE, "damaged"): 1}
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_body_that_never_moves_is_refused_for_its_frozen_cameras(damaged: Path) -> None:
+    for camera in ("cam0", "cam1"):
+        for number in range(1, 6):
+            shutil.copy(_image(damaged, camera, 0), _image(damaged, camera, number))
+    with pytest.raises(InputError, match=r"lost: 5 repeated by a frozen camera \(both cameras\)"):
+        track_images(damaged)
+
+
 @pytest.mark.parametrize(("bits", "channels"), [(8, 3), (12, 1), (16, 1), (16, 3)])
 def test_colour_and_more_bits_tell_what_eight_grey_bits_tell(bits: int, channels: int, damaged: Path) -> None:
     paths = [_image(damaged, camera, 0) for camera in ("cam0", "cam1")]
@@ -185,7 +207,10 @@ def test_darker_images_of_one_epoch_lose_no_epoch(damaged: Path) -> None:
     ("damage", "words"),
     [
         (lambda folder: shutil.rmtree(folder / "cam1" / "data"), "cam1/data.*no such folder"),
-        (lambda folder: (folder / "cam0" / "sensor.yaml").unlink(), r"cam0/sensor\.yaml.*no such file"),
+        (
+            lambda folder: (folder / "cam0" / "sensor.yaml").unlink(),
+            r"cam0/sensor\.yaml.*spinfilters calibrate",
+        ),
         (
             lambda folder: (folder / "cam0" / "data.csv").write_text("1,2,3,/etc/passwd\n"),
             "line 1.*no name of a file",

@@ -5,11 +5,12 @@ Each depth map tells, at voxels before and shortly behind what it sees, the dist
 inverse variance of the depth. Sums are kept by groups of epochs, so that leaving out a group tells how sure the surface is.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.ndimage import map_coordinates
 
 from spinfilters.data.camera import StereoRig
 from spinfilters.vision.reconstruction.depth_map import DepthMap
@@ -58,6 +59,15 @@ class Field:
     grid: Grid
     distance: Float[np.ndarray, "n n n"]
     grey: Float[np.ndarray, "n n n"]
+
+    def at(self, points: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
+        """Distances at points (m, principal axes), NaN where a voxel beside is unknown."""
+        index = (points + self.grid.radius) / self.grid.voxel
+        return map_coordinates(self.distance, index.T, order=1, mode="constant", cval=np.nan)
+
+    def moved(self, outward: float) -> "Field":
+        """The field of a surface that lies farther out, m."""
+        return replace(self, distance=self.distance - np.float32(outward))
 
 
 class DistanceVolume:

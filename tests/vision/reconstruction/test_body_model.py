@@ -56,6 +56,21 @@ def test_a_ball_is_as_wide_along_axes_that_are_not_known() -> None:
     assert exact.sentences == vague.sentences == []
 
 
+def test_the_surface_is_put_where_the_landmarks_lie() -> None:
+    volume, generator = _volume(noise=0.0), np.random.default_rng(1)
+    directions = generator.standard_normal((200, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    before = body_model(volume).dimensions.extents
+    for outward in (-5e-4, 5e-4):
+        landmarks = (RADIUS + outward) * directions
+        found = body_model(volume, None, landmarks)
+        radius = np.median(np.linalg.norm(found.vertices, axis=1))
+        assert radius == pytest.approx(RADIUS + outward, abs=1.5e-4)
+        assert np.sign(found.dimensions.extents - before) == pytest.approx(np.full(3, np.sign(outward)))
+    far = body_model(volume, None, 0.5 * RADIUS * directions)  # of another body: refused later, not followed
+    np.testing.assert_array_equal(far.dimensions.extents, before)
+
+
 def test_depth_maps_that_make_no_surface_are_refused_in_one_line() -> None:
     with pytest.raises(InputError, match=r"0 pair\(s\) makes a surface of 0 triangles; give sharper"):
         body_model(DistanceVolume(Grid(0.1, 16)))
