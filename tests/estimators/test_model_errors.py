@@ -9,13 +9,14 @@ import pytest
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.estimators.model_errors.alternative import table
+from spinfilters.estimators.model_errors.columns import Columns
 from spinfilters.estimators.model_errors.hypotheses import (
     KnownLevels,
     minus_twice_log_likelihood,
     noise_of,
     solved_near,
 )
-from spinfilters.estimators.model_errors.linear_rows import Columns, LinearRows
+from spinfilters.estimators.model_errors.linear_rows import LinearRows
 from spinfilters.estimators.model_errors.score_tests import score_tests
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.estimators.smoothing.solver.iterations import SolverOptions, solve

@@ -7,7 +7,8 @@ states and landmarks of that epoch; no column of the length of all measurements 
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinfilters.estimators.model_errors.linear_rows import Columns, LinearRows, summed
+from spinfilters.estimators.model_errors.columns import Columns
+from spinfilters.estimators.model_errors.linear_rows import LinearRows, summed
 from spinfilters.estimators.model_errors.solved_columns import Gradient
 
 

@@ -132,23 +132,23 @@ def is_doubtful(noise: NoiseComponents, solved: LinearRows) -> bool:
 
     Smaller ones are where it is inflated.
     """
-    ratio = noise.squares(solved.residual(solved.right)) / np.maximum(noise.redundancy, 1.0)
+    ratio = noise.squares(solved.left) / np.maximum(noise.redundancy, 1.0)
     away = (ratio > NOISE_RATIO) | (ratio * noise.inflation < 1 / NOISE_RATIO)
     return bool(np.any(away & (noise.redundancy > TELLING))) or rejects(solved)
 
 
 def is_contradicted(noise: NoiseComponents, solved: LinearRows) -> bool:
     """Whether residuals of some component are beyond chance at its noise level."""
-    squares = noise.squares(solved.residual(solved.right))
+    squares = noise.squares(solved.left)
     told = noise.redundancy > TELLING
     return bool(np.any(chi2.sf(squares[told], noise.redundancy[told]) < CHANCE)) or rejects(solved)
 
 
 def rejects(solved: LinearRows) -> bool:
     """Whether gates reject more than gross errors explain."""
-    counted = [np.abs(rows).max(axis=(1, 2), initial=0.0) > 0 for rows in solved.sensor_rows]
-    if solved.observation_rows is not None:
-        counted.append(np.abs(solved.observation_rows).max(axis=(1, 2), initial=0.0) > 0)
+    counted = [*solved.counted]
+    if solved.normal.eliminated is not None:
+        counted.append(solved.normal.eliminated.used)
     return any(each.mean() < FEWEST_COUNTED for each in counted if each.size)
 
 
@@ -159,9 +159,9 @@ def rejects_in_a_row(solved: LinearRows) -> bool:
     """
     time = np.arange(solved.problem.ordering.epochs)
     measured, counted = np.zeros(len(time), dtype=bool), np.zeros(len(time), dtype=bool)
-    for sensor, rows in zip(solved.problem.motion.sensors, solved.sensor_rows, strict=True):
+    for sensor, good in zip(solved.problem.motion.sensors, solved.counted, strict=True):
         measured[sensor.epoch] = True
-        counted[sensor.epoch[np.abs(rows).max(axis=(1, 2), initial=0.0) > 0]] = True
+        counted[sensor.epoch[good]] = True
     empty = (measured & ~counted)[measured]
     return bool(np.any(np.convolve(empty, np.ones(IN_A_ROW), "valid") == IN_A_ROW))
 
@@ -200,8 +200,7 @@ def with_identified(model: NoiseModel, solved: LinearRows) -> LinearRows | None:
 def among_inliers(problem: Problem, inliers: LinearRows) -> LinearRows | None:
     """A problem with other noise levels, solved with exactly the measurements that count in ``inliers``."""
     sensors = []
-    for sensor, rows in zip(problem.motion.sensors, inliers.sensor_rows, strict=True):
-        good = np.abs(rows).max(axis=(1, 2)) > 0
+    for sensor, good in zip(problem.motion.sensors, inliers.counted, strict=True):
         chosen = (sensor.epoch[good], sensor.values[good], sensor.parameters[good])
         sensors.append(SensorRows(sensor.model, *chosen, sensor.scale))
     motion = replace(problem.motion, sensors=tuple(sensors), loss=LeastSquares())
@@ -216,10 +215,9 @@ def minus_twice_log_likelihood(rows: LinearRows) -> float:
 
     Up to a constant of the sensors' stated noise.
     """
-    left = rows.residual(rows.right)
-    total = float(left.gram(left)[0, 0])
-    for sensor, part in zip(rows.problem.motion.sensors, rows.sensor_rows, strict=True):
-        counted = int(np.count_nonzero(np.abs(part).max(axis=(1, 2)) > 0))
+    total = float(rows.left.gram(rows.left)[0, 0])
+    for sensor, good in zip(rows.problem.motion.sensors, rows.counted, strict=True):
+        counted = int(np.count_nonzero(good))
         total += 0.0 if sensor.scale is None else 2 * counted * float(np.log(sensor.scale).sum())
     fit, observations, s = rows.normal.eliminated, rows.problem.observations, rows.solution
     d = len(rows.problem.ordering.moving)

@@ -4,7 +4,7 @@ Disturbances of the motion, shifts of measurements.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import casadi as ca
@@ -13,7 +13,8 @@ from jaxtyping import Float, Int
 
 from spinfilters.data.consider_parameter import ConsiderParameter
 from spinfilters.dynamics.mass_distribution import inertia_matrix
-from spinfilters.estimators.model_errors.linear_rows import Columns, LinearRows
+from spinfilters.estimators.model_errors.columns import Columns
+from spinfilters.estimators.model_errors.linear_rows import LinearRows
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.process import derivative
 from spinfilters.state.blocks.rigid_body import ATTITUDE, MASS_DISTRIBUTION, POSITION, RATE
@@ -137,7 +138,7 @@ class SmoothedMotion:
         half = np.diff(self.time)[:, None, None] / 2
         steps = half * (rows[:, :, :d] @ kicks[:-1] - rows[:, :, d : 2 * d] @ kicks[1:])
         nothing = self.rows.nothing(count)
-        return Columns(nothing.sensors, steps, nothing.observations, nothing.prior)
+        return replace(nothing, steps=steps)
 
     def shifted(self, shift: Shift) -> Columns | None:
         """Right-hand sides of errors of measurements; None where no measurement has them."""
@@ -162,7 +163,7 @@ class SmoothedMotion:
                 nothing.sensors[each.sensor][:] = whitened
             elif nothing.observations is not None:
                 nothing.observations[each.rows, : whitened.shape[1]] = whitened
-        return nothing
+        return replace(nothing, is_measured=True)
 
     @cached_property
     def measured(self) -> tuple[MeasuredRows, ...]:

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from spinfilters.data.consider_parameter import ConsiderParameter
 from spinfilters.estimators.model_errors.alternative import Alternative
-from spinfilters.estimators.model_errors.linear_rows import Columns
+from spinfilters.estimators.model_errors.columns import Columns
 from spinfilters.estimators.model_errors.smoothed_motion import MeasuredRows, SmoothedMotion
 from spinfilters.models.sensors.monocular_landmark import MonocularLandmark
 from spinfilters.models.sensors.stereo_landmark import StereoLandmark
