@@ -167,8 +167,8 @@ def _sensor_after(
     sensor, made = problem.motion.sensors[number], here.sensor_rows(problem.motion, number)
     each, columns = EpochRows(made.rows, sensor.epoch), sensor.model.columns
     errors = marginals.solution.errors[:, columns, None]
-    spread = each.products(marginals.factors[:, columns])
-    leverage = np.einsum("rij,rij->ri", spread, spread)
+    factors = marginals.factors[:, columns]
+    leverage = np.einsum("rij,rij->ri", each.products(factors @ factors.swapaxes(1, 2)), each.jacobian)
     rest = made.rows[:, :, -1] - each.products(errors)[:, :, 0]
     return _SensorAfter(rest, made.counted[:, None] - leverage, float(leverage.sum()))
 

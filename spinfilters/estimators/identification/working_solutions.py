@@ -76,11 +76,13 @@ class WorkingSolutions:
         left = here.marginal_prior
         if left is not None:
             left = replace(left, gradient=np.zeros_like(left.gradient))
-        rows = here.dynamics.rows.copy()
-        rows[:, :, -1] = right.steps
+        steps = here.dynamics.steps.copy()
+        gradient = np.einsum("kdc,kd->kc", here.dynamics.rows[:, :, :-1], right.steps)
+        steps[:, :-1, -1] = steps[:, -1, :-1] = gradient
+        steps[:, -1, -1] = np.einsum("kd,kd->k", right.steps, right.steps)
         other = replace(
             here,
-            dynamics=replace(here.dynamics, steps=np.swapaxes(rows, 1, 2) @ rows),
+            dynamics=replace(here.dynamics, steps=steps),
             sensors=replace(here.sensors, epochs=self._sensors(right)),
             linear=_observations(here.linear, right),
             marginal_prior=left,

@@ -45,7 +45,8 @@ class ColumnProducts:
         order = sorted(range(len(given)), key=lambda k: not given[k].is_measured)
         ends = np.cumsum([0, *(given[k].count for k in order)]).tolist()
         places = {k: slice(a, b) for k, a, b in zip(order, ends, ends[1:], strict=False)}
-        groups = [[each for each in given if each.is_measured is kind] for kind in (True, False)]
+        driven = [replace(each, sensors=()) for each in given if not each.is_measured]
+        groups = [[each for each in given if each.is_measured], driven]
         solved = _Solved.of(rows, [Columns.joined(group) for group in groups if group])
         shared, own = solved.by_component(noise)
         return cls(

@@ -166,14 +166,23 @@ class RightCameraLate(Alternative):
         def moved(each: MeasuredRows) -> Float[np.ndarray, "r i m"] | None:
             if not isinstance(each.model, StereoLandmark):
                 return None
-            by_time = np.einsum("rin,rn->ri", each.jacobian, motion.change[each.epoch])
-            counts = np.abs(each.whitening).max(axis=(1, 2)) > 0
-            by = np.zeros_like(by_time)
-            solved = np.linalg.solve(each.whitening[counts], by_time[counts, :, None])[:, :, 0]
-            by[counts, RIGHT] = solved[:, RIGHT]
-            return by[:, :, None]
+            counts = np.flatnonzero(np.abs(each.whitening).max(axis=(1, 2)) > 0)
+            by = np.zeros((*each.change.shape, 1))
+            by[counts, RIGHT, 0] = _solved_lower(each.whitening[counts], each.change[counts])[:, RIGHT]
+            return by
 
         return motion.shifted(moved)
+
+
+def _solved_lower(
+    lower: Float[np.ndarray, "r i i"], right: Float[np.ndarray, "r i"]
+) -> Float[np.ndarray, "r i"]:
+    """Solutions of many small lower triangular systems."""
+    found = np.empty_like(right)
+    for i in range(right.shape[1]):
+        known = np.einsum("rj,rj->r", lower[:, i, :i], found[:, :i])
+        found[:, i] = (right[:, i] - known) / lower[:, i, i]
+    return found
 
 
 ALTERNATIVES: Final = (
