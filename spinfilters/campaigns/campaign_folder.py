@@ -2,7 +2,7 @@
 
 import json
 import platform
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
@@ -20,13 +20,12 @@ SCHEMA: Final = 1
 
 
 def open_folder(folder: Path, study: Study, resume: bool) -> None:
-    """Make a campaign's folder, or go on in the one that is there.
+    """Take a folder for a campaign, or go on in the one that it has; its lock is held.
 
     Raises
     ------
     InputError: it holds something else, another study, or rows although the campaign is not resumed.
     """
-    make_folder(folder)
     held = [
         path.name
         for path in folder.iterdir()
@@ -40,6 +39,19 @@ def open_folder(folder: Path, study: Study, resume: bool) -> None:
             )
     if not (folder / BEGUN_FILE).exists():
         write_json(folder / BEGUN_FILE, begun(study))
+
+
+def keep_study(folder: Path, study: Study, done: Collection[int]) -> None:
+    """Write the study beside the rows of its runs.
+
+    InputError: there are rows of more seeds than it has.
+    """
+    if done and (last := max(done)) >= len(study):
+        seeds = study.run(last).seed + 1
+        raise InputError(
+            f"{path_text(folder)}: holds runs of {seeds} seeds, study.seeds is {study.options.seeds}; give at least {seeds}, "
+            "or another folder with -o"
+        )
     write_toml(folder / STUDY_FILE, dict(study.document))
 
 

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Protocol
 
-from spinfilters.campaigns.campaign_folder import open_folder
+from spinfilters.campaigns.campaign_folder import keep_study, open_folder
 from spinfilters.campaigns.rows_folder import RowsFolder
 from spinfilters.campaigns.runner import Row
 from spinfilters.campaigns.study import Study
 from spinfilters.campaigns.worker_process import WorkerProcess
+from spinfilters.data.atomic_write import make_folder
 from spinfilters.errors import InputError
 from spinfilters.runs.run_lock import locked_run
 
@@ -117,12 +118,13 @@ def run_campaign(
 
     Raises
     ------
-    InputError: as `open_folder` and `RowsFolder`; workers that cannot be started, a scheduler that cannot be reached.
+    InputError: as `open_folder`, `RowsFolder` and `keep_study`; workers that cannot be started, a scheduler that cannot be reached.
     KeyboardInterrupt: Ctrl-C; every row that had come is kept.
     """
-    open_folder(folder, study, resume)
-    with locked_run(folder), RowsFolder(folder, study.columns) as rows:
+    make_folder(folder)
+    with locked_run(folder), _opened(folder, study, resume) as rows:
         done = rows.done()
+        keep_study(folder, study, done)
         chunks = [chunk for chunk in (_left(c, done) for c in _chunks(study, shard)) if chunk]
         total = sum(map(len, chunks))
         pace = _Pace(len(done), total)
@@ -140,6 +142,12 @@ def run_campaign(
         finally:
             found.close()  # pyright: ignore[reportAttributeAccessIssue]
         return pace.advance(count, faulty)
+
+
+def _opened(folder: Path, study: Study, resume: bool) -> RowsFolder:
+    """Rows of a folder that is this study's."""
+    open_folder(folder, study, resume)
+    return RowsFolder(folder, study.columns)
 
 
 def usable_processors() -> int:

@@ -21,6 +21,13 @@ MOST_DEATHS: Final = 3
 """Times that a run is tried when its process is killed: once by chance, three times by the run."""
 COMMAND: Final = (sys.executable, "-P", "-m", "spinfilters.campaigns.worker")
 """Nothing is imported from the working folder."""
+ENVIRONMENT: Final = {
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MALLOC_TRIM_THRESHOLD_": str(1 << 28),  # bytes: runs of one study need the same room again
+    "MALLOC_MMAP_THRESHOLD_": str(1 << 28),
+}
+"""Of a worker, where nothing else is set."""
 LARGEST_ANSWER: Final = 1 << 24
 """Bytes of a row: more is none."""
 
@@ -103,8 +110,7 @@ class WorkerProcess:
 
     def _start(self) -> None:
         paths = [str(Path(spinfilters.__file__).parents[1]), *filter(None, [os.environ.get("PYTHONPATH")])]
-        threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-        environment = {**threads, **os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+        environment = {**ENVIRONMENT, **os.environ, "PYTHONPATH": os.pathsep.join(paths)}
         self._process = subprocess.Popen(
             self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, env=environment
         )

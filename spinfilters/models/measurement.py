@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import casadi as ca
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from spinfilters.attitude.expressions import Expression
 from spinfilters.state.layout import StateLayout
@@ -149,7 +149,19 @@ class MeasurementModel(ABC):
         At a point (m,), or each value's at a point of its own (k, m).
         """
         points = x if x.ndim == 2 else x[np.newaxis]
-        made = self.linearisation(points, parameters, measured, rows=(None, None, None))
+        return self._linearised(self.linearisation(points, parameters, measured, rows=(None, None, None)))
+
+    def linearise_each(
+        self,
+        points: Float[np.ndarray, "f m"],
+        which: Int[np.ndarray, " k"],
+        parameters: Float[np.ndarray, "k p"],
+        measured: Float[np.ndarray, "k v"],
+    ) -> Linearisation:
+        """`linearise` of values at some of the points, which are not copied for each."""
+        return self._linearised(self.linearisation(points, parameters, measured, rows=(which, None, None)))
+
+    def _linearised(self, made: tuple[np.ndarray, ...]) -> Linearisation:
         innovation, jacobian, valid, log_noise = made
         jacobian = jacobian.reshape(*innovation.shape, len(self.columns))
         return Linearisation(innovation, jacobian, valid[:, 0] > 0, log_noise[:, 0])

@@ -54,11 +54,16 @@ class FirstEpochs:
             options = replace(options, epochs=max(options.epochs, len(before.mean)))
             options = replace(options, duration=max(options.duration, self._duration(len(before.mean))))
 
+        made: dict[int, InitialEstimate] = {}
+
         def make(options: InitialisationOptions) -> InitialEstimate:
-            again = None
-            if before is not None:
-                again = initialised_again(self.process, self.timeline, before, options)
-            return self._made(options) if again is None else again
+            count = options.count(self.timeline)
+            if count not in made:  # of twice the epochs both a filter is judged and a longer start made
+                again = None
+                if before is not None:
+                    again = initialised_again(self.process, self.timeline, before, options)
+                made[count] = self._made(options) if again is None else again
+            return made[count]
 
         try:
             with np.errstate(all="ignore"):  # what is not finite becomes a status

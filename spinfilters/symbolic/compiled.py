@@ -15,6 +15,8 @@ from spinfilters.errors import ShapeError
 from spinfilters.symbolic.c_library import load_loop, no_library
 
 _FLOAT = np.dtype(np.float64)
+MOST_MAPPED = 1024
+"""Items that one virtual machine takes at once: to build one takes as long as to run it, and counts vary."""
 Loader = Callable[[ca.Function], ctypes.PyDLL | None]
 """Makes the C library of a function's loop, or None to interpret it."""
 
@@ -126,6 +128,18 @@ class Compiled:
             if flag:
                 raise MemoryError(f"{self.name}: no memory for its work arrays")
             return
+        flat = [a.reshape(-1) for a in arrays]
+        for first in range(0, count, MOST_MAPPED):
+            some = min(MOST_MAPPED, count - first)
+            taken = [
+                a[s * first : s * (first + some)] if s else a for a, s in zip(flat, strides, strict=True)
+            ]
+            self._interpret(some, taken, strides, [result[first : first + some] for result in results])
+
+    def _interpret(
+        self, count: int, arrays: Sequence[Any], strides: list[int], results: list[np.ndarray]
+    ) -> None:
+        """Evaluate at most `MOST_MAPPED` items by CasADi's virtual machine."""
         buffer, evaluate = self._virtual_machine(count)
         full = [_repeated(a, count, stride) for a, stride in zip(arrays, strides, strict=True)]
         for k, array in enumerate(full):

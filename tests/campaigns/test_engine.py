@@ -13,6 +13,7 @@ from spinfilters.campaigns.runner import Row, Runner
 from spinfilters.campaigns.study import Study
 from spinfilters.campaigns.worker_process import WorkerProcess
 from spinfilters.errors import InputError
+from spinfilters.runs.run_lock import locked_run
 from tests.campaigns.study_samples import gyro_study
 from tests.campaigns.test_runner import fixed
 
@@ -66,6 +67,22 @@ def test_more_seeds_are_added_to_a_campaign(tmp_path: Path) -> None:
     more = InProcess()
     run_campaign(gyro_study(seeds=2), tmp_path, more, resume=True)
     assert more.made == [4, 5, 6, 7]
+
+
+def test_a_resume_with_fewer_seeds_than_rows_is_refused_and_changes_nothing(tmp_path: Path) -> None:
+    run_campaign(gyro_study(seeds=2), tmp_path, InProcess())
+    before = (tmp_path / "campaign.toml").read_bytes()
+    with pytest.raises(InputError, match=r"holds runs of 2 seeds, study.seeds is 1; give at least 2"):
+        run_campaign(gyro_study(seeds=1), tmp_path, InProcess(), resume=True)
+    assert (tmp_path / "campaign.toml").read_bytes() == before
+
+
+def test_a_second_campaign_on_the_same_folder_is_refused_and_changes_nothing(tmp_path: Path) -> None:
+    run_campaign(gyro_study(seeds=1), tmp_path, InProcess())
+    before = (tmp_path / "campaign.toml").read_bytes()
+    with locked_run(tmp_path), pytest.raises(InputError, match="another run is writing"):
+        run_campaign(gyro_study(seeds=2), tmp_path, InProcess(), resume=True)
+    assert (tmp_path / "campaign.toml").read_bytes() == before
 
 
 def test_shards_merge_into_the_rows_of_one(tmp_path: Path, serial: Path) -> None:

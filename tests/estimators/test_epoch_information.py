@@ -5,9 +5,10 @@ import pytest
 from jaxtyping import Float
 
 from spinfilters.estimators.model_errors.alternatives.clock_alternatives import ClockJitter
+from spinfilters.estimators.model_errors.alternatives.clock import ClockJitter
+from spinfilters.estimators.model_errors.columns import Columns
 from spinfilters.estimators.model_errors.epoch_information import information_by_epoch
 from spinfilters.estimators.model_errors.hypotheses import solved_near
-from spinfilters.estimators.model_errors.linear_rows import Columns
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.estimators.timeline import times_of
 from spinfilters.pipeline import model_errors

@@ -9,6 +9,7 @@ import pytest
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.estimators.model_errors.alternative import table
+from spinfilters.estimators.model_errors.columns import Columns
 from spinfilters.estimators.model_errors.hypotheses import (
     KnownLevels,
     gross_error_cost,
@@ -16,7 +17,7 @@ from spinfilters.estimators.model_errors.hypotheses import (
     noise_of,
     solved_near,
 )
-from spinfilters.estimators.model_errors.linear_rows import Columns, LinearRows
+from spinfilters.estimators.model_errors.linear_rows import LinearRows
 from spinfilters.estimators.model_errors.score_tests import score_tests
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.estimators.smoothing.solver.iterations import SolverOptions, solve

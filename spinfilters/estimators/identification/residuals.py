@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.estimators.identification.components import FORCE_PSD, TORQUE_PSD, ComponentRows
+from spinfilters.estimators.smoothing.factors.epoch_rows import EpochRows
 from spinfilters.estimators.smoothing.factors.motion_factors import NOISE_FLOOR, prior_rows
 from spinfilters.estimators.smoothing.linear.marginals import Marginals
 from spinfilters.estimators.smoothing.problem.least_squares import (
@@ -160,13 +161,13 @@ def _steps_after(problem: Problem, here: LinearizationPoint, marginals: Marginal
 def _sensor_after(
     problem: Problem, here: LinearizationPoint, marginals: Marginals, number: int
 ) -> _SensorAfter:
-    sensor = problem.motion.sensors[number]
-    rows, _, _ = problem.motion.sensor_rows(sensor, here.trajectory, here.pose_only_loss)
-    J, y, columns = rows[:, :, :-1], rows[:, :, -1], sensor.model.columns
-    errors = marginals.solution.errors[sensor.epoch][:, columns]
-    used = (np.abs(rows).max(axis=2) > 0).astype(float)
-    leverage = ((J @ marginals.factors[sensor.epoch][:, columns]) ** 2).sum(axis=2)
-    return _SensorAfter(y - np.einsum("ric,rc->ri", J, errors), used - leverage, float(leverage.sum()))
+    sensor, made = problem.motion.sensors[number], here.sensor_rows(problem.motion, number)
+    each, columns = EpochRows(made.rows, sensor.epoch), sensor.model.columns
+    errors = marginals.solution.errors[:, columns, None]
+    factors = marginals.factors[:, columns]
+    leverage = np.einsum("rij,rij->ri", each.products(factors @ factors.swapaxes(1, 2)), each.jacobian)
+    rest = made.rows[:, :, -1] - each.products(errors)[:, :, 0]
+    return _SensorAfter(rest, made.counted[:, None] - leverage, float(leverage.sum()))
 
 
 def _prior_leverage(problem: Problem, here: LinearizationPoint, marginals: Marginals) -> float:

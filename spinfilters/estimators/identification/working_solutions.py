@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.estimators.identification.residuals import WhitenedRows
+from spinfilters.estimators.smoothing.factors.epoch_rows import EpochRows
 from spinfilters.estimators.smoothing.factors.landmark_observations import LinearObservations
 from spinfilters.estimators.smoothing.problem.least_squares import (
     LinearizationPoint,
@@ -74,11 +75,13 @@ class WorkingSolutions:
         left = here.marginal_prior
         if left is not None:
             left = replace(left, gradient=np.zeros_like(left.gradient))
-        rows = here.dynamics.rows.copy()
-        rows[:, :, -1] = right.steps
+        steps = here.dynamics.steps.copy()
+        gradient = np.einsum("kdc,kd->kc", here.dynamics.rows[:, :, :-1], right.steps)
+        steps[:, :-1, -1] = steps[:, -1, :-1] = gradient
+        steps[:, -1, -1] = np.einsum("kd,kd->k", right.steps, right.steps)
         other = replace(
             here,
-            dynamics=replace(here.dynamics, steps=np.swapaxes(rows, 1, 2) @ rows),
+            dynamics=replace(here.dynamics, steps=steps),
             sensors=replace(here.sensors, epochs=self._sensors(right)),
             linear=_observations(here.linear, right),
             marginal_prior=left,
@@ -89,10 +92,12 @@ class WorkingSolutions:
         """Information blocks of the epochs; that of the prior has no right-hand side."""
         motion, here = self.problem.motion, self.here
         epochs, gradient = here.sensors.epochs.copy(), np.zeros(here.sensors.epochs.shape[:2])
-        for sensor, u in zip(motion.sensors, right.sensors, strict=True):
-            J = motion.sensor_rows(sensor, here.trajectory, here.pose_only_loss)[0][:, :, :-1]
+        for k, (sensor, u) in enumerate(zip(motion.sensors, right.sensors, strict=True)):
+            if not u.any():
+                continue
+            rows = EpochRows(here.sensor_rows(motion, k).rows, sensor.epoch)
             columns = motion.sensor_columns(sensor)[:-1]
-            np.add.at(gradient, (sensor.epoch[:, None], columns), np.einsum("ric,ri->rc", J, u))
+            gradient[:, columns] += rows.gradient(u[:, :, None], len(gradient))[:, :, 0]
         epochs[:, :, -1] = epochs[:, -1, :] = gradient
         return epochs
 

@@ -217,8 +217,8 @@ def _estimate(problem: Problem, solved: Solved, prior: FirstStatePrior) -> Initi
     marginals = None if solution is None else Marginals(solution, solved.normal.eliminated)
     nothing = np.full((len(here.trajectory), n, n), np.nan)
     cost, dof, accepted, rejected = here.sensors.cost + here.dynamics.cost, 0, 0, 0
-    for sensor in problem.motion.sensors:
-        _, costs, square = problem.motion.sensor_rows(sensor, here.trajectory, here.pose_only_loss)
+    for k, sensor in enumerate(problem.motion.sensors):
+        _, costs, square, _ = here.sensor_rows(problem.motion, k)
         inliers = (here.pose_only_loss or LeastSquares()).weight(square) > 0
         cost += float(square[inliers].sum() - costs.sum())
         accepted += int(np.count_nonzero(inliers))

@@ -7,7 +7,7 @@ solution moves by S e with S = P J'H, from the same factors that solve for the s
 from collections.abc import Sequence
 
 from spinfilters.data.consider_parameter import ConsideredDeviation, ConsiderParameter
-from spinfilters.estimators.model_errors.linear_rows import Columns
+from spinfilters.estimators.model_errors.columns import Columns
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.estimators.model_errors.solved_columns import Sensitivity
 

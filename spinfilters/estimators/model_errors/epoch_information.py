@@ -7,8 +7,10 @@ states and landmarks of that epoch; no column of the length of all measurements 
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinfilters.estimators.model_errors.linear_rows import Columns, LinearRows, summed
+from spinfilters.estimators.model_errors.columns import Columns
+from spinfilters.estimators.model_errors.linear_rows import LinearRows, summed
 from spinfilters.estimators.model_errors.solved_columns import Gradient
+from spinfilters.estimators.smoothing.factors.epoch_rows import EpochRows
 
 
 def information_by_epoch(
@@ -18,8 +20,13 @@ def information_by_epoch(
     q, count = columns.count, len(chosen)
     F = -rows.half_solved(_gradient(rows, columns, chosen)).gram
     own = np.zeros((rows.problem.ordering.epochs, q, q))
-    for epochs, part in _parts(rows, columns):
-        own += summed(epochs, len(own), np.swapaxes(part, 1, 2) @ part)
+    for sensor, part in zip(rows.problem.motion.sensors, columns.sensors, strict=True):
+        each = EpochRows(part, sensor.epoch)
+        own[sensor.epoch[each.first]] += each.information
+    observations = rows.problem.observations
+    if observations is not None and columns.observations is not None:
+        products = np.swapaxes(columns.observations, 1, 2) @ columns.observations
+        own += summed(observations.epoch, len(own), products)
     number = np.arange(count)
     blocks = F.reshape(count, q, count, q)
     blocks[number, :, number] += own[chosen]
@@ -31,8 +38,8 @@ def _gradient(rows: LinearRows, columns: Columns, chosen: Int[np.ndarray, " c"])
     ordering, fit, q, count = rows.problem.ordering, rows.normal.eliminated, columns.count, len(chosen)
     K, d, number = ordering.epochs, len(ordering.moving), np.arange(count)
     every = np.zeros((K, len(ordering.order), count, q))
-    for sensor, J, part in zip(rows.problem.motion.sensors, rows.sensor_rows, columns.sensors, strict=True):
-        by_epoch = summed(sensor.epoch, K, np.swapaxes(J[:, :, :-1], 1, 2) @ part)[chosen]
+    for sensor, made, part in zip(rows.problem.motion.sensors, rows.by_epoch, columns.sensors, strict=True):
+        by_epoch = made.gradient(part, K)[chosen]
         every[chosen[:, None], rows.columns_of(sensor), number[:, None]] += by_epoch
     landmarks = np.zeros((len(rows.here.points), 3, count * q))
     if fit is not None and rows.observation_rows is not None and columns.observations is not None:
@@ -47,14 +54,3 @@ def _gradient(rows: LinearRows, columns: Columns, chosen: Int[np.ndarray, " c"])
         landmarks = np.swapaxes(seen, 1, 2).reshape(len(landmarks), 3, count * q)
     flat = every.reshape(K, -1, count * q)
     return Gradient(flat[:, :d], flat[:, d:].sum(axis=0), landmarks)
-
-
-def _parts(
-    rows: LinearRows, columns: Columns
-) -> list[tuple[Int[np.ndarray, " r"], Float[np.ndarray, "r i q"]]]:
-    """Epochs and columns of the rows of every sensor, and of the observations."""
-    sensors, observations = rows.problem.motion.sensors, rows.problem.observations
-    found = [(s.epoch, part) for s, part in zip(sensors, columns.sensors, strict=True)]
-    if observations is not None and columns.observations is not None:
-        found.append((observations.epoch, columns.observations))
-    return found

@@ -135,23 +135,23 @@ def is_doubtful(noise: NoiseComponents, solved: LinearRows) -> bool:
 
     Smaller ones are where it is inflated.
     """
-    ratio = noise.squares(solved.residual(solved.right)) / np.maximum(noise.redundancy, 1.0)
+    ratio = noise.squares(solved.left) / np.maximum(noise.redundancy, 1.0)
     away = (ratio > NOISE_RATIO) | (ratio * noise.inflation < 1 / NOISE_RATIO)
     return bool(np.any(away & (noise.redundancy > TELLING))) or rejects(solved)
 
 
 def is_contradicted(noise: NoiseComponents, solved: LinearRows) -> bool:
     """Whether residuals of some component are beyond chance at its noise level."""
-    squares = noise.squares(solved.residual(solved.right))
+    squares = noise.squares(solved.left)
     told = noise.redundancy > TELLING
     return bool(np.any(chi2.sf(squares[told], noise.redundancy[told]) < CHANCE)) or rejects(solved)
 
 
 def rejects(solved: LinearRows) -> bool:
     """Whether gates reject more than gross errors explain."""
-    counted = [np.abs(rows).max(axis=(1, 2), initial=0.0) > 0 for rows in solved.sensor_rows]
-    if solved.observation_rows is not None:
-        counted.append(np.abs(solved.observation_rows).max(axis=(1, 2), initial=0.0) > 0)
+    counted = [*solved.counted]
+    if solved.normal.eliminated is not None:
+        counted.append(solved.normal.eliminated.used)
     return any(each.mean() < FEWEST_COUNTED for each in counted if each.size)
 
 
@@ -168,9 +168,9 @@ def rejects_in_a_row(solved: LinearRows) -> bool:
 def measured_epochs(solved: LinearRows) -> tuple[Bool[np.ndarray, " k"], Bool[np.ndarray, " k"]]:
     """Epochs with measurements without landmarks, and those in which any of these counts."""
     measured, counted = np.zeros((2, solved.problem.ordering.epochs), dtype=bool)
-    for sensor, rows in zip(solved.problem.motion.sensors, solved.sensor_rows, strict=True):
+    for sensor, good in zip(solved.problem.motion.sensors, solved.counted, strict=True):
         measured[sensor.epoch] = True
-        counted[sensor.epoch[np.abs(rows).max(axis=(1, 2), initial=0.0) > 0]] = True
+        counted[sensor.epoch[good]] = True
     return measured, counted
 
 
@@ -213,10 +213,8 @@ def among_inliers(
     And with all measurements without landmarks of the epochs ``beside`` these.
     """
     sensors = []
-    for sensor, rows in zip(problem.motion.sensors, inliers.sensor_rows, strict=True):
-        good = np.abs(rows).max(axis=(1, 2)) > 0
-        if beside is not None:
-            good |= np.isin(sensor.epoch, beside)
+    for sensor, counted in zip(problem.motion.sensors, inliers.counted, strict=True):
+        good = counted if beside is None else counted | np.isin(sensor.epoch, beside)
         chosen = (sensor.epoch[good], sensor.values[good], sensor.parameters[good])
         sensors.append(SensorRows(sensor.model, *chosen, sensor.scale))
     motion = replace(problem.motion, sensors=tuple(sensors), loss=LeastSquares())
@@ -231,8 +229,7 @@ def minus_twice_log_likelihood(rows: LinearRows) -> float:
 
     Up to a constant of the measurements' number. Measurements that are refused count as gross errors.
     """
-    left = rows.residual(rows.right)
-    total = float(left.gram(left)[0, 0]) + _of_sensors(rows) + _of_observations(rows)
+    total = float(rows.left.gram(rows.left)[0, 0]) + _of_sensors(rows) + _of_observations(rows)
     fit, s = rows.normal.eliminated, rows.solution
     d = len(rows.problem.ordering.moving)
     total -= 2 * float(np.linalg.slogdet(rows.here.dynamics.rows[:, :, d : 2 * d])[1].sum())
@@ -247,13 +244,12 @@ def minus_twice_log_likelihood(rows: LinearRows) -> float:
 def _of_sensors(rows: LinearRows) -> float:
     """ln determinant of the noise covariances, and what refused measurements add."""
     total = 0.0
-    for sensor, part in zip(rows.problem.motion.sensors, rows.sensor_rows, strict=True):
+    for sensor, counts in zip(rows.problem.motion.sensors, rows.counted, strict=True):
         if not len(sensor.epoch):
             continue
         x, scale = rows.here.trajectory[sensor.epoch], 1.0 if sensor.scale is None else sensor.scale
         innovation, valid = sensor.model.innovations(x, sensor.parameters, sensor.values)
         whitening = sensor.model.whitening(x, sensor.parameters) / np.expand_dims(scale, -1)
-        counts = np.abs(part).max(axis=(1, 2)) > 0
         total += _stated_cost(innovation[valid] / scale, whitening[valid], counts[valid])
     return total
 

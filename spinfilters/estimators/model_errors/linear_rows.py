@@ -4,15 +4,17 @@ At the solution of min |J e - y|^2 a right-hand side H leaves M H with M = I - J
 together, from the factors that the problem's own solution left behind: landmarks, chained errors, then poses and constants.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.linalg import solve_triangular
 from scipy.sparse import csr_array
 
-from spinfilters.estimators.model_errors.solved_columns import Gradient, HalfSolved, Sensitivity, flat
+from spinfilters.estimators.model_errors.columns import Columns
+from spinfilters.estimators.model_errors.solved_columns import Gradient, HalfSolved, Sensitivity
+from spinfilters.estimators.smoothing.factors.epoch_rows import EpochRows
 from spinfilters.estimators.smoothing.factors.motion_factors import SensorRows, prior_rows
 from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
 from spinfilters.estimators.smoothing.problem.least_squares import (
@@ -20,76 +22,6 @@ from spinfilters.estimators.smoothing.problem.least_squares import (
     NormalEquations,
     Problem,
 )
-
-
-@dataclass(frozen=True)
-class Columns:
-    """m right-hand sides: numbers for every whitened row.
-
-    Attributes
-    ----------
-    sensors: (r, i, m) of every sensor without landmarks.   steps: (k - 1, d, m).
-    observations: (N, 3, m), or None without any.   prior: (n, m) of the first state.
-    """
-
-    sensors: tuple[Float[np.ndarray, "_ _ m"], ...]
-    steps: Float[np.ndarray, "k d m"]
-    observations: Float[np.ndarray, "N 3 m"] | None
-    prior: Float[np.ndarray, "n m"]
-
-    @property
-    def count(self) -> int:
-        """Number of right-hand sides."""
-        return self.steps.shape[2]
-
-    @property
-    def parts(self) -> tuple[Float[np.ndarray, "_ _ m"], ...]:
-        """All rows by kind: sensors, steps, observations, prior."""
-        seen = () if self.observations is None else (self.observations,)
-        return (*self.sensors, self.steps, *seen, self.prior[None])
-
-    def gram(self, other: "Columns") -> Float[np.ndarray, "m o"]:
-        """Products of columns, summed over all rows."""
-        return sum(
-            (flat(a).T @ flat(b) for a, b in zip(self.parts, other.parts, strict=True)),
-            np.zeros((self.count, other.count)),
-        )
-
-    def scaled(self, factor: float) -> "Columns":
-        """All columns times a number."""
-        return self.times(factor * np.eye(self.count))
-
-    def times(self, coefficients: Float[np.ndarray, "m o"]) -> "Columns":
-        """Combinations of the columns."""
-        seen = None if self.observations is None else self.observations @ coefficients
-        sensors = tuple(part @ coefficients for part in self.sensors)
-        return Columns(sensors, self.steps @ coefficients, seen, self.prior @ coefficients)
-
-    def minus(self, other: "Columns") -> "Columns":
-        """Difference."""
-        seen = None
-        if self.observations is not None and other.observations is not None:
-            seen = self.observations - other.observations
-        sensors = tuple(a - b for a, b in zip(self.sensors, other.sensors, strict=True))
-        return Columns(sensors, self.steps - other.steps, seen, self.prior - other.prior)
-
-    def part(self, columns: slice) -> "Columns":
-        """Some of the right-hand sides."""
-        seen = None if self.observations is None else self.observations[:, :, columns]
-        sensors = tuple(part[:, :, columns] for part in self.sensors)
-        return Columns(sensors, self.steps[:, :, columns], seen, self.prior[:, columns])
-
-    @classmethod
-    def joined(cls, parts: "list[Columns]") -> "Columns":
-        """Columns side by side."""
-        seen = None
-        if parts[0].observations is not None:
-            seen = np.concatenate([each.observations for each in parts if each.observations is not None], 2)
-        sensors = tuple(
-            np.concatenate(each, axis=2) for each in zip(*(p.sensors for p in parts), strict=True)
-        )
-        steps = np.concatenate([each.steps for each in parts], axis=2)
-        return cls(sensors, steps, seen, np.concatenate([each.prior for each in parts], axis=1))
 
 
 def summed(
@@ -126,8 +58,24 @@ class LinearRows:
     def sensor_rows(self) -> tuple[Float[np.ndarray, "_ _ _"], ...]:
         """Rows [J | y] of every sensor that sees no landmark."""
         motion, here = self.problem.motion, self.here
-        made = (motion.sensor_rows(s, here.trajectory, here.pose_only_loss) for s in motion.sensors)
-        return tuple(rows for rows, _, _ in made)
+        return tuple(here.sensor_rows(motion, k).rows for k in range(len(motion.sensors)))
+
+    @cached_property
+    def by_epoch(self) -> tuple[EpochRows, ...]:
+        """`sensor_rows` with their epochs."""
+        sensors = self.problem.motion.sensors
+        return tuple(EpochRows(r, s.epoch) for r, s in zip(self.sensor_rows, sensors, strict=True))
+
+    @property
+    def counted(self) -> tuple[Bool[np.ndarray, " _"], ...]:
+        """Which measurements of every such sensor have a weight."""
+        motion, here = self.problem.motion, self.here
+        return tuple(here.sensor_rows(motion, k).counted for k in range(len(motion.sensors)))
+
+    @cached_property
+    def left(self) -> Columns:
+        """M y, what the solution leaves of the measurements."""
+        return self.residual(self.right)
 
     @cached_property
     def observation_rows(self) -> Float[np.ndarray, "N 3 10"] | None:
@@ -143,11 +91,11 @@ class LinearRows:
         sensors = tuple(np.zeros((*rows.shape[:2], count)) for rows in self.sensor_rows)
         seen = None if self.observation_rows is None else np.zeros((len(self.observation_rows), 3, count))
         steps = np.zeros((*self.here.dynamics.rows.shape[:2], count))
-        return Columns(sensors, steps, seen, np.zeros((len(self._prior_rows), count)))
+        return Columns(sensors, steps, seen, np.zeros((len(self._prior_rows), count)), is_measured=False)
 
     def sensitivity(self, right: Columns) -> Sensitivity:
         """P J'H: by how much the solution moves per unit of each right-hand side."""
-        ordering, solved = self.problem.ordering, self._solved(self._gradient(right))
+        ordering, solved = self.problem.ordering, self.solved(self.gradient(right))
         states = np.empty((ordering.epochs, len(ordering.order), right.count))
         states[:, ordering.moving] = solved.moving
         states[:, ordering.constant] = solved.constant
@@ -155,7 +103,7 @@ class LinearRows:
 
     def residual(self, right: Columns) -> Columns:
         """M H."""
-        return right.minus(self._explained(self._solved(self._gradient(right)), right.count))
+        return right.minus(self._explained(self.solved(self.gradient(right))))
 
     @cached_property
     def _prior_rows(self) -> Float[np.ndarray, "n n1"]:
@@ -168,22 +116,23 @@ class LinearRows:
         """Columns of the state's error that a sensor depends on."""
         return self.problem.motion.sensor_columns(sensor)[:-1]
 
-    def _gradient(self, right: Columns) -> Gradient:
+    def gradient(self, right: Columns) -> Gradient:
+        """J'H."""
         ordering, m = self.problem.ordering, right.count
         d, J = len(ordering.moving), self.here.dynamics.rows[:, :, :-1]
         every = np.zeros((ordering.epochs, len(ordering.order), m))
-        for sensor, rows, part in zip(
-            self.problem.motion.sensors, self.sensor_rows, right.sensors, strict=True
-        ):
-            by_row = np.swapaxes(rows[:, :, :-1], 1, 2) @ part
-            every[:, self.columns_of(sensor)] += summed(sensor.epoch, ordering.epochs, by_row)
+        if right.is_measured:
+            for sensor, rows, part in zip(
+                self.problem.motion.sensors, self.by_epoch, right.sensors, strict=True
+            ):
+                every[:, self.columns_of(sensor)] += rows.gradient(part, ordering.epochs)
         by_step = np.swapaxes(J, 1, 2) @ right.steps
         every[:-1, :d] += by_step[:, :d]
         every[1:, :d] += by_step[:, d : 2 * d]
         every[0] += self._prior_rows[:, :-1].T @ right.prior
         constant = every[:, d:].sum(axis=0) + by_step[:, 2 * d :].sum(axis=0)
         landmarks = np.zeros((len(self.here.points), 3, m))
-        if self.observation_rows is not None and right.observations is not None:
+        if self.observation_rows is not None and right.is_measured and right.observations is not None:
             fit = self.normal.eliminated
             assert fit is not None
             by_row = np.swapaxes(self.observation_rows[:, :, :-1], 1, 2) @ right.observations
@@ -205,7 +154,7 @@ class LinearRows:
         half = solve_triangular(s.information_sqrt, rest, lower=True, check_finite=False)
         return HalfSolved(g, chained, half)
 
-    def _solved(self, b: Gradient) -> Gradient:
+    def solved(self, b: Gradient) -> Gradient:
         """P b."""
         ordering, fit, s = self.problem.ordering, self.normal.eliminated, self.solution
         K, p, m = ordering.epochs, len(ordering.pose), b.constant.shape[1]
@@ -263,18 +212,33 @@ class LinearRows:
         """L_k^-1."""
         return np.linalg.inv(np.tril(self.solution.tridiagonal.information_sqrts))
 
-    def _explained(self, e: Gradient, count: int) -> Columns:
+    def _explained(self, e: Gradient) -> Columns:
         """J e."""
-        constant = np.broadcast_to(e.constant, (len(e.moving), *e.constant.shape))
-        states = np.concatenate([e.moving, constant], axis=1)
+        states = self.states(e)
         sensors = tuple(
-            rows[:, :, :-1] @ states[sensor.epoch[:, None], self.columns_of(sensor)]
-            for sensor, rows in zip(self.problem.motion.sensors, self.sensor_rows, strict=True)
+            rows.products(states[:, self.columns_of(sensor)])
+            for sensor, rows in zip(self.problem.motion.sensors, self.by_epoch, strict=True)
         )
-        both = np.concatenate([e.moving[:-1], e.moving[1:], constant[:-1]], axis=1)
-        steps = self.here.dynamics.rows[:, :, :-1] @ both
-        seen, fit = None, self.normal.eliminated
+        return replace(self.explained_beside_sensors(e), sensors=sensors)
+
+    def explained_beside_sensors(self, e: Gradient) -> Columns:
+        """J e of all rows but those of the sensors that see no landmark."""
+        states, seen, fit = self.states(e), None, self.normal.eliminated
+        both = np.concatenate(
+            [
+                e.moving[:-1],
+                e.moving[1:],
+                np.broadcast_to(e.constant, (len(e.moving) - 1, *e.constant.shape)),
+            ],
+            axis=1,
+        )
         if fit is not None and self.observation_rows is not None:
             poses, points = e.moving[fit.observations.epoch, :6], e.landmarks[fit.observations.landmark]
             seen = self.observation_rows[:, :, :-1] @ np.concatenate([poses, points], axis=1)
-        return Columns(sensors, steps, seen, self._prior_rows[:, :-1] @ states[0])
+        steps = self.here.dynamics.rows[:, :, :-1] @ both
+        return Columns((), steps, seen, self._prior_rows[:, :-1] @ states[0])
+
+    def states(self, e: Gradient) -> Float[np.ndarray, "k n m"]:
+        """Errors of every epoch, components as in `VariableOrdering.order`."""
+        constant = np.broadcast_to(e.constant, (len(e.moving), *e.constant.shape))
+        return np.concatenate([e.moving, constant], axis=1)

@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from spinfilters.estimators.identification.components import ComponentRows
-from spinfilters.estimators.model_errors.linear_rows import Columns
+from spinfilters.estimators.model_errors.columns import Columns
+from spinfilters.estimators.model_errors.solved_columns import flat
 
 TELLING: Final = 20.0
 """Redundancy of a component from which a ratio of its squared residuals tells anything."""
@@ -55,17 +56,20 @@ class NoiseComponents:
 
     def squares(self, rest: Columns) -> Float[np.ndarray, " c"]:
         """Squared residuals of each component, of one column."""
-        found = []
-        for each in self.components:
-            total = sum(
-                float((rest.sensors[k][:, list(rows), 0] ** 2).sum()) for k, rows in each.sensors.items()
-            )
-            if each.landmarks and rest.observations is not None:
-                total += float((rest.observations[:, :, 0] ** 2).sum())
-            found.append(total)
-        steps = rest.steps[:, :, 0]
-        found += [float((np.einsum("kdi,kd->ki", W, steps) ** 2).sum()) for W in self.factors]
-        return np.array(found)
+        return self.products(rest, rest)[:, 0, 0]
+
+    def products(self, one: Columns, other: Columns) -> Float[np.ndarray, "c m o"]:
+        """Products of columns over the rows of each component, of those that the columns have."""
+        found = np.zeros((len(self.redundancy), one.count, other.count))
+        for k, each in enumerate(self.components):
+            for sensor, rows in each.sensors.items() if one.sensors else ():
+                found[k] += _product(one.sensors[sensor], other.sensors[sensor], rows)
+            if each.landmarks and one.observations is not None and other.observations is not None:
+                found[k] += flat(one.observations).T @ flat(other.observations)
+        for k, W in enumerate(self.factors, start=len(self.components)):
+            explained = [flat(W.swapaxes(1, 2) @ each.steps) for each in (one, other)]
+            found[k] = explained[0].T @ explained[1]
+        return found
 
     @property
     def dof(self) -> Float[np.ndarray, " c"]:
@@ -80,13 +84,13 @@ class NoiseComponents:
         """Of the sensors' level that is told by fewest."""
         return float(self.dof[: len(self.components)].min(initial=np.inf))
 
-    def gain(self, before: Columns, after: Columns) -> Gain:
-        """Gain from one residual to another.
+    def gain(self, before: Float[np.ndarray, " c"], after: Float[np.ndarray, " c"]) -> Gain:
+        """Gain from the `squares` of one residual to those of another.
 
         Its degrees of freedom are those of the levels that fall, by their shares of the fall.
         The squares of a correlated error tell the level that stands for it less than the recording did that it was identified from.
         """
-        r, left, dof = self.squares(before), self.squares(after), self.dof
+        r, left, dof = before, after, self.dof
         finite = np.where(self.known, 1.0, dof)
         shares = np.maximum((r - left) / finite, LEAST_SHARE)
         falls = np.where(self.correlated, np.log1p(shares), np.log((r + 1) / (left + 1)))
@@ -96,3 +100,12 @@ class NoiseComponents:
         shared = (self.redundancy > TELLING) & ~self.known & ~self.correlated.any()
         level = float((falls / finite)[shared].max(initial=0.0))
         return Gain(float(each.sum()), float(falls.sum()) / per_dof if per_dof > 0 else np.inf, level)
+
+
+def _product(
+    one: Float[np.ndarray, "r i m"], other: Float[np.ndarray, "r i o"], rows: tuple[int, ...]
+) -> Float[np.ndarray, "m o"]:
+    """Product over some of the i rows of every measurement, without copies where it is over all."""
+    if rows != tuple(range(one.shape[1])):
+        one, other = one[:, list(rows)], other[:, list(rows)]
+    return flat(one).T @ flat(other)

@@ -21,8 +21,10 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.estimators.model_errors.alternative import Alternative
+from spinfilters.estimators.model_errors.column_products import ColumnProducts
+from spinfilters.estimators.model_errors.columns import Columns
 from spinfilters.estimators.model_errors.epoch_information import information_by_epoch
-from spinfilters.estimators.model_errors.linear_rows import Columns
+from spinfilters.estimators.model_errors.linear_rows import summed
 from spinfilters.estimators.model_errors.noise_components import NoiseComponents
 from spinfilters.estimators.model_errors.null_distributions import gain_tail, weighted_chi_square_tail
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
@@ -93,10 +95,13 @@ class ScoreTest:
             float(moved.max(initial=0.0)), float(np.sqrt(np.mean(moved**2, axis=0)).max(initial=0.0))
         )
 
+    @property
+    def is_telling(self) -> bool:
+        """Whether as much is improbable enough without the error to see what its removal changes."""
+        return self.p_value < TELLING
+
     def removing(self, motion: SmoothedMotion, right: Columns, explained: Columns) -> "ScoreTest":
-        """With what its removal does to states and residuals, if it is `TELLING`."""
-        if not self.p_value < TELLING:
-            return self
+        """With what its removal does to states and residuals."""
         shift = motion.rows.sensitivity(right).states[:, :, 0]
         return replace(self, shift=shift, explained=np.concatenate([p.ravel() for p in explained.parts]))
 
@@ -106,6 +111,13 @@ class ScoreTest:
         return self.gain - 2 * self.dof
 
 
+class _Left(NamedTuple):
+    """What the solution leaves of the measurements, and its squares by noise component."""
+
+    columns: Columns
+    squares: Float[np.ndarray, " c"]
+
+
 def score_tests(
     motion: SmoothedMotion, noise: NoiseComponents, errors: Iterable[Alternative]
 ) -> list[ScoreTest]:
@@ -113,7 +125,7 @@ def score_tests(
 
     Those that a data set can have and that its states leave room for.
     """
-    left = motion.rows.residual(motion.rows.right)
+    left = _Left(motion.rows.left, noise.squares(motion.rows.left))
     found: list[ScoreTest | None] = []
     constant: list[tuple[Alternative, Columns]] = []
     for error in errors:
@@ -124,7 +136,7 @@ def score_tests(
             found.append(_by_epoch(motion, noise, (error, columns), left))
         else:
             constant.append((error, columns))
-    found += _constant(motion, noise, constant, left)
+    found += _constant(motion, noise, constant)
     return sorted((each for each in found if each is not None), key=lambda each: -each.merit)
 
 
@@ -151,32 +163,27 @@ def likelier(found: list[ScoreTest], beside: list[ScoreTest], advantage: float) 
 
 
 def _constant(
-    motion: SmoothedMotion, noise: NoiseComponents, errors: list[tuple[Alternative, Columns]], left: Columns
+    motion: SmoothedMotion, noise: NoiseComponents, errors: list[tuple[Alternative, Columns]]
 ) -> list[ScoreTest | None]:
     if not errors:
         return []
-    after = motion.rows.residual(Columns.joined([columns for _, columns in errors]))
-    found, first = [], 0
-    for error, columns in errors:
-        own = slice(first, first + columns.count)
-        first = own.stop
-        found.append(_tested(motion, noise, (error, columns, after.part(own)), left))
-    return found
+    every = ColumnProducts.of(motion.rows, noise, [columns for _, columns in errors])
+    return [_tested(motion, noise, named, every) for named in zip(errors, every.places, strict=True)]
 
 
 def _tested(
     motion: SmoothedMotion,
     noise: NoiseComponents,
-    named: tuple[Alternative, Columns, Columns],
-    left: Columns,
+    named: tuple[tuple[Alternative, Columns], slice],
+    every: ColumnProducts,
 ) -> ScoreTest | None:
-    """One error of the whole recording, with H and M H."""
-    error, columns, after = named
-    scale = np.sqrt(np.diag(columns.gram(columns)))
+    """One error of the whole recording, with its place among all columns."""
+    (error, columns), own = named
+    scale = np.sqrt(every.squares[own])
     if not (np.isfinite(scale).all() and scale.max(initial=0.0) > 0):
         return None
     scale = np.where(scale > 0, scale, 1.0)
-    F, u = after.gram(columns) / np.outer(scale, scale), columns.gram(left)[:, 0] / scale
+    F, u = every.information[own, own] / np.outer(scale, scale), every.score[own] / scale
     values, vectors = np.linalg.eigh((F + F.T) / 2)
     told = values > LEAST_LEFT
     if not told.any():
@@ -186,26 +193,28 @@ def _tested(
     size = covariance @ u
     prior, dof = (scale * error.plausible) ** -2.0, float(told.sum())
     probable = along @ np.linalg.solve(along.T @ (F + np.diag(prior)) @ along, along.T @ u)
-    removed = (probable / scale)[:, None]
-    explained = after.times(removed)
-    gain = noise.gain(left, left.minus(explained))
+    removed = probable / scale
+    gain = noise.gain(every.left, every.left_without(own, removed))
     gained = gain.value - float(prior @ probable**2)
     p_value = gain_tail(gained, dof, gain.dof)
     std = np.sqrt(np.diag(covariance)) / scale
     found = ScoreTest(error, size / scale, std, float(u @ size), dof, gained, p_value)
     found = replace(found, level=gain.level, level_dof=gain.dof)
-    return found.removing(motion, columns.times(removed), explained)
+    if not found.is_telling:
+        return found
+    right = columns.times(removed[:, None])
+    return found.removing(motion, right, motion.rows.residual(right))
 
 
 def _by_epoch(
-    motion: SmoothedMotion, noise: NoiseComponents, named: tuple[Alternative, Columns], left: Columns
+    motion: SmoothedMotion, noise: NoiseComponents, named: tuple[Alternative, Columns], left: _Left
 ) -> ScoreTest | None:
     """An error drawn anew at every epoch, of the variance that is most likely."""
     error, columns = named
     K = len(motion.time)
     chosen = np.unique(np.linspace(0, K - 1, min(K, MOST_EPOCHS)).astype(int))
     F = information_by_epoch(motion.rows, columns, chosen)
-    u = _score_by_epoch(motion, columns, left)[chosen].reshape(-1)
+    u = _score_by_epoch(motion, columns, left.columns)[chosen].reshape(-1)
     if not np.isfinite(F).all() or np.trace(F) < LEAST_LEFT * float(np.trace(columns.gram(columns))):
         return None
     values, vectors = np.linalg.eigh(F)
@@ -217,13 +226,13 @@ def _by_epoch(
     free = float((variance * values / (1 + variance * values)).sum())
     right = _drawn(motion, columns, every[:, :, None])
     explained = motion.rows.residual(right)
-    fallen = noise.gain(left, left.minus(explained))
-    gain = max(likelihood, fallen.value - 2 * free) * K / len(chosen)
+    after = noise.gain(left.squares, noise.squares(left.columns.minus(explained)))
+    gain = max(likelihood, after.value - 2 * free) * K / len(chosen)
     curvature = float(((values / (1 + variance * values)) ** 2).sum()) / 2
     std = np.sqrt(1 / curvature) / (2 * np.sqrt(variance)) if variance else curvature**-0.25
     p_value = _p_value(values, along, noise.sensor_dof)
     found = ScoreTest(error, np.array([np.sqrt(variance)]), np.array([std]), likelihood, 1.0, gain, p_value)
-    return found.removing(motion, right, explained)
+    return found.removing(motion, right, explained) if found.is_telling else found
 
 
 def _p_value(values: Float[np.ndarray, " n"], along: Float[np.ndarray, " n"], dof: float) -> float:
@@ -270,9 +279,10 @@ def _drawn(motion: SmoothedMotion, columns: Columns, sizes: Float[np.ndarray, "k
 def _score_by_epoch(motion: SmoothedMotion, columns: Columns, left: Columns) -> Float[np.ndarray, "k q m"]:
     """H_k' rho for every epoch."""
     sensors, seen = _epochs_of(motion)
-    found = np.zeros((len(motion.time), columns.count, left.count))
+    count = len(motion.time)
+    found = np.zeros((count, columns.count, left.count))
     for part, rest, epoch in zip(columns.sensors, left.sensors, sensors, strict=True):
-        np.add.at(found, epoch, np.swapaxes(part, 1, 2) @ rest)
+        found += summed(epoch, count, np.swapaxes(part, 1, 2) @ rest)
     if columns.observations is not None and left.observations is not None and seen is not None:
-        np.add.at(found, seen, np.swapaxes(columns.observations, 1, 2) @ left.observations)
+        found += summed(seen, count, np.swapaxes(columns.observations, 1, 2) @ left.observations)
     return found

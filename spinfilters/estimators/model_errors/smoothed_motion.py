@@ -4,7 +4,7 @@ Disturbances of the motion, shifts of measurements.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import casadi as ca
@@ -13,7 +13,8 @@ from jaxtyping import Float, Int
 
 from spinfilters.data.consider_parameter import ConsiderParameter
 from spinfilters.dynamics.mass_distribution import inertia_matrix
-from spinfilters.estimators.model_errors.linear_rows import Columns, LinearRows
+from spinfilters.estimators.model_errors.columns import Columns
+from spinfilters.estimators.model_errors.linear_rows import LinearRows
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.process import derivative
 from spinfilters.state.blocks.rigid_body import ATTITUDE, MASS_DISTRIBUTION, POSITION, RATE
@@ -30,7 +31,7 @@ class MeasuredRows:
     ----------
     sensor: number in `Motion.sensors`, or None of observations of unknown landmarks.   rows: of these observations.
     epoch: (r,).   states: (r, m).   parameters: (r, p), the landmark's point first where there is one.
-    jacobian: (r, i, c) whitened, by the state's error in the layout's order.   whitening: (r, i, i), zero of what does not count.
+    whitening: (r, i, i), zero of what does not count.   change: (r, i) of the whitened expected values by time, 1/s.
     """
 
     model: MeasurementModel
@@ -39,8 +40,8 @@ class MeasuredRows:
     epoch: Int[np.ndarray, " r"]
     states: Float[np.ndarray, "r m"]
     parameters: Float[np.ndarray, "r p"]
-    jacobian: Float[np.ndarray, "r i n"]
     whitening: Float[np.ndarray, "r i i"]
+    change: Float[np.ndarray, "r i"]
 
     def by_calibration(self, parameter: ConsiderParameter) -> Float[np.ndarray, "r i e"] | None:
         """Change of the innovations per unit of a calibration error.
@@ -137,7 +138,7 @@ class SmoothedMotion:
         half = np.diff(self.time)[:, None, None] / 2
         steps = half * (rows[:, :, :d] @ kicks[:-1] - rows[:, :, d : 2 * d] @ kicks[1:])
         nothing = self.rows.nothing(count)
-        return Columns(nothing.sensors, steps, nothing.observations, nothing.prior)
+        return replace(nothing, steps=steps)
 
     def shifted(self, shift: Shift) -> Columns | None:
         """Right-hand sides of errors of measurements; None where no measurement has them."""
@@ -151,8 +152,7 @@ class SmoothedMotion:
         for each in self.measured:
             by = late(each)
             if by is not None:
-                moved = np.einsum("rin,rn->ri", each.jacobian, self.change[each.epoch])
-                made.append((each, moved[:, :, None] * by[:, None, :]))
+                made.append((each, each.change[:, :, None] * by[:, None, :]))
         return self._placed(made) if made else None
 
     def _placed(self, made: list[tuple[MeasuredRows, Float[np.ndarray, "r i m"]]]) -> Columns:
@@ -162,7 +162,7 @@ class SmoothedMotion:
                 nothing.sensors[each.sensor][:] = whitened
             elif nothing.observations is not None:
                 nothing.observations[each.rows, : whitened.shape[1]] = whitened
-        return nothing
+        return replace(nothing, is_measured=True)
 
     @cached_property
     def measured(self) -> tuple[MeasuredRows, ...]:
@@ -171,20 +171,16 @@ class SmoothedMotion:
 
     def _of_sensors(self) -> list[MeasuredRows]:
         found, rows = [], self.rows
-        for k, (sensor, made) in enumerate(zip(rows.problem.motion.sensors, rows.sensor_rows, strict=True)):
+        for k, (sensor, made) in enumerate(zip(rows.problem.motion.sensors, rows.by_epoch, strict=True)):
             x = rows.here.trajectory[sensor.epoch]
             whitening = sensor.model.whitening(x, sensor.parameters)
             if sensor.scale is not None:
                 whitening = whitening / sensor.scale[:, None]
-            counts = np.abs(made).max(axis=(1, 2)) > 0
-            jacobian = np.zeros((*made.shape[:2], rows.problem.layout.error_dim))
-            jacobian[:, :, sensor.model.columns] = made[:, :, :-1]
+            whitening[np.flatnonzero(~rows.counted[k])] = 0.0
+            change = made.products(self.change[:, sensor.model.columns, None])[:, :, 0]
             every = np.arange(len(x))
             found.append(
-                MeasuredRows(
-                    *(sensor.model, k, every, sensor.epoch, x, sensor.parameters, jacobian),
-                    np.where(counts[:, None, None], whitening, 0.0),
-                )
+                MeasuredRows(*(sensor.model, k, every, sensor.epoch, x, sensor.parameters, whitening, change))
             )
         return found
 
@@ -199,12 +195,9 @@ class SmoothedMotion:
             epoch = observations.epoch[group.rows]
             points, x = here.points[observations.landmark[group.rows]], here.trajectory[epoch]
             parameters = np.concatenate([points, group.parameters], axis=1)
-            jacobian = np.zeros((len(epoch), group.model.dim, self.rows.problem.layout.error_dim))
-            jacobian[:, :, :6] = made[group.rows, : group.model.dim, :6]
+            change = np.einsum("rin,rn->ri", made[group.rows, : group.model.dim, :6], self.change[epoch, :6])
             whitening = group.model.whitening(x, parameters) * weight[group.rows, None, None]
-            found.append(
-                MeasuredRows(group.model, None, group.rows, epoch, x, parameters, jacobian, whitening)
-            )
+            found.append(MeasuredRows(group.model, None, group.rows, epoch, x, parameters, whitening, change))
         return found
 
 

@@ -1,5 +1,6 @@
 """What the columns of right-hand sides become while a linearised smoothing problem is solved for them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,15 @@ class Gradient:
     moving: Float[np.ndarray, "k d m"]
     constant: Float[np.ndarray, "c m"]
     landmarks: Float[np.ndarray, "L 3 m"]
+
+    @classmethod
+    def joined(cls, parts: "Sequence[Gradient]") -> "Gradient":
+        """Side by side."""
+        return cls(
+            np.concatenate([each.moving for each in parts], axis=2),
+            np.concatenate([each.constant for each in parts], axis=1),
+            np.concatenate([each.landmarks for each in parts], axis=2),
+        )
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from spinfilters.data.consider_parameter import ConsiderParameter
 from spinfilters.estimators.model_errors.alternative import Alternative
-from spinfilters.estimators.model_errors.linear_rows import Columns
+from spinfilters.estimators.model_errors.columns import Columns
 from spinfilters.estimators.model_errors.smoothed_motion import MeasuredRows, SmoothedMotion
 from spinfilters.sensors.calibration import baseline, focal_length, principal_point
 
@@ -159,14 +159,23 @@ class RightCameraLate(Alternative):
         def moved(each: MeasuredRows) -> Float[np.ndarray, "r i m"] | None:
             if each.model.images < 2:
                 return None
-            by_time = np.einsum("rin,rn->ri", each.jacobian, motion.change[each.epoch])
-            counts = np.abs(each.whitening).max(axis=(1, 2)) > 0
-            by = np.zeros_like(by_time)
-            solved = np.linalg.solve(each.whitening[counts], by_time[counts, :, None])[:, :, 0]
-            by[counts, RIGHT] = solved[:, RIGHT]
-            return by[:, :, None]
+            counts = np.flatnonzero(np.abs(each.whitening).max(axis=(1, 2)) > 0)
+            by = np.zeros((*each.change.shape, 1))
+            by[counts, RIGHT, 0] = _solved_lower(each.whitening[counts], each.change[counts])[:, RIGHT]
+            return by
 
         return motion.shifted(moved)
+
+
+def _solved_lower(
+    lower: Float[np.ndarray, "r i i"], right: Float[np.ndarray, "r i"]
+) -> Float[np.ndarray, "r i"]:
+    """Solutions of many small lower triangular systems."""
+    found = np.empty_like(right)
+    for i in range(right.shape[1]):
+        known = np.einsum("rj,rj->r", lower[:, i, :i], found[:, :i])
+        found[:, i] = (right[:, i] - known) / lower[:, i, i]
+    return found
 
 
 ALTERNATIVES: Final = (

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.estimators.model_errors.alternative import Alternative
-from spinfilters.estimators.model_errors.linear_rows import Columns
+from spinfilters.estimators.model_errors.columns import Columns
 from spinfilters.estimators.model_errors.smoothed_motion import MeasuredRows, SmoothedMotion
 
 

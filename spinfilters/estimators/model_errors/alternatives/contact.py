@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from spinfilters.estimators.model_errors.alternative import Alternative
-from spinfilters.estimators.model_errors.linear_rows import Columns
+from spinfilters.estimators.model_errors.columns import Columns
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 
 SHARE, FEWEST = 0.05, 2

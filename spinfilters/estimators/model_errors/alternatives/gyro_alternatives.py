@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.estimators.model_errors.alternative import Alternative
-from spinfilters.estimators.model_errors.linear_rows import Columns
+from spinfilters.estimators.model_errors.columns import Columns
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
 from spinfilters.state.blocks.gyro_scale import GYRO_SCALE

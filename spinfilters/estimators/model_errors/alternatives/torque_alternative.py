@@ -5,7 +5,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 from spinfilters.estimators.model_errors.alternative import Alternative
-from spinfilters.estimators.model_errors.linear_rows import Columns
+from spinfilters.estimators.model_errors.columns import Columns
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.state.blocks.torque import TORQUE
 

@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float, Int
 
 from spinfilters.estimators.estimator import ProcessModel
 from spinfilters.estimators.robust.losses import LeastSquares, RobustLoss
+from spinfilters.estimators.smoothing.factors.epoch_rows import EpochRows
 from spinfilters.estimators.smoothing.factors.sensor_rows import (
     STRETCH,
     SensorRows,
@@ -116,11 +117,11 @@ class EpochFactors:
             blocks[0] += rows.T @ rows
             cost += float(rows[:, -1] @ rows[:, -1])
         for sensor in self.sensors:
-            rows, costs, square = self.sensor_rows(sensor, trajectory, pose_only_loss)
+            rows, costs, square, _ = self.sensor_rows(sensor, trajectory, pose_only_loss)
             squares.append(square / sensor.model.dim)
-            epochs, own = _blocks_by_epoch(rows, sensor.epoch)
-            columns = self.sensor_columns(sensor)
-            blocks[epochs[:, None, None], columns[:, None], columns] += own
+            each, columns = EpochRows(rows, sensor.epoch), self.sensor_columns(sensor)
+            epochs = sensor.epoch[each.first]
+            blocks[epochs[:, None, None], columns[:, None], columns] += each.information
             cost += float(costs.sum())
         return InformationBlocks(blocks, NOTHING, cost, NOTHING, np.concatenate(squares))
 
@@ -136,8 +137,8 @@ class EpochFactors:
     ) -> WeightedRows:
         """Weighted whitened rows of one sensor about a trajectory."""
         loss = self.loss if pose_only_loss is None else pose_only_loss
-        innovation, jacobian, valid, _ = sensor.model.linearise(
-            trajectory[sensor.epoch], sensor.parameters, sensor.values
+        innovation, jacobian, valid, _ = sensor.model.linearise_each(
+            trajectory, sensor.epoch, sensor.parameters, sensor.values
         )
         if sensor.scale is not None:
             innovation, jacobian = innovation / sensor.scale, jacobian / sensor.scale[:, None]
@@ -147,10 +148,11 @@ class EpochFactors:
         square = np.where(good, square, np.inf)
         weight = np.where(good, np.sqrt(loss.weight(square)), 0.0)
         rows = np.concatenate([jacobian, innovation[..., None]], axis=2)
-        if not np.all(weight == 1.0):
-            rows *= weight[:, None, None]
-            rows[~good] = 0.0
-        return WeightedRows(rows, np.where(good, loss.cost(square), 0.0), square)
+        other = np.flatnonzero(weight != 1.0)
+        if len(other):
+            rows[other] *= weight[other, None, None]
+            rows[np.flatnonzero(~good)] = 0.0
+        return WeightedRows(rows, np.where(good, loss.cost(square), 0.0), square, weight > 0)
 
     def inliers(
         self,
@@ -162,10 +164,7 @@ class EpochFactors:
         result = np.empty(len(sensor.epoch), dtype=bool)
         for first in range(0, len(result), STRETCH):
             rows = slice(first, first + STRETCH)
-            result[rows] = (
-                np.abs(self.sensor_rows(sensor.part(rows), trajectory, pose_only_loss)[0]).max(axis=(1, 2))
-                > 0
-            )
+            result[rows] = self.sensor_rows(sensor.part(rows), trajectory, pose_only_loss).counted
         return result
 
     def stretch(self, begin: int, end: int) -> "EpochFactors":
@@ -253,20 +252,6 @@ def prior_rows(
     away = layout.local(prior.mean, first)
     by_trial = np.linalg.inv(layout.reset_jacobian(away))[:, ordering.order]
     return np.linalg.solve(prior.factor, np.concatenate([by_trial, -away[:, None]], axis=1))
-
-
-def _blocks_by_epoch(
-    rows: Float[np.ndarray, "r i c1"], epoch: Int[np.ndarray, " r"]
-) -> tuple[Int[np.ndarray, " f"], Float[np.ndarray, "f c1 c1"]]:
-    """Epochs (ascending in ``epoch``), and the Gram matrix of all rows of each.
-
-    Products of whole epochs: those of single landmarks, added up afterwards, take fifty times as long.
-    """
-    first = np.flatnonzero(np.diff(epoch, prepend=-1))
-    if len(first) == len(rows):
-        return epoch, rows.swapaxes(1, 2) @ rows
-    parts = [part.reshape(-1, rows.shape[2]) for part in np.split(rows, first[1:])]
-    return epoch[first], np.array([part.T @ part for part in parts])
 
 
 def _inverse(order: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.models.measurement import MeasurementModel
@@ -21,11 +21,13 @@ class WeightedRows(NamedTuple):
     ----------
     rows: (r, i, c + 1) Jacobian by the model's columns, with the right-hand side as the last column.
     costs: (r,) robust costs.   squares: (r,) squared lengths of the whitened innovations; infinite where the model does not apply.
+    counted: (r,) whether they have a weight; rows of others are zero.
     """
 
     rows: Float[np.ndarray, "r i c1"]
     costs: Float[np.ndarray, " r"]
     squares: Float[np.ndarray, " r"]
+    counted: Bool[np.ndarray, " r"]
 
 
 @dataclass(frozen=True)

@@ -52,7 +52,7 @@ class Marginals:
         factors = np.empty((count, n, n))
         for first in range(0, count, STRETCH):
             last = min(first + STRETCH, count)
-            factors[first:last] = _triangles(np.array([self.epoch_rows(k) for k in range(first, last)]))
+            factors[first:last] = _triangles(self._rows_of(slice(first, last)))
         return factors
 
     def epoch_rows(self, epoch: int) -> Float[np.ndarray, "n w"]:
@@ -60,14 +60,18 @@ class Marginals:
 
         Columns: noise of the separator, then v numbers of its own; products of rows are covariances.
         """
-        ordering = self.solution.ordering
-        size, p = ordering.epochs * len(ordering.pose), len(ordering.pose)
-        r, v = len(self.information_sqrt), len(ordering.tridiagonal)
-        rows = np.zeros((ordering.layout.error_dim, r + v))
-        rows[ordering.pose, :r] = self.information_sqrt[epoch * p : (epoch + 1) * p]
-        rows[ordering.tridiagonal, :r] = self._tridiagonal_rows[epoch]
-        rows[ordering.tridiagonal, r:] = self._information_sqrts[epoch]
-        rows[ordering.constant, :r] = self.information_sqrt[size:]
+        return self._rows_of(slice(epoch, epoch + 1))[0]
+
+    def _rows_of(self, epochs: slice) -> Float[np.ndarray, "k n w"]:
+        """`epoch_rows` of some epochs."""
+        ordering, own = self.solution.ordering, self._information_sqrts[epochs]
+        p, r, v = len(ordering.pose), len(self.information_sqrt), len(ordering.tridiagonal)
+        size = ordering.epochs * p
+        rows = np.zeros((len(own), ordering.layout.error_dim, r + v))
+        rows[:, ordering.pose, :r] = self.information_sqrt[:size].reshape(ordering.epochs, p, r)[epochs]
+        rows[:, ordering.tridiagonal, :r] = self._tridiagonal_rows[epochs]
+        rows[:, ordering.tridiagonal, r:] = own
+        rows[:, ordering.constant, :r] = self.information_sqrt[size:]
         return rows
 
     def latest_rows(self) -> Float[np.ndarray, "n w"]:
@@ -149,15 +153,15 @@ class Marginals:
         tridiagonal = self.solution.tridiagonal
         K, v, width = tridiagonal.coupling.shape
         follow, own = np.empty((K, v, width - 1)), np.empty((K, v, v))
-        after, after_own = np.zeros((v, width - 1)), np.zeros((v, v))
+        after, after_own, unit = np.zeros((v, width - 1)), np.zeros((v, v)), np.eye(v)
+        inverses = np.linalg.inv(tridiagonal.information_sqrts).swapaxes(1, 2)
         for k in range(K - 1, -1, -1):
-            out = np.linalg.inv(tridiagonal.information_sqrts[k]).T
-            pull, noise = tridiagonal.coupling[k, :, :-1], [np.eye(v)]
+            out, pull, noise = inverses[k], tridiagonal.coupling[k, :, :-1], unit
             if k + 1 < K:
                 pull = pull + tridiagonal.next[k] @ after
-                noise.append((tridiagonal.next[k] @ after_own).T)
+                noise = np.concatenate([unit, (tridiagonal.next[k] @ after_own).T])
             after = follow[k] = -out @ pull
-            after_own = own[k] = out @ triangular_factor(np.concatenate(noise))
+            after_own = own[k] = out @ triangular_factor(noise)
         return (follow.reshape(K * v, -1) @ self.information_sqrt).reshape(K, v, -1), own
 
 

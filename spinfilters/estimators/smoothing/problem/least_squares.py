@@ -1,6 +1,6 @@
 """Nonlinear least-squares problem of a motion with landmarks. Factors come from the filters' own models."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -18,7 +18,7 @@ from spinfilters.estimators.smoothing.factors.marginalization_prior import (
     MarginalizationPrior,
 )
 from spinfilters.estimators.smoothing.factors.motion_factors import EpochFactors, InformationBlocks, motion_of
-from spinfilters.estimators.smoothing.factors.sensor_rows import STRETCH
+from spinfilters.estimators.smoothing.factors.sensor_rows import STRETCH, SensorRows, WeightedRows
 from spinfilters.estimators.smoothing.factors.variable_ordering import VariableOrdering
 from spinfilters.estimators.smoothing.linear.landmark_elimination import Eliminated, eliminate
 from spinfilters.estimators.smoothing.linear.schur_system import (
@@ -81,6 +81,19 @@ class LinearizationPoint:
     marginal_prior: LinearizedPrior | None
     assembled: LinearSystem | None = None
     pose_only_loss: RobustLoss | None = None
+    _rows: list[tuple[SensorRows, WeightedRows]] = field(
+        default_factory=list, init=False, repr=False, compare=False
+    )
+
+    def sensor_rows(self, motion: EpochFactors, number: int) -> WeightedRows:
+        """Weighted rows of one of the problem's sensors about this point, linearised once."""
+        sensor = motion.sensors[number]
+        for known, rows in self._rows:
+            if known is sensor:
+                return rows
+        rows = motion.sensor_rows(sensor, self.trajectory, self.pose_only_loss)
+        self._rows.append((sensor, rows))
+        return rows
 
     def cost(self, used: Bool[np.ndarray, " N"] | None, stage: Stage) -> float:
         """Cost of the motion and of the observations that a step used.
