@@ -5,7 +5,6 @@ import pytest
 from jaxtyping import Float
 
 from spinfilters.estimators.model_errors.alternatives.clock_alternatives import ClockJitter
-from spinfilters.estimators.model_errors.alternatives.clock import ClockJitter
 from spinfilters.estimators.model_errors.columns import Columns
 from spinfilters.estimators.model_errors.epoch_information import information_by_epoch
 from spinfilters.estimators.model_errors.hypotheses import solved_near
