@@ -162,12 +162,15 @@ def board_views(
             views.append(BoardView(left.name, a, _same_way(a, b, board), seen_a & seen_b))
     losses.keep(STAGE, 2 * len(views))
     if len(views) < FEWEST_PAIRS or size is None:
-        raise InputError(
-            f"{path_text(pairs[0][0].parent)}: the board of {board.columns} x {board.rows} inner corners is found in "
-            f"{len(views)} of "
-            f"{len(pairs)} pairs, {FEWEST_PAIRS} are needed; check --corners (inner corners, columns x rows)"
-        )
+        raise _too_few(pairs, board, len(views))
     return views, (size[1], size[0])
+
+
+def _too_few(pairs: list[tuple[Path, Path]], board: Board, found: int) -> InputError:
+    return InputError(
+        f"{path_text(pairs[0][0].parent)}: the board of {board.columns} x {board.rows} inner corners is found in {found} of "
+        f"{len(pairs)} pairs, {FEWEST_PAIRS} are needed; check --corners (inner corners, columns x rows)"
+    )
 
 
 def _same_way(

@@ -157,6 +157,17 @@ def _relative(
     return np.array(turns), np.array(places)
 
 
+def _seen_points(
+    views: list[BoardView], board: Board
+) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
+    """Corners that both cameras see: on the board (m), in the left and in the right images (px)."""
+    return (
+        [board.points[view.seen].astype(np.float32) for view in views],
+        [view.left[view.seen].astype(np.float32) for view in views],
+        [view.right[view.seen].astype(np.float32) for view in views],
+    )
+
+
 def _joined(
     views: list[BoardView],
     cameras: tuple[CameraCalibration, CameraCalibration],
@@ -166,43 +177,27 @@ def _joined(
 ) -> StereoCalibration:
     """The relative pose, with both cameras as they are."""
     left, right = cameras
-    points = [board.points[view.seen].astype(np.float32) for view in views]
-    pixels = [[each[view.seen].astype(np.float32) for each in (view.left, view.right)] for view in views]
     turns, places = _relative(cameras)
+    middle = cv2.Rodrigues(np.median(turns, axis=0))[0], np.median(places, axis=0).reshape(3, 1)
     solved = cv2.stereoCalibrateExtended(
-        points,
-        [pair[0] for pair in pixels],
-        [pair[1] for pair in pixels],
-        left.K,
-        left.distortion.copy(),
-        right.K,
-        right.distortion.copy(),
-        size,
-        cv2.Rodrigues(np.median(turns, axis=0))[0],
-        np.median(places, axis=0).reshape(3, 1),
+        *_seen_points(views, board),
+        *(left.K, left.distortion.copy(), right.K, right.distortion.copy(), size),
+        *middle,
         flags=cv2.CALIB_FIX_INTRINSIC,
         criteria=_ITERATIONS,
     )
-    rms, R, t, errors = (
-        float(solved[0]),
-        np.asarray(solved[5]),
-        np.asarray(solved[6]).ravel(),
-        np.asarray(solved[-1]),
-    )
-    width, height = size
-    first = RawCamera(_four(left.K), left.distortion, width, height, np.eye(3), np.zeros(3))
-    second = RawCamera(_four(right.K), right.distortion, width, height, R.T, -R.T @ t)
-    own = turns - cv2.Rodrigues(R)[0].ravel()
-    baselines = np.linalg.norm(places, axis=1)
+    R, t = np.asarray(solved[5]), np.asarray(solved[6]).ravel()
+    first = RawCamera(_four(left.K), left.distortion, *size, np.eye(3), np.zeros(3))
+    second = RawCamera(_four(right.K), right.distortion, *size, R.T, -R.T @ t)
     return StereoCalibration(
         RawRig(first, second),
         cameras,
-        rms,
+        float(solved[0]),
         views,
         dropped,
-        _std_of_mean(baselines),
-        _std_of_mean(np.linalg.norm(own, axis=1)),
-        errors.reshape(-1, 2),
+        _std_of_mean(np.linalg.norm(places, axis=1)),
+        _std_of_mean(np.linalg.norm(turns - cv2.Rodrigues(R)[0].ravel(), axis=1)),
+        np.asarray(solved[-1]).reshape(-1, 2),
     )
 
 
