@@ -69,7 +69,7 @@ def run(
 
 
 def _taken(estimator: Estimator, epoch: Epoch, rows: GrowingHistory) -> bool:
-    """Take in an epoch and append what the estimator then says; False where that is not finite."""
+    """Take in an epoch and append the belief; False where it is not finite."""
     begin = working_seconds()
     reports = advance(estimator, epoch, epoch.time - rows.time)
     belief = estimator.belief

@@ -33,7 +33,10 @@ class _Fit(NamedTuple):
 
 
 def _fit(expected: ExpectedRanges, measured: Float[np.ndarray, " n"]) -> _Fit | None:
-    """Fit of ranges (m) to those expected; None where a tenth of the rays misses the body."""
+    """Fit of ranges, m, to those expected.
+
+    None where a tenth of the rays misses the body.
+    """
     residual = (measured - expected.mean) / expected.std
     good = np.isfinite(residual)
     if good.mean() < 0.9:

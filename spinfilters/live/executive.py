@@ -146,7 +146,7 @@ class Executive:
         yield from self._answer_to(arrived)
 
     def _answer_to(self, arrived: ArrivedEpoch) -> Iterator[Answer]:
-        """The answer to an epoch at a time that is believed; none where it is not the latest."""
+        """Answer to an epoch; none where it is not the latest."""
         began = time.thread_time()
         is_latest = arrived.time > self.track.time
         gap, before = arrived.time - self.track.time, self.track.belief

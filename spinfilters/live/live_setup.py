@@ -50,7 +50,7 @@ def live_setup(dataset: Dataset, settings: Settings, name: str) -> LiveSetup:
 
 
 def _binding(setup: Setup, models: dict[str, MeasurementModel]) -> Callable[[MeasurementStream], Measurement]:
-    """Makes measurements of rows as they arrive; the models are those of the setup, and grow by new ones."""
+    """Makes measurements of rows as they arrive; new models join the given ones."""
     view, noise, layout = camera_view(setup.dataset), setup.noise, setup.process.layout
 
     def bind(stream: MeasurementStream) -> Measurement:
@@ -62,7 +62,10 @@ def _binding(setup: Setup, models: dict[str, MeasurementModel]) -> Callable[[Mea
 
 
 def _first_smoother(setup: Setup, settings: Settings) -> tuple[Callable[[], RecursiveSmoother], float] | None:
-    """Builds the smoother that goes on from the initialisation, and the end of that, s; None without one."""
+    """Builder of the first smoother, and the end of its initialisation, s.
+
+    None without a smoother.
+    """
     if sliding_smoother(setup, settings) is None:
         return None
 

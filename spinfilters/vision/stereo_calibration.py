@@ -160,7 +160,10 @@ def _relative(
 def _seen_points(
     views: list[BoardView], board: Board
 ) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
-    """Corners that both cameras see: on the board (m), in the left and in the right images (px)."""
+    """Corners that both cameras see.
+
+    On the board (m), in the left and in the right images (px).
+    """
     return (
         [board.points[view.seen].astype(np.float32) for view in views],
         [view.left[view.seen].astype(np.float32) for view in views],

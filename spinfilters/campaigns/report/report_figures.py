@@ -36,7 +36,7 @@ LABELS: Final = dict(zip(ERRORS, ("position", "attitude", "velocity", "rate"), s
 
 
 def _panels(cells: Sequence[CellSummary], names: Sequence[str]) -> dict[str, list[CellSummary]]:
-    """Cells with a NEES by the levels of these factors; the first of them where there are many."""
+    """Cells with a NEES by the levels of factors, `MOST_PANELS` at most."""
     groups: dict[str, list[CellSummary]] = {}
     for cell in cells:
         if len(cell.over_time.mean):

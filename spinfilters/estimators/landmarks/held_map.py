@@ -120,7 +120,7 @@ class HeldMap:
     def _refused(
         self, o: MapObservations, solved: SolvedObservations
     ) -> tuple[Int[np.ndarray, " w"], Bool[np.ndarray, " k"]]:
-        """Ids of landmarks that have been refused too often, and which observations are of none that is held."""
+        """Landmarks refused too often, and which observations are of none that stays."""
         fresh = ~o.known
         if len(solved.used) == len(o.at):
             return NO_IDS, fresh

@@ -94,7 +94,7 @@ def record_convergence(
 def _record(
     values: dict[str, np.ndarray], solve: int, count: int, said: Mapping[str, Float[np.ndarray, "w q"]]
 ) -> None:
-    """Enter what a solve says of the latest epochs; of those that it has not reached nothing is a number."""
+    """Enter what a solve says of the latest epochs; others stay NaN."""
     for name, rows in said.items():
         record = values.setdefault(name, np.full((count, count, rows.shape[1]), np.nan))
         record[solve, solve + 1 - len(rows) : solve + 1] = rows

@@ -96,7 +96,10 @@ def restarted_from_momentum(
 def _in_closed_form(
     layout: StateLayout, given: Float[np.ndarray, "k m"], times: Float[np.ndarray, " k"]
 ) -> Float[np.ndarray, "k m"] | None:
-    """The trajectory with rates and constants that conserved momentum gives; None where its poses tell no motion."""
+    """Trajectory with rates and constants of conserved momentum.
+
+    None where its poses tell no motion.
+    """
     poses = np.concatenate([given[:, layout.mean_slice(b)] for b in POSE_BLOCKS], axis=1)
     try:
         evidence = initial_motion(MotionSamples(times, poses[:, 3:], positions=poses[:, :3]), len(times))
