@@ -20,7 +20,7 @@ from spinfilters.data.reading_options import ReadingOptions
 from spinfilters.data.sensor_format import dataset_kinds
 from spinfilters.errors import InputError
 from spinfilters.pipeline.segment_choice import read_chosen, segment_choice
-from spinfilters.sensors.registry import kinds_with
+from spinfilters.sensors.registry import has_error
 from spinfilters.simulation.inspector import STATIC
 from spinfilters.simulation.motion import Progress, silent
 from spinfilters.simulation.scenario import Scenario, without_map
@@ -156,7 +156,7 @@ def _checked_bias(bias: Sequence[float], kinds: Sequence[str]) -> tuple[float, f
         raise InputError(
             f"gyro_bias is {value_text(tuple(bias))}; give three numbers, about the axes x, y, z"
         )
-    if not kinds_with(BIAS_BLOCK).intersection(kinds):
+    if not has_error(kinds, BIAS_BLOCK):
         raise InputError(f"a gyro's bias is for the kind gyro; a {kinds[0]} has no gyro")
     for value in bias:
         GYRO_BIAS.require("gyro_bias", value)

@@ -24,7 +24,7 @@ _MOST, _STEPS = 4000, 6
 _LARGE = 4.0  # standard deviations beyond which a point counts less (Huber)
 
 
-class _Fit(NamedTuple):
+class _RangeFit(NamedTuple):
     """Normal equations of a pose with bounded residuals, whose mean square is chi."""
 
     information: Float[np.ndarray, "6 6"]
@@ -32,7 +32,7 @@ class _Fit(NamedTuple):
     chi: float
 
 
-def _fit(expected: ExpectedRanges, measured: Float[np.ndarray, " n"]) -> _Fit | None:
+def _fit(expected: ExpectedRanges, measured: Float[np.ndarray, " n"]) -> _RangeFit | None:
     """Fit of ranges, m, to those expected.
 
     None where a tenth of the rays misses the body.
@@ -45,7 +45,7 @@ def _fit(expected: ExpectedRanges, measured: Float[np.ndarray, " n"]) -> _Fit | 
     weight = np.minimum(1.0, _LARGE / np.maximum(np.abs(residual), 1e-12))
     residual = np.nan_to_num(residual)
     chi = float(np.mean(np.minimum(residual[good] ** 2, _LARGE**2)))
-    return _Fit((J * weight[:, None]).T @ J, J.T @ (weight * residual), chi)
+    return _RangeFit((J * weight[:, None]).T @ J, J.T @ (weight * residual), chi)
 
 
 def with_edges(

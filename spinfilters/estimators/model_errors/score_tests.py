@@ -103,6 +103,13 @@ class ScoreTest:
         return self.gain - 2 * self.dof
 
 
+class _ErrorColumns(NamedTuple):
+    """An error, and its right-hand sides H."""
+
+    error: Alternative
+    columns: Columns
+
+
 def score_tests(
     motion: SmoothedMotion, noise: NoiseComponents, errors: Iterable[Alternative]
 ) -> list[ScoreTest]:
@@ -112,15 +119,15 @@ def score_tests(
     """
     left = motion.rows.residual(motion.rows.right)
     found: list[ScoreTest | None] = []
-    constant: list[tuple[Alternative, Columns]] = []
+    constant: list[_ErrorColumns] = []
     for error in errors:
         columns = None if error.is_held(motion) else error.columns(motion)
         if columns is None:
             continue
         if error.by_epoch:
-            found.append(_by_epoch(motion, noise, (error, columns), left))
+            found.append(_by_epoch(motion, noise, _ErrorColumns(error, columns), left))
         else:
-            constant.append((error, columns))
+            constant.append(_ErrorColumns(error, columns))
     found += _constant(motion, noise, constant, left)
     return sorted((each for each in found if each is not None), key=lambda each: -each.merit)
 
@@ -148,7 +155,7 @@ def likelier(found: list[ScoreTest], beside: list[ScoreTest], advantage: float) 
 
 
 def _constant(
-    motion: SmoothedMotion, noise: NoiseComponents, errors: list[tuple[Alternative, Columns]], left: Columns
+    motion: SmoothedMotion, noise: NoiseComponents, errors: list[_ErrorColumns], left: Columns
 ) -> list[ScoreTest | None]:
     if not errors:
         return []
@@ -157,18 +164,19 @@ def _constant(
     for error, columns in errors:
         own = slice(first, first + columns.count)
         first = own.stop
-        found.append(_tested(motion, noise, (error, columns, after.part(own)), left))
+        found.append(_tested(motion, noise, _ErrorColumns(error, columns), after.part(own), left))
     return found
 
 
 def _tested(
     motion: SmoothedMotion,
     noise: NoiseComponents,
-    named: tuple[Alternative, Columns, Columns],
+    named: _ErrorColumns,
+    after: Columns,
     left: Columns,
 ) -> ScoreTest | None:
-    """One error of the whole recording, with H and M H."""
-    error, columns, after = named
+    """One error of the whole recording, with M H in ``after``."""
+    error, columns = named
     scale = np.sqrt(np.diag(columns.gram(columns)))
     if not (np.isfinite(scale).all() and scale.max(initial=0.0) > 0):
         return None
@@ -194,7 +202,7 @@ def _tested(
 
 
 def _by_epoch(
-    motion: SmoothedMotion, noise: NoiseComponents, named: tuple[Alternative, Columns], left: Columns
+    motion: SmoothedMotion, noise: NoiseComponents, named: _ErrorColumns, left: Columns
 ) -> ScoreTest | None:
     """An error drawn anew at every epoch, of the variance that is most likely."""
     error, columns = named
