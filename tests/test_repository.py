@@ -123,6 +123,40 @@ def test_a_long_function_is_found_and_its_docstring_does_not_count() -> None:
     assert long_functions("def f():\n" + words + line * (LONGEST_FUNCTION - 1)) == []
 
 
+NUMBERS = {"int", "float"}
+
+
+def packed_arguments(text: str) -> list[str]:
+    """Arguments of a source text that are tuples of several things; of numbers of one kind they are places and sizes."""
+    functions = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef)]
+    arguments = [each for node in functions for each in (*node.args.args, *node.args.kwonlyargs)]
+    inside = [(each.arg, part) for each in arguments if each.annotation for part in ast.walk(each.annotation)]
+    tuples = [
+        (name, part.slice)
+        for name, part in inside
+        if isinstance(part, ast.Subscript) and ast.unparse(part.value) == "tuple"
+    ]
+    kinds = [
+        (name, {ast.unparse(each) for each in of.elts}) for name, of in tuples if isinstance(of, ast.Tuple)
+    ]
+    return [
+        name for name, kind in kinds if "..." not in kind and not any(kind == {number} for number in NUMBERS)
+    ]
+
+
+def test_what_belongs_together_has_names() -> None:
+    found = {str(path.relative_to(ROOT)): packed_arguments(path.read_text()) for path in SOURCES}
+    assert {path: names for path, names in found.items() if names} == {}
+
+
+def test_a_packed_argument_is_found_and_a_size_is_none() -> None:
+    assert packed_arguments("def f(a: list[tuple[int, str]], b: tuple[A, A] | None) -> None: ...") == [
+        "a",
+        "b",
+    ]
+    assert packed_arguments("def f(a: tuple[int, int], b: tuple[str, ...]) -> tuple[int, str]: ...") == []
+
+
 def wordy(text: str) -> list[str]:
     """First docstring lines of a source text that have too many words."""
     return [line for line in FIRST_LINE.findall(text) if len(line.split()) > MOST_WORDS]

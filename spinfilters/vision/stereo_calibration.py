@@ -1,7 +1,7 @@
 """Calibration of a stereo pair from views of a board (Zhang 2000; Tweddle 2013, section 2.8)."""
 
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -37,6 +37,13 @@ class CameraCalibration:
     poses: Float[np.ndarray, "v 6"]
 
 
+class CameraPair(NamedTuple):
+    """Calibrations of both cameras, each by itself."""
+
+    left: CameraCalibration
+    right: CameraCalibration
+
+
 @dataclass(frozen=True)
 class StereoCalibration:
     """A calibrated pair.
@@ -49,7 +56,7 @@ class StereoCalibration:
     """
 
     rig: RawRig
-    cameras: tuple[CameraCalibration, CameraCalibration]
+    cameras: CameraPair
     rms: float
     views: list[BoardView]
     dropped: dict[str, str]
@@ -71,7 +78,7 @@ def calibrate_stereo(views: list[BoardView], board: Board, size: tuple[int, int]
     views = list(views)
     while True:
         _require(views, dropped)
-        cameras = (_calibrated(views, board, size, right=False), _calibrated(views, board, size, right=True))
+        cameras = CameraPair(*(_calibrated(views, board, size, right=right) for right in (False, True)))
         reason = _worst_camera(views, cameras) or _worst_pair(views, cameras)
         if reason is None:
             break
@@ -103,9 +110,7 @@ def _calibrated(
     )
 
 
-def _worst_camera(
-    views: list[BoardView], cameras: tuple[CameraCalibration, CameraCalibration]
-) -> tuple[int, str] | None:
+def _worst_camera(views: list[BoardView], cameras: CameraPair) -> tuple[int, str] | None:
     """A view whose corners one camera explains badly."""
     for side, camera in zip(("left", "right"), cameras, strict=True):
         row = int(camera.view_errors.argmax())
@@ -119,9 +124,7 @@ def _worst_camera(
     return None
 
 
-def _worst_pair(
-    views: list[BoardView], cameras: tuple[CameraCalibration, CameraCalibration]
-) -> tuple[int, str] | None:
+def _worst_pair(views: list[BoardView], cameras: CameraPair) -> tuple[int, str] | None:
     """The view whose relative camera pose deviates most from the others.
 
     Its images were not taken together.
@@ -146,11 +149,11 @@ def _limit(values: Float[np.ndarray, " v"], least: float) -> float:
 
 
 def _relative(
-    cameras: tuple[CameraCalibration, CameraCalibration],
+    cameras: CameraPair,
 ) -> tuple[Float[np.ndarray, "v 3"], Float[np.ndarray, "v 3"]]:
     """Rotation vectors and places of the left camera in the right one, of each view."""
     turns, places = [], []
-    for left, right in zip(cameras[0].poses, cameras[1].poses, strict=True):
+    for left, right in zip(cameras.left.poses, cameras.right.poses, strict=True):
         R = cv2.Rodrigues(right[:3])[0] @ cv2.Rodrigues(left[:3])[0].T
         turns.append(cv2.Rodrigues(R)[0].ravel())
         places.append(right[3:] - R @ left[3:])
@@ -173,7 +176,7 @@ def _seen_points(
 
 def _joined(
     views: list[BoardView],
-    cameras: tuple[CameraCalibration, CameraCalibration],
+    cameras: CameraPair,
     board: Board,
     size: tuple[int, int],
     dropped: dict[str, str],
