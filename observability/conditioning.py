@@ -140,6 +140,7 @@ def optimal_scaling(covariance: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "
     correlation = scaled(covariance, jacobi)
 
     def badness(logarithms: Float[np.ndarray, " n"]) -> float:
+        """Logarithm of the condition number."""
         return float(np.log(condition_number(scaled(correlation, np.exp(logarithms)))))
 
     found = minimize(badness, np.zeros(len(jacobi)), method="Powell", options={"xtol": 1e-8, "ftol": 1e-10})
@@ -226,6 +227,7 @@ def _rate_unit(rotation: Float[np.ndarray, "6 6"], start: float) -> float:
     """Best-conditioned unit of rate, if better than the deviations' ratio."""
 
     def badness(logarithm: float) -> float:
+        """Logarithm of the condition number."""
         return float(np.log(condition_number(scaled(rotation, np.repeat([1.0, np.exp(logarithm)], 3)))))
 
     middle = float(np.log(start))

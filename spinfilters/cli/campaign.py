@@ -48,6 +48,7 @@ def _carried_out(options: argparse.Namespace) -> "Advance":
     with _progress_line() as tell:
 
         def follow(advance: Advance) -> None:
+            """Show how far the campaign is."""
             last[:] = [advance]
             tell(advance.done, advance.total, advance.faulty, advance.seconds_left)
 
@@ -130,6 +131,7 @@ def _progress_line() -> Iterator:
         task = bar.add_task("", total=None)
 
         def tell(done: int, total: int, faulty: int, left: float | None) -> None:
+            """Show how many runs are done."""
             rest = "" if left is None else f"{_duration(left)} left"
             bad = f", {faulty} without a result" if faulty else ""
             bar.update(task, completed=done, total=total, description=rest + bad)

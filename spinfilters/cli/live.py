@@ -91,6 +91,7 @@ def _shown(
         return view.show
 
     def show(answer: Answer) -> None:
+        """Write an answer and show it."""
         writer.write(answer)
         view.show(answer)
 

@@ -170,6 +170,7 @@ def _plain_columns(
     lines, width = array("q"), len(layout.names) - 1
 
     def texts() -> Iterator[str]:
+        """Lines of numbers."""
         for number, line in _data_lines(path, layout):
             lines.append(number)
             if line.count(delimiter) != width or len(lines) > MAX_TABLE_ROWS:

@@ -137,6 +137,7 @@ def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedError
     error = layout.local(history.mean[rows], true_states(truth, layout)[true_rows])
 
     def derive(part: slice) -> dict[str, np.ndarray]:
+        """Quantities of a stretch of epochs."""
         away, factor = error[part], history.factor[rows[part]]
         blocks = {
             b: normalised_square(away[:, layout.slice(b)], factor[:, layout.slice(b)]) for b in layout.blocks

@@ -73,6 +73,7 @@ class NativeTracer:
         edges = np.linspace(0, n, max(1, min(8 * cores, n // _RAYS)) + 1).astype(int)
 
         def trace(first: int, end: int) -> None:
+            """Trace the rays from first to before end."""
             rows = slice(first, end)
             given = (origins[rows], directions[rows], self._nodes, self._order, self._packed)
             made = (distance[rows], triangle[rows])

@@ -272,6 +272,7 @@ class Executive:
         belief, setup, options = self.track.belief, self._setup, self._options.sliding
 
         def build() -> RecursiveSmoother:
+            """The smoother from the filter's belief."""
             smoother = RecursiveSmoother(setup.process, options)
             smoother.start(belief)
             return smoother

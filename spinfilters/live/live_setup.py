@@ -54,6 +54,7 @@ def _binding(setup: Setup, models: dict[str, MeasurementModel]) -> Callable[[Mea
     view, noise, layout = camera_view(setup.dataset), setup.noise, setup.process.layout
 
     def bind(stream: MeasurementStream) -> Measurement:
+        """A measurement of rows of one sensor."""
         bound = sensor_of(stream.sensor).bind(stream, layout, noise, view)
         model = models.setdefault(bound.model.name, bound.model)
         return Measurement(model, bound.values, bound.parameters, bound.ids)
@@ -70,6 +71,7 @@ def _first_smoother(setup: Setup, settings: Settings) -> tuple[Callable[[], Recu
         return None
 
     def build() -> RecursiveSmoother:
+        """The smoother behind the initialisation."""
         smoother = RecursiveSmoother(setup.process, settings.smoother.options(LONG_RUN))
         begin_after_initialisation(smoother, setup)
         return smoother

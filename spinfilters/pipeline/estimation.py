@@ -225,14 +225,12 @@ def _run(
     ----------
     twin: built alike; what it needs is built before the clock of the other runs.
     """
-    rest = _remaining(setup)
-    progress, store = company.progress, company.store_of(entry.name)
+    rest, store, name = _remaining(setup), company.store_of(entry.name), entry.name
     entry.begin(estimator, setup)
     kept = store.resume(estimator)
     rows = GrowingHistory(estimator.layout, setup.end_of_initialisation) if kept is None else kept.rows
     rows.reserve(len(rest), len(setup.initial.mean))
-    name, reported = entry.name, lambda: progress(entry.name, len(rows), len(rest))
-    reported()
+    company.progress(name, len(rows), len(rest))
     if kept is not None and kept.status is not None:
         return rows.ended(name, kept.status), rows
     if len(rows) < len(rest):
@@ -241,7 +239,8 @@ def _run(
     with store.running(estimator, rows) as keep:
 
         def on_epoch(_: int) -> None:
-            reported()
+            """Report an epoch and keep it."""
+            company.progress(name, len(rows), len(rest))
             keep()
 
         history = replace(run(estimator, rows.time, rest[len(rows) :], on_epoch, rows), name=name)

@@ -55,6 +55,7 @@ class FirstEpochs:
             options = replace(options, duration=max(options.duration, self._duration(len(before.mean))))
 
         def make(options: InitialisationOptions) -> InitialEstimate:
+            """The initialisation with these options."""
             again = None
             if before is not None:
                 again = initialised_again(self.process, self.timeline, before, options)

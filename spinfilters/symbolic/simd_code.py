@@ -110,6 +110,7 @@ def simd_text(function: ca.Function) -> str | None:
     gather: list[str] = []
 
     def taken(which: int, place: int) -> str:
+        """C of an argument, which is gathered."""
         gather.append(f"      a[{len(gather)}][l] = at{which}[{place}];")
         return f"a[{len(gather) - 1}][l]"
 
@@ -177,11 +178,13 @@ def _scan_bodies(
     last, inputs = scan.begin.n_out(), scan.begin.n_in()
 
     def of_turn(which: int, place: int) -> str:
+        """Place of an input of a step."""
         if which == 0:
             return f"x[{place}][l]"
         return f"each[{place}]" if which == last else f"s[{kept[which - 1] + place}][l]"
 
     def at_end(which: int, place: int) -> str:
+        """Place of an input before or after the loop."""
         return f"x[{place}][l]" if which == inputs else f"a[{given[which] + place}][l]"
 
     return {

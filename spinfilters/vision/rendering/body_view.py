@@ -132,6 +132,7 @@ def _shadowed(
     scale = SHADOW_MAP / (2 * radius)
 
     def placed(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Places in the shadow map and nearness to the sun."""
         turned = at @ frame.T
         return (turned[..., :2] + radius) * scale, 2 * radius - turned[..., 2]
 
