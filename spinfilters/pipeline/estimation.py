@@ -122,8 +122,8 @@ def compare_estimators(
             raise
         interrupted = True
     doubts = doubts_of(evaluations, setup, settings)
-    judged = _judge(doubts, settings)
-    bounded = judged if interrupted else extent.bounding(judged, setup)
+    with_verdict = _judge(doubts, settings)
+    bounded = with_verdict if interrupted else extent.bounding(with_verdict, setup)
     return Comparison(setup, tuple(bounded), interrupted, maps, doubts.models)
 
 

@@ -67,7 +67,7 @@ def visible_surface(
 
 
 class _Boxes(NamedTuple):
-    """Triangles with the first sample and the size of the box around each, in columns and rows."""
+    """Triangles with first sample and size of their boxes, columns and rows."""
 
     faces: Int[np.ndarray, " k"]
     first: Int[np.ndarray, "k 2"]
