@@ -80,7 +80,7 @@ def _observation_rows(run: RandomRun, step: FilterStep, size: int) -> Float[np.n
     where = [before.ids.tolist().index(i) for i in change.used.tolist()]
     rows = [measured.ids.tolist().index(i) for i in change.used.tolist()]
     parameters = np.concatenate([before.points[where], measured.parameters[rows, 3:]], axis=1)
-    at = measured.model.linearise_landmarks(before.mean, parameters, measured.values[rows])
+    at = sensor.linearise_landmarks(before.mean, parameters, measured.values[rows])
     H = np.zeros((len(rows), 3, size))
     H[:, :, measured.model.columns] = at.jacobian
     for k, row in enumerate(where):

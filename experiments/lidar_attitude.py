@@ -47,10 +47,14 @@ def main() -> None:
             f"median of worst {np.median(worst):.4f} (asked {asked})",
             flush=True,
         )
-    if not options.turn_seeds:
-        return
+    if options.turn_seeds:
+        print_full_turns(options.turn_seeds)
+
+
+def print_full_turns(seeds: int) -> None:
+    """Errors of whole turns at 30 m, and their NEES."""
     turns = []
-    for seed in range(options.turn_seeds):
+    for seed in range(seeds):
         turns.append(full_turn(seed))
         print(f"  full turn, seed {seed}: {turns[-1][0]:.4f} deg, NEES {turns[-1][1]:.2f}", flush=True)
     largest, nees = np.array(turns).T

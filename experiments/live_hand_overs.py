@@ -108,15 +108,19 @@ def figures(setup: Setup, said: Answers, chosen: list[int]) -> tuple[float, floa
     return rms[0], rms[1], float(np.mean(found.nees.total[at]) / layout.error_dim)
 
 
-def main() -> None:
-    """Run the study."""
+def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     for name, default in (("seeds", 4), ("epochs", 130), ("every", 10), ("late", 10)):
         parser.add_argument(f"--{name}", type=int, default=default)
     parser.add_argument("--filters", default="mekf,embedded")
-    options = parser.parse_args()
+    return parser.parse_args()
+
+
+def main() -> None:
+    """Run the study."""
+    options = _options()
     found: dict[str, list[tuple[float, float, float]]] = {}
     for seed in range(options.seeds):
         settings = Settings()

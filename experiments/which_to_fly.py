@@ -53,6 +53,7 @@ def apart(setup: Setup, name: str) -> dict[str, float]:
     ours, theirs = multiprocessing.Pipe()
 
     def work(connection: Connection) -> None:
+        """Work of a child process."""
         connection.send(row(setup, name))
 
     process = multiprocessing.get_context("fork").Process(target=work, args=(theirs,))

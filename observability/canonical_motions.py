@@ -121,7 +121,9 @@ def landmarks(count: int, seed: int = 0) -> tuple[Rationals, ...]:
 
 @singledispatch
 def blocks_of(chart: Chart, of: CanonicalMotion) -> dict[str, Rationals]:
-    """Numbers of a motion's blocks in a chart, some that it may lack among them; each kind of chart registers its own.
+    """Exact numbers of a motion's blocks in a chart.
+
+    Some that the chart may lack are among them; each kind of chart registers its own.
 
     Raises
     ------

@@ -211,6 +211,7 @@ def _rate_unit(rotation: Float[np.ndarray, "6 6"], start: float) -> float:
     """Best-conditioned unit of rate, if better than the deviations' ratio."""
 
     def badness(logarithm: float) -> float:
+        """Logarithm of the condition number."""
         return float(np.log(condition_number(scaled(rotation, np.repeat([1.0, np.exp(logarithm)], 3)))))
 
     middle = float(np.log(start))

@@ -14,6 +14,8 @@ import spinfilters
 
 ROOT = Path(__file__).parents[1]
 LONGEST_FILE = 300
+LONGEST_FUNCTION = 30
+"""Lines without its docstring."""
 MOST_WORDS = 16
 FIRST_LINE = re.compile(r'(?:\A|:\n)[ \t]*r?"""(.*?)(?:"""|$)', re.MULTILINE)
 PACKAGES = [name for name in ("spinfilters", "observability", "experiments") if (ROOT / name).is_dir()]
@@ -95,6 +97,64 @@ def test_a_class_name_stands_once_in_the_tree() -> None:
 
 def test_a_name_at_two_places_is_found() -> None:
     assert doubled([("a", "x"), ("b", "y"), ("a", "z")]) == {"a": ["x", "z"]}
+
+
+def long_functions(text: str) -> list[str]:
+    """Functions of a source text that have too many lines."""
+    found = []
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            said = node.body[0] if ast.get_docstring(node, clean=False) is not None else None
+            words = 0 if said is None else said.end_lineno - said.lineno + 1  # pyright: ignore[reportOptionalOperand]
+            if node.end_lineno - node.lineno + 1 - words > LONGEST_FUNCTION:  # pyright: ignore[reportOptionalOperand]
+                found.append(node.name)
+    return found
+
+
+def test_a_function_is_one_thought() -> None:
+    found = {str(path.relative_to(ROOT)): long_functions(path.read_text()) for path in SOURCES}
+    assert {path: names for path, names in found.items() if names} == {}
+
+
+def test_a_long_function_is_found_and_its_docstring_does_not_count() -> None:
+    line = "    x = 1\n"
+    words = '    """Say\n\n    more.\n    """\n'
+    assert long_functions("def f():\n" + line * LONGEST_FUNCTION) == ["f"]
+    assert long_functions("def f():\n" + words + line * (LONGEST_FUNCTION - 1)) == []
+
+
+NUMBERS = {"int", "float"}
+
+
+def packed_arguments(text: str) -> list[str]:
+    """Arguments of a source text that are tuples of several things; of numbers of one kind they are places and sizes."""
+    functions = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef)]
+    arguments = [each for node in functions for each in (*node.args.args, *node.args.kwonlyargs)]
+    inside = [(each.arg, part) for each in arguments if each.annotation for part in ast.walk(each.annotation)]
+    tuples = [
+        (name, part.slice)
+        for name, part in inside
+        if isinstance(part, ast.Subscript) and ast.unparse(part.value) == "tuple"
+    ]
+    kinds = [
+        (name, {ast.unparse(each) for each in of.elts}) for name, of in tuples if isinstance(of, ast.Tuple)
+    ]
+    return [
+        name for name, kind in kinds if "..." not in kind and not any(kind == {number} for number in NUMBERS)
+    ]
+
+
+def test_what_belongs_together_has_names() -> None:
+    found = {str(path.relative_to(ROOT)): packed_arguments(path.read_text()) for path in SOURCES}
+    assert {path: names for path, names in found.items() if names} == {}
+
+
+def test_a_packed_argument_is_found_and_a_size_is_none() -> None:
+    assert packed_arguments("def f(a: list[tuple[int, str]], b: tuple[A, A] | None) -> None: ...") == [
+        "a",
+        "b",
+    ]
+    assert packed_arguments("def f(a: tuple[int, int], b: tuple[str, ...]) -> tuple[int, str]: ...") == []
 
 
 def wordy(text: str) -> list[str]:

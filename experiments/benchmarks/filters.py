@@ -94,19 +94,17 @@ def time_frames(setup: Setup, epochs: int, blocks: int) -> Float[np.ndarray, "b 
     """
     filters = [build_estimator(name, setup, Settings()) for name in NAMES]
     first = len(setup.initial.mean)
-    steps = list(pairwise(setup.timeline[first - 1 : first + WARM_FRAMES + epochs]))
-    rows = [[_passes(estimator, setup, steps) for estimator in filters] for _ in range(blocks)]
+    timeline = list(setup.timeline[first - 1 : first + WARM_FRAMES + epochs])
+    rows = [[_passes(estimator, setup, timeline) for estimator in filters] for _ in range(blocks)]
     return np.moveaxis(np.array(rows), 1, 2)
 
 
-def _passes(
-    estimator: Estimator, setup: Setup, steps: Sequence[tuple[Epoch, Epoch]]
-) -> Float[np.ndarray, " n"]:
+def _passes(estimator: Estimator, setup: Setup, timeline: Sequence[Epoch]) -> Float[np.ndarray, " n"]:
     """Median seconds of one filter for each later step.
 
     Of its passes over all steps but the first ones.
     """
-    rows = []
+    rows, steps = [], list(pairwise(timeline))
     for _ in range(PASSES[estimator.name]):
         estimator.start(setup.initial.belief)
         rows.append([_seconds(estimator, after, after.time - before.time) for before, after in steps])

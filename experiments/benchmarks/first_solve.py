@@ -37,9 +37,8 @@ def main(file: str) -> None:
     here = made.at(least_squares.with_common_constants(layout, data["trajectory"]), data["points"])
     found = iterations.solve(made, here, iterations.SolverOptions())
     solved = perf_counter() - begin
-    smoother = sliding_smoother.SlidingSmoother(
-        process, prior, sliding_smoother.SmootherOptions(), has_landmarks=True
-    )
+    options = sliding_smoother.SmootherOptions()
+    smoother = sliding_smoother.SlidingSmoother(process, prior, options, has_landmarks=True)
     for frame in epochs[:3]:
         smoother.add(frame)
     slid = perf_counter() - begin

@@ -67,6 +67,7 @@ class MotionFactors:
         last: dict[bytes, Rows] = {}
 
         def error(_: Any, values: Any, jacobians: Any) -> Float[np.ndarray, " r"]:
+            """Whitened error of the factor, and its Jacobians."""
             begin = now()
             constants = values.atVector(common)
             states = [chart.state(values.atPose3(x), values.atVector(v), constants) for x, v in pairs]

@@ -120,6 +120,7 @@ def resolved_every_frame(workload: Workload) -> PeerResult:
     stream, graph, known = Stream(workload), gtsam.NonlinearFactorGraph(), [gtsam.Values()]
 
     def take(new: NewFrame) -> None:
+        """Take in a frame."""
         graph.push_back(new.factors)
         known[0].insert(new.values)
         known[0] = gtsam.LevenbergMarquardtOptimizer(graph, known[0]).optimize()
@@ -133,6 +134,7 @@ def isam2(workload: Workload, threshold: float = RELINEARISE) -> PeerResult:
     stream, solver = Stream(workload), gtsam.ISAM2(_isam2_parameters(threshold))
 
     def take(new: NewFrame) -> None:
+        """Take in a frame."""
         solver.update(new.factors, new.values)
 
     estimate = solver.calculateEstimate
@@ -149,6 +151,7 @@ def fixed_lag(workload: Workload, lag: int, threshold: float = RELINEARISE) -> P
     solver = gtsam.IncrementalFixedLagSmoother(float(lag), _isam2_parameters(threshold))
 
     def take(new: NewFrame) -> None:
+        """Take in a frame."""
         keys = [constants_key(), pose_key(new.number), rates_key(new.number), *new.keys]
         solver.update(new.factors, new.values, dict.fromkeys(keys, float(new.number)))
 

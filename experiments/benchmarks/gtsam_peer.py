@@ -55,6 +55,7 @@ def levenberg_marquardt(workload: Workload) -> PeerResult:
     """Batch solution from the trial with GTSAM's own defaults for the damping."""
 
     def make(graph: Any, start: Any) -> Any:
+        """Make the optimiser of a graph."""
         parameters = _with_tolerances(gtsam.LevenbergMarquardtParams())
         return gtsam.LevenbergMarquardtOptimizer(graph, start, parameters)
 
@@ -65,6 +66,7 @@ def ceres_like(workload: Workload) -> PeerResult:
     """Batch solution with the damping that Ceres has."""
 
     def make(graph: Any, start: Any) -> Any:
+        """Make the optimiser of a graph."""
         parameters = _with_tolerances(gtsam.LevenbergMarquardtParams.CeresDefaults())
         return gtsam.LevenbergMarquardtOptimizer(graph, start, parameters)
 
@@ -78,6 +80,7 @@ def dogleg(workload: Workload) -> PeerResult:
     """
 
     def make(graph: Any, start: Any) -> Any:
+        """Make the optimiser of a graph."""
         return gtsam.DoglegOptimizer(graph, start, _with_tolerances(gtsam.DoglegParams()))
 
     return _batch(workload, "GTSAM dogleg", make)

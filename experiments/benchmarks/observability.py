@@ -157,6 +157,7 @@ def _ours(system: System) -> Callable[[], ToolAnswer]:
     point = point_of(system.chart, CANONICAL_MOTIONS[0])
 
     def run() -> ToolAnswer:
+        """One run of the tool."""
         found = certify(System(system.chart, system.sensors), point)
         return ToolAnswer(found.null_dimension, 0.0, "" if found.certified else "open")
 
@@ -171,6 +172,7 @@ def _symident(system: System) -> Callable[[], ToolAnswer]:
     model = symident.Model(odes, {f"y{k}": str(output) for k, output in enumerate(outputs)})
 
     def run() -> ToolAnswer:
+        """One run of the tool."""
         found = symident.detect(model)
         return ToolAnswer(int(found.dim) - int(found.rank), 0.0)
 
@@ -194,6 +196,7 @@ def _pybounds(system: System) -> Callable[[], ToolAnswer]:
     start = as_floats(point_of(system.chart, CANONICAL_MOTIONS[0]))
 
     def run() -> ToolAnswer:
+        """One run of the tool."""
         matrix = pybounds.EmpiricalObservabilityMatrix(simulator, start, np.zeros((SAMPLES, 1))).O
         values = np.linalg.svd(np.asarray(matrix), compute_uv=False)
         return ToolAnswer(int((values < SMALL * values[0]).sum()), 0.0)
@@ -204,12 +207,12 @@ def _pybounds(system: System) -> Callable[[], ToolAnswer]:
 def _strikepy(system: System) -> Callable[[], ToolAnswer]:
     sympy = import_module("sympy")
     strike_goldd = import_module("StrikePy.strike_goldd").strike_goldd
-
     names, rates, outputs = formulas(system)
     options = types.ModuleType("StrikePy.custom_options.ours")
     options.__dict__.update(modelname="ours", checkObser=1, maxLietime=float("inf"), nnzDerU=[0], nnzDerW=[0])
 
     def run() -> ToolAnswer:
+        """One run of the tool."""
         model = types.ModuleType("StrikePy.models.ours")  # it writes into the model it is given
         moving = [[sympy.Symbol(name)] for name, rate in zip(names, rates, strict=True) if rate != 0]
         constant = [[sympy.Symbol(name)] for name, rate in zip(names, rates, strict=True) if rate == 0]

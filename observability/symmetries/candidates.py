@@ -33,7 +33,10 @@ NEED_LANDMARKS = {"turn that looks like drift", "spin about the line to the land
 
 @singledispatch
 def of_chart(chart: Chart, system: System, values: Values, rate: np.ndarray) -> list[Symmetry]:
-    """Candidates of a chart at a rate (3,), rad/s; each kind of chart registers its own, another has none."""
+    """Candidates of a chart at a rate (3,), rad/s.
+
+    Each kind of chart registers its own; another has none.
+    """
     return []
 
 

@@ -87,6 +87,7 @@ class GeometricMoves:
 
     def _turned(self, axis: GaugeAxis) -> Move:
         def move(state: State, amount: ca.SX) -> State:
+            """The state moved by an amount."""
             q, values = turn(axis.direction(state.values), amount), state.values
             R = matrix_from_quaternion(q)
             changed = values | {"q": product(values["q"], conjugate(q)), "w": R @ values["w"]}
@@ -107,6 +108,7 @@ class GeometricMoves:
         """
 
         def move(state: State, amount: ca.SX) -> State:
+            """The state moved by an amount."""
             frame = ca.DM.eye(3) if spin is None else _across(state.values["w"], spin)
             first, second = frame[:, row], frame[:, column]
             change = first @ second.T / ca.dot(first, first)
@@ -151,6 +153,7 @@ def _centre(spin: int | None) -> Iterator[Symmetry]:
 
 def _shifted(axis: int) -> Move:
     def move(state: State, amount: ca.SX) -> State:
+        """The state moved by an amount."""
         shift, values = amount * unit(axis), state.values
         changed = values | {"c": values["c"] + shift, "t": values["t"] - rotate(values["q"], shift)}
         return State(changed, shifted_points(shift, state))
@@ -169,6 +172,7 @@ def _centre_along(axis: int | None) -> Move:
     """
 
     def move(state: State, amount: ca.SX) -> State:
+        """The state moved by an amount."""
         values = state.values
         return state.with_values(c=values["c"] + amount * (values["w"] if axis is None else unit(axis)))
 
@@ -182,6 +186,7 @@ def _slow_turn(axis: int | None) -> Move:
     """
 
     def move(state: State, amount: ca.SX) -> State:
+        """The state moved by an amount."""
         values, points = state.values, state.points[0]
         first, second = points[:, 0], points[:, min(1, points.shape[1] - 1)]
         rate = amount * (second - first if axis is None else unit(axis))

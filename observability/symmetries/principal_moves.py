@@ -101,6 +101,7 @@ def _first_order(still: bool, crooked: bool) -> Iterator[Symmetry]:
 
 def _shifted(axis: int):
     def move(state: State, amount: ca.SX) -> State:
+        """The state moved by an amount."""
         shift = amount * unit(axis)
         return State(state.values | {"c": state.values["c"] + shift}, shifted_points(shift, state))
 
@@ -109,6 +110,7 @@ def _shifted(axis: int):
 
 def _turned(axis: GaugeAxis):
     def move(state: State, amount: ca.SX) -> State:
+        """The state moved by an amount."""
         q = turn(axis.direction(state.values), amount)
         changed = {"q_gb": product(q, state.values["q_gb"])}
         if "c" in state.values:
@@ -128,6 +130,7 @@ def _longer(state: State, amount: ca.SX) -> State:
 
 def _ratio(index: int):
     def move(state: State, amount: ca.SX) -> State:
+        """The state moved by an amount."""
         return state.with_values(k=state.values["k"] + amount * ca.DM.eye(2)[:, index])
 
     return move
@@ -135,6 +138,7 @@ def _ratio(index: int):
 
 def _moment(axis: int):
     def move(state: State, amount: ca.SX) -> State:
+        """The state moved by an amount."""
         return state.with_values(J=state.values["J"] + amount * unit(axis))
 
     return move
@@ -147,6 +151,7 @@ def _rolled(axis: int | None):
     """
 
     def move(state: State, amount: ca.SX) -> State:
+        """The state moved by an amount."""
         values = state.values
         q = turn(values["w"] if axis is None else unit(axis), amount)
         return state.with_values(
@@ -172,6 +177,7 @@ def _centre_along_spin(state: State, amount: ca.SX) -> State:
 
 def _centre_along_axis(axis: int):
     def move(state: State, amount: ca.SX) -> State:
+        """The state moved by an amount."""
         return _centre_moved(state, amount * unit(axis))
 
     return move
@@ -184,6 +190,7 @@ def _slow_turn(axis: int | None):
     """
 
     def move(state: State, amount: ca.SX) -> State:
+        """The state moved by an amount."""
         values, points = state.values, state.points[0]
         first, second = points[:, 0], points[:, min(1, points.shape[1] - 1)]
         line = rotate(conjugate(values["q_gb"]), second - first)

@@ -145,6 +145,7 @@ def turns_like_drift(slow_turn: Callable[[int | None], Move]) -> Iterator[Symmet
 
 def _block_shifted(name: str, axis: int) -> Move:
     def move(state: State, amount: ca.SX) -> State:
+        """The state moved by an amount."""
         return State(state.values | {name: state.values[name] + amount * unit(axis)}, state.points)
 
     return move
@@ -152,6 +153,7 @@ def _block_shifted(name: str, axis: int) -> Move:
 
 def _turned_around(axis: int, attitude: str, names: tuple[str, ...]) -> Move:
     def move(state: State, amount: ca.SX) -> State:
+        """The state moved by an amount."""
         q = turn(unit(axis), amount)
         turned = {name: rotate(q, state.values[name]) for name in names}
         return State(state.values | turned | {attitude: product(q, state.values[attitude])}, state.points)

@@ -144,11 +144,10 @@ def observe(
     rate, inertia = tuple(rate_rpm), tuple(moments)
     require_motion(frames, interval, rate, inertia)
     _require_bound(frames, interval, rate)
-    names = sensors.split(",") if isinstance(sensors, str) else sensors
     acting = known or KnownInputs()
     exact = [round(rpm * RPM, 12) for rpm in rate]  # 0 rpm about an axis is exactly 0
     case = Case(
-        sensors=tuple(name.strip() for name in names if name.strip()),
+        sensors=_names(sensors),
         landmarks=landmarks,
         known_map=known_map,
         chart=chart,
@@ -158,6 +157,12 @@ def observe(
         sizes=acting.sizes,
     )
     return ObservabilityResult(analyse(case, frames, interval))
+
+
+def _names(sensors: Sequence[str] | str) -> tuple[str, ...]:
+    """Names of sensors, of a text that lists them too."""
+    names = sensors.split(",") if isinstance(sensors, str) else sensors
+    return tuple(name.strip() for name in names if name.strip())
 
 
 def _require_bound(frames: int, interval: float, rate_rpm: tuple[float, ...]) -> None:

@@ -24,6 +24,7 @@ def on_one_blas_thread(call: Callable[P, T]) -> Callable[P, T]:
 
     @wraps(call)
     def limited(*args: P.args, **kwargs: P.kwargs) -> T:
+        """The call on one thread."""
         if any(name in os.environ for name in ASKED_FOR):
             return call(*args, **kwargs)
         with threadpool_limits(1, user_api="blas"):

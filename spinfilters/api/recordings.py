@@ -20,7 +20,7 @@ from spinfilters.data.reading_options import ReadingOptions
 from spinfilters.data.sensor_format import dataset_kinds
 from spinfilters.errors import InputError
 from spinfilters.pipeline.segment_choice import read_chosen, segment_choice
-from spinfilters.sensors.registry import kinds_with
+from spinfilters.sensors.registry import has_error
 from spinfilters.simulation.inspector import STATIC
 from spinfilters.simulation.motion import Progress, silent
 from spinfilters.simulation.scenario import Scenario, without_map
@@ -104,33 +104,44 @@ def simulate(
     ------
     InputError: an unknown kind, a number out of its range, moments of no body, more than 100 revolutions between epochs.
     """
-    SEED.require("seed", seed)
-    rate, inertia = tuple(rate_rpm), tuple(moments)
-    require_motion(frames, interval, rate, inertia)
-    _require_slow(rate, interval)
-    kinds = (kind, *(beside or {}))
-    seeing = [name for name, form in dataset_kinds().items() if form.has_landmarks]
-    tracks = any(each in seeing for each in kinds)
-    if known_map and not tracks:
-        raise InputError(f"a known map is for the kinds {' and '.join(seeing)}; a {kind} has no map")
-    thesis = Scenario.common_workload((rate[0], rate[1], rate[2]), seed)
+    rate, inertia, others = tuple(rate_rpm), tuple(moments), dict(beside or {})
+    _require_slow(frames, interval, rate, inertia)
+    thesis = _thesis(rate, seed)
     scenario = replace(
         thesis,
         kind=kind,
         epochs=frames,
         interval=interval,
         principal_moments=inertia,
-        candidates=thesis.candidates if tracks else 1,
+        candidates=thesis.candidates if _sees_landmarks((kind, *others), known_map) else 1,
         inspector=inspector,
-        beside=tuple((beside or {}).items()),
-        gyro_bias=thesis.gyro_bias if gyro_bias is None else _checked_bias(gyro_bias, kinds),
+        beside=tuple(others.items()),
+        gyro_bias=thesis.gyro_bias if gyro_bias is None else _checked_bias(gyro_bias, (kind, *others)),
     )
     dataset = simulate_scenario(scenario, progress)
     return dataset if known_map else without_map(dataset)
 
 
-def _require_slow(rate_rpm: Sequence[float], interval: float) -> None:
-    """Require at most `MOST_TURNS` revolutions between epochs. InputError: more."""
+def _thesis(rate_rpm: tuple[float, ...], seed: int) -> Scenario:
+    """The thesis' scenario at another rate. InputError: a seed out of its range."""
+    SEED.require("seed", seed)
+    return Scenario.common_workload((rate_rpm[0], rate_rpm[1], rate_rpm[2]), seed)
+
+
+def _sees_landmarks(kinds: Sequence[str], known_map: bool) -> bool:
+    """Whether a sensor of these kinds does. InputError: a known map without one."""
+    seeing = [name for name, form in dataset_kinds().items() if form.has_landmarks]
+    found = any(each in seeing for each in kinds)
+    if known_map and not found:
+        raise InputError(f"a known map is for the kinds {' and '.join(seeing)}; a {kinds[0]} has no map")
+    return found
+
+
+def _require_slow(
+    frames: int, interval: float, rate_rpm: tuple[float, ...], moments: tuple[float, ...]
+) -> None:
+    """Require a motion of at most `MOST_TURNS` revolutions between epochs. InputError: more; as `require_motion`."""
+    require_motion(frames, interval, rate_rpm, moments)
     turns = max(map(abs, rate_rpm)) * interval / 60
     if turns > MOST_TURNS:
         raise InputError(
@@ -145,7 +156,7 @@ def _checked_bias(bias: Sequence[float], kinds: Sequence[str]) -> tuple[float, f
         raise InputError(
             f"gyro_bias is {value_text(tuple(bias))}; give three numbers, about the axes x, y, z"
         )
-    if not kinds_with(BIAS_BLOCK).intersection(kinds):
+    if not has_error(kinds, BIAS_BLOCK):
         raise InputError(f"a gyro's bias is for the kind gyro; a {kinds[0]} has no gyro")
     for value in bias:
         GYRO_BIAS.require("gyro_bias", value)

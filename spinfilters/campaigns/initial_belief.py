@@ -27,6 +27,7 @@ def prepared_with_drawn_belief(
     assert truth is not None  # what is simulated has one
 
     def initial(layout: StateLayout) -> InitialEstimate:
+        """The drawn belief as an initialisation over a layout."""
         return drawn_start(layout, true_states(truth, layout)[0], belief, generator)
 
     return prepare(dataset, settings, initial)

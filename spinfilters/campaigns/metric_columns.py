@@ -134,6 +134,7 @@ def _body_nees(history: EstimateHistory, truth: Truth) -> dict[str, Any]:
     columns = {block: np.arange(layout.error_dim)[layout.slice(block)] for block in "ws"}
 
     def of(at: Int[np.ndarray, " j"]) -> Float[np.ndarray, " n"]:
+        """NEES per dimension of these components."""
         return normalised_square(error[:, at], history.factor[epochs][:, at]) / len(at)
 
     both = np.concatenate(list(columns.values()))

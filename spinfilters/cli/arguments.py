@@ -59,6 +59,7 @@ def number(allowed: NumberRange) -> Callable[[str], float | int]:
     """What reads a number of a range from an argument."""
 
     def parsed(text: str) -> float | int:
+        """The number, in its range."""
         try:
             return allowed.parsed(text)
         except ValueError as error:

@@ -6,6 +6,7 @@ import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
@@ -13,6 +14,9 @@ from spinfilters.api.campaigns import campaign_rows, repeated_run
 from spinfilters.cli.console import wide_console
 from spinfilters.data.input_file import value_text
 from spinfilters.errors import InputError
+
+if TYPE_CHECKING:
+    from spinfilters.campaigns.engine import Advance
 
 
 def campaign(options: argparse.Namespace) -> int:
@@ -31,12 +35,20 @@ def _run(options: argparse.Namespace) -> int:
         )
     if options.output is None:
         raise InputError("a campaign needs a folder for its rows; give it with -o OUT")
-    from spinfilters.campaigns.engine import Advance
+    last = _carried_out(options)
+    faulty = f", {last.faulty} of the new ones without a result" if last.faulty else ""
+    report = f"spinfilters campaign report {shlex.quote(options.output)}"
+    _say(f"{last.done} of {last.total} runs in {options.output}{faulty}; now: {report}")
+    return 0
 
+
+def _carried_out(options: argparse.Namespace) -> "Advance":
+    """How far a campaign has come in the end. InputError: interrupted before."""
+    last: list[Advance] = []
     with _progress_line() as tell:
-        last: list[Advance] = []
 
         def follow(advance: Advance) -> None:
+            """Show how far the campaign is."""
             last[:] = [advance]
             tell(advance.done, advance.total, advance.faulty, advance.seconds_left)
 
@@ -55,11 +67,7 @@ def _run(options: argparse.Namespace) -> int:
             raise InputError(
                 f"interrupted; {done} are in {options.output}, run the command again with --resume to go on from there"
             ) from None
-    done = last[0]
-    faulty = f", {done.faulty} of the new ones without a result" if done.faulty else ""
-    report = f"spinfilters campaign report {shlex.quote(options.output)}"
-    _say(f"{done.done} of {done.total} runs in {options.output}{faulty}; now: {report}")
-    return 0
+    return last[0]
 
 
 def _report(options: argparse.Namespace) -> int:
@@ -123,6 +131,7 @@ def _progress_line() -> Iterator:
         task = bar.add_task("", total=None)
 
         def tell(done: int, total: int, faulty: int, left: float | None) -> None:
+            """Show how many runs are done."""
             rest = "" if left is None else f"{_duration(left)} left"
             bad = f", {faulty} without a result" if faulty else ""
             bar.update(task, completed=done, total=total, description=rest + bad)

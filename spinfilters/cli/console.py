@@ -32,6 +32,7 @@ def progress_bars() -> Iterator[Report]:
         tasks = {}
 
         def report(name: str, done: int, total: int) -> None:
+            """Move a bar."""
             if name not in tasks:
                 tasks[name] = progress.add_task(name, total=total)
             progress.update(tasks[name], completed=done, total=total)

@@ -53,12 +53,15 @@ def live(options: argparse.Namespace) -> int:
         executive.summary.events["answer not read"] += writer.dropped
     print(executive.summary.text(), file=sys.stderr)
     if options.summary:
-        path = Path(options.summary)
-        write_json(path, executive.summary.document())
-        draw_figure(
-            lambda: live_figure(course.course()), path.with_name(path.name.removesuffix(".json") + ".png")
-        )
+        _write_summary(Path(options.summary), executive, course)
     return 1 if executive.summary.missed else 0
+
+
+def _write_summary(path: Path, executive: Executive, course: CourseRecorder) -> None:
+    """Counts, and a picture of the course beside them."""
+    write_json(path, executive.summary.document())
+    picture = path.with_name(path.name.removesuffix(".json") + ".png")
+    draw_figure(lambda: live_figure(course.course()), picture)
 
 
 def _options(options: argparse.Namespace, settings: Settings) -> LiveOptions:
@@ -88,6 +91,7 @@ def _shown(
         return view.show
 
     def show(answer: Answer) -> None:
+        """Write an answer and show it."""
         writer.write(answer)
         view.show(answer)
 

@@ -50,19 +50,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         return EXIT_BAD_INPUT
     except OSError as error:
-        name = f"{error.filename}: " if error.filename else ""
-        return _complain(
-            f"{name}{error.strerror or error}; free space or choose another folder, then run again"
-        )
+        return _complain(_of_system(error))
     except MemoryError:
         return _complain("out of memory; give a shorter recording or close other programs")
     except Exception as error:  # the last resort: what comes here is a fault of this program
         if os.environ.get(DEBUG):
             raise
-        return _complain(
-            f"unexpected {type(error).__name__} in {_place(error)}; this is a fault of spinfilters: please report it "
-            f"with what {DEBUG}=1 shows"
-        )
+        return _complain(_of_this_program(error))
+
+
+def _of_system(error: OSError) -> str:
+    name = f"{error.filename}: " if error.filename else ""
+    return f"{name}{error.strerror or error}; free space or choose another folder, then run again"
+
+
+def _of_this_program(error: Exception) -> str:
+    return (
+        f"unexpected {type(error).__name__} in {_place(error)}; this is a fault of spinfilters: please report it "
+        f"with what {DEBUG}=1 shows"
+    )
 
 
 def _set_logging() -> None:

@@ -10,17 +10,9 @@ from spinfilters.vision.rig_accuracy import rig_accuracy
 
 def rig(options: argparse.Namespace) -> int:
     """Print how well a rig measures at a distance."""
-    pair = StereoRig(
-        PinholeCamera(
-            options.focal,
-            options.focal,
-            (options.width - 1) / 2,
-            (options.height - 1) / 2,
-            options.width,
-            options.height,
-        ),
-        options.baseline,
-    )
+    focal, width, height = options.focal, options.width, options.height
+    camera = PinholeCamera(focal, focal, (width - 1) / 2, (height - 1) / 2, width, height)
+    pair = StereoRig(camera, options.baseline)
     found = rig_accuracy(pair, options.distance, options.pixel_std)
     if options.distance < found.nearest or options.distance >= found.farthest:
         raise InputError(

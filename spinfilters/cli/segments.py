@@ -1,6 +1,7 @@
 """``spinfilters compare --segment all`` or ``auto``, and ``spinfilters segments``."""
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.table import Table
@@ -73,6 +74,19 @@ def compare_segments(
         interrupted = len(results) < len(datasets)
         results = sorted([*refused, *results], key=lambda result: result.number)
         write_segments(folder, results, settings)
+    _print_results(results, settings)
+    if interrupted:
+        raise InputError(
+            f"interrupted after {len(results)} of {len(datasets) + len(refused)} segments; run the command again to go on"
+        )
+    picture = folder / throws_picture(settings.estimators[0])
+    look = f"   (look at {picture})" if picture.exists() else ""
+    wide_console().print(f"run folder: {folder}{look}", soft_wrap=True)
+    return 0
+
+
+def _print_results(results: Sequence[SegmentResult], settings: Settings) -> None:
+    """Table of the segments, medians and pooled ratios."""
     console = wide_console()
     console.print(segment_table(results, settings))
     for name, (first, second, good, total) in segment_medians(results, settings).items():
@@ -82,11 +96,3 @@ def compare_segments(
         for name, pooled in pools.items():
             if pooled is not None:
                 console.print(f"{name}: {pooled.sentence}", highlight=False, soft_wrap=True)
-    if interrupted:
-        raise InputError(
-            f"interrupted after {len(results)} of {len(datasets) + len(refused)} segments; run the command again to go on"
-        )
-    picture = folder / throws_picture(settings.estimators[0])
-    look = f"   (look at {picture})" if picture.exists() else ""
-    console.print(f"run folder: {folder}{look}", soft_wrap=True)
-    return 0

@@ -7,6 +7,7 @@ import numpy as np
 
 from spinfilters.api.recordings import simulate as simulated
 from spinfilters.cli.console import progress_bars, wide_console
+from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.input_file import value_text
 from spinfilters.data.output_folder import output_folder, refuse_foreign
@@ -45,13 +46,16 @@ def simulate(options: argparse.Namespace) -> int:
     with output_folder(folder, COMMAND) as place:
         write_dataset(dataset, place)
         save_figure(rates_figure([true_rates(dataset.truth)]), place / "truth.png")
+    wide_console().print(_described(dataset, folder, options.frames), highlight=False, soft_wrap=True)
+    return 0
+
+
+def _described(dataset: Dataset, folder: Path, frames: int) -> str:
+    """What was written, and in how many epochs nothing was seen."""
     stream = dataset.log.streams[0]
     count, epochs = sum(map(len, dataset.log.streams)), len(np.unique(stream.time))
-    lost = "" if epochs == options.frames else f"; the body is in view in {epochs} of {options.frames} epochs"
-    wide_console().print(
-        f"{dataset.description}: {count} measurements in {folder}{lost}", highlight=False, soft_wrap=True
-    )
-    return 0
+    lost = "" if epochs == frames else f"; the body is in view in {epochs} of {frames} epochs"
+    return f"{dataset.description}: {count} measurements in {folder}{lost}"
 
 
 def _beside(options: argparse.Namespace) -> dict[str, float]:

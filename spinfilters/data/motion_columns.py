@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from spinfilters.data.headings import FOREIGN, Heading, Quantity, heading_of
 from spinfilters.data.input_file import path_text, value_text
@@ -68,16 +68,21 @@ def motion_columns(
     found: dict[Quantity, VectorColumns] = {}
     for quantity, axes in AXES.items():
         vector = _vector(
-            path, names, [(k, h) for k, h in enumerate(headings) if h and h.quantity == quantity], axes
+            path, names, [_Headed(k, h) for k, h in enumerate(headings) if h and h.quantity == quantity], axes
         )
         if vector is not None:
             found[quantity] = vector
     return MotionColumns(None if options.rate is not None else _clock(path, names, headings), found)
 
 
-def _vector(
-    path: Path, names: Sequence[str], found: list[tuple[int, Heading]], axes: str
-) -> VectorColumns | None:
+class _Headed(NamedTuple):
+    """A column and what its heading says."""
+
+    column: int
+    heading: Heading
+
+
+def _vector(path: Path, names: Sequence[str], found: list[_Headed], axes: str) -> VectorColumns | None:
     """The vector of a quantity, None where a component is missing."""
     by_axis = [[(k, heading) for k, heading in found if heading.axis == axis] for axis in axes]
     if sum(map(bool, by_axis)) < len(axes):

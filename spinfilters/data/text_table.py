@@ -102,7 +102,7 @@ def read_layout(path: Path) -> TextLayout:
         if line.strip():
             held.append((number, line))
     for index, (number, line) in enumerate(held):
-        found = _header(line, held[index + 1 : index + 4])
+        found = _header(line, held[index + 1][1] if index + 1 < len(held) else "")
         if found is not None:
             return TextLayout(encoding, number, *found)
         if _is_numbers(line):
@@ -170,6 +170,7 @@ def _plain_columns(
     lines, width = array("q"), len(layout.names) - 1
 
     def texts() -> Iterator[str]:
+        """Lines of numbers."""
         for number, line in _data_lines(path, layout):
             lines.append(number)
             if line.count(delimiter) != width or len(lines) > MAX_TABLE_ROWS:
@@ -264,9 +265,7 @@ def _encoding(path: Path) -> str:
     return "utf-8"
 
 
-def _header(
-    line: str, following: Sequence[tuple[int, str]]
-) -> tuple[str | None, bool, tuple[str, ...]] | None:
+def _header(line: str, below: str) -> tuple[str | None, bool, tuple[str, ...]] | None:
     """Delimiter, decimal comma and names of a header above numbers, or None."""
     text = line.strip().lstrip("%").strip()
     delimiter = max(_DELIMITERS, key=text.count)
@@ -278,7 +277,6 @@ def _header(
     names = tuple(cell.strip().strip('"').strip() for cell in cells)
     if len(names) < 3 or _is_numbers(line) or not any(character.isalpha() for character in text):
         return None
-    below = following[0][1] if following else ""
     decimal_comma = separator != "," and "," in below and "." not in below
     count = len(below.split(separator))
     # settings in front of a header have two cells or no numbers below

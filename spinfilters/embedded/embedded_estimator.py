@@ -9,21 +9,9 @@ from spinfilters.embedded.embedded_options import EmbedOptions
 from spinfilters.embedded.emitted_sensors import EMITTED_SENSORS
 from spinfilters.embedded.library import load_filter
 from spinfilters.embedded.map_slots import MapSlots
-from spinfilters.embedded.structures import (
-    NEW,
-    USED,
-    filter_type,
-    landmark_type,
-    observation_type,
-)
+from spinfilters.embedded.structures import NEW, USED, filter_type, landmark_type, observation_type, real_type
 from spinfilters.errors import InputError
-from spinfilters.estimators.estimator import (
-    Estimator,
-    MapChange,
-    Measurement,
-    Snapshot,
-    UpdateReport,
-)
+from spinfilters.estimators.estimator import Estimator, MapChange, Measurement, Snapshot, UpdateReport
 from spinfilters.estimators.filters.square_root_update import triangular_factor
 from spinfilters.estimators.landmarks.belief import Belief, LandmarkBelief, moved_points, state_in_g
 from spinfilters.models.gauge import GAUGE_DIM
@@ -191,18 +179,10 @@ class EmbeddedFilter(Estimator):
         A known one stands in the map for this call alone.
         """
         assert self._map is not None
-        k = len(measurement.values)
+        k, camera = len(measurement.values), measurement.parameters[:, 3:]
         if k == 0:
             return UpdateReport(0.0, 0, 0, 0)
-        if k > self.options.landmarks:
-            raise InputError(
-                f"{k} landmarks in an epoch, and the embedded map holds {self.options.landmarks}"
-            )
-        camera = measurement.parameters[:, 3:]
-        if not (camera == camera[0]).all():
-            raise InputError(
-                "the embedded filter takes one camera and one noise for all observations; leave it out"
-            )
+        self._require_fit(camera)
         ids = measurement.ids
         places = np.arange(k) if ids is None else self._places(ids)
         if ids is None:
@@ -220,6 +200,17 @@ class EmbeddedFilter(Estimator):
         self._not_finite += result > FAST
         outcome = np.array([each.outcome for each in observations])
         return self._report(outcome, ids, result)
+
+    def _require_fit(self, camera: Float[np.ndarray, "k c"]) -> None:
+        """InputError: more observations than the map holds landmarks, or of several cameras."""
+        if len(camera) > self.options.landmarks:
+            raise InputError(
+                f"{len(camera)} landmarks in an epoch, and the embedded map holds {self.options.landmarks}"
+            )
+        if not (camera == camera[0]).all():
+            raise InputError(
+                "the embedded filter takes one camera and one noise for all observations; leave it out"
+            )
 
     def _report(
         self, outcome: Int[np.ndarray, " k"], ids: Int[np.ndarray, " k"] | None, result: int
@@ -284,13 +275,12 @@ class EmbeddedFilter(Estimator):
         return upper
 
     def _real(self, value: float) -> ctypes.c_float | ctypes.c_double:
-        return (ctypes.c_double if self.options.real == "double" else ctypes.c_float)(value)
+        return real_type(self.options)(value)
 
     def _array(
         self, values: Float[np.ndarray, " k"]
     ) -> "ctypes.Array[ctypes.c_float] | ctypes.Array[ctypes.c_double]":
-        kind = ctypes.c_double if self.options.real == "double" else ctypes.c_float
-        return (kind * len(values))(*values.tolist())
+        return (real_type(self.options) * len(values))(*values.tolist())
 
     def _call(self, name: str, *arguments: object) -> int:
         return int(getattr(self._c, name)(ctypes.byref(self._filter), *arguments))

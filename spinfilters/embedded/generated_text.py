@@ -56,6 +56,26 @@ def function_text(function: ca.Function) -> str:
     ------
     ValueError: a call that a filter without libm cannot make.
     """
+    body = _body(function)
+    inputs = [f"const sf_real *{name}" for name in function.name_in()]
+    inputs = [
+        text.replace("const sf_real *", "const sf_real ") + "_" if name in SCALARS else text
+        for text, name in zip(inputs, function.name_in(), strict=True)
+    ]
+    scalars = [name for name in function.name_in() if name in SCALARS]
+    given = "".join(
+        f"  const sf_real {name}[1] = {{{name}_}};\n" if f"{name}[" in body else f"  (void){name}_;\n"
+        for name in scalars
+    )
+    outputs = [f"sf_real *{name}" for name in function.name_out()]
+    signature = fill(
+        f"void sf_model_{function.name()}({', '.join(inputs + outputs)})", WIDTH, subsequent_indent="  "
+    )
+    return f"{signature}\n{{\n{given}{body}}}\n"
+
+
+def _body(function: ca.Function) -> str:
+    """Statements of the function in the embedded arithmetic. ValueError: as `function_text`."""
     generator = ca.CodeGenerator("model", {"with_header": False, "casadi_int": "int"})
     generator.add(function)
     found = BODY.search(generator.dump())
@@ -72,21 +92,7 @@ def function_text(function: ca.Function) -> str:
     calls = set(re.findall(r"[A-Za-z_]\w*(?=\()", body)) - {"SF_R", *(n[:-1] for n in RENAMED.values())}
     if calls or "arg[" in body or "res[" in body:
         raise ValueError(f"{function.name()} needs {calls}, which the embedded arithmetic does not have")
-    inputs = [f"const sf_real *{name}" for name in function.name_in()]
-    inputs = [
-        text.replace("const sf_real *", "const sf_real ") + "_" if name in SCALARS else text
-        for text, name in zip(inputs, function.name_in(), strict=True)
-    ]
-    scalars = [name for name in function.name_in() if name in SCALARS]
-    given = "".join(
-        f"  const sf_real {name}[1] = {{{name}_}};\n" if f"{name}[" in body else f"  (void){name}_;\n"
-        for name in scalars
-    )
-    outputs = [f"sf_real *{name}" for name in function.name_out()]
-    signature = fill(
-        f"void sf_model_{function.name()}({', '.join(inputs + outputs)})", WIDTH, subsequent_indent="  "
-    )
-    return f"{signature}\n{{\n{given}{body}}}\n"
+    return body
 
 
 SCALARS = ("h", "dt")

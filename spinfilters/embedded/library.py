@@ -46,6 +46,7 @@ def one_text(texts: dict[str, str]) -> str:
     done: set[str] = set()
 
     def included(match: re.Match[str]) -> str:
+        """An included file, the first time."""
         name = match.group(1)
         if name in done:
             return ""

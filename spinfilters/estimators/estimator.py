@@ -120,8 +120,9 @@ class Estimator(ABC):
         """Begin from a belief over the process' layout."""
 
     def rebase(self, belief: "Belief") -> None:
-        """Begin anew from a smoothed belief of the present time, landmarks included where the estimator holds some.
+        """Begin anew from a smoothed belief of the present time.
 
+        With its landmarks where the estimator holds some.
         Landmarks that only the estimator holds go: what told them has told the smoother's state too, and nobody knows how their
         errors depend on one another.
         """

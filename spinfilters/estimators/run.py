@@ -51,14 +51,10 @@ def run(
     rows.reserve(total)
     try:
         for index, epoch in enumerate(timeline):
-            begin = working_seconds()
-            reports = advance(estimator, epoch, epoch.time - rows.time)
-            belief = estimator.belief
-            if not finite(belief, reports):
+            if not _taken(estimator, epoch, rows):
                 where = f"epoch {len(rows)}, t = {epoch.time:.3f} s"
                 status = status.failed(f"the estimate stopped being finite at {where}")
                 break
-            rows.append(epoch.time, belief, reports, working_seconds() - begin)
             if on_epoch is not None:
                 on_epoch(index)
     except IntegrationError as error:
@@ -70,6 +66,17 @@ def run(
     except KeyboardInterrupt:
         status = status.degraded(f"interrupted after {len(rows)} of {total} epochs")
     return rows.ended(estimator.name, status)
+
+
+def _taken(estimator: Estimator, epoch: Epoch, rows: GrowingHistory) -> bool:
+    """Take in an epoch and append the belief; False where it is not finite."""
+    begin = working_seconds()
+    reports = advance(estimator, epoch, epoch.time - rows.time)
+    belief = estimator.belief
+    if not finite(belief, reports):
+        return False
+    rows.append(epoch.time, belief, reports, working_seconds() - begin)
+    return True
 
 
 def rehearse(estimator: Estimator, time: float, timeline: Timeline) -> None:

@@ -121,6 +121,7 @@ def _moment(index: int, part: int) -> Cell:
     """A principal moment (part 0) or its standard deviation (1)."""
 
     def cell(column: Column) -> str:
+        """A cell of the row."""
         body = column.evaluation.body
         pair = with_uncertainty(body.principal_moments[index], body.principal_moments_std[index])
         return pair.split(" ± ")[part] if " ± " in pair else pair
@@ -130,6 +131,7 @@ def _moment(index: int, part: int) -> Cell:
 
 def _moment_error(index: int) -> TableRow:
     def shown(body: BodyErrors | None, sign: str) -> str | None:
+        """A number as it is printed."""
         return (
             None
             if body is None or body.principal_moments is None
@@ -169,14 +171,17 @@ def _rms_row(
     """The root mean square of something that moves over a span, and its bound."""
 
     def shown(rms: RmsErrors | None) -> str | None:
+        """A number as it is printed."""
         value = None if rms is None else getattr(rms, field)
         return None if value is None else f"{value / unit_in_si:.3g}"
 
     def cell(column: Column) -> str | None:
+        """A cell of the row."""
         found = span(column)
         return None if found is None else shown(found.rms)
 
     def bound(column: Column) -> str | None:
+        """The bound's cell."""
         found = span(column)
         return None if found is None else shown(found.bound)
 
@@ -187,6 +192,7 @@ def _nees(span: Callable[[Column], SpanErrors | None], block: str | None = None)
     """NEES per degree of freedom of a block or the state."""
 
     def cell(column: Column) -> str | None:
+        """A cell of the row."""
         found = span(column)
         value = None if found is None else found.nees if block is None else found.nees_blocks.get(block)
         return None if value is None else f"{value:.2f}"
@@ -201,10 +207,12 @@ def _constant_rows(block: StateBlock) -> tuple[TableRow, ...]:
         return ()
 
     def value(column: Column) -> str | None:
+        """The constant's value."""
         found = column.evaluation.constants.get(block.name)
         return None if found is None else numbers(found.value, reported.value_format)
 
     def std(column: Column) -> str | None:
+        """The constant's standard deviation."""
         found = column.evaluation.constants.get(block.name)
         return None if found is None else numbers(found.std, reported.std_format)
 

@@ -149,6 +149,7 @@ def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedError
     moved = _frame_changes(truth, layout)[true_rows] if truth.frame_is_fitted else None
 
     def derive(part: slice) -> dict[str, np.ndarray]:
+        """Quantities of a stretch of epochs."""
         away, factor = error[part], history.factor[rows[part]]
         blocks = {
             b: normalised_square(away[:, layout.slice(b)], factor[:, layout.slice(b)]) for b in layout.blocks

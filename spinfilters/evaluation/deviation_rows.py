@@ -15,6 +15,7 @@ def parts_row(name: str, quantity: str, unit_in_si: float = 1.0, component: int 
     """Random and calibration part of a standard deviation: of one component, or the length of all."""
 
     def cell(column: Column) -> str | None:
+        """A cell of the table."""
         if column.evaluation.history.calibration is None:
             return None
         part = column.evaluation.deviation_parts.get(quantity)

@@ -74,6 +74,7 @@ def trajectory_of(history: EstimateHistory) -> Trajectory:
     layout = history.layout
 
     def derive(rows: slice) -> dict[str, np.ndarray]:
+        """Quantities of a stretch of epochs."""
         value, derivative = _motion(layout)(history.mean[rows])
         std = np.linalg.norm(derivative @ history.factor[rows], axis=2)
         return {

@@ -132,6 +132,7 @@ def truth_errors(trajectory: Trajectory, truth: Truth, alignment: Alignment = Al
     frame = _turn_of_frame(trajectory.q_ig[rows], truth.q_ig[true_rows], alignment)
 
     def derive(part: slice) -> dict[str, np.ndarray]:
+        """Quantities of a stretch of epochs."""
         here, there = rows[part], true_rows[part]
         q_true = truth.q_ig[there] if frame is None else multiply(truth.q_ig[there], frame)
         turn = multiply(inverse(q_true), trajectory.q_ig[here])

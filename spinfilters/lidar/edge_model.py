@@ -6,12 +6,12 @@ Where a face is few beams wide that halves the standard deviation of the attitud
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinfilters.lidar.convex_ranges import expected_ranges
+from spinfilters.lidar.convex_ranges import ExpectedRanges, expected_ranges
 from spinfilters.lidar.face_map import Face
 from spinfilters.lidar.planes import FEWEST, WIDE, border_reach, inside_of
 from spinfilters.lidar.point_noise import PointNoise
@@ -22,6 +22,30 @@ FITTING: Final = 1.5
 """Reduced chi-square of all points, at most: above, the body is not the convex one of these faces."""
 _MOST, _STEPS = 4000, 6
 _LARGE = 4.0  # standard deviations beyond which a point counts less (Huber)
+
+
+class _RangeFit(NamedTuple):
+    """Normal equations of a pose with bounded residuals, whose mean square is chi."""
+
+    information: Float[np.ndarray, "6 6"]
+    gradient: Float[np.ndarray, " 6"]
+    chi: float
+
+
+def _fit(expected: ExpectedRanges, measured: Float[np.ndarray, " n"]) -> _RangeFit | None:
+    """Fit of ranges, m, to those expected.
+
+    None where a tenth of the rays misses the body.
+    """
+    residual = (measured - expected.mean) / expected.std
+    good = np.isfinite(residual)
+    if good.mean() < 0.9:
+        return None
+    J = np.nan_to_num(expected.by_pose / expected.std[:, None]) * good[:, None]
+    weight = np.minimum(1.0, _LARGE / np.maximum(np.abs(residual), 1e-12))
+    residual = np.nan_to_num(residual)
+    chi = float(np.mean(np.minimum(residual[good] ** 2, _LARGE**2)))
+    return _RangeFit((J * weight[:, None]).T @ J, J.T @ (weight * residual), chi)
 
 
 def with_edges(
@@ -46,29 +70,26 @@ def with_edges(
     points = points[kept]
     angles, measured = np.stack(angles_of(points), axis=1), np.linalg.norm(points, axis=1)
     R, t = pose.rotation, pose.translation
-    H, chi = np.zeros((6, 6)), np.inf
+    H, chi, prior = np.zeros((6, 6)), np.inf, np.diag(np.repeat([1.0, 1 / size], 3) ** 2)
     for _ in range(_STEPS):
-        expected = expected_ranges(angles, faces, R, t, noise)
-        residual = (measured - expected.mean) / expected.std
-        good = np.isfinite(residual)
-        if good.mean() < 0.9:
+        fit = _fit(expected_ranges(angles, faces, R, t, noise), measured)
+        if fit is None:
             return pose
-        J = np.nan_to_num(expected.by_pose / expected.std[:, None]) * good[:, None]
-        residual, weight = (
-            np.nan_to_num(residual),
-            np.minimum(1.0, _LARGE / np.maximum(np.abs(residual), 1e-12)),
-        )
-        chi = float(np.mean(np.minimum(residual[good] ** 2, _LARGE**2)))
-        H = (J * weight[:, None]).T @ J
-        step = np.linalg.solve(H + np.diag(np.repeat([1.0, 1 / size], 3) ** 2), J.T @ (weight * residual))
+        H, chi = fit.information, fit.chi
+        step = np.linalg.solve(H + prior, fit.gradient)
         R, t = moved_pose(R, t, step)
         if np.abs(step).max() < 1e-9:
             break
-    covariance, lacking = pose_covariance(H / max(1.0, chi), R, size)
-    gained = np.trace(covariance[3:, 3:]) < np.trace((pose.covariance - common)[3:, 3:])
-    if not (gained and chi < FITTING and np.isfinite(t).all()):
+    if not (chi < FITTING and np.isfinite(t).all()):
         return pose
-    return replace(pose, rotation=R, translation=t, covariance=covariance + common, undetermined=lacking)
+    covariance, lacking = pose_covariance(H / max(1.0, chi), R, size)
+    found = replace(pose, rotation=R, translation=t, covariance=covariance + common, undetermined=lacking)
+    return found if _is_nearer(found, pose) else pose
+
+
+def _is_nearer(found: ScanPose, pose: ScanPose) -> bool:
+    """Whether the place is known better than before."""
+    return bool(np.trace(found.covariance[3:, 3:]) < np.trace(pose.covariance[3:, 3:]))
 
 
 def inner_rays(

@@ -5,7 +5,7 @@ With what a fitted plane says of face and pose.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from jaxtyping import Float
@@ -65,6 +65,13 @@ class FaceInformation:
     shared_side: Float[np.ndarray, " f"]
 
 
+class MatchedFace(NamedTuple):
+    """A plane fitted in a scan, and the face of the body that it is."""
+
+    plane: FittedPlane
+    face: Face
+
+
 class FaceEvidence(Protocol):
     """Measurements of faces: fitted planes, or single ranges."""
 
@@ -74,7 +81,7 @@ class FaceEvidence(Protocol):
 
 
 def normal_equations(
-    pairs: Sequence[tuple[FittedPlane, Face]], R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]
+    pairs: Sequence[MatchedFace], R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]
 ) -> tuple[Float[np.ndarray, "6 6"], Float[np.ndarray, "6"]]:
     """Information over (rotation in L, translation) and its right-hand side.
 

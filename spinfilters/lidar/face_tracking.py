@@ -22,6 +22,7 @@ from spinfilters.lidar.face_adjustment import (
 from spinfilters.lidar.face_consistency import consistent_faces
 from spinfilters.lidar.face_map import (
     Face,
+    MatchedFace,
     TrackedFaces,
     face_jacobian,
     normal_equations,
@@ -65,14 +66,14 @@ def track_faces(
         pairs: list[tuple[int, int]] = []
         for gate in (0.5 * size, 0.15 * size):
             pairs = _matched(seen, faces, R, t, gate)
-            R, t = _aligned([(seen[i], faces[j]) for i, j in pairs], R, t, size)
+            R, t = _aligned([MatchedFace(seen[i], faces[j]) for i, j in pairs], R, t, size)
         of_plane = dict(pairs)
         for number, plane in enumerate(seen):
             if number not in of_plane:
                 of_plane[number] = len(faces)
                 faces.append(_face(plane, R, t))
         matches.append(tuple(of_plane[number] for number in range(len(seen))))
-        known = normal_equations([(seen[i], faces[j]) for i, j in pairs], R, t)[0]
+        known = normal_equations([MatchedFace(seen[i], faces[j]) for i, j in pairs], R, t)[0]
         poses.append(ScanPose(time, R, t, pose_covariance(known, R, size)[0]))
     return _adjusted(poses, faces, matches, planes, size)
 
@@ -100,7 +101,7 @@ def _matched(
 
 
 def _aligned(
-    pairs: Sequence[tuple[FittedPlane, Face]],
+    pairs: Sequence[MatchedFace],
     R: Float[np.ndarray, "3 3"],
     t: Float[np.ndarray, "3"],
     size: float,
@@ -215,7 +216,7 @@ def _drifting(
 def _posed(
     pose: ScanPose, faces: list[Face], match: tuple[int, ...], seen: Sequence[FittedPlane], size: float
 ) -> ScanPose:
-    pairs = [(plane, faces[k]) for plane, k in zip(seen, match, strict=True)]
+    pairs = [MatchedFace(plane, faces[k]) for plane, k in zip(seen, match, strict=True)]
     R, t = (
         _aligned(pairs, pose.rotation, pose.translation, size) if pairs else (pose.rotation, pose.translation)
     )

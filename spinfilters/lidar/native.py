@@ -72,18 +72,19 @@ class NativeTracer:
         distance, triangle = np.empty(n), np.empty(n, np.int64)
         edges = np.linspace(0, n, max(1, min(8 * cores, n // _RAYS)) + 1).astype(int)
 
-        def trace(part: tuple[int, int]) -> None:
-            rows = slice(*part)
+        def trace(first: int, end: int) -> None:
+            """Trace the rays from first to before end."""
+            rows = slice(first, end)
             given = (origins[rows], directions[rows], self._nodes, self._order, self._packed)
             made = (distance[rows], triangle[rows])
             tolerances = (EDGE_TOLERANCE, self._both_sides)
-            self._library.trace(part[1] - part[0], *map(address, given), *tolerances, *map(address, made))
+            self._library.trace(end - first, *map(address, given), *tolerances, *map(address, made))
 
-        parts = list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
-        if len(parts) == 1 or cores == 1:
-            list(map(trace, parts))
+        parts = edges[:-1].tolist(), edges[1:].tolist()
+        if len(edges) == 2 or cores == 1:
+            list(map(trace, *parts))
         else:
             with ThreadPoolExecutor(cores) as pool:
-                list(pool.map(trace, parts))
+                list(pool.map(trace, *parts))
         distance[distance >= _FAR] = np.inf
         return RayHits(distance, triangle)

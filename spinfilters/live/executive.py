@@ -143,6 +143,10 @@ class Executive:
             frame = self._frame(believed)
             self.track.take(frame)
             self.supervisor.send(frame)
+        yield from self._answer_to(arrived)
+
+    def _answer_to(self, arrived: ArrivedEpoch) -> Iterator[Answer]:
+        """Answer to an epoch; none where it is not the latest."""
         began = time.thread_time()
         is_latest = arrived.time > self.track.time
         gap, before = arrived.time - self.track.time, self.track.belief
@@ -268,6 +272,7 @@ class Executive:
         belief, setup, options = self.track.belief, self._setup, self._options.sliding
 
         def build() -> RecursiveSmoother:
+            """The smoother from the filter's belief."""
             smoother = RecursiveSmoother(setup.process, options)
             smoother.start(belief)
             return smoother

@@ -1,5 +1,7 @@
 """A live run made ready from a data set: its sensors, noise, camera and initialisation."""
 
+from collections.abc import Callable
+
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.errors import InputError
@@ -39,27 +41,42 @@ def live_setup(dataset: Dataset, settings: Settings, name: str) -> LiveSetup:
     assert estimator is not None
     entry.begin(estimator, setup)
     models = _models(setup)
-    view, noise, layout = camera_view(dataset), setup.noise, setup.process.layout
-
-    def bind(stream: MeasurementStream) -> Measurement:
-        bound = sensor_of(stream.sensor).bind(stream, layout, noise, view)
-        model = models.setdefault(bound.model.name, bound.model)
-        return Measurement(model, bound.values, bound.parameters, bound.ids)
-
-    first = None
-    if sliding_smoother(setup, settings) is not None:
-
-        def build() -> RecursiveSmoother:
-            smoother = RecursiveSmoother(setup.process, settings.smoother.options(LONG_RUN))
-            begin_after_initialisation(smoother, setup)
-            return smoother
-
-        first = (build, setup.end_of_initialisation)
+    bind, first = _binding(setup, models), _first_smoother(setup, settings)
     for stream in dataset.log.streams:
         bind(stream)  # built before a clock runs
     count = len(setup.initial.mean)
     rehearsal = setup.timeline[count : count + REHEARSED]
     return LiveSetup(setup.process, estimator, setup.end_of_initialisation, models, bind, first, rehearsal)
+
+
+def _binding(setup: Setup, models: dict[str, MeasurementModel]) -> Callable[[MeasurementStream], Measurement]:
+    """Makes measurements of rows as they arrive; new models join the given ones."""
+    view, noise, layout = camera_view(setup.dataset), setup.noise, setup.process.layout
+
+    def bind(stream: MeasurementStream) -> Measurement:
+        """A measurement of rows of one sensor."""
+        bound = sensor_of(stream.sensor).bind(stream, layout, noise, view)
+        model = models.setdefault(bound.model.name, bound.model)
+        return Measurement(model, bound.values, bound.parameters, bound.ids)
+
+    return bind
+
+
+def _first_smoother(setup: Setup, settings: Settings) -> tuple[Callable[[], RecursiveSmoother], float] | None:
+    """Builder of the first smoother, and the end of its initialisation, s.
+
+    None without a smoother.
+    """
+    if sliding_smoother(setup, settings) is None:
+        return None
+
+    def build() -> RecursiveSmoother:
+        """The smoother behind the initialisation."""
+        smoother = RecursiveSmoother(setup.process, settings.smoother.options(LONG_RUN))
+        begin_after_initialisation(smoother, setup)
+        return smoother
+
+    return build, setup.end_of_initialisation
 
 
 def _models(setup: Setup) -> dict[str, MeasurementModel]:

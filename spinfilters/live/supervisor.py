@@ -77,6 +77,7 @@ class SmootherSupervisor:
         context = multiprocessing.get_context("fork")  # models are inherited: nothing is pickled
 
         def run() -> None:
+            """Run the smoother in its process."""
             signal.signal(signal.SIGINT, signal.SIG_IGN)
             os.nice(NICE)
             ours.close()

@@ -88,6 +88,7 @@ class CalibrationErrors:
         """Differences of what all epochs together say of data with an error each."""
 
         def smoothed(timeline: Timeline) -> Float[np.ndarray, "k m"]:
+            """The initialisation smoothed with these epochs."""
             setup, loss = self.setup, self.settings.smoother.robust_loss
             problem = problem_of(setup.process, timeline, NO_LANDMARKS, setup.initial.prior, 2, loss)
             return smooth_problem(problem, trajectory).mean

@@ -105,19 +105,14 @@ def compare_estimators(
     evaluations: list[Evaluation] = []
     maps: dict[str, np.ndarray] = {}
     interrupted = False
-    _check(settings, setup)
-    entries, calibration = estimator_entries(), CalibrationErrors(setup, settings)
+    company = _Company(progress, store_of, extent.rehearsing)
+    entries, calibration = _fit_entries(settings, setup), CalibrationErrors(setup, settings)
     try:
         for name in settings.estimators:
-            with np.errstate(all="ignore"):  # what is not finite becomes a status
-                history, points = _estimated(
-                    entries[name], setup, settings, _Company(progress, store_of, extent.rehearsing)
-                )
+            history, points = _estimated(entries[name], setup, settings, company)
             interrupted = _is_cut_short(history, len(setup.timeline))
-            try:
-                history = history if interrupted else calibration.counted(history, entries[name])
-            except KeyboardInterrupt:
-                interrupted = True
+            if not interrupted:
+                history, interrupted = _with_calibration(calibration, history, entries[name])
             evaluations.append(_evaluated(history, setup))
             maps |= _maps(name, points)
             if interrupted:
@@ -127,11 +122,22 @@ def compare_estimators(
             raise
         interrupted = True
     doubts = doubts_of(evaluations, setup, settings)
-    with_verdicts = _judge(doubts, settings)
-    bounded = with_verdicts if interrupted else extent.bounding(with_verdicts, setup)
+    with_verdict = _judge(doubts, settings)
+    bounded = with_verdict if interrupted else extent.bounding(with_verdict, setup)
     return Comparison(setup, tuple(bounded), interrupted, maps, doubts.models)
 
 
+def _with_calibration(
+    calibration: CalibrationErrors, history: EstimateHistory, entry: AnyEntry
+) -> tuple[EstimateHistory, bool]:
+    """The history with what the calibration's errors make of it, and whether Ctrl-C came before."""
+    try:
+        return calibration.counted(history, entry), False
+    except KeyboardInterrupt:
+        return history, True
+
+
+@np.errstate(all="ignore")  # what is not finite becomes a status
 def _estimated(
     entry: AnyEntry, setup: Setup, settings: Settings, company: "_Company"
 ) -> tuple[EstimateHistory, Float[np.ndarray, "k 3"] | None]:
@@ -182,7 +188,8 @@ def _maps(name: str, points: Float[np.ndarray, "k 3"] | None) -> dict[str, Float
     return {name: points[np.isfinite(points).all(axis=1)]}
 
 
-def _check(settings: Settings, setup: Setup) -> None:
+def _fit_entries(settings: Settings, setup: Setup) -> dict[str, AnyEntry]:
+    """Entries of all estimators. InputError: one of the settings that holds no landmarks, where it must."""
     entries = estimator_entries()
     without = [name for name in settings.estimators if not entries[name].holds_landmarks]
     if without and setup.initial.has_landmarks:
@@ -191,6 +198,15 @@ def _check(settings: Settings, setup: Setup) -> None:
             f"{', '.join(without)}: holds no landmarks; give the tracks' map (landmarks.csv, for the bundled example "
             f"--known-map), or choose among {', '.join(holding)}"
         )
+    return entries
+
+
+def _remaining(setup: Setup) -> Timeline:
+    """Epochs behind the initialisation. InputError: none."""
+    rest = setup.timeline[len(setup.initial.mean) :]
+    if not len(rest):
+        raise InputError(f"{setup.dataset.name}: {NO_EPOCH_LEFT}")
+    return rest
 
 
 def _run(
@@ -209,16 +225,12 @@ def _run(
     ----------
     twin: built alike; what it needs is built before the clock of the other runs.
     """
-    rest = setup.timeline[len(setup.initial.mean) :]
-    if not len(rest):
-        raise InputError(f"{setup.dataset.name}: {NO_EPOCH_LEFT}")
-    progress, store = company.progress, company.store_of(entry.name)
+    rest, store, name = _remaining(setup), company.store_of(entry.name), entry.name
     entry.begin(estimator, setup)
     kept = store.resume(estimator)
     rows = GrowingHistory(estimator.layout, setup.end_of_initialisation) if kept is None else kept.rows
     rows.reserve(len(rest), len(setup.initial.mean))
-    name = entry.name
-    progress(name, len(rows), len(rest))
+    company.progress(name, len(rows), len(rest))
     if kept is not None and kept.status is not None:
         return rows.ended(name, kept.status), rows
     if len(rows) < len(rest):
@@ -227,7 +239,8 @@ def _run(
     with store.running(estimator, rows) as keep:
 
         def on_epoch(_: int) -> None:
-            progress(name, len(rows), len(rest))
+            """Report an epoch and keep it."""
+            company.progress(name, len(rows), len(rest))
             keep()
 
         history = replace(run(estimator, rows.time, rest[len(rows) :], on_epoch, rows), name=name)

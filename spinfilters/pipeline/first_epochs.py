@@ -57,6 +57,7 @@ class FirstEpochs:
         made: dict[int, InitialEstimate] = {}
 
         def make(options: InitialisationOptions) -> InitialEstimate:
+            """The initialisation with these options."""
             count = options.count(self.timeline)
             if count not in made:  # of twice the epochs both a filter is judged and a longer start made
                 again = None

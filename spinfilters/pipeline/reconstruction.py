@@ -131,7 +131,7 @@ def _fused(
     """The volume with the depth of every pair; those without any are counted as lost."""
     stereo = sequence.rectification.stereo
     for row, pair in sequence.pairs(lambda *at: progress("depth", *at)):
-        seen = depth_map(pair, stereo, (motion.position[row], motion.radius))
+        seen = depth_map(*pair, stereo, (motion.position[row], motion.radius))
         if seen is None or not seen.count:
             sequence.losses.lose(STAGE, "without depth where the body is")
             continue

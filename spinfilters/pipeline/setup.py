@@ -139,51 +139,83 @@ def prepare(dataset: Dataset, settings: Settings, initial: Given | None = None) 
 
 
 def _setup(dataset: Dataset, settings: Settings, initial: Given | None) -> Setup:
-    log, view = log_with_noise(dataset.log, settings), camera_view(dataset)
+    log = log_with_noise(dataset.log, settings)
     layout = _layout(log, settings)
+    stated = _stated(dataset, log, layout, settings)
+    silent = NOTHING_SOUGHT
+    binding = _Binding(replace(dataset, log=log), camera_view(dataset), layout, settings, initial)
+    if initial is not None:
+        made, components = binding(stated.process, stated.noise, None), ()
+    else:
+        silent = unstated_noise(log, dataset, settings, stated.unknown)
+        made, components = with_identified_noise(binding, stated.process, stated.noise, silent)
+    known = None if dataset.known_map is None else dataset.known_map.points
+    return Setup(
+        *(dataset, log, made.process, made.timeline, made.noise, made.start),
+        belief=made.start.joint_belief(settings.landmarks),
+        map_points=made.start.points if made.start.has_landmarks else known,
+        gyro_noise=stated.gyro_noise,
+        identified=components,
+        unstated=unstated_names(dataset, settings),
+        sought=silent,
+        is_given=initial is not None,
+        calibration=considered_deviations(dataset, settings, layout),
+        inflation=levels_of_rows(log, dataset),
+    )
+
+
+@dataclass(frozen=True)
+class _StatedModels:
+    """Process and noise before the initialisation.
+
+    Attributes
+    ----------
+    gyro_noise: correlated error of a gyro, identified from its whole recording.   unknown: the stream that it is of.
+    """
+
+    process: TorqueFreeProcess
+    noise: SensorNoise
+    gyro_noise: GyroNoise | None = None
+    unknown: MeasurementStream | None = None
+
+
+def _stated(dataset: Dataset, log: MeasurementLog, layout: StateLayout, settings: Settings) -> _StatedModels:
     unknown = sensor_of_unknown_noise(log, dataset, settings)
     automatic = disturbances(dataset, unknown)
     process = TorqueFreeProcess(layout, settings.process.noise(automatic), settings.process.tolerance)
-    noise, gyro_noise = sensor_noise(dataset, settings), None
     for stream in log.streams:
         rates = sensor_of(stream.sensor).measured_rates(stream)
         if rates is not None:
             process.require_steps(stream.time, rates)
-    if unknown is not None:
-        gyro_noise, option = _identify(unknown, process, noise, settings.initialisation)
-        if gyro_noise.is_white:
-            noise = replace(noise, **white_level(unknown, gyro_noise))
-            gyro_noise = unknown = None
-        else:
-            noise = replace(noise, **{option: gyro_noise.scale_std})
-    silent = unstated_noise(log, dataset, settings, unknown)
+    noise = sensor_noise(dataset, settings)
+    if unknown is None:
+        return _StatedModels(process, noise)
+    found, option = _identify(unknown, process, noise, settings.initialisation)
+    if found.is_white:
+        return _StatedModels(process, replace(noise, **white_level(unknown, found)))
+    return _StatedModels(process, replace(noise, **{option: found.scale_std}), found, unknown)
 
-    def bound(process: TorqueFreeProcess, noise: SensorNoise, before: InitialEstimate | None) -> NoisyModels:
-        timeline = build_timeline(log, layout, noise, view)
+
+@dataclass(frozen=True)
+class _Binding:
+    """A log bound to models, with the initialisation that follows from them or is given."""
+
+    dataset: Dataset
+    view: CameraView | None
+    layout: StateLayout
+    settings: Settings
+    initial: Given | None
+
+    def __call__(
+        self, process: TorqueFreeProcess, noise: SensorNoise, before: InitialEstimate | None
+    ) -> NoisyModels:
+        timeline = build_timeline(self.dataset.log, self.layout, noise, self.view)
         if len(timeline) < 5:
             raise InputError(f"{len(timeline)} epoch(s) are too few for a motion; give at least 5")
-        if initial is not None:
-            return NoisyModels(process, noise, timeline, initial(layout))
-        first = FirstEpochs(replace(dataset, log=log), view, process, timeline, noise)
-        return NoisyModels(process, noise, timeline, first.smoothed(settings.initialisation, before))
-
-    if initial is not None:
-        made, components = bound(process, noise, None), ()
-    else:
-        made, components = with_identified_noise(bound, process, noise, silent)
-    start, points = made.start, None if dataset.known_map is None else dataset.known_map.points
-    if start.has_landmarks:
-        points = start.points
-    belief = start.joint_belief(settings.landmarks)
-    return Setup(
-        *(dataset, log, made.process, made.timeline, made.noise),
-        *(start, belief, points, gyro_noise, components),
-        unstated_names(dataset, settings),
-        NOTHING_SOUGHT if initial is not None else silent,
-        initial is not None,
-        considered_deviations(dataset, settings, layout),
-        levels_of_rows(log, dataset),
-    )
+        if self.initial is not None:
+            return NoisyModels(process, noise, timeline, self.initial(self.layout))
+        first = FirstEpochs(self.dataset, self.view, process, timeline, noise)
+        return NoisyModels(process, noise, timeline, first.smoothed(self.settings.initialisation, before))
 
 
 def _layout(log: MeasurementLog, settings: Settings) -> StateLayout:

@@ -136,6 +136,7 @@ def _smoothed(
     """Epochs smoothed from a trajectory, at the levels of noise that they identify."""
 
     def problem(count: int) -> Problem:
+        """The least-squares problem of the recording."""
         loss = settings.smoother.robust_loss
         return problem_of(setup.process, epochs[:count], NO_LANDMARKS, setup.initial.prior, 2, loss)
 

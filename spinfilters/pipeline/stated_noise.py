@@ -48,6 +48,7 @@ def log_with_noise(log: MeasurementLog, settings: Settings) -> MeasurementLog:
     """The log without those covariances of its rows in whose place the settings state a number."""
 
     def is_stated(stream: MeasurementStream) -> bool:
+        """Whether somebody states it."""
         options = [each for each in sensor_format(stream.sensor).noise if each.components is not None]
         return any(_setting(settings, option.name) != AUTO for option in options)
 

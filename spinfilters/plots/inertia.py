@@ -50,9 +50,7 @@ def inertia_figure(
     for index, axes in enumerate(panels):
         for bodies, chance, line in zip(histories, random, lines, strict=True):
             _ratio(axes, bodies, index, line)
-            if chance is not None:
-                half = SIGMAS * chance.principal_moments_std[:, index]
-                line.edge(axes, chance.time, chance.principal_moments[:, index], half)
+            _random_part(axes, chance, index, line)
         if true_moments is not None:
             value = np.sort(true_moments)[index] / np.max(true_moments)
             plot_truth(axes, time[[0, -1]], np.array([value, value]))
@@ -68,6 +66,13 @@ def inertia_figure(
     parts = [random_handle()] if any(each is not None for each in random) else []
     legend_below(figure, [*handles, band, *parts, *truth, *start_handle(end_of_initialisation)])
     return figure
+
+
+def _random_part(axes: Axes, bodies: BodyHistory | None, index: int, line: EstimatorLine) -> None:
+    """Edges of the band without the calibration's share, where it has one."""
+    if bodies is not None:
+        half = SIGMAS * bodies.principal_moments_std[:, index]
+        line.edge(axes, bodies.time, bodies.principal_moments[:, index], half)
 
 
 def _ratio(axes: Axes, bodies: BodyHistory, index: int, line: EstimatorLine) -> None:

@@ -51,9 +51,7 @@ def estimated_polhode_figure(rates: BodyRates, body: BodyEstimate, initialisatio
     extent = np.maximum(curve.energy_semi_axes, curve.momentum_semi_axes)
     equal_scales(axes, np.stack([-extent, extent]), zoom=1.0)
     axes.view_init(elev=22, azim=-52)
-    for axis, name in zip((axes.xaxis, axes.yaxis, axes.zaxis), PRINCIPAL_NAMES, strict=True):
-        axis.set_label_text(f"{name} axis [deg/s]")
-        axis.labelpad = 8.0
+    _label_axes(axes)
     axes.set_title(f"{rates.label.upper()}: rate goes {curve.kind.value}\n{_moments(body)}")
     legend_below(
         figure,
@@ -65,6 +63,12 @@ def estimated_polhode_figure(rates: BodyRates, body: BodyEstimate, initialisatio
         ],
     )
     return figure
+
+
+def _label_axes(axes: Axes3D) -> None:
+    for axis, name in zip((axes.xaxis, axes.yaxis, axes.zaxis), PRINCIPAL_NAMES, strict=True):
+        axis.set_label_text(f"{name} axis [deg/s]")
+        axis.labelpad = 8.0
 
 
 def _draw_rates(

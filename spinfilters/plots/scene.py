@@ -77,10 +77,7 @@ def scene_figure(
     if not held.size or not np.isfinite([*body.principal_axes_g, centre]).all():
         return note_figure("No scene: the body at the end is not finite")
     initialisation = int(np.searchsorted(held, initialisation))
-    trajectory, map_points = (
-        trajectory.at(held),
-        map_points if map_points is not None and len(map_points) else None,
-    )
+    trajectory, map_points = trajectory.at(held), _or_none(map_points)
     if not trajectory.sees_position:
         return _directions_figure(trajectory, body, initialisation)
     figure, axes = space_figure(9.4, 7.4)
@@ -94,12 +91,21 @@ def scene_figure(
         shown.append(_draw_camera(axes, camera, trajectory))
     equal_scales(axes, np.concatenate(shown), zoom=1.15)
     _label_axes(axes, camera)
-    times = ", ".join(f"{trajectory.time[row]:.1f}" for row in rows)
-    landmarks = "" if map_points is None else ", landmarks at the last"
-    axes.set_title(f"Principal axes at t = {times} s (stronger: later){landmarks}", y=0.98)
+    axes.set_title(_title(trajectory.time[rows], map_points is not None), y=0.98)
     handles = _handles(camera, map_points is not None)
     legend_below(figure, [*handles, *_initialisation_handles(initialisation)])
     return figure
+
+
+def _or_none(points: Float[np.ndarray, "k 3"] | None) -> Float[np.ndarray, "k 3"] | None:
+    """None of no points."""
+    return points if points is not None and len(points) else None
+
+
+def _title(time: Float[np.ndarray, " n"], has_landmarks: bool) -> str:
+    times = ", ".join(f"{each:.1f}" for each in time)
+    landmarks = ", landmarks at the last" if has_landmarks else ""
+    return f"Principal axes at t = {times} s (stronger: later){landmarks}"
 
 
 def _draw_path(axes: Axes3D, trajectory: Trajectory, initialisation: int) -> Float[np.ndarray, "n 3"]:

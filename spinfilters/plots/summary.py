@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from textwrap import wrap
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -158,12 +159,19 @@ def _inertia_panel(
     )
 
 
+class _Magnitude(NamedTuple):
+    """Lengths of the standard deviation, and of the error where there is a truth."""
+
+    std: Float[np.ndarray, " n"]
+    error: Float[np.ndarray, " k"] | None
+
+
 def _attitude_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[EstimatorLine]) -> None:
     curves = []
     for evaluation in evaluations:
         std = np.rad2deg(np.linalg.norm(evaluation.trajectory.std_attitude, axis=1))
         error = None if evaluation.errors is None else np.rad2deg(_length(evaluation.errors.attitude))
-        curves.append((std, error))
+        curves.append(_Magnitude(std, error))
     _magnitudes(axes, evaluations, lines, curves)
     axes.set_ylabel("attitude [deg]")
 
@@ -178,7 +186,7 @@ def _other_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[Esti
         error = None
         if errors is not None:
             error = _length(np.rad2deg(errors.rate) if errors.position is None else 1e3 * errors.position)
-        curves.append((_length(std), error))
+        curves.append(_Magnitude(_length(std), error))
     _magnitudes(axes, evaluations, lines, curves)
     axes.set_ylabel("centre of mass [mm]" if sees else "rate in i [deg/s]")
 
@@ -187,7 +195,7 @@ def _magnitudes(
     axes: Axes,
     evaluations: Sequence[Evaluation],
     lines: list[EstimatorLine],
-    curves: list[tuple[np.ndarray, np.ndarray | None]],
+    curves: list[_Magnitude],
 ) -> None:
     """Length of the error, or one standard deviation without a truth.
 

@@ -111,6 +111,7 @@ class CheckpointFile(CheckpointStore):
         with _held_interrupts() as pressed:
 
             def after_epoch() -> None:
+                """Write a checkpoint when one is due."""
                 nonlocal due
                 begin = perf_counter()
                 if begin >= due or pressed():
@@ -148,6 +149,7 @@ def checkpoint_stores(
     time = times_of(setup.timeline[len(setup.initial.mean) :])
 
     def store(name: str) -> CheckpointStore:
+        """The store of an estimator."""
         path = folder / name / CHECKPOINT_FILE
         return CheckpointFile(
             path, replace(fingerprint, estimator=name), time, interval or CheckpointInterval()
@@ -178,12 +180,14 @@ def _held_interrupts() -> Iterator[Callable[[], bool]]:
     noted, told = False, False
 
     def note(number: int, stack_frame: object) -> None:
+        """Note Ctrl-C."""
         nonlocal noted
         if noted:
             raise KeyboardInterrupt
         noted = True
 
     def pressed() -> bool:
+        """Whether Ctrl-C was pressed."""
         nonlocal told
         told = told or noted
         return noted

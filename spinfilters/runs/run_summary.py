@@ -10,6 +10,7 @@ import numpy as np
 from spinfilters.data.dataset import has_images
 from spinfilters.data.input_file import reason
 from spinfilters.errors import InputError
+from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.evaluation.metrics import numbers, use_numbers
 from spinfilters.evaluation.reported_constants import constant_numbers
@@ -128,9 +129,18 @@ def _noise(told: Sequence[StatedNoise], evaluation: Evaluation) -> dict[str, Any
     return {each.name: each.identified(evaluation.history.noise).level for each in told}
 
 
+def _runtime(history: EstimateHistory) -> dict[str, float | None]:
+    """Time in all and by epoch, s."""
+    runtime = history.runtime[history.runtime > 0]
+    return {
+        "total": float(runtime.sum()),
+        "per_frame_median": float(np.median(runtime)) if runtime.size else None,
+        "per_frame_max": float(runtime.max()) if runtime.size else None,
+    }
+
+
 def _estimator(evaluation: Evaluation, shared: float) -> dict[str, Any]:
     history, body = evaluation.history, evaluation.body
-    runtime = history.runtime[history.runtime > 0]
     found = numbers(evaluation, shared)
     errors = {key: value for key, value in found.items() if key.startswith(_ERROR_KEYS)}
     return {
@@ -140,11 +150,7 @@ def _estimator(evaluation: Evaluation, shared: float) -> dict[str, Any]:
         "initialisation_epochs": history.initialisation,
         "measurements": {"accepted": found["accepted"], "rejected": found["rejected"]},
         "observations": use_numbers(evaluation, shared),
-        "runtime_s": {
-            "total": float(runtime.sum()),
-            "per_frame_median": float(np.median(runtime)) if runtime.size else None,
-            "per_frame_max": float(runtime.max()) if runtime.size else None,
-        },
+        "runtime_s": _runtime(history),
         "principal_moments": body.principal_moments.tolist(),
         "principal_moments_std": body.principal_moments_std.tolist(),
         "principal_moments_cov": body.principal_moments_cov.tolist(),

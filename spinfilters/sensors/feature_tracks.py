@@ -200,6 +200,20 @@ class FeatureTracks(NamedTuple):
     landmarks: Int[np.ndarray, " m"]
 
 
+def _detected(
+    known: Bool[np.ndarray, "k n"], detection: float, value_dim: int, generator: np.random.Generator
+) -> tuple[list[Int[np.ndarray, " f"]], list[Float[np.ndarray, "f v"]]]:
+    """Landmarks that are found at every epoch, and standard normal errors of their values."""
+    drawn, ids, noise = np.empty(known.shape[1]), [], []
+    where, ends = known.nonzero()[1], np.cumsum(known.sum(axis=1)).tolist()
+    for begin, end in pairwise([0, *ends]):
+        row = where[begin:end]
+        found = row[generator.random(out=drawn)[row] < detection]
+        ids.append(found)
+        noise.append(generator.standard_normal((found.size, value_dim)))
+    return ids, noise
+
+
 def feature_tracks(
     camera: TrackCamera,
     front_end: FrontEnd,
@@ -219,15 +233,9 @@ def feature_tracks(
             rows = np.flatnonzero(row)
             row[rows] = camera.sees(camera.model.predict(x, camera.parameters[rows]))
     known = front_end.recognition.known(visible, generator)
-    drawn, ids, noise = np.empty(len(surface.points)), [], []
-    where, ends = known.nonzero()[1], np.cumsum(known.sum(axis=1)).tolist()
-    for begin, end in pairwise([0, *ends]):
-        row = where[begin:end]
-        found = row[generator.random(out=drawn)[row] < front_end.detection]
-        ids.append(found)
-        noise.append(generator.standard_normal((found.size, camera.model.value_dim)))
+    ids, noise = _detected(known, front_end.detection, camera.model.value_dim, generator)
     every, epochs = np.concatenate(ids), np.repeat(np.arange(len(ids)), [len(found) for found in ids])
-    enough = np.bincount(every, minlength=len(drawn)) >= front_end.fewest_observations
+    enough = np.bincount(every, minlength=len(surface.points)) >= front_end.fewest_observations
     rows = enough[every].nonzero()[0]
     if not rows.size:
         raise InputError(

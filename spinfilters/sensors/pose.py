@@ -45,6 +45,7 @@ def pose_format(
     """
 
     def read(path: Path) -> MeasurementStream:
+        """Poses of a file."""
         stream = read_tum(path)
         return MeasurementStream(name, stream.time, stream.values)
 

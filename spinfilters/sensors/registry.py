@@ -1,5 +1,7 @@
 """The registry of sensors: every module of this package with a ``SENSOR``, and entry points `spinfilters.sensors`."""
 
+from collections.abc import Iterable
+
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.data.sensor_format import SENSORS
 from spinfilters.errors import InputError
@@ -30,11 +32,10 @@ def sensor_of(name: str) -> Sensor:
     return sensors[name]
 
 
-def kinds_with(block: StateBlock) -> set[str]:
-    """Kinds of data sets whose sensor has this constant error."""
-    return {
-        each.format.kind for each in all_sensors() if each.format is not None and block in each.error_blocks
-    }
+def has_error(kinds: Iterable[str], block: StateBlock) -> bool:
+    """Whether the sensor of one of these kinds of data sets has this constant error."""
+    having = {each.format.kind for each in all_sensors() if each.format and block in each.error_blocks}
+    return not having.isdisjoint(kinds)
 
 
 def sensors_in(log: MeasurementLog) -> tuple[Sensor, ...]:

@@ -8,13 +8,16 @@ from typing import Final, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from spinfilters.symbolic.c_library import FLAGS, NATIVE, load_text, with_signatures
+from spinfilters.symbolic.c_library import FLAGS, NATIVE, Signature, load_text, with_signatures
 from spinfilters.symbolic.compiled import address
 
 NEAREST_M: Final = 0.05
 """Depth in m below which nothing is in focus."""
 _FLAGS: Final = (*FLAGS, "-O3", NATIVE, "-fno-math-errno", "-fno-trapping-math")
-_SIGNATURES: Final = {"facing": ("iippppppp" + "dp", None), "recognised": ("iippppppp", None)}
+_SIGNATURES: Final = {
+    "facing": Signature("iippppppp" + "dp", None),
+    "recognised": Signature("iippppppp", None),
+}
 
 
 class Surface(NamedTuple):

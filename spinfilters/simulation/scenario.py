@@ -29,7 +29,7 @@ from spinfilters.sensors.feature_tracks import (
     ball,
     stays_in_view,
 )
-from spinfilters.sensors.registry import kinds_with, sensor_of
+from spinfilters.sensors.registry import has_error, sensor_of
 from spinfilters.sensors.simulated_scene import Scene, SimulatedStream
 from spinfilters.simulation.inspector import INSPECTORS, STATIC
 from spinfilters.simulation.motion import SUBSTEPS, Motion, Progress, silent, simulate_motion
@@ -261,8 +261,7 @@ def without_noise(dataset: Dataset) -> Dataset:
 
 def first_state(scenario: Scenario, layout: StateLayout) -> Float[np.ndarray, " m"]:
     """The state at time zero, before any disturbance."""
-    R_gb = _principal_axes(scenario)
-    x, c = layout.origin(), np.array(scenario.center_of_mass_g)
+    x, c, R_gb = layout.origin(), np.array(scenario.center_of_mass_g), _principal_axes(scenario)
     x[layout.mean_slice("t")] = np.array([0.0, 0.0, scenario.range_m]) - c
     x[layout.mean_slice("v")] = scenario.velocity
     x[layout.mean_slice("w")] = R_gb @ np.array(scenario.rate_rpm) * RPM
@@ -289,9 +288,7 @@ def _truth(scenario: Scenario, motion: Motion) -> Truth:
         principal_moments=np.array(scenario.principal_moments)[order] / max(scenario.principal_moments),
         principal_axes_g=axes,
         center_of_mass_g=np.array(scenario.center_of_mass_g),
-        gyro_bias=np.array(scenario.gyro_bias)
-        if kinds_with(GYRO_BIAS).intersection(scenario.kinds)
-        else None,
+        gyro_bias=np.array(scenario.gyro_bias) if has_error(scenario.kinds, GYRO_BIAS) else None,
     )
 
 

@@ -11,6 +11,7 @@ import tempfile
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -92,9 +93,14 @@ def load_text(name: str, text: str, flags: tuple[str, ...]) -> ctypes.PyDLL | No
 _TYPES = {"i": ctypes.c_longlong, "d": ctypes.c_double, "p": ctypes.c_void_p}
 
 
-def with_signatures(
-    library: ctypes.PyDLL | None, signatures: Mapping[str, tuple[str, type | None]]
-) -> ctypes.PyDLL | None:
+class Signature(NamedTuple):
+    """Arguments of a function of a library, a letter each of `_TYPES`, and what it returns."""
+
+    arguments: str
+    result: type | None
+
+
+def with_signatures(library: ctypes.PyDLL | None, signatures: Mapping[str, Signature]) -> ctypes.PyDLL | None:
     """A library whose functions know their signatures.
 
     Arguments: integers i, numbers d and addresses p; and what they return.

@@ -1,7 +1,8 @@
 """SIMD code generator: a CasADi function's tape as C over items side by side."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from itertools import accumulate, pairwise
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -109,6 +110,7 @@ def simd_text(function: ca.Function) -> str | None:
     gather: list[str] = []
 
     def taken(which: int, place: int) -> str:
+        """C of an argument, which is gathered."""
         gather.append(f"      a[{len(gather)}][l] = at{which}[{place}];")
         return f"a[{len(gather) - 1}][l]"
 
@@ -135,24 +137,8 @@ def scan_text(begin: ca.Function, turn: ca.Function, end: ca.Function) -> str | 
     """C of the loop over items of a `spinfilters.symbolic.vectorised.Scan`, or None as in `simd_text`."""
     widths = [begin.numel_in(k) for k in range(begin.n_in())]
     given, kept = _offsets(widths), _offsets(begin.numel_out(k) for k in range(1, begin.n_out()))
-    made, state = _offsets(end.numel_out(k) for k in range(end.n_out())), begin.numel_out(0)
-    last = begin.n_out()
-
-    def of_turn(which: int, place: int) -> str:
-        if which == 0:
-            return f"x[{place}][l]"
-        return f"each[{place}]" if which == last else f"s[{kept[which - 1] + place}][l]"
-
-    def at_end(which: int, place: int) -> str:
-        return f"x[{place}][l]" if which == len(widths) else f"a[{given[which] + place}][l]"
-
-    bodies = {
-        "begin": _tape(
-            begin, at_end, lambda k, place: f"s[{kept[k - 1] + place}][l]" if k else f"x[{place}][l]"
-        ),
-        "turn": _tape(turn, of_turn, lambda _, place: f"y[{place}][l]"),
-        "end": _tape(end, at_end, lambda which, place: f"r[{made[which] + place}][l]"),
-    }
+    made = _offsets(end.numel_out(k) for k in range(end.n_out()))
+    bodies = _scan_bodies(_Scanned(begin, turn, end), given, kept, made)
     if None in bodies.values():
         return None
     gather = [
@@ -162,14 +148,52 @@ def scan_text(begin: ca.Function, turn: ca.Function, end: ca.Function) -> str | 
     return _FOLD.format(
         lanes=LANES,
         used=max(given[-1], 1),
-        state=state,
+        state=begin.numel_out(0),
         same=max(kept[-1], 1),
         made=max(made[-1], 1),
-        numbers=turn.numel_in(last),
+        numbers=turn.numel_in(begin.n_out()),
         gather="\n".join(gather),
         scatter=_scatter(made),
         **bodies,
     )
+
+
+class _Scanned(NamedTuple):
+    """Functions of a scan: before the loop, of a step, after it."""
+
+    begin: ca.Function
+    turn: ca.Function
+    end: ca.Function
+
+
+def _scan_bodies(
+    scan: _Scanned, given: Sequence[int], kept: Sequence[int], made: Sequence[int]
+) -> dict[str, str | None]:
+    """C of the three functions.
+
+    Parameters
+    ----------
+    given, kept, made: places of the inputs, of what ``begin`` keeps for all steps, and of the outputs.
+    """
+    last, inputs = scan.begin.n_out(), scan.begin.n_in()
+
+    def of_turn(which: int, place: int) -> str:
+        """Place of an input of a step."""
+        if which == 0:
+            return f"x[{place}][l]"
+        return f"each[{place}]" if which == last else f"s[{kept[which - 1] + place}][l]"
+
+    def at_end(which: int, place: int) -> str:
+        """Place of an input before or after the loop."""
+        return f"x[{place}][l]" if which == inputs else f"a[{given[which] + place}][l]"
+
+    return {
+        "begin": _tape(
+            scan.begin, at_end, lambda k, place: f"s[{kept[k - 1] + place}][l]" if k else f"x[{place}][l]"
+        ),
+        "turn": _tape(scan.turn, of_turn, lambda _, place: f"y[{place}][l]"),
+        "end": _tape(scan.end, at_end, lambda which, place: f"r[{made[which] + place}][l]"),
+    }
 
 
 def _offsets(sizes: Iterable[int]) -> list[int]:

@@ -212,7 +212,7 @@ class Tracker:
         similarity[feature, place] = np.einsum(
             "nd,nd->n", points.features.descriptors[feature], descriptors[place]
         )
-        second = second_numbers(similarity, rows, expected, (options.similarity, options.same_px))
+        second = second_numbers(similarity, rows, expected, options.similarity, options.same_px)
         landmarks.retire(rows[second])
         similarity[:, second] = -1.0
         pairs = clear_pairs(similarity, options.similarity, options.ratio, losses, GLOBAL)

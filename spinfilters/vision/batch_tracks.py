@@ -21,7 +21,7 @@ from spinfilters.vision.epoch_observations import EpochObservations
 from spinfilters.vision.error_correlation import ErrorCorrelation, LandmarkResiduals, error_correlation
 from spinfilters.vision.front_end import FrontEndOptions
 from spinfilters.vision.loss_count import LossCount
-from spinfilters.vision.stereo_matching import StereoFeatures
+from spinfilters.vision.stereo_matching import TimedFeatures
 from spinfilters.vision.track_noise import FEWEST, TrackNoise, identified
 from spinfilters.vision.visual_odometry import found_epochs
 
@@ -77,13 +77,13 @@ class _Sequence:
 
 
 def batch_tracks(
-    points: Sequence[tuple[float, StereoFeatures]],
+    points: Sequence[TimedFeatures],
     rig: StereoRig,
     options: FrontEndOptions,
     losses: LossCount,
     progress: Callable[[int, int], None] = lambda *_: None,
 ) -> Tracks:
-    """Tracks of points of pairs with their times (s).
+    """Tracks of points of pairs.
 
     Parameters
     ----------

@@ -67,23 +67,11 @@ def checks(rig: RawRig, measured: BoardMeasurement, board: Board) -> list[CheckR
         check for camera, name in ((rig.left, "cam0"), (rig.right, "cam1")) for check in _camera(camera, name)
     ]
     turn = np.rad2deg(np.arccos(np.clip((np.trace(rig.relative_rotation) - 1) / 2, -1, 1)))
-    results.append(
-        CheckResult(
-            "rotation between the cameras",
-            f"{turn:.2f} deg",
-            f"below {LARGEST_ROTATION_DEG:g}",
-            bool(turn < LARGEST_ROTATION_DEG),
-        )
-    )
+    allowed, name = f"below {LARGEST_ROTATION_DEG:g}", "rotation between the cameras"
+    results.append(CheckResult(name, f"{turn:.2f} deg", allowed, bool(turn < LARGEST_ROTATION_DEG)))
     rows = float(np.sqrt(np.mean(measured.rows**2)))
-    results.append(
-        CheckResult(
-            "epipolar misalignment, rms",
-            f"{rows:.3f} px",
-            f"below {LARGEST_ROW_ERROR_PX:g}",
-            rows < LARGEST_ROW_ERROR_PX,
-        )
-    )
+    allowed, name = f"below {LARGEST_ROW_ERROR_PX:g}", "epipolar misalignment, rms"
+    results.append(CheckResult(name, f"{rows:.3f} px", allowed, rows < LARGEST_ROW_ERROR_PX))
     side, spread = float(np.mean(measured.squares)), float(np.std(measured.squares))
     off = abs(side / board.square - 1)
     allowed = f"{1e3 * board.square:g} within {100 * LARGEST_SQUARE_ERROR:g} %"

@@ -3,7 +3,7 @@
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -102,7 +102,14 @@ class BoardView:
     seen: Bool[np.ndarray, " n"]
 
 
-def image_pairs(folder: Path) -> list[tuple[Path, Path]]:
+class BoardImages(NamedTuple):
+    """Files of a pair of images."""
+
+    left: Path
+    right: Path
+
+
+def image_pairs(folder: Path) -> list[BoardImages]:
     """Files `left*` and `right*` of one number or name, or the EuRoC layout.
 
     Raises
@@ -111,7 +118,7 @@ def image_pairs(folder: Path) -> list[tuple[Path, Path]]:
     """
     require_folder(folder)
     if (folder / CAMERAS[0] / IMAGES).is_dir():
-        return [(pair.left, pair.right) for pair in stamped_pairs(folder, LossCount())]
+        return [BoardImages(pair.left, pair.right) for pair in stamped_pairs(folder, LossCount())]
     files = [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES]
     left, right = (
         {p.stem[len(side) :]: p for p in files if p.stem.startswith(side)} for side in ("left", "right")
@@ -127,11 +134,11 @@ def image_pairs(folder: Path) -> list[tuple[Path, Path]]:
             f"{path_text(folder)}: has {len(left)} pairs of images; give at least {FEWEST_PAIRS}, "
             "named left1.png and right1.png and so on"
         )
-    return [(left[key], right[key]) for key in sorted(left)]
+    return [BoardImages(left[key], right[key]) for key in sorted(left)]
 
 
 def board_views(
-    pairs: list[tuple[Path, Path]], board: Board, losses: LossCount
+    pairs: list[BoardImages], board: Board, losses: LossCount
 ) -> tuple[list[BoardView], tuple[int, int]]:
     """Pairs in which both cameras see the board, and the size of the images (width, height).
 
@@ -162,12 +169,15 @@ def board_views(
             views.append(BoardView(left.name, a, _same_way(a, b, board), seen_a & seen_b))
     losses.keep(STAGE, 2 * len(views))
     if len(views) < FEWEST_PAIRS or size is None:
-        raise InputError(
-            f"{path_text(pairs[0][0].parent)}: the board of {board.columns} x {board.rows} inner corners is found in "
-            f"{len(views)} of "
-            f"{len(pairs)} pairs, {FEWEST_PAIRS} are needed; check --corners (inner corners, columns x rows)"
-        )
+        raise _too_few(pairs, board, len(views))
     return views, (size[1], size[0])
+
+
+def _too_few(pairs: list[BoardImages], board: Board, found: int) -> InputError:
+    return InputError(
+        f"{path_text(pairs[0].left.parent)}: the board of {board.columns} x {board.rows} inner corners is found in {found} of "
+        f"{len(pairs)} pairs, {FEWEST_PAIRS} are needed; check --corners (inner corners, columns x rows)"
+    )
 
 
 def _same_way(

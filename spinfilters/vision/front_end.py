@@ -19,7 +19,7 @@ from spinfilters.vision.outline import clear_of_outline
 from spinfilters.vision.patch_alignment import aligned_patches
 from spinfilters.vision.rectification import Rectification
 from spinfilters.vision.stereo_matching import STAGE as STEREO
-from spinfilters.vision.stereo_matching import StereoFeatures, StereoMatching, match_stereo
+from spinfilters.vision.stereo_matching import SeenImage, StereoFeatures, StereoMatching, match_stereo
 from spinfilters.vision.track_noise import TrackNoise
 
 MARGIN_PX: Final = 32
@@ -66,10 +66,10 @@ class StereoPoints:
         """Points of a raw pair."""
         images = self._rectification.images(pair.left, pair.right)
         trial = LossCount()
-        points = self._within(images, self._region, trial)
+        points = self._within(*images, self._region, trial)
         if self._region is not None and len(points) < FEWEST_SHARE * self._count:
             trial = LossCount()
-            points = self._within(images, None, trial)
+            points = self._within(*images, None, trial)
         self._losses.add(trial)
         points = self._aligned(pair, points)
         self._count = len(points)
@@ -81,7 +81,7 @@ class StereoPoints:
         if not len(points):
             return points
         found = aligned_patches(
-            self._rectification, (pair.left, pair.right), points.values[:, :2], points.disparity
+            self._rectification, pair.left, pair.right, points.values[:, :2], points.disparity
         )
         self._losses.lose(STEREO, "not aligned", int(np.count_nonzero(~found.found)))
         self._losses.keep(STEREO, int(np.count_nonzero(found.found)))
@@ -89,18 +89,20 @@ class StereoPoints:
 
     def _within(
         self,
-        images: tuple[UInt8[np.ndarray, "h w"], UInt8[np.ndarray, "h w"]],
+        left: UInt8[np.ndarray, "h w"],
+        right: UInt8[np.ndarray, "h w"],
         region: Region | None,
         losses: LossCount,
     ) -> StereoFeatures:
-        first, last, top, bottom = region or (0, images[0].shape[1], 0, images[0].shape[0])
-        cut = [np.ascontiguousarray(image[top:bottom, first:last]) for image in images]
+        first, last, top, bottom = region or (0, left.shape[1], 0, left.shape[0])
+        cut = [np.ascontiguousarray(image[top:bottom, first:last]) for image in (left, right)]
         gain = exposure_gain(cut[0])
         left, right = (stretched(image, gain) for image in cut)
-        found = list(self._threads.map(_detect, self._detectors, (left, right)))
+        found = self._threads.map(_detect, self._detectors, (left, right))
+        seen = (SeenImage(*each) for each in zip((left, right), found, strict=True))
         offset = np.array([first, top])
         rig = self._rectification.stereo
-        points = match_stereo((left, right), (found[0], found[1]), rig, self._options.stereo, losses)
+        points = match_stereo(*seen, rig, self._options.stereo, losses)
         clear = clear_of_outline((cut[0], cut[1]), points.values)
         losses.lose(STEREO, "at the outline of the body", int(np.count_nonzero(~clear)))
         return points.part(clear).moved(offset)

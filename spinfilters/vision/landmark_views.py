@@ -130,7 +130,8 @@ def second_numbers(
     similarity: Float[np.ndarray, "n m"],
     rows: Int[np.ndarray, " m"],
     expected: Float[np.ndarray, "m 3"],
-    limits: tuple[float, float],
+    least: float,
+    farthest: float,
 ) -> Int[np.ndarray, " k"]:
     """Columns of landmarks that duplicate an older one from another side.
 
@@ -140,10 +141,10 @@ def second_numbers(
     Parameters
     ----------
     similarity: of features to landmarks.   rows: numbers of the landmarks.   expected: their pixels.
-    limits: least similarity, and largest distance in px.
+    least: similarity.   farthest: largest distance, px.
     """
-    feature, column = np.nonzero(similarity >= limits[0])
+    feature, column = np.nonzero(similarity >= least)
     best = similarity.argmax(axis=1)[feature]
     apart = np.abs(expected[column] - expected[best]).max(axis=1)
-    same = (column != best) & (apart <= limits[1])
+    same = (column != best) & (apart <= farthest)
     return np.unique(np.where(rows[column] > rows[best], column, best)[same])

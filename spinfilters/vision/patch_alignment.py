@@ -52,25 +52,28 @@ class PatchAlignment:
 
 def aligned_patches(
     rectification: Rectification,
-    raw: tuple[UInt8[np.ndarray, "h w"], UInt8[np.ndarray, "h w"]],
+    left: UInt8[np.ndarray, "h w"],
+    right: UInt8[np.ndarray, "h w"],
     pixels: Float[np.ndarray, "n 2"],
     start: Float[np.ndarray, " n"],
 ) -> PatchAlignment:
-    """Disparities of rectified pixels of the left image, from a start, px."""
+    """Disparities of rectified pixels of the left raw image, from a start, px."""
     if not len(pixels):
         return PatchAlignment(start, np.zeros(0), np.zeros(0, dtype=bool))
-    views = [_View(rectification, camera, image.astype(np.float32)) for camera, image in enumerate(raw)]
+    views = [
+        _View(rectification, camera, image.astype(np.float32)) for camera, image in enumerate((left, right))
+    ]
     template, slope = views[0].patches(pixels, np.zeros((len(pixels), 3)))
     shape = np.stack([-start, np.zeros(len(pixels)), np.zeros(len(pixels))], axis=1)
     moving = np.arange(len(pixels))
     for _ in range(ITERATIONS):
-        fit = _Fit.of(template[moving], slope[moving], views[1].patches(pixels[moving], shape[moving]))
+        fit = _Fit.of(template[moving], slope[moving], *views[1].patches(pixels[moving], shape[moving]))
         step = fit.step
         shape[moving] += step
         moving = moving[np.abs(step[:, 0]) > SETTLED_PX]
         if not len(moving):
             break
-    residual = _Fit.of(template, slope, views[1].patches(pixels, shape)).residual
+    residual = _Fit.of(template, slope, *views[1].patches(pixels, shape)).residual
     change = np.abs(-shape[:, 0] - start)
     found = (change <= LARGEST_CHANGE_PX) & (np.abs(shape[:, 1:]) <= LARGEST_SLOPE).all(axis=1)
     return PatchAlignment(-shape[:, 0], residual, found & np.isfinite(residual))
@@ -120,9 +123,8 @@ class _Fit:
     residual: Float[np.ndarray, " n"]
 
     @classmethod
-    def of(cls, template: Patches, slope: Patches, right: tuple[Patches, Patches]) -> "_Fit":
+    def of(cls, template: Patches, slope: Patches, grey: Patches, own_slope: Patches) -> "_Fit":
         """Damped Gauss-Newton step of each template to its right patch, with its residual."""
-        grey, own_slope = right
         T, own = _centred(template), _centred(grey)
         power = np.maximum((own * own) @ _WEIGHT, 1e-6)
         gain = np.clip((T * own) @ _WEIGHT / power, 0.5, 2.0)[:, None]

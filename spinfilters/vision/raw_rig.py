@@ -3,6 +3,7 @@
 As `sensor.yaml` files of the EuRoC layout.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -128,7 +129,7 @@ def raw_camera(path: Path, told: SensorFile) -> RawCamera:
     )
 
 
-def write_raw_rig(rig: RawRig, folder: Path, deviations: tuple[str, str] = ("", "")) -> None:
+def write_raw_rig(rig: RawRig, folder: Path, deviations: Sequence[str] = ("", "")) -> None:
     """Write both `sensor.yaml` files below the folder. Atomic each.
 
     Parameters

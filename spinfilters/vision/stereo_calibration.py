@@ -1,7 +1,7 @@
 """Calibration of a stereo pair from views of a board (Zhang 2000; Tweddle 2013, section 2.8)."""
 
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -37,6 +37,13 @@ class CameraCalibration:
     poses: Float[np.ndarray, "v 6"]
 
 
+class CameraPair(NamedTuple):
+    """Calibrations of both cameras, each by itself."""
+
+    left: CameraCalibration
+    right: CameraCalibration
+
+
 @dataclass(frozen=True)
 class StereoCalibration:
     """A calibrated pair.
@@ -49,7 +56,7 @@ class StereoCalibration:
     """
 
     rig: RawRig
-    cameras: tuple[CameraCalibration, CameraCalibration]
+    cameras: CameraPair
     rms: float
     views: list[BoardView]
     dropped: dict[str, str]
@@ -71,7 +78,7 @@ def calibrate_stereo(views: list[BoardView], board: Board, size: tuple[int, int]
     views = list(views)
     while True:
         _require(views, dropped)
-        cameras = (_calibrated(views, board, size, right=False), _calibrated(views, board, size, right=True))
+        cameras = CameraPair(*(_calibrated(views, board, size, right=right) for right in (False, True)))
         reason = _worst_camera(views, cameras) or _worst_pair(views, cameras)
         if reason is None:
             break
@@ -103,9 +110,7 @@ def _calibrated(
     )
 
 
-def _worst_camera(
-    views: list[BoardView], cameras: tuple[CameraCalibration, CameraCalibration]
-) -> tuple[int, str] | None:
+def _worst_camera(views: list[BoardView], cameras: CameraPair) -> tuple[int, str] | None:
     """A view whose corners one camera explains badly."""
     for side, camera in zip(("left", "right"), cameras, strict=True):
         row = int(camera.view_errors.argmax())
@@ -119,9 +124,7 @@ def _worst_camera(
     return None
 
 
-def _worst_pair(
-    views: list[BoardView], cameras: tuple[CameraCalibration, CameraCalibration]
-) -> tuple[int, str] | None:
+def _worst_pair(views: list[BoardView], cameras: CameraPair) -> tuple[int, str] | None:
     """The view whose relative camera pose deviates most from the others.
 
     Its images were not taken together.
@@ -146,63 +149,61 @@ def _limit(values: Float[np.ndarray, " v"], least: float) -> float:
 
 
 def _relative(
-    cameras: tuple[CameraCalibration, CameraCalibration],
+    cameras: CameraPair,
 ) -> tuple[Float[np.ndarray, "v 3"], Float[np.ndarray, "v 3"]]:
     """Rotation vectors and places of the left camera in the right one, of each view."""
     turns, places = [], []
-    for left, right in zip(cameras[0].poses, cameras[1].poses, strict=True):
+    for left, right in zip(cameras.left.poses, cameras.right.poses, strict=True):
         R = cv2.Rodrigues(right[:3])[0] @ cv2.Rodrigues(left[:3])[0].T
         turns.append(cv2.Rodrigues(R)[0].ravel())
         places.append(right[3:] - R @ left[3:])
     return np.array(turns), np.array(places)
 
 
+def _seen_points(
+    views: list[BoardView], board: Board
+) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
+    """Corners that both cameras see.
+
+    On the board (m), in the left and in the right images (px).
+    """
+    return (
+        [board.points[view.seen].astype(np.float32) for view in views],
+        [view.left[view.seen].astype(np.float32) for view in views],
+        [view.right[view.seen].astype(np.float32) for view in views],
+    )
+
+
 def _joined(
     views: list[BoardView],
-    cameras: tuple[CameraCalibration, CameraCalibration],
+    cameras: CameraPair,
     board: Board,
     size: tuple[int, int],
     dropped: dict[str, str],
 ) -> StereoCalibration:
     """The relative pose, with both cameras as they are."""
     left, right = cameras
-    points = [board.points[view.seen].astype(np.float32) for view in views]
-    pixels = [[each[view.seen].astype(np.float32) for each in (view.left, view.right)] for view in views]
     turns, places = _relative(cameras)
+    middle = cv2.Rodrigues(np.median(turns, axis=0))[0], np.median(places, axis=0).reshape(3, 1)
     solved = cv2.stereoCalibrateExtended(
-        points,
-        [pair[0] for pair in pixels],
-        [pair[1] for pair in pixels],
-        left.K,
-        left.distortion.copy(),
-        right.K,
-        right.distortion.copy(),
-        size,
-        cv2.Rodrigues(np.median(turns, axis=0))[0],
-        np.median(places, axis=0).reshape(3, 1),
+        *_seen_points(views, board),
+        *(left.K, left.distortion.copy(), right.K, right.distortion.copy(), size),
+        *middle,
         flags=cv2.CALIB_FIX_INTRINSIC,
         criteria=_ITERATIONS,
     )
-    rms, R, t, errors = (
-        float(solved[0]),
-        np.asarray(solved[5]),
-        np.asarray(solved[6]).ravel(),
-        np.asarray(solved[-1]),
-    )
-    width, height = size
-    first = RawCamera(_four(left.K), left.distortion, width, height, np.eye(3), np.zeros(3))
-    second = RawCamera(_four(right.K), right.distortion, width, height, R.T, -R.T @ t)
-    own = turns - cv2.Rodrigues(R)[0].ravel()
-    baselines = np.linalg.norm(places, axis=1)
+    R, t = np.asarray(solved[5]), np.asarray(solved[6]).ravel()
+    first = RawCamera(_four(left.K), left.distortion, *size, np.eye(3), np.zeros(3))
+    second = RawCamera(_four(right.K), right.distortion, *size, R.T, -R.T @ t)
     return StereoCalibration(
         RawRig(first, second),
         cameras,
-        rms,
+        float(solved[0]),
         views,
         dropped,
-        _std_of_mean(baselines),
-        _std_of_mean(np.linalg.norm(own, axis=1)),
-        errors.reshape(-1, 2),
+        _std_of_mean(np.linalg.norm(places, axis=1)),
+        _std_of_mean(np.linalg.norm(turns - cv2.Rodrigues(R)[0].ravel(), axis=1)),
+        np.asarray(solved[-1]).reshape(-1, 2),
     )
 
 

@@ -1,7 +1,7 @@
 """Left-right matching on rows of rectified images, with sub-pixel refinement."""
 
 from dataclasses import dataclass, field, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -75,9 +75,23 @@ class StereoFeatures:
         return StereoFeatures(self.values + offset[[0, 1, 0]], features, self.residual)
 
 
+class TimedFeatures(NamedTuple):
+    """Points of a pair, and its time, s."""
+
+    time: float
+    points: "StereoFeatures"
+
+
+class SeenImage(NamedTuple):
+    """A rectified image and the features found in it."""
+
+    grey: UInt8[np.ndarray, "h w"]
+    features: Features
+
+
 def match_stereo(
-    images: tuple[UInt8[np.ndarray, "h w"], UInt8[np.ndarray, "h w"]],
-    features: tuple[Features, Features],
+    left: SeenImage,
+    right: SeenImage,
     rig: StereoRig,
     options: StereoMatching,
     losses: LossCount,
@@ -86,11 +100,10 @@ def match_stereo(
 
     Rejected ones are counted by cause.
     """
-    left, right = features
-    pairs = _best_on_row(left, right, rig, options, losses)
-    chosen = left.part(pairs[:, 0])
-    start = right.pixels[pairs[:, 1]]
-    place, residual, found = _aligned(images, chosen.pixels, start, options)
+    pairs = _best_on_row(left.features, right.features, rig, options, losses)
+    chosen = left.features.part(pairs[:, 0])
+    start = right.features.pixels[pairs[:, 1]]
+    place, residual, found = _aligned(left.grey, right.grey, chosen.pixels, start, options)
     good = _counted(found, "not aligned", losses)
     rows = np.abs(place[:, 1] - chosen.pixels[:, 1]) <= options.refined_row_tolerance
     good &= _counted(rows | ~good, "off their row", losses)
@@ -153,7 +166,8 @@ def clear_pairs(
 
 
 def _aligned(
-    images: tuple[UInt8[np.ndarray, "h w"], UInt8[np.ndarray, "h w"]],
+    left: UInt8[np.ndarray, "h w"],
+    right: UInt8[np.ndarray, "h w"],
     pixels: Float[np.ndarray, "k 2"],
     start: Float[np.ndarray, "k 2"],
     options: StereoMatching,
@@ -166,7 +180,8 @@ def _aligned(
         return np.zeros((0, 2)), np.zeros(0), np.zeros(0, dtype=bool)
     side = 2 * options.window + 1
     place, status, error = cv2.calcOpticalFlowPyrLK(
-        *images,
+        left,
+        right,
         pixels.astype(np.float32)[:, None],
         start.astype(np.float32)[:, None].copy(),
         winSize=(side, side),
@@ -179,7 +194,7 @@ def _aligned(
     place = np.where(found[:, None], place[:, 0], start.astype(np.float32)).astype(float)
     error = np.where(found, error[:, 0], np.float32(0)).astype(float)
     moved = np.linalg.norm(place - start, axis=1) <= options.window / 2
-    contrast = _contrast(images[0], pixels, options.window)
+    contrast = _contrast(left, pixels, options.window)
     return place, error / np.maximum(contrast, 1.0), found & moved
 
 

@@ -24,7 +24,7 @@ from spinfilters.vision.image_folder import CAMERAS, STAGE, PairReader, read_pai
 from spinfilters.vision.loss_count import LossCount
 from spinfilters.vision.raw_rig import read_raw_rig
 from spinfilters.vision.rectification import Rectification
-from spinfilters.vision.stereo_matching import StereoFeatures
+from spinfilters.vision.stereo_matching import TimedFeatures
 
 SYSTEMATIC_PX: Final = 0.01
 """Errors of places and disparities that many observations have in common, as near edges of the body and from interpolation: they
@@ -86,7 +86,7 @@ class FolderPoints(NamedTuple):
     """
 
     rectification: Rectification
-    points: list[tuple[float, StereoFeatures]]
+    points: list[TimedFeatures]
     pairs: int
 
 
@@ -102,7 +102,7 @@ def stereo_points(
     finder, points = StereoPoints(rectification, options, losses), []
     for number, pair in enumerate(read_pairs(stamped, reader), start=1):
         if pair is not None:
-            points.append((pair.time, finder.of(pair)))
+            points.append(TimedFeatures(pair.time, finder.of(pair)))
         progress("features", number, len(stamped))
     return FolderPoints(rectification, points, len(stamped))
 

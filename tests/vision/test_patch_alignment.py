@@ -59,7 +59,7 @@ def _disparity(slope: float) -> Float[np.ndarray, " n"]:
 @pytest.mark.parametrize("slope", [-2.0, -1.0, 0.0, 1.0, 2.0])
 def test_disparity_of_a_slanted_plane_is_exact(slope: float) -> None:
     images, expected = (_image(0, slope), _image(1, slope)), _disparity(slope)
-    found = aligned_patches(RECTIFICATION, images, PLACES, expected + 0.4)
+    found = aligned_patches(RECTIFICATION, *images, PLACES, expected + 0.4)
     assert found.found.mean() > 0.95
     error = (found.disparity - expected)[found.found]
     assert np.median(np.abs(error)) < 0.03
@@ -68,9 +68,9 @@ def test_disparity_of_a_slanted_plane_is_exact(slope: float) -> None:
 
 def test_cameras_of_other_gain_and_offset_give_the_same_disparity() -> None:
     left, right = _image(0, 1.0), _image(1, 1.0)
-    plain = aligned_patches(RECTIFICATION, (left, right), PLACES, _disparity(1.0))
+    plain = aligned_patches(RECTIFICATION, left, right, PLACES, _disparity(1.0))
     darker = (0.7 * right.astype(float) + 15).astype(np.uint8)
-    other = aligned_patches(RECTIFICATION, (left, darker), PLACES, _disparity(1.0))
+    other = aligned_patches(RECTIFICATION, left, darker, PLACES, _disparity(1.0))
     both = plain.found & other.found
     assert both.mean() > 0.9
     assert np.median(np.abs(plain.disparity - other.disparity)[both]) < 0.01
@@ -78,17 +78,17 @@ def test_cameras_of_other_gain_and_offset_give_the_same_disparity() -> None:
 
 def test_patches_without_texture_stay_where_they_are() -> None:
     grey = np.full((240, 320), 90, dtype=np.uint8)
-    found = aligned_patches(RECTIFICATION, (grey, grey), PLACES, np.full(len(PLACES), 30.0))
+    found = aligned_patches(RECTIFICATION, grey, grey, PLACES, np.full(len(PLACES), 30.0))
     np.testing.assert_allclose(found.disparity, 30.0, atol=1e-6)
 
 
 def test_patches_of_unlike_images_have_a_large_residual() -> None:
     images = _image(0, 0.0), np.random.default_rng(0).integers(0, 255, (240, 320)).astype(np.uint8)
-    found = aligned_patches(RECTIFICATION, images, PLACES, _disparity(0.0))
-    like = aligned_patches(RECTIFICATION, (images[0], _image(1, 0.0)), PLACES, _disparity(0.0))
+    found = aligned_patches(RECTIFICATION, *images, PLACES, _disparity(0.0))
+    like = aligned_patches(RECTIFICATION, images[0], _image(1, 0.0), PLACES, _disparity(0.0))
     assert np.median(found.residual) > 5 * np.median(like.residual)
 
 
 def test_no_places_give_no_disparities() -> None:
     images = _image(0, 0.0), _image(1, 0.0)
-    assert len(aligned_patches(RECTIFICATION, images, np.zeros((0, 2)), np.zeros(0)).disparity) == 0
+    assert len(aligned_patches(RECTIFICATION, *images, np.zeros((0, 2)), np.zeros(0)).disparity) == 0

@@ -1,16 +1,28 @@
 """Pictures of a campaign's report."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from spinfilters.campaigns.report.statistics import CellSummary
 from spinfilters.campaigns.schema import ERRORS
 from spinfilters.campaigns.stated_errors import LARGEST
-from spinfilters.plots.style import BLUE, GREEN, GREY, ORANGE, RED, SKY, estimator_lines, legend_below, tidy
+from spinfilters.plots.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    RED,
+    SKY,
+    EstimatorLine,
+    estimator_lines,
+    legend_below,
+    tidy,
+)
 
 MOST_PANELS: Final = 9
 MOST_CELLS: Final = 40
@@ -23,20 +35,35 @@ PARTS: Final = {
 LABELS: Final = dict(zip(ERRORS, ("position", "attitude", "velocity", "rate"), strict=True))
 
 
+def _panels(cells: Sequence[CellSummary], names: Sequence[str]) -> dict[str, list[CellSummary]]:
+    """Cells with a NEES by the levels of factors, `MOST_PANELS` at most."""
+    groups: dict[str, list[CellSummary]] = {}
+    for cell in cells:
+        if len(cell.over_time.mean):
+            groups.setdefault(label_of(cell, names), []).append(cell)
+    return dict(list(groups.items())[:MOST_PANELS])
+
+
+def _draw_nees(axes: Axes, group: Sequence[CellSummary], lines: Mapping[str, EstimatorLine]) -> float:
+    """Draw a panel's band and lines; how high it should reach."""
+    over = max(group, key=lambda cell: len(cell.over_time.mean)).over_time
+    axes.fill_between(over.time_s, over.low, over.high, color=GREEN, alpha=0.25, linewidth=0)
+    axes.axhline(1.0, color=GREY, linewidth=0.8)
+    for cell in group:
+        lines[cell.levels["estimator"]].draw(axes, cell.over_time.time_s, cell.over_time.mean)
+    axes.set_xlabel("time [s]")
+    tidy(axes)
+    return max(float(np.quantile(cell.over_time.mean, 0.9)) * 1.3 for cell in group)
+
+
 def nees_figure(cells: Sequence[CellSummary], varied: Sequence[str]) -> Figure | None:
     """Mean NEES over time with its band.
 
     A panel per combination of levels, a line per estimator; None without any NEES.
     """
-    groups: dict[str, list[CellSummary]] = {}
-    for cell in cells:
-        if len(cell.over_time.mean):
-            groups.setdefault(label_of(cell, [name for name in varied if name != "estimator"]), []).append(
-                cell
-            )
-    if not groups:
+    shown = _panels(cells, [name for name in varied if name != "estimator"])
+    if not shown:
         return None
-    shown = dict(list(groups.items())[:MOST_PANELS])
     across = min(3, len(shown))
     down = -(-len(shown) // across)
     figure = Figure(figsize=(4.2 * across + 0.8, 2.9 * down + 0.7), layout="constrained")
@@ -45,17 +72,9 @@ def nees_figure(cells: Sequence[CellSummary], varied: Sequence[str]) -> Figure |
     lines = {line.name: line for line in estimator_lines(names)}
     highest = 2.0
     for axes, (label, group) in zip(panels, shown.items(), strict=False):
+        highest = max(highest, _draw_nees(axes, group, lines))
         widest = min(group, key=lambda cell: len(cell.over_time.mean))
-        over = max(group, key=lambda cell: len(cell.over_time.mean)).over_time
-        axes.fill_between(over.time_s, over.low, over.high, color=GREEN, alpha=0.25, linewidth=0)
-        axes.axhline(1.0, color=GREY, linewidth=0.8)
-        for cell in group:
-            over = cell.over_time
-            lines[cell.levels["estimator"]].draw(axes, over.time_s, over.mean)
-            highest = max(highest, float(np.quantile(over.mean, 0.9)) * 1.3)
         axes.set_title(f"{label or 'all'}, {widest.runs} runs", fontsize="small")
-        axes.set_xlabel("time [s]")
-        tidy(axes)
     for axes in panels[len(shown) :]:
         axes.set_visible(False)
     panels[0].set_ylim(0.0, min(highest, 10.0))

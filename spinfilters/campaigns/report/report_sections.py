@@ -49,29 +49,28 @@ def consistency_section(cells: Sequence[CellSummary], varied: Sequence[str], pic
         "epochs within",
         *(BLOCK_NAMES[b] for b in BLOCKS),
     ]
-    rows = []
-    for cell in cells[:MOST_ROWS]:
-        low, high = cell.band
-        outside = np.isfinite(cell.last.value) and not low <= cell.last.value <= high
-        last = _number(cell.last.value)
-        rows.append(
-            [
-                *_levels(cell, varied),
-                str(cell.nees.count),
-                _interval(cell.nees),
-                _number(cell.nees_median),
-                f'<span class="bad">{last}</span>' if outside else last,
-                f"{_number(low)} .. {_number(high)}",
-                _percent(cell.over_time.inside),
-                *(_number(cell.blocks[block].value) for block in BLOCKS),
-            ]
-        )
+    rows = [[*_levels(cell, varied), *_consistency_cells(cell)] for cell in cells[:MOST_ROWS]]
     remark = (
         "Normalised estimation error squared per degree of freedom, 1 for a consistent estimator: mean over runs of the mean over "
         "the estimator's own epochs, with its 95 % confidence interval. Last epoch: mean over runs, marked where it lies outside "
         "the band that holds it with 95 % for a consistent estimator. Of the blocks: means."
     )
     return note(remark) + table(head, rows, len(varied)) + _cut(cells) + picture
+
+
+def _consistency_cells(cell: CellSummary) -> list[str]:
+    low, high = cell.band
+    outside = np.isfinite(cell.last.value) and not low <= cell.last.value <= high
+    last = _number(cell.last.value)
+    return [
+        str(cell.nees.count),
+        _interval(cell.nees),
+        _number(cell.nees_median),
+        f'<span class="bad">{last}</span>' if outside else last,
+        f"{_number(low)} .. {_number(high)}",
+        _percent(cell.over_time.inside),
+        *(_number(cell.blocks[block].value) for block in BLOCKS),
+    ]
 
 
 def errors_section(cells: Sequence[CellSummary], varied: Sequence[str], picture: str) -> str:

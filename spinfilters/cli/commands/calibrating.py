@@ -26,13 +26,23 @@ def add_calibrate(commands: Subparsers) -> argparse.ArgumentParser:
         "the views that were left out, and why.",
     )
     calibrate.add_argument("folder", metavar="FOLDER", help="folder of the images")
+    _add_board(calibrate)
+    calibrate.add_argument("-o", "--output", metavar="OUT", required=True, help="folder of the calibration")
+    calibrate.add_argument(
+        "--check",
+        action="store_true",
+        help="the checkout before use: parameters in range, rows that correspond, measured square, a disparity map in check.png",
+    )
+    return calibrate
+
+
+def _add_board(calibrate: argparse.ArgumentParser) -> None:
     calibrate.add_argument(
         "--corners", required=True, metavar="9x6", help="inner corners of the board, columns x rows"
     )
     calibrate.add_argument(
         "--square", required=True, type=number(SQUARE), metavar="METRES", help="side of a square"
     )
-    calibrate.add_argument("-o", "--output", metavar="OUT", required=True, help="folder of the calibration")
     calibrate.add_argument(
         "--charuco", action="store_true", help="the board has markers (DICT_5X5_250, 3/4 of a square)"
     )
@@ -43,12 +53,6 @@ def add_calibrate(commands: Subparsers) -> argparse.ArgumentParser:
         metavar="PX",
         help="half width in which a corner is refined (default 11); smaller where corners are close together",
     )
-    calibrate.add_argument(
-        "--check",
-        action="store_true",
-        help="the checkout before use: parameters in range, rows that correspond, measured square, a disparity map in check.png",
-    )
-    return calibrate
 
 
 def add_rig(commands: Subparsers) -> argparse.ArgumentParser:

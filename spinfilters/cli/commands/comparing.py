@@ -70,6 +70,11 @@ def _add_run_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--config", metavar="FILE", help="TOML file with settings, such as config.toml of another run"
     )
+    _add_optional_outputs(parser)
+    add_reading(parser)
+
+
+def _add_optional_outputs(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--predict",
         type=number(SECONDS_AHEAD),
@@ -86,7 +91,6 @@ def _add_run_options(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="test the models, and run again with the errors that are found where the state can hold them: explanations.json",
     )
-    add_reading(parser)
 
 
 def add_segments(commands: Subparsers) -> argparse.ArgumentParser:

@@ -26,6 +26,14 @@ def add_condition(commands: Subparsers) -> argparse.ArgumentParser:
         default="runs/condition",
         help="JSON, CSV and picture (default runs/condition)",
     )
+    _add_motion(condition)
+    return condition
+
+
+COMMANDS = (Command(50, add_condition, "spinfilters.cli.condition:condition"),)
+
+
+def _add_motion(condition: argparse.ArgumentParser) -> None:
     condition.add_argument(
         "--time-step", type=number(NumberRange(1e-6, 1e6, "s")), metavar="DT", help="s (default 0.5)"
     )
@@ -42,7 +50,3 @@ def add_condition(commands: Subparsers) -> argparse.ArgumentParser:
         metavar=("X", "Y", "Z"),
         help="body rate about the principal axes x, y, z (default 0.5 10 0.5)",
     )
-    return condition
-
-
-COMMANDS = (Command(50, add_condition, "spinfilters.cli.condition:condition"),)

@@ -16,6 +16,25 @@ def add_live(commands: Subparsers) -> argparse.ArgumentParser:
         "follow at their own pace; with it, lines `sensor,time_s,columns...` come from a pipe, a socket or a growing file. Answers "
         "go to standard output, counts to standard error in the end.",
     )
+    _add_input(live)
+    live.add_argument(
+        "--filter",
+        choices=("mekf", "ukf", "embedded", "embedded-double"),
+        default="mekf",
+        help="that answers (default mekf)",
+    )
+    _add_smoother(live)
+    _add_answers(live)
+    live.add_argument("--config", metavar="FILE", help="TOML file with settings")
+    live.add_argument("--summary", metavar="FILE", help="write the counts as JSON, too")
+    live.add_argument("--view", action="store_true", help="show a table in the terminal")
+    return live
+
+
+COMMANDS = (Command(25, add_live, "spinfilters.cli.live:live"),)
+
+
+def _add_input(live: argparse.ArgumentParser) -> None:
     live.add_argument("dataset", metavar="DATASET", help="data set folder, gyro .csv or TUM .tum")
     live.add_argument(
         "--input",
@@ -25,24 +44,10 @@ def add_live(commands: Subparsers) -> argparse.ArgumentParser:
     live.add_argument(
         "--speed", type=number(NumberRange(1e-3, 1e6)), default=1.0, help="of the replay (default 1)"
     )
-    live.add_argument(
-        "--filter",
-        choices=("mekf", "ukf", "embedded", "embedded-double"),
-        default="mekf",
-        help="that answers (default mekf)",
-    )
+
+
+def _add_smoother(live: argparse.ArgumentParser) -> None:
     live.add_argument("--no-smoother", action="store_true", help="the filter alone")
-    live.add_argument("--format", choices=("lines", "tum"), default="lines", help="JSON lines or TUM")
-    live.add_argument(
-        "--predict",
-        type=number(NumberRange(0, 1e4, "s")),
-        default=0.0,
-        metavar="SECONDS",
-        help="say every answer so far ahead too",
-    )
-    live.add_argument(
-        "--deadline-ms", type=number(NumberRange(1e-3, 1e6, "ms")), default=20.0, help="default 20"
-    )
     live.add_argument(
         "--patience",
         type=number(NumberRange(0.05, 1e4, "s")),
@@ -56,10 +61,17 @@ def add_live(commands: Subparsers) -> argparse.ArgumentParser:
         metavar="MIB",
         help="address space of the smoother's process (default: no limit)",
     )
-    live.add_argument("--config", metavar="FILE", help="TOML file with settings")
-    live.add_argument("--summary", metavar="FILE", help="write the counts as JSON, too")
-    live.add_argument("--view", action="store_true", help="show a table in the terminal")
-    return live
 
 
-COMMANDS = (Command(25, add_live, "spinfilters.cli.live:live"),)
+def _add_answers(live: argparse.ArgumentParser) -> None:
+    live.add_argument("--format", choices=("lines", "tum"), default="lines", help="JSON lines or TUM")
+    live.add_argument(
+        "--predict",
+        type=number(NumberRange(0, 1e4, "s")),
+        default=0.0,
+        metavar="SECONDS",
+        help="say every answer so far ahead too",
+    )
+    live.add_argument(
+        "--deadline-ms", type=number(NumberRange(1e-3, 1e6, "ms")), default=20.0, help="default 20"
+    )

@@ -74,6 +74,10 @@ def _add_known_inputs(observe: argparse.ArgumentParser) -> None:
             metavar="AXIS",
             help=f"{what} x, y, z of {axes}; in every chart",
         )
+    _add_input_sizes(observe)
+
+
+def _add_input_sizes(observe: argparse.ArgumentParser) -> None:
     for name, unit, default, what in (
         (
             "--torque-size",

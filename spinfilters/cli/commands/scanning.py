@@ -83,6 +83,11 @@ def _add_body(parser: argparse.ArgumentParser) -> None:
         "X Y Z",
         "place of the mesh's origin, m (default: on the axis, four radii away)",
     )
+    _add_scans(body)
+    _add_body_motion(body)
+
+
+def _add_scans(body: argparse._ArgumentGroup) -> None:
     body.add_argument(
         "--scans", type=number(FRAMES), help="scan the tumbling body so many times: writes a data set"
     )
@@ -94,6 +99,9 @@ def _add_body(parser: argparse.ArgumentParser) -> None:
     body.add_argument(
         "--interval", type=number(INTERVAL), default=1.0, help="seconds between the scans (default 1)"
     )
+
+
+def _add_body_motion(body: argparse._ArgumentGroup) -> None:
     _triple(
         body,
         "--rate-rpm",
@@ -116,6 +124,16 @@ def _add_rays(parser: argparse.ArgumentParser) -> None:
     rays.add_argument(
         "--rays", type=number(COUNT), nargs=2, metavar=("AZ", "EL"), help="number of rays (default 200 200)"
     )
+    _add_windows(rays)
+    rays.add_argument(
+        "--scan-seconds",
+        type=number(SECONDS),
+        default=0.0,
+        help="duration of a scan, in which the body moves (default 0)",
+    )
+
+
+def _add_windows(rays: argparse._ArgumentGroup) -> None:
     rays.add_argument(
         "--window",
         type=number(ANGLE),
@@ -129,12 +147,6 @@ def _add_rays(parser: argparse.ArgumentParser) -> None:
         type=number(NumberRange(1, 1000, whole=True)),
         default=2,
         help="density within windows (default 2)",
-    )
-    rays.add_argument(
-        "--scan-seconds",
-        type=number(SECONDS),
-        default=0.0,
-        help="duration of a scan, in which the body moves (default 0)",
     )
 
 
@@ -150,15 +162,7 @@ def _add_errors(parser: argparse.ArgumentParser) -> None:
         "--long-range", action="store_true", help="0.1 m (3 sigma) of range noise instead of 0.01 m"
     )
     errors.add_argument("--bias", action="store_true", help="with the largest biases of the specification")
-    errors.add_argument(
-        "--dust", type=number(SHARE), default=0.0, help="share of the beams that dust absorbs"
-    )
-    errors.add_argument(
-        "--clutter",
-        type=number(SHARE),
-        default=0.0,
-        help="share of the returns that come from dust before the body",
-    )
+    _add_dust(errors)
     errors.add_argument("--reflectivity", type=number(SHARE), default=1.0, help="of the surface (default 1)")
     errors.add_argument(
         "--weakest",
@@ -173,6 +177,18 @@ def _add_errors(parser: argparse.ArgumentParser) -> None:
         NumberRange(-1.0, 1.0),
         "X Y Z",
         "direction towards the sun, whose glint blinds the detector",
+    )
+
+
+def _add_dust(errors: argparse._ArgumentGroup) -> None:
+    errors.add_argument(
+        "--dust", type=number(SHARE), default=0.0, help="share of the beams that dust absorbs"
+    )
+    errors.add_argument(
+        "--clutter",
+        type=number(SHARE),
+        default=0.0,
+        help="share of the returns that come from dust before the body",
     )
 
 

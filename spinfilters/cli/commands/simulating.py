@@ -30,6 +30,13 @@ def add_simulate(commands: Subparsers) -> argparse.ArgumentParser:
     simulate.add_argument(
         "--known-map", action="store_true", help="write landmarks.csv, the map of the tracks"
     )
+    _add_sensor_options(simulate)
+    _add_images(simulate)
+    add_motion(simulate)
+    return simulate
+
+
+def _add_sensor_options(simulate: argparse.ArgumentParser) -> None:
     simulate.add_argument(
         "--gyro-bias",
         type=number(GYRO_BIAS),
@@ -43,6 +50,9 @@ def add_simulate(commands: Subparsers) -> argparse.ArgumentParser:
         metavar="static|circle",
         help="circle: the camera flies about the body, and inspector.tum says how",
     )
+
+
+def _add_images(simulate: argparse.ArgumentParser) -> None:
     simulate.add_argument(
         "--shape",
         help="of the body in stereo-images: spheres (default), box, octahedron, or a mesh (.obj, binary .stl, .tab, .txt)",
@@ -52,8 +62,6 @@ def add_simulate(commands: Subparsers) -> argparse.ArgumentParser:
         type=number(NumberRange(0, 1)),
         help="share of the surface that is crinkled metal foil, in stereo-images (default 0)",
     )
-    add_motion(simulate)
-    return simulate
 
 
 COMMANDS = (Command(30, add_simulate, "spinfilters.cli.simulate:simulate"),)

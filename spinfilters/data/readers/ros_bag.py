@@ -99,6 +99,17 @@ class RosBagReader(DatasetReader):
         return RosBagReader(options)
 
 
+def _rows(path: Path, bag: Any, connection: Any) -> list[list[float]]:
+    """Stamp (s) and numbers of every message of a topic. InputError: too many."""
+    rows: list[list[float]] = []
+    for found, stamp, raw in bag.messages([connection]):
+        message = bag.deserialize(raw, found.msgtype)
+        rows.append([_stamp(message, stamp), *_MESSAGES[connection.msgtype](message)])
+        if len(rows) > MAX_TABLE_ROWS:
+            raise InputError(f"{path_text(path)}: has more than {MAX_TABLE_ROWS} messages; cut it")
+    return rows
+
+
 def _messages(path: Path, topic: str | None) -> tuple[str, str, Float[np.ndarray, "n m"]]:
     """Topic, type, and rows of stamp (s) and numbers. InputError: unreadable."""
     try:
@@ -113,13 +124,7 @@ def _messages(path: Path, topic: str | None) -> tuple[str, str, Float[np.ndarray
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as bag:
             connection = _connection(path, bag.connections, topic)
-            numbers = _MESSAGES[connection.msgtype]
-            rows: list[list[float]] = []
-            for found, stamp, raw in bag.messages([connection]):
-                message = bag.deserialize(raw, found.msgtype)
-                rows.append([_stamp(message, stamp), *numbers(message)])
-                if len(rows) > MAX_TABLE_ROWS:
-                    raise InputError(f"{path_text(path)}: has more than {MAX_TABLE_ROWS} messages; cut it")
+            rows = _rows(path, bag, connection)
     except InputError:
         raise
     except AnyReaderError as error:

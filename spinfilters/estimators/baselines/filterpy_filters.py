@@ -164,6 +164,7 @@ class FilterpyUkf(FilterpyFilter):
         whitening = model.whitening(self._chart.point(self._ukf.x), parameters)
 
         def expected(xi: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
+            """Innovation at a point of the chart."""
             innovation, _ = model.innovations(self._chart.point(xi), parameters, values)
             return -np.einsum("kij,kj->ki", whitening, innovation).reshape(-1)
 

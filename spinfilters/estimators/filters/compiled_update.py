@@ -16,7 +16,7 @@ from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.filters.square_root_update import LOG_2_PI, Correction
 from spinfilters.estimators.smoothing.kernels.compiled_kernels import KERNEL_FLAGS
 from spinfilters.models.measurement import MeasurementModel
-from spinfilters.symbolic.c_library import load_text, with_signatures
+from spinfilters.symbolic.c_library import Signature, load_text, with_signatures
 from spinfilters.symbolic.compiled import address
 
 LOOSE_SUMS: Final = ("-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math")
@@ -30,7 +30,10 @@ MOST_DIM: Final = 8
 """Components of an innovation."""
 MOST_NOISE: Final = 24
 """Columns of the noise that a prediction takes in."""
-_SIGNATURES: Final = {"update": ("pipppddppp", ctypes.c_longlong), "propagate": ("pppip", None)}
+_SIGNATURES: Final = {
+    "update": Signature("pipppddppp", ctypes.c_longlong),
+    "propagate": Signature("pppip", None),
+}
 POSE_COLUMNS: Final = 6
 """Errors that most sensors depend on: their library propagates too."""
 MODELS: Final = 64

@@ -104,16 +104,24 @@ class UpdateOutcome(Protocol):
     """
 
     @property
-    def coordinates(self) -> Float[np.ndarray, " n"]: ...
+    def coordinates(self) -> Float[np.ndarray, " n"]:
+        """Correction y."""
+        ...
 
     @property
-    def root(self) -> Float[np.ndarray, "r r"]: ...
+    def root(self) -> Float[np.ndarray, "r r"]:
+        """Triangle U."""
+        ...
 
     @property
-    def nis(self) -> float: ...
+    def nis(self) -> float:
+        """Normalised innovation squared."""
+        ...
 
     @property
-    def dof(self) -> int: ...
+    def dof(self) -> int:
+        """Degrees of freedom."""
+        ...
 
 
 class PredictedMotion(NamedTuple):

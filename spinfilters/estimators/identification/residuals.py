@@ -10,7 +10,7 @@ theirs are r = |W'(y - J e)|^2 and S = tr W'(I - J P J') W.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -89,21 +89,12 @@ def residuals_of(
     marginals = Marginals(normal.system, normal.eliminated)
     steps = _steps_after(problem, here, marginals)
     sensors = [_sensor_after(problem, here, marginals, k) for k in range(len(problem.motion.sensors))]
-    nothing = WhitenedRows(
-        tuple(np.zeros_like(each.rest) for each in sensors),
-        np.zeros_like(steps.rest),
-        None if here.linear is None else np.zeros_like(here.linear.innovation),
-    )
-    spent = (
-        steps.leverage + sum(each.leverage for each in sensors) + _prior_leverage(problem, here, marginals)
-    )
+    nothing = _zeros(here, steps, sensors)
+    spent = steps.leverage + sum(each.leverage for each in sensors)
+    spent += _prior_leverage(problem, here, marginals)
     sources, redundancy = [], []
     for each in components:
-        chosen, free = list(nothing.sensors), 0.0
-        for k, rows in each.sensors.items():
-            chosen[k] = np.zeros_like(chosen[k])
-            chosen[k][:, list(rows)] = sensors[k].rest[:, list(rows)]
-            free += float(sensors[k].free[:, list(rows)].sum())
+        chosen, free = _sensor_residuals(each, sensors, nothing)
         seen = nothing.observations
         if each.landmarks:
             seen = _observations_after(problem, here, normal)
@@ -114,11 +105,8 @@ def residuals_of(
     for W in source_factors(problem, here, densities):
         explained = np.einsum("kdi,kd->ki", W, steps.rest)
         squares.append(float(np.vdot(explained, explained)))
-        spread = np.swapaxes(W, 1, 2) @ steps.spread
-        redundancy.append(float(np.vdot(W, W)) - float(np.vdot(spread, spread)))
-        sources.append(
-            WhitenedRows(nothing.sensors, np.einsum("kdi,ki->kd", W, explained), nothing.observations)
-        )
+        redundancy.append(steps.redundancy(W))
+        sources.append(replace(nothing, steps=np.einsum("kdi,ki->kd", W, explained)))
     return Residuals(np.array(squares), np.array(redundancy), tuple(sources))
 
 
@@ -136,6 +124,11 @@ class _StepsAfter:
     def leverage(self) -> float:
         """Unknowns that the steps determine."""
         return float(np.vdot(self.spread, self.spread))
+
+    def redundancy(self, W: Float[np.ndarray, "k d i"]) -> float:
+        """Of a disturbance with these factors."""
+        spread = np.swapaxes(W, 1, 2) @ self.spread
+        return float(np.vdot(W, W)) - float(np.vdot(spread, spread))
 
 
 @dataclass(frozen=True)
@@ -156,6 +149,24 @@ def _steps_after(problem: Problem, here: LinearizationPoint, marginals: Marginal
     moving = errors[:, ordering.moving]
     both = np.concatenate([moving[:-1], moving[1:], errors[:-1, ordering.constant]], axis=1)
     return _StepsAfter(y - np.einsum("kdc,kc->kd", J, both), J @ marginals.step_rows())
+
+
+def _zeros(here: LinearizationPoint, steps: _StepsAfter, sensors: Sequence[_SensorAfter]) -> WhitenedRows:
+    """A right-hand side of nothing."""
+    seen = None if here.linear is None else np.zeros_like(here.linear.innovation)
+    return WhitenedRows(tuple(np.zeros_like(each.rest) for each in sensors), np.zeros_like(steps.rest), seen)
+
+
+def _sensor_residuals(
+    of: ComponentRows, sensors: Sequence[_SensorAfter], nothing: WhitenedRows
+) -> tuple[list[np.ndarray], float]:
+    """Residuals of the pose-only sensors that a component is of, others zero, and their redundancy."""
+    chosen, free = list(nothing.sensors), 0.0
+    for k, rows in of.sensors.items():
+        chosen[k] = np.zeros_like(chosen[k])
+        chosen[k][:, list(rows)] = sensors[k].rest[:, list(rows)]
+        free += float(sensors[k].free[:, list(rows)].sum())
+    return chosen, free
 
 
 def _sensor_after(

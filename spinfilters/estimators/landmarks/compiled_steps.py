@@ -20,7 +20,7 @@ from spinfilters.estimators.landmarks.steps import (
     NewModes,
     WhitenedLandmarks,
 )
-from spinfilters.symbolic.c_library import load_text, with_signatures
+from spinfilters.symbolic.c_library import Signature, load_text, with_signatures
 from spinfilters.symbolic.compiled import address
 
 if TYPE_CHECKING:
@@ -33,13 +33,13 @@ SHAPE = (3, 6)
 LARGEST_STATE = 40
 """Rows of the factor beside the modes: state and move."""
 _SIGNATURES = {
-    "refresh": ("ipiiiip", None),
-    "whiten": ("ippppp", ctypes.c_double),
-    "correct": ("iipp" + "pppp", ctypes.c_double),
-    "solve": ("ippp" + "ipip" + "ddpppp" + "ip" + "pppp", ctypes.c_int),
-    "solve_rows": ("ipppd" + "ppp" + "ip" + "pppp", ctypes.c_int),
-    "regress": ("ippi" + "pipi" + "ppp" + "ppp", None),
-    "close_epoch": ("ippp" + "ippd" + "ip" + "ppppp" + "iiiiip", None),
+    "refresh": Signature("ipiiiip", None),
+    "whiten": Signature("ippppp", ctypes.c_double),
+    "correct": Signature("iipp" + "pppp", ctypes.c_double),
+    "solve": Signature("ippp" + "ipip" + "ddpppp" + "ip" + "pppp", ctypes.c_int),
+    "solve_rows": Signature("ipppd" + "ppp" + "ip" + "pppp", ctypes.c_int),
+    "regress": Signature("ippi" + "pipi" + "ppp" + "ppp", None),
+    "close_epoch": Signature("ippp" + "ippd" + "ip" + "ppppp" + "iiiiip", None),
 }
 _STORED = ("epoch", "hits", "wrong", "last", "transform", "spread", "shift", "points", "modes", "roots")
 

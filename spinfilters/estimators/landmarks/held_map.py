@@ -4,10 +4,11 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import NO_IDS, MapChange, Measurement
+from spinfilters.estimators.filters.square_root_update import Correction
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.landmark_map import CONFIRMED, LandmarkMap, LandmarkOptions
 from spinfilters.estimators.landmarks.observations import MapObservations, SolvedObservations
@@ -116,6 +117,17 @@ class HeldMap:
             self._columns[sensor.name] = np.concatenate([sensor.columns, modes])
         return self._columns[sensor.name]
 
+    def _refused(
+        self, o: MapObservations, solved: SolvedObservations
+    ) -> tuple[Int[np.ndarray, " w"], Bool[np.ndarray, " k"]]:
+        """Landmarks refused too often, and which observations are of none that stays."""
+        fresh = ~o.known
+        if len(solved.used) == len(o.at):
+            return NO_IDS, fresh
+        wrong = self.landmarks.refuse(np.delete(o.at, solved.used))
+        fresh[np.flatnonzero(o.known)[np.isin(o.at, wrong)]] = True
+        return wrong, fresh
+
     def after(
         self,
         observations: MapObservations,
@@ -126,21 +138,14 @@ class HeldMap:
         """Factor and change of the map after an update that led to this mean."""
         o, held, correction = observations, self.landmarks, solved.correction
         at, n = o.at[solved.used], o.layout.error_dim
-        used, weights, wrong, fresh = held.ids[at], o.scale * solved.weights, NO_IDS, ~o.known
-        if len(at) < len(o.at):
-            wrong = held.refuse(np.delete(o.at, solved.used))
-            fresh[np.flatnonzero(o.known)[np.isin(o.at, wrong)]] = True
+        used, weights = held.ids[at], o.scale * solved.weights
+        wrong, fresh = self._refused(o, solved)
         reset = o.layout.reset_jacobian(correction.error[:n])
         new = self._newcomers(o, measurement, fresh, mean, reset)
+        error, factor = correction.error[o.columns], correction.factor[o.columns]
         closing = Closing(
-            at,
-            solved.whitened,
-            correction.error[o.columns],
-            correction.factor[o.columns],
-            new.by_pose,
-            new.roots,
-            MEMORY * self._explained,
-            held.take_turn(),
+            *(at, solved.whitened, error, factor, new.by_pose, new.roots),
+            *(MEMORY * self._explained, held.take_turn()),
         )
         modes, dependence, roots = held.steps.close(held, closing)
         self._explained = modes.explained
@@ -148,12 +153,23 @@ class HeldMap:
         if len(new.ids):
             held.append(new.ids, new.points, dependence, roots)
             removed = np.concatenate([removed, held.remove(held.stalest(self._options.largest_map))])
-        result = correction.factor.copy()
+        factor = self._moved(o.layout, correction, reset, modes.rows)
+        return factor, MapChange(used, weights, new.ids, removed)
+
+    def _moved(
+        self,
+        layout: StateLayout,
+        correction: Correction,
+        reset: Float[np.ndarray, "n n"],
+        modes: Float[np.ndarray, "r N"],
+    ) -> Float[np.ndarray, "N N"]:
+        """Factor about the corrected mean; the map's own move goes on."""
+        n, result = layout.error_dim, correction.factor.copy()
         result[:n] = reset @ correction.factor[:n]
-        result[n : n + held.rank] = modes.rows
-        if self.has_move(result, o.layout):
-            self.move = self.move + correction.error[n + held.rank :]
-        return result, MapChange(used, weights, new.ids, removed)
+        result[n : n + self.landmarks.rank] = modes
+        if self.has_move(result, layout):
+            self.move = self.move + correction.error[n + self.landmarks.rank :]
+        return result
 
     def _newcomers(
         self,

@@ -11,7 +11,12 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.estimators.filters.iterated_update import IterationOptions, agrees, iterate
-from spinfilters.estimators.landmarks.observations import MapObservations, SolvedObservations, corrected
+from spinfilters.estimators.landmarks.observations import (
+    ChosenObservations,
+    MapObservations,
+    SolvedObservations,
+    corrected,
+)
 from spinfilters.estimators.landmarks.steps import LinearisedObservations
 
 
@@ -65,7 +70,7 @@ class IteratedObservations:
         rows[..., -1] += rows[..., :c] @ error[pose] + np.einsum("kdi,ki->kd", rows[..., c:-1], own)
         used, weights = self.first.used, self.first.weights
         white = o.landmarks.steps.whitened(o.landmarks, o.at[used], rows[used], weights)
-        return corrected(o, found, white, (used, weights), self.factor)
+        return corrected(o, found, white, ChosenObservations(used, weights), self.factor)
 
     @cached_property
     def _about_mean(self) -> LinearisedObservations:

@@ -66,6 +66,13 @@ class MapObservations:
         return LinearisedObservations(rows, good, log_noise[:, 0])
 
 
+class ChosenObservations(NamedTuple):
+    """Which of k observations count, and their weights."""
+
+    which: Int[np.ndarray, " u"]
+    weights: Float[np.ndarray, " u"]
+
+
 class SolvedObservations(NamedTuple):
     """Solution of an update by observations of landmarks.
 
@@ -144,21 +151,21 @@ def _weighed(
     white = steps.whitened(o.landmarks, at, rows, weights)
     given = guard.weights(white.rows[..., -1], lambda which: white.rows[which, :, :-1] @ factor[o.columns])
     if given is None:
-        return corrected(o, linear, white, (valid, weights), factor)
+        return corrected(o, linear, white, ChosenObservations(valid, weights), factor)
     keep = np.flatnonzero(given > 0)
     weights = (weights * given)[keep]
     white = steps.whitened(o.landmarks, at[keep], rows[keep], weights)
-    return corrected(o, linear, white, (valid[keep], weights), factor)
+    return corrected(o, linear, white, ChosenObservations(valid[keep], weights), factor)
 
 
 def corrected(
     observations: MapObservations,
     linear: LinearisedObservations,
     white: WhitenedLandmarks,
-    chosen: tuple[Int[np.ndarray, " u"], Float[np.ndarray, " u"]],
+    chosen: ChosenObservations,
     factor: Float[np.ndarray, "N N"],
 ) -> SolvedObservations:
-    """The correction by chosen observations (which, and their weights)."""
-    log_noise = float(linear.log_noise[chosen[0]].sum())
+    """The correction by chosen observations."""
+    log_noise = float(linear.log_noise[chosen.which].sum())
     steps, columns = observations.landmarks.steps, observations.columns
     return SolvedObservations(steps.corrected(white, factor, columns, log_noise), *chosen, white)

@@ -39,6 +39,7 @@ def _tail(w: Float[np.ndarray, " n"], count: Float[np.ndarray, " n"], value: flo
     """P(sum of w chi2_count > value)."""
 
     def slope(t: float) -> float:
+        """Slope of the exponent at t."""
         return float((count * w / (1 - 2 * t * w)).sum()) - value
 
     low, high = -0.5 / abs(w.min()) if w.min() < 0 else -_far(slope, w), 0.5 / w.max()

@@ -118,6 +118,13 @@ class _Left(NamedTuple):
     squares: Float[np.ndarray, " c"]
 
 
+class _ErrorColumns(NamedTuple):
+    """An error, and its right-hand sides H."""
+
+    error: Alternative
+    columns: Columns
+
+
 def score_tests(
     motion: SmoothedMotion, noise: NoiseComponents, errors: Iterable[Alternative]
 ) -> list[ScoreTest]:
@@ -127,15 +134,15 @@ def score_tests(
     """
     left = _Left(motion.rows.left, noise.squares(motion.rows.left))
     found: list[ScoreTest | None] = []
-    constant: list[tuple[Alternative, Columns]] = []
+    constant: list[_ErrorColumns] = []
     for error in errors:
         columns = None if error.is_held(motion) else error.columns(motion)
         if columns is None:
             continue
         if error.by_epoch:
-            found.append(_by_epoch(motion, noise, (error, columns), left))
+            found.append(_by_epoch(motion, noise, _ErrorColumns(error, columns), left))
         else:
-            constant.append((error, columns))
+            constant.append(_ErrorColumns(error, columns))
     found += _constant(motion, noise, constant)
     return sorted((each for each in found if each is not None), key=lambda each: -each.merit)
 
@@ -163,22 +170,23 @@ def likelier(found: list[ScoreTest], beside: list[ScoreTest], advantage: float) 
 
 
 def _constant(
-    motion: SmoothedMotion, noise: NoiseComponents, errors: list[tuple[Alternative, Columns]]
+    motion: SmoothedMotion, noise: NoiseComponents, errors: list[_ErrorColumns]
 ) -> list[ScoreTest | None]:
     if not errors:
         return []
     every = ColumnProducts.of(motion.rows, noise, [columns for _, columns in errors])
-    return [_tested(motion, noise, named, every) for named in zip(errors, every.places, strict=True)]
+    return [_tested(motion, noise, each, own, every) for each, own in zip(errors, every.places, strict=True)]
 
 
 def _tested(
     motion: SmoothedMotion,
     noise: NoiseComponents,
-    named: tuple[tuple[Alternative, Columns], slice],
+    named: _ErrorColumns,
+    own: slice,
     every: ColumnProducts,
 ) -> ScoreTest | None:
-    """One error of the whole recording, with its place among all columns."""
-    (error, columns), own = named
+    """One error of the whole recording, with its place ``own`` among all columns."""
+    error, columns = named
     scale = np.sqrt(every.squares[own])
     if not (np.isfinite(scale).all() and scale.max(initial=0.0) > 0):
         return None
@@ -207,7 +215,7 @@ def _tested(
 
 
 def _by_epoch(
-    motion: SmoothedMotion, noise: NoiseComponents, named: tuple[Alternative, Columns], left: _Left
+    motion: SmoothedMotion, noise: NoiseComponents, named: _ErrorColumns, left: _Left
 ) -> ScoreTest | None:
     """An error drawn anew at every epoch, of the variance that is most likely."""
     error, columns = named

@@ -6,6 +6,7 @@ Disturbances of the motion, shifts of measurements.
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -55,6 +56,13 @@ class MeasuredRows:
 
 Shift = Callable[[MeasuredRows], Float[np.ndarray, "r i m"] | None]
 """Change of the innovations of measurements per unit of m errors; None of those that the error is not of."""
+
+
+class _WhitenedShift(NamedTuple):
+    """Measurements, and the change of their whitened innovations per unit of m errors."""
+
+    measured: MeasuredRows
+    shift: Float[np.ndarray, "r i m"]
 
 
 @dataclass(frozen=True)
@@ -143,7 +151,7 @@ class SmoothedMotion:
     def shifted(self, shift: Shift) -> Columns | None:
         """Right-hand sides of errors of measurements; None where no measurement has them."""
         found = [(each, shift(each)) for each in self.measured]
-        made = [(each, each.whitening @ by) for each, by in found if by is not None]
+        made = [_WhitenedShift(each, each.whitening @ by) for each, by in found if by is not None]
         return self._placed(made) if made else None
 
     def in_time(self, late: Callable[[MeasuredRows], Float[np.ndarray, "r m"] | None]) -> Columns | None:
@@ -152,11 +160,11 @@ class SmoothedMotion:
         for each in self.measured:
             by = late(each)
             if by is not None:
-                made.append((each, each.change[:, :, None] * by[:, None, :]))
+                made.append(_WhitenedShift(each, each.change[:, :, None] * by[:, None, :]))
         return self._placed(made) if made else None
 
-    def _placed(self, made: list[tuple[MeasuredRows, Float[np.ndarray, "r i m"]]]) -> Columns:
-        nothing = self.rows.nothing(made[0][1].shape[2])
+    def _placed(self, made: list[_WhitenedShift]) -> Columns:
+        nothing = self.rows.nothing(made[0].shift.shape[2])
         for each, whitened in made:
             if each.sensor is not None:
                 nothing.sensors[each.sensor][:] = whitened

@@ -6,7 +6,6 @@ not of
 arrival. So whatever the order of arrival within the horizon, the numbers are those of arrival in the order of time, bit for bit.
 """
 
-import hashlib
 from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,6 +15,7 @@ import numpy as np
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Estimator, Measurement, Snapshot, UpdateReport
+from spinfilters.estimators.online.measurement_key import MeasurementKey
 from spinfilters.estimators.run import advance, finite
 from spinfilters.estimators.timeline import Epoch
 from spinfilters.state.gaussian import Gaussian
@@ -62,7 +62,7 @@ class _KeptEpoch:
     """
 
     epoch: Epoch
-    keys: tuple[tuple[str, bytes], ...]
+    keys: tuple[MeasurementKey, ...]
     before: Snapshot
     time_before: float
 
@@ -177,7 +177,10 @@ class OutOfSequenceUpdates:
     def _received(self, time: float, measurement: Measurement) -> OutOfSequenceResult:
         if reason := self._too_late(time):
             return OutOfSequenceResult(Outcome.TOO_LATE, reason)
-        key, index = _key(measurement), bisect_left(self._epochs, time, key=lambda kept: kept.time)
+        key, index = (
+            MeasurementKey.of(measurement),
+            bisect_left(self._epochs, time, key=lambda kept: kept.time),
+        )
         there = (
             self._epochs[index] if index < len(self._epochs) and self._epochs[index].time == time else None
         )
@@ -211,7 +214,7 @@ class OutOfSequenceUpdates:
             report, done = self._replay(placing, before, time_before)
         except (np.linalg.LinAlgError, _NotFiniteError) as error:
             self._estimator.restore(now)
-            self._last_unusable = f"{placing.keys[placing.position][0]} at {placing.epoch.time} s"
+            self._last_unusable = f"{placing.keys[placing.position].sensor} at {placing.epoch.time} s"
             return OutOfSequenceResult(
                 Outcome.UNUSABLE, f"the estimate does not stay finite with it ({error})"
             )
@@ -261,7 +264,7 @@ class _Placing:
     """Epoch with a newly inserted measurement, and the epochs after it."""
 
     epoch: Epoch
-    keys: tuple[tuple[str, bytes], ...]
+    keys: tuple[MeasurementKey, ...]
     position: int
     after: Sequence[_KeptEpoch]
     outcome: Outcome
@@ -277,20 +280,9 @@ def _copied(measurement: Measurement) -> Measurement:
     return Measurement(measurement.model, measurement.values.copy(), measurement.parameters.copy(), ids)
 
 
-def _key(measurement: Measurement) -> tuple[str, bytes]:
-    """Sensor and digest of all numbers of a measurement.
-
-    The same for the same bits only, and an order that does not depend on arrival.
-    """
-    digest = hashlib.blake2b(digest_size=16)
-    for array in (measurement.values, measurement.parameters, measurement.ids):
-        digest.update(b"none" if array is None else f"{array.shape}".encode() + array.tobytes())
-    return measurement.model.name, digest.digest()
-
-
 def _joined(
-    there: _KeptEpoch | None, time: float, measurement: Measurement, key: tuple[str, bytes]
-) -> tuple[Epoch, tuple[tuple[str, bytes], ...]]:
+    there: _KeptEpoch | None, time: float, measurement: Measurement, key: MeasurementKey
+) -> tuple[Epoch, tuple[MeasurementKey, ...]]:
     """An epoch with one more measurement, in the order of the keys, and those keys."""
     if there is None:
         return Epoch(time, (measurement,)), (key,)

@@ -98,6 +98,7 @@ def _attitude_after(state: dict[str, Expression], delay: Expression) -> Expressi
     J, drag, h = inertia(state["s"]), state.get("d"), delay / STEPS
 
     def rates(x: Expression) -> Expression:
+        """Time derivatives of attitude and rate."""
         return ca.vertcat(quaternion_rate(x[:4], x[4:]), body_acceleration(x[4:], J, drag))
 
     x = ca.vertcat(state["q"], state["w"])

@@ -60,7 +60,7 @@ class DepthMap:
 
 
 def depth_map(
-    pair: tuple[UInt8[np.ndarray, "h w"], UInt8[np.ndarray, "h w"]], rig: StereoRig, within: Sphere
+    left: UInt8[np.ndarray, "h w"], right: UInt8[np.ndarray, "h w"], rig: StereoRig, within: Sphere
 ) -> DepthMap | None:
     """Depth of what lies within a sphere; None where that is not before both cameras."""
     centre, radius = within
@@ -72,7 +72,7 @@ def depth_map(
     strength = rig.left.fx * rig.baseline_m
     smallest, largest = int(strength / farthest), int(np.ceil(strength / nearest))
     begin = max(first - largest, 0)
-    left, right = (np.ascontiguousarray(image[top:bottom, begin:last]) for image in pair)
+    left, right = (np.ascontiguousarray(image[top:bottom, begin:last]) for image in (left, right))
     matched = disparity_map(left, right, largest, smallest)
     refined, std = refined_disparity(left.astype(np.float32), right.astype(np.float32), matched)
     part = slice(None), slice(first - begin, None)
@@ -96,9 +96,9 @@ def refined_disparity(
     )
     gradients, current = [_gradient(image) for image in (left, right)], start.copy()
     for _ in range(ITERATIONS):
-        window = _Window(left, gradients, right, (columns - current, rows))
+        window = _Window(left, gradients, right, columns - current, rows)
         current += np.clip(window.step, -LARGEST_STEP_PX, LARGEST_STEP_PX)
-    window = _Window(left, gradients, right, (columns - current, rows))
+    window = _Window(left, gradients, right, columns - current, rows)
     good = found & (np.abs(current - start) <= LARGEST_CHANGE_PX) & (window.correlation >= LEAST_CORRELATION)
     good &= _inside(good)
     std = np.maximum(window.std, LEAST_STD_PX)
@@ -126,10 +126,11 @@ class _Window:
         left: np.ndarray,
         gradients: list[np.ndarray],
         right: np.ndarray,
-        at: tuple[np.ndarray, np.ndarray],
+        columns: np.ndarray,
+        rows: np.ndarray,
     ) -> None:
-        warped = cv2.remap(right, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        slope = (gradients[0] + cv2.remap(gradients[1], *at, cv2.INTER_LINEAR)) / 2
+        warped = cv2.remap(right, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        slope = (gradients[0] + cv2.remap(gradients[1], columns, rows, cv2.INTER_LINEAR)) / 2
         error = left - warped
         squares = np.maximum(_covariance(slope, slope), 1e-6)
         self.step = -_covariance(slope, error) / squares

@@ -4,9 +4,10 @@ Geometry, shading and shadow.
 """
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from spinfilters.vision.rendering.surface_texture import SurfaceTexture
 from spinfilters.vision.rendering.triangle_mesh import BodyMesh
@@ -75,7 +76,7 @@ def body_image(
     if seen.any():
         depth[seen] = 1 / surface.nearness[seen]
         weights = _in_space(surface, nearness)
-        radiance[seen] = _shaded(body, (R_ig, t_ig), (surface.face[seen], weights), view)
+        radiance[seen] = _shaded(body, R_ig, t_ig, _Samples(surface.face[seen], weights), view)
     return radiance, depth
 
 
@@ -85,14 +86,22 @@ def _in_space(surface: VisibleSurface, nearness: Float[np.ndarray, "f 3"]) -> Fl
     return scaled / scaled.sum(axis=1, keepdims=True)
 
 
+class _Samples(NamedTuple):
+    """Faces that samples show, and weights of their corners."""
+
+    face: Int[np.ndarray, " k"]
+    weights: Float[np.ndarray, "k 3"]
+
+
 def _shaded(
     body: Appearance,
-    pose: tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]],
-    samples: tuple[np.ndarray, Float[np.ndarray, "k 3"]],
+    R_ig: Float[np.ndarray, "3 3"],
+    t_ig: Float[np.ndarray, " 3"],
+    samples: _Samples,
     view: View,
 ) -> Float[np.ndarray, " k"]:
-    """Radiance of surface samples (face, weights): Lambert, and a highlight where there is foil."""
-    (R_ig, t_ig), (face, weights) = pose, samples
+    """Radiance of surface samples: Lambert, and a highlight where there is foil."""
+    face, weights = samples
     points = np.einsum("kc,kci->ki", weights, body.mesh.vertices[body.mesh.faces[face]])
     normals = np.einsum("kc,kci->ki", weights, body.mesh.normals[face])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -123,6 +132,7 @@ def _shadowed(
     scale = SHADOW_MAP / (2 * radius)
 
     def placed(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Places in the shadow map and nearness to the sun."""
         turned = at @ frame.T
         return (turned[..., :2] + radius) * scale, 2 * radius - turned[..., 2]
 

@@ -4,6 +4,7 @@ Over all pairs of triangles and samples of their boxes.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -46,6 +47,7 @@ def visible_surface(
     """
     height, width = shape
     best, face = np.zeros(height * width), np.full(height * width, -1)
+    buffers = _Buffers(best, face, width)
     front = np.flatnonzero(
         (_doubled_area(corners) < 0) & (nearness > 0).all(axis=1) & np.isfinite(corners).all(axis=(1, 2))
     )
@@ -57,22 +59,37 @@ def visible_surface(
     while begin < len(front):
         end = max(begin + 1, int(np.searchsorted(ends, (ends[begin - 1] if begin else 0) + PAIRS_AT_ONCE)))
         part = slice(begin, end)
-        _draw(corners, nearness, (front[part], low[part], size[part]), (best, face), width)
+        _draw(corners, nearness, _Boxes(front[part], low[part], size[part]), buffers)
         begin = end
     seen = np.flatnonzero(face >= 0)
     place = np.stack([seen % width, seen // width], axis=1).astype(float)
     return VisibleSurface(face.reshape(shape), best.reshape(shape), _weights(corners[face[seen]], place))
 
 
+class _Boxes(NamedTuple):
+    """Triangles with first sample and size of their boxes, columns and rows."""
+
+    faces: Int[np.ndarray, " k"]
+    first: Int[np.ndarray, "k 2"]
+    size: Int[np.ndarray, "k 2"]
+
+
+class _Buffers(NamedTuple):
+    """Nearness and face of every sample, row after row of this width."""
+
+    nearness: Float[np.ndarray, " s"]
+    face: Int[np.ndarray, " s"]
+    width: int
+
+
 def _draw(
     corners: Float[np.ndarray, "f 3 2"],
     nearness: Float[np.ndarray, "f 3"],
-    boxes: tuple[Int[np.ndarray, " k"], Int[np.ndarray, "k 2"], Int[np.ndarray, "k 2"]],
-    buffers: tuple[Float[np.ndarray, " s"], Int[np.ndarray, " s"]],
-    width: int,
+    boxes: _Boxes,
+    buffers: _Buffers,
 ) -> None:
-    """Draw triangles with their boxes (first sample, size) into the buffers of nearness and face."""
-    (faces, low, size), (best, face) = boxes, buffers
+    """Draw triangles into the buffers."""
+    (faces, low, size), (best, face, width) = boxes, buffers
     count = size.prod(axis=1)
     item = np.repeat(np.arange(len(faces)), count)
     within = np.arange(len(item)) - np.repeat(np.cumsum(count) - count, count)

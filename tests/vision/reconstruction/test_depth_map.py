@@ -41,7 +41,7 @@ def test_the_refinement_finds_a_fraction_of_a_pixel_and_its_deviation(noise: flo
 
 def test_a_wall_has_its_depth_where_it_lies_within_the_sphere() -> None:
     depth = RIG.left.fx * RIG.baseline_m / 30.37
-    seen = depth_map(_pair(30.37), RIG, (np.array([0.0, 0.0, depth]), 0.2))
+    seen = depth_map(*_pair(30.37), RIG, (np.array([0.0, 0.0, depth]), 0.2))
     assert seen is not None
     assert np.nanmedian(seen.depth) == pytest.approx(depth, rel=2e-3)
     assert seen.count > 0.5 * seen.depth.size
@@ -50,14 +50,14 @@ def test_a_wall_has_its_depth_where_it_lies_within_the_sphere() -> None:
 def test_noise_without_a_counterpart_has_next_to_no_depth() -> None:
     generator = np.random.default_rng(2)
     pair = tuple(generator.integers(0, 6, (240, 320)).astype(np.uint8) for _ in range(2))
-    seen = depth_map((pair[0], pair[1]), RIG, (np.array([0.0, 0.0, 1.0]), 0.2))
+    seen = depth_map(pair[0], pair[1], RIG, (np.array([0.0, 0.0, 1.0]), 0.2))
     assert seen is not None
     assert seen.count < 0.01 * seen.depth.size
 
 
 @pytest.mark.parametrize("centre", [(0.0, 0.0, -1.0), (0.0, 0.0, 0.1), (5.0, 0.0, 1.0)])
 def test_a_sphere_that_is_not_before_the_camera_has_no_depth(centre: tuple[float, float, float]) -> None:
-    assert depth_map(_pair(30.0), RIG, (np.array(centre), 0.2)) is None
+    assert depth_map(*_pair(30.0), RIG, (np.array(centre), 0.2)) is None
 
 
 def test_what_lies_outside_an_outline_has_no_depth() -> None:
@@ -71,7 +71,7 @@ def test_what_lies_outside_an_outline_has_no_depth() -> None:
     images[1] = np.where(images[1] > 3, np.roll(images[0], -30, axis=1), images[1])
     depth = RIG.left.fx * RIG.baseline_m / 30.0
     seen = depth_map(
-        (images[0].astype(np.uint8), images[1].astype(np.uint8)), RIG, (np.array([0.0, 0.0, depth]), 0.25)
+        images[0].astype(np.uint8), images[1].astype(np.uint8), RIG, (np.array([0.0, 0.0, depth]), 0.25)
     )
     assert seen is not None
     row, column = np.nonzero(np.isfinite(seen.depth))

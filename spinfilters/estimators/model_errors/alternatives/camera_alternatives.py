@@ -70,6 +70,7 @@ class _CalibrationAlternative(Alternative):
         """Negative shift of the expected pixels per unit of the parameter."""
 
         def of_data(each: MeasuredRows) -> Float[np.ndarray, "r i m"] | None:
+            """Shift of the data by the parameter."""
             by = each.by_calibration(self.parameter)
             return None if by is None else -by
 
@@ -157,6 +158,7 @@ class RightCameraLate(Alternative):
         """Shift of u_right by the motion of the image during the delay."""
 
         def moved(each: MeasuredRows) -> Float[np.ndarray, "r i m"] | None:
+            """Shift of u_right of a pair's rows."""
             if each.model.images < 2:
                 return None
             counts = np.flatnonzero(np.abs(each.whitening).max(axis=(1, 2)) > 0)

@@ -53,6 +53,7 @@ class SensorDelay(Alternative):
             return None
 
         def late(each: MeasuredRows) -> Float[np.ndarray, "r m"]:
+            """Delay of a row, s per unit."""
             own = np.zeros((len(each.epoch), len(names) - 1))
             number = names.index(each.model.name)
             own[:, number : number + 1] = 1.0  # of the last there is no column

@@ -7,7 +7,6 @@ import numpy as np
 from spinfilters.estimators.model_errors.alternative import Alternative
 from spinfilters.estimators.model_errors.alternatives.gyro_alternatives import SHEARS as TRACELESS
 from spinfilters.estimators.model_errors.columns import Columns
-from spinfilters.estimators.model_errors.linear_rows import Columns
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 
 

@@ -8,18 +8,18 @@ from importlib.resources import files
 
 import numpy as np
 
-from spinfilters.symbolic.c_library import FLAGS, NATIVE, load_text, with_signatures
+from spinfilters.symbolic.c_library import FLAGS, NATIVE, Signature, load_text, with_signatures
 
 SOURCES = ("kernels.h", "landmarks.c", "velocities.c")
 KERNEL_FLAGS = (*(flag for flag in FLAGS if "contract" not in flag), "-O3", NATIVE, "-fno-math-errno")
 _SIGNATURES = {
-    "eliminate_landmarks": ("ii" + "pppp" + "d" + "pppppp", ctypes.c_int),
-    "spread_blocks": ("ii" + "pp", None),
-    "follow_poses": ("i" + "pppppppp", None),
-    "step_rows": ("iiiii" + "pp" + "d" + "ppppp", ctypes.c_int),
-    "add_information_blocks": ("iiiiii" + "ppppp", ctypes.c_int),
-    "eliminate_velocities": ("iiiiii" + "d" + "pppp", ctypes.c_longlong),
-    "solve_velocities": ("ii" + "ppp", None),
+    "eliminate_landmarks": Signature("ii" + "pppp" + "d" + "pppppp", ctypes.c_int),
+    "spread_blocks": Signature("ii" + "pp", None),
+    "follow_poses": Signature("i" + "pppppppp", None),
+    "step_rows": Signature("iiiii" + "pp" + "d" + "ppppp", ctypes.c_int),
+    "add_information_blocks": Signature("iiiiii" + "ppppp", ctypes.c_int),
+    "eliminate_velocities": Signature("iiiiii" + "d" + "pppp", ctypes.c_longlong),
+    "solve_velocities": Signature("ii" + "ppp", None),
 }
 """Arguments of each loop (integers, numbers, addresses of contiguous arrays) and what it returns."""
 

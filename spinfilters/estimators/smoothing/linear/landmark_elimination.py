@@ -108,11 +108,8 @@ def eliminate(
     if library is None:
         return eliminate_in_numpy(observations, linear, weight, kept, epochs)
     L, N = observations.landmarks, len(observations)
-    is_constrained, information_sqrt, gradient = (
-        np.empty(L, dtype=bool),
-        np.empty((L, 3, 3)),
-        np.empty((L, 3)),
-    )
+    is_constrained, gradient = np.empty(L, dtype=bool), np.empty((L, 3))
+    information_sqrt = np.empty((L, 3, 3))
     coupling, slope = np.empty((N, 3, POSE)), np.zeros(kept)
     blocks, information = pooled_array(epochs * (epochs + 1) // 2 * POSE * WIDE), pooled_zeros(kept + 1, kept)
     weight, rows = np.ascontiguousarray(weight), np.ascontiguousarray(linear.rows)
@@ -142,9 +139,8 @@ def eliminate_in_numpy(
     """`eliminate` for machines without a compiler."""
     landmark, epoch, L = observations.landmark, observations.epoch, observations.landmarks
     is_constrained, used, information_sqrt = _constrained(observations, linear, weight)
-    scaled = np.sqrt(np.where(used, weight, 0.0))[:, None, None] * np.where(
-        used[:, None, None], linear.rows, 0.0
-    )
+    root, each_used = np.sqrt(np.where(used, weight, 0.0))[:, None, None], used[:, None, None]
+    scaled = root * np.where(each_used, linear.rows, 0.0)
     by_pose, by_point, y = scaled[:, :, :POSE], scaled[:, :, POSE:-1], scaled[:, :, -1:]
     gradient, whole = np.zeros((L, 3)), np.zeros((L, 3, epochs, POSE))
     turned = by_point.swapaxes(1, 2)
@@ -157,23 +153,23 @@ def eliminate_in_numpy(
     np.add.at(jacobian, epoch, (by_pose.swapaxes(1, 2) @ y)[..., 0])
     Y, size = whole.reshape(3 * L, epochs * POSE), epochs * POSE
     information, slope = np.zeros((kept + 1, kept)), np.zeros(kept)
-    information[:size, :size] = -np.tril(Y.T @ Y)
-    for k in range(epochs):
-        at = slice(k * POSE, (k + 1) * POSE)
-        information[at, at] += blocks[k]
+    information[:size, :size] = _added_on_diagonal(-np.tril(Y.T @ Y), blocks)
     slope[:size] = jacobian.reshape(-1) - Y.T @ gradient.reshape(-1)
     coupling = whole.swapaxes(1, 2)[landmark, epoch] * _firsts(observations, used)[:, None, None]
+    lower = np.tril(information)
     return Eliminated(
-        observations,
-        weight,
-        is_constrained,
-        used,
-        information_sqrt,
-        gradient,
-        coupling,
-        np.tril(information),
-        slope,
+        observations, weight, is_constrained, used, information_sqrt, gradient, coupling, lower, slope
     )
+
+
+def _added_on_diagonal(
+    information: Float[np.ndarray, "s s"], blocks: Float[np.ndarray, "k p p"]
+) -> Float[np.ndarray, "s s"]:
+    """A matrix with a block added for every pose on its diagonal; in place."""
+    for k, block in enumerate(blocks):
+        at = slice(k * POSE, (k + 1) * POSE)
+        information[at, at] += block
+    return information
 
 
 def _constrained(

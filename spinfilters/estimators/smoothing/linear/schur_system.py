@@ -102,7 +102,7 @@ class SchurSystem:
 
 
 class SchurSolution(NamedTuple):
-    """A solved system, or the number of the first unobservable variable of one that is not positive definite."""
+    """A solved system, or the number of its first unobservable variable."""
 
     solution: SchurSystem | None
     unobservable: int = -1

@@ -154,6 +154,7 @@ def advanced(
     allowed = here.cost(normal.used, normal.stage)
 
     def again(damping: float) -> NormalEquations:
+        """The linear problem with another damping."""
         return normal if damping == 0.0 else problem.normal(here, normal.stage, damping)
 
     for tried in range(1, rule.tries + 1):

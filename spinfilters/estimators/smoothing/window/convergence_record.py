@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.smoothing.window.sliding_smoother import SlidingSmoother
 from spinfilters.estimators.smoothing.window.smoother_records import MarginalizedState
-from spinfilters.estimators.timeline import Timeline
+from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.state.status import Verdict
 
 MOST_EPOCHS = 600
@@ -83,12 +83,18 @@ def record_convergence(
                 raise
             break
         trusted[solve] = smoother.status.verdict is Verdict.OK
-        for name, rows in said.items():
-            record = values.setdefault(name, np.full((count, count, rows.shape[1]), np.nan))
-            record[solve, solve + 1 - len(rows) : solve + 1] = rows
+        _record(values, solve, count, said)
         latest.append(window[-1])
         on_epoch(solve + 1, count)
     nothing = replace(latest[-1], mean=latest[-1].mean * np.nan, factor=latest[-1].factor * np.nan)
     latest += [replace(nothing, time=epoch.time) for epoch in timeline[len(latest) :]]
-    times = np.array([epoch.time for epoch in timeline])
-    return ConvergenceRecord(times, values, tuple(latest), trusted)
+    return ConvergenceRecord(times_of(timeline), values, tuple(latest), trusted)
+
+
+def _record(
+    values: dict[str, np.ndarray], solve: int, count: int, said: Mapping[str, Float[np.ndarray, "w q"]]
+) -> None:
+    """Enter what a solve says of the latest epochs; others stay NaN."""
+    for name, rows in said.items():
+        record = values.setdefault(name, np.full((count, count, rows.shape[1]), np.nan))
+        record[solve, solve + 1 - len(rows) : solve + 1] = rows

@@ -17,7 +17,7 @@ from spinfilters.estimators.smoothing.problem.least_squares import (
 from spinfilters.estimators.smoothing.solver.annealing import GATE, AnnealedSchedule
 from spinfilters.estimators.smoothing.solver.iterations import SolverOptions, solve
 from spinfilters.sensors.sensor import MotionSamples
-from spinfilters.state.layout import POSE_BLOCKS
+from spinfilters.state.layout import POSE_BLOCKS, StateLayout
 
 FIRST, GROWTH, RETRY = 4, 1.5, 1.2
 """Number of epochs at which it is first asked, and by how much more before it is asked again: where all fits, and where not."""
@@ -71,17 +71,9 @@ def restarted_from_momentum(
     layout = problem.layout
     if not layout.translates or problem.observations is None:
         return None, 0
-    poses = np.concatenate([here.trajectory[:, layout.mean_slice(b)] for b in POSE_BLOCKS], axis=1)
-    try:
-        evidence = initial_motion(MotionSamples(times, poses[:, 3:], positions=poses[:, :3]), len(times))
-        first, _ = initial_state(layout, evidence)
-    except InputError:  # no rotation yet, or too few poses: nothing better is known
+    trajectory = _in_closed_form(layout, here.trajectory, times)
+    if trajectory is None:
         return None, 0
-    trajectory = here.trajectory.copy()
-    for block in MOMENTUM_BLOCKS:
-        if layout.has(block):
-            trajectory[:, layout.mean_slice(block.name)] = first[layout.mean_slice(block.name)]
-    trajectory[:, layout.mean_slice("w")] = evidence.rates
     best, least, count = None, here.robust_cost(stage) - 1, 0
     for share in MASS_SHARES:
         start = trajectory.copy()
@@ -99,3 +91,24 @@ def restarted_from_momentum(
         if fits(found.point, found.normal):
             break
     return best, count
+
+
+def _in_closed_form(
+    layout: StateLayout, given: Float[np.ndarray, "k m"], times: Float[np.ndarray, " k"]
+) -> Float[np.ndarray, "k m"] | None:
+    """Trajectory with rates and constants of conserved momentum.
+
+    None where its poses tell no motion.
+    """
+    poses = np.concatenate([given[:, layout.mean_slice(b)] for b in POSE_BLOCKS], axis=1)
+    try:
+        evidence = initial_motion(MotionSamples(times, poses[:, 3:], positions=poses[:, :3]), len(times))
+        first, _ = initial_state(layout, evidence)
+    except InputError:  # no rotation yet, or too few poses: nothing better is known
+        return None
+    trajectory = given.copy()
+    for block in MOMENTUM_BLOCKS:
+        if layout.has(block):
+            trajectory[:, layout.mean_slice(block.name)] = first[layout.mean_slice(block.name)]
+    trajectory[:, layout.mean_slice("w")] = evidence.rates
+    return trajectory
