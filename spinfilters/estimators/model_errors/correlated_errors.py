@@ -97,11 +97,14 @@ def _compared(rows: LinearRows, model: NoiseModel, stated: Collection[str]) -> C
     every = climb.highest(
         [*_correlated(motion, white), *(_undisturbed(motion, white) if undisturbed else ())]
     )
-    best = max(every, key=lambda each: _evidence(motion, white, each))
-    probability = 1 / (1 + np.exp(-0.5 * min(_evidence(motion, white, best), 500.0)) / PRIOR_ODDS)
-    if not probability > LEAST_PROBABILITY:
-        return None
-    return _told(rows, model, (white, best), float(probability))
+    likely = [(each, _probability(_evidence(motion, white, each))) for each in every]
+    found = [_told(rows, model, (white, each), p) for each, p in likely if p > LEAST_PROBABILITY]
+    return max(found, key=lambda each: each.expected_nees, default=None)
+
+
+def _probability(evidence: float) -> float:
+    """Of an explanation by -2 ln of the other's evidence over its own."""
+    return float(1 / (1 + np.exp(-0.5 * min(evidence, 500.0)) / PRIOR_ODDS))
 
 
 def _evidence(motion: LinearMotion, white: LikelyLevels, other: LikelyLevels) -> float:
