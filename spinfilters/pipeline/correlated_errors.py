@@ -18,9 +18,11 @@ LIKELY: Final = 0.5
 """Probability of errors that are likelier than not."""
 LARGEST_NEES: Final = 2.0
 """Expected per degree of freedom, beyond which errors that are likelier than not are a doubt."""
-LARGEST_UNDECIDED_NEES: Final = 9.0
+LARGEST_UNDECIDED_NEES: Final = 12.5
 """The same of errors that the recording does not tell from disturbances: a gyro alone hardly tells small ones, and no recording is
 doubted for what may always be so."""
+HIDDEN, LARGEST_HIDDEN_NEES = 0.8, 2.5
+"""The same where disturbances leave less than a fifth of a measurement's variance to white noise: deviations rest on them alone."""
 LARGEST_SCORE: Final = 5.0
 """Standard deviations beyond which landmarks' residuals are correlated by no chance."""
 
@@ -46,7 +48,8 @@ def correlated_error_doubts(setup: "Setup", rows: LinearRows | None, stated: Col
         return []
     if found.probability > LIKELY:
         return [_decided(found)] if found.expected_nees > LARGEST_NEES else []
-    return [_undecided(found)] if found.expected_nees > LARGEST_UNDECIDED_NEES else []
+    largest = LARGEST_HIDDEN_NEES if found.disturbed > HIDDEN else LARGEST_UNDECIDED_NEES
+    return [_undecided(found)] if found.expected_nees > largest else []
 
 
 def _of_landmarks(seen: ObservationCorrelation) -> str:

@@ -47,6 +47,8 @@ class CorrelatedErrors:
     white, lasting: standard deviations by noise option, in its unit.   time: of correlation, s.   densities: beside them.
     probability: of them.   advantage: fall of -2 ln likelihood.
     inflation: of the variance of the state component that they touch most, mean over epochs, were they there.
+    disturbed: what disturbances have, without them, in the variance of a measurement about that of the epoch before; white noise
+        has the rest.
     """
 
     white: dict[str, float]
@@ -56,6 +58,7 @@ class CorrelatedErrors:
     probability: float
     advantage: float
     inflation: float
+    disturbed: float
 
     @property
     def expected_nees(self) -> float:
@@ -98,7 +101,8 @@ def _compared(rows: LinearRows, model: NoiseModel, stated: Collection[str]) -> C
         [*_correlated(motion, white), *(_undisturbed(motion, white) if undisturbed else ())]
     )
     likely = [(each, _probability(_evidence(motion, white, each))) for each in every]
-    found = [_told(rows, model, (white, each), p) for each, p in likely if p > LEAST_PROBABILITY]
+    disturbed = motion.disturbed(white.levels)
+    found = [_told(rows, model, (white, each), (p, disturbed)) for each, p in likely if p > LEAST_PROBABILITY]
     return max(found, key=lambda each: each.expected_nees, default=None)
 
 
@@ -147,9 +151,12 @@ def _undisturbed(motion: LinearMotion, white: LikelyLevels) -> list[LikelyLevels
 
 
 def _told(
-    rows: LinearRows, model: NoiseModel, each: tuple[LikelyLevels, LikelyLevels], probability: float
+    rows: LinearRows,
+    model: NoiseModel,
+    each: tuple[LikelyLevels, LikelyLevels],
+    known: tuple[float, float],
 ) -> CorrelatedErrors:
-    white, best = each
+    (white, best), (probability, disturbed) = each, known
     count, names = len(model.components), [c.name for c in model.components]
     half = np.exp(best.levels / 2)
     values = np.array([component.value for component in model.components])
@@ -162,6 +169,7 @@ def _told(
         probability,
         2 * (best.log_likelihood - white.log_likelihood),
         _inflation(rows, model, best.levels),
+        disturbed,
     )
 
 

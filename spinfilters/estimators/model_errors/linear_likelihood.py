@@ -107,6 +107,21 @@ class LinearMotion:
         """How many there are."""
         return 2 * len(self.slots) + len(self.sources) + 1
 
+    def disturbed(self, levels: Float[np.ndarray, " c"]) -> float:
+        """Share of one interval's disturbances in a measurement's variance, largest over components of the sensors."""
+        count = len(self.slots)
+        density = np.exp(levels[2 * count : -1])
+        added = sum(
+            (q * own for q, own in zip(density, self.sources, strict=True)), np.zeros_like(self.transition)
+        )
+        kicked = np.einsum("kmi,kij,kmj->km", self.jacobian[1:], added, self.jacobian[1:])
+        found = [0.0]
+        for number, own in enumerate(self.slots):
+            part = kicked[:, own][self.measured[1:, own]]
+            mean, white = (float(part.mean()) if part.size else 0.0), float(np.exp(levels[number]))
+            found.append(mean / (mean + white))
+        return max(found)
+
     def innovations(self, levels: Float[np.ndarray, "b c"]) -> Innovations:
         """Innovations at several rows of levels.
 
