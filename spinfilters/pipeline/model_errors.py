@@ -32,6 +32,7 @@ from spinfilters.estimators.model_errors.hypotheses import (
 )
 from spinfilters.estimators.model_errors.lower_densities import beside_lower_densities
 from spinfilters.estimators.model_errors.refused_ends import with_refused_ends
+from spinfilters.estimators.model_errors.linear_rows import LinearRows
 from spinfilters.estimators.model_errors.score_tests import Effect, ScoreTest, likelier, score_tests
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.estimators.smoothing.factors.landmark_observations import OBSERVATIONS_NEEDED, seen_ids
@@ -40,6 +41,7 @@ from spinfilters.estimators.smoothing.problem.least_squares import Problem, prob
 from spinfilters.estimators.smoothing.solver.annealing import GATE
 from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.pipeline.correlation_verdict import correlated_error_doubts
 from spinfilters.pipeline.identified_noise import Unstated, noise_model
 from spinfilters.pipeline.wrong_units import WrongUnit, wrong_units
 from spinfilters.sensors.registry import sensor_of
@@ -75,6 +77,7 @@ class TestedModels:
     tests: the most explaining first.   contradicted: whether residuals contradict the noise levels that the recording was told.
     trouble: why there are no tests of a motion that was estimated; empty where there are.   units: that are probably others.
     std: (k, n) stated deviations of the states that were tested, or None where they are unknown.
+    correlated: doubts about errors of the measurements that are correlated in time.   solved: what was tested, while it is.
     """
 
     tests: tuple[ScoreTest, ...] = ()
@@ -82,6 +85,8 @@ class TestedModels:
     trouble: str = ""
     units: tuple[WrongUnit, ...] = ()
     std: Float[np.ndarray, "k n"] | None = None
+    correlated: tuple[str, ...] = ()
+    solved: LinearRows | None = None
 
     @cached_property
     def classes(self) -> tuple[tuple[ScoreTest, ...], ...]:
@@ -137,8 +142,8 @@ class TestedModels:
 
     @property
     def beside(self) -> list[str]:
-        """For doubt beside tests: wrong units, and that no error could be looked for."""
-        units = [each.reason for each in self.units]
+        """For doubt beside tests: correlated errors, wrong units, and that no error could be looked for."""
+        units = [*self.correlated, *(each.reason for each in self.units)]
         if not self.trouble:
             return units
         sentence = f"errors of the models could not be looked for ({self.trouble})"
@@ -169,7 +174,9 @@ def tested_models(setup: "Setup", evaluations: Sequence[Evaluation]) -> TestedMo
         return replace(NOT_TESTED, units=units)
     most = MOST_EPOCHS_WITH_MAP if setup.initial.has_landmarks else MOST_EPOCHS
     std = np.linalg.norm(best.factor[:most], axis=2)
-    return replace(tested_about(setup, best.mean[:most], table().values()), units=units, std=std)
+    found = tested_about(setup, best.mean[:most], table().values())
+    correlated = tuple(correlated_error_doubts(setup, found.solved, stated_levels(setup)))
+    return replace(found, units=units, std=std, correlated=correlated, solved=None)
 
 
 def tested_about(
@@ -210,14 +217,14 @@ def _tested(
     if identified is None:
         motion = SmoothedMotion(time, solved)
         found = beside_lower_densities(score_tests(motion, noise, every), motion, model, told)
-        return TestedModels(tuple(found), contradicted)
+        return TestedModels(tuple(found), contradicted, solved=near)
     found = score_tests(SmoothedMotion(time, identified), noise_of(model, identified), every)
     stated = among_inliers(problem, identified)
     if stated is not None:
         beside = score_tests(SmoothedMotion(time, stated), noise_of(model, stated, told), every)
         advantage = minus_twice_log_likelihood(stated) - minus_twice_log_likelihood(identified)
         found = likelier(found, beside, max(advantage, 0.0))
-    return TestedModels(tuple(found), contradicted)
+    return TestedModels(tuple(found), contradicted, solved=near)
 
 
 def _correlation(setup: "Setup") -> dict[str, float]:

@@ -52,7 +52,7 @@ class LinearRows:
         """y, one column."""
         sensors = tuple(rows[:, :, -1:] for rows in self.sensor_rows)
         seen = None if self.observation_rows is None else self.observation_rows[:, :, -1:]
-        return Columns(sensors, self.here.dynamics.rows[:, :, -1:], seen, self._prior_rows[:, -1:])
+        return Columns(sensors, self.here.dynamics.rows[:, :, -1:], seen, self.prior_rows[:, -1:])
 
     @cached_property
     def sensor_rows(self) -> tuple[Float[np.ndarray, "_ _ _"], ...]:
@@ -91,7 +91,7 @@ class LinearRows:
         sensors = tuple(np.zeros((*rows.shape[:2], count)) for rows in self.sensor_rows)
         seen = None if self.observation_rows is None else np.zeros((len(self.observation_rows), 3, count))
         steps = np.zeros((*self.here.dynamics.rows.shape[:2], count))
-        return Columns(sensors, steps, seen, np.zeros((len(self._prior_rows), count)), is_measured=False)
+        return Columns(sensors, steps, seen, np.zeros((len(self.prior_rows), count)), is_measured=False)
 
     def sensitivity(self, right: Columns) -> Sensitivity:
         """P J'H: by how much the solution moves per unit of each right-hand side."""
@@ -106,7 +106,7 @@ class LinearRows:
         return right.minus(self._explained(self.solved(self.gradient(right))))
 
     @cached_property
-    def _prior_rows(self) -> Float[np.ndarray, "n n1"]:
+    def prior_rows(self) -> Float[np.ndarray, "n n1"]:
         ordering, prior = self.problem.ordering, self.problem.motion.prior
         if prior is None:
             return np.zeros((0, len(ordering.order) + 1))
@@ -129,7 +129,7 @@ class LinearRows:
         by_step = np.swapaxes(J, 1, 2) @ right.steps
         every[:-1, :d] += by_step[:, :d]
         every[1:, :d] += by_step[:, d : 2 * d]
-        every[0] += self._prior_rows[:, :-1].T @ right.prior
+        every[0] += self.prior_rows[:, :-1].T @ right.prior
         constant = every[:, d:].sum(axis=0) + by_step[:, 2 * d :].sum(axis=0)
         landmarks = np.zeros((len(self.here.points), 3, m))
         if self.observation_rows is not None and right.is_measured and right.observations is not None:
@@ -236,7 +236,7 @@ class LinearRows:
             poses, points = e.moving[fit.observations.epoch, :6], e.landmarks[fit.observations.landmark]
             seen = self.observation_rows[:, :, :-1] @ np.concatenate([poses, points], axis=1)
         steps = self.here.dynamics.rows[:, :, :-1] @ both
-        return Columns((), steps, seen, self._prior_rows[:, :-1] @ states[0])
+        return Columns((), steps, seen, self.prior_rows[:, :-1] @ states[0])
 
     def states(self, e: Gradient) -> Float[np.ndarray, "k n m"]:
         """Errors of every epoch, components as in `VariableOrdering.order`."""

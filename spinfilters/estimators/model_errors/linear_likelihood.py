@@ -1,0 +1,207 @@
+"""Marginal likelihood of noise levels in a linearised motion whose measurement errors may be correlated in time.
+
+About a smoothed trajectory the errors of states obey e' = F e + b + noise of the disturbances, and every measurement is
+z = H e + u + v: v white, u a Gauss-Markov process with exp(-dt / tau) from epoch to epoch. A Kalman filter over (e, u) gives
+innovations i with covariance S, and -2 ln L = sum of ln |S| + i'S^-1 i (Schweppe 1965). Many levels are evaluated at once, for
+numbers are small.
+
+Levels are a row of numbers: ln variance of v and then of u by component, both beside what the problem states, ln of each density
+beside its own, ln tau in s.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from spinfilters.estimators.identification.components import ComponentRows
+from spinfilters.estimators.identification.noise_model import NoiseModel
+from spinfilters.estimators.identification.residuals import source_factors
+from spinfilters.estimators.model_errors.linear_rows import LinearRows
+
+MOST_EPOCHS: Final = 300
+"""That are looked at, from the first on."""
+SMALLEST: Final = 1e-12
+"""Change of a ln likelihood by a level that counts as information."""
+
+
+@dataclass(frozen=True)
+class Innovations:
+    """Innovations of a Kalman filter, for b rows of levels.
+
+    Attributes
+    ----------
+    log_likelihood: of each row.   residual: i.   covariance: S; the identity where nothing is measured.
+    """
+
+    log_likelihood: Float[np.ndarray, " b"]
+    residual: Float[np.ndarray, "k b m"]
+    covariance: Float[np.ndarray, "k b m m"]
+
+
+@dataclass(frozen=True)
+class Curvature:
+    """Gradient of a ln likelihood by levels, and their Fisher information."""
+
+    gradient: Float[np.ndarray, " f"]
+    information: Float[np.ndarray, "f f"]
+
+
+@dataclass(frozen=True)
+class LinearMotion:
+    """A linearised motion with its measurements.
+
+    Attributes
+    ----------
+    interval: (k - 1,) s.   transition, shift: F (n, n) and b (n,) of every step.   sources: covariance that each density adds.
+    mean, covariance: of the first state.   jacobian, values, measured: H (m, n), z and whether there is one, at every epoch.
+    slots: rows of z that each component scales.
+    """
+
+    interval: Float[np.ndarray, " j"]
+    transition: Float[np.ndarray, "j n n"]
+    shift: Float[np.ndarray, "j n"]
+    sources: tuple[Float[np.ndarray, "j n n"], ...]
+    mean: Float[np.ndarray, " n"]
+    covariance: Float[np.ndarray, "n n"]
+    jacobian: Float[np.ndarray, "k m n"]
+    values: Float[np.ndarray, "k m"]
+    measured: Bool[np.ndarray, "k m"]
+    slots: tuple[tuple[int, ...], ...]
+
+    @classmethod
+    def of(cls, rows: LinearRows, model: NoiseModel) -> "LinearMotion":
+        """From the whitened rows of a solved problem without landmarks.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError: a prior or step without inverse.
+        """
+        ordering, steps = rows.problem.ordering, rows.here.dynamics.rows[: MOST_EPOCHS - 1]
+        n, d = len(ordering.order), len(ordering.moving)
+        back = np.linalg.inv(steps[:, :, d : 2 * d])
+        transition = np.tile(np.eye(n), (len(steps), 1, 1))
+        transition[:, :d, :d] = -back @ steps[:, :, :d]
+        transition[:, :d, d:] = -back @ steps[:, :, 2 * d : -1]
+        shift = np.zeros((len(steps), n))
+        shift[:, :d] = np.einsum("kij,kj->ki", back, steps[:, :, -1])
+        sources = []
+        for factor in source_factors(rows.problem, rows.here, model.densities):
+            own, added = back @ factor[: len(steps)], np.zeros((len(steps), n, n))
+            added[:, :d, :d] = own @ np.swapaxes(own, 1, 2)
+            sources.append(added)
+        jacobian, values, measured = _measurements(rows, ordering.epochs, n)
+        prior = rows.prior_rows
+        spread = np.linalg.inv(prior[:, :-1])
+        return cls(
+            *(rows.problem.motion.dt[: len(steps)], transition, shift, tuple(sources)),
+            *(spread @ prior[:, -1], spread @ spread.T),
+            *(jacobian[:MOST_EPOCHS], values[:MOST_EPOCHS], measured[:MOST_EPOCHS]),
+            _slots(rows, model.components),
+        )
+
+    @property
+    def levels(self) -> int:
+        """How many there are."""
+        return 2 * len(self.slots) + len(self.sources) + 1
+
+    def disturbed(self, levels: Float[np.ndarray, " c"]) -> float:
+        """Share of one interval's disturbances in a measurement's variance, largest over components of the sensors."""
+        count = len(self.slots)
+        density = np.exp(levels[2 * count : -1])
+        added = sum(
+            (q * own for q, own in zip(density, self.sources, strict=True)), np.zeros_like(self.transition)
+        )
+        kicked = np.einsum("kmi,kij,kmj->km", self.jacobian[1:], added, self.jacobian[1:])
+        found = [0.0]
+        for number, own in enumerate(self.slots):
+            part = kicked[:, own][self.measured[1:, own]]
+            mean, white = (float(part.mean()) if part.size else 0.0), float(np.exp(levels[number]))
+            found.append(mean / (mean + white))
+        return max(found)
+
+    def innovations(self, levels: Float[np.ndarray, "b c"]) -> Innovations:
+        """Innovations at several rows of levels.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError: levels that leave no covariance.
+        """
+        (K, m, n), B, c = self.jacobian.shape, len(levels), len(self.slots)
+        white, slow = np.ones((B, m)), np.zeros((B, m))
+        for k, own in enumerate(self.slots):
+            white[:, own], slow[:, own] = np.exp(levels[:, [k]]), np.exp(levels[:, [c + k]])
+        density, tau = np.exp(levels[:, 2 * c : -1]), np.exp(levels[:, -1])
+        at, error, every = np.arange(m), np.arange(n, n + m), np.arange(n + m)
+        x, P = np.zeros((B, n + m)), np.zeros((B, n + m, n + m))
+        x[:, :n], P[:, :n, :n] = self.mean, self.covariance
+        P[:, error, error] = slow
+        H = np.concatenate([self.jacobian, np.eye(m) * self.measured[:, :, None]], axis=2)
+        F, residual, covariance = np.zeros_like(P), np.zeros((K, B, m)), np.zeros((K, B, m, m))
+        for k in range(K):
+            if k:
+                kept = np.exp(-self.interval[k - 1] / tau)[:, None]
+                F[:, :n, :n], F[:, error, error] = self.transition[k - 1], kept
+                x = np.einsum("bij,bj->bi", F, x)
+                x[:, :n] += self.shift[k - 1]
+                P = F @ P @ np.swapaxes(F, 1, 2)
+                for number, added in enumerate(self.sources):
+                    P[:, :n, :n] += density[:, number, None, None] * added[k - 1]
+                P[:, error, error] += slow * (1 - kept**2)
+            across = P @ H[k].T
+            S = H[k] @ across
+            S[:, at, at] += np.where(self.measured[k], white, 1.0)
+            i = self.values[k] - x @ H[k].T
+            gain = np.swapaxes(np.linalg.solve(S, np.swapaxes(across, 1, 2)), 1, 2)
+            x = x + np.einsum("bim,bm->bi", gain, i)
+            P = P - gain @ np.swapaxes(across, 1, 2)
+            P[:, every, every] = np.maximum(P[:, every, every], 0.0)
+            residual[k], covariance[k] = i, S
+        squares = np.einsum("kbi,kbi->b", residual, np.linalg.solve(covariance, residual[..., None])[..., 0])
+        found = -0.5 * (np.linalg.slogdet(covariance)[1].sum(axis=0) + squares)
+        return Innovations(np.where(np.isfinite(found), found, -np.inf), residual, covariance)
+
+
+def curvature(found: Innovations, rows: slice, steps: Float[np.ndarray, " f"]) -> Curvature:
+    """Gradient and information from differences of innovations.
+
+    F_ij = sum of tr(S^-1 dS_i S^-1 dS_j) / 2 + di_i' S^-1 di_j over epochs, which is that expected.
+
+    Parameters
+    ----------
+    rows: of the levels, and then of each with one level larger by a step.
+    """
+    L, S, i = found.log_likelihood[rows], found.covariance[:, rows], found.residual[:, rows]
+    inverse = np.linalg.inv(S[:, 0])
+    by_S = (S[:, 1:] - S[:, :1]) / steps[:, None, None]
+    by_i = (i[:, 1:] - i[:, :1]) / steps[:, None]
+    whitened = inverse[:, None] @ by_S
+    information = np.einsum("kaij,kbji->ab", whitened, whitened) / 2
+    information += np.einsum("kai,kij,kbj->ab", by_i, inverse, by_i)
+    return Curvature((L[1:] - L[0]) / steps, information + SMALLEST * np.eye(len(steps)))
+
+
+def _measurements(
+    rows: LinearRows, epochs: int, size: int
+) -> tuple[Float[np.ndarray, "k m n"], Float[np.ndarray, "k m"], Bool[np.ndarray, "k m"]]:
+    """H, z and what counts, of all sensors below one another."""
+    width = sum(each.shape[1] for each in rows.sensor_rows)
+    jacobian, values = np.zeros((epochs, width, size)), np.zeros((epochs, width))
+    measured, first = np.zeros((epochs, width), dtype=bool), 0
+    for sensor, own in zip(rows.problem.motion.sensors, rows.sensor_rows, strict=True):
+        at = np.arange(first, first + own.shape[1])
+        jacobian[sensor.epoch[:, None, None], at[:, None], rows.columns_of(sensor)] = own[:, :, :-1]
+        values[sensor.epoch[:, None], at] = own[:, :, -1]
+        measured[sensor.epoch[:, None], at] = (np.abs(own).max(axis=(1, 2)) > 0)[:, None]
+        first += own.shape[1]
+    return jacobian, values, measured
+
+
+def _slots(rows: LinearRows, components: Sequence[ComponentRows]) -> tuple[tuple[int, ...], ...]:
+    """Rows of all sensors' measurements that each component scales."""
+    first = np.concatenate([[0], np.cumsum([each.shape[1] for each in rows.sensor_rows])])
+    return tuple(
+        tuple(int(first[k]) + row for k, own in each.sensors.items() for row in own) for each in components
+    )

@@ -1,0 +1,51 @@
+"""Measurement errors that are correlated in time: stationary Gauss-Markov processes."""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.simulation.faults import with_stream
+from spinfilters.state.layout import StateLayout
+
+
+def gauss_markov(
+    white: Float[np.ndarray, "n k"], correlation: float | Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "n k"]:
+    """Unit-variance errors from white ones, correlated with the row before (n numbers or one for all; of the first none)."""
+    errors, kept = white.copy(), np.broadcast_to(correlation, len(white))
+    for k in range(1, len(errors)):
+        errors[k] = kept[k] * errors[k - 1] + np.sqrt(1 - kept[k] ** 2) * white[k]
+    return errors
+
+
+def with_gauss_markov_errors(
+    dataset: Dataset, std: Float[np.ndarray, " k"], correlation: float, generator: np.random.Generator
+) -> Dataset:
+    """The data set whose first stream has such errors more, from epoch to epoch.
+
+    Parameters
+    ----------
+    std: of rates rad/s (3), of poses m and rad (6), or of observations of landmarks px, each landmark having errors of its own.
+    """
+    stream = dataset.log.streams[0]
+    white = generator.standard_normal((len(stream), len(std)))
+    if stream.ids is None:
+        errors = std * gauss_markov(white, correlation)
+        if stream.sensor != "pose":
+            return with_stream(dataset, replace(stream, values=stream.values + errors))
+        return with_stream(
+            dataset, replace(stream, values=StateLayout(("t", "a")).retract(stream.values, errors))
+        )
+    errors, number = np.zeros_like(stream.values), _epoch_numbers(stream)
+    for landmark in np.unique(stream.ids):
+        rows = np.flatnonzero(stream.ids == landmark)
+        kept = correlation ** np.diff(number[rows], prepend=0).astype(float)
+        errors[rows] = std * gauss_markov(white[rows], kept)
+    return with_stream(dataset, replace(stream, values=stream.values + errors))
+
+
+def _epoch_numbers(stream: MeasurementStream) -> Float[np.ndarray, " n"]:
+    return np.searchsorted(stream.epoch_times, stream.time).astype(float)
