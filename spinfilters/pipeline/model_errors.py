@@ -30,9 +30,9 @@ from spinfilters.estimators.model_errors.hypotheses import (
     with_identified,
     with_refused_in_a_row,
 )
+from spinfilters.estimators.model_errors.linear_rows import LinearRows
 from spinfilters.estimators.model_errors.lower_densities import beside_lower_densities
 from spinfilters.estimators.model_errors.refused_ends import with_refused_ends
-from spinfilters.estimators.model_errors.linear_rows import LinearRows
 from spinfilters.estimators.model_errors.score_tests import Effect, ScoreTest, likelier, score_tests
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.estimators.smoothing.factors.landmark_observations import OBSERVATIONS_NEEDED, seen_ids
