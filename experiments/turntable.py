@@ -74,7 +74,9 @@ def main() -> None:
 
 def turntable(dataset: Dataset, estimator: str) -> Turntable:
     """Rotations between the images by an estimator. Errors: `compare_dataset`."""
-    settings = Settings(estimators=(estimator,), process=ProcessSettings(gravity=False))  # it is held, and does not fall
+    settings = Settings(
+        estimators=(estimator,), process=ProcessSettings(gravity=False)
+    )  # it is held, and does not fall
     comparison = compare_dataset(dataset, settings)
     evaluation = comparison.evaluations[0]
     attitude = Rotation.from_quat(evaluation.trajectory.q_ig)
