@@ -22,7 +22,7 @@ from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.data.track_files import KnownMap
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.pipeline.comparison_run import compare_dataset
-from spinfilters.settings.run_settings import Settings
+from spinfilters.settings.run_settings import ProcessSettings, Settings
 
 SIZE_PX = (720, 576)
 INTERVAL_S = 1.0
@@ -74,7 +74,10 @@ def main() -> None:
 
 def turntable(dataset: Dataset, estimator: str) -> Turntable:
     """Rotations between the images by an estimator. Errors: `compare_dataset`."""
-    comparison = compare_dataset(dataset, Settings(estimators=(estimator,)))
+    settings = Settings(
+        estimators=(estimator,), process=ProcessSettings(gravity=False)
+    )  # it is held, and does not fall
+    comparison = compare_dataset(dataset, settings)
     evaluation = comparison.evaluations[0]
     attitude = Rotation.from_quat(evaluation.trajectory.q_ig)
     turns = (attitude[1:] * attitude[:-1].inv()).as_rotvec()

@@ -2,20 +2,18 @@
 
 import gc
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import matplotlib as mpl
 import pytest
-from matplotlib.figure import Figure
+from pictures import unrendered_pictures
 from shape_checks import check_shapes_of
 
 check_shapes_of("spinfilters")
 check_shapes_of("observability")
 mpl.use("Agg")
 
-EMPTY_PICTURE = b"\x89PNG\r\n\x1a\n"
-"""What every PNG begins with."""
 SHARED_DATA = Path(__file__).parents[2] / "shared" / "data"
 
 
@@ -33,9 +31,10 @@ def ctrl_c_interrupts() -> None:
 
 
 @pytest.fixture
-def unrendered(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Compose pictures and write an empty PNG in their place: rendering takes most of a small run's time, and has its tests."""
-    monkeypatch.setattr(Figure, "savefig", lambda _, target, **__: target.write(EMPTY_PICTURE))
+def unrendered() -> Iterator[None]:
+    """Pictures are composed and not rendered."""
+    with unrendered_pictures():
+        yield
 
 
 @pytest.fixture(scope="session")

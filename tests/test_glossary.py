@@ -5,8 +5,6 @@ import re
 import tokenize
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).parents[1]
 STANDARD = {
     "sighting": "observation",
@@ -40,10 +38,12 @@ def test_names_are_taken_apart() -> None:
     assert words_of("class NewestSighting: at_rest = TIED") >= {"newest", "sighting", "at", "rest", "tied"}
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_names_use_the_standard_terms(path: Path) -> None:
-    found = words_of(path.read_text(encoding="utf-8")) & set(STANDARD)
-    assert not found, f"{path}: say {', '.join(STANDARD[word] for word in sorted(found))} instead of {found}"
+def test_names_use_the_standard_terms() -> None:
+    found = {str(path.relative_to(ROOT)): words_of(path.read_text(encoding="utf-8")) for path in FILES}
+    instead = {
+        path: {word: STANDARD[word] for word in words & set(STANDARD)} for path, words in found.items()
+    }
+    assert {path: words for path, words in instead.items() if words} == {}
 
 
 def test_modules_have_standard_names() -> None:

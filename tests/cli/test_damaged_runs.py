@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from faults import Change, cut_off, refusal, text, without
+from pictures import unrendered_pictures
 
 from spinfilters.cli.main import main
 
@@ -15,7 +16,8 @@ from spinfilters.cli.main import main
 def finished(originals: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run folder."""
     run = tmp_path_factory.mktemp("finished") / "run"
-    assert main(["compare", str(originals / "gyro"), "--estimators", "mekf", "-o", str(run)]) == 0
+    with unrendered_pictures():
+        assert main(["compare", str(originals / "gyro"), "--estimators", "mekf", "-o", str(run)]) == 0
     return run
 
 

@@ -18,7 +18,7 @@ from spinfilters.pipeline import first_epochs
 from spinfilters.pipeline.estimator_entries import smoother
 from spinfilters.state.gaussian import Gaussian
 
-pytestmark = pytest.mark.usefixtures("few_figures")
+pytestmark = pytest.mark.usefixtures("few_figures", "unrendered")
 
 
 @pytest.mark.parametrize("frame", [0, 7])

@@ -12,7 +12,7 @@ from failures import compared, of_casadi, singular
 from spinfilters.estimators.smoothing.window import convergence_record
 from spinfilters.pipeline import optional_outputs, predictions, recording_bound, smoother_convergence
 
-pytestmark = pytest.mark.usefixtures("few_figures")
+pytestmark = pytest.mark.usefixtures("few_figures", "unrendered")
 
 
 def test_a_bound_that_raises_is_left_out(

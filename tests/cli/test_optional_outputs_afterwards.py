@@ -188,6 +188,7 @@ def test_convergence_is_added_to_a_finished_run_as_if_at_once(
     assert "nothing is left to do" in capsys.readouterr().out
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_a_damaged_convergence_is_made_again(resumed: Resumed, unmapped: Path) -> None:
     run = resumed("--convergence")
     (run / CONVERGENCE).write_bytes(b"no archive")
@@ -210,6 +211,7 @@ FINISHED_FAULTS = {
 }
 
 
+@pytest.mark.usefixtures("unrendered")
 @pytest.mark.parametrize(("change", "says"), FINISHED_FAULTS.values(), ids=FINISHED_FAULTS.keys())
 def test_a_finished_run_that_is_damaged_is_not_predicted(
     change: Change, says: str, resumed: Resumed, recordings: Path, capsys: pytest.CaptureFixture[str]

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from faults import Change, replaced
 from forked import kill_at, killed
+from pictures import unrendered_pictures
 
 from spinfilters.cli.main import main
 from spinfilters.data.dataset_writing import write_dataset
@@ -42,7 +43,8 @@ def few_figures(monkeypatch: pytest.MonkeyPatch) -> None:
 def wanted(dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     """Trajectories of a run that nobody disturbed."""
     run = tmp_path_factory.mktemp("wanted") / "run"
-    assert main(["compare", str(dataset), "-o", str(run)]) == 0
+    with unrendered_pictures():
+        assert main(["compare", str(dataset), "-o", str(run)]) == 0
     return trajectories(run)
 
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plain_comparison import plainly_compared
 from scipy.spatial import ConvexHull
 
 from spinfilters.api.recordings import simulate
@@ -24,7 +25,6 @@ from spinfilters.lidar.sequence import (
     tumble_of,
     write_sequence,
 )
-from spinfilters.pipeline.estimation import compare_estimators
 from spinfilters.pipeline.setup import prepare
 from spinfilters.sensors.registry import sensor_of
 from spinfilters.settings.run_settings import Settings
@@ -95,5 +95,5 @@ def test_errors_of_the_models_are_looked_for_in_points_whose_angles_have_no_inno
     """A row has three noises and one innovation: the run was called degraded, out of an index."""
     settings = Settings(estimators=("mekf",))
     prepared = prepare(simulate("lidar-points", seed=0, frames=20, interval=1.0), settings)
-    (found,) = compare_estimators(prepared, settings, lambda *_: None).evaluations
+    (found,) = plainly_compared(prepared, settings).evaluations
     assert not [reason for reason in found.history.status.reasons if "could not be looked for" in reason]

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plain_comparison import plain_comparison
 from scipy.spatial.transform import Rotation
 
 from spinfilters.attitude.conversions import angle_between
@@ -16,8 +17,6 @@ from spinfilters.lidar.ray_pattern import RayPattern
 from spinfilters.lidar.scan_errors import rvs_noise
 from spinfilters.lidar.scanner import LidarSettings, Scanner
 from spinfilters.lidar.sequence import Initial, scan_sequence, scan_times, truth_of, tumble_of, write_sequence
-from spinfilters.pipeline.estimation import compare_estimators
-from spinfilters.pipeline.setup import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.status import Verdict
 
@@ -56,7 +55,7 @@ def test_scans_become_poses_with_covariance_in_a_frame_of_their_own(dataset: Dat
 
 def test_scans_tell_rates_centre_of_mass_and_moments(dataset: Dataset) -> None:
     settings = Settings(estimators=("mekf",))
-    (found,) = compare_estimators(prepare(dataset, settings), settings, lambda *_: None).evaluations
+    (found,) = plain_comparison(dataset, settings).evaluations
     moments = found.body.principal_moments
     assert dataset.truth is not None
     assert dataset.truth.principal_moments is not None
@@ -90,7 +89,7 @@ def test_a_folder_of_scans_that_cannot_be_used_is_refused(folder: Path, tmp_path
 def test_planes_that_contradict_the_drift_are_a_doubt_of_every_estimate(dataset: Dataset) -> None:
     assert dataset.doubts == ()
     settings, doubted = Settings(estimators=("mekf",)), replace(dataset, doubts=("7 of 25 scans",))
-    (found,) = compare_estimators(prepare(doubted, settings), settings, lambda *_: None).evaluations
+    (found,) = plain_comparison(doubted, settings).evaluations
     assert found.history.status.verdict is Verdict.DEGRADED
     assert "7 of 25 scans" in found.history.status.reasons
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pictures import unrendered_pictures
 
 from .case import COMPARE, Case
 from .fuzz import fuzzed_cases
@@ -38,7 +39,8 @@ def sample() -> list[Case]:
 def folders(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The valid inputs."""
     folder = tmp_path_factory.mktemp("valid")
-    make_originals(folder)
+    with unrendered_pictures():
+        make_originals(folder)
     return folder
 
 

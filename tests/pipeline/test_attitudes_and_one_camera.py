@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plain_comparison import plain_comparison
 
 from spinfilters.attitude.conversions import inverse, multiply, rotation_vector_from_quaternion
 from spinfilters.cli.main import main
@@ -14,7 +15,6 @@ from spinfilters.data.noise_levels import SensorNoise
 from spinfilters.errors import InputError
 from spinfilters.evaluation.consistency import chi_square_band
 from spinfilters.evaluation.evaluation import Evaluation
-from spinfilters.pipeline.estimation import compare_estimators
 from spinfilters.pipeline.setup import prepare
 from spinfilters.sensors.registry import sensor_of
 from spinfilters.sensors.sensor import CameraView
@@ -31,7 +31,7 @@ TRACKS = Scenario(kind="mono-tracks", rate_rpm=RICH_RPM, epochs=40, landmarks=20
 def estimated(dataset: Dataset, *names: str) -> tuple[Evaluation, ...]:
     """Evaluations of estimators."""
     settings = Settings(estimators=names)
-    return compare_estimators(prepare(dataset, settings), settings, lambda *_: None).evaluations
+    return plain_comparison(dataset, settings).evaluations
 
 
 @pytest.mark.parametrize("scenario", [ATTITUDES, TRACKS], ids=lambda scenario: scenario.kind)

@@ -1,6 +1,7 @@
 """A comparison says what it was made under: map, noise, seed; and a data set's own noise is what estimators are told."""
 
 from dataclasses import replace
+from functools import cache
 
 import pytest
 
@@ -14,6 +15,7 @@ from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, withou
 TRACKS = Scenario(rate_rpm=RICH_RPM, epochs=12, landmarks=60, seed=5)
 
 
+@cache
 def conditions(scenario: Scenario, settings: Settings | None = None, known: bool = True) -> Conditions:
     """Of a simulated data set, with its map or without."""
     dataset = simulate(scenario)

@@ -6,13 +6,12 @@ from functools import cache
 import numpy as np
 import pytest
 from jaxtyping import Bool
+from plain_comparison import plain_comparison
 
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.robust.outlier_rejection import RobustOptions
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
 from spinfilters.pipeline.diagnostics import with_verdict
-from spinfilters.pipeline.estimation import compare_estimators
-from spinfilters.pipeline.setup import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
@@ -98,7 +97,7 @@ def test_nominal_data_are_not_doubted_for_what_a_narrow_gate_refuses(kind: str) 
     scenario = Scenario(kind=kind, rate_rpm=RICH_RPM, epochs=300, interval=0.2, seed=1)
     settings = Settings(estimators=("mekf", "smoother"), robust=RobustOptions(gate_probability=0.97))
     settings = replace(settings, smoother=replace(settings.smoother, width=3.5))
-    comparison = compare_estimators(prepare(simulate(scenario), settings), settings, lambda *_: None)
+    comparison = plain_comparison(simulate(scenario), settings)
     for evaluation in comparison.evaluations:
         assert evaluation.history.rejected.sum() > 0
         assert not [reason for reason in evaluation.history.status.reasons if "told nothing" in reason]

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from jaxtyping import Float
+from plain_comparison import plain_comparison, plainly_compared
 from rich.console import Console
 
 from spinfilters.attitude.conversions import inverse, rotate
@@ -24,7 +25,6 @@ from spinfilters.evaluation.consistency import (
     true_states,
 )
 from spinfilters.models.process import ProcessNoise
-from spinfilters.pipeline.estimation import compare_estimators
 from spinfilters.pipeline.setup import prepare
 from spinfilters.runs.run_summary import summary
 from spinfilters.settings.run_settings import Settings
@@ -87,7 +87,7 @@ def compared(
     assert data.truth is not None
     setup = prepare(data, settings)
     found = []
-    for evaluation in compare_estimators(setup, settings, lambda name, done, total: None).evaluations:
+    for evaluation in plainly_compared(setup, settings).evaluations:
         history, layout = evaluation.history, evaluation.history.layout
         squares = normalised_errors(history, data.truth).blocks
         seen = seen_blocks(kind, layout)
@@ -182,7 +182,7 @@ def test_along_the_axis_of_a_symmetric_body_a_gyro_alone_tells_no_bias_and_the_s
 @pytest.mark.parametrize("settings", [WITH_BIAS, WITHOUT], ids=["with a bias", "without"])
 def test_the_summary_and_the_table_show_the_bias_where_it_is_estimated(settings: Settings) -> None:
     data = dataset(BESIDE_POSES, 0)
-    comparison = compare_estimators(prepare(data, settings), settings, lambda name, done, total: None)
+    comparison = plain_comparison(data, settings)
     text = io.StringIO()
     Console(file=text, width=160).print(comparison_table(comparison.evaluations))
     found = summary(comparison)["estimators"]["mekf"]

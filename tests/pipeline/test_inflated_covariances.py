@@ -6,14 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plain_comparison import plain_comparison
 
 from spinfilters.data.dataset import Dataset, read_dataset
 from spinfilters.data.dataset_options import DatasetOptions
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.errors import InputError
-from spinfilters.pipeline.estimation import compare_estimators
-from spinfilters.pipeline.setup import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 from spinfilters.state.status import EstimatorStatus
@@ -39,7 +38,7 @@ def _stating(variance: float, inflation: float) -> Dataset:
 
 def _smoothed(dataset: Dataset) -> EstimatorStatus:
     settings = Settings(estimators=("smoother",))
-    (evaluation,) = compare_estimators(prepare(dataset, settings), settings, lambda *_: None).evaluations
+    (evaluation,) = plain_comparison(dataset, settings).evaluations
     return evaluation.history.status
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plain_comparison import plain_comparison
 
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
@@ -15,7 +16,7 @@ from spinfilters.estimators.model_errors.score_tests import ScoreTest
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.pipeline import model_errors
 from spinfilters.pipeline.conditions import conditions_of
-from spinfilters.pipeline.estimation import Comparison, compare_estimators
+from spinfilters.pipeline.estimation import Comparison
 from spinfilters.pipeline.explanations import explanations
 from spinfilters.pipeline.setup import prepare
 from spinfilters.settings.run_settings import Settings
@@ -57,7 +58,7 @@ def recording(block: StateBlock | None, value: np.ndarray, interval: float, seed
 
 def compared(dataset: Dataset, settings: Settings = SMOOTHER) -> Comparison:
     """In memory."""
-    return compare_estimators(prepare(dataset, settings), settings, lambda *_: None)
+    return plain_comparison(dataset, settings)
 
 
 def test_a_throw_finds_gravity_by_itself() -> None:

@@ -6,12 +6,13 @@ from functools import cache
 
 import numpy as np
 import pytest
+from plain_comparison import plainly_compared
 
 from experiments.honest_cases import RecordingCase, recordings
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.evaluation.noise_tests import MEASUREMENTS, FilterTests, NoiseTest, filter_tests
 from spinfilters.pipeline import noise_diagnostics, stated_levels
-from spinfilters.pipeline.estimation import Comparison, compare_estimators
+from spinfilters.pipeline.estimation import Comparison
 from spinfilters.pipeline.noise_diagnostics import (
     LARGEST_RATIO,
     LARGEST_SCORE,
@@ -40,7 +41,7 @@ def compared(density: float = 1.0, deviation: float = 1.0) -> Comparison:
         pose_rotation_std=deviation * POSE.noise_std,
     )
     setup = prepare(replace(dataset, options=stated), SETTINGS)
-    return compare_estimators(setup, SETTINGS, lambda *_: None)
+    return plainly_compared(setup, SETTINGS)
 
 
 def found_by(run: Comparison) -> FilterTests:
@@ -99,7 +100,7 @@ def test_deviations_that_rows_state_are_tested_too(factor: float) -> None:
     )
     assert streams[0].covariance is not None
     setup = prepare(replace(dataset, log=MeasurementLog(streams)), SETTINGS)
-    history = compare_estimators(setup, replace(SETTINGS, estimators=("mekf",)), lambda *_: None)
+    history = plainly_compared(setup, replace(SETTINGS, estimators=("mekf",)))
     found = stated_level_diagnostics(setup, SETTINGS, [history.evaluations[0].history])
     if factor == 1.0:
         assert found == []
@@ -116,7 +117,7 @@ def test_densities_of_a_gyro_wrong_by_ten_are_doubted_with_the_number(density: f
     dataset = simulate(scenario)
     stated = replace(dataset.options, torque_psd=density * scenario.noise.torque_psd)
     setup = prepare(replace(dataset, options=stated), SETTINGS)
-    run = compare_estimators(setup, SETTINGS, lambda *_: None)
+    run = plainly_compared(setup, SETTINGS)
     (doubt,) = stated_level_diagnostics(setup, SETTINGS, [run.evaluations[0].history])
     assert doubt.startswith(f"process.torque_psd is {density * scenario.noise.torque_psd:.3g}, the data have")
     found = float(re.findall(r"the data have (\S+)", doubt)[0])

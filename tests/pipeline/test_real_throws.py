@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from jaxtyping import Float
+from plain_comparison import plain_comparison
 
 from spinfilters.data.dataset import Dataset, read_dataset
 from spinfilters.evaluation.evaluation import Evaluation
-from spinfilters.pipeline.estimation import Comparison, compare_estimators
+from spinfilters.pipeline.estimation import Comparison
 from spinfilters.pipeline.setup import prepare
 from spinfilters.settings.run_settings import ProcessSettings, Settings
 
@@ -25,7 +26,7 @@ HORIZON = 0.3
 
 def compared(dataset: Dataset, settings: Settings) -> Comparison:
     """The run of a data set."""
-    return compare_estimators(prepare(dataset, settings), settings, lambda *_: None)
+    return plain_comparison(dataset, settings)
 
 
 @pytest.fixture(scope="module", params=PHONE_MOMENTS)

@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from pictures import unrendered_pictures
 
 from spinfilters.api.image_recordings import ImageScenario, render
 from spinfilters.cli.main import main
@@ -35,7 +36,8 @@ def images(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def run(images: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Their run, without a dense model."""
     folder = tmp_path_factory.mktemp("runs") / "run"
-    compare_into(track_images(images).dataset, Settings(estimators=("smoother",)), RunOutput(folder))
+    with unrendered_pictures():
+        compare_into(track_images(images).dataset, Settings(estimators=("smoother",)), RunOutput(folder))
     return folder
 
 
@@ -98,6 +100,7 @@ def test_what_cannot_be_reconstructed_is_refused_in_one_line(
     assert len(complaint.splitlines()) == 1
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_a_run_without_images_takes_an_earlier_model_away_and_says_how_to_give_images(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from jaxtyping import Float
+from plain_comparison import plain_comparison
 
 from spinfilters.data.dataset import Dataset, read_dataset
 from spinfilters.data.dataset_options import DatasetOptions
@@ -14,12 +15,11 @@ from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.evaluation.consistency import chi_square_band, normalised_square
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.evaluation.rates import true_rates
-from spinfilters.pipeline.estimation import compare_estimators
 from spinfilters.pipeline.setup import prepare
 from spinfilters.settings.run_settings import SensorSettings, Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 
-GYRO = Scenario(kind="gyro", rate_rpm=RICH_RPM, epochs=300, interval=0.1)
+GYRO = Scenario(kind="gyro", rate_rpm=RICH_RPM, epochs=150, interval=0.1)
 TRACKS = Scenario(rate_rpm=RICH_RPM, epochs=25, landmarks=120, pixel_std=0.3)
 STDS = {"gyro": (0.002, 0.02), "stereo": (0.3, 3.0)}
 """Of every other row."""
@@ -64,7 +64,7 @@ def repeated(dataset: Dataset, std: float) -> Dataset:
 def estimated(dataset: Dataset, *names: str, sensors: SensorSettings | None = None) -> tuple[Evaluation, ...]:
     """Evaluations of estimators, without the bound."""
     settings = Settings(estimators=names, sensors=sensors or SensorSettings())
-    return compare_estimators(prepare(dataset, settings), settings, lambda *_: None).evaluations
+    return plain_comparison(dataset, settings).evaluations
 
 
 def shape_error(evaluation: Evaluation, dataset: Dataset) -> Float[np.ndarray, " n"]:

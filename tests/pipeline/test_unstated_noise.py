@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plain_comparison import plain_comparison
 
 from spinfilters.data.dataset import Dataset, read_dataset
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.models.process import ProcessNoise
-from spinfilters.pipeline.estimation import Comparison, compare_estimators
+from spinfilters.pipeline.estimation import Comparison
 from spinfilters.pipeline.setup import prepare
 from spinfilters.runs.run_summary import summary
 from spinfilters.settings.run_settings import Settings
@@ -42,7 +43,7 @@ def recording(seed: int) -> Dataset:
 def compared(dataset: Dataset, settings: Settings) -> Comparison:
     """MEKF and smoother."""
     settings = replace(settings, estimators=("mekf", "smoother"))
-    return compare_estimators(prepare(dataset, settings), settings, lambda *_: None)
+    return plain_comparison(dataset, settings)
 
 
 def test_the_summary_says_what_was_identified_with_its_deviation() -> None:

@@ -9,7 +9,14 @@ import numpy as np
 
 from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.initialisation.options import InitialisationOptions
-from spinfilters.pipeline.estimation import Comparison, Progress, build_estimator, compare_estimators
+from spinfilters.pipeline.estimation import (
+    Comparison,
+    ComparisonExtent,
+    Progress,
+    build_estimator,
+    compare_estimators,
+)
+from spinfilters.pipeline.recording_bound import without_bounds
 from spinfilters.pipeline.setup import Setup, prepare
 from spinfilters.runs.checkpoint_store import CheckpointInterval, checkpoint_stores
 from spinfilters.runs.fingerprint import RunFingerprint, fingerprint_of
@@ -20,6 +27,7 @@ from spinfilters.simulation.scenario import Scenario, simulate
 NAMES = ("mekf", "ukf")
 SETTINGS = Settings(estimators=NAMES, initialisation=InitialisationOptions(epochs=20))
 EVERY_FRAME = CheckpointInterval(0.0, np.inf)
+UNBOUNDED = ComparisonExtent(bounding=without_bounds)
 SAME_FILES = ("trajectory.csv", "trajectory.tum", "map.ply")
 
 
@@ -48,11 +56,11 @@ def epochs_to_do() -> int:
 def make_run(
     folder: Path, progress: Progress = silent, interval: CheckpointInterval = EVERY_FRAME
 ) -> Comparison:
-    """What ``spinfilters compare`` does, without figures."""
+    """What ``spinfilters compare`` does, without figures and bounds."""
     folder.mkdir(exist_ok=True)
     mark_run_folder(folder, SETTINGS)
     comparison = compare_estimators(
-        sample(), SETTINGS, progress, checkpoint_stores(folder, sample(), SETTINGS, interval)
+        sample(), SETTINGS, progress, checkpoint_stores(folder, sample(), SETTINGS, interval), UNBOUNDED
     )
     write_run(folder, comparison, SETTINGS)
     return comparison

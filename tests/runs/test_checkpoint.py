@@ -12,6 +12,7 @@ from checkpoint_samples import (
     EVERY_FRAME,
     NAMES,
     SETTINGS,
+    UNBOUNDED,
     epochs_to_do,
     fingerprint,
     fresh,
@@ -41,7 +42,7 @@ KILLS = [(NAMES[k % 2], int(f)) for k, f in enumerate(np.random.default_rng(7).i
 def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
     """Results of a run that nobody disturbed."""
     folder = tmp_path_factory.mktemp("uninterrupted") / "run"
-    write_run(folder, compare_estimators(sample(), SETTINGS, silent), SETTINGS)
+    write_run(folder, compare_estimators(sample(), SETTINGS, silent, extent=UNBOUNDED), SETTINGS)
     assert epochs_to_do() >= 28
     return results(folder)
 

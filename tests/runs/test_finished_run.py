@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from forked import killed
+from plain_comparison import plain_comparison
 from swapped_ids import swapped
 
 from spinfilters.data.camera import StereoRig
@@ -17,6 +18,8 @@ from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
 from spinfilters.pipeline.segment_runs import run_segments
 from spinfilters.pipeline.setup import prepare
+from spinfilters.pipeline.estimation import Comparison
+from spinfilters.pipeline.segments import run_segments
 from spinfilters.runs import run_folder
 from spinfilters.runs.run_folder import finished_run, write_run
 from spinfilters.settings.run_settings import Settings
@@ -32,7 +35,7 @@ def silent(*_: object) -> None:
 
 def compared(dataset: Dataset, settings: Settings) -> Comparison:
     """A run."""
-    return compare_estimators(prepare(dataset, settings), settings, silent)
+    return plain_comparison(dataset, settings)
 
 
 @pytest.fixture

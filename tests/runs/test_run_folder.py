@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pictures import unrendered_pictures
 
 from spinfilters.cli.main import main
 from spinfilters.data.dataset import Dataset, read_dataset
@@ -49,7 +50,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     setup = prepare(simulate(Scenario(epochs=40, landmarks=60)), settings)
     comparison = compare_estimators(setup, settings, silent)
     write_run(folder, comparison, settings)
-    draw_run(FigureData.from_comparison(comparison), folder, silent)
+    with unrendered_pictures():
+        draw_run(FigureData.from_comparison(comparison), folder, silent)
     return Run(folder, comparison, settings)
 
 
@@ -196,6 +198,7 @@ def test_a_run_replaces_one_of_another_kind_with_more_estimators(run: Run, tmp_p
     assert read_dataset(folder / "dataset").kind == "gyro"
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_a_run_of_its_own_data_set_keeps_it(run: Run, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     write_run(folder, run.comparison, run.settings)

@@ -68,6 +68,7 @@ def test_the_sensor_of_the_how_to_page_keeps_the_contract(distribution: Path, tm
     check_sensor(sensor_of("range"), tmp_path / "data")
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_a_data_set_of_a_sensor_from_outside_is_compared(distribution: Path, tmp_path: Path) -> None:
     installed(distribution, how_to_module())
     ranges = simulate(Scenario(kind="range", rate_rpm=RICH_RPM, epochs=80, seed=2))
