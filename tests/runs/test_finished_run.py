@@ -15,11 +15,8 @@ from swapped_ids import swapped
 from spinfilters.data.camera import StereoRig
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.pipeline.estimation import Comparison, compare_estimators
-from spinfilters.pipeline.segment_runs import run_segments
-from spinfilters.pipeline.setup import prepare
 from spinfilters.pipeline.estimation import Comparison
-from spinfilters.pipeline.segments import run_segments
+from spinfilters.pipeline.segment_runs import run_segments
 from spinfilters.runs import run_folder
 from spinfilters.runs.run_folder import finished_run, write_run
 from spinfilters.settings.run_settings import Settings
