@@ -86,12 +86,12 @@ class LinearRows:
         weight = np.where(fit.used, np.sqrt(fit.weight), 0.0)
         return np.where(fit.used[:, None, None], linear.rows, 0.0) * weight[:, None, None]
 
-    def nothing(self, count: int) -> Columns:
-        """Zeros."""
+    def nothing(self, count: int, is_measured: bool = True) -> Columns:
+        """Zeros, of which those of the measurements stay so unless ``is_measured``."""
         sensors = tuple(np.zeros((*rows.shape[:2], count)) for rows in self.sensor_rows)
         seen = None if self.observation_rows is None else np.zeros((len(self.observation_rows), 3, count))
         steps = np.zeros((*self.here.dynamics.rows.shape[:2], count))
-        return Columns(sensors, steps, seen, np.zeros((len(self.prior_rows), count)), is_measured=False)
+        return Columns(sensors, steps, seen, np.zeros((len(self.prior_rows), count)), is_measured)
 
     def sensitivity(self, right: Columns) -> Sensitivity:
         """P J'H: by how much the solution moves per unit of each right-hand side."""

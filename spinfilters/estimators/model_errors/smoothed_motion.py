@@ -145,7 +145,7 @@ class SmoothedMotion:
         kicks, d = change[:, ordering.moving], len(ordering.moving)
         half = np.diff(self.time)[:, None, None] / 2
         steps = half * (rows[:, :, :d] @ kicks[:-1] - rows[:, :, d : 2 * d] @ kicks[1:])
-        nothing = self.rows.nothing(count)
+        nothing = self.rows.nothing(count, is_measured=False)
         return replace(nothing, steps=steps)
 
     def shifted(self, shift: Shift) -> Columns | None:
@@ -170,7 +170,7 @@ class SmoothedMotion:
                 nothing.sensors[each.sensor][:] = whitened
             elif nothing.observations is not None:
                 nothing.observations[each.rows, : whitened.shape[1]] = whitened
-        return replace(nothing, is_measured=True)
+        return nothing
 
     @cached_property
     def measured(self) -> tuple[MeasuredRows, ...]:
