@@ -98,11 +98,11 @@ class StereoPoints:
         cut = [np.ascontiguousarray(image[top:bottom, first:last]) for image in (left, right)]
         gain = exposure_gain(cut[0])
         left, right = (stretched(image, gain) for image in cut)
-        found = self._threads.map(_detect, self._detectors, (left, right))
-        seen = (SeenImage(*each) for each in zip((left, right), found, strict=True))
+        of_left, of_right = self._threads.map(_detect, self._detectors, (left, right))
+        seen = SeenImage(left, of_left), SeenImage(right, of_right)
         offset = np.array([first, top])
         rig = self._rectification.stereo
-        points = match_stereo(*seen, rig, self._options.stereo, losses)
+        points = match_stereo(seen[0], seen[1], rig, self._options.stereo, losses)
         clear = clear_of_outline((cut[0], cut[1]), points.values)
         losses.lose(STEREO, "at the outline of the body", int(np.count_nonzero(~clear)))
         return points.part(clear).moved(offset)
