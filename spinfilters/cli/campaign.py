@@ -47,7 +47,7 @@ def _carried_out(options: argparse.Namespace) -> "Advance":
     last: list[Advance] = []
     with _progress_line() as tell:
 
-        def follow(advance: Advance) -> None:
+        def follow(advance: "Advance") -> None:
             """Show how far the campaign is."""
             last[:] = [advance]
             tell(advance.done, advance.total, advance.faulty, advance.seconds_left)
