@@ -98,7 +98,7 @@ def map_accuracy(run: Path, mesh: BodyMesh) -> MapAccuracy:
     model, told = read_ply(place / MODEL_FILE).points, json.loads((place / RECONSTRUCTION_FILE).read_text())
     wrong, tracks = _wrong(data.dataset, truth)
     axes, corners = np.asarray(truth.principal_axes_g), mesh.vertices - body.centre
-    sizes = np.ptp(model, axis=0)
+    sizes = np.array(told["dimensions_m"])
     return MapAccuracy(
         wrong,
         tracks,

@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 from spinfilters.errors import InputError
 from spinfilters.vision.reconstruction.dimensions import Dimensions, dimensions_of
 from spinfilters.vision.reconstruction.distance_volume import GROUPS, DistanceVolume
-from spinfilters.vision.reconstruction.surface_nets import surface_of
+from spinfilters.vision.reconstruction.surface_nets import NetSurface, surface_of
 
 FEWEST_TRIANGLES: Final = 100
 FEWEST_LANDMARKS, NEAR_VOXELS = 20, 1.0
@@ -74,17 +74,8 @@ def body_model(
     others = np.array([_extents(volume, outward, group) for group in range(GROUPS)])
     jackknife = (GROUPS - 1) / GROUPS * ((others - others.mean(axis=0)) ** 2).sum(axis=0)
     surface_std = np.sqrt(jackknife + (ROUNDING_STD_VOXELS * volume.grid.voxel) ** 2)
-    dimensions = dimensions_of(
-        surface.vertices, surface_std, np.zeros((3, 3)) if axes_cov is None else axes_cov
-    )
+    dimensions = dimensions_of(surface, surface_std, np.zeros((3, 3)) if axes_cov is None else axes_cov)
     return BodyModel(surface.vertices, surface.triangles, surface.grey, dimensions)
-
-
-@dataclass(frozen=True, eq=False)
-class _Surface:
-    vertices: Float[np.ndarray, "v 3"]
-    triangles: Int[np.ndarray, "f 3"]
-    grey: Float[np.ndarray, " v"]
 
 
 def _depth_of_landmarks(volume: DistanceVolume, landmarks: Float[np.ndarray, "k 3"]) -> float:
@@ -96,17 +87,18 @@ def _depth_of_landmarks(volume: DistanceVolume, landmarks: Float[np.ndarray, "k 
 
 def _extents(volume: DistanceVolume, outward: float, without: int) -> Float[np.ndarray, " 3"]:
     """Along the axes, m, without a group of epochs; NaN where they make no surface."""
-    vertices = _largest_part(volume, outward, without).vertices
-    return np.ptp(vertices, axis=0) if len(vertices) else np.full(3, np.nan)
+    surface = _largest_part(volume, outward, without)
+    return surface.extents if len(surface.vertices) else np.full(3, np.nan)
 
 
-def _largest_part(volume: DistanceVolume, outward: float, without: int | None = None) -> _Surface:
-    vertices, triangles, grey = surface_of(volume.field(without).moved(outward))
-    if not len(triangles):
-        return _Surface(vertices[:0], triangles, grey[:0])
-    ends = triangles[:, [0, 1, 2]].ravel(), triangles[:, [1, 2, 0]].ravel()
-    links = coo_matrix((np.ones(len(ends[0])), ends), shape=(len(vertices),) * 2)
+def _largest_part(volume: DistanceVolume, outward: float, without: int | None = None) -> NetSurface:
+    surface = surface_of(volume.field(without).moved(outward))
+    if not len(surface.triangles):
+        return NetSurface(*(each[:0] for each in surface))
+    ends = surface.triangles[:, [0, 1, 2]].ravel(), surface.triangles[:, [1, 2, 0]].ravel()
+    links = coo_matrix((np.ones(len(ends[0])), ends), shape=(len(surface.vertices),) * 2)
     part = connected_components(links, directed=False)[1]
     kept = part == np.bincount(part).argmax()
-    number = np.cumsum(kept) - 1
-    return _Surface(vertices[kept], number[triangles[kept[triangles[:, 0]]]], grey[kept])
+    triangles = (np.cumsum(kept) - 1)[surface.triangles[kept[surface.triangles[:, 0]]]]
+    vertices, _, grey, lowest, highest = surface
+    return NetSurface(vertices[kept], triangles, grey[kept], lowest[kept], highest[kept])

@@ -12,6 +12,8 @@ from jaxtyping import Float
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from spinfilters.vision.reconstruction.surface_nets import NetSurface
+
 AXES_DRAWN: Final = 100
 NAMES: Final = "xyz"
 """Of the principal axes, moments ascending."""
@@ -56,24 +58,22 @@ class Dimensions:
 
 
 def dimensions_of(
-    vertices: Float[np.ndarray, "v 3"],
-    surface_std: Float[np.ndarray, " 3"],
-    axes_cov: Float[np.ndarray, "3 3"],
+    surface: NetSurface, surface_std: Float[np.ndarray, " 3"], axes_cov: Float[np.ndarray, "3 3"]
 ) -> Dimensions:
-    """Dimensions of a surface (m, principal axes).
+    """Dimensions of a surface.
 
     Parameters
     ----------
     surface_std: m, of the extents along the axes as they are.   axes_cov: rad^2, of the axes' small rotation about themselves.
     """
-    corners = vertices[ConvexHull(vertices).vertices]
+    corners = surface.vertices[ConvexHull(surface.vertices).vertices]
     values, vectors = np.linalg.eigh(axes_cov)
     drawn = np.random.default_rng(0).standard_normal((AXES_DRAWN, 3)) * np.sqrt(np.maximum(values, 0.0))
     rotation_std = np.sqrt(np.maximum(np.diag(axes_cov), 0.0))
-    extents = np.ptp(corners, axis=0)
-    single = [_turned(corners, sign * np.diag(rotation_std)) - extents for sign in (-1, 1)]
+    straight = np.ptp(corners, axis=0)
+    single = [_turned(corners, sign * np.diag(rotation_std)) - straight for sign in (-1, 1)]
     return Dimensions(
-        extents,
+        surface.extents,
         surface_std,
         rotation_std,
         np.abs(single).max(axis=0),

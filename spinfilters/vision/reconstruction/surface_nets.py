@@ -5,6 +5,7 @@ signs has one quadrilateral, of the vertices of the four cells around it.
 """
 
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -15,22 +16,38 @@ _CORNERS = np.array(list(product((0, 1), repeat=3)))
 _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if np.abs(_CORNERS[a] - _CORNERS[b]).sum() == 1]
 
 
-def surface_of(
-    field: Field,
-) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"], Float[np.ndarray, " v"]]:
-    """Vertices (m, principal axes), triangles and grey values of a surface.
+class NetSurface(NamedTuple):
+    """Surface of a field.
 
-    Triangles run anticlockwise seen from outside.
+    Attributes
+    ----------
+    vertices: (v, 3) m, principal axes.   triangles: (f, 3), anticlockwise seen from outside.   grey: (v,) 0..255.
+    lowest, highest: (v, 3) m, of the crossings of which each vertex is the mean: so far corners of the surface reach.
     """
+
+    vertices: Float[np.ndarray, "v 3"]
+    triangles: Int[np.ndarray, "f 3"]
+    grey: Float[np.ndarray, " v"]
+    lowest: Float[np.ndarray, "v 3"]
+    highest: Float[np.ndarray, "v 3"]
+
+    @property
+    def extents(self) -> Float[np.ndarray, " 3"]:
+        """Along the axes, m."""
+        return self.highest.max(axis=0) - self.lowest.min(axis=0)
+
+
+def surface_of(field: Field) -> NetSurface:
+    """Surface where the distance is zero."""
     cells = _crossed_cells(field.distance)
     values = field.distance[tuple((cells[:, None] + _CORNERS).transpose(2, 0, 1))]
-    vertices = field.grid.places(cells + _within(values))
+    places = [field.grid.places(cells + within) for within in _within(values)]
     number = np.full(np.array(field.distance.shape) - 1, -1)
     number[tuple(cells.T)] = np.arange(len(cells))
     near = field.grey[tuple((cells[:, None] + _CORNERS).transpose(2, 0, 1))]
     weight = 1 / (np.abs(values) + 1e-2 * field.grid.voxel)
     grey = (near * weight).sum(axis=1) / weight.sum(axis=1)
-    return vertices, _triangles(field.distance, number), grey
+    return NetSurface(places[0], _triangles(field.distance, number), grey, places[1], places[2])
 
 
 def _crossed_cells(distance: Float[np.ndarray, "n n n"]) -> Int[np.ndarray, "k 3"]:
@@ -43,15 +60,21 @@ def _crossed_cells(distance: Float[np.ndarray, "n n n"]) -> Int[np.ndarray, "k 3
     return np.argwhere((low < 0) & (high >= 0))
 
 
-def _within(values: Float[np.ndarray, "k 8"]) -> Float[np.ndarray, "k 3"]:
-    """Mean of the crossings of the edges of a cell, in voxels from its least corner."""
+def _within(
+    values: Float[np.ndarray, "k 8"],
+) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
+    """Mean, least and largest of the crossings of the edges of a cell, in voxels from its least corner."""
     sums, count = np.zeros((len(values), 3)), np.zeros(len(values))
+    lowest, highest = np.ones((len(values), 3)), np.zeros((len(values), 3))
     for a, b in _EDGES:
         crossed = (values[:, a] < 0) != (values[:, b] < 0)
         share = np.where(crossed, values[:, a] / np.where(crossed, values[:, a] - values[:, b], 1.0), 0.0)
-        sums += crossed[:, None] * (_CORNERS[a] + share[:, None] * (_CORNERS[b] - _CORNERS[a]))
+        at, there = _CORNERS[a] + share[:, None] * (_CORNERS[b] - _CORNERS[a]), crossed[:, None]
+        sums += there * at
+        lowest = np.where(there, np.minimum(lowest, at), lowest)
+        highest = np.where(there, np.maximum(highest, at), highest)
         count += crossed
-    return sums / count[:, None]
+    return sums / count[:, None], lowest, highest
 
 
 def _triangles(

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from spinfilters.vision.reconstruction.dimensions import dimensions_of
+from spinfilters.vision.reconstruction.surface_nets import NetSurface
 
-PLATE = np.array(list(product((-0.1, 0.1), (-0.02, 0.02), (-0.03, 0.03))))
+_CORNERS = np.array(list(product((-0.1, 0.1), (-0.02, 0.02), (-0.03, 0.03))))
+PLATE = NetSurface(_CORNERS, np.zeros((0, 3), dtype=int), np.zeros(8), _CORNERS, _CORNERS)
 SURFACE_STD = np.array([3e-4, 4e-4, 5e-4])
 
 
