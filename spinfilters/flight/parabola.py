@@ -278,7 +278,7 @@ def _trimmed(log: PoseLog, stretch: Stretch) -> Stretch:
 
 
 def _let_go(log: PoseLog, stretch: Stretch) -> Stretch:
-    """A flight without end samples at whose rate a hand or a touch still had a part."""
+    """A flight without the end samples whose rates are not its own."""
     rows, margin = np.s_[stretch.start : stretch.end], max(FEWEST_ENDS, len(stretch) // ENDS)
     good = np.flatnonzero(leads_on(log.time[rows], log.attitude[rows], margin))
     return Stretch(stretch.start + int(good[0]), stretch.start + int(good[-1]) + 1)

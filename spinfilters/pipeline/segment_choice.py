@@ -98,7 +98,9 @@ def read_several(
     options: ReadingOptions = NOTHING_STATED,
     on_refused: OnRefused | None = None,
 ) -> list[Dataset]:
-    """All segments that are marked (``all``), or that are found (``auto``), of a folder of recordings in each.
+    """All segments that are marked (``all``) or found (``auto``).
+
+    Found in each of a folder of recordings.
 
     Parameters
     ----------
