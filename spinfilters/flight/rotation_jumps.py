@@ -1,6 +1,7 @@
 """Rates at the ends of a flight that are not its own.
 
-Jumps between samples, and rates that the middle does not lead to. A touch changes the rate of a body at once, and a hand as it lets go, which its place shows only later.
+Jumps between samples, and rates that the middle does not lead to. A touch changes the rate of a body at once, and a hand
+as it lets go, which its place shows only later.
 """
 
 from typing import Final
