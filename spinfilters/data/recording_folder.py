@@ -9,9 +9,9 @@ from spinfilters.data.sensor_format import sensor_formats
 
 
 def recordings_in(folder: Path) -> tuple[Path, ...]:
-    """Recordings of the commonest kind in a folder that is none itself, by name; none where there are not two.
+    """Recordings in a folder that is none itself, by name.
 
-    Data set folders, exports, or files of one suffix.
+    Those of the commonest kind (data set folders and exports, or files of one suffix); none where there are not two.
     """
     if not os.path.isdir(folder) or _is_recording(folder):
         return ()
@@ -24,7 +24,10 @@ def recordings_in(folder: Path) -> tuple[Path, ...]:
 
 
 def _is_recording(path: Path) -> bool:
-    """Whether a path looks like a recording, by its name or, of a folder, by what it holds."""
+    """Whether a path looks like a recording.
+
+    By its name or, of a folder, by what it holds.
+    """
     reader, anything = reader_of(path), dataset_readers()[-1]
     if os.path.isdir(path):
         return reader.order < _FOLDERS or os.path.isfile(path / DATASET_FILE)

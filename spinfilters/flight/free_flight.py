@@ -68,6 +68,24 @@ def flights_within(dataset: Dataset) -> list[FreeFlight]:
     return flights if flying < WHOLE * (dataset.log.end - dataset.log.start) else []
 
 
+def flying_unit(dataset: Dataset) -> str:
+    """Advice on the unit of lengths or time in which poses would show a flight.
+
+    Empty where none would, or these are no poses.
+    """
+    if dataset.sensor != "pose":
+        return ""
+    stream = dataset.log.stream("pose")
+    small = np.array([1e-3, 1e-3, 1e-3, 1, 1, 1, 1])
+    for advice, time, values in (
+        ("the places are in mm: name their columns so (px_mm)", stream.time, stream.values * small),
+        ("the time stamps are in ms: say --clock ms", stream.time * 1e-3, stream.values),
+    ):
+        if pose_flights(PoseLog.of(time, values, None)):
+            return advice
+    return ""
+
+
 def _in_rates(dataset: Dataset, stream: MeasurementStream) -> list[FreeFlight]:
     """By the angular momentum; where there is an accelerometer it has a veto."""
     found, steps = [], []

@@ -133,7 +133,7 @@ def _flights(log: PoseLog, piece: Stretch, gravity: Float[np.ndarray, " 3"], fac
     for each in _stretches(error <= LARGEST_ERROR * log.noise, starts, ends):
         trimmed = _trimmed(log, each)
         if len(trimmed) >= FEWEST and _falls(log, trimmed, gravity):
-            found.append(trimmed)
+            found.append(_let_go(log, trimmed))
         elif len(each) > ends[0] - starts[0]:
             found += _flights(log, each, gravity, LONGER * factor)
     return found
@@ -270,12 +270,18 @@ def _trimmed(log: PoseLog, stretch: Stretch) -> Stretch:
     spread = 1.0 + np.einsum("ij,ji->i", design[0], np.linalg.solve(normal, design[0].T))
     noise = max(float(np.sqrt(np.mean(error[within] ** 2))), log.noise)
     good = (np.abs(error) <= LARGEST_ERROR * noise * np.sqrt(spread)).reshape(-1, 3).all(axis=1)
-    time, attitude = log.time[chosen[0]], log.attitude[chosen[0]]
-    good &= turns_on(time, attitude, margin) & leads_on(time, attitude, margin)
+    good &= turns_on(log.time[chosen[0]], log.attitude[chosen[0]], margin)
     bad = np.flatnonzero(~good)
     before, after = bad[bad < margin], bad[bad >= len(good) - margin]
     first = stretch.start + (int(before[-1]) + 1 if len(before) else 0)
     return Stretch(first, stretch.start + (int(after[0]) if len(after) else len(good)))
+
+
+def _let_go(log: PoseLog, stretch: Stretch) -> Stretch:
+    """A flight without the end samples whose rates are not its own."""
+    rows, margin = np.s_[stretch.start : stretch.end], max(FEWEST_ENDS, len(stretch) // ENDS)
+    good = np.flatnonzero(leads_on(log.time[rows], log.attitude[rows], margin))
+    return Stretch(stretch.start + int(good[0]), stretch.start + int(good[-1]) + 1)
 
 
 def _reach(log: PoseLog, stretch: Stretch) -> float:

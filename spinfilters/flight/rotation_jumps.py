@@ -1,6 +1,7 @@
-"""Jumps of a rotation between samples, and rates at the ends that the middle does not lead to.
+"""Rates at the ends of a flight that are not its own.
 
-A touch changes the rate of a body at once, and a hand as it lets go, which its place shows only later.
+Jumps between samples, and rates that the middle does not lead to. A touch changes the rate of a body at once, and a hand
+as it lets go, which its place shows only later.
 """
 
 from typing import Final
@@ -68,7 +69,10 @@ def leads_on(
 
 
 def _departing(time: Float[np.ndarray, " r"], rates: Float[np.ndarray, "r 3"], margin: int) -> int:
-    """How many of the first rates in a row, up to ``margin``, depart from the parabola of those behind them."""
+    """How many of the first rates depart from the parabola of those behind.
+
+    In a row, up to ``margin``.
+    """
     angle = np.linalg.norm(np.median(rates[margin : len(rates) - margin], axis=0)) * np.abs(time - time[0])
     last = max(margin + FEWEST, int(np.searchsorted(angle, REACH)))
     near = np.s_[margin : min(last, len(rates) - margin)]

@@ -243,9 +243,9 @@ def _correlation(setup: "Setup") -> dict[str, float]:
 
 
 def minus_twice_log_evidence(setup: "Setup", trajectory: Float[np.ndarray, "k m"]) -> float | None:
-    """-2 ln evidence of the first epochs, up to a constant of priors and of the measurements' number.
+    """-2 ln evidence of the first epochs.
 
-    None where they cannot be linearised about a trajectory.
+    Up to a constant of priors and of the measurements' number. None where they cannot be linearised about a trajectory.
     """
     try:
         with np.errstate(all="ignore"):

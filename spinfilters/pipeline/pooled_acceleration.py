@@ -78,7 +78,10 @@ class PooledAcceleration:
 
 
 def strength_of(estimate: Mapping[str, Any]) -> Strength | None:
-    """Of an estimator's entry of a summary, components taken for independent; None where it has failed or has none."""
+    """Strength in an estimator's entry of a summary, or None.
+
+    None where the estimator failed or has no acceleration. Errors of components are taken for independent.
+    """
     key = REPORTED[ACCELERATION.name].value_key
     parts = (estimate.get("deviation_parts") or {}).get(key)
     if estimate["status"] == Verdict.FAILED or estimate.get(key) is None or parts is None:

@@ -18,7 +18,7 @@ from spinfilters.data.input_file import path_text, value_text
 from spinfilters.data.reading_options import NOTHING_STATED, ReadingOptions
 from spinfilters.data.recording_folder import recordings_in
 from spinfilters.errors import InputError
-from spinfilters.flight.free_flight import FreeFlight, find_flights
+from spinfilters.flight.free_flight import FreeFlight, find_flights, flying_unit
 
 ALL: Final = "all"
 AUTO: Final = "auto"
@@ -98,7 +98,9 @@ def read_several(
     options: ReadingOptions = NOTHING_STATED,
     on_refused: OnRefused | None = None,
 ) -> list[Dataset]:
-    """All segments that are marked (``all``), or that are found (``auto``), of a folder of recordings in each.
+    """All segments that are marked (``all``) or found (``auto``).
+
+    Found in each of a folder of recordings.
 
     Parameters
     ----------
@@ -148,8 +150,11 @@ def flight_segments(whole: Dataset) -> list[Dataset]:
 
 def no_flight(whole: Dataset) -> InputError:
     """What to raise where a recording has no free flight."""
+    duration = whole.log.end - whole.log.start
+    if advice := flying_unit(whole):
+        return InputError(f"{whole.name}: no free flight found in {duration:.4g} s; it looks as if {advice}")
     return InputError(
-        f"{whole.name}: no free flight found in {whole.log.end - whole.log.start:.4g} s; give its times as --segment START:END, or "
+        f"{whole.name}: no free flight found in {duration:.4g} s; give its times as --segment START:END, or "
         "leave --segment out for the whole recording"
     )
 

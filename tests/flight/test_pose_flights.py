@@ -10,7 +10,9 @@ from scipy.spatial.transform import Rotation
 from throws import FLIGHTS, INTERVAL, carried
 
 import spinfilters
-from spinfilters.data.dataset import read_dataset
+from spinfilters.data.dataset import Dataset, read_dataset
+from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.flight.free_flight import find_flights, flying_unit
 from spinfilters.flight.parabola import PoseLog, acceleration_of, pose_flights
 from spinfilters.flight.rotation_jumps import leads_on, turns_on
 
@@ -50,6 +52,17 @@ def test_a_body_at_rest_or_in_a_hand_does_not_fly() -> None:
     waving[:, :3] += 0.2 * np.sin(time[:, None] * [3.0, 4.0, 5.0])
     waving[:, 3:] = Rotation.from_rotvec(np.outer(time, [1.0, 2.0, 0.5])).as_quat()
     assert pose_flights(PoseLog.of(time, waving, NOISE)) == []
+
+
+@pytest.mark.parametrize(("length", "advice"), [(1e3, "in mm"), (1e7, "")])
+def test_poses_in_another_unit_are_told_from_those_without_flight(length: float, advice: str) -> None:
+    log = thrown(NOISE, 3)
+    values = np.hstack([length * log.position, Rotation.from_matrix(log.attitude).as_quat()])
+    stream = MeasurementStream("pose", log.time, values)
+    dataset = Dataset(kind="pose", log=MeasurementLog((stream,)))
+    assert not find_flights(dataset)
+    assert advice in flying_unit(dataset)
+    assert bool(advice) == bool(flying_unit(dataset))
 
 
 def test_a_body_in_orbit_flies_all_the_time() -> None:

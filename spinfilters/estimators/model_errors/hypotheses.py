@@ -281,7 +281,7 @@ def _stated_cost(
 
 
 def gross_error_cost(squares: Float[np.ndarray, " k"], size: int) -> Float[np.ndarray, " k"]:
-    """-2 ln of the density of a gross error over that of white noise at its centre.
+    """-2 ln density of gross errors over that of white noise at its centre.
 
     Cauchy's, far wider than the noise, times how rare they are: noise that is too small does not gain by what is refused for it.
 
