@@ -143,9 +143,9 @@ class _Optimum:
     residuals: Residuals
 
     def refuses(self, measurement: SensorRows, sensor: int) -> bool:
-        """Whether a measurement, none of its own, is beyond the gate at its levels.
+        """Whether a further measurement is beyond the gate at these levels.
 
-        The residuals of its own tell these by as many degrees of freedom as they have redundancy (Fisher's distribution).
+        The residuals of the others tell these by as many degrees of freedom as they have redundancy (Fisher's distribution).
         """
         solution = self.normal.solution
         assert isinstance(solution, SchurSystem)
@@ -196,7 +196,10 @@ def _optimum(
 
 
 def _suspect(residuals: Residuals) -> tuple[int, int] | None:
-    """Sensor and row of the measurement that is farthest from where all others have it; None where chance explains that."""
+    """Sensor and row of the measurement that lies farthest from all others.
+
+    None where chance explains that.
+    """
     least = [float(each.min(initial=1.0)) for each in residuals.deleted]
     if not least or min(least) * sum(map(len, residuals.deleted)) >= SUSPECTED:
         return None
