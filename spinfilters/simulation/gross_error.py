@@ -46,7 +46,10 @@ class GrossError(Fault):
             raise InputError(f"a gross error {self.kind!r}; give one of {', '.join(KINDS)}")
 
     def apply(self, dataset: Dataset, generator: np.random.Generator) -> Dataset:
-        """The data set with the error. InputError: an epoch or a kind that it does not have."""
+        """The data set with the error.
+
+        InputError: an epoch or a kind that it does not have.
+        """
         stream = landmark_stream(dataset) if self.kind == "identity" else dataset.log.stream(dataset.sensor)
         epochs = epoch_rows(stream)
         if not -len(epochs) <= self.epoch < len(epochs):

@@ -14,11 +14,12 @@ States widen by what is not known of theta, to first order: about the optimum x(
 differentiation of the normal equations), so that their covariance is P + E V E', V that of theta, columns of E the P J'u_i.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float
+from scipy.stats import chi2, f
 
 from spinfilters.estimators.filters.density_mean import PRIOR_INFORMATION
 from spinfilters.estimators.filters.square_root_update import lower_roots
@@ -26,15 +27,30 @@ from spinfilters.estimators.identification.components import VarianceComponent
 from spinfilters.estimators.identification.noise_model import NoiseModel
 from spinfilters.estimators.identification.residuals import Residuals, residuals_of
 from spinfilters.estimators.identification.working_solutions import WorkingSolutions
-from spinfilters.estimators.robust.losses import Gate
-from spinfilters.estimators.smoothing.problem.least_squares import Stage
+from spinfilters.estimators.robust.losses import Gate, LeastSquares
+from spinfilters.estimators.smoothing.factors.sensor_rows import SensorRows
+from spinfilters.estimators.smoothing.linear.marginals import Marginals
+from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
+from spinfilters.estimators.smoothing.problem.least_squares import (
+    LinearizationPoint,
+    NormalEquations,
+    Problem,
+    Stage,
+)
 from spinfilters.estimators.smoothing.solver.annealing import GATE
 from spinfilters.estimators.smoothing.solver.iterations import advanced
 from spinfilters.estimators.smoothing.solver.step_rules import GaussNewton
 
 POSE_ONLY_GATE: Final[float] = 6.3
 """As `GATE` for measurements of up to six components, whose whitened length is greater."""
+POSE_COMPONENTS: Final[int] = 6
+KNOWN: Final[float] = 1e6
+"""Degrees of freedom of a level that is as good as known."""
 STAGE: Final = Stage(Gate(GATE, GATE), pose_only_loss=Gate(POSE_ONLY_GATE, POSE_ONLY_GATE))
+MOST_MASKED: Final[int] = 2
+"""Measurements that are left out at most: gross errors that pass the gate because levels have risen for them."""
+SUSPECTED: Final[float] = 0.05
+"""Probability that any measurement is as far from where all others have it, below which one is identified without."""
 ITERATIONS: Final[int] = 15
 SETTLED: Final[float] = 0.05
 """Share of its standard deviation that a component still moves by when the iteration ends."""
@@ -103,6 +119,56 @@ def identify(
     first: ln variances to begin from; None for those of the median residuals.
     """
     theta = model.first(model.problem.at(trajectory, points)) if first is None else first
+    best = _optimum(model, trajectory, points, theta)
+    for _ in range(MOST_MASKED):
+        suspect = None if best is None else _suspect(best.residuals)
+        if best is None or suspect is None:
+            break
+        model, measurement = model.without(*suspect)
+        rest = _optimum(model, best.here.trajectory, best.here.points, best.found.log_variance)
+        if rest is None or not rest.found.converged or not rest.refuses(measurement, suspect[0]):
+            break
+        best = rest
+    return None if best is None else best.found
+
+
+@dataclass(frozen=True)
+class _Optimum:
+    """Levels with the solved linear problem that they come from."""
+
+    found: Identified
+    problem: Problem
+    here: LinearizationPoint
+    normal: NormalEquations
+    residuals: Residuals
+
+    def refuses(self, measurement: SensorRows, sensor: int) -> bool:
+        """Whether a further measurement is beyond the gate at these levels.
+
+        The residuals of the others tell these by as many degrees of freedom as they have redundancy (Fisher's distribution).
+        """
+        solution = self.normal.solution
+        assert isinstance(solution, SchurSystem)
+        own = replace(measurement, scale=self.problem.motion.sensors[sensor].scale)
+        rows, _, _ = self.problem.motion.sensor_rows(own, self.here.trajectory, LeastSquares())
+        J, y, (epoch,), columns = rows[0, :, :-1], rows[0, :, -1], own.epoch, own.model.columns
+        marginals = Marginals(solution, self.normal.eliminated)
+        rest = y - J @ marginals.solution.errors[epoch][columns]
+        spread = J @ marginals.factors[epoch][columns]
+        square = float(rest @ np.linalg.solve(np.eye(len(y)) + spread @ spread.T, rest))
+        of_sensors = [not each.is_density for each in self.found.components]
+        told = float(np.clip(self.residuals.redundancy[of_sensors].min(initial=KNOWN), 1.0, KNOWN))
+        beyond = f.sf(square / len(y), len(y), told)
+        return bool(beyond < chi2.sf(POSE_ONLY_GATE**2, POSE_COMPONENTS))
+
+
+def _optimum(
+    model: NoiseModel,
+    trajectory: Float[np.ndarray, "k m"],
+    points: Float[np.ndarray, "L 3"],
+    theta: Float[np.ndarray, " c"],
+) -> _Optimum | None:
+    """The likeliest levels of a model; None where the problem has no solution."""
     rule = GaussNewton()
     for iteration in range(1, ITERATIONS + 1):
         problem = model.scaled(theta)
@@ -118,14 +184,27 @@ def identify(
             covariance = _covariance(working.information)
             share = _shares(working, residuals)
             components = _components(model, theta, covariance, share)
-            return Identified(
+            found = Identified(
                 components, iteration, away <= NEARLY_SETTLED, theta, covariance, working.errors
             )
+            return _Optimum(found, problem, here, normal, residuals)
         there = advanced(problem, here, normal, rule, rule.first).point
         if there is None:
             return None
         theta, trajectory, points = theta + by, there.trajectory, there.points
     return None
+
+
+def _suspect(residuals: Residuals) -> tuple[int, int] | None:
+    """Sensor and row of the measurement that lies farthest from all others.
+
+    None where chance explains that.
+    """
+    least = [float(each.min(initial=1.0)) for each in residuals.deleted]
+    if not least or min(least) * sum(map(len, residuals.deleted)) >= SUSPECTED:
+        return None
+    sensor = int(np.argmin(least))
+    return sensor, int(residuals.deleted[sensor].argmin())
 
 
 def _covariance(information: Float[np.ndarray, "c c"]) -> Float[np.ndarray, "c c"]:

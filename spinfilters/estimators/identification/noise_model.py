@@ -7,6 +7,7 @@ from jaxtyping import Float
 from scipy.stats import chi2
 
 from spinfilters.estimators.identification.components import ComponentRows
+from spinfilters.estimators.smoothing.factors.sensor_rows import SensorRows
 from spinfilters.estimators.smoothing.problem.least_squares import LinearizationPoint, Problem
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 
@@ -39,6 +40,15 @@ class NoiseModel:
         sensors = tuple(replace(s, scale=scale) for s, scale in zip(motion.sensors, scales, strict=True))
         motion = replace(motion, sensors=sensors, process=self._process(log_variance))
         return replace(self.problem, motion=motion, observations=observations)
+
+    def without(self, sensor: int, row: int) -> "tuple[NoiseModel, SensorRows]":
+        """The model without one measurement of a sensor, and the measurement."""
+        sensors = list(self.problem.motion.sensors)
+        every = np.arange(len(sensors[sensor].epoch))
+        alone = sensors[sensor].chosen(every == row)
+        sensors[sensor] = sensors[sensor].chosen(every != row)
+        motion = replace(self.problem.motion, sensors=tuple(sensors))
+        return replace(self, problem=replace(self.problem, motion=motion)), alone
 
     def at(self, log_variance: Float[np.ndarray, " c"]) -> "NoiseModel":
         """The model whose problem is stated with these levels."""

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
+from scipy.stats import chi2
 
 from spinfilters.estimators.identification.components import FORCE_PSD, TORQUE_PSD, ComponentRows
 from spinfilters.estimators.smoothing.factors.epoch_rows import EpochRows
@@ -25,6 +26,8 @@ from spinfilters.estimators.smoothing.problem.least_squares import (
     Problem,
 )
 
+LEAST_FREE = 0.2
+"""Redundancy of a component, from which its residual tells whether it is wrong."""
 ENTRIES = 6
 """Columns of a step's noise factor that belong to the torque (attitude and rate); those of the force follow."""
 
@@ -37,11 +40,13 @@ class Residuals:
     ----------
     squares: r of each component, then of each density.   redundancy: S, likewise.
     sources: whitened residuals as each of them explains them: the working variable of the average information.
+    deleted: (r,) of every sensor without landmarks, probability of larger residuals of each measurement about states of all others.
     """
 
     squares: Float[np.ndarray, " c"]
     redundancy: Float[np.ndarray, " c"]
     sources: tuple["WhitenedRows", ...]
+    deleted: tuple[Float[np.ndarray, " r"], ...]
 
 
 @dataclass(frozen=True)
@@ -107,7 +112,8 @@ def residuals_of(
         squares.append(float(np.vdot(explained, explained)))
         redundancy.append(steps.redundancy(W))
         sources.append(replace(nothing, steps=np.einsum("kdi,ki->kd", W, explained)))
-    return Residuals(np.array(squares), np.array(redundancy), tuple(sources))
+    deleted = tuple(each.deleted for each in sensors)
+    return Residuals(np.array(squares), np.array(redundancy), tuple(sources), deleted)
 
 
 @dataclass(frozen=True)
@@ -141,6 +147,15 @@ class _SensorAfter:
     rest: Float[np.ndarray, "r i"]
     free: Float[np.ndarray, "r i"]
     leverage: float
+
+    @property
+    def deleted(self) -> Float[np.ndarray, " r"]:
+        """Probability of larger residuals of each measurement about states of all others (Cook and Weisberg 1982).
+
+        Component by component; of those that few others tell as if a fifth were told.
+        """
+        squares = (self.rest**2 / np.maximum(self.free, LEAST_FREE)).sum(axis=1)
+        return np.asarray(chi2.sf(squares, self.rest.shape[1]))
 
 
 def _steps_after(problem: Problem, here: LinearizationPoint, marginals: Marginals) -> _StepsAfter:

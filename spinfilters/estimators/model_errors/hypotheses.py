@@ -18,7 +18,6 @@ from spinfilters.estimators.identification.residuals import residuals_of, source
 from spinfilters.estimators.model_errors.linear_rows import LinearRows
 from spinfilters.estimators.model_errors.noise_components import TELLING, NoiseComponents
 from spinfilters.estimators.robust.losses import LeastSquares, RobustLoss, Squares
-from spinfilters.estimators.smoothing.factors.motion_factors import SensorRows
 from spinfilters.estimators.smoothing.problem.least_squares import (
     LinearizationPoint,
     NormalEquations,
@@ -215,8 +214,7 @@ def among_inliers(
     sensors = []
     for sensor, counted in zip(problem.motion.sensors, inliers.counted, strict=True):
         good = counted if beside is None else counted | np.isin(sensor.epoch, beside)
-        chosen = (sensor.epoch[good], sensor.values[good], sensor.parameters[good])
-        sensors.append(SensorRows(sensor.model, *chosen, sensor.scale))
+        sensors.append(sensor.chosen(good))
     motion = replace(problem.motion, sensors=tuple(sensors), loss=LeastSquares())
     fit = inliers.normal.eliminated
     loss = LeastSquares() if fit is None else _Chosen(fit.used.astype(float))

@@ -1,5 +1,6 @@
-"""Score tests beside smaller disturbances: identified densities have taken a part of an error, and would be less without it.
+"""Score tests beside smaller disturbances.
 
+Identified densities have taken a part of an error, and would be less without it.
 The gain of an error is the fall of -2 ln likelihood profiled over the noise levels. At the identified ones a slow error is half a
 disturbance, and one step of the levels tells little of how far they would fall. At smaller densities its statistic is larger; by
 how much these are less likely without the error is taken off it.
@@ -29,9 +30,9 @@ SHARES: Final = (1 / 4, 1 / 16)
 def beside_lower_densities(
     found: Sequence[ScoreTest], motion: SmoothedMotion, model: NoiseModel, told: KnownLevels
 ) -> list[ScoreTest]:
-    """Tests with those of `SUSPECTED` errors of the whole recording at the likeliest of some densities.
+    """Tests, of `SUSPECTED` errors at the likeliest of some densities.
 
-    The same tests where all densities are stated, or where no error is suspected.
+    Of errors of the whole recording. The same tests where all densities are stated, or where no error is suspected.
     """
     lower = np.array([name not in told.stated for name in model.densities])
     suspected = [each.error for each in found if each.p_value < SUSPECTED and not each.error.by_epoch]

@@ -1,4 +1,4 @@
-"""Measurements that gates refuse at the begin or the end of a recording, where a contact explains them.
+"""Measurements refused at the ends of a recording, where contact explains them.
 
 Within a recording a touch is refused in successive epochs, which no gross error explains. Of a touch that the recording ends with,
 the last epoch may be the only one beyond the gates, as of a gross error. It is taken in where a touch fits all measurements, with
@@ -27,7 +27,10 @@ Noise = Callable[[LinearRows], NoiseComponents]
 
 
 def with_refused_ends(solved: LinearRows, time: Float[np.ndarray, " k"], noise: Noise) -> LinearRows:
-    """The problem with refused first and last epochs taken in, where a contact explains them; else as it is."""
+    """The problem with refused first and last epochs taken in.
+
+    Where a contact explains them; else as it is.
+    """
     for epoch, contact in _refused_ends(solved):
         taken = among_inliers(solved.problem, solved, np.array([epoch]))
         if taken is None:

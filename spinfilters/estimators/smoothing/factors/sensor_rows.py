@@ -1,7 +1,7 @@
 """Pose-only observations of a timeline, by sensor."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -51,6 +51,12 @@ class SensorRows:
         """Some of the measurements, their frames counted from epoch ``first`` on."""
         epoch = self.epoch[rows] - first
         return SensorRows(self.model, epoch, self.values[rows], self.parameters[rows], self.scale)
+
+    def chosen(self, which: Bool[np.ndarray, " r"]) -> "SensorRows":
+        """Those of the measurements that are true in ``which``."""
+        return replace(
+            self, epoch=self.epoch[which], values=self.values[which], parameters=self.parameters[which]
+        )
 
     def within(self, begin: int, end: int) -> "SensorRows":
         """The measurements of the epochs from ``begin`` to before ``end``, counted from ``begin`` on."""

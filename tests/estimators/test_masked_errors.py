@@ -1,0 +1,42 @@
+"""Gross errors for which identified levels would rise until they pass the gate."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from spinfilters.data.dataset import Dataset
+from spinfilters.pipeline.setup import Setup, prepare
+from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.faults import with_stream
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_noise
+
+SETTINGS = Settings(process={"gravity": False})  # pyright: ignore[reportArgumentType]
+STD = {"gyro": 0.002, "pose": 0.005}
+
+
+def silent(kind: str) -> Dataset:
+    """A short rich motion of which nobody states the noise."""
+    return without_noise(simulate(Scenario(kind=kind, rate_rpm=RICH_RPM, epochs=50, interval=0.4, seed=2)))
+
+
+def with_first_off(dataset: Dataset, kind: str) -> Dataset:
+    """The first rate or place off by ten standard deviations."""
+    (stream,) = dataset.log.streams
+    values = stream.values.copy()
+    values[0, :3] += 10 * STD[kind] * np.array([0.6, 0.0, -0.8])
+    return with_stream(dataset, replace(stream, values=values))
+
+
+def levels(setup: Setup) -> dict[str, float]:
+    """As identified by the initialisation."""
+    return {each.name: each.value for each in setup.identified}
+
+
+@pytest.mark.parametrize("kind", ["gyro", "pose"])
+def test_a_gross_error_at_the_begin_leaves_the_levels_as_they_are(kind: str) -> None:
+    dataset = silent(kind)
+    right, wrong = prepare(dataset, SETTINGS), prepare(with_first_off(dataset, kind), SETTINGS)
+    assert (right.initial.rejected, wrong.initial.rejected) == (0, 1)
+    for name, value in levels(right).items():
+        assert levels(wrong)[name] == pytest.approx(value, rel=0.5), name
