@@ -33,7 +33,13 @@ from spinfilters.estimators.model_errors.hypotheses import (
 from spinfilters.estimators.model_errors.linear_rows import LinearRows
 from spinfilters.estimators.model_errors.lower_densities import beside_lower_densities
 from spinfilters.estimators.model_errors.refused_ends import with_refused_ends
-from spinfilters.estimators.model_errors.score_tests import Effect, ScoreTest, likelier, score_tests
+from spinfilters.estimators.model_errors.score_tests import (
+    TELLING,
+    Effect,
+    ScoreTest,
+    likelier,
+    score_tests,
+)
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.estimators.smoothing.factors.landmark_observations import OBSERVATIONS_NEEDED, seen_ids
 from spinfilters.estimators.smoothing.problem.landmark_reinitialisation import reinitialised
@@ -101,7 +107,7 @@ class TestedModels:
             alike = [each for each in others if first.likeness(each) > ALIKE]
             likely.append((first, *alike[: MOST_ALIKE - 1]))
             left = [each for each in others if each not in alike]
-        named = (own for own in likely if self.contradicted or any(self._matters(e, beyond) for e in own))
+        named = (own for own in likely if self.contradicted or any(map(self._matters, own)))
         return tuple(named)
 
     @property
@@ -114,16 +120,16 @@ class TestedModels:
         """Score tests in the verdict, the likeliest first."""
         return tuple(each for own in self.classes for each in own)
 
-    def _matters(self, test: ScoreTest, beyond: float) -> bool:
+    def _matters(self, test: ScoreTest) -> bool:
         """Whether an error moves estimates, or noise levels, and is beyond chance.
 
-        At the tested noise levels, not only by what the levels fall.
+        At the tested noise levels too: what lets levels fall alone may be slow noise.
         """
         if self.std is None:
             return True
         effect = test.effect(self.std)
         moves = effect.largest >= LEAST_EFFECT.largest or effect.rms >= LEAST_EFFECT.rms
-        return (moves or test.level >= LEAST_LEVEL) and float(chi2.sf(test.statistic, test.dof)) < beyond
+        return (moves or test.level >= LEAST_LEVEL) and float(chi2.sf(test.statistic, test.dof)) < TELLING
 
     @property
     def names(self) -> tuple[str, ...]:
