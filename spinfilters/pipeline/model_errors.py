@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.stats import chi2
 
 from spinfilters.data.input_file import reason
 from spinfilters.data.sensor_format import sensor_format
@@ -38,6 +37,7 @@ from spinfilters.estimators.smoothing.problem.least_squares import Problem, prob
 from spinfilters.estimators.smoothing.solver.annealing import GATE
 from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.linear_algebra.chi_square import chi_square_tail
 from spinfilters.pipeline.identified_noise import Unstated, noise_model
 from spinfilters.pipeline.wrong_units import WrongUnit, wrong_units
 from spinfilters.sensors.registry import sensor_of
@@ -113,7 +113,7 @@ class TestedModels:
             return True
         effect = test.effect(self.std)
         moves = effect.largest >= LEAST_EFFECT.largest or effect.rms >= LEAST_EFFECT.rms
-        return moves and float(chi2.sf(test.statistic, test.dof)) < beyond
+        return moves and float(chi_square_tail(test.statistic, test.dof)) < beyond
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -19,7 +19,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2
 
 from spinfilters.estimators.model_errors.alternative import Alternative
 from spinfilters.estimators.model_errors.column_products import ColumnProducts
@@ -29,6 +28,7 @@ from spinfilters.estimators.model_errors.linear_rows import summed
 from spinfilters.estimators.model_errors.noise_components import NoiseComponents
 from spinfilters.estimators.model_errors.null_distributions import gain_tail, weighted_chi_square_tail
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
+from spinfilters.linear_algebra.chi_square import chi_square_tail
 
 LEAST_LEFT: Final = 1e-5
 """Share of a direction's information that states and landmarks must leave; with less it is consistent with any size."""
@@ -153,7 +153,7 @@ def likelier(found: list[ScoreTest], beside: list[ScoreTest], advantage: float) 
         instead = other.get(each.error.name)
         gained = -np.inf if instead is None else instead.statistic - advantage
         if instead is not None and gained > each.gain:
-            beyond = float(chi2.sf(gained, instead.dof))
+            beyond = float(chi_square_tail(gained, instead.dof))
             each = replace(instead, statistic=gained, gain=gained, p_value=min(beyond, each.p_value))
         best.append(each)
     return sorted(best, key=lambda each: -each.merit)
