@@ -116,5 +116,6 @@ def test_a_report_of_nothing_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no campaign's folder"):
         write_report(tmp_path)
     open_folder(tmp_path, _study(), resume=False)
+    keep_study(tmp_path, _study(), ())
     with pytest.raises(InputError, match="no rows yet"):
         write_report(tmp_path)
