@@ -7,10 +7,10 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 from scipy.optimize import nnls
-from scipy.stats import chi2
 
 from spinfilters.lidar.ray_pattern import angle_tree, angles_of, unit_vectors
 from spinfilters.lidar.scan import Scan
+from spinfilters.linear_algebra.chi_square import chi_square_median
 
 FLOOR: Final = 1e-10
 """Least standard deviation of a point across a plane, m: rounding at a kilometre."""
@@ -126,5 +126,5 @@ def _patch_residuals(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3 m
     residual = r - (A @ solution)[:, :, 0]
     freedom = _PATCH - _PARAMETERS
     slope = solution[:, :2, 0] / width[:, :, 0]
-    variance = np.sum(residual**2, axis=1) / float(chi2.median(freedom))
+    variance = np.sum(residual**2, axis=1) / float(chi_square_median(freedom))
     return np.stack([*(slope.T**2), variance])

@@ -11,11 +11,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from scipy.stats import chi2
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
+from spinfilters.estimators.model_errors.alternatives.acceleration import ConstantAcceleration
 from spinfilters.estimators.model_errors.alternatives.acceleration_alternative import ConstantAcceleration
+from spinfilters.linear_algebra.chi_square import chi_square_tail
 from spinfilters.pipeline.model_errors import minus_twice_log_evidence, tested_about
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.blocks.acceleration import ACCELERATION
@@ -124,4 +125,4 @@ def _tells(start: InitialEstimate) -> bool:
     factor = start.factor[-1, start.layout.slice(ACCELERATION.name)]
     if start.has_failed or not (np.isfinite(value).all() and np.isfinite(factor).all()):
         return False
-    return bool(chi2.sf(value @ np.linalg.solve(factor @ factor.T, value), len(value)) < TOLD)
+    return bool(chi_square_tail(value @ np.linalg.solve(factor @ factor.T, value), len(value)) < TOLD)

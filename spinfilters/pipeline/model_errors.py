@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.stats import chi2
 
 from spinfilters.data.input_file import reason
 from spinfilters.data.sensor_format import sensor_format
@@ -47,6 +46,7 @@ from spinfilters.estimators.smoothing.problem.least_squares import Problem, prob
 from spinfilters.estimators.smoothing.solver.annealing import GATE
 from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.linear_algebra.chi_square import chi_square_tail
 from spinfilters.pipeline.correlation_verdict import correlated_error_doubts
 from spinfilters.pipeline.identified_noise import Unstated, noise_model
 from spinfilters.pipeline.wrong_units import WrongUnit, wrong_units
@@ -129,7 +129,8 @@ class TestedModels:
             return True
         effect = test.effect(self.std)
         moves = effect.largest >= LEAST_EFFECT.largest or effect.rms >= LEAST_EFFECT.rms
-        return (moves or test.level >= LEAST_LEVEL) and float(chi2.sf(test.statistic, test.dof)) < TELLING
+        beyond_chance = float(chi_square_tail(test.statistic, test.dof)) < TELLING
+        return (moves or test.level >= LEAST_LEVEL) and beyond_chance
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -6,9 +6,9 @@ from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2
 
 from spinfilters.evaluation.reported_constants import REPORTED
+from spinfilters.linear_algebra.chi_square import chi_square_tail
 from spinfilters.pipeline.pooled_moments import DISAGREEMENT
 from spinfilters.state.blocks.acceleration import ACCELERATION
 from spinfilters.state.status import Verdict
@@ -51,7 +51,7 @@ class PooledAcceleration:
     @property
     def probability(self) -> float:
         """Of a chi-square as large, 1 for a single segment."""
-        return float(chi2.sf(self.chi_square, self.degrees)) if self.degrees else 1.0
+        return float(chi_square_tail(self.chi_square, self.degrees)) if self.degrees else 1.0
 
     @property
     def sentence(self) -> str:
@@ -105,7 +105,7 @@ def pooled_acceleration(estimates: Sequence[Mapping[str, Any]]) -> PooledAcceler
     weights = random**-2 / np.sum(random**-2)
     mean, degrees = float(weights @ values), len(kept) - 1
     distance = float(np.sum(((values - mean) / random) ** 2))
-    agree = not degrees or chi2.sf(distance, degrees) >= DISAGREEMENT
+    agree = not degrees or chi_square_tail(distance, degrees) >= DISAGREEMENT
     widening = 1.0 if agree else float(np.sqrt(distance / degrees))
     common = float(weights @ [each.calibration for each in kept])
     std = widening * float(np.sum(random**-2)) ** -0.5

@@ -6,7 +6,8 @@ from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2
+
+from spinfilters.linear_algebra.chi_square import chi_square_tail
 
 DISAGREEMENT: Final = 0.01
 """Probability of a chi-square as large, below which segments disagree and deviations are widened by its root per degree."""
@@ -32,7 +33,7 @@ class PooledMoments:
     @property
     def probability(self) -> float:
         """Of a chi-square as large, 1 for a single segment."""
-        return float(chi2.sf(self.chi_square, self.degrees)) if self.degrees else 1.0
+        return float(chi_square_tail(self.chi_square, self.degrees)) if self.degrees else 1.0
 
     @property
     def widening(self) -> float:

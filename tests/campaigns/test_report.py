@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spinfilters.campaigns.campaign_folder import open_folder
+from spinfilters.campaigns.campaign_folder import keep_study, open_folder
 from spinfilters.campaigns.report.intervals import mean, ratio_of_squares, root_mean_square, share
 from spinfilters.campaigns.report.statistics import cell_summaries
 from spinfilters.campaigns.report.writing import write_report
@@ -52,6 +52,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place, study = tmp_path_factory.mktemp("campaign"), _study()
     generator = np.random.default_rng(0)
     open_folder(place, study, resume=False)
+    keep_study(place, study, ())
     with RowsFolder(place, study.columns) as rows:
         for run in range(len(study)):
             rows.append(_row(study, run, generator))
@@ -115,5 +116,6 @@ def test_a_report_of_nothing_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no campaign's folder"):
         write_report(tmp_path)
     open_folder(tmp_path, _study(), resume=False)
+    keep_study(tmp_path, _study(), ())
     with pytest.raises(InputError, match="no rows yet"):
         write_report(tmp_path)

@@ -19,7 +19,6 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2, f
 
 from spinfilters.estimators.filters.density_mean import PRIOR_INFORMATION
 from spinfilters.estimators.filters.square_root_update import lower_roots
@@ -40,6 +39,7 @@ from spinfilters.estimators.smoothing.problem.least_squares import (
 from spinfilters.estimators.smoothing.solver.annealing import GATE
 from spinfilters.estimators.smoothing.solver.iterations import advanced
 from spinfilters.estimators.smoothing.solver.step_rules import GaussNewton
+from spinfilters.linear_algebra.chi_square import chi_square_tail, fisher_tail
 
 POSE_ONLY_GATE: Final[float] = 6.3
 """As `GATE` for measurements of up to six components, whose whitened length is greater."""
@@ -158,8 +158,8 @@ class _Optimum:
         square = float(rest @ np.linalg.solve(np.eye(len(y)) + spread @ spread.T, rest))
         of_sensors = [not each.is_density for each in self.found.components]
         told = float(np.clip(self.residuals.redundancy[of_sensors].min(initial=KNOWN), 1.0, KNOWN))
-        beyond = f.sf(square / len(y), len(y), told)
-        return bool(beyond < chi2.sf(POSE_ONLY_GATE**2, POSE_COMPONENTS))
+        beyond = fisher_tail(square / len(y), len(y), told)
+        return bool(beyond < chi_square_tail(POSE_ONLY_GATE**2, POSE_COMPONENTS))
 
 
 def _optimum(

@@ -4,11 +4,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2
 
 from spinfilters.estimators.identification.components import ComponentRows
 from spinfilters.estimators.smoothing.factors.sensor_rows import SensorRows
 from spinfilters.estimators.smoothing.problem.least_squares import LinearizationPoint, Problem
+from spinfilters.linear_algebra.chi_square import chi_square_median
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 
 
@@ -71,10 +71,10 @@ class NoiseModel:
                 ]
                 for s, rows in each.sensors.items()
             ]
-            ratio = [np.nanmedian(part**2) / chi2.median(1) for part in squares if part.size]
+            ratio = [np.nanmedian(part**2) / chi_square_median(1) for part in squares if part.size]
             if each.landmarks and here.linear is not None and self.problem.observations is not None:
                 dim = max(group.model.dim for group in self.problem.observations.groups)
-                ratio.append(float(np.median(here.linear.square)) / chi2.median(dim))
+                ratio.append(float(np.median(here.linear.square)) / chi_square_median(dim))
             good = [value for value in ratio if np.isfinite(value) and value > 0]
             found[k] = np.log(max(good)) if good else 0.0
         return found

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2
 
 from spinfilters.estimators.identification.components import FORCE_PSD, TORQUE_PSD, ComponentRows
 from spinfilters.estimators.smoothing.factors.epoch_rows import EpochRows
@@ -25,6 +24,7 @@ from spinfilters.estimators.smoothing.problem.least_squares import (
     NormalEquations,
     Problem,
 )
+from spinfilters.linear_algebra.chi_square import chi_square_tail
 
 LEAST_FREE = 0.2
 """Redundancy of a component, from which its residual tells whether it is wrong."""
@@ -155,7 +155,7 @@ class _SensorAfter:
         Component by component; of those that few others tell as if a fifth were told.
         """
         squares = (self.rest**2 / np.maximum(self.free, LEAST_FREE)).sum(axis=1)
-        return np.asarray(chi2.sf(squares, self.rest.shape[1]))
+        return np.asarray(chi_square_tail(squares, self.rest.shape[1]))
 
 
 def _steps_after(problem: Problem, here: LinearizationPoint, marginals: Marginals) -> _StepsAfter:

@@ -10,7 +10,6 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import gammaln
-from scipy.stats import chi2
 
 from spinfilters.estimators.identification.identify import STAGE, identify
 from spinfilters.estimators.identification.noise_model import NoiseModel
@@ -26,6 +25,7 @@ from spinfilters.estimators.smoothing.problem.least_squares import (
     with_common_constants,
 )
 from spinfilters.estimators.smoothing.solver.iterations import SolverOptions, solve
+from spinfilters.linear_algebra.chi_square import chi_square_tail
 
 ITERATIONS: Final = 6
 NOISE_RATIO: Final = 1.25
@@ -143,7 +143,7 @@ def is_contradicted(noise: NoiseComponents, solved: LinearRows) -> bool:
     """Whether residuals of some component are beyond chance at its noise level."""
     squares = noise.squares(solved.left)
     told = noise.redundancy > TELLING
-    return bool(np.any(chi2.sf(squares[told], noise.redundancy[told]) < CHANCE)) or rejects(solved)
+    return bool(np.any(chi_square_tail(squares[told], noise.redundancy[told]) < CHANCE)) or rejects(solved)
 
 
 def rejects(solved: LinearRows) -> bool:

@@ -14,7 +14,9 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 from scipy.optimize import brentq
-from scipy.stats import chi2, f, norm
+from scipy.special import ndtr
+
+from spinfilters.linear_algebra.chi_square import chi_square_tail, fisher_tail
 
 NEAR_MEAN: Final = 1e-4
 """Signed root of the likelihood ratio below which the saddlepoint is at the mean, where its own formula is 0 / 0."""
@@ -52,7 +54,7 @@ def _tail(w: Float[np.ndarray, " n"], count: Float[np.ndarray, " n"], value: flo
         third = 8 * float((count * w**3).sum())
         return 0.5 - third / (6 * np.sqrt(2 * np.pi) * curvature**1.5)
     v = t * np.sqrt(curvature)
-    return float(np.clip(norm.sf(r + np.log(v / r) / r), 0.0, 1.0))
+    return float(np.clip(ndtr(-(r + np.log(v / r) / r)), 0.0, 1.0))
 
 
 def _far(slope: Callable[[float], float], w: Float[np.ndarray, " n"]) -> float:
@@ -69,6 +71,6 @@ def gain_tail(gain: float, count: float, dof: float) -> float:
     Noise levels are known to ``dof`` degrees of freedom.
     """
     if not np.isfinite(dof):
-        return float(chi2.sf(gain, count))
+        return float(chi_square_tail(gain, count))
     left = max(dof - count, FEWEST)
-    return float(f.sf(np.expm1(min(gain / dof, 500.0)) * left / count, count, left))
+    return fisher_tail(float(np.expm1(min(gain / dof, 500.0))) * left / count, count, left)
