@@ -1,6 +1,6 @@
 """Campaigns through interruptions, shards and a failing cluster, beside one that nothing happened to.
 
-    python -m experiments.campaign_survival [interruptions] [shards] [cluster] [--moments 20] [--seed 0]
+    python -m experiments.campaign_survival [interruptions] [shards] [cluster] [--moments 20] [--seeds 60]
 
 Makes the same study again with Ctrl-C and kill -9 in turn at random moments and --resume after each; as shards 0/3, 1/3, 2/3 that
 are merged; on a Dask cluster of two workers, one of which is killed twice, and whose scheduler is restarted once. Prints for each
@@ -27,7 +27,7 @@ from spinfilters.campaigns.schema import is_volatile
 STUDY = """
 [study]
 name = "survival"
-seeds = 60
+seeds = {seeds}
 bound = "none"
 [factors]
 estimator = ["mekf", "ukf"]
@@ -55,10 +55,11 @@ def main() -> None:
     parser.add_argument("what", nargs="*", choices=[*kinds, []], default=[])
     parser.add_argument("--moments", type=int, default=20, help="of interruption")
     parser.add_argument("--seed", type=int, default=0, help="of the moments")
+    parser.add_argument("--seeds", type=int, default=60, help="of the study, four runs each")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="spinfilters-survival-") as place:
         folder = Path(place)
-        (folder / "study.toml").write_text(STUDY)
+        (folder / "study.toml").write_text(STUDY.format(seeds=given.seeds))
         _begun(folder, "serial", "--workers", "1").wait()
         for name in given.what or kinds:
             told = kinds[name](folder, given)
