@@ -14,7 +14,6 @@ import numpy as np
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
-from spinfilters.estimators.model_errors.alternatives.acceleration import ConstantAcceleration
 from spinfilters.estimators.model_errors.alternatives.acceleration_alternative import ConstantAcceleration
 from spinfilters.linear_algebra.chi_square import chi_square_tail
 from spinfilters.pipeline.model_errors import minus_twice_log_evidence, tested_about
