@@ -2,6 +2,7 @@
 
 import platform
 import subprocess
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
@@ -12,6 +13,12 @@ PACKAGES = ("numpy", "scipy", "casadi", "filterpy", "matplotlib")
 
 def provenance() -> dict[str, str]:
     """Versions of what decides the numbers, and the commit when the package runs from a checkout."""
+    return dict(_provenance())
+
+
+@cache
+def _provenance() -> dict[str, str]:
+    """Of the process: what it has loaded does not change."""
     return {
         "spinfilters": spinfilters.__version__,
         "git_commit": git_commit() or "not a checkout",

@@ -22,7 +22,9 @@ def originals(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """One small simulated data set of every kind, by name of the kind."""
     folder = tmp_path_factory.mktemp("originals")
     for kind in ("stereo-tracks", "pose", "gyro"):
-        write_dataset(simulate(Scenario(kind=kind, epochs=12, landmarks=40)), folder / kind)
+        write_dataset(
+            simulate(Scenario(kind=kind, rate_rpm=RICH_RPM, epochs=12, landmarks=40)), folder / kind
+        )
     return folder
 
 
@@ -56,7 +58,7 @@ def unmapped(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
 def poses(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """20 frames of poses."""
     folder = tmp_path_factory.mktemp("failing") / "poses"
-    write_dataset(simulate(Scenario(kind="pose", epochs=20)), folder)
+    write_dataset(simulate(Scenario(kind="pose", rate_rpm=RICH_RPM, epochs=20)), folder)
     return folder
 
 

@@ -1,6 +1,6 @@
 """An independent reference for torque-free motion: Taylor integration in fixed point of any precision.
 
-Python integers scaled by 2^bits replace floating point; 90 bits are 27 digits. The power series of Euler's
+Python integers scaled by 2^bits replace floating point; 128 bits are 38 digits. The power series of Euler's
 equations and of q' = q (x) (w, 0) / 2 follow by recursion (convolution of coefficients); each step reaches as
 far as its last coefficients allow. It shares nothing with the closed form under test.
 """
@@ -29,7 +29,7 @@ def reference_motion(
     rate0: Float[np.ndarray, "3"],
     time: Float[np.ndarray, " n"],
     attitude0: Float[np.ndarray, "4"],
-    bits: int,
+    bits: int = 128,
 ) -> ReferenceMotion:
     """The motion at times that increase from 0 in absolute value and have one sign."""
     J = [Fraction(float(moment)) for moment in moments]

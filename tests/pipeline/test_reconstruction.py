@@ -12,12 +12,13 @@ from spinfilters.cli.main import main
 from spinfilters.lidar.ply_files import read_ply
 from spinfilters.pipeline.comparison_run import RunOutput, compare_into
 from spinfilters.runs.run_folder import mark_run_folder
-from spinfilters.settings.run_settings import Settings
+from spinfilters.settings.run_settings import ProcessSettings, Settings
 from spinfilters.vision.rendering.imaging import Imaging
 from spinfilters.vision.track_images import track_images
 from tests.pages.chromium import document_after_scripts, pixels_drawn
 
 RADIUS_M = 0.13
+FLOATING = Settings(estimators=("smoother",), process=ProcessSettings(gravity=False))
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +38,7 @@ def run(images: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Their run, without a dense model."""
     folder = tmp_path_factory.mktemp("runs") / "run"
     with unrendered_pictures():
-        compare_into(track_images(images).dataset, Settings(estimators=("smoother",)), RunOutput(folder))
+        compare_into(track_images(images).dataset, FLOATING, RunOutput(folder))
     return folder
 
 

@@ -16,6 +16,7 @@ from spinfilters.data.table_files import read_csv
 from spinfilters.data.truth import TRUTH_COLUMNS
 from spinfilters.errors import InputError
 from spinfilters.evaluation.trajectory import STD_COLUMNS, read_map_ply
+from spinfilters.pipeline import figures
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
 from spinfilters.pipeline.figure_entry import picture_files
 from spinfilters.pipeline.figures import FigureData, draw_run
@@ -149,7 +150,9 @@ def test_every_figure_is_a_png(run: Run) -> None:
     assert all(path.read_bytes().startswith(b"\x89PNG\r\n\x1a\n") for path in paths)
 
 
-def test_plot_draws_what_was_deleted(run: Run) -> None:
+def test_plot_draws_what_was_deleted(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = [entry for entry in figures.figure_entries() if entry.name == "scene"]
+    monkeypatch.setattr(figures, "figure_entries", lambda: scene)
     (run.folder / "scene.png").unlink()
     assert main(["plot", str(run.folder)]) == 0
     assert (run.folder / "scene.png").stat().st_size > 1000
