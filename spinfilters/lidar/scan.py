@@ -87,7 +87,7 @@ def without_isolated(scan: Scan) -> tuple[Scan, int]:
     angles = np.stack([scan.azimuth[rows], scan.elevation[rows]], axis=1)
     apart, near = angle_tree(angles).query(angles, _NEIGHBOURS + 1)
     distance = scan.distance[rows]
-    by = np.sort(np.abs(distance[near[:, 1:]] - distance[:, None]), axis=1)[:, _ALIKE - 1]
+    by = np.sort(np.abs(distance[np.asarray(near)[:, 1:]] - distance[:, None]), axis=1)[:, _ALIKE - 1]
     most = _APART * np.quantile(by, _SURFACE) + _RAYS_APART * distance * np.median(apart[:, 1:], axis=1)
     lost = by > most
     flag = scan.flag.copy()

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.errors import InputError
+from spinfilters.lidar.common_errors import shared_inflation
 from spinfilters.lidar.edge_adjustment import edge_adjusted
 from spinfilters.lidar.face_consistency import MOST_CONTRADICTED
 from spinfilters.lidar.face_map import TrackedFaces
@@ -50,7 +51,7 @@ class ScanPoses:
     scans: that the poses are of.   faces: the map, of a body with faces.
     noise: of the points, given or identified.   remarks: what was left out or not determined, in words.
     doubts: reasons why these poses are not to be trusted.
-    inflation: that the poses' own covariances need for the errors that they share.
+    inflation: for errors that poses share, of their own covariances where they have such, else within their covariances.
     """
 
     poses: tuple[ScanPose, ...]
@@ -107,7 +108,7 @@ def scan_poses(
         poses, faces, inflation = _poses(times, clouds, planes, engine)
     if faces is not None:
         faces = edge_adjusted(faces, clouds, noise, _extent(clouds[0]))
-        poses = faces.poses
+        poses, inflation = faces.poses, shared_inflation(faces.poses, faces.common)
     isolated = sum(count for _, count in solid) / sum(np.count_nonzero(scan.is_return) for scan in scans)
     remarks = _remarks(len(scans) - len(usable), isolated, poses, faces)
     doubts = _doubts(poses, faces, clouds)
