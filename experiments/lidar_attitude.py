@@ -5,12 +5,15 @@ python -m experiments.lidar_attitude [--seeds 10] [--turn-seeds 20] [--rays 551]
 """
 
 import argparse
+from itertools import combinations
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from spinfilters.lidar.body_motion import Still, thesis_rotation
 from spinfilters.lidar.mesh import box
+from spinfilters.lidar.planes import extract_planes
+from spinfilters.lidar.point_noise import PointNoise
 from spinfilters.lidar.ray_pattern import RayPattern
 from spinfilters.lidar.scan_errors import LidarNoise, rvs_noise
 from spinfilters.lidar.scan_pose import nearest_rotation, rotation_vector
@@ -36,7 +39,13 @@ def main() -> None:
     )
     options = parser.parse_args()
     exact = [transitions(500.0, 0.24, k, 0, options.rays, LidarNoise()) for k in (0, 1)]
-    print(f"without noise at 500 m: worst transition {max(exact):.1e} deg", flush=True)
+    corners = [corner_error(500.0, 0.24, k, options.rays) for k in (0, 1)]
+    for k in (0, 1):
+        print(
+            f"without noise at 500 m, sequence {k + 1}: worst transition {exact[k]:.1e} deg (asked 1e-9), worst corner "
+            f"{corners[k]:.1e} m (asked 1e-10)",
+            flush=True,
+        )
     for distance, field, asked in (PLACES[k] for k in options.places):
         worst = []
         for k, seed in ((k, seed) for k in (0, 1) for seed in range(options.seeds)):
@@ -81,6 +90,22 @@ def transitions(
         for a, b, Q, R in zip(poses[:-1], poses[1:], rotations[:-1], rotations[1:], strict=True)
     ]
     return float(np.rad2deg(max(np.linalg.norm(rotation_vector(each)) for each in errors)))
+
+
+def corner_error(distance: float, field: float, sequence: int, rays: int) -> float:
+    """Largest distance of a corner, where three planes meet, from the true one, m; without noise."""
+    scanner = Scanner.of(box(), LidarSettings(RayPattern((field, field), (rays, rays)), LidarNoise()))
+    place, generator, worst = np.array([distance, 0.0, 0.0]), np.random.default_rng(0), 0.0
+    for pose in SEQUENCES[sequence]:
+        R = thesis_rotation(*pose)
+        points = scanner.scan(Still(R, place), 0.0, generator).points
+        planes, _ = extract_planes(points, PointNoise(0.0, 0.0, 0.0), generator)
+        for three in combinations(planes, 3):
+            normals = np.array([plane.normal for plane in three])
+            corner = np.linalg.solve(normals, [plane.normal @ plane.centroid for plane in three])
+            true = place + R @ (0.5 * np.sign(R.T @ (corner - place)))
+            worst = max(worst, float(np.linalg.norm(corner - true)))
+    return worst
 
 
 def full_turn(seed: int) -> tuple[float, float]:

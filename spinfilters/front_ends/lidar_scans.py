@@ -87,15 +87,18 @@ def _require_order(scans: Sequence[Scan]) -> None:
 def pose_stream(found: ScanPoses) -> MeasurementStream:
     """Poses as measurements of the sensor ``lidar-poses``; frame i is that of the lidar.
 
-    Their covariances are those of what scans do not share, inflated for what they do (`ScanPoses.inflation`).
+    Covariances are those of all errors, or of those that scans do not share, inflated for those that they do.
     """
     poses = found.poses
-    own = [pose.covariance if pose.own_covariance is None else pose.own_covariance for pose in poses]
+    told = [
+        pose.covariance if pose.own_covariance is None else found.inflation * pose.own_covariance
+        for pose in poses
+    ]
     q = continuous_quaternions(
         quaternion_from_matrix(np.array([nearest_rotation(pose.rotation) for pose in poses]))
     )
     values = np.hstack([np.array([pose.translation for pose in poses]), q])
-    covariance = np.array([found.inflation * (each + each.T) / 2 for each in own])
+    covariance = np.array([(each + each.T) / 2 for each in told])
     return MeasurementStream("lidar-poses", np.array([pose.time for pose in poses]), values, None, covariance)
 
 

@@ -8,7 +8,7 @@ The columns of B stand for any smooth motion: places, velocities and attitudes a
 frame and in that of the body. A rotation and a shift of frame g are none, for nothing but the poses defines it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -20,17 +20,35 @@ NEGLIGIBLE: Final = 1e-9
 """Share of the largest information, below which a direction is not told."""
 
 
+Product = Callable[[Float[np.ndarray, "a m"]], Float[np.ndarray, "a m"]]
+"""A matrix times columns."""
+
+
+def shared_inflation(poses: Sequence[ScanPose], common: Sequence[Float[np.ndarray, "6 6"]]) -> float:
+    """Mean ratio of the poses' variances to those without what they share with others.
+
+    Parameters
+    ----------
+    common: part of every pose's covariance that it shares.
+    """
+    ratios = [
+        np.trace(np.linalg.solve(pose.covariance - C, pose.covariance)) / 6
+        for pose, C in zip(poses, common, strict=True)
+    ]
+    good = [ratio for ratio in ratios if ratio >= 1]
+    return float(np.median(good)) if good else 1.0
+
+
 def smooth_inflation(
-    poses: Sequence[ScanPose], covariance: Float[np.ndarray, "k 6 k 6"], own: Float[np.ndarray, "k 6 6"]
+    poses: Sequence[ScanPose], own: Float[np.ndarray, "k 6 6"], covariance: Product
 ) -> float:
     """Factor on the poses' own covariances, at least 1.
 
     Parameters
     ----------
-    covariance: joint, over (rotation, shift) in g.   own: information of every pose, likewise.
+    own: information of every pose, over (rotation, shift) in g.   covariance: joint, likewise.
     """
     frame, smooth = _changes(poses)
-    C = covariance.reshape(6 * len(poses), -1)
     weighted_frame, weighted = (_weighted(own, each) for each in (frame, smooth))
     held = np.linalg.pinv(frame.T @ weighted_frame, hermitian=True) @ weighted_frame.T @ smooth
     smooth, weighted = smooth - frame @ held, weighted - weighted_frame @ held
@@ -39,7 +57,7 @@ def smooth_inflation(
     if not told.any():
         return 1.0
     whitened = weighted @ (vectors[:, told] / np.sqrt(values[told]))
-    return max(1.0, float(np.einsum("ai,ab,bi->", whitened, C, whitened)) / np.count_nonzero(told))
+    return max(1.0, float(np.vdot(whitened, covariance(whitened))) / np.count_nonzero(told))
 
 
 def _changes(poses: Sequence[ScanPose]) -> tuple[Float[np.ndarray, "a 6"], Float[np.ndarray, "a m"]]:

@@ -6,8 +6,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinfilters.lidar.ray_pattern import angles_of, unit_vectors
-from spinfilters.lidar.scan_errors import RETURN
+from spinfilters.lidar.ray_pattern import angle_tree, angles_of, unit_vectors
+from spinfilters.lidar.scan_errors import DUST, RETURN
+
+_NEIGHBOURS, _ALIKE = 8, 2  # rays beside one, and those of them whose range is like its own
+_SURFACE, _APART = 0.25, 15.0  # quantile of the difference that surfaces have, and how many of it are apart
+_RAYS_APART = 6.0  # distances between rays, beside them
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +73,26 @@ def without_repeats(scan: Scan) -> Scan:
         return scan
     names = ("time", "azimuth", "elevation", "distance", "intensity", "flag", "window")
     return replace(scan, **{name: getattr(scan, name)[first] for name in names})
+
+
+def without_isolated(scan: Scan) -> tuple[Scan, int]:
+    """The scan without returns that stand apart from those of the rays beside them, and their number.
+
+    Dust and clutter return beams from anywhere. A point of a surface has the range of some neighbours, up to the noise and to the
+    distance between rays: along a steep surface those of one of the two angles.
+    """
+    rows = np.flatnonzero(scan.is_return)
+    if len(rows) <= _NEIGHBOURS:
+        return scan, 0
+    angles = np.stack([scan.azimuth[rows], scan.elevation[rows]], axis=1)
+    apart, near = angle_tree(angles).query(angles, _NEIGHBOURS + 1)
+    distance = scan.distance[rows]
+    by = np.sort(np.abs(distance[np.asarray(near)[:, 1:]] - distance[:, None]), axis=1)[:, _ALIKE - 1]
+    most = _APART * np.quantile(by, _SURFACE) + _RAYS_APART * distance * np.median(apart[:, 1:], axis=1)
+    lost = by > most
+    flag = scan.flag.copy()
+    flag[rows[lost]] = DUST
+    return replace(scan, flag=flag), int(np.count_nonzero(lost))
 
 
 def scan_of_points(points: Float[np.ndarray, "n 3"], time: float = 0.0, name: str = "the scan") -> Scan:

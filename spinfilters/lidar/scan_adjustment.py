@@ -244,7 +244,8 @@ def _with_covariances(poses: Sequence[ScanPose], normal: _Normal, size: float) -
     """
     k, prior = len(poses), np.repeat([ROTATION_PRIOR**-2.0, size**-2.0], 3)
     whole = normal.information / normal.variance
-    covariance = np.linalg.inv(normal.constrained(whole, np.tile(prior, k))).reshape(k, 6, k, 6)
+    joint = np.linalg.inv(normal.constrained(whole, np.tile(prior, k)))
+    covariance = joint.reshape(k, 6, k, 6)
     alone = np.einsum("kikj->kij", whole.reshape(k, 6, k, 6))
     found = []
     for number, pose in enumerate(poses):
@@ -258,4 +259,4 @@ def _with_covariances(poses: Sequence[ScanPose], normal: _Normal, size: float) -
         found.append(
             replace(pose, covariance=every, own_covariance=own, undetermined=lacking, matched=matched)
         )
-    return AdjustedScans(tuple(found), smooth_inflation(poses, covariance, alone + np.diag(prior)))
+    return AdjustedScans(tuple(found), smooth_inflation(poses, alone + np.diag(prior), joint.__matmul__))

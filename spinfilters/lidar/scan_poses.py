@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.errors import InputError
+from spinfilters.lidar.common_errors import shared_inflation
 from spinfilters.lidar.edge_adjustment import edge_adjusted
 from spinfilters.lidar.face_consistency import MOST_CONTRADICTED
 from spinfilters.lidar.face_map import TrackedFaces
@@ -18,7 +19,7 @@ from spinfilters.lidar.face_tracking import track_faces
 from spinfilters.lidar.planes import FEWEST, FittedPlane, extract_planes
 from spinfilters.lidar.point_noise import PointNoise, identified_noise
 from spinfilters.lidar.registration import RegistrationEngine
-from spinfilters.lidar.scan import Scan, without_repeats
+from spinfilters.lidar.scan import Scan, without_isolated, without_repeats
 from spinfilters.lidar.scan_matching import MOST_POINTS, SURE_OVERLAP, match_scans
 from spinfilters.lidar.scan_pose import ScanPose, rotation_vector
 
@@ -30,6 +31,8 @@ DESKEWED: Final = 3
 """Passes that take the motion during the scans out, each with the rates of the one before."""
 DOUBTED: Final = 0.05
 """Share of the scans, beyond which planes that contradict the drift are a reason to doubt all poses."""
+TOLD_ISOLATED: Final = 0.002
+"""Share of isolated points that is told of."""
 MOST_EXCESS: Final = 1.25
 """Mean reduced chi-square of the planes' points, of the median scan, at most.
 
@@ -48,7 +51,7 @@ class ScanPoses:
     scans: that the poses are of.   faces: the map, of a body with faces.
     noise: of the points, given or identified.   remarks: what was left out or not determined, in words.
     doubts: reasons why these poses are not to be trusted.
-    inflation: that the poses' own covariances need for the errors that they share.
+    inflation: for errors that poses share, of their own covariances where they have such, else within their covariances.
     """
 
     poses: tuple[ScanPose, ...]
@@ -85,7 +88,8 @@ def scan_poses(
     ------
     InputError: fewer than two scans with points.
     """
-    usable = [scan for scan in map(without_repeats, scans) if np.count_nonzero(scan.is_return) >= FEWEST]
+    solid = [without_isolated(without_repeats(scan)) for scan in scans]
+    usable = [scan for scan, _ in solid if np.count_nonzero(scan.is_return) >= FEWEST]
     if len(usable) < 2:
         raise InputError(
             f"{len(usable)} of {len(scans)} scans hold {FEWEST} points or more; give at least two that see the body"
@@ -104,15 +108,22 @@ def scan_poses(
         poses, faces, inflation = _poses(times, clouds, planes, engine)
     if faces is not None:
         faces = edge_adjusted(faces, clouds, noise, _extent(clouds[0]))
-        poses = faces.poses
-    remarks = _remarks(len(scans) - len(usable), poses, faces)
+        poses, inflation = faces.poses, shared_inflation(faces.poses, faces.common)
+    isolated = sum(count for _, count in solid) / sum(np.count_nonzero(scan.is_return) for scan in scans)
+    remarks = _remarks(len(scans) - len(usable), isolated, poses, faces)
     doubts = _doubts(poses, faces, clouds)
     return ScanPoses(tuple(poses), tuple(usable), faces, noise, remarks, doubts, inflation)
 
 
-def _remarks(left_out: int, poses: Sequence[ScanPose], faces: TrackedFaces | None) -> tuple[str, ...]:
-    """What was left out, given up or not determined."""
+def _remarks(
+    left_out: int, isolated: float, poses: Sequence[ScanPose], faces: TrackedFaces | None
+) -> tuple[str, ...]:
+    """What was left out, given up or not determined; ``isolated`` is the share of such points."""
     remarks = [f"{left_out} scans with fewer than {FEWEST} points are left out"] if left_out else []
+    if isolated > TOLD_ISOLATED:
+        remarks.append(
+            f"{100 * isolated:.2g} % of the points stand apart from those beside them (dust, clutter) and are left out"
+        )
     if faces is not None and faces.contradicted:
         remarks.append(_contradicted(faces.contradicted, len(poses)))
     blind = [pose for pose in poses if pose.undetermined]

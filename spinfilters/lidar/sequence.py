@@ -102,7 +102,7 @@ def truth_of(motion: TorqueFreeTumble, time: Float[np.ndarray, " n"]) -> Truth:
 
 
 def write_sequence(folder: Path, scans: list[Scan], truth: Truth, description: str, kind: str = KIND) -> None:
-    """Write dataset.toml, the scans and the truth.
+    """Write dataset.toml, the scans that hold a point, and the truth.
 
     InputError: disk full, no permission, nothing returned in any scan.
     """
@@ -111,6 +111,8 @@ def write_sequence(folder: Path, scans: list[Scan], truth: Truth, description: s
     make_folder(folder / SCAN_FOLDER)
     digits = len(str(len(scans)))
     for number, scan in enumerate(scans):
+        if not scan.is_return.any():
+            continue  # there is nothing to read of it
         write_scan(folder / SCAN_FOLDER / f"{number:0{digits}d}.ply", scan)
     write_truth(truth, folder)
     exact = exact_calibration(("lidar",))

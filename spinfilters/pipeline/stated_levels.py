@@ -11,11 +11,12 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.data.sensor_format import sensor_format
 from spinfilters.errors import NUMERICAL_ERRORS
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.identification.components import DISTURBANCES, VarianceComponent
 from spinfilters.estimators.identification.identify import Identified, identify
-from spinfilters.estimators.identification.level_tests import level_tests
+from spinfilters.estimators.identification.level_tests import LevelTest, level_tests
 from spinfilters.estimators.identification.noise_model import NoiseModel
 from spinfilters.estimators.smoothing.factors.landmark_observations import OBSERVATIONS_NEEDED
 from spinfilters.estimators.smoothing.factors.motion_factors import STRETCH
@@ -99,9 +100,12 @@ class _Levels:
     @cached_property
     def doubts(self) -> list[str]:
         """Sentences about the levels that the data contradict most."""
-        tests = level_tests(self.model, self.trajectory, self.points)
+        tests = self._tests()
         unstated = self.setup.unstated - self.by_rows.keys()
-        white = self.setup.gyro_noise is None  # what is correlated is told as white noise that weighs as much
+        inflated = max(self.by_rows.values(), default=1.0) > 1.0
+        white = (
+            self.setup.gyro_noise is None and not inflated
+        )  # correlated noise is told as white that weighs as much
         asked = [test for test in tests if test.name not in unstated or (white and test.score > 0)]
         worst = max(asked, key=lambda test: abs(test.score), default=None)
         if worst is None or not abs(worst.score) > LARGEST_SCORE:
@@ -114,6 +118,28 @@ class _Levels:
         if not abs(found.log_variance[k]) > np.log(LARGEST_RATIO):
             return []
         return [self._sentence(found, k, abs(worst.score))]
+
+    @property
+    def _of_poses(self) -> dict[str, float]:
+        """Inflation of levels that rows of sensors without landmarks state, where there is any."""
+        formats = [sensor_format(stream.sensor) for stream in self.setup.log.streams]
+        without = {option.name for form in formats if not form.has_landmarks for option in form.noise}
+        return {name: by for name, by in self.by_rows.items() if name in without and by > 1}
+
+    def _tests(self) -> list[LevelTest]:
+        """Tests of all levels; inflated rows of poses are too small only where they are so with their inflation.
+
+        Poses share the errors of a map, which residuals show as far as the view changes: how much nobody knows. Those of images
+        are slow.
+        """
+        tests, inflated = level_tests(self.model, self.trajectory, self.points), self._of_poses
+        if not inflated:
+            return list(tests)
+        whole = _deflated(self.model, {name: 1 / factor for name, factor in inflated.items()})
+        most = {t.name: max(t.score, 0.0) for t in level_tests(whole, self.trajectory, self.points)}
+        return [
+            LevelTest(t.name, min(t.score, most.get(t.name, 0.0))) if t.name in inflated else t for t in tests
+        ]
 
     def _sentence(self, found: Identified, number: int, score: float) -> str:
         level = found.components[number]

@@ -1,10 +1,12 @@
 """Inflation of poses' covariances for the errors that they share."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from spinfilters.lidar.common_errors import smooth_inflation
+from spinfilters.lidar.common_errors import shared_inflation, smooth_inflation
 from spinfilters.lidar.scan_pose import ScanPose
 
 COUNT = 40
@@ -22,7 +24,7 @@ def poses() -> list[ScanPose]:
 
 def inflation(joint: np.ndarray) -> float:
     own = np.broadcast_to(np.eye(6), (COUNT, 6, 6))
-    return smooth_inflation(poses(), joint.reshape(COUNT, 6, COUNT, 6), own)
+    return smooth_inflation(poses(), own, joint.__matmul__)
 
 
 def test_independent_errors_need_none() -> None:
@@ -46,3 +48,10 @@ def test_slow_errors_are_weighed_as_a_motion_fitted_to_them_has_them() -> None:
 def test_white_errors_weigh_as_they_are() -> None:
     alternating = np.kron((-1.0) ** np.arange(COUNT), [0, 0, 0, 1.0, 0, 0])[:, None]
     assert inflation(np.eye(6 * COUNT) + alternating @ alternating.T) < 1.05
+
+
+def test_what_faces_share_is_a_ratio_of_variances() -> None:
+    common = np.diag([0.0, 0.0, 0.0, 3.0, 3.0, 3.0])
+    given = [replace(pose, covariance=np.eye(6) + common) for pose in poses()]
+    assert shared_inflation(given, [common] * COUNT) == pytest.approx(2.5)
+    assert shared_inflation(given, [np.zeros((6, 6))] * COUNT) == pytest.approx(1.0)

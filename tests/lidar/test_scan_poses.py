@@ -13,9 +13,9 @@ from spinfilters.lidar.mesh import TriangleMesh, box
 from spinfilters.lidar.planes import extract_planes
 from spinfilters.lidar.point_noise import PointNoise, identified_noise
 from spinfilters.lidar.ray_pattern import RayPattern
-from spinfilters.lidar.scan import Scan, scan_of_points
+from spinfilters.lidar.scan import Scan, scan_of_points, without_isolated
 from spinfilters.lidar.scan_adjustment import AdjustedScans
-from spinfilters.lidar.scan_errors import LidarNoise, rvs_noise
+from spinfilters.lidar.scan_errors import LidarNoise, Losses, rvs_noise
 from spinfilters.lidar.scan_pose import ScanPose, nearest_rotation, rotation_vector
 from spinfilters.lidar.scan_poses import ScanPoses, scan_poses
 from spinfilters.lidar.scanner import LidarSettings, Scanner
@@ -196,6 +196,27 @@ def test_registered_scans_that_share_little_surface_are_doubted(
     found = scan_poses([scan_of_points(cloud, float(k)) for k in range(3)])
     assert not found.by_faces
     assert bool([each for each in found.doubts if "may be turned wrongly" in each]) == doubted
+
+
+def test_returns_of_dust_and_clutter_are_left_out_and_told() -> None:
+    scanner = Scanner.of(
+        box((1.0, 1.3, 0.8)),
+        LidarSettings(RayPattern((4.0, 4.0), (61, 61)), rvs_noise(), Losses(clutter=0.5)),
+    )
+    R, generator = thesis_rotation(20, 30, 10), np.random.default_rng(0)
+    scans = [scanner.scan(Still(R, np.array([30.0, 0, 0])), float(k), generator) for k in range(2)]
+    found = scan_poses(scans)
+    assert found.by_faces
+    assert "% of the points stand apart" in found.remarks[0]
+    off = found.scans[0].points @ R - np.array([30.0, 0, 0]) @ R
+    beyond = (np.abs(off) > np.array([0.5, 0.65, 0.4]) + 0.02).any(axis=1)
+    assert np.count_nonzero(beyond) < 0.05 * len(off)  # of one half
+    assert len(off) > 0.9 * 0.5 * np.count_nonzero(scans[0].is_return)
+
+
+def test_no_point_of_a_clean_body_is_taken_for_clutter() -> None:
+    for scan in snapshots(30.0, 4.0, 61, rvs_noise())[0]:
+        assert without_isolated(scan)[1] <= 2
 
 
 def test_thousands_of_points_in_one_spot_are_one_point() -> None:
