@@ -31,7 +31,9 @@ PRIOR_ODDS: Final = 0.05
 FIRST_TIMES: Final = (3.0, 15.0)
 """Correlation times, in intervals, from which the likelihood is climbed."""
 LEAST_SCORE: Final = 2.0
-"""Standard deviations of a score below which errors that last are not fitted, where disturbances are told."""
+"""Standard deviations of a score below which errors that last are not fitted, but where they may be all that disturbances seem."""
+LEAST_DISTURBED: Final = 0.1
+"""Share of disturbances in a measurement's variance, below which lasting errors in their place move estimates by little."""
 NOTHING: Final = -40.0
 """ln of a variance that is none."""
 LEAST_PROBABILITY: Final = 1e-4
@@ -94,14 +96,14 @@ def _compared(rows: LinearRows, model: NoiseModel, stated: Collection[str]) -> C
     unknown = np.array([name not in stated for name in model.densities], dtype=bool)
     climb = LikelihoodClimb(motion)
     (white,) = climb.highest([_white(motion, unknown)])
-    undisturbed = not rows.problem.layout.translates and bool(unknown.all())
+    disturbed = motion.disturbed(white.levels)
+    undisturbed = not rows.problem.layout.translates and bool(unknown.all()) and disturbed > LEAST_DISTURBED
     if not undisturbed and climb.scores(white).max(initial=0.0) < LEAST_SCORE:
         return None
     every = climb.highest(
         [*_correlated(motion, white), *(_undisturbed(motion, white) if undisturbed else ())]
     )
     likely = [(each, _probability(_evidence(motion, white, each))) for each in every]
-    disturbed = motion.disturbed(white.levels)
     found = [_told(rows, model, (white, each), (p, disturbed)) for each, p in likely if p > LEAST_PROBABILITY]
     return max(found, key=lambda each: each.expected_nees, default=None)
 
