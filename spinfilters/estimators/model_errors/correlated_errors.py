@@ -70,8 +70,8 @@ class CorrelatedErrors:
 
 def correlated_errors(
     rows: LinearRows, model: NoiseModel, stated: Collection[str] = ()
-) -> CorrelatedErrors | None:
-    """Errors that last in a solved problem without landmarks.
+) -> list[CorrelatedErrors]:
+    """Errors that last in a solved problem without landmarks, the likeliest first.
 
     None where there are none to speak of, or the problem does not tell.
 
@@ -81,17 +81,17 @@ def correlated_errors(
     """
     sensors = rows.problem.motion.sensors
     if rows.problem.observations is not None or any(len(np.unique(s.epoch)) < len(s.epoch) for s in sensors):
-        return None
+        return []
     if not any(each.sensors for each in model.components):
-        return None
+        return []
     try:
         with np.errstate(all="ignore"):
             return _compared(rows, model, stated)
     except NUMERICAL_ERRORS:
-        return None
+        return []
 
 
-def _compared(rows: LinearRows, model: NoiseModel, stated: Collection[str]) -> CorrelatedErrors | None:
+def _compared(rows: LinearRows, model: NoiseModel, stated: Collection[str]) -> list[CorrelatedErrors]:
     motion = LinearMotion.of(rows, model)
     unknown = np.array([name not in stated for name in model.densities], dtype=bool)
     climb = LikelihoodClimb(motion)
@@ -99,13 +99,13 @@ def _compared(rows: LinearRows, model: NoiseModel, stated: Collection[str]) -> C
     disturbed = motion.disturbed(white.levels)
     undisturbed = not rows.problem.layout.translates and bool(unknown.all()) and disturbed > LEAST_DISTURBED
     if not undisturbed and climb.scores(white).max(initial=0.0) < LEAST_SCORE:
-        return None
+        return []
     every = climb.highest(
         [*_correlated(motion, white), *(_undisturbed(motion, white) if undisturbed else ())]
     )
     likely = [(each, _probability(_evidence(motion, white, each))) for each in every]
     found = [_told(rows, model, (white, each), (p, disturbed)) for each, p in likely if p > LEAST_PROBABILITY]
-    return max(found, key=lambda each: each.expected_nees, default=None)
+    return sorted(found, key=lambda each: -each.probability)
 
 
 def _probability(evidence: float) -> float:
