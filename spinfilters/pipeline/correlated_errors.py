@@ -18,7 +18,7 @@ LIKELY: Final = 0.5
 """Probability of errors that are likelier than not."""
 LARGEST_NEES: Final = 2.0
 """Expected per degree of freedom, beyond which errors that are likelier than not are a doubt."""
-LARGEST_UNDECIDED_NEES: Final = 12.5
+LARGEST_UNDECIDED_NEES: Final = 20.0
 """The same of errors that the recording does not tell from disturbances: a gyro alone hardly tells small ones, and no recording is
 doubted for what may always be so."""
 HIDDEN, LARGEST_HIDDEN_NEES = 0.8, 2.5
