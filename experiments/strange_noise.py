@@ -1,9 +1,11 @@
 """Search for estimates that are ok and wrong under strange noise.
 
 Noise that nobody states is not white and normal, or one measurement is gross.
-    python -m experiments.strange_noise [--seeds 10] [--kinds gyro pose] [--noise quantised gross]
+    python -m experiments.strange_noise [--seeds 10] [--kinds gyro pose tracks] [--noise quantised gross] [--epochs 115]
+        [--motion rich]
 
-Simulates rich motions, adds noise of every kind to exact gyro rates or poses, states nothing and estimates with MEKF and smoother.
+Simulates motions, adds noise of every kind to exact gyro rates, poses or tracks without a map, states nothing and estimates with
+MEKF and smoother.
 Printed are verdicts, the largest error of an ``ok`` estimate in stated standard deviations (beyond 4 is a defect), NEES of the
 ``ok`` ones; of one gross error also the errors over those without it, geometric mean and 95 % quantile.
 """
@@ -28,23 +30,43 @@ from spinfilters.pipeline.setup import prepare
 from spinfilters.sensors.registry import sensor_of
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.faults import with_stream
-from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_noise
+from spinfilters.simulation.gauss_markov import with_gauss_markov_errors
+from spinfilters.simulation.scenario import (
+    RICH_RPM,
+    THESIS_RPM,
+    Scenario,
+    simulate,
+    without_map,
+    without_noise,
+)
 from spinfilters.state.layout import StateLayout
 
 Added = Callable[[Float[np.ndarray, "n k"], np.random.Generator], Float[np.ndarray, "n k"]]
 """Errors in standard deviations, from those of white noise."""
 SETTINGS = Settings(estimators=("mekf", "smoother"))
 PSD = 1e-6
-STD = {"gyro": np.full(3, 0.005), "pose": np.repeat([0.005, 0.01], 3)}
-"""rad/s; m and rad."""
+STD = {"gyro": np.full(3, 0.005), "pose": np.repeat([0.005, 0.01], 3), "tracks": np.ones(3)}
+"""rad/s; m and rad; px."""
+OF_TRACKS = ("correlated 0.5", "correlated 0.8", "correlated", "correlated 0.97", "slow part")
+"""Noise that tracks are tried with: errors of each landmark are correlated in time."""
 EXACT = 1e-9
 """Of the simulated noise, that all others are added to."""
 RESOLUTION = {"gyro": 4.36 / 128, "pose": 0.02}
 """Of a gyro of 8 bit and 250 deg/s, rad/s; of poses, m and rad."""
 GROSS = (20.0, 300.0)
 """Standard deviations of one gross error."""
+TRACKED = 400
+"""Landmarks of tracks."""
 CORRELATION = 0.9
-"""From sample to sample."""
+"""From sample to sample, where the name says no other."""
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """Motion and length of a recording."""
+
+    rate_rpm: tuple[float, float, float] = RICH_RPM
+    epochs: int = 115
 
 
 @dataclass(frozen=True)
@@ -63,16 +85,21 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--kinds", nargs="+", choices=list(STD), default=list(STD))
     parser.add_argument("--noise", nargs="+", choices=list(NOISE), default=list(NOISE))
+    parser.add_argument("--epochs", type=int, default=Recorded.epochs)
+    parser.add_argument("--motion", choices=("rich", "thesis"), default="rich")
     options = parser.parse_args()
+    recorded = Recorded(RICH_RPM if options.motion == "rich" else THESIS_RPM, options.epochs)
     for kind in options.kinds:
         for name in options.noise:
-            for line in lines_of(kind, name, options.seeds):
+            if kind == "tracks" and name not in OF_TRACKS:
+                continue
+            for line in lines_of(kind, name, options.seeds, recorded):
                 print(line, flush=True)
 
 
-def lines_of(kind: str, name: str, seeds: int) -> Iterator[str]:
+def lines_of(kind: str, name: str, seeds: int, recorded: Recorded) -> Iterator[str]:
     """A line for every estimator, and one for every estimate that is ok and wrong."""
-    found = [(seed, row) for seed in range(seeds) for row in rows_of(kind, name, seed)]
+    found = [(seed, row) for seed in range(seeds) for row in rows_of(kind, name, seed, recorded)]
     refused = sum(row.estimator == "" for _, row in found)
     for estimator in SETTINGS.estimators:
         own = [(seed, row.found) for seed, row in found if row.estimator == estimator]
@@ -94,23 +121,35 @@ def lines_of(kind: str, name: str, seeds: int) -> Iterator[str]:
         )
 
 
-def rows_of(kind: str, name: str, seed: int) -> list[NoiseRow]:
+def rows_of(kind: str, name: str, seed: int, recorded: Recorded) -> list[NoiseRow]:
     """Estimates of one recording."""
-    rows = _estimated(recording(kind, name, seed))
+    rows = _estimated(recording(kind, name, seed, recorded))
     if name != "gross":
         return rows
-    without = {row.estimator: row.found for row in _estimated(recording(kind, "white", seed))}
+    without = {row.estimator: row.found for row in _estimated(recording(kind, "white", seed, recorded))}
     return [NoiseRow(r.estimator, r.found | _ratio(r.found, without.get(r.estimator, {}))) for r in rows]
 
 
-def recording(kind: str, name: str, seed: int) -> Dataset:
-    """A rich motion under one kind of noise, which is not stated."""
+def recording(kind: str, name: str, seed: int, recorded: Recorded) -> Dataset:
+    """A motion under one kind of noise, which is not stated."""
     scenario = Scenario(
-        kind, rate_rpm=RICH_RPM, seed=seed, gyro_std=EXACT, position_std=EXACT, rotation_std=EXACT
+        "stereo-tracks" if kind == "tracks" else kind,
+        rate_rpm=recorded.rate_rpm,
+        epochs=recorded.epochs,
+        landmarks=TRACKED,
+        seed=seed,
+        noise=ProcessNoise(PSD, PSD),
+        gyro_std=EXACT,
+        position_std=EXACT,
+        rotation_std=EXACT,
+        pixel_std=EXACT,
     )
-    dataset = without_noise(simulate(replace(scenario, noise=ProcessNoise(PSD, PSD))))
-    stream, generator = dataset.log.stream(kind), np.random.default_rng([seed, 5])
-    return with_stream(dataset, NOISE[name](stream, generator))
+    dataset, generator = without_noise(simulate(scenario)), np.random.default_rng([seed, 5])
+    if kind == "tracks":
+        return without_map(_correlated(dataset, generator, name))
+    if name in OF_TRACKS:
+        return _correlated(dataset, generator, name)
+    return with_stream(dataset, NOISE[name](dataset.log.stream(kind), generator))
 
 
 def _estimated(dataset: Dataset) -> list[NoiseRow]:
@@ -159,11 +198,18 @@ def _two_levels(white: np.ndarray, _: np.random.Generator) -> np.ndarray:
     return white * np.where(np.arange(len(white)) < len(white) / 2, 1.0, 5.0)[:, np.newaxis]
 
 
-def _correlated(white: np.ndarray, _: np.random.Generator) -> np.ndarray:
-    errors = white.copy()
-    for k in range(1, len(errors)):
-        errors[k] = CORRELATION * errors[k - 1] + np.sqrt(1 - CORRELATION**2) * white[k]
-    return errors
+def _correlated(dataset: Dataset, generator: np.random.Generator, name: str) -> Dataset:
+    """With correlated errors; a slow part stands beside white ones of the same size."""
+    (stream,) = dataset.log.streams
+    std = STD.get(stream.sensor, STD["tracks"])
+    words = name.split()
+    correlation = float(words[-1]) if words[0] == "correlated" and len(words) > 1 else CORRELATION
+    found = with_gauss_markov_errors(dataset, std, correlation, generator)
+    return with_gauss_markov_errors(found, std, 0.0, generator) if name == "slow part" else found
+
+
+def _as_it_is(stream: MeasurementStream, _: np.random.Generator) -> MeasurementStream:
+    return stream
 
 
 def _gross(white: np.ndarray, generator: np.random.Generator) -> np.ndarray:
@@ -209,14 +255,14 @@ NOISE: dict[str, Callable[[MeasurementStream, np.random.Generator], MeasurementS
             "white": _white,
             "heavy": _heavy,
             "two levels": _two_levels,
-            "correlated": _correlated,
             "gross": _gross,
         }.items()
     },
-    "exact": lambda stream, _: stream,
+    "exact": _as_it_is,
     "dropouts": _dropouts,
     "quantised": _quantised,
     "constant": _constant,
+    **dict.fromkeys(OF_TRACKS, _as_it_is),
 }
 """Measurements with one kind of noise, from exact ones."""
 

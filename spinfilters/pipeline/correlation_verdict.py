@@ -18,7 +18,7 @@ LIKELY: Final = 0.5
 """Probability of errors that are likelier than not."""
 LARGEST_NEES: Final = 2.0
 """Expected per degree of freedom, beyond which errors that are likelier than not are a doubt."""
-LARGEST_UNDECIDED_NEES: Final = 12.5
+LARGEST_UNDECIDED_NEES: Final = 20.0
 """The same of errors that the recording does not tell from disturbances: a gyro alone hardly tells small ones, and no recording is
 doubted for what may always be so."""
 HIDDEN, LARGEST_HIDDEN_NEES = 0.8, 2.5
@@ -43,13 +43,14 @@ def correlated_error_doubts(setup: "Setup", rows: LinearRows | None, stated: Col
     seen = observation_correlation(rows)
     if seen is not None and seen.score > LARGEST_SCORE and seen.inflation > LARGEST_NEES:
         return [_of_landmarks(seen)]
-    found = None if model is None else correlated_errors(rows, model, stated)
-    if found is None:
-        return []
+    found = [] if model is None else correlated_errors(rows, model, stated)
+    return [_sentence(each) for each in found if _matters(each)][:1]
+
+
+def _matters(found: CorrelatedErrors) -> bool:
     if found.probability > LIKELY:
-        return [_decided(found)] if found.expected_nees > LARGEST_NEES else []
-    largest = LARGEST_HIDDEN_NEES if found.disturbed > HIDDEN else LARGEST_UNDECIDED_NEES
-    return [_undecided(found)] if found.expected_nees > largest else []
+        return found.expected_nees > LARGEST_NEES
+    return found.expected_nees > (LARGEST_HIDDEN_NEES if found.disturbed > HIDDEN else LARGEST_UNDECIDED_NEES)
 
 
 def _of_landmarks(seen: ObservationCorrelation) -> str:
@@ -59,7 +60,9 @@ def _of_landmarks(seen: ObservationCorrelation) -> str:
     )
 
 
-def _decided(found: CorrelatedErrors) -> str:
+def _sentence(found: CorrelatedErrors) -> str:
+    if found.probability <= LIKELY:
+        return _undecided(found)
     return (
         f"errors of the measurements are correlated over {found.time:.2g} s ({_sizes(found)}; -2 ln likelihood falls by "
         f"{found.advantage:.0f}) and pass for disturbances: squared errors may be {found.inflation:.0f} times what is stated; "

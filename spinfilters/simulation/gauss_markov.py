@@ -14,7 +14,12 @@ from spinfilters.state.layout import StateLayout
 def gauss_markov(
     white: Float[np.ndarray, "n k"], correlation: float | Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n k"]:
-    """Unit-variance errors from white ones, correlated with the row before (n numbers or one for all; of the first none)."""
+    """Errors of unit variance from white ones, each correlated with the row before.
+
+    Parameters
+    ----------
+    correlation: of every row, or of all; that of the first is not used.
+    """
     errors, kept = white.copy(), np.broadcast_to(correlation, len(white))
     for k in range(1, len(errors)):
         errors[k] = kept[k] * errors[k - 1] + np.sqrt(1 - kept[k] ** 2) * white[k]

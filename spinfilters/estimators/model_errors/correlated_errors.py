@@ -31,7 +31,9 @@ PRIOR_ODDS: Final = 0.05
 FIRST_TIMES: Final = (3.0, 15.0)
 """Correlation times, in intervals, from which the likelihood is climbed."""
 LEAST_SCORE: Final = 2.0
-"""Standard deviations of a score below which errors that last are not fitted, where disturbances are told."""
+"""Standard deviations of a score below which errors that last are not fitted, but where they may be all that disturbances seem."""
+LEAST_DISTURBED: Final = 0.1
+"""Share of disturbances in a measurement's variance, below which lasting errors in their place move estimates by little."""
 NOTHING: Final = -40.0
 """ln of a variance that is none."""
 LEAST_PROBABILITY: Final = 1e-4
@@ -68,8 +70,8 @@ class CorrelatedErrors:
 
 def correlated_errors(
     rows: LinearRows, model: NoiseModel, stated: Collection[str] = ()
-) -> CorrelatedErrors | None:
-    """Errors that last in a solved problem without landmarks.
+) -> list[CorrelatedErrors]:
+    """Errors that last in a solved problem without landmarks, the likeliest first.
 
     None where there are none to speak of, or the problem does not tell.
 
@@ -79,31 +81,31 @@ def correlated_errors(
     """
     sensors = rows.problem.motion.sensors
     if rows.problem.observations is not None or any(len(np.unique(s.epoch)) < len(s.epoch) for s in sensors):
-        return None
+        return []
     if not any(each.sensors for each in model.components):
-        return None
+        return []
     try:
         with np.errstate(all="ignore"):
             return _compared(rows, model, stated)
     except NUMERICAL_ERRORS:
-        return None
+        return []
 
 
-def _compared(rows: LinearRows, model: NoiseModel, stated: Collection[str]) -> CorrelatedErrors | None:
+def _compared(rows: LinearRows, model: NoiseModel, stated: Collection[str]) -> list[CorrelatedErrors]:
     motion = LinearMotion.of(rows, model)
     unknown = np.array([name not in stated for name in model.densities], dtype=bool)
     climb = LikelihoodClimb(motion)
     (white,) = climb.highest([_white(motion, unknown)])
-    undisturbed = not rows.problem.layout.translates and bool(unknown.all())
+    disturbed = motion.disturbed(white.levels)
+    undisturbed = not rows.problem.layout.translates and bool(unknown.all()) and disturbed > LEAST_DISTURBED
     if not undisturbed and climb.scores(white).max(initial=0.0) < LEAST_SCORE:
-        return None
+        return []
     every = climb.highest(
         [*_correlated(motion, white), *(_undisturbed(motion, white) if undisturbed else ())]
     )
     likely = [(each, _probability(_evidence(motion, white, each))) for each in every]
-    disturbed = motion.disturbed(white.levels)
     found = [_told(rows, model, (white, each), (p, disturbed)) for each, p in likely if p > LEAST_PROBABILITY]
-    return max(found, key=lambda each: each.expected_nees, default=None)
+    return sorted(found, key=lambda each: -each.probability)
 
 
 def _probability(evidence: float) -> float:

@@ -25,7 +25,12 @@ DAMPING: Final = (1e-2, 1e4)
 
 @dataclass(frozen=True)
 class LikelyLevels:
-    """Most likely levels of an explanation, and which of these are free."""
+    """Most likely levels of an explanation, and which of these are free.
+
+    Attributes
+    ----------
+    levels: see `linear_likelihood`.   free: their numbers.   log_likelihood: -infinity before they are climbed to.
+    """
 
     levels: Float[np.ndarray, " c"]
     free: Int[np.ndarray, " f"]
@@ -60,7 +65,10 @@ class LikelihoodClimb:
         return best
 
     def scores(self, white: LikelyLevels) -> Float[np.ndarray, " s"]:
-        """Standard deviations by which the data ask for lasting errors of each component and `SCORE_TIMES`, the levels free."""
+        """Scores of lasting errors of each component and time of `SCORE_TIMES`.
+
+        In standard deviations, the levels that are free being so.
+        """
         count, f = len(self.motion.slots), len(white.free)
         rows, steps = [*self._around(white)], [DIFFERENCE] * f
         for time in SCORE_TIMES:

@@ -1,4 +1,4 @@
-"""Marginal likelihood of noise levels in a linearised motion whose measurement errors may be correlated in time.
+"""Marginal likelihood of noise levels where measurement errors may be correlated in time.
 
 About a smoothed trajectory the errors of states obey e' = F e + b + noise of the disturbances, and every measurement is
 z = H e + u + v: v white, u a Gauss-Markov process with exp(-dt / tau) from epoch to epoch. A Kalman filter over (e, u) gives
@@ -108,7 +108,10 @@ class LinearMotion:
         return 2 * len(self.slots) + len(self.sources) + 1
 
     def disturbed(self, levels: Float[np.ndarray, " c"]) -> float:
-        """Share of one interval's disturbances in a measurement's variance, largest over components of the sensors."""
+        """Share of one interval's disturbances in a measurement's variance.
+
+        Largest over the components of the sensors.
+        """
         count = len(self.slots)
         density = np.exp(levels[2 * count : -1])
         added = sum(
