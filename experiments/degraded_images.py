@@ -36,7 +36,10 @@ ESTIMATORS: Final = ("mekf", "smoother")
 
 @dataclass(frozen=True)
 class Shot:
-    """When and by which camera an image was taken: ``time`` (s), ``number`` in the sequence, ``camera`` 0 or 1."""
+    """When and by which camera an image was taken.
+
+    ``time`` (s), ``number`` in the sequence, ``camera`` 0 or 1.
+    """
 
     time: float
     number: int

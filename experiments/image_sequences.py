@@ -105,7 +105,10 @@ def lines(case: SequenceCase, evaluations: Sequence[Evaluation]) -> list[str]:
 
 
 def _sizes(evaluation: Evaluation, begin: float) -> Float[np.ndarray, " 3"]:
-    """Root mean squares of position, attitude and rate from a time on; not a number without errors."""
+    """Root mean squares of position, attitude and rate from a time on.
+
+    Not a number without errors.
+    """
     errors = None if evaluation.errors is None else evaluation.errors.within(begin, np.inf)
     rms = None if errors is None else errors.rms
     return np.array([np.nan] * 3 if rms is None else [rms.position, rms.attitude, rms.rate], dtype=float)

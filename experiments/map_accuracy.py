@@ -118,7 +118,10 @@ def landmarks_on(run: Path, mesh: BodyMesh) -> Float[np.ndarray, "k 3"]:
 
 @dataclass(frozen=True)
 class _EstimatedBody:
-    """Of a run, in the truth's frame g: ``landmarks`` (k, 3) m, principal ``axes`` as rows, and the true ``centre`` of mass."""
+    """Estimate of the body in the truth's frame g.
+
+    ``landmarks`` (k, 3) m, principal ``axes`` as rows, and the true ``centre`` of mass.
+    """
 
     landmarks: Float[np.ndarray, "k 3"]
     axes: Float[np.ndarray, "3 3"]

@@ -26,7 +26,10 @@ def claimed_size(data: bytes) -> tuple[int, int] | None:
 
 
 def is_damaged_png(data: bytes) -> bool:
-    """Whether a PNG has a chunk whose checksum is wrong: its decoder would complain on the console."""
+    """Whether a PNG has a chunk whose checksum is wrong.
+
+    Its decoder would complain on the console.
+    """
     at = len(PNG_BEGIN)
     if not data.startswith(PNG_BEGIN):
         return False
