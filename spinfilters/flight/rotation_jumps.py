@@ -83,5 +83,7 @@ def _departing(time: Float[np.ndarray, " r"], rates: Float[np.ndarray, "r 3"], m
     spread = np.sqrt(1 + np.einsum("ij,ji->i", design, np.linalg.solve(normal, design.T)))
     speed = angle[near][-1] / abs(time[near][-1] - time[0])
     remainder = REMAINDER * speed * (angle[near][-1] - angle) ** 3
-    off = np.abs(error).max(axis=1) > LARGEST_DEVIATION * max(noise, TINY) * spread + remainder
+    size = np.abs(error).max(axis=1)
+    off = size > LARGEST_DEVIATION * max(noise, TINY) * spread + remainder
+    off[1:] &= size[1:] <= size[:-1]  # what a hand leaves decays; what grows inwards is a gross error
     return margin if off[:margin].all() else int(np.argmin(off[:margin]))
