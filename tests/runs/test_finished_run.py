@@ -20,7 +20,7 @@ from spinfilters.pipeline.segment_runs import run_segments
 from spinfilters.runs import run_folder
 from spinfilters.runs.run_folder import finished_run, write_run
 from spinfilters.settings.run_settings import Settings
-from spinfilters.simulation.scenario import Scenario, simulate
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 
 EKF = Settings(estimators=("mekf",))
 WITH_DRAG = replace(EKF, process=replace(EKF.process, drag=True))
@@ -98,7 +98,7 @@ class Finished:
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Finished:
     """A run on tracks with all that can be known of them."""
-    tracks = simulate(Scenario(epochs=12, landmarks=40))
+    tracks = simulate(Scenario(rate_rpm=RICH_RPM, epochs=12, landmarks=40))
     gyro = simulate(Scenario(kind="gyro", epochs=12)).log.stream("gyro")
     both = replace(tracks, log=MeasurementLog((gyro, *tracks.log.streams)))
     dataset, folder = with_tracks(both, with_covariance), tmp_path_factory.mktemp("finished") / "run"
