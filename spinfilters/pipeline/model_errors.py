@@ -123,13 +123,14 @@ class TestedModels:
     def _matters(self, test: ScoreTest) -> bool:
         """Whether an error moves estimates, or noise levels, and is beyond chance.
 
-        At the tested noise levels too: what lets levels fall alone may be slow noise.
+        At the tested noise levels, too, less surely where these share the residuals: what only lets levels fall may be slow noise.
         """
         if self.std is None:
             return True
         effect = test.effect(self.std)
         moves = effect.largest >= LEAST_EFFECT.largest or effect.rms >= LEAST_EFFECT.rms
-        beyond_chance = float(chi_square_tail(test.statistic, test.dof)) < TELLING
+        chance = TELLING if test.level > 0 else self.largest_p_value
+        beyond_chance = float(chi_square_tail(test.statistic, test.dof)) < chance
         return (moves or test.level >= LEAST_LEVEL) and beyond_chance
 
     @property

@@ -140,6 +140,17 @@ def test_an_error_beyond_chance_is_named_where_it_moves_a_state_or_a_noise_level
     assert model_errors.TestedModels((test,), contradicted, std=std).names == names
 
 
+@pytest.mark.parametrize(
+    ("statistic", "level", "names"), [(6.0, 0.1, ()), (6.5, 0.0, ()), (7.0, 0.1, ("torque",))]
+)
+def test_what_only_lets_noise_levels_fall_is_not_named(
+    statistic: float, level: float, names: tuple[str, ...]
+) -> None:
+    one, std = np.ones(1), np.full((1, 1), 0.1)
+    test = ScoreTest(table()["torque"], one, one, statistic, 1.0, 40.0, 1e-8, 5 * std, level=level)
+    assert model_errors.TestedModels((test,), std=std).names == names
+
+
 def test_errors_that_explain_the_same_residuals_are_named_as_one() -> None:
     one, alike, other = np.ones(1), np.array([1.0, 0.1, 0.0]), np.array([0.0, 1.0, 0.0])
     tests = tuple(

@@ -46,7 +46,7 @@ class Residuals:
     squares: Float[np.ndarray, " c"]
     redundancy: Float[np.ndarray, " c"]
     sources: tuple["WhitenedRows", ...]
-    deleted: tuple[Float[np.ndarray, " r"], ...]
+    deleted: tuple[Float[np.ndarray, " _"], ...]
 
 
 @dataclass(frozen=True)
