@@ -162,7 +162,10 @@ def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedError
 
 
 def _frame_changes(truth: Truth, layout: StateLayout) -> Float[np.ndarray, "n k 6"]:
-    """Changes of the true states by a small rotation (rad) and shift (m) of g, central differences."""
+    """Changes of the true states by a small rotation (rad) and shift (m) of g.
+
+    Central differences.
+    """
     columns = []
     for step in _FRAME_STEP * np.eye(6):
         near = [
