@@ -180,7 +180,7 @@ def _frame_changes(truth: Truth, layout: StateLayout) -> Float[np.ndarray, "n k 
 def _least_square(
     error: Float[np.ndarray, "n k"], factor: Float[np.ndarray, "n k e"], moved: Float[np.ndarray, "n k c"]
 ) -> Float[np.ndarray, " n"]:
-    """Least (e + M c)' P^-1 (e + M c) over c, infinite where P is singular."""
+    """Least square over changes of the frame, infinite where P is singular."""
     upper = np.asarray(np.linalg.qr(np.swapaxes(factor, 1, 2), mode="r"))
     regular = _regular(upper)
     both = np.concatenate([moved, error[:, :, np.newaxis]], axis=2)

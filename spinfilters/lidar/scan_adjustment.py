@@ -208,7 +208,7 @@ class _Patches:
         self._squares = 0.0
 
     def add(self, scan: int, owner: Int[np.ndarray, " m"], near: Matches) -> None:
-        """Matches of one scan with points of others, of which only scans 0 to k - 1 move."""
+        """Matches of one scan with points of others."""
         cells = np.floor(near.moved / self._side).astype(np.int64)
         inside = (owner >= 0) & (owner < self._scans)
         for scans, rows, residual in (
