@@ -163,7 +163,10 @@ def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedError
 
 
 def _frame_changes(truth: Truth, layout: StateLayout) -> Float[np.ndarray, "n k 6"]:
-    """Changes of the true states by a small rotation (rad) and shift (m) of g, central differences."""
+    """Changes of the true states by a small rotation (rad) and shift (m) of g.
+
+    Central differences.
+    """
     columns = []
     for step in _FRAME_STEP * np.eye(6):
         near = [
@@ -178,7 +181,7 @@ def _frame_changes(truth: Truth, layout: StateLayout) -> Float[np.ndarray, "n k 
 def _least_square(
     error: Float[np.ndarray, "n k"], factor: Float[np.ndarray, "n k e"], moved: Float[np.ndarray, "n k c"]
 ) -> Float[np.ndarray, " n"]:
-    """Least (e + M c)' P^-1 (e + M c) over c, infinite where P is singular."""
+    """Least square over changes of the frame, infinite where P is singular."""
     upper = np.asarray(np.linalg.qr(np.swapaxes(factor, 1, 2), mode="r"))
     regular = _regular(upper)
     both = np.concatenate([moved, error[:, :, np.newaxis]], axis=2)

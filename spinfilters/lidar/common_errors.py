@@ -19,6 +19,8 @@ from spinfilters.lidar.scan_pose import ScanPose
 NEGLIGIBLE: Final = 1e-9
 """Share of the largest information, below which a direction is not told."""
 
+LARGEST: Final = 1e6
+"""Inflation that is told, at most."""
 
 Product = Callable[[Float[np.ndarray, "a m"]], Float[np.ndarray, "a m"]]
 """A matrix times columns."""
@@ -32,11 +34,11 @@ def shared_inflation(poses: Sequence[ScanPose], common: Sequence[Float[np.ndarra
     common: part of every pose's covariance that it shares.
     """
     ratios = [
-        np.trace(np.linalg.solve(pose.covariance - C, pose.covariance)) / 6
+        np.trace(np.linalg.pinv(pose.covariance - C, hermitian=True) @ pose.covariance) / 6
         for pose, C in zip(poses, common, strict=True)
     ]
     good = [ratio for ratio in ratios if ratio >= 1]
-    return float(np.median(good)) if good else 1.0
+    return min(float(np.median(good)), LARGEST) if good else 1.0
 
 
 def smooth_inflation(
@@ -57,7 +59,7 @@ def smooth_inflation(
     if not told.any():
         return 1.0
     whitened = weighted @ (vectors[:, told] / np.sqrt(values[told]))
-    return max(1.0, float(np.vdot(whitened, covariance(whitened))) / np.count_nonzero(told))
+    return float(np.clip(np.vdot(whitened, covariance(whitened)) / np.count_nonzero(told), 1.0, LARGEST))
 
 
 def _changes(poses: Sequence[ScanPose]) -> tuple[Float[np.ndarray, "a 6"], Float[np.ndarray, "a m"]]:

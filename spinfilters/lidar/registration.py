@@ -150,8 +150,9 @@ class Matches:
 def closest_points(
     source: Cloud, target: Cloud, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"], reach: float
 ) -> Matches:
-    """Points of the source, moved by a pose, with the nearest of the target within ``reach`` m that face alike.
+    """Moved points of the source with the nearest of the target.
 
+    Those within ``reach`` m that face alike.
     Residuals beyond three robust standard deviations are left out.
     """
     moved = source.points @ R.T + t

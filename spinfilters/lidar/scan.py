@@ -76,7 +76,7 @@ def without_repeats(scan: Scan) -> Scan:
 
 
 def without_isolated(scan: Scan) -> tuple[Scan, int]:
-    """The scan without returns that stand apart from those of the rays beside them, and their number.
+    """The scan without isolated returns, and their number.
 
     Dust and clutter return beams from anywhere. A point of a surface has the range of some neighbours, up to the noise and to the
     distance between rays: along a steep surface those of one of the two angles.

@@ -180,7 +180,7 @@ def _matches(cloud: Cloud, pose: ScanPose, target: Cloud, reach: float) -> Match
 
 
 def _response(clouds: Sequence[Cloud], poses: Sequence[ScanPose], group: range, reach: float) -> float:
-    """Share of a shift of scans' points along their normals that the residuals follow.
+    """Share of a shift along the normals that residuals follow.
 
     Below 1, as nearest points change with the shift: those of small residuals are chosen among noisy ones. Sums of residuals are
     that much less steep in the poses than the normal equations have it.
@@ -200,7 +200,7 @@ def _response(clouds: Sequence[Cloud], poses: Sequence[ScanPose], group: range, 
 
 
 class _Patches:
-    """Sums of residuals over patches of the body's surface, for every scan on either side of its matches."""
+    """Sums of residuals over patches of the surface, for every scan."""
 
     def __init__(self, side: float, scans: int) -> None:
         self._side, self._scans = side, scans
@@ -208,7 +208,7 @@ class _Patches:
         self._squares = 0.0
 
     def add(self, scan: int, owner: Int[np.ndarray, " m"], near: Matches) -> None:
-        """Matches of one scan with points of others, of which only scans 0 to k - 1 move."""
+        """Matches of one scan with points of others."""
         cells = np.floor(near.moved / self._side).astype(np.int64)
         inside = (owner >= 0) & (owner < self._scans)
         for scans, rows, residual in (
@@ -238,8 +238,9 @@ def _moved(pose: ScanPose, step: Float[np.ndarray, "6"]) -> ScanPose:
 
 
 def _with_covariances(poses: Sequence[ScanPose], normal: _Normal, size: float) -> AdjustedScans:
-    """Poses with the marginals of the joint covariance, and their covariances beside exact poses of the others.
+    """Poses with the marginals of the joint covariance.
 
+    And with their covariances beside exact poses of the others.
     What no scan determines has the prior of a predicted pose, see `pose_covariance`.
     """
     k, prior = len(poses), np.repeat([ROTATION_PRIOR**-2.0, size**-2.0], 3)

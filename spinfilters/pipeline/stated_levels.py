@@ -127,8 +127,9 @@ class _Levels:
         return {name: by for name, by in self.by_rows.items() if name in without and by > 1}
 
     def _tests(self) -> list[LevelTest]:
-        """Tests of all levels; inflated rows of poses are too small only where they are so with their inflation.
+        """Tests of all levels, inflated rows of poses within their inflation.
 
+        Such rows are too small only where they are so with it.
         Poses share the errors of a map, which residuals show as far as the view changes: how much nobody knows. Those of images
         are slow.
         """

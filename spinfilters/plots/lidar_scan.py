@@ -40,6 +40,7 @@ def scan_figure(scan: Scan, title: str) -> Figure:
     space.scatter(x, z, y, c=colour, s=size, cmap=_COLOURS, linewidths=0)  # pyright: ignore[reportArgumentType]
     equal_scales(space, points[:, [0, 2, 1]])
     space.set(xlabel="x (m)", ylabel="z (m)", zlabel="y (m)")
+    space.locator_params(axis="x", nbins=3)  # seen from its end
     space.ticklabel_format(useOffset=False)
     space.view_init(elev=20, azim=-150)
     figure.suptitle(title)

@@ -181,7 +181,9 @@ def poses_of(contradicted: int) -> ScanPoses:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
             "spinfilters.lidar.scan_poses.edge_adjusted",
-            lambda tracked, *_: replace(tracked, contradicted=contradicted, poses=tracked.poses * 6),
+            lambda tracked, *_: replace(
+                tracked, contradicted=contradicted, poses=tracked.poses * 6, common=tracked.common * 6
+            ),
         )
         return scan_poses(scans)
 
