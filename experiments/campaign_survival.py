@@ -73,7 +73,7 @@ def _begun(folder: Path, out: str, *options: str) -> "subprocess.Popen[bytes]":
 
 
 def _interruptions(folder: Path, given: argparse.Namespace) -> str:
-    """Ctrl-C and kill -9 in turn, each at a random moment of making a random number of rows."""
+    """Ctrl-C and kill -9 in turn at random moments."""
     generator, count = np.random.default_rng(given.seed), 0
     total = len(_fixed(folder / "serial"))
     while count < given.moments:
@@ -161,7 +161,7 @@ def _held(out: Path) -> int:
 
 
 def _fixed(out: Path) -> list[str]:
-    """Every row without what differs when it is made again, as text in which every bit shows."""
+    """Rows as text in which every bit shows."""
     table = read_rows(out, FACTORS)
     kept = [name for name in table.column_names if not is_volatile(name)]
     return [repr(row) for row in table.select(kept).to_pylist()]

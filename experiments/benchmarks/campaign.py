@@ -1,4 +1,4 @@
-"""Runs a second of a campaign, its processor time, and what the engine adds to the runs.
+"""Speed of a campaign, and what its engine adds to the runs.
 
     python -m experiments.benchmarks.campaign experiments/studies/known-map-drawn.toml --seeds 2000 --workers 1 2
 

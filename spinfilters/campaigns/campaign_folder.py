@@ -20,7 +20,7 @@ SCHEMA: Final = 1
 
 
 def open_folder(folder: Path, study: Study, resume: bool) -> None:
-    """Take a folder for a campaign, or go on in the one that it has; its lock is held.
+    """Take a folder for a campaign, or go on in it; its lock is held.
 
     Raises
     ------

@@ -59,7 +59,10 @@ class NoiseComponents:
         return self.products(rest, rest)[:, 0, 0]
 
     def products(self, one: Columns, other: Columns) -> Float[np.ndarray, "c m o"]:
-        """Products of columns over the rows of each component, of those that the columns have."""
+        """Products of columns by component.
+
+        Over the rows of each that the columns have.
+        """
         found = np.zeros((len(self.redundancy), one.count, other.count))
         for k, each in enumerate(self.components):
             for sensor, rows in each.sensors.items() if one.sensors else ():
@@ -105,7 +108,7 @@ class NoiseComponents:
 def _product(
     one: Float[np.ndarray, "r i m"], other: Float[np.ndarray, "r i o"], rows: tuple[int, ...]
 ) -> Float[np.ndarray, "m o"]:
-    """Product over some of the i rows of every measurement, without copies where it is over all."""
+    """Product over some of the i rows of every measurement."""
     if rows != tuple(range(one.shape[1])):
         one, other = one[:, list(rows)], other[:, list(rows)]
     return flat(one).T @ flat(other)
