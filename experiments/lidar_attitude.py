@@ -38,14 +38,7 @@ def main() -> None:
         "--places", type=int, nargs="*", default=range(len(PLACES)), help="numbers of the places"
     )
     options = parser.parse_args()
-    exact = [transitions(500.0, 0.24, k, 0, options.rays, LidarNoise()) for k in (0, 1)]
-    corners = [corner_error(500.0, 0.24, k, options.rays) for k in (0, 1)]
-    for k in (0, 1):
-        print(
-            f"without noise at 500 m, sequence {k + 1}: worst transition {exact[k]:.1e} deg (asked 1e-9), worst corner "
-            f"{corners[k]:.1e} m (asked 1e-10)",
-            flush=True,
-        )
+    print_exact(options.rays)
     for distance, field, asked in (PLACES[k] for k in options.places):
         worst = []
         for k, seed in ((k, seed) for k in (0, 1) for seed in range(options.seeds)):
@@ -58,6 +51,17 @@ def main() -> None:
         )
     if options.turn_seeds:
         print_full_turns(options.turn_seeds)
+
+
+def print_exact(rays: int) -> None:
+    """Errors of noise-free scans at 500 m."""
+    for k in (0, 1):
+        exact, corner = transitions(500.0, 0.24, k, 0, rays, LidarNoise()), corner_error(500.0, 0.24, k, rays)
+        print(
+            f"without noise at 500 m, sequence {k + 1}: worst transition {exact:.1e} deg (asked 1e-9), worst corner "
+            f"{corner:.1e} m (asked 1e-10)",
+            flush=True,
+        )
 
 
 def print_full_turns(seeds: int) -> None:

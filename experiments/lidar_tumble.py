@@ -52,20 +52,7 @@ DOF = 14
 
 def main() -> None:
     """Print a line per seed and estimator, and the NEES of all."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument("--mesh", type=Path, help="default: a box of 1 x 1.3 x 0.8 m")
-    parser.add_argument("--rate-rpm", type=float, nargs=3, default=(1.43, 1.91, 1.15))
-    parser.add_argument("--field", type=float, default=4.0, help="of view, deg")
-    parser.add_argument("--rays", type=int, default=121)
-    parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument(
-        "--disturbances", type=float, nargs=2, default=(0.0, 0.0), help="densities of force and torque"
-    )
-    parser.add_argument("-o", "--output", type=Path, default=Path("lidar-tumble.png"))
-    options = parser.parse_args()
+    options = parser().parse_args()
     mesh = read_mesh(options.mesh) if options.mesh else box((1.0, 1.3, 0.8))
     scanner = Scanner.of(
         mesh, LidarSettings(RayPattern((options.field,) * 2, (options.rays,) * 2), rvs_noise())
@@ -87,8 +74,24 @@ def main() -> None:
         )
 
 
+def parser() -> argparse.ArgumentParser:
+    """Options of the command."""
+    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument("--seeds", type=int, default=10)
+    made.add_argument("--mesh", type=Path, help="default: a box of 1 x 1.3 x 0.8 m")
+    made.add_argument("--rate-rpm", type=float, nargs=3, default=(1.43, 1.91, 1.15))
+    made.add_argument("--field", type=float, default=4.0, help="of view, deg")
+    made.add_argument("--rays", type=int, default=121)
+    made.add_argument("--first-seed", type=int, default=0)
+    made.add_argument(
+        "--disturbances", type=float, nargs=2, default=(0.0, 0.0), help="densities of force and torque"
+    )
+    made.add_argument("-o", "--output", type=Path, default=Path("lidar-tumble.png"))
+    return made
+
+
 @dataclass(frozen=True, eq=False)
-class Recorded:
+class RecordedTumble:
     """A body in the poses of a truth, at its own epochs."""
 
     truth: Truth
@@ -112,7 +115,7 @@ def scans_of(
     truth = truth_of(tumble_of(mesh, Initial(attitude, PLACE, rate, VELOCITY)), epochs)
     truth = disturbed(truth, noise, seed)
     generator = np.random.default_rng(seed)
-    scans = [scanner.scan(Recorded(truth), float(time), generator) for time in begin]
+    scans = [scanner.scan(RecordedTumble(truth), float(time), generator) for time in begin]
     found = scan_poses(scans)
     stream, told = pose_stream(found), "; ".join(found.remarks)
     return Dataset(

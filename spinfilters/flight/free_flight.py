@@ -73,9 +73,11 @@ def flying_unit(dataset: Dataset) -> str:
 
     Empty where none would, or these are no poses.
     """
-    if dataset.sensor != "pose":
-        return ""
-    stream = dataset.log.stream("pose")
+    finder = _UNITS.get(dataset.sensor)
+    return "" if finder is None else finder(dataset.log.stream(dataset.sensor))
+
+
+def _unit_of_poses(stream: MeasurementStream) -> str:
     small = np.array([1e-3, 1e-3, 1e-3, 1, 1, 1, 1])
     for advice, time, values in (
         ("the places are in mm: name their columns so (px_mm)", stream.time, stream.values * small),
@@ -130,6 +132,7 @@ def _flight(stream: MeasurementStream, stretch: Stretch, rotation: float, eviden
     return FreeFlight(start, end, len(stretch), rotation, evidence)
 
 
+_UNITS: Final[dict[str, Callable[[MeasurementStream], str]]] = {"pose": _unit_of_poses}
 _FINDERS: Final[dict[str, Callable[[Dataset, MeasurementStream], list[FreeFlight]]]] = {
     "gyro": _in_rates,
     "pose": _in_poses,

@@ -129,7 +129,7 @@ class SmallGicp:
 
 
 @dataclass(frozen=True, eq=False)
-class Matches:
+class ScanMatches:
     """Moved source points ``moved`` against planes of the target; ``arms`` from the present translation."""
 
     rows: Int[np.ndarray, " m"]
@@ -149,7 +149,7 @@ class Matches:
 
 def closest_points(
     source: Cloud, target: Cloud, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"], reach: float
-) -> Matches:
+) -> ScanMatches:
     """Moved points of the source with the nearest of the target.
 
     Those within ``reach`` m that face alike.
@@ -165,7 +165,7 @@ def closest_points(
     residual = np.einsum("ni,ni->n", moved[rows] - target.points[index], normals)
     std = 1.4826 * float(np.median(np.abs(residual))) if len(residual) else 0.0
     kept = np.abs(residual) <= _TRIMMED * std + 1e-12
-    return Matches(rows[kept], index[kept], moved[rows[kept]], normals[kept], residual[kept], std)
+    return ScanMatches(rows[kept], index[kept], moved[rows[kept]], normals[kept], residual[kept], std)
 
 
 def registered(
@@ -194,7 +194,7 @@ def registered(
     )
 
 
-def _dependence(matches: Matches, size: float) -> float:
+def _dependence(matches: ScanMatches, size: float) -> float:
     """Variance factor of sums of correlated residuals over patches.
 
     In terms of that of independent residuals; at least 2, for the target's noise.

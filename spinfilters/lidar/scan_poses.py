@@ -89,11 +89,7 @@ def scan_poses(
     InputError: fewer than two scans with points.
     """
     solid = [without_isolated(without_repeats(scan)) for scan in scans]
-    usable = [scan for scan, _ in solid if np.count_nonzero(scan.is_return) >= FEWEST]
-    if len(usable) < 2:
-        raise InputError(
-            f"{len(usable)} of {len(scans)} scans hold {FEWEST} points or more; give at least two that see the body"
-        )
+    usable = _usable([scan for scan, _ in solid])
     noise = noise or identified_noise(usable)
     times = [scan.epoch for scan in usable]
     clouds = [scan.points for scan in usable]
@@ -113,6 +109,16 @@ def scan_poses(
     remarks = _remarks(len(scans) - len(usable), isolated, poses, faces)
     doubts = _doubts(poses, faces, clouds)
     return ScanPoses(tuple(poses), tuple(usable), faces, noise, remarks, doubts, inflation)
+
+
+def _usable(scans: Sequence[Scan]) -> list[Scan]:
+    """Scans with points enough; InputError of fewer than two."""
+    usable = [scan for scan in scans if np.count_nonzero(scan.is_return) >= FEWEST]
+    if len(usable) < 2:
+        raise InputError(
+            f"{len(usable)} of {len(scans)} scans hold {FEWEST} points or more; give at least two that see the body"
+        )
+    return usable
 
 
 def _remarks(

@@ -16,7 +16,8 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
 from spinfilters.estimators.model_errors.alternatives.acceleration_alternative import ConstantAcceleration
 from spinfilters.linear_algebra.chi_square import chi_square_tail
-from spinfilters.pipeline.model_errors import minus_twice_log_evidence, tested_about
+from spinfilters.pipeline.log_evidence import minus_twice_log_evidence
+from spinfilters.pipeline.model_errors import tested_about
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.blocks.acceleration import ACCELERATION
 from spinfilters.state.blocks.rigid_body import CENTRE_OF_MASS

@@ -250,20 +250,6 @@ def _correlation(setup: "Setup") -> dict[str, float]:
     }
 
 
-def minus_twice_log_evidence(setup: "Setup", trajectory: Float[np.ndarray, "k m"]) -> float | None:
-    """-2 ln evidence of the first epochs.
-
-    Up to a constant of priors and of the measurements' number. None where they cannot be linearised about a trajectory.
-    """
-    try:
-        with np.errstate(all="ignore"):
-            problem = linear_problem(setup, setup.timeline[: len(trajectory)])
-            solved = solved_near(problem, trajectory, landmarks_placed(problem, trajectory))
-            return None if solved is None else minus_twice_log_likelihood(solved)
-    except NUMERICAL_ERRORS:
-        return None
-
-
 def _best(setup: "Setup", evaluations: Sequence[Evaluation]) -> EstimateHistory | None:
     """The estimator that used most measurements of each epoch.
 

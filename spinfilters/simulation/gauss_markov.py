@@ -39,11 +39,10 @@ def with_gauss_markov_errors(
     white = generator.standard_normal((len(stream), len(std)))
     if stream.ids is None:
         errors = std * gauss_markov(white, correlation)
-        if stream.sensor != "pose":
-            return with_stream(dataset, replace(stream, values=stream.values + errors))
-        return with_stream(
-            dataset, replace(stream, values=StateLayout(("t", "a")).retract(stream.values, errors))
-        )
+        is_additive = stream.values.shape == errors.shape  # a quaternion has a number more than its error
+        moved = StateLayout(("t", "a")).retract
+        values = stream.values + errors if is_additive else moved(stream.values, errors)
+        return with_stream(dataset, replace(stream, values=values))
     errors, number = np.zeros_like(stream.values), _epoch_numbers(stream)
     for landmark in np.unique(stream.ids):
         rows = np.flatnonzero(stream.ids == landmark)

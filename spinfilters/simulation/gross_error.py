@@ -28,6 +28,18 @@ FLIPPED: Final[Mapping[str, Callable[[Float[np.ndarray, " v"]], Float[np.ndarray
 """Values with a sign wrong, by sensor: rates, a place, a disparity."""
 
 
+def _turned_pose(
+    pose: Float[np.ndarray, "7"], rotation_vector: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "7"]:
+    return np.append(pose[:3], multiply(pose[3:], quaternion_from_rotation_vector(rotation_vector)))
+
+
+TURNS: Final[
+    Mapping[str, Callable[[Float[np.ndarray, " v"], Float[np.ndarray, "3"]], Float[np.ndarray, " v"]]]
+] = MappingProxyType({"pose": _turned_pose})
+"""Values turned by a rotation vector, by sensor."""
+
+
 @dataclass(frozen=True)
 class GrossError(Fault):
     """One measurement of an epoch is wrong altogether.
@@ -72,10 +84,9 @@ class GrossError(Fault):
             return sensor_of(sensor).outliers(1, dataset.rig, generator)[0]
         if self.kind == "flipped" and sensor in FLIPPED:
             return FLIPPED[sensor](right)
-        if self.kind == "turned" and sensor == "pose":
+        if self.kind == "turned" and sensor in TURNS:
             axis, angle = generator.standard_normal(3), generator.uniform(*TURNED)
-            turn = quaternion_from_rotation_vector(angle * axis / np.linalg.norm(axis))
-            return np.append(right[:3], multiply(right[3:], turn))
+            return TURNS[sensor](right, angle * axis / np.linalg.norm(axis))
         raise InputError(f"no measurement of {sensor} is {self.kind}; choose another gross error")
 
 

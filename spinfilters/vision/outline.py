@@ -5,6 +5,7 @@ that holds the outline is aligned with neither surface, and its disparity is too
 images with a blur 5 px wide (rendered spheres). Errors of that sign at all outlines are those of another focal length.
 """
 
+from collections.abc import Sequence
 from typing import Final
 
 import cv2
@@ -23,7 +24,7 @@ Image = UInt8[np.ndarray, "h w"]
 
 
 def clear_of_outline(
-    images: tuple[Image, Image], values: Float[np.ndarray, "n 3"], margin: float = MARGIN_PX
+    images: Sequence[Image], values: Float[np.ndarray, "n 3"], margin: float = MARGIN_PX
 ) -> Bool[np.ndarray, " n"]:
     """Whether points (u_left, v_left, u_right) keep a margin, px, from the background in both images."""
     clear = np.ones(len(values), dtype=bool)

@@ -25,6 +25,7 @@ from spinfilters.estimators.timeline import build_timeline, times_of
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.pipeline import model_errors
 from spinfilters.pipeline.identified_noise import Unstated, noise_model
+from spinfilters.pipeline.log_evidence import minus_twice_log_evidence
 from spinfilters.pipeline.setup import Setup, camera_view, prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
@@ -217,7 +218,7 @@ def test_the_evidence_tells_noise_that_is_stated_wrongly(kind: str, option: str)
         noise = replace(setup.noise, **{option: factor * getattr(setup.noise, option)})
         timeline = build_timeline(log, setup.process.layout, noise, camera_view(setup.dataset))
         own = replace(setup, timeline=timeline)
-        evidence = model_errors.minus_twice_log_evidence(own, setup.initial.mean)
+        evidence = minus_twice_log_evidence(own, setup.initial.mean)
         assert evidence is not None
         found.append(evidence)
     assert found[1] < min(found[0], found[2]) - 20

@@ -14,7 +14,7 @@ have then the covariance P J' C J P in place of P, C that of the whitened measur
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -68,6 +68,15 @@ class CorrelatedErrors:
         return 1 + self.probability * (self.inflation - 1)
 
 
+class ExplainedLevels(NamedTuple):
+    """Likeliest levels with correlated errors and with white ones, and what tells them apart."""
+
+    levels: LikelyLevels
+    white: LikelyLevels
+    probability: float
+    disturbed: float
+
+
 def correlated_errors(
     rows: LinearRows, model: NoiseModel, stated: Collection[str] = ()
 ) -> list[CorrelatedErrors]:
@@ -104,7 +113,11 @@ def _compared(rows: LinearRows, model: NoiseModel, stated: Collection[str]) -> l
         [*_correlated(motion, white), *(_undisturbed(motion, white) if undisturbed else ())]
     )
     likely = [(each, _probability(_evidence(motion, white, each))) for each in every]
-    found = [_told(rows, model, (white, each), (p, disturbed)) for each, p in likely if p > LEAST_PROBABILITY]
+    found = [
+        _told(rows, model, ExplainedLevels(each, white, p, disturbed))
+        for each, p in likely
+        if p > LEAST_PROBABILITY
+    ]
     return sorted(found, key=lambda each: -each.probability)
 
 
@@ -155,10 +168,9 @@ def _undisturbed(motion: LinearMotion, white: LikelyLevels) -> list[LikelyLevels
 def _told(
     rows: LinearRows,
     model: NoiseModel,
-    each: tuple[LikelyLevels, LikelyLevels],
-    known: tuple[float, float],
+    explained: ExplainedLevels,
 ) -> CorrelatedErrors:
-    (white, best), (probability, disturbed) = each, known
+    best = explained.levels
     count, names = len(model.components), [c.name for c in model.components]
     half = np.exp(best.levels / 2)
     values = np.array([component.value for component in model.components])
@@ -168,10 +180,10 @@ def _told(
         dict(zip(names, (values * half[count : 2 * count]).tolist(), strict=True)),
         dict(zip(model.densities, densities, strict=True)),
         float(np.exp(best.levels[-1])),
-        probability,
-        2 * (best.log_likelihood - white.log_likelihood),
+        explained.probability,
+        2 * (best.log_likelihood - explained.white.log_likelihood),
         _inflation(rows, model, best.levels),
-        disturbed,
+        explained.disturbed,
     )
 
 

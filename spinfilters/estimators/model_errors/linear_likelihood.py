@@ -40,6 +40,15 @@ class Innovations:
     residual: Float[np.ndarray, "k b m"]
     covariance: Float[np.ndarray, "k b m m"]
 
+    @classmethod
+    def of(
+        cls, residual: Float[np.ndarray, "k b m"], covariance: Float[np.ndarray, "k b m m"]
+    ) -> "Innovations":
+        """Innovations with their likelihood, -inf where that is not finite."""
+        squares = np.einsum("kbi,kbi->b", residual, np.linalg.solve(covariance, residual[..., None])[..., 0])
+        found = -0.5 * (np.linalg.slogdet(covariance)[1].sum(axis=0) + squares)
+        return cls(np.where(np.isfinite(found), found, -np.inf), residual, covariance)
+
 
 @dataclass(frozen=True)
 class Curvature:
@@ -125,6 +134,21 @@ class LinearMotion:
             found.append(mean / (mean + white))
         return max(found)
 
+    def _by_row(self, logarithms: Float[np.ndarray, "b c"], other: float) -> Float[np.ndarray, "b m"]:
+        """Variances of z's rows from those of the components."""
+        found = np.full((len(logarithms), self.jacobian.shape[1]), other)
+        for k, own in enumerate(self.slots):
+            found[:, own] = np.exp(logarithms[:, [k]])
+        return found
+
+    def _disturbance(self, step: int, density: Float[np.ndarray, "b d"]) -> Float[np.ndarray, "b n n"]:
+        """Covariance that a step adds."""
+        size = len(self.mean)
+        return sum(
+            (q[:, None, None] * own[step] for q, own in zip(density.T, self.sources, strict=True)),
+            np.zeros((len(density), size, size)),
+        )
+
     def innovations(self, levels: Float[np.ndarray, "b c"]) -> Innovations:
         """Innovations at several rows of levels.
 
@@ -133,9 +157,7 @@ class LinearMotion:
         numpy.linalg.LinAlgError: levels that leave no covariance.
         """
         (K, m, n), B, c = self.jacobian.shape, len(levels), len(self.slots)
-        white, slow = np.ones((B, m)), np.zeros((B, m))
-        for k, own in enumerate(self.slots):
-            white[:, own], slow[:, own] = np.exp(levels[:, [k]]), np.exp(levels[:, [c + k]])
+        white, slow = self._by_row(levels[:, :c], 1.0), self._by_row(levels[:, c : 2 * c], 0.0)
         density, tau = np.exp(levels[:, 2 * c : -1]), np.exp(levels[:, -1])
         at, error, every = np.arange(m), np.arange(n, n + m), np.arange(n + m)
         x, P = np.zeros((B, n + m)), np.zeros((B, n + m, n + m))
@@ -150,8 +172,7 @@ class LinearMotion:
                 x = np.einsum("bij,bj->bi", F, x)
                 x[:, :n] += self.shift[k - 1]
                 P = F @ P @ np.swapaxes(F, 1, 2)
-                for number, added in enumerate(self.sources):
-                    P[:, :n, :n] += density[:, number, None, None] * added[k - 1]
+                P[:, :n, :n] += self._disturbance(k - 1, density)
                 P[:, error, error] += slow * (1 - kept**2)
             across = P @ H[k].T
             S = H[k] @ across
@@ -162,9 +183,7 @@ class LinearMotion:
             P = P - gain @ np.swapaxes(across, 1, 2)
             P[:, every, every] = np.maximum(P[:, every, every], 0.0)
             residual[k], covariance[k] = i, S
-        squares = np.einsum("kbi,kbi->b", residual, np.linalg.solve(covariance, residual[..., None])[..., 0])
-        found = -0.5 * (np.linalg.slogdet(covariance)[1].sum(axis=0) + squares)
-        return Innovations(np.where(np.isfinite(found), found, -np.inf), residual, covariance)
+        return Innovations.of(residual, covariance)
 
 
 def curvature(found: Innovations, rows: slice, steps: Float[np.ndarray, " f"]) -> Curvature:

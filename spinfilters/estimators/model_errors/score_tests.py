@@ -24,13 +24,12 @@ from spinfilters.estimators.model_errors.alternative import Alternative
 from spinfilters.estimators.model_errors.column_products import ColumnProducts
 from spinfilters.estimators.model_errors.columns import Columns
 from spinfilters.estimators.model_errors.epoch_information import information_by_epoch
+from spinfilters.estimators.model_errors.error_size import LEAST_LEFT, ErrorSize
 from spinfilters.estimators.model_errors.linear_rows import summed
 from spinfilters.estimators.model_errors.noise_components import NoiseComponents
 from spinfilters.estimators.model_errors.null_distributions import gain_tail, weighted_chi_square_tail
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 
-LEAST_LEFT: Final = 1e-5
-"""Share of a direction's information that states and landmarks must leave; with less it is consistent with any size."""
 MOST_EPOCHS: Final = 60
 """At which an error drawn by epoch is looked for; of a longer recording they are chosen evenly."""
 VARIANCES: Final = np.logspace(-2, 6, 65)
@@ -192,21 +191,15 @@ def _tested(
         return None
     scale = np.where(scale > 0, scale, 1.0)
     F, u = every.information[own, own] / np.outer(scale, scale), every.score[own] / scale
-    values, vectors = np.linalg.eigh((F + F.T) / 2)
-    told = values > LEAST_LEFT
-    if not told.any():
+    size = ErrorSize.of(F, u, (scale * error.plausible) ** -2.0)
+    if size is None:
         return None
-    along = vectors[:, told]
-    covariance = along / values[told] @ along.T
-    size = covariance @ u
-    prior, dof = (scale * error.plausible) ** -2.0, float(told.sum())
-    probable = along @ np.linalg.solve(along.T @ (F + np.diag(prior)) @ along, along.T @ u)
-    removed = probable / scale
+    removed = size.probable / scale
     gain = noise.gain(every.left, every.left_without(own, removed))
-    gained = gain.value - float(prior @ probable**2)
-    p_value = gain_tail(gained, dof, gain.dof)
-    std = np.sqrt(np.diag(covariance)) / scale
-    found = ScoreTest(error, size / scale, std, float(u @ size), dof, gained, p_value)
+    gained, dof = gain.value - size.improbability, size.dof
+    std = np.sqrt(np.diag(size.covariance)) / scale
+    p_value, statistic = gain_tail(gained, dof, gain.dof), float(u @ size.value)
+    found = ScoreTest(error, size.value / scale, std, statistic, dof, gained, p_value)
     found = replace(found, level=gain.level, level_dof=gain.dof)
     if not found.is_telling:
         return found

@@ -1,0 +1,44 @@
+"""Size of an error of the models by its score, before and beside a prior."""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+LEAST_LEFT: Final = 1e-5
+"""Share of a direction's information that states and landmarks must leave; with less it is consistent with any size."""
+
+
+class ErrorSize(NamedTuple):
+    """Size of q numbers by their score and information.
+
+    Attributes
+    ----------
+    value, covariance: without a prior.   probable: most probable beside one.   improbability: -2 ln prior of that.
+    dof: numbers that are told.
+    """
+
+    value: Float[np.ndarray, " q"]
+    covariance: Float[np.ndarray, "q q"]
+    probable: Float[np.ndarray, " q"]
+    improbability: float
+    dof: float
+
+    @classmethod
+    def of(
+        cls, F: Float[np.ndarray, "q q"], u: Float[np.ndarray, " q"], prior: Float[np.ndarray, " q"]
+    ) -> "ErrorSize | None":
+        """The size along what the data tell of it; None where that is nothing.
+
+        Parameters
+        ----------
+        F, u: information and score.   prior: information of the diagonal prior.
+        """
+        values, vectors = np.linalg.eigh((F + F.T) / 2)
+        told = values > LEAST_LEFT
+        if not told.any():
+            return None
+        along = vectors[:, told]
+        covariance = along / values[told] @ along.T
+        probable = along @ np.linalg.solve(along.T @ (F + np.diag(prior)) @ along, along.T @ u)
+        return cls(covariance @ u, covariance, probable, float(prior @ probable**2), float(told.sum()))

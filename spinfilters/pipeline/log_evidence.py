@@ -1,0 +1,27 @@
+"""How likely the first epochs of a recording are under a setup."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.errors import NUMERICAL_ERRORS
+from spinfilters.estimators.model_errors.hypotheses import minus_twice_log_likelihood, solved_near
+from spinfilters.pipeline.model_errors import landmarks_placed, linear_problem
+
+if TYPE_CHECKING:
+    from spinfilters.pipeline.setup import Setup
+
+
+def minus_twice_log_evidence(setup: "Setup", trajectory: Float[np.ndarray, "k m"]) -> float | None:
+    """-2 ln evidence of the first epochs.
+
+    Up to a constant of priors and of the measurements' number. None where they cannot be linearised about a trajectory.
+    """
+    try:
+        with np.errstate(all="ignore"):
+            problem = linear_problem(setup, setup.timeline[: len(trajectory)])
+            solved = solved_near(problem, trajectory, landmarks_placed(problem, trajectory))
+            return None if solved is None else minus_twice_log_likelihood(solved)
+    except NUMERICAL_ERRORS:
+        return None
