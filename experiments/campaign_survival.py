@@ -124,6 +124,9 @@ def _cluster(folder: Path, _given: argparse.Namespace) -> str:
             else:
                 _kill(scheduler)
                 scheduler = _dask("scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard")
+                for each in workers:  # which end when their scheduler does
+                    _kill(each)
+                workers = [_worker(address) for _ in range(2)]
         code = running[0].wait()
         return f"a worker killed twice, the scheduler restarted once, exit code {code}"
     finally:
