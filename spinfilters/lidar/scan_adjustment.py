@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
 from spinfilters.lidar.common_errors import smooth_inflation
-from spinfilters.lidar.registration import Cloud, Matches, closest_points
+from spinfilters.lidar.registration import Cloud, ScanMatches, closest_points
 from spinfilters.lidar.scan_pose import ROTATION_PRIOR, ScanPose, pose_covariance, rotation_matrix
 
 MAP_SCANS: Final = 12
@@ -174,7 +174,7 @@ def _map(moved: Sequence[Cloud], among: Int[np.ndarray, " m"]) -> Cloud:
     )
 
 
-def _matches(cloud: Cloud, pose: ScanPose, target: Cloud, reach: float) -> Matches:
+def _matches(cloud: Cloud, pose: ScanPose, target: Cloud, reach: float) -> ScanMatches:
     """Points of a scan in its pose with the nearest of others."""
     return closest_points(cloud, target, pose.rotation.T, -pose.rotation.T @ pose.translation, reach)
 
@@ -207,8 +207,8 @@ class _Patches:
         self._cells, self._sums = [], []
         self._squares = 0.0
 
-    def add(self, scan: int, owner: Int[np.ndarray, " m"], near: Matches) -> None:
-        """Matches of one scan with points of others."""
+    def add(self, scan: int, owner: Int[np.ndarray, " m"], near: ScanMatches) -> None:
+        """ScanMatches of one scan with points of others."""
         cells = np.floor(near.moved / self._side).astype(np.int64)
         inside = (owner >= 0) & (owner < self._scans)
         for scans, rows, residual in (

@@ -7,7 +7,7 @@ import pytest
 
 from spinfilters.estimators.model_errors.correlated_errors import CorrelatedErrors
 from spinfilters.models.process import ProcessNoise
-from spinfilters.pipeline import correlated_errors
+from spinfilters.pipeline import correlation_verdict
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
 from spinfilters.pipeline.setup import prepare
 from spinfilters.settings.run_settings import Settings
@@ -60,16 +60,16 @@ def test_what_errors_would_do_counts_by_how_likely_they_are(
     monkeypatch: pytest.MonkeyPatch, probability: float, inflation: float, disturbed: float, matters: bool
 ) -> None:
     found = CorrelatedErrors({}, {"noise": 0.1}, {}, 3.0, probability, 5.0, inflation, disturbed)
-    monkeypatch.setattr(correlated_errors, "correlated_errors", lambda *_: [found])
-    monkeypatch.setattr(correlated_errors, "observation_correlation", lambda _: None)
+    monkeypatch.setattr(correlation_verdict, "correlated_errors", lambda *_: [found])
+    monkeypatch.setattr(correlation_verdict, "observation_correlation", lambda _: None)
     setup, rows = compared(0.0).setup, compared(0.0).models
-    monkeypatch.setattr(correlated_errors, "noise_model", lambda *_: rows)
+    monkeypatch.setattr(correlation_verdict, "noise_model", lambda *_: rows)
 
     class Rows:
         """Solved rows that nobody looks at."""
 
         problem = None
 
-    doubts = correlated_errors.correlated_error_doubts(setup, Rows(), ())  # pyright: ignore[reportArgumentType]
+    doubts = correlation_verdict.correlated_error_doubts(setup, Rows(), ())  # pyright: ignore[reportArgumentType]
     assert bool(doubts) == matters
     assert all("3 s (noise 0.1" in each and len(each) < 300 for each in doubts)

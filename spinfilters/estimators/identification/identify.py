@@ -29,7 +29,6 @@ from spinfilters.estimators.identification.working_solutions import WorkingSolut
 from spinfilters.estimators.robust.losses import Gate, LeastSquares
 from spinfilters.estimators.smoothing.factors.sensor_rows import SensorRows
 from spinfilters.estimators.smoothing.linear.marginals import Marginals
-from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
 from spinfilters.estimators.smoothing.problem.least_squares import (
     LinearizationPoint,
     NormalEquations,
@@ -147,12 +146,10 @@ class _Optimum:
 
         The residuals of the others tell these by as many degrees of freedom as they have redundancy (Fisher's distribution).
         """
-        solution = self.normal.solution
-        assert isinstance(solution, SchurSystem)
         own = replace(measurement, scale=self.problem.motion.sensors[sensor].scale)
-        rows, _, _ = self.problem.motion.sensor_rows(own, self.here.trajectory, LeastSquares())
+        rows = self.problem.motion.sensor_rows(own, self.here.trajectory, LeastSquares()).rows
         J, y, (epoch,), columns = rows[0, :, :-1], rows[0, :, -1], own.epoch, own.model.columns
-        marginals = Marginals(solution, self.normal.eliminated)
+        marginals = Marginals(self.normal.system, self.normal.eliminated)
         rest = y - J @ marginals.solution.errors[epoch][columns]
         spread = J @ marginals.factors[epoch][columns]
         square = float(rest @ np.linalg.solve(np.eye(len(y)) + spread @ spread.T, rest))
