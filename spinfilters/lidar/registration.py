@@ -1,6 +1,7 @@
 """Point-to-plane registration of a cloud to a map: the pose of a body without plane faces."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final, Protocol
 
 import numpy as np
@@ -12,6 +13,10 @@ from spinfilters.lidar.scan_pose import rotation_matrix
 
 NEIGHBOURS: Final = 16
 """Points that a normal is fitted to."""
+SAMPLED: Final = 500
+"""Points by which the distance between points is judged."""
+REACHED: Final = 1.5
+"""Largest distance from a point of the surface to the next of a cloud, in distances between these."""
 FACING: Final = 0.5
 """Cosine of the angle between two normals that may belong together, at least."""
 _ITERATIONS, _COARSE, _COARSE_ITERATIONS = 40, 400, 12
@@ -37,6 +42,13 @@ class Cloud:
     def size(self) -> float:
         """Root-mean-square distance from the middle, m."""
         return float(np.sqrt(np.mean(np.sum((self.points - self.points.mean(axis=0)) ** 2, axis=1))))
+
+    @cached_property
+    def least_reach(self) -> float:
+        """Distance within which a point of the surface has a neighbour among the points, m, however small their noise."""
+        every = self.points[:: max(1, len(self.points) // SAMPLED)]
+        nearest = self.tree.query(every, 2)[0][:, 1]
+        return max(REACHED * float(np.median(nearest)), 1e-9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +105,7 @@ class PointToPlane:
             H, b = matches.normal_equations(t)
             step = np.linalg.solve(H + 1e-9 * np.trace(H) * np.eye(6), b)
             R, t = rotation_matrix(step[:3]) @ R, t + step[3:]
-            reach = max(reach * 0.8, 6 * matches.std, 1e-9)
+            reach = max(reach * 0.8, 6 * matches.std, target.least_reach)
             if np.abs(step).max() < _SETTLED * max(1.0, target.size):
                 break
         return R, t
@@ -183,7 +195,7 @@ def registered(
     """
     R, t = engine.refined(source, target, R, t, reach)
     near = closest_points(source, target, R, t, reach)
-    near = closest_points(source, target, R, t, max(6 * near.std, 1e-9))
+    near = closest_points(source, target, R, t, max(6 * near.std, target.least_reach))
     if len(near.rows) < 6:
         return Registration(R, t, np.zeros((6, 6)), np.inf, len(near.rows), 0.0)
     H, _ = near.normal_equations(t)

@@ -148,7 +148,8 @@ def _normal_equations(
         squares, std = squares + float(near.residual @ near.residual), max(std, near.std)
     variance = max(squares / max(matched.sum(), 1), 1e-24) * max(each.dependence for each in patches)
     is_free, information = k == len(poses), H.reshape(6 * k, 6 * k)
-    return _Normal(information, b.ravel(), matched, variance, reach, max(6 * std, 1e-9), is_free)
+    asked = max(6 * std, *(clouds[number].least_reach for number in group))
+    return _Normal(information, b.ravel(), matched, variance, reach, asked, is_free)
 
 
 def _in_body_frame(cloud: Cloud, pose: ScanPose) -> Cloud:

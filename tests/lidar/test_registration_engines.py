@@ -48,3 +48,15 @@ def test_small_gicp_agrees_with_the_own_engine() -> None:
     assert np.linalg.norm(error[:3] - own[:3]) < 1e-3
     assert np.linalg.norm(error[3:] - own[3:]) < 1e-3
     assert error @ information @ error < 60.0
+
+
+def test_clouds_without_noise_keep_their_neighbours() -> None:
+    def exact(offset: float) -> np.ndarray:
+        y, z = (axis.ravel() for axis in np.meshgrid(*2 * [np.linspace(-1, 1, 45) + offset]))
+        return np.column_stack([0.15 * np.sin(3 * y + 1) * np.cos(2.5 * z) + 0.2 * y**2 + 0.1 * z**2, y, z])
+
+    target = cloud_of(exact(0.0), EYE, 3000)
+    source = cloud_of((exact(0.02) - TRANSLATION) @ ROTATION, (EYE - TRANSLATION) @ ROTATION, 3000)
+    found = registered(source, target, np.eye(3), np.zeros(3), 0.3, PointToPlane())
+    assert found.overlap > 0.8
+    assert np.linalg.norm(rotation_vector(found.rotation @ ROTATION.T)) < 1e-3
