@@ -45,7 +45,10 @@ class Cloud:
 
     @cached_property
     def least_reach(self) -> float:
-        """Distance within which a point of the surface has a neighbour among the points, m, however small their noise."""
+        """Distance from any point of the surface to the nearest of the cloud, m.
+
+        However small the noise, matches reach as far.
+        """
         every = self.points[:: max(1, len(self.points) // SAMPLED)]
         nearest = self.tree.query(every, 2)[0][:, 1]
         return max(REACHED * float(np.median(nearest)), 1e-9)

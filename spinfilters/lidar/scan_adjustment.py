@@ -147,9 +147,8 @@ def _normal_equations(
         matched[row] = len(near.rows)
         squares, std = squares + float(near.residual @ near.residual), max(std, near.std)
     variance = max(squares / max(matched.sum(), 1), 1e-24) * max(each.dependence for each in patches)
-    is_free, information = k == len(poses), H.reshape(6 * k, 6 * k)
     asked = max(6 * std, *(clouds[number].least_reach for number in group))
-    return _Normal(information, b.ravel(), matched, variance, reach, asked, is_free)
+    return _Normal(H.reshape(6 * k, 6 * k), b.ravel(), matched, variance, reach, asked, k == len(poses))
 
 
 def _in_body_frame(cloud: Cloud, pose: ScanPose) -> Cloud:
