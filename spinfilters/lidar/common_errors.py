@@ -72,6 +72,7 @@ def _changes(poses: Sequence[ScanPose]) -> tuple[Float[np.ndarray, "a 6"], Float
     )
 
     def column(axes: Float[np.ndarray, "k 3 3"], power: int, first: int) -> Float[np.ndarray, "a 3"]:
+        """Changes along three axes that grow with a power of time."""
         found = np.zeros((len(poses), 6, 3))
         found[:, first : first + 3] = axes * late[:, None, None] ** power
         return found.reshape(-1, 3)

@@ -107,6 +107,7 @@ class LinearRows:
 
     @cached_property
     def prior_rows(self) -> Float[np.ndarray, "n n1"]:
+        """Whitened rows [J | y] of the first state's prior; none without one."""
         ordering, prior = self.problem.ordering, self.problem.motion.prior
         if prior is None:
             return np.zeros((0, len(ordering.order) + 1))
