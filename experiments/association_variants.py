@@ -72,11 +72,11 @@ def main() -> None:
     parser.add_argument("--step", type=int, default=1)
     options = parser.parse_args()
     found = stereo_points(options.folder, FrontEndOptions(), LossCount())
-    truth, rig = read_truth(options.folder), found.rectification.stereo
+    truth, rig = read_truth(options.folder), found.source.rectification.stereo
     if truth is None:
         raise InputError(f"{options.folder}: has no truth; render images with 'spinfilters simulate'")
     points = found.points[:: options.step]
-    truth = found.rectification.truth(truth)
+    truth = found.source.rectification.truth(truth)
     _compare_consensus(list(_pairs(points, rig, truth)), rig)
     _compare_predictions(points, rig, truth)
 

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from spinfilters.data.truth import Truth
+from spinfilters.geometry.camera_trajectory import CameraTrajectory
+from spinfilters.simulation.inspector import STATIC
 from spinfilters.simulation.motion import silent
 from spinfilters.simulation.scenario import THESIS_RPM, Scenario, simulate
 from spinfilters.vision.raw_rig import RawCamera, RawRig
 from spinfilters.vision.rendering.body_view import Appearance
-from spinfilters.vision.rendering.image_sequence import RenderedScene, write_sequence
+from spinfilters.vision.rendering.image_sequence import RenderedScene, SeenMotion, write_sequence
 from spinfilters.vision.rendering.imaging import Imaging
 from spinfilters.vision.rendering.surface_texture import SurfaceTexture
 from spinfilters.vision.rendering.triangle_mesh import named_mesh
@@ -29,6 +30,7 @@ class ImageScenario:
     shape: a polyhedron or the file of a mesh (`named_mesh`).   radius_m: of the body.
     rate_rpm, moments, frames, interval, seed: of the motion, see `Scenario`.
     foil: share of the surface.   imaging: of both cameras.   sun: direction to it, frame i.   size: width and height, px.
+    inspector: how the left camera moves (`spinfilters.simulation.inspector.INSPECTORS`).
     """
 
     shape: str = "spheres"
@@ -42,23 +44,25 @@ class ImageScenario:
     sun: tuple[float, float, float] = (-0.5, -0.6, -1.0)
     imaging: Imaging = field(default_factory=Imaging)
     size: tuple[int, int] = _SIZE
+    inspector: str = STATIC
 
-    def motion(self) -> Truth:
-        """True motion with the thesis' disturbances that stays in view."""
+    def motion(self) -> SeenMotion:
+        """True motion with the thesis' disturbances that stays in view of the inspector."""
         thesis = Scenario.common_workload(self.rate_rpm, self.seed)
         dataset = simulate(
             replace(
                 thesis,
-                kind="pose",
+                kind="stereo-tracks",
                 epochs=self.frames,
                 interval=self.interval,
                 principal_moments=self.moments,
                 radius_m=self.radius_m,
+                inspector=self.inspector,
             ),
             silent,
         )
         assert dataset.truth is not None
-        return dataset.truth
+        return SeenMotion(dataset.truth, CameraTrajectory.of(dataset.inspector))
 
     def stage(self) -> RenderedScene:
         """The body, the sun and the cameras."""
@@ -79,6 +83,7 @@ def render(scenario: ImageScenario, folder: Path, progress: Callable[[int, int],
     description = (
         f"rendered stereo images of {Path(scenario.shape).name}, {scenario.frames} pairs at {scenario.interval} s, "
         f"seed {scenario.seed}"
+        + ("" if scenario.inspector == STATIC else f", inspector: {scenario.inspector}")
     )
     write_sequence(stage, scenario.motion(), folder, description, progress)
     return description

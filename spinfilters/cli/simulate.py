@@ -90,6 +90,7 @@ def _simulate_images(options: argparse.Namespace, folder: Path) -> int:
         interval=options.interval,
         seed=options.seed,
         foil=options.foil or 0.0,
+        inspector=options.inspector,
     )
     with progress_bars() as report, output_folder(folder, COMMAND) as place:
         description = render(scenario, place, lambda done, total: report("images", done, total))

@@ -17,6 +17,7 @@ from spinfilters.data.dataset import has_images
 from spinfilters.data.input_file import path_text
 from spinfilters.errors import InputError
 from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.geometry.camera_trajectory import CameraTrajectory, in_camera
 from spinfilters.lidar.ply_files import write_ply
 from spinfilters.pipeline.figures import FigureData
 from spinfilters.runs.run_folder import (
@@ -169,18 +170,23 @@ def body_motion(folder: Path, figure_data: FigureData) -> PrincipalAxesMotion:
         raise InputError(
             f"{path_text(folder)}: its map has {len(points)} landmarks, at least {FEWEST_LANDMARKS} are needed"
         )
-    return _motion(evaluation, points)
+    return _motion(evaluation, points, CameraTrajectory.of(figure_data.dataset.inspector))
 
 
-def _motion(evaluation: Evaluation, points: Float[np.ndarray, "k 3"]) -> PrincipalAxesMotion:
+def _motion(
+    evaluation: Evaluation, points: Float[np.ndarray, "k 3"], inspector: CameraTrajectory | None
+) -> PrincipalAxesMotion:
     body, trajectory = evaluation.body, evaluation.trajectory
+    poses = np.concatenate([trajectory.position, trajectory.q_ig], axis=1)
+    if inspector is not None:
+        poses = in_camera(poses, inspector.at(trajectory.time))
     landmarks = (points - body.center_of_mass_g) @ body.principal_axes_g.T
     distance = np.linalg.norm(landmarks, axis=1)
-    rotation = matrix_from_quaternion(trajectory.q_ig) @ body.principal_axes_g.T
+    rotation = matrix_from_quaternion(poses[:, 3:]) @ body.principal_axes_g.T
     radius = MARGIN * float(np.quantile(distance, 0.99))
     cov = body.principal_axes_cov
     return PrincipalAxesMotion(
-        evaluation.name, trajectory.time, rotation, trajectory.position, radius, cov, landmarks
+        evaluation.name, trajectory.time, rotation, poses[:, :3], radius, cov, landmarks
     )
 
 

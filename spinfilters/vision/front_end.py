@@ -130,9 +130,14 @@ class OnlineFrontEnd:
     losses: what was lost so far.
     """
 
-    def __init__(self, rectification: Rectification, options: FrontEndOptions | None = None) -> None:
+    def __init__(
+        self,
+        rectification: Rectification,
+        options: FrontEndOptions | None = None,
+        losses: LossCount | None = None,
+    ) -> None:
         options = options or FrontEndOptions()
-        self.losses = LossCount()
+        self.losses = LossCount() if losses is None else losses
         self._points = StereoPoints(rectification, options, self.losses)
         self._tracker = Tracker(rectification.stereo, options.noise, self.losses, options.association)
         self._epoch = 0

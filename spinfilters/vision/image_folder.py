@@ -37,11 +37,15 @@ Grey = UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"]
 
 
 class StampedPair(NamedTuple):
-    """Time (s) and files of a left and a right image."""
+    """Time (s) and files of a left and a right image.
+
+    ``stamp`` is the time on the cameras' clock, ns.
+    """
 
     time: float
     left: Path
     right: Path
+    stamp: int = 0
 
 
 class ImagePair(NamedTuple):
@@ -169,7 +173,9 @@ def stamped_pairs(folder: Path, losses: LossCount) -> list[StampedPair]:
             f"{path_text(folder)}: {len(left)} left and {len(right)} right images have {len(common)} common time stamps; "
             "give at least 2 pairs"
         )
-    return [StampedPair((stamp - common[0]) * _NANOSECOND, left[stamp], right[stamp]) for stamp in common]
+    return [
+        StampedPair((stamp - common[0]) * _NANOSECOND, left[stamp], right[stamp], stamp) for stamp in common
+    ]
 
 
 def read_pairs(pairs: list[StampedPair], reader: PairReader) -> Iterator[ImagePair | None]:

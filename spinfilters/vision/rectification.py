@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from spinfilters.attitude.conversions import multiply, quaternion_from_matrix
+from spinfilters.attitude.conversions import inverse, multiply, quaternion_from_matrix
 from spinfilters.data.camera import PinholeCamera, StereoRig
 from spinfilters.data.truth import Truth
 from spinfilters.errors import InputError
@@ -117,7 +117,7 @@ class Rectification:
         return found[0].reshape(-1, 2), found[1].reshape(-1, 2)
 
     def truth(self, truth: Truth) -> Truth:
-        """The truth with the rectified left camera as frame i, instead of the raw one."""
+        """The truth with the rectified left camera as frame i, not the raw one."""
         R = self.rotation
         return replace(
             truth,
@@ -126,3 +126,12 @@ class Rectification:
             velocity=truth.velocity @ R.T,
             rate_i=truth.rate_i @ R.T,
         )
+
+    def left_poses(self, poses: Float[np.ndarray, "n 7"]) -> Float[np.ndarray, "n 7"]:
+        """Poses of the rectified left camera from those of the raw one.
+
+        t (m), q.
+        """
+        turn = inverse(quaternion_from_matrix(self.rotation))
+        q = multiply(poses[:, 3:], np.broadcast_to(turn, (len(poses), 4)))
+        return np.concatenate([poses[:, :3], q], axis=1)

@@ -20,7 +20,15 @@ from spinfilters.errors import InputError
 from spinfilters.vision.batch_tracks import batch_tracks, require_epochs
 from spinfilters.vision.epoch_observations import EpochObservations
 from spinfilters.vision.front_end import FrontEndOptions, OnlineFrontEnd, StereoPoints
-from spinfilters.vision.image_folder import CAMERAS, STAGE, PairReader, read_pairs, stamped_pairs
+from spinfilters.vision.image_folder import (
+    CAMERAS,
+    STAGE,
+    PairReader,
+    StampedPair,
+    read_pairs,
+    stamped_pairs,
+)
+from spinfilters.vision.inspector_poses import rectified_camera_poses
 from spinfilters.vision.loss_count import LossCount
 from spinfilters.vision.raw_rig import read_raw_rig
 from spinfilters.vision.rectification import Rectification
@@ -60,11 +68,11 @@ def track_images(
     InputError: no images, no calibration, no two pairs whose motion is found. The text names the folder or file.
     """
     options, losses = options or FrontEndOptions(), LossCount()
-    rectification, points, count = stereo_points(folder, options, losses, progress)
+    found, points, count = stereo_points(folder, options, losses, progress)
     with _naming(folder, losses):
         _require_pairs(losses, count)
         tracks = batch_tracks(
-            points, rectification.stereo, options, losses, lambda *at: progress("tracks", *at)
+            points, found.rectification.stereo, options, losses, lambda *at: progress("tracks", *at)
         )
     document = {
         "losses": losses.document,
@@ -75,8 +83,20 @@ def track_images(
             "inflation": tracks.correlation.inflation,
         },
     }
-    dataset = _dataset(folder, rectification, tracks.stream, tracks.correlation.inflation)
+    dataset = _dataset(found, tracks.stream, tracks.correlation.inflation)
     return TrackedImages(dataset, losses, document)
+
+
+class ImageSource(NamedTuple):
+    """A folder of images with its rectified cameras and stamped pairs.
+
+    ``inspector`` holds the poses of the rectified left camera in i; None of one at rest.
+    """
+
+    folder: Path
+    rectification: Rectification
+    pairs: list[StampedPair]
+    inspector: MeasurementStream | None
 
 
 class FolderPoints(NamedTuple):
@@ -85,7 +105,7 @@ class FolderPoints(NamedTuple):
     With their times (s), and how many pairs it has.
     """
 
-    rectification: Rectification
+    source: ImageSource
     points: list[TimedFeatures]
     pairs: int
 
@@ -97,14 +117,14 @@ def stereo_points(
 
     Errors: no images, no calibration.
     """
-    rectification, stamped = _rectification(folder), stamped_pairs(folder, losses)
-    reader = PairReader(rectification.rig.size, losses)
-    finder, points = StereoPoints(rectification, options, losses), []
-    for number, pair in enumerate(read_pairs(stamped, reader), start=1):
+    source = _source(folder, losses)
+    reader = PairReader(source.rectification.rig.size, losses)
+    finder, points = StereoPoints(source.rectification, options, losses), []
+    for number, pair in enumerate(read_pairs(source.pairs, reader), start=1):
         if pair is not None:
             points.append(TimedFeatures(pair.time, finder.of(pair)))
-        progress("features", number, len(stamped))
-    return FolderPoints(rectification, points, len(stamped))
+        progress("features", number, len(source.pairs))
+    return FolderPoints(source, points, len(source.pairs))
 
 
 def track_images_online(
@@ -121,21 +141,20 @@ def track_images_online(
     ----------
     on_epoch: called with the observations of every epoch at once.   Errors: `track_images`.
     """
-    rectification = _rectification(folder)
-    front_end = OnlineFrontEnd(rectification, options)
-    stamped = stamped_pairs(folder, front_end.losses)
-    reader, epochs = PairReader(rectification.rig.size, front_end.losses), []
-    for number, pair in enumerate(read_pairs(stamped, reader), start=1):
+    losses = LossCount()
+    source = _source(folder, losses)
+    front_end = OnlineFrontEnd(source.rectification, options, losses)
+    reader, epochs = PairReader(source.rectification.rig.size, losses), []
+    for number, pair in enumerate(read_pairs(source.pairs, reader), start=1):
         epoch = None if pair is None else front_end.add(pair)
         if epoch is not None:
             on_epoch(epoch)
             epochs.append(epoch)
-        progress("images", number, len(stamped))
-    with _naming(folder, front_end.losses):
-        _require_pairs(front_end.losses, len(stamped))
+        progress("images", number, len(source.pairs))
+    with _naming(folder, losses):
+        _require_pairs(losses, len(source.pairs))
         stream = online_stream(epochs)
-    dataset = _dataset(folder, rectification, stream)
-    return TrackedImages(dataset, front_end.losses, {"losses": front_end.losses.document})
+    return TrackedImages(_dataset(source, stream), losses, {"losses": losses.document})
 
 
 def online_stream(epochs: list[EpochObservations]) -> MeasurementStream:
@@ -171,18 +190,18 @@ def _naming(folder: Path, losses: LossCount) -> Iterator[None]:
         raise InputError(f"{path_text(folder)}: {error}{lost}") from None
 
 
-def _rectification(folder: Path) -> Rectification:
+def _source(folder: Path, losses: LossCount) -> ImageSource:
     rectification = Rectification(read_raw_rig(folder))
     try:
         _ = rectification.stereo
     except InputError as error:
         raise InputError(f"{path_text(folder)}: {error}") from None
-    return rectification
+    pairs = stamped_pairs(folder, losses)
+    return ImageSource(folder, rectification, pairs, rectified_camera_poses(folder, pairs, rectification))
 
 
-def _dataset(
-    folder: Path, rectification: Rectification, stream: MeasurementStream, inflation: float = 1.0
-) -> Dataset:
+def _dataset(source: ImageSource, stream: MeasurementStream, inflation: float = 1.0) -> Dataset:
+    folder, rectification, _, inspector = source
     path, description, options = folder / DATASET_FILE, "", DatasetOptions()
     if os.path.lexists(path):
         document = read_toml(path)
@@ -194,8 +213,9 @@ def _dataset(
         log=MeasurementLog((stream,)),
         path=folder,
         description=f"tracks of {description or printable(folder.name)}",
-        truth=None if truth is None else rectification.truth(truth),
+        truth=truth if truth is None or inspector is not None else rectification.truth(truth),
         rig=rectification.stereo,
+        inspector=inspector,
         options=_with_systematic_errors(
             replace(with_told_deviations(options, folder), covariance_inflation=inflation), stream
         ),

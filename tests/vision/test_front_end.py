@@ -169,7 +169,7 @@ def test_colour_and_more_bits_tell_what_eight_grey_bits_tell(bits: int, channels
         assert image is not None
         deep = image.astype(np.uint16) << (bits - 8) if bits > 8 else image
         cv2.imwrite(str(path), np.repeat(deep[..., None], channels, axis=2))
-    pair = PairReader((320, 240), LossCount()).read(StampedPair(0.0, *paths))
+    pair = PairReader((320, 240), LossCount()).read(StampedPair(0.0, paths[0], paths[1]))
     assert pair is not None
     for image, expected in zip(pair[1:], images, strict=True):
         np.testing.assert_array_equal(image, expected)

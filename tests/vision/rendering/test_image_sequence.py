@@ -1,18 +1,26 @@
 """Rendered sequences: what cameras make of radiance, and the folder that is written."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from spinfilters.api.image_recordings import ImageScenario, example_rig, render
+from spinfilters.data.pose_files import read_tum
 from spinfilters.data.truth import read_truth
 from spinfilters.vision.raw_rig import read_raw_rig
-from spinfilters.vision.rendering.image_sequence import rendered_pairs
+from spinfilters.vision.rendering.image_sequence import FramePose, rendered_pairs
 from spinfilters.vision.rendering.imaging import Imaging, add_stars, ideal_matrix, photograph
 
 SMALL = ImageScenario(shape="box", frames=2, size=(96, 72), imaging=Imaging(oversampling=1, stars=5))
+
+
+def rotation(*vector: float) -> np.ndarray:
+    """Rotation matrix of a rotation vector, rad."""
+    return Rotation.from_rotvec(vector).as_matrix()
 
 
 def test_a_point_lands_where_the_distorted_camera_puts_it() -> None:
@@ -63,3 +71,26 @@ def test_a_folder_holds_images_calibration_and_truth(tmp_path: Path) -> None:
     assert truth is not None
     assert truth.time.tolist() == [0.0, 0.5]
     np.testing.assert_allclose(rig.relative_position, SMALL.stage().rig.relative_position, atol=1e-12)
+
+
+def test_an_image_from_a_moved_camera_is_that_of_the_body_as_it_lies_before_it() -> None:
+    dark = replace(SMALL, imaging=Imaging(oversampling=1, stars=0))
+    before_it = FramePose(rotation(0.3, -0.2, 0.5), np.array([0.02, -0.01, 0.6]))
+    camera = FramePose(rotation(-0.1, 0.4, 0.2), np.array([0.15, 0.03, 0.1]))
+    sun = rotation(-0.1, 0.4, 0.2).T @ np.array(dark.sun)
+    body = FramePose(camera.rotation @ before_it.rotation, camera.place + camera.rotation @ before_it.place)
+    seen = dark.stage().pair(body, 0, camera)
+    at_rest = replace(dark, sun=tuple(sun.tolist())).stage().pair(before_it, 0)
+    for image, expected in zip(seen, at_rest, strict=True):
+        assert (image > 30).mean() > 0.02
+        np.testing.assert_allclose(image.astype(int), expected.astype(int), atol=2)
+
+
+def test_a_circling_inspector_is_written_and_keeps_the_body_in_view(tmp_path: Path) -> None:
+    render(replace(SMALL, inspector="circle", interval=15.0), tmp_path)
+    inspector, truth = read_tum(tmp_path / "inspector.tum"), read_truth(tmp_path)
+    assert truth is not None
+    np.testing.assert_array_equal(inspector.time, truth.time)
+    assert np.linalg.norm(inspector.values[1, :3]) > 0.5  # a quarter of a circle about a body 0.6 m away
+    images = [cv2.imread(str(path)) for path in sorted((tmp_path / "cam0/data").iterdir())]
+    assert all((image > 30).mean() > 0.02 for image in images if image is not None)
