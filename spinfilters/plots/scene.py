@@ -32,6 +32,10 @@ _TO_VIEW = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 """Inertial axes (x right, y down, z forward) to axes of a figure whose third axis points up."""
 _MOST_POINTS = 400
 _EPOCHS = 4  # at which the principal axes are drawn
+_ZOOM, _WIDE_ZOOM = (
+    1.15,
+    1.0,
+)  # a path about the body is wide in both horizontal axes, and labels need the room
 _INSPECTOR = ORANGE
 _DOTS = (0, (1.0, 1.0))
 _REVOLUTIONS = 4  # of the paths of axes: more is a ball of wool
@@ -89,12 +93,16 @@ def scene_figure(
     shown.append(_draw_path(axes, trajectory, initialisation))
     if camera is not None:
         shown.append(_draw_camera(axes, camera, trajectory))
-    equal_scales(axes, np.concatenate(shown), zoom=1.15)
+    equal_scales(axes, np.concatenate(shown), zoom=_WIDE_ZOOM if _moves(camera) else _ZOOM)
     _label_axes(axes, camera)
     axes.set_title(_title(trajectory.time[rows], map_points is not None), y=0.98)
     handles = _handles(camera, map_points is not None)
     legend_below(figure, [*handles, *_initialisation_handles(initialisation)])
     return figure
+
+
+def _moves(camera: DrawnCamera | None) -> bool:
+    return camera is not None and camera.inspector is not None
 
 
 def _or_none(points: Float[np.ndarray, "k 3"] | None) -> Float[np.ndarray, "k 3"] | None:
@@ -117,7 +125,7 @@ def _draw_path(axes: Axes3D, trajectory: Trajectory, initialisation: int) -> Flo
 
 
 def _label_axes(axes: Axes3D, camera: DrawnCamera | None) -> None:
-    moves = camera is not None and camera.inspector is not None
+    moves = _moves(camera)
     depth, up = ("z of i", "-y of i") if moves else ("z, away from the camera", "-y, up")
     axes.set(xlabel="x of i [m]" if moves else "x [m]", ylabel=f"{depth} [m]", zlabel=f"{up} [m]")
     axes.view_init(elev=20, azim=-62)
