@@ -91,12 +91,16 @@ class PairReader:
         return self.checked(ImagePair(stamped.time, left, right))
 
     def checked(self, pair: ImagePair) -> ImagePair | None:
-        """A pair in memory, or None where a camera repeats its last image."""
+        """A pair in memory, or None where a camera sees nothing or repeats its last image."""
         repeated = [
             last is not None and np.array_equal(last, now)
             for last, now in zip(self._last, pair[1:], strict=True)
         ]
         self._last = (pair.left, pair.right)
+        blank = [name for name, image in zip(CAMERAS, pair[1:], strict=True) if np.ptp(image) == 0]
+        if blank:
+            self.losses.lose(STAGE, f"of one grey value ({' and '.join(blank)})")
+            return None
         if any(repeated):
             which = "both cameras" if all(repeated) else CAMERAS[repeated.index(True)]
             self.losses.lose(STAGE, f"repeated by a frozen camera ({which})")

@@ -153,6 +153,16 @@ def test_a_damaged_image_is_counted_and_says_nothing(
     assert capfd.readouterr() == ("", "")
 
 
+def test_an_eclipse_is_no_frozen_camera(damaged: Path) -> None:
+    for number in (2, 3):
+        for camera in ("cam0", "cam1"):
+            cv2.imwrite(str(_image(damaged, camera, number)), np.zeros((240, 320), np.uint8))
+    reader = PairReader((320, 240), LossCount())
+    pairs = list(read_pairs(stamped_pairs(damaged, reader.losses), reader))
+    assert [pair is None for pair in pairs] == [False, False, True, True, False, False]
+    assert reader.losses.lost == {(STAGE, "of one grey value (cam0 and cam1)"): 2}
+
+
 def test_a_body_that_never_moves_is_refused_for_its_frozen_cameras(damaged: Path) -> None:
     for camera in ("cam0", "cam1"):
         for number in range(1, 6):
