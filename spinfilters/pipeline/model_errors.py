@@ -46,7 +46,6 @@ from spinfilters.estimators.smoothing.problem.least_squares import Problem, prob
 from spinfilters.estimators.smoothing.solver.annealing import GATE
 from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.evaluation.evaluation import Evaluation
-from spinfilters.linear_algebra.chi_square import chi_square_tail
 from spinfilters.pipeline.correlation_verdict import correlated_error_doubts
 from spinfilters.pipeline.identified_noise import Unstated, noise_model
 from spinfilters.pipeline.wrong_units import WrongUnit, wrong_units
@@ -130,8 +129,7 @@ class TestedModels:
         effect = test.effect(self.std)
         moves = effect.largest >= LEAST_EFFECT.largest or effect.rms >= LEAST_EFFECT.rms
         chance = TELLING if test.level > 0 else self.largest_p_value
-        beyond_chance = float(chi_square_tail(test.statistic, test.dof)) < chance
-        return (moves or test.level >= LEAST_LEVEL) and beyond_chance
+        return (moves or test.level >= LEAST_LEVEL) and test.score_p_value < chance
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -22,6 +22,7 @@ from spinfilters.estimators.model_errors.score_tests import score_tests
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.estimators.smoothing.solver.iterations import SolverOptions, solve
 from spinfilters.estimators.timeline import build_timeline, times_of
+from spinfilters.linear_algebra.chi_square import chi_square_tail, fisher_tail
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.pipeline import model_errors
 from spinfilters.pipeline.identified_noise import Unstated, noise_model
@@ -196,6 +197,17 @@ def test_a_correlated_error_tells_its_level_by_the_independent_samples_that_stat
     )
     assert by_slow.statistic == by_white.statistic
     assert by_slow.p_value > 10 * by_white.p_value
+
+
+def test_a_statistic_beside_a_correlated_error_is_compared_with_what_is_left() -> None:
+    motion, setup = smoothed("gyro"), prepared("gyro")
+    model = noise_model(motion.rows.problem, setup.noise, Unstated.of_all(setup.log, setup.process.noise))
+    assert model is not None
+    slow = noise_of(model, motion.rows, KnownLevels(correlation={"gyro_noise_std": 5.0}))
+    dof, left = slow.redundancy.sum() / 5.0, np.array([4.0, 14.0])
+    assert slow.beside_all(9.0, 3.0, left) == pytest.approx(fisher_tail((dof - 3) / 3, 3.0, dof - 3))
+    assert slow.beside_all(9.0, 3.0, left) < chi_square_tail(9.0, 3.0)  # for the level is too large
+    assert noise_of(model, motion.rows).beside_all(9.0, 3.0, left) == 1.0
 
 
 def test_the_likelihood_is_greatest_near_the_true_noise() -> None:

@@ -119,14 +119,14 @@ def noise_of(model: NoiseModel, solved: LinearRows, told: KnownLevels = NOTHING_
     factors = tuple(source_factors(problem, here, model.densities))
     names = (*(each.name for each in model.components), *model.densities)
     known = np.array([name in told.stated for name in names])
-    correlated = np.array([name in told.correlation for name in names])
+    correlation = np.array([told.correlation.get(name, 1.0) for name in names])
     dof = np.maximum(after.redundancy, 0.0)
     for k, each in enumerate(model.components):
-        if correlated[k]:
+        if correlation[k] > 1:
             values = sum(len(solved.sensor_rows[s]) * len(rows) for s, rows in each.sensors.items())
-            dof[k] = max(values / told.correlation[each.name] - (values - dof[k]), 0.0)
+            dof[k] = max(values / correlation[k] - (values - dof[k]), 0.0)
     larger = np.array([told.inflation.get(name, 1.0) for name in names])
-    return NoiseComponents(model.components, factors, after.redundancy, known, correlated, dof, larger)
+    return NoiseComponents(model.components, factors, after.redundancy, known, correlation, dof, larger)
 
 
 def is_doubtful(noise: NoiseComponents, solved: LinearRows) -> bool:

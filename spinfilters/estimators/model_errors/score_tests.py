@@ -29,6 +29,7 @@ from spinfilters.estimators.model_errors.linear_rows import summed
 from spinfilters.estimators.model_errors.noise_components import NoiseComponents
 from spinfilters.estimators.model_errors.null_distributions import gain_tail, weighted_chi_square_tail
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
+from spinfilters.linear_algebra.chi_square import chi_square_tail
 
 MOST_EPOCHS: Final = 60
 """At which an error drawn by epoch is looked for; of a longer recording they are chosen evenly."""
@@ -63,6 +64,7 @@ class ScoreTest:
     explained: what it explains of all whitened residuals, likewise.
     level: by how much ln variance of an identified noise level falls with it removed, of the one that falls most.
     level_dof: degrees of freedom that tell the levels that fall; infinite of stated ones.
+    beside_all: probability of a greater statistic beside what all residuals leave, at the level of a correlated error; else 1.
     """
 
     error: Alternative
@@ -76,6 +78,7 @@ class ScoreTest:
     explained: Float[np.ndarray, " r"] | None = None
     level: float = 0.0
     level_dof: float = np.inf
+    beside_all: float = 1.0
 
     def likeness(self, other: "ScoreTest") -> float:
         """Correlation of what two errors explain; 0 where it is not known."""
@@ -103,6 +106,11 @@ class ScoreTest:
         """With what its removal does to states and residuals."""
         shift = motion.rows.sensitivity(right).states[:, :, 0]
         return replace(self, shift=shift, explained=np.concatenate([p.ravel() for p in explained.parts]))
+
+    @property
+    def score_p_value(self) -> float:
+        """Probability of a greater statistic at the noise levels of the estimates."""
+        return min(float(chi_square_tail(self.statistic, self.dof)), self.beside_all)
 
     @property
     def merit(self) -> float:
@@ -163,7 +171,9 @@ def likelier(found: list[ScoreTest], beside: list[ScoreTest], advantage: float) 
         gained = -np.inf if instead is None else instead.statistic - advantage
         if instead is not None and gained > each.gain:
             beyond = gain_tail(gained, instead.dof, instead.level_dof)
-            each = replace(instead, statistic=gained, gain=gained, p_value=min(beyond, each.p_value))
+            each = replace(
+                instead, statistic=gained, gain=gained, p_value=min(beyond, each.p_value), beside_all=1.0
+            )
         best.append(each)
     return sorted(best, key=lambda each: -each.merit)
 
@@ -200,7 +210,8 @@ def _tested(
     std = np.sqrt(np.diag(size.covariance)) / scale
     p_value, statistic = gain_tail(gained, dof, gain.dof), float(u @ size.value)
     found = ScoreTest(error, size.value / scale, std, statistic, dof, gained, p_value)
-    found = replace(found, level=gain.level, level_dof=gain.dof)
+    beside_all = noise.beside_all(statistic, dof, every.left)
+    found = replace(found, level=gain.level, level_dof=gain.dof, beside_all=beside_all)
     if not found.is_telling:
         return found
     right = columns.times(removed[:, None])
