@@ -23,12 +23,12 @@ from spinfilters.estimators.model_errors.hypotheses import (
     among_inliers,
     is_contradicted,
     is_doubtful,
-    minus_twice_log_likelihood,
     noise_of,
     solved_near,
     with_identified,
     with_refused_in_a_row,
 )
+from spinfilters.estimators.model_errors.laplace_likelihood import minus_twice_log_likelihood
 from spinfilters.estimators.model_errors.linear_rows import LinearRows
 from spinfilters.estimators.model_errors.lower_densities import beside_lower_densities
 from spinfilters.estimators.model_errors.refused_ends import with_refused_ends

@@ -12,10 +12,13 @@ from spinfilters.estimators.model_errors.alternative import table
 from spinfilters.estimators.model_errors.columns import Columns
 from spinfilters.estimators.model_errors.hypotheses import (
     KnownLevels,
-    gross_error_cost,
-    minus_twice_log_likelihood,
     noise_of,
     solved_near,
+    with_refused_in_a_row,
+)
+from spinfilters.estimators.model_errors.laplace_likelihood import (
+    gross_error_cost,
+    minus_twice_log_likelihood,
 )
 from spinfilters.estimators.model_errors.linear_rows import LinearRows
 from spinfilters.estimators.model_errors.score_tests import score_tests
@@ -208,6 +211,27 @@ def test_a_statistic_beside_a_correlated_error_is_compared_with_what_is_left() -
     assert slow.beside_all(9.0, 3.0, left) == pytest.approx(fisher_tail((dof - 3) / 3, 3.0, dof - 3))
     assert slow.beside_all(9.0, 3.0, left) < chi_square_tail(9.0, 3.0)  # for the level is too large
     assert noise_of(model, motion.rows).beside_all(9.0, 3.0, left) == 1.0
+
+
+def test_images_that_are_refused_in_a_row_are_taken_in_but_not_one_alone() -> None:
+    rows = smoothed("stereo-tracks").rows
+    fit = rows.normal.eliminated
+    assert fit is not None
+
+    def without(*epochs: int) -> tuple[LinearRows, np.ndarray]:
+        """With two thirds of the observations of these epochs refused, and which epochs' observations."""
+        own = np.isin(fit.observations.epoch, epochs)
+        refused = own & (np.arange(len(own)) % 3 > 0)
+        normal = replace(rows.normal, eliminated=replace(fit, used=fit.used & ~refused))
+        return LinearRows(rows.problem, rows.here, normal), own
+
+    alone, _ = without(39)
+    assert with_refused_in_a_row(alone) is alone
+    several, own = without(38, 39)
+    taken = with_refused_in_a_row(several)
+    assert taken is not None
+    assert taken.normal.eliminated is not None
+    assert taken.normal.eliminated.used[own].mean() == fit.used[own].mean()
 
 
 def test_the_likelihood_is_greatest_near_the_true_noise() -> None:

@@ -9,7 +9,6 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.special import gammaln
 
 from spinfilters.estimators.identification.identify import STAGE, identify
 from spinfilters.estimators.identification.noise_model import NoiseModel
@@ -35,10 +34,6 @@ CHANCE: Final = 1e-6
 IN_A_ROW: Final = 2
 """Epochs without any measurement that counts, beyond which gross errors are none."""
 EVERY_MEASUREMENT: Final = Stage(LeastSquares(), pose_only_loss=LeastSquares())
-GROSS: Final = 30.0
-"""Width of gross errors over the standard deviation of the noise."""
-RARE: Final = 0.02
-"""Share of measurements that are gross errors, before the data tell."""
 FEWEST_COUNTED: Final = 0.9
 """Share of measurements that count, below which noise is identified anew."""
 
@@ -165,11 +160,17 @@ def rejects_in_a_row(solved: LinearRows) -> bool:
 
 
 def measured_epochs(solved: LinearRows) -> tuple[Bool[np.ndarray, " k"], Bool[np.ndarray, " k"]]:
-    """Epochs with measurements without landmarks, and those in which any of these counts."""
-    measured, counted = np.zeros((2, solved.problem.ordering.epochs), dtype=bool)
+    """Epochs with measurements, and those in which any without landmarks counts, or half the observations of landmarks."""
+    epochs, fit = solved.problem.ordering.epochs, solved.normal.eliminated
+    measured, counted = np.zeros((2, epochs), dtype=bool)
     for sensor, good in zip(solved.problem.motion.sensors, solved.counted, strict=True):
         measured[sensor.epoch] = True
         counted[sensor.epoch[good]] = True
+    if fit is not None:
+        every, used = (
+            np.bincount(fit.observations.epoch[k], minlength=epochs) for k in (slice(None), fit.used)
+        )
+        measured, counted = measured | (every > 0), counted | (used > every / 2)
     return measured, counted
 
 
@@ -178,10 +179,14 @@ def with_refused_in_a_row(solved: LinearRows) -> LinearRows | None:
 
     Gates that refuse epochs in a row would hide an error; else as it is.
     """
-    problem = solved.problem
-    if problem.observations is not None or not rejects_in_a_row(solved):
+    if not rejects_in_a_row(solved):
         return solved
-    return solved_near(problem, solved.here.trajectory, solved.here.points, EVERY_MEASUREMENT)
+    fit, stage = solved.normal.eliminated, EVERY_MEASUREMENT
+    if fit is not None:
+        measured, counted = measured_epochs(solved)
+        taken = fit.used | (measured & ~counted)[fit.observations.epoch]
+        stage = replace(stage, loss=_Chosen(taken.astype(float)))
+    return solved_near(solved.problem, solved.here.trajectory, solved.here.points, stage)
 
 
 def with_identified(model: NoiseModel, solved: LinearRows) -> LinearRows | None:
@@ -220,73 +225,3 @@ def among_inliers(
     loss = LeastSquares() if fit is None else _Chosen(fit.used.astype(float))
     own = replace(problem, motion=motion)
     return solved_near(own, inliers.here.trajectory, inliers.here.points, Stage(loss))
-
-
-def minus_twice_log_likelihood(rows: LinearRows) -> float:
-    """-2 ln likelihood of the measurements, states and landmarks integrated out (Laplace).
-
-    Up to a constant of the measurements' number. Measurements that are refused count as gross errors.
-    """
-    total = float(rows.left.gram(rows.left)[0, 0]) + _of_sensors(rows) + _of_observations(rows)
-    fit, s = rows.normal.eliminated, rows.solution
-    d = len(rows.problem.ordering.moving)
-    total -= 2 * float(np.linalg.slogdet(rows.here.dynamics.rows[:, :, d : 2 * d])[1].sum())
-    total += 2 * float(np.log(np.diag(s.information_sqrt)).sum())
-    total += 2 * float(np.log(np.einsum("kii->ki", s.tridiagonal.information_sqrts)).sum())
-    if fit is not None:
-        told = np.einsum("kii->ki", fit.information_sqrt[fit.is_constrained])
-        total += 2 * float(np.log(told).sum())
-    return total
-
-
-def _of_sensors(rows: LinearRows) -> float:
-    """ln determinant of the noise covariances, and what refused measurements add."""
-    total = 0.0
-    for sensor, counts in zip(rows.problem.motion.sensors, rows.counted, strict=True):
-        if not len(sensor.epoch):
-            continue
-        x, scale = rows.here.trajectory[sensor.epoch], 1.0 if sensor.scale is None else sensor.scale
-        innovation, valid = sensor.model.innovations(x, sensor.parameters, sensor.values)
-        whitening = sensor.model.whitening(x, sensor.parameters) / np.expand_dims(scale, -1)
-        total += _stated_cost(innovation[valid] / scale, whitening[valid], counts[valid])
-    return total
-
-
-def _of_observations(rows: LinearRows) -> float:
-    """The same of observations of landmarks that are well-constrained."""
-    fit, observations, total = rows.normal.eliminated, rows.problem.observations, 0.0
-    if fit is None or observations is None:
-        return total
-    for group in observations.groups:
-        told = fit.is_constrained[observations.landmark[group.rows]]
-        at, scale = group.rows[told], observations.scale
-        points, x = rows.here.points[observations.landmark[at]], rows.here.trajectory[observations.epoch[at]]
-        parameters = np.concatenate([points, group.parameters[told]], axis=1)
-        innovation, valid = group.model.innovations(x, parameters, group.values[told])
-        whitening = group.model.whitening(x, parameters) / scale
-        total += _stated_cost(innovation[valid] / scale, whitening[valid], fit.used[at][valid])
-    return total
-
-
-def _stated_cost(
-    innovation: Float[np.ndarray, "k i"],
-    whitening: Float[np.ndarray, "k i i"],
-    counts: Bool[np.ndarray, " k"],
-) -> float:
-    squares = np.sum(innovation[~counts] ** 2, axis=1)
-    refused = gross_error_cost(squares, innovation.shape[1]).sum()
-    return float(refused - 2 * np.linalg.slogdet(whitening)[1].sum())
-
-
-def gross_error_cost(squares: Float[np.ndarray, " k"], size: int) -> Float[np.ndarray, " k"]:
-    """-2 ln density of gross errors over that of white noise at its centre.
-
-    Cauchy's, far wider than the noise, times how rare they are: noise that is too small does not gain by what is refused for it.
-
-    Parameters
-    ----------
-    squares: squared lengths of whitened innovations of ``size`` components.
-    """
-    shape = (size + 1) / 2
-    constant = size * np.log(GROSS**2 / 2) + 2 * (gammaln(0.5) - gammaln(shape)) - 2 * np.log(RARE)
-    return constant + 2 * shape * np.log1p(squares / GROSS**2)

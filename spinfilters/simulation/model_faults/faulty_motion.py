@@ -77,11 +77,16 @@ class Physics:
         return self.acceleration + self.touch(share)[3:] - self.air * np.linalg.norm(v) * v
 
 
-def faulty_motion(scenario: Scenario, physics: Physics, generator: np.random.Generator) -> Motion:
-    """States at `SUBSTEPS` times in every interval, with the scenario's disturbances."""
+def faulty_motion(
+    scenario: Scenario, physics: Physics, generator: np.random.Generator, behind: float = 0.0
+) -> Motion:
+    """States at `SUBSTEPS` times in every interval, with the scenario's disturbances.
+
+    From an interval before the first epoch to one, and ``behind`` s, after the last; the motion is the same, however far it goes.
+    """
     x, h = first_state(scenario, LAYOUT), scenario.interval / SUBSTEPS
     J = inertia_matrix(x[LAYOUT.mean_slice("s")])
-    time = h * np.arange(-SUBSTEPS, (scenario.epochs + 1) * SUBSTEPS)
+    time = h * np.arange(-SUBSTEPS, (scenario.epochs + 1) * SUBSTEPS + int(np.ceil(behind / h)))
     w, v = (x[LAYOUT.mean_slice(block)].copy() for block in "wv")
     std = np.sqrt(h * np.array([scenario.noise.torque_psd, scenario.noise.force_psd]))
     span = scenario.interval * (scenario.epochs - 1)
@@ -135,7 +140,7 @@ def _cross(a: Vector, b: Vector) -> Vector:
 
 
 def motion_at(fine: Motion, time: Float[np.ndarray, " k"]) -> Motion:
-    """To first order from the nearest state of the grid."""
+    """To first order from the nearest state of the grid; nothing is known before it and behind it."""
     step = fine.time[1] - fine.time[0]
     near = np.clip(np.searchsorted(fine.time, time + step / 2) - 1, 0, None)
     states, by = fine.states[near].copy(), (time - fine.time[near])[:, None]
