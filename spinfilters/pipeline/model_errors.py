@@ -57,9 +57,9 @@ if TYPE_CHECKING:
 
 FALSE_ALARM: Final = 1e-2
 """Probability that a model error is named where all models are right: of all tests together (Bonferroni)."""
-LEAST_EFFECT: Final = Effect(largest=4.0, rms=2.0)
+LEAST_EFFECT: Final = Effect(largest=2.0, rms=1.0)
 """Deviations by which removing an error moves a state, at one epoch or over all. One that moves all by less, and does not
-contradict the stated noise, is left to the uncertainty."""
+contradict the stated noise, is left to the uncertainty: with the errors that noise makes it stays below four."""
 LEAST_LEVEL: Final = 0.2
 """Fall of ln variance of an identified noise level by removing an error, from which that is not left to the uncertainty: the levels
 share the residuals, so that one with an error in it leaves others, and with them the deviations, too small."""

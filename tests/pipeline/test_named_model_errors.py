@@ -123,11 +123,11 @@ def test_tests_that_cannot_be_made_are_a_reason_for_doubt(monkeypatch: pytest.Mo
 @pytest.mark.parametrize(
     ("size", "level", "contradicted", "names"),
     [
-        (2.0, 0.1, False, ()),
-        (2.0, 0.1, True, ("torque",)),
-        (2.0, 0.3, False, ("torque",)),
-        (3.9, 0.1, False, ("torque",)),
-        (4.1, 0.1, False, ("torque",)),
+        (1.5, 0.1, False, ()),
+        (1.5, 0.1, True, ("torque",)),
+        (1.5, 0.3, False, ("torque",)),
+        (1.9, 0.1, False, ("torque",)),
+        (2.1, 0.1, False, ("torque",)),
     ],
 )
 def test_an_error_beyond_chance_is_named_where_it_moves_a_state_or_a_noise_level(
