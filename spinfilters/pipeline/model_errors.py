@@ -23,6 +23,7 @@ from spinfilters.estimators.model_errors.hypotheses import (
     among_inliers,
     is_contradicted,
     is_doubtful,
+    is_settled,
     noise_of,
     solved_near,
     with_identified,
@@ -218,15 +219,16 @@ def _tested(
     solved = with_refused_ends(solved, time, lambda rows: noise_of(model, rows, told))
     noise = noise_of(model, solved, told)
     contradicted = is_contradicted(noise, solved)
-    settled = solved is not near or bool(told.correlation) or not is_doubtful(noise, solved)
-    identified = None if settled else with_identified(model, solved)
+    taken_in = solved is not near
+    settled = not is_doubtful(noise, solved) or (not contradicted and (taken_in or bool(told.correlation)))
+    identified = None if settled else with_identified(model, solved, gated=not taken_in)
     if identified is None:
         motion = SmoothedMotion(time, solved)
         found = beside_lower_densities(score_tests(motion, noise, every), motion, model, told)
         return TestedModels(tuple(found), contradicted, solved=near)
     found = score_tests(SmoothedMotion(time, identified), noise_of(model, identified), every)
     stated = among_inliers(problem, identified)
-    if stated is not None:
+    if stated is not None and is_settled(stated):
         beside = score_tests(SmoothedMotion(time, stated), noise_of(model, stated, told), every)
         advantage = minus_twice_log_likelihood(stated) - minus_twice_log_likelihood(identified)
         found = likelier(found, beside, max(advantage, 0.0))

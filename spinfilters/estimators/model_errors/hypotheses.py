@@ -31,6 +31,8 @@ NOISE_RATIO: Final = 1.25
 """Of squared residuals over their expectation, either way, beyond which noise levels are identified anew before the tests."""
 CHANCE: Final = 1e-6
 """Probability of larger residuals below which the noise level of a component is contradicted."""
+UNSETTLED: Final = 0.1
+"""Share of a cost that the linear problem promises to take off, from which the states are not the most probable ones."""
 IN_A_ROW: Final = 2
 """Epochs without any measurement that counts, beyond which gross errors are none."""
 EVERY_MEASUREMENT: Final = Stage(LeastSquares(), pose_only_loss=LeastSquares())
@@ -141,6 +143,12 @@ def is_contradicted(noise: NoiseComponents, solved: LinearRows) -> bool:
     return bool(np.any(chi_square_tail(squares[told], noise.redundancy[told]) < CHANCE)) or rejects(solved)
 
 
+def is_settled(solved: LinearRows) -> bool:
+    """Whether the states are about the most probable ones, so that the linear problem says what residuals cost."""
+    cost = solved.here.cost(solved.normal.used, solved.normal.stage)
+    return solved.normal.predicted_reduction < max(UNSETTLED * cost, 1.0)
+
+
 def rejects(solved: LinearRows) -> bool:
     """Whether gates reject more than gross errors explain."""
     counted = [*solved.counted]
@@ -189,11 +197,11 @@ def with_refused_in_a_row(solved: LinearRows) -> LinearRows | None:
     return solved_near(solved.problem, solved.here.trajectory, solved.here.points, stage)
 
 
-def with_identified(model: NoiseModel, solved: LinearRows) -> LinearRows | None:
+def with_identified(model: NoiseModel, solved: LinearRows, gated: bool = True) -> LinearRows | None:
     """The problem with the noise levels that it identifies itself, solved again.
 
     None where it identifies none, or such that gates reject what they accept at the levels stated: a level that falls below what
-    the linearisation tells takes its measurements out, and then explains nothing.
+    the linearisation tells takes its measurements out, and then explains nothing. Unless ``gated`` the same measurements count.
     """
     here = solved.here
     found = identify(model, here.trajectory, here.points)
@@ -203,6 +211,8 @@ def with_identified(model: NoiseModel, solved: LinearRows) -> LinearRows | None:
     power = [2.0] * len(model.components) + [1.0] * len(model.densities)
     values = [each.value for each in found.components]
     log_variance = np.array(power) * np.log(np.divide(values, stated))
+    if not gated:
+        return among_inliers(model.scaled(log_variance), solved)
     again = solved_near(model.scaled(log_variance), here.trajectory, here.points)
     if again is None or (rejects(again) and not rejects(solved)):
         return None
