@@ -33,13 +33,8 @@ from spinfilters.estimators.model_errors.laplace_likelihood import minus_twice_l
 from spinfilters.estimators.model_errors.linear_rows import LinearRows
 from spinfilters.estimators.model_errors.lower_densities import beside_lower_densities
 from spinfilters.estimators.model_errors.refused_ends import with_refused_ends
-from spinfilters.estimators.model_errors.score_tests import (
-    TELLING,
-    Effect,
-    ScoreTest,
-    likelier,
-    score_tests,
-)
+from spinfilters.estimators.model_errors.score_test import TELLING, Effect, ScoreTest
+from spinfilters.estimators.model_errors.score_tests import likelier, score_tests
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.estimators.smoothing.factors.landmark_observations import OBSERVATIONS_NEEDED, seen_ids
 from spinfilters.estimators.smoothing.problem.landmark_reinitialisation import reinitialised

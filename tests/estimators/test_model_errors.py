@@ -153,6 +153,20 @@ def test_an_error_that_is_put_in_is_ranked_first_at_its_size(kind: str, name: st
         np.testing.assert_allclose(own.size - before.size, size, atol=5 * before.std.max())
 
 
+@pytest.mark.parametrize(("size", "found"), [(0.01, True), (-0.01, False)])
+def test_what_brakes_does_not_drive(size: float, found: bool) -> None:
+    motion, setup = smoothed("pose"), prepared("pose")
+    model = noise_model(motion.rows.problem, setup.noise, Unstated.of_all(setup.log, setup.process.noise))
+    assert model is not None
+    drag = table()["drag"]
+    braked = drag.columns(motion)
+    assert braked is not None
+    wrong = replace(motion, rows=shifted(motion.rows, braked.times(np.array([[size]]))))
+    (test,) = score_tests(wrong, noise_of(model, motion.rows), [drag])
+    assert np.sign(test.size[0]) == np.sign(size)
+    assert (test.p_value < 1e-6, test.p_value == 1.0) == (found, not found)
+
+
 def test_an_error_drawn_by_epoch_is_found_by_its_variance() -> None:
     motion, setup = smoothed("pose"), prepared("pose")
     model = noise_model(motion.rows.problem, setup.noise, Unstated.of_all(setup.log, setup.process.noise))
@@ -264,15 +278,6 @@ def test_a_gross_error_costs_more_than_noise_and_less_than_as_noise() -> None:
     near, far = gross_error_cost(np.array([40.0, 1e6]), 6)
     assert 30 < near < 60
     assert near < far < 150
-
-
-def test_every_alternative_says_what_it_is_and_what_to_do() -> None:
-    for name, each in table().items():
-        assert name == each.name
-        assert each.phrase
-        assert each.unit
-        assert 10 < len(each.cure) < 120
-        assert (each.block is None) == (not each.held_by)
 
 
 def test_a_sensor_of_which_nothing_counts_has_rows_of_no_number() -> None:
