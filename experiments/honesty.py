@@ -202,8 +202,9 @@ def is_told(runner: Runner, index: int, fault: str) -> bool:
         models = runner.compared(runner.study.run(index), with_bound=False).models
     except SpinfiltersError:
         return True
-    (p_value,) = [each.p_value for each in models.tests if each.error.name == fault] or [1.0]
-    return bool(models.trouble) or p_value < models.largest_p_value
+    return bool(models.trouble) or any(
+        models.is_beyond_chance(each) for each in models.tests if each.error.name == fault
+    )
 
 
 def lines_of(study: SensorStudy) -> Iterator[str]:

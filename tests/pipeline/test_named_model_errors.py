@@ -11,8 +11,6 @@ from plain_comparison import plain_comparison
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.errors import InputError
-from spinfilters.estimators.model_errors.alternative import table
-from spinfilters.estimators.model_errors.score_test import ScoreTest
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.pipeline import model_errors
 from spinfilters.pipeline.conditions import conditions_of
@@ -118,55 +116,6 @@ def test_tests_that_cannot_be_made_are_a_reason_for_doubt(monkeypatch: pytest.Mo
     assert status.verdict == "degraded"
     assert any("could not be looked for (no factor" in each for each in status.reasons)
     assert comparison.models.names == ()
-
-
-@pytest.mark.parametrize(
-    ("size", "level", "contradicted", "names"),
-    [
-        (1.5, 0.1, False, ()),
-        (1.5, 0.1, True, ("torque",)),
-        (1.5, 0.3, False, ("torque",)),
-        (1.9, 0.1, False, ("torque",)),
-        (2.1, 0.1, False, ("torque",)),
-    ],
-)
-def test_an_error_beyond_chance_is_named_where_it_moves_a_state_or_a_noise_level(
-    size: float, level: float, contradicted: bool, names: tuple[str, ...]
-) -> None:
-    std = np.full((3, 2), 0.1)
-    shift = np.array([[0.0, 0.0], [0.01, -0.1 * size], [0.0, 0.02]])
-    one = np.ones(1)
-    test = ScoreTest(table()["torque"], one, one, 40.0, 1.0, 40.0, 1e-8, shift, level=level)
-    assert model_errors.TestedModels((test,), contradicted, std=std).names == names
-
-
-@pytest.mark.parametrize(
-    ("statistic", "level", "names"), [(6.0, 0.1, ()), (6.5, 0.0, ()), (7.0, 0.1, ("torque",))]
-)
-def test_what_only_lets_noise_levels_fall_is_not_named(
-    statistic: float, level: float, names: tuple[str, ...]
-) -> None:
-    one, std = np.ones(1), np.full((1, 1), 0.1)
-    test = ScoreTest(table()["torque"], one, one, statistic, 1.0, 40.0, 1e-8, 5 * std, level=level)
-    assert model_errors.TestedModels((test,), std=std).names == names
-
-
-def test_errors_that_explain_the_same_residuals_are_named_as_one() -> None:
-    one, alike, other = np.ones(1), np.array([1.0, 0.1, 0.0]), np.array([0.0, 1.0, 0.0])
-    tests = tuple(
-        ScoreTest(table()[name], one, one, gain, 1.0, gain, 1e-9, None, explained)
-        for name, gain, explained in (
-            ("drag", 60.0, np.array([2.0, 0.0, 0.0])),
-            ("energy-loss", 55.0, alike),
-            ("torque", 50.0, other),
-            ("hinge", 45.0, other),
-            ("rotor", 40.0, np.array([0.0, 0.0, 1.0])),
-        )
-    )
-    models = model_errors.TestedModels(tests)
-    assert models.names == ("drag/energy-loss", "torque/hinge")
-    assert [each.error.name for each in models.named] == ["drag", "energy-loss", "torque", "hinge"]
-    assert "or, which looks alike, a loss of energy" in models.reasons[0]
 
 
 def test_settings_in_the_place_of_rows_covariances_are_what_the_run_tells() -> None:
