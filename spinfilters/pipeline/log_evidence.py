@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.errors import NUMERICAL_ERRORS
-from spinfilters.estimators.model_errors.hypotheses import minus_twice_log_likelihood, solved_near
+from spinfilters.estimators.model_errors.hypotheses import solved_near
+from spinfilters.estimators.model_errors.laplace_likelihood import minus_twice_log_likelihood
 from spinfilters.pipeline.model_errors import landmarks_placed, linear_problem
 
 if TYPE_CHECKING:

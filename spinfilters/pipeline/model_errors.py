@@ -23,22 +23,18 @@ from spinfilters.estimators.model_errors.hypotheses import (
     among_inliers,
     is_contradicted,
     is_doubtful,
-    minus_twice_log_likelihood,
+    is_settled,
     noise_of,
     solved_near,
     with_identified,
     with_refused_in_a_row,
 )
+from spinfilters.estimators.model_errors.laplace_likelihood import minus_twice_log_likelihood
 from spinfilters.estimators.model_errors.linear_rows import LinearRows
 from spinfilters.estimators.model_errors.lower_densities import beside_lower_densities
 from spinfilters.estimators.model_errors.refused_ends import with_refused_ends
-from spinfilters.estimators.model_errors.score_tests import (
-    TELLING,
-    Effect,
-    ScoreTest,
-    likelier,
-    score_tests,
-)
+from spinfilters.estimators.model_errors.score_test import TELLING, Effect, ScoreTest
+from spinfilters.estimators.model_errors.score_tests import likelier, score_tests
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.estimators.smoothing.factors.landmark_observations import OBSERVATIONS_NEEDED, seen_ids
 from spinfilters.estimators.smoothing.problem.landmark_reinitialisation import reinitialised
@@ -46,7 +42,6 @@ from spinfilters.estimators.smoothing.problem.least_squares import Problem, prob
 from spinfilters.estimators.smoothing.solver.annealing import GATE
 from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.evaluation.evaluation import Evaluation
-from spinfilters.linear_algebra.chi_square import chi_square_tail
 from spinfilters.pipeline.correlation_verdict import correlated_error_doubts
 from spinfilters.pipeline.identified_noise import Unstated, noise_model
 from spinfilters.pipeline.wrong_units import WrongUnit, wrong_units
@@ -58,9 +53,13 @@ if TYPE_CHECKING:
 
 FALSE_ALARM: Final = 1e-2
 """Probability that a model error is named where all models are right: of all tests together (Bonferroni)."""
-LEAST_EFFECT: Final = Effect(largest=4.0, rms=2.0)
+LEAST_EFFECT: Final = Effect(largest=2.0, rms=1.0)
 """Deviations by which removing an error moves a state, at one epoch or over all. One that moves all by less, and does not
-contradict the stated noise, is left to the uncertainty."""
+contradict the stated noise, is left to the uncertainty: with the errors that noise makes it stays below four."""
+HARMFUL: Final = 4.0
+"""Deviations by which removing an error moves a state at one epoch, from which it alone makes estimates wrong."""
+SINGLE_FALSE_ALARM: Final = 2e-3
+"""Probability that one is named where there is none: silence costs more than doubt. Not beside a correlated gyro's slow errors."""
 LEAST_LEVEL: Final = 0.2
 """Fall of ln variance of an identified noise level by removing an error, from which that is not left to the uncertainty: the levels
 share the residuals, so that one with an error in it leaves others, and with them the deviations, too small."""
@@ -84,6 +83,7 @@ class TestedModels:
     trouble: why there are no tests of a motion that was estimated; empty where there are.   units: that are probably others.
     std: (k, n) stated deviations of the states that were tested, or None where they are unknown.
     correlated: doubts about errors of the measurements that are correlated in time.   solved: what was tested, while it is.
+    beside_slow_noise: whether a noise level stands for an error that is known to be correlated.
     """
 
     tests: tuple[ScoreTest, ...] = ()
@@ -93,6 +93,7 @@ class TestedModels:
     std: Float[np.ndarray, "k n"] | None = None
     correlated: tuple[str, ...] = ()
     solved: LinearRows | None = None
+    beside_slow_noise: bool = False
 
     @cached_property
     def classes(self) -> tuple[tuple[ScoreTest, ...], ...]:
@@ -100,8 +101,7 @@ class TestedModels:
 
         The likeliest beyond chance that matter to the estimates, with those that look alike.
         """
-        beyond = self.largest_p_value
-        left, likely = [each for each in self.tests if each.p_value < beyond], []
+        left, likely = [each for each in self.tests if self.is_beyond_chance(each)], []
         while left and len(likely) < NAMED:
             first, *others = left
             alike = [each for each in others if first.likeness(each) > ALIKE]
@@ -114,6 +114,13 @@ class TestedModels:
     def largest_p_value(self) -> float:
         """Largest p-value at which a test is beyond chance."""
         return FALSE_ALARM / max(len(self.tests), 1)
+
+    def is_beyond_chance(self, test: ScoreTest) -> bool:
+        """Whether as much is too improbable without the error."""
+        is_harmful = self.std is not None and test.effect(self.std).largest >= HARMFUL
+        return test.p_value < self.largest_p_value or (
+            is_harmful and not self.beside_slow_noise and test.p_value < SINGLE_FALSE_ALARM
+        )
 
     @property
     def named(self) -> tuple[ScoreTest, ...]:
@@ -129,9 +136,8 @@ class TestedModels:
             return True
         effect = test.effect(self.std)
         moves = effect.largest >= LEAST_EFFECT.largest or effect.rms >= LEAST_EFFECT.rms
-        chance = TELLING if test.level > 0 else self.largest_p_value
-        beyond_chance = float(chi_square_tail(test.statistic, test.dof)) < chance
-        return (moves or test.level >= LEAST_LEVEL) and beyond_chance
+        chance = self.largest_p_value if self.beside_slow_noise else TELLING
+        return (moves or test.level >= LEAST_LEVEL) and test.score_p_value < chance
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -220,15 +226,17 @@ def _tested(
     solved = with_refused_ends(solved, time, lambda rows: noise_of(model, rows, told))
     noise = noise_of(model, solved, told)
     contradicted = is_contradicted(noise, solved)
-    settled = solved is not near or bool(told.correlation) or not is_doubtful(noise, solved)
-    identified = None if settled else with_identified(model, solved)
+    taken_in = solved is not near
+    settled = not is_doubtful(noise, solved) or (not contradicted and (taken_in or bool(told.correlation)))
+    identified = None if settled else with_identified(model, solved, gated=not taken_in)
     if identified is None:
         motion = SmoothedMotion(time, solved)
         found = beside_lower_densities(score_tests(motion, noise, every), motion, model, told)
-        return TestedModels(tuple(found), contradicted, solved=near)
+        slow = bool(told.correlation)
+        return TestedModels(tuple(found), contradicted, solved=near, beside_slow_noise=slow)
     found = score_tests(SmoothedMotion(time, identified), noise_of(model, identified), every)
     stated = among_inliers(problem, identified)
-    if stated is not None:
+    if stated is not None and is_settled(stated):
         beside = score_tests(SmoothedMotion(time, stated), noise_of(model, stated, told), every)
         advantage = minus_twice_log_likelihood(stated) - minus_twice_log_likelihood(identified)
         found = likelier(found, beside, max(advantage, 0.0))

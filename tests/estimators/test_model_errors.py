@@ -12,16 +12,20 @@ from spinfilters.estimators.model_errors.alternative import table
 from spinfilters.estimators.model_errors.columns import Columns
 from spinfilters.estimators.model_errors.hypotheses import (
     KnownLevels,
-    gross_error_cost,
-    minus_twice_log_likelihood,
     noise_of,
     solved_near,
+    with_refused_in_a_row,
+)
+from spinfilters.estimators.model_errors.laplace_likelihood import (
+    gross_error_cost,
+    minus_twice_log_likelihood,
 )
 from spinfilters.estimators.model_errors.linear_rows import LinearRows
 from spinfilters.estimators.model_errors.score_tests import score_tests
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.estimators.smoothing.solver.iterations import SolverOptions, solve
 from spinfilters.estimators.timeline import build_timeline, times_of
+from spinfilters.linear_algebra.chi_square import chi_square_tail, fisher_tail
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.pipeline import model_errors
 from spinfilters.pipeline.identified_noise import Unstated, noise_model
@@ -149,6 +153,20 @@ def test_an_error_that_is_put_in_is_ranked_first_at_its_size(kind: str, name: st
         np.testing.assert_allclose(own.size - before.size, size, atol=5 * before.std.max())
 
 
+@pytest.mark.parametrize(("size", "found"), [(0.01, True), (-0.01, False)])
+def test_what_brakes_does_not_drive(size: float, found: bool) -> None:
+    motion, setup = smoothed("pose"), prepared("pose")
+    model = noise_model(motion.rows.problem, setup.noise, Unstated.of_all(setup.log, setup.process.noise))
+    assert model is not None
+    drag = table()["drag"]
+    braked = drag.columns(motion)
+    assert braked is not None
+    wrong = replace(motion, rows=shifted(motion.rows, braked.times(np.array([[size]]))))
+    (test,) = score_tests(wrong, noise_of(model, motion.rows), [drag])
+    assert np.sign(test.size[0]) == np.sign(size)
+    assert (test.p_value < 1e-6, test.p_value == 1.0) == (found, not found)
+
+
 def test_an_error_drawn_by_epoch_is_found_by_its_variance() -> None:
     motion, setup = smoothed("pose"), prepared("pose")
     model = noise_model(motion.rows.problem, setup.noise, Unstated.of_all(setup.log, setup.process.noise))
@@ -198,6 +216,38 @@ def test_a_correlated_error_tells_its_level_by_the_independent_samples_that_stat
     assert by_slow.p_value > 10 * by_white.p_value
 
 
+def test_a_statistic_beside_a_correlated_error_is_compared_with_what_is_left() -> None:
+    motion, setup = smoothed("gyro"), prepared("gyro")
+    model = noise_model(motion.rows.problem, setup.noise, Unstated.of_all(setup.log, setup.process.noise))
+    assert model is not None
+    slow = noise_of(model, motion.rows, KnownLevels(correlation={"gyro_noise_std": 5.0}))
+    dof, left = slow.redundancy.sum() / 5.0, np.array([4.0, 14.0])
+    assert slow.beside_all(9.0, 3.0, left) == pytest.approx(fisher_tail((dof - 3) / 3, 3.0, dof - 3))
+    assert slow.beside_all(9.0, 3.0, left) < chi_square_tail(9.0, 3.0)  # for the level is too large
+    assert noise_of(model, motion.rows).beside_all(9.0, 3.0, left) == 1.0
+
+
+def test_images_that_are_refused_in_a_row_are_taken_in_but_not_one_alone() -> None:
+    rows = smoothed("stereo-tracks").rows
+    fit = rows.normal.eliminated
+    assert fit is not None
+
+    def without(*epochs: int) -> tuple[LinearRows, np.ndarray]:
+        """With two thirds of the observations of these epochs refused, and which epochs' observations."""
+        own = np.isin(fit.observations.epoch, epochs)
+        refused = own & (np.arange(len(own)) % 3 > 0)
+        normal = replace(rows.normal, eliminated=replace(fit, used=fit.used & ~refused))
+        return LinearRows(rows.problem, rows.here, normal), own
+
+    alone, _ = without(39)
+    assert with_refused_in_a_row(alone) is alone
+    several, own = without(38, 39)
+    taken = with_refused_in_a_row(several)
+    assert taken is not None
+    assert taken.normal.eliminated is not None
+    assert taken.normal.eliminated.used[own].mean() == fit.used[own].mean()
+
+
 def test_the_likelihood_is_greatest_near_the_true_noise() -> None:
     setup = prepared("pose")
     trajectory, found = setup.initial.mean, []
@@ -228,15 +278,6 @@ def test_a_gross_error_costs_more_than_noise_and_less_than_as_noise() -> None:
     near, far = gross_error_cost(np.array([40.0, 1e6]), 6)
     assert 30 < near < 60
     assert near < far < 150
-
-
-def test_every_alternative_says_what_it_is_and_what_to_do() -> None:
-    for name, each in table().items():
-        assert name == each.name
-        assert each.phrase
-        assert each.unit
-        assert 10 < len(each.cure) < 120
-        assert (each.block is None) == (not each.held_by)
 
 
 def test_a_sensor_of_which_nothing_counts_has_rows_of_no_number() -> None:

@@ -11,8 +11,6 @@ from plain_comparison import plain_comparison
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.errors import InputError
-from spinfilters.estimators.model_errors.alternative import table
-from spinfilters.estimators.model_errors.score_tests import ScoreTest
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.pipeline import model_errors
 from spinfilters.pipeline.conditions import conditions_of
@@ -120,55 +118,6 @@ def test_tests_that_cannot_be_made_are_a_reason_for_doubt(monkeypatch: pytest.Mo
     assert comparison.models.names == ()
 
 
-@pytest.mark.parametrize(
-    ("size", "level", "contradicted", "names"),
-    [
-        (2.0, 0.1, False, ()),
-        (2.0, 0.1, True, ("torque",)),
-        (2.0, 0.3, False, ("torque",)),
-        (3.9, 0.1, False, ("torque",)),
-        (4.1, 0.1, False, ("torque",)),
-    ],
-)
-def test_an_error_beyond_chance_is_named_where_it_moves_a_state_or_a_noise_level(
-    size: float, level: float, contradicted: bool, names: tuple[str, ...]
-) -> None:
-    std = np.full((3, 2), 0.1)
-    shift = np.array([[0.0, 0.0], [0.01, -0.1 * size], [0.0, 0.02]])
-    one = np.ones(1)
-    test = ScoreTest(table()["torque"], one, one, 40.0, 1.0, 40.0, 1e-8, shift, level=level)
-    assert model_errors.TestedModels((test,), contradicted, std=std).names == names
-
-
-@pytest.mark.parametrize(
-    ("statistic", "level", "names"), [(6.0, 0.1, ()), (6.5, 0.0, ()), (7.0, 0.1, ("torque",))]
-)
-def test_what_only_lets_noise_levels_fall_is_not_named(
-    statistic: float, level: float, names: tuple[str, ...]
-) -> None:
-    one, std = np.ones(1), np.full((1, 1), 0.1)
-    test = ScoreTest(table()["torque"], one, one, statistic, 1.0, 40.0, 1e-8, 5 * std, level=level)
-    assert model_errors.TestedModels((test,), std=std).names == names
-
-
-def test_errors_that_explain_the_same_residuals_are_named_as_one() -> None:
-    one, alike, other = np.ones(1), np.array([1.0, 0.1, 0.0]), np.array([0.0, 1.0, 0.0])
-    tests = tuple(
-        ScoreTest(table()[name], one, one, gain, 1.0, gain, 1e-9, None, explained)
-        for name, gain, explained in (
-            ("drag", 60.0, np.array([2.0, 0.0, 0.0])),
-            ("energy-loss", 55.0, alike),
-            ("torque", 50.0, other),
-            ("hinge", 45.0, other),
-            ("rotor", 40.0, np.array([0.0, 0.0, 1.0])),
-        )
-    )
-    models = model_errors.TestedModels(tests)
-    assert models.names == ("drag/energy-loss", "torque/hinge")
-    assert [each.error.name for each in models.named] == ["drag", "energy-loss", "torque", "hinge"]
-    assert "or, which looks alike, a loss of energy" in models.reasons[0]
-
-
 def test_settings_in_the_place_of_rows_covariances_are_what_the_run_tells() -> None:
     dataset = recording(None, np.zeros(3), 0.4)
     (stream,) = dataset.log.streams
@@ -209,6 +158,23 @@ def test_a_contact_that_makes_the_noise_of_a_gyro_look_large_is_named() -> None:
     assert comparison.models.names[0] == "contact-at-end"
 
 
+@pytest.mark.parametrize(("name", "size"), [("gyro-bias", 0.03), ("gyro-scale", 0.5)])
+def test_what_passes_for_correlated_noise_of_a_gyro_is_named(name: str, size: float) -> None:
+    scenario = Scenario(
+        kind="gyro",
+        principal_moments=(1.0, 0.8, 0.55),
+        rate_rpm=RICH_RPM,
+        epochs=80,
+        interval=0.4,
+        noise=ProcessNoise(1e-6, 4e-8),
+    )
+    seeds = tuple(np.random.SeedSequence(0, spawn_key=(3,)).spawn(3))
+    dataset = without_noise(faulty_recording(scenario, model_faults()[name], size, seeds))
+    comparison = compared(dataset)
+    assert comparison.setup.gyro_noise is not None  # whose level is three times the white noise
+    assert name in comparison.models.names[0].split("/")
+
+
 def test_drag_that_identified_noise_takes_in_is_named() -> None:
     scenario = Scenario(
         kind="gyro",
@@ -238,7 +204,7 @@ def test_a_drift_of_the_clock_that_the_densities_take_in_is_named_at_smaller_one
     seeds = tuple(np.random.SeedSequence(1).spawn(3))
     dataset = without_noise(faulty_recording(scenario, model_faults()["clock-drift"], 0.09, seeds))
     named = compared(dataset, replace(SMOOTHER, process=replace(SMOOTHER.process, gravity=False))).models
-    assert named.names == ("clock-drift/drag",)
+    assert named.names == ("clock-drift",)  # a drag that looks alike would drive the body
 
 
 def test_a_wrong_unit_is_named_first() -> None:

@@ -73,3 +73,15 @@ def test_what_moves_inside_keeps_the_size_of_the_momentum(name: str) -> None:
     sizes, energy = np.linalg.norm(h, axis=1), np.einsum("ki,ki->k", h, w)
     assert np.ptp(sizes) < 1e-3 * sizes[0]
     assert np.ptp(energy) > 3e-3 * energy[0]
+
+
+def test_a_late_clock_reads_the_motion_behind_the_last_epoch() -> None:
+    scenario, motion = replace(SCENARIO, kind=GYRO), np.random.SeedSequence(5).spawn(3)[0]
+    (stream,) = recording("clock-drift", GYRO, 3.0).log.streams
+    short, long = (
+        faulty_motion(scenario, Physics(), np.random.default_rng(motion), more) for more in (0.0, 3.0)
+    )
+    np.testing.assert_array_equal(long.states[: len(short.time)], short.states)
+    late = np.searchsorted(long.time, stream.time[-1] + 3.0 - 1e-9)
+    assert np.abs(stream.values[-1] - long.block("w")[late]).max() < 5 * scenario.gyro_std
+    assert np.abs(stream.values[-1] - short.block("w")[-1]).max() > 0.1

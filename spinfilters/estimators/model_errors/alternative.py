@@ -26,6 +26,7 @@ class Alternative(ABC):
     name: of the error.   phrase: in a sentence, with its article.   unit: of its size.   cure: what to do about it.
     by_epoch: whether it is drawn anew at every epoch; if not, it is the same in all.
     plausible: standard deviation of what its size is before anything is measured; infinite where nothing is known.
+    only_positive: whether its one size is of one sign: what brakes does not drive.
     block: of a state that holds it, None where none does.   held_by: settings that put it there, by table and key.
     """
 
@@ -35,6 +36,7 @@ class Alternative(ABC):
     cure: ClassVar[str]
     by_epoch: ClassVar[bool] = False
     plausible: ClassVar[float] = float("inf")
+    only_positive: ClassVar[bool] = False
     block: ClassVar[StateBlock | None] = None
     held_by: ClassVar[Mapping[str, Mapping[str, bool | float]]] = MappingProxyType({})
 

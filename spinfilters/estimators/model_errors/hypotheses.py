@@ -9,7 +9,6 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.special import gammaln
 
 from spinfilters.estimators.identification.identify import STAGE, identify
 from spinfilters.estimators.identification.noise_model import NoiseModel
@@ -32,13 +31,11 @@ NOISE_RATIO: Final = 1.25
 """Of squared residuals over their expectation, either way, beyond which noise levels are identified anew before the tests."""
 CHANCE: Final = 1e-6
 """Probability of larger residuals below which the noise level of a component is contradicted."""
+UNSETTLED: Final = 0.1
+"""Share of a cost that the linear problem promises to take off, from which the states are not the most probable ones."""
 IN_A_ROW: Final = 2
 """Epochs without any measurement that counts, beyond which gross errors are none."""
 EVERY_MEASUREMENT: Final = Stage(LeastSquares(), pose_only_loss=LeastSquares())
-GROSS: Final = 30.0
-"""Width of gross errors over the standard deviation of the noise."""
-RARE: Final = 0.02
-"""Share of measurements that are gross errors, before the data tell."""
 FEWEST_COUNTED: Final = 0.9
 """Share of measurements that count, below which noise is identified anew."""
 
@@ -119,14 +116,14 @@ def noise_of(model: NoiseModel, solved: LinearRows, told: KnownLevels = NOTHING_
     factors = tuple(source_factors(problem, here, model.densities))
     names = (*(each.name for each in model.components), *model.densities)
     known = np.array([name in told.stated for name in names])
-    correlated = np.array([name in told.correlation for name in names])
+    correlation = np.array([told.correlation.get(name, 1.0) for name in names])
     dof = np.maximum(after.redundancy, 0.0)
     for k, each in enumerate(model.components):
-        if correlated[k]:
+        if correlation[k] > 1:
             values = sum(len(solved.sensor_rows[s]) * len(rows) for s, rows in each.sensors.items())
-            dof[k] = max(values / told.correlation[each.name] - (values - dof[k]), 0.0)
+            dof[k] = max(values / correlation[k] - (values - dof[k]), 0.0)
     larger = np.array([told.inflation.get(name, 1.0) for name in names])
-    return NoiseComponents(model.components, factors, after.redundancy, known, correlated, dof, larger)
+    return NoiseComponents(model.components, factors, after.redundancy, known, correlation, dof, larger)
 
 
 def is_doubtful(noise: NoiseComponents, solved: LinearRows) -> bool:
@@ -144,6 +141,12 @@ def is_contradicted(noise: NoiseComponents, solved: LinearRows) -> bool:
     squares = noise.squares(solved.left)
     told = noise.redundancy > TELLING
     return bool(np.any(chi_square_tail(squares[told], noise.redundancy[told]) < CHANCE)) or rejects(solved)
+
+
+def is_settled(solved: LinearRows) -> bool:
+    """Whether the states are about the most probable ones, so that the linear problem says what residuals cost."""
+    cost = solved.here.cost(solved.normal.used, solved.normal.stage)
+    return solved.normal.predicted_reduction < max(UNSETTLED * cost, 1.0)
 
 
 def rejects(solved: LinearRows) -> bool:
@@ -165,11 +168,17 @@ def rejects_in_a_row(solved: LinearRows) -> bool:
 
 
 def measured_epochs(solved: LinearRows) -> tuple[Bool[np.ndarray, " k"], Bool[np.ndarray, " k"]]:
-    """Epochs with measurements without landmarks, and those in which any of these counts."""
-    measured, counted = np.zeros((2, solved.problem.ordering.epochs), dtype=bool)
+    """Epochs with measurements, and those in which any without landmarks counts, or half the observations of landmarks."""
+    epochs, fit = solved.problem.ordering.epochs, solved.normal.eliminated
+    measured, counted = np.zeros((2, epochs), dtype=bool)
     for sensor, good in zip(solved.problem.motion.sensors, solved.counted, strict=True):
         measured[sensor.epoch] = True
         counted[sensor.epoch[good]] = True
+    if fit is not None:
+        every, used = (
+            np.bincount(fit.observations.epoch[k], minlength=epochs) for k in (slice(None), fit.used)
+        )
+        measured, counted = measured | (every > 0), counted | (used > every / 2)
     return measured, counted
 
 
@@ -178,17 +187,21 @@ def with_refused_in_a_row(solved: LinearRows) -> LinearRows | None:
 
     Gates that refuse epochs in a row would hide an error; else as it is.
     """
-    problem = solved.problem
-    if problem.observations is not None or not rejects_in_a_row(solved):
+    if not rejects_in_a_row(solved):
         return solved
-    return solved_near(problem, solved.here.trajectory, solved.here.points, EVERY_MEASUREMENT)
+    fit, stage = solved.normal.eliminated, EVERY_MEASUREMENT
+    if fit is not None:
+        measured, counted = measured_epochs(solved)
+        taken = fit.used | (measured & ~counted)[fit.observations.epoch]
+        stage = replace(stage, loss=_Chosen(taken.astype(float)))
+    return solved_near(solved.problem, solved.here.trajectory, solved.here.points, stage)
 
 
-def with_identified(model: NoiseModel, solved: LinearRows) -> LinearRows | None:
+def with_identified(model: NoiseModel, solved: LinearRows, gated: bool = True) -> LinearRows | None:
     """The problem with the noise levels that it identifies itself, solved again.
 
     None where it identifies none, or such that gates reject what they accept at the levels stated: a level that falls below what
-    the linearisation tells takes its measurements out, and then explains nothing.
+    the linearisation tells takes its measurements out, and then explains nothing. Unless ``gated`` the same measurements count.
     """
     here = solved.here
     found = identify(model, here.trajectory, here.points)
@@ -198,6 +211,8 @@ def with_identified(model: NoiseModel, solved: LinearRows) -> LinearRows | None:
     power = [2.0] * len(model.components) + [1.0] * len(model.densities)
     values = [each.value for each in found.components]
     log_variance = np.array(power) * np.log(np.divide(values, stated))
+    if not gated:
+        return among_inliers(model.scaled(log_variance), solved)
     again = solved_near(model.scaled(log_variance), here.trajectory, here.points)
     if again is None or (rejects(again) and not rejects(solved)):
         return None
@@ -220,73 +235,3 @@ def among_inliers(
     loss = LeastSquares() if fit is None else _Chosen(fit.used.astype(float))
     own = replace(problem, motion=motion)
     return solved_near(own, inliers.here.trajectory, inliers.here.points, Stage(loss))
-
-
-def minus_twice_log_likelihood(rows: LinearRows) -> float:
-    """-2 ln likelihood of the measurements, states and landmarks integrated out (Laplace).
-
-    Up to a constant of the measurements' number. Measurements that are refused count as gross errors.
-    """
-    total = float(rows.left.gram(rows.left)[0, 0]) + _of_sensors(rows) + _of_observations(rows)
-    fit, s = rows.normal.eliminated, rows.solution
-    d = len(rows.problem.ordering.moving)
-    total -= 2 * float(np.linalg.slogdet(rows.here.dynamics.rows[:, :, d : 2 * d])[1].sum())
-    total += 2 * float(np.log(np.diag(s.information_sqrt)).sum())
-    total += 2 * float(np.log(np.einsum("kii->ki", s.tridiagonal.information_sqrts)).sum())
-    if fit is not None:
-        told = np.einsum("kii->ki", fit.information_sqrt[fit.is_constrained])
-        total += 2 * float(np.log(told).sum())
-    return total
-
-
-def _of_sensors(rows: LinearRows) -> float:
-    """ln determinant of the noise covariances, and what refused measurements add."""
-    total = 0.0
-    for sensor, counts in zip(rows.problem.motion.sensors, rows.counted, strict=True):
-        if not len(sensor.epoch):
-            continue
-        x, scale = rows.here.trajectory[sensor.epoch], 1.0 if sensor.scale is None else sensor.scale
-        innovation, valid = sensor.model.innovations(x, sensor.parameters, sensor.values)
-        whitening = sensor.model.whitening(x, sensor.parameters) / np.expand_dims(scale, -1)
-        total += _stated_cost(innovation[valid] / scale, whitening[valid], counts[valid])
-    return total
-
-
-def _of_observations(rows: LinearRows) -> float:
-    """The same of observations of landmarks that are well-constrained."""
-    fit, observations, total = rows.normal.eliminated, rows.problem.observations, 0.0
-    if fit is None or observations is None:
-        return total
-    for group in observations.groups:
-        told = fit.is_constrained[observations.landmark[group.rows]]
-        at, scale = group.rows[told], observations.scale
-        points, x = rows.here.points[observations.landmark[at]], rows.here.trajectory[observations.epoch[at]]
-        parameters = np.concatenate([points, group.parameters[told]], axis=1)
-        innovation, valid = group.model.innovations(x, parameters, group.values[told])
-        whitening = group.model.whitening(x, parameters) / scale
-        total += _stated_cost(innovation[valid] / scale, whitening[valid], fit.used[at][valid])
-    return total
-
-
-def _stated_cost(
-    innovation: Float[np.ndarray, "k i"],
-    whitening: Float[np.ndarray, "k i i"],
-    counts: Bool[np.ndarray, " k"],
-) -> float:
-    squares = np.sum(innovation[~counts] ** 2, axis=1)
-    refused = gross_error_cost(squares, innovation.shape[1]).sum()
-    return float(refused - 2 * np.linalg.slogdet(whitening)[1].sum())
-
-
-def gross_error_cost(squares: Float[np.ndarray, " k"], size: int) -> Float[np.ndarray, " k"]:
-    """-2 ln density of gross errors over that of white noise at its centre.
-
-    Cauchy's, far wider than the noise, times how rare they are: noise that is too small does not gain by what is refused for it.
-
-    Parameters
-    ----------
-    squares: squared lengths of whitened innovations of ``size`` components.
-    """
-    shape = (size + 1) / 2
-    constant = size * np.log(GROSS**2 / 2) + 2 * (gammaln(0.5) - gammaln(shape)) - 2 * np.log(RARE)
-    return constant + 2 * shape * np.log1p(squares / GROSS**2)

@@ -15,10 +15,11 @@ from spinfilters.estimators.identification.noise_model import NoiseModel
 from spinfilters.estimators.model_errors.hypotheses import (
     KnownLevels,
     among_inliers,
-    minus_twice_log_likelihood,
     noise_of,
 )
-from spinfilters.estimators.model_errors.score_tests import ScoreTest, likelier, score_tests
+from spinfilters.estimators.model_errors.laplace_likelihood import minus_twice_log_likelihood
+from spinfilters.estimators.model_errors.score_test import ScoreTest
+from spinfilters.estimators.model_errors.score_tests import likelier, score_tests
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 
 SUSPECTED: Final = 0.05

@@ -8,7 +8,9 @@ from jaxtyping import Bool, Float
 
 from spinfilters.estimators.identification.components import ComponentRows
 from spinfilters.estimators.model_errors.columns import Columns
+from spinfilters.estimators.model_errors.null_distributions import FEWEST
 from spinfilters.estimators.model_errors.solved_columns import flat
+from spinfilters.linear_algebra.chi_square import fisher_tail
 
 TELLING: Final = 20.0
 """Redundancy of a component from which a ratio of its squared residuals tells anything."""
@@ -40,7 +42,7 @@ class NoiseComponents:
     ----------
     components: of sensors.   factors: (k - 1, d, i) of each disturbance, L^-1 G of its share G G' of a step's covariance L L'.
     redundancy: S of each, expected squared residuals, sensors first.   known: whether a level is stated, not identified.
-    correlated: whether a level stands for an error that is correlated, as white noise that weighs as much.
+    correlation: samples that count as one, of a level that stands for a correlated error as white noise of its weight; else 1.
     telling: degrees of freedom of the residuals that tell each level: its redundancy; of a correlated error what the states, which
         are as slow, leave of its independent samples.
     inflation: of stated variances for errors that rows have in common, at least 1.
@@ -50,7 +52,7 @@ class NoiseComponents:
     factors: tuple[Float[np.ndarray, "k d i"], ...]
     redundancy: Float[np.ndarray, " c"]
     known: Bool[np.ndarray, " c"]
-    correlated: Bool[np.ndarray, " c"]
+    correlation: Float[np.ndarray, " c"]
     telling: Float[np.ndarray, " c"]
     inflation: Float[np.ndarray, " c"]
 
@@ -73,6 +75,27 @@ class NoiseComponents:
             explained = [flat(W.swapaxes(1, 2) @ each.steps) for each in (one, other)]
             found[k] = explained[0].T @ explained[1]
         return found
+
+    @property
+    def correlated(self) -> Bool[np.ndarray, " c"]:
+        """Whether a level stands for an error that is correlated."""
+        return self.correlation > 1
+
+    def beside_all(self, statistic: float, count: float, left: Float[np.ndarray, " c"]) -> float:
+        """Probability of a greater statistic of ``count`` errors, beside what all residuals leave.
+
+        Where a level stands for a correlated error, which an error of the models may have been taken for; else 1. Its white noise
+        makes residuals smaller than their redundancy, by the samples that count as one.
+
+        Parameters
+        ----------
+        left: squared residuals by component, the error in them.
+        """
+        if not self.correlated.any() or statistic <= 0:
+            return 1.0
+        dof = max(float(self.redundancy.sum() / self.correlation.max()), count + FEWEST)
+        rest = max(float(left.sum()) - statistic, np.finfo(float).tiny)
+        return fisher_tail(statistic / count * (dof - count) / rest, count, dof - count)
 
     @property
     def dof(self) -> Float[np.ndarray, " c"]:

@@ -14,7 +14,7 @@ without the error: `null_distributions`.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -28,86 +28,15 @@ from spinfilters.estimators.model_errors.error_size import LEAST_LEFT, ErrorSize
 from spinfilters.estimators.model_errors.linear_rows import summed
 from spinfilters.estimators.model_errors.noise_components import NoiseComponents
 from spinfilters.estimators.model_errors.null_distributions import gain_tail, weighted_chi_square_tail
+from spinfilters.estimators.model_errors.score_test import ScoreTest
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 
 MOST_EPOCHS: Final = 60
 """At which an error drawn by epoch is looked for; of a longer recording they are chosen evenly."""
 VARIANCES: Final = np.logspace(-2, 6, 65)
 """Of an error by epoch that are tried, in those that its most telling direction is known to."""
-TELLING: Final = 1e-2
-"""Probability of a test below which its error is removed from the solution, to see what that changes."""
 TESTED_VARIANCES: Final = (0.1, 1.0, 10.0, 100.0)
-"""Likewise, for each of which there is a test: the most powerful one against it."""
-
-
-class Effect(NamedTuple):
-    """Effect of an error on the state component it moves most.
-
-    In deviations: at one epoch, and root mean square over all.
-    """
-
-    largest: float
-    rms: float
-
-
-@dataclass(frozen=True)
-class ScoreTest:
-    """Score test of one model error.
-
-    Attributes
-    ----------
-    size, std: of its components, in its unit; of an error by epoch its standard deviation.
-    statistic, dof: of the score, chi-squared without the error.   gain: see the module.
-    p_value: probability of as much without the error.
-    shift: (k, n) by which the states of all epochs move once the error is removed; None of one that is not `TELLING`.
-    explained: what it explains of all whitened residuals, likewise.
-    level: by how much ln variance of an identified noise level falls with it removed, of the one that falls most.
-    level_dof: degrees of freedom that tell the levels that fall; infinite of stated ones.
-    """
-
-    error: Alternative
-    size: Float[np.ndarray, " m"]
-    std: Float[np.ndarray, " m"]
-    statistic: float
-    dof: float
-    gain: float
-    p_value: float
-    shift: Float[np.ndarray, "k n"] | None = None
-    explained: Float[np.ndarray, " r"] | None = None
-    level: float = 0.0
-    level_dof: float = np.inf
-
-    def likeness(self, other: "ScoreTest") -> float:
-        """Correlation of what two errors explain; 0 where it is not known."""
-        a, b = self.explained, other.explained
-        if a is None or b is None or a.shape != b.shape:
-            return 0.0
-        product = float(a @ b) / max(float(np.sqrt((a @ a) * (b @ b))), np.finfo(float).tiny)
-        return product if np.isfinite(product) else 0.0
-
-    def effect(self, std: Float[np.ndarray, "k n"]) -> Effect:
-        """How far the states would move, in their deviations; infinite where it is not known."""
-        if self.shift is None or not (np.isfinite(self.shift).all() and std.shape == self.shift.shape):
-            return Effect(np.inf, np.inf)
-        moved = np.abs(self.shift) / np.where(std > 0, std, np.inf)
-        return Effect(
-            float(moved.max(initial=0.0)), float(np.sqrt(np.mean(moved**2, axis=0)).max(initial=0.0))
-        )
-
-    @property
-    def is_telling(self) -> bool:
-        """Whether as much is improbable enough without the error to see what its removal changes."""
-        return self.p_value < TELLING
-
-    def removing(self, motion: SmoothedMotion, right: Columns, explained: Columns) -> "ScoreTest":
-        """With what its removal does to states and residuals."""
-        shift = motion.rows.sensitivity(right).states[:, :, 0]
-        return replace(self, shift=shift, explained=np.concatenate([p.ravel() for p in explained.parts]))
-
-    @property
-    def merit(self) -> float:
-        """Gain beyond what so many free numbers take of noise (Akaike 1974)."""
-        return self.gain - 2 * self.dof
+"""Of an error by epoch, likewise, for each of which there is a test: the most powerful one against it."""
 
 
 class _Left(NamedTuple):
@@ -162,8 +91,10 @@ def likelier(found: list[ScoreTest], beside: list[ScoreTest], advantage: float) 
         instead = other.get(each.error.name)
         gained = -np.inf if instead is None else instead.statistic - advantage
         if instead is not None and gained > each.gain:
-            beyond = gain_tail(gained, instead.dof, instead.level_dof)
-            each = replace(instead, statistic=gained, gain=gained, p_value=min(beyond, each.p_value))
+            beyond = _probability(each.error, gained, instead.dof, instead.level_dof)
+            each = replace(
+                instead, statistic=gained, gain=gained, p_value=min(beyond, each.p_value), beside_all=1.0
+            )
         best.append(each)
     return sorted(best, key=lambda each: -each.merit)
 
@@ -198,13 +129,21 @@ def _tested(
     gain = noise.gain(every.left, every.left_without(own, removed))
     gained, dof = gain.value - size.improbability, size.dof
     std = np.sqrt(np.diag(size.covariance)) / scale
-    p_value, statistic = gain_tail(gained, dof, gain.dof), float(u @ size.value)
+    if error.only_positive and size.value[0] < 0:
+        return ScoreTest(error, size.value / scale, std, 0.0, dof, 0.0, 1.0)
+    p_value, statistic = _probability(error, gained, dof, gain.dof), float(u @ size.value)
     found = ScoreTest(error, size.value / scale, std, statistic, dof, gained, p_value)
-    found = replace(found, level=gain.level, level_dof=gain.dof)
+    beside_all = noise.beside_all(statistic, dof, every.left)
+    found = replace(found, level=gain.level, level_dof=gain.dof, beside_all=beside_all)
     if not found.is_telling:
         return found
     right = columns.times(removed[:, None])
     return found.removing(motion, right, motion.rows.residual(right))
+
+
+def _probability(error: Alternative, gained: float, dof: float, level_dof: float) -> float:
+    """Of a greater gain without the error; of one that has a sign half that of either sign."""
+    return gain_tail(gained, dof, level_dof) / (2.0 if error.only_positive else 1.0)
 
 
 def _by_epoch(

@@ -5,7 +5,7 @@ From before the first epoch to behind the last.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -65,46 +65,82 @@ class Physics:
         opening = np.max(inertia) * self.hinge.reshape(3, 3)
         J = inertia + (share - 0.5) * opening
         h = J @ w
-        along = h / np.linalg.norm(h)
-        lost = self.loss * np.linalg.norm(h) * (w - along * (along @ w)) + opening @ w / span
-        braked = self.drag * np.linalg.norm(w) * w
+        size = float(np.sqrt(h @ h))
+        along = h / size
+        lost = self.loss * size * (w - along * (along @ w)) + opening @ w / span
+        braked = self.drag * float(np.sqrt(w @ w)) * w
         pushed = self.torque + self.touch(share)[:3] - braked
-        return np.linalg.solve(J, np.cross(h + self.rotor, w) - lost) + pushed
+        return np.linalg.solve(J, _cross(h + self.rotor, w) - lost) + pushed
 
     def velocity_change(self, v: Vector, share: float) -> Vector:
         """v'."""
         return self.acceleration + self.touch(share)[3:] - self.air * np.linalg.norm(v) * v
 
 
-def faulty_motion(scenario: Scenario, physics: Physics, generator: np.random.Generator) -> Motion:
-    """States at `SUBSTEPS` times in every interval, with the scenario's disturbances."""
+def faulty_motion(
+    scenario: Scenario, physics: Physics, generator: np.random.Generator, behind: float = 0.0
+) -> Motion:
+    """States at `SUBSTEPS` times in every interval, with the scenario's disturbances.
+
+    From an interval before the first epoch to one, and ``behind`` s, after the last; the motion is the same, however far it goes.
+    """
     x, h = first_state(scenario, LAYOUT), scenario.interval / SUBSTEPS
-    J, c = inertia_matrix(x[LAYOUT.mean_slice("s")]), x[LAYOUT.mean_slice("c")]
-    time = h * np.arange(-SUBSTEPS, (scenario.epochs + 1) * SUBSTEPS)
-    q, w, v = (x[LAYOUT.mean_slice(block)].copy() for block in "awv")
-    r = x[LAYOUT.mean_slice("t")] + c
+    J = inertia_matrix(x[LAYOUT.mean_slice("s")])
+    time = h * np.arange(-SUBSTEPS, (scenario.epochs + 1) * SUBSTEPS + int(np.ceil(behind / h)))
+    w, v = (x[LAYOUT.mean_slice(block)].copy() for block in "wv")
     std = np.sqrt(h * np.array([scenario.noise.torque_psd, scenario.noise.force_psd]))
-    states, span = np.tile(x, (len(time), 1)), scenario.interval * (scenario.epochs - 1)
+    span = scenario.interval * (scenario.epochs - 1)
+    rates, velocities, turns, moves = np.zeros((4, len(time), 3))
     for k, now in enumerate(time):
-        states[k, LAYOUT.mean_slice("t")] = r - matrix_from_quaternion(q) @ c
-        for block, value in (("a", q), ("v", v), ("w", w)):
-            states[k, LAYOUT.mean_slice(block)] = value
+        rates[k], velocities[k] = w, v
         share = float(np.clip(now / span, 0.0, 1.0))
         k1 = physics.rate_change(J, w, share, span)
         k2 = physics.rate_change(J, w + h / 2 * k1, share, span)
         k3 = physics.rate_change(J, w + h / 2 * k2, share, span)
         k4 = physics.rate_change(J, w + h * k3, share, span)
-        turned = w + h * (k1 + k2 + k3) / 6
-        q = multiply(q, quaternion_from_rotation_vector(h * turned))
+        turns[k] = h * (w + h * (k1 + k2 + k3) / 6)
         w = w + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4) + std[0] * generator.standard_normal(3)
         acceleration = physics.velocity_change(v, share)
-        r = r + h * v + h * h / 2 * acceleration
+        moves[k] = h * v + h * h / 2 * acceleration
         v = v + h * acceleration + std[1] * generator.standard_normal(3)
-    return Motion(LAYOUT, time, states)
+    return Motion(LAYOUT, time, _states(x, _Path(rates, velocities, turns, moves)))
+
+
+class _Path(NamedTuple):
+    """Rates and velocities at every time, rotations and moves from each to the next."""
+
+    rates: Float[np.ndarray, "k 3"]
+    velocities: Float[np.ndarray, "k 3"]
+    turns: Float[np.ndarray, "k 3"]
+    moves: Float[np.ndarray, "k 3"]
+
+
+def _states(first: Float[np.ndarray, " m"], path: _Path) -> Float[np.ndarray, "k m"]:
+    """States at every time from that at the first."""
+    states = np.tile(first, (len(path.rates), 1))
+    q = np.empty((len(states), 4))
+    q[0] = first[LAYOUT.mean_slice("a")]
+    turned = quaternion_from_rotation_vector(path.turns[:-1])[:, None]
+    for k, by in enumerate(multiply(np.tile(np.eye(4), (len(turned), 1, 1)), np.repeat(turned, 4, axis=1))):
+        q[k + 1] = q[k] @ by
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    moved = np.concatenate([np.zeros((1, 3)), np.cumsum(path.moves[:-1], axis=0)])
+    arms = _arms(q, states)
+    for block, value in (("a", q), ("v", path.velocities), ("w", path.rates)):
+        states[:, LAYOUT.mean_slice(block)] = value
+    states[:, LAYOUT.mean_slice("t")] = (
+        first[LAYOUT.mean_slice("t")] + first[LAYOUT.mean_slice("c")] + moved - arms
+    )
+    return states
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    """Cross product of two vectors, without what numpy's asks of many."""
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 def motion_at(fine: Motion, time: Float[np.ndarray, " k"]) -> Motion:
-    """To first order from the nearest state of the grid."""
+    """To first order from the nearest state of the grid; nothing is known before it and behind it."""
     step = fine.time[1] - fine.time[0]
     near = np.clip(np.searchsorted(fine.time, time + step / 2) - 1, 0, None)
     states, by = fine.states[near].copy(), (time - fine.time[near])[:, None]

@@ -39,12 +39,14 @@ def faulty_recording(
     The motion, the surface and the sensors' noise are drawn alike whatever the fault.
     """
     motion, values, own = seeds
-    fine = faulty_motion(scenario, Physics.of(fault.physics, size), np.random.default_rng(motion))
     time, drawn = scenario.interval * np.arange(scenario.epochs), np.random.default_rng(own)
+    late = np.zeros(len(time)) if fault.late is None else size * fault.late(time, drawn)
+    physics = Physics.of(fault.physics, size)
+    fine = faulty_motion(scenario, physics, np.random.default_rng(motion), max(float(late.max()), 0.0))
     truth = motion_at(fine, time)
     dataset = measured(scenario, truth, np.random.default_rng(values))
     if fault.late is not None:
-        moved = Motion(truth.layout, time, motion_at(fine, time + size * fault.late(time, drawn)).states)
+        moved = Motion(truth.layout, time, motion_at(fine, np.maximum(time + late, fine.time[0])).states)
         dataset = replace(dataset, log=measured(scenario, moved, np.random.default_rng(values)).log)
     stream = dataset.log.streams[0]
     if fault.rates is not None:

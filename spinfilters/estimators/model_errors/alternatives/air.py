@@ -15,6 +15,7 @@ class AirResistance(Alternative):
 
     name, phrase, unit = "air-resistance", "air that brakes the path", "1/m"
     plausible = 1.0
+    only_positive = True
     cure = "take a slower or shorter throw, or state a larger process.force_psd"
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:

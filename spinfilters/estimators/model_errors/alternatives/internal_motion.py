@@ -17,6 +17,7 @@ class EnergyLoss(Alternative):
 
     name, phrase, unit = "energy-loss", "a loss of energy within the body", "1/rad"
     plausible = 0.3
+    only_positive = True
     cure = (
         "something sloshes or flexes inside: take a shorter recording, or state a larger process.torque_psd"
     )

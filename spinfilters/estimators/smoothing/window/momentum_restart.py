@@ -71,7 +71,7 @@ def restarted_from_momentum(
     layout = problem.layout
     if not layout.translates or problem.observations is None:
         return None, 0
-    trajectory = _in_closed_form(layout, here.trajectory, times)
+    trajectory = trajectory_from_momentum(layout, here.trajectory, times)
     if trajectory is None:
         return None, 0
     best, least, count = None, here.robust_cost(stage) - 1, 0
@@ -93,7 +93,7 @@ def restarted_from_momentum(
     return best, count
 
 
-def _in_closed_form(
+def trajectory_from_momentum(
     layout: StateLayout, given: Float[np.ndarray, "k m"], times: Float[np.ndarray, " k"]
 ) -> Float[np.ndarray, "k m"] | None:
     """Trajectory with rates and constants of conserved momentum.
@@ -110,5 +110,7 @@ def _in_closed_form(
     for block in MOMENTUM_BLOCKS:
         if layout.has(block):
             trajectory[:, layout.mean_slice(block.name)] = first[layout.mean_slice(block.name)]
-    trajectory[:, layout.mean_slice("w")] = evidence.rates
+    # of poses that contradict the others there is no evidence
+    by_axis = [np.interp(times, evidence.time, rate) for rate in evidence.rates.T]
+    trajectory[:, layout.mean_slice("w")] = np.stack(by_axis, axis=1)
     return trajectory

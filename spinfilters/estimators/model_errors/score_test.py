@@ -1,0 +1,92 @@
+"""Score test of one model error: its size, gain and probability, and what its removal changes."""
+
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.estimators.model_errors.alternative import Alternative
+from spinfilters.estimators.model_errors.columns import Columns
+from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
+from spinfilters.linear_algebra.chi_square import chi_square_tail
+
+TELLING: Final = 1e-2
+"""Probability of a test below which its error is removed from the solution, to see what that changes."""
+
+
+class Effect(NamedTuple):
+    """Effect of an error on the state component it moves most.
+
+    In deviations: at one epoch, and root mean square over all.
+    """
+
+    largest: float
+    rms: float
+
+
+@dataclass(frozen=True)
+class ScoreTest:
+    """Score test of one model error.
+
+    Attributes
+    ----------
+    size, std: of its components, in its unit; of an error by epoch its standard deviation.
+    statistic, dof: of the score, chi-squared without the error.   gain: see the module.
+    p_value: probability of as much without the error.
+    shift: (k, n) by which the states of all epochs move once the error is removed; None of one that is not `TELLING`.
+    explained: what it explains of all whitened residuals, likewise.
+    level: by how much ln variance of an identified noise level falls with it removed, of the one that falls most.
+    level_dof: degrees of freedom that tell the levels that fall; infinite of stated ones.
+    beside_all: probability of a greater statistic beside what all residuals leave, at the level of a correlated error; else 1.
+    """
+
+    error: Alternative
+    size: Float[np.ndarray, " m"]
+    std: Float[np.ndarray, " m"]
+    statistic: float
+    dof: float
+    gain: float
+    p_value: float
+    shift: Float[np.ndarray, "k n"] | None = None
+    explained: Float[np.ndarray, " r"] | None = None
+    level: float = 0.0
+    level_dof: float = np.inf
+    beside_all: float = 1.0
+
+    def likeness(self, other: "ScoreTest") -> float:
+        """Correlation of what two errors explain; 0 where it is not known."""
+        a, b = self.explained, other.explained
+        if a is None or b is None or a.shape != b.shape:
+            return 0.0
+        product = float(a @ b) / max(float(np.sqrt((a @ a) * (b @ b))), np.finfo(float).tiny)
+        return product if np.isfinite(product) else 0.0
+
+    def effect(self, std: Float[np.ndarray, "k n"]) -> Effect:
+        """How far the states would move, in their deviations; infinite where it is not known."""
+        if self.shift is None or not (np.isfinite(self.shift).all() and std.shape == self.shift.shape):
+            return Effect(np.inf, np.inf)
+        moved = np.abs(self.shift) / np.where(std > 0, std, np.inf)
+        return Effect(
+            float(moved.max(initial=0.0)), float(np.sqrt(np.mean(moved**2, axis=0)).max(initial=0.0))
+        )
+
+    @property
+    def is_telling(self) -> bool:
+        """Whether as much is improbable enough without the error to see what its removal changes."""
+        return self.p_value < TELLING
+
+    def removing(self, motion: SmoothedMotion, right: Columns, explained: Columns) -> "ScoreTest":
+        """With what its removal does to states and residuals."""
+        shift = motion.rows.sensitivity(right).states[:, :, 0]
+        return replace(self, shift=shift, explained=np.concatenate([p.ravel() for p in explained.parts]))
+
+    @property
+    def score_p_value(self) -> float:
+        """Probability of a greater statistic at the noise levels of the estimates."""
+        return min(float(chi_square_tail(self.statistic, self.dof)), self.beside_all)
+
+    @property
+    def merit(self) -> float:
+        """Gain beyond what so many free numbers take of noise (Akaike 1974)."""
+        return self.gain - 2 * self.dof

@@ -1,0 +1,78 @@
+"""Which tests of model errors a verdict names."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from spinfilters.estimators.model_errors.alternative import table
+from spinfilters.estimators.model_errors.score_test import ScoreTest
+from spinfilters.pipeline import model_errors
+
+
+@pytest.mark.parametrize(
+    ("size", "level", "contradicted", "names"),
+    [
+        (1.5, 0.1, False, ()),
+        (1.5, 0.1, True, ("torque",)),
+        (1.5, 0.3, False, ("torque",)),
+        (1.9, 0.1, False, ("torque",)),
+        (2.1, 0.1, False, ("torque",)),
+    ],
+)
+def test_an_error_beyond_chance_is_named_where_it_moves_a_state_or_a_noise_level(
+    size: float, level: float, contradicted: bool, names: tuple[str, ...]
+) -> None:
+    std = np.full((3, 2), 0.1)
+    shift = np.array([[0.0, 0.0], [0.01, -0.1 * size], [0.0, 0.02]])
+    one = np.ones(1)
+    test = ScoreTest(table()["torque"], one, one, 40.0, 1.0, 40.0, 1e-8, shift, level=level)
+    assert model_errors.TestedModels((test,), contradicted, std=std).names == names
+
+
+@pytest.mark.parametrize(
+    ("statistic", "slow", "names"), [(6.0, False, ()), (7.0, False, ("torque",)), (7.0, True, ())]
+)
+def test_what_only_lets_noise_levels_fall_is_not_named(
+    statistic: float, slow: bool, names: tuple[str, ...]
+) -> None:
+    one, std = np.ones(1), np.full((1, 1), 0.1)
+    test = ScoreTest(table()["torque"], one, one, statistic, 1.0, 40.0, 1e-8, 5 * std, level=0.1)
+    tests = (test, replace(test, error=table()["drag"], p_value=1.0))
+    assert model_errors.TestedModels(tests, std=std, beside_slow_noise=slow).names == names
+
+
+@pytest.mark.parametrize(
+    ("size", "p_value", "slow", "named"),
+    [
+        (5.0, 1.9e-3, False, True),
+        (5.0, 2.1e-3, False, False),
+        (3.0, 1.9e-3, False, False),
+        (5.0, 1.9e-3, True, False),
+    ],
+)
+def test_an_error_that_alone_makes_estimates_wrong_is_named_sooner(
+    size: float, p_value: float, slow: bool, named: bool
+) -> None:
+    one, std = np.ones(1), np.full((1, 1), 0.1)
+    test = ScoreTest(table()["torque"], one, one, 40.0, 1.0, 40.0, p_value, size * std, level=0.1)
+    others = tuple(replace(test, error=error, p_value=1.0) for error in list(table().values())[:9])
+    assert bool(model_errors.TestedModels((test, *others), std=std, beside_slow_noise=slow).names) == named
+
+
+def test_errors_that_explain_the_same_residuals_are_named_as_one() -> None:
+    one, alike, other = np.ones(1), np.array([1.0, 0.1, 0.0]), np.array([0.0, 1.0, 0.0])
+    tests = tuple(
+        ScoreTest(table()[name], one, one, gain, 1.0, gain, 1e-9, None, explained)
+        for name, gain, explained in (
+            ("drag", 60.0, np.array([2.0, 0.0, 0.0])),
+            ("energy-loss", 55.0, alike),
+            ("torque", 50.0, other),
+            ("hinge", 45.0, other),
+            ("rotor", 40.0, np.array([0.0, 0.0, 1.0])),
+        )
+    )
+    models = model_errors.TestedModels(tests)
+    assert models.names == ("drag/energy-loss", "torque/hinge")
+    assert [each.error.name for each in models.named] == ["drag", "energy-loss", "torque", "hinge"]
+    assert "or, which looks alike, a loss of energy" in models.reasons[0]
