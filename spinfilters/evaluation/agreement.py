@@ -4,10 +4,12 @@ The NEES that the filter is expected to have.
 A smoother linearises until it has converged, a filter once. Where the smoother's belief N(x_s, P_s) is right, the error of a
 filter's N(x_f, P_f) has the expected NEES
 
-    E e' P_f^-1 e = tr(P_f^-1 P_s) + d' P_f^-1 d,   d = x_s - x_f,
+    E e' P_f^-1 e = tr(P_f^-1 R^-1 P_s R^-T) + d' P_f^-1 d,   x_s = x_f [+] d,
 
-which is the number of components for a filter that loses nothing: then d has the covariance P_f - P_s. Errors of the calibration
-are in both, and not counted.
+which is the number of components for a filter that loses nothing: then d has the covariance P_f - P_s. The error of a state is one
+about the estimate, and R = d(error about x_s) / d(error about x_f) takes it from one estimate to the other. A mass distribution is
+known a hundred times better in one direction than in another, and is told in axes that turn by some degrees between the two:
+without R the larger deviation would count as an error in the smaller one. Errors of the calibration are in both, and not counted.
 """
 
 import numpy as np
@@ -27,10 +29,18 @@ def expected_nees(history: EstimateHistory, smoother: EstimateHistory) -> Float[
     rows = np.arange(history.initialisation, count)
     rows = rows[finite_epochs(history)[rows] & finite_epochs(smoother)[rows]]
     away = layout.local(history.mean[rows], smoother.mean[rows])
-    seen = np.concatenate([smoother.random_factor()[rows], away[..., np.newaxis]], axis=2)
+    parts = zip(
+        history.random_factor()[rows],
+        smoother.random_factor()[rows],
+        layout.reset_jacobian(away),
+        away,
+        strict=True,
+    )
     result = np.full(len(rows), np.inf)
-    for k, (factor, columns) in enumerate(zip(history.random_factor()[rows], seen, strict=True)):
+    for k, (factor, smoothed, reset, error) in enumerate(parts):
         try:
+            about_filter = np.linalg.solve(reset, smoothed)
+            columns = np.column_stack([about_filter, error])
             result[k] = np.square(np.linalg.solve(factor, columns)).sum() / layout.error_dim
         except np.linalg.LinAlgError:
             continue

@@ -35,6 +35,20 @@ def test_a_mean_that_is_away_adds_its_squared_length() -> None:
     np.testing.assert_allclose(expected_nees(away, SMOOTHER), 1 + length / N, rtol=1e-6)
 
 
+def test_a_thin_direction_that_turns_with_the_estimate_is_no_error() -> None:
+    """One belief about the mass distribution, told about two estimates."""
+    rng, part = np.random.default_rng(3), LAYOUT.slice("s")
+    thin, error = FACTOR.copy(), np.zeros(N)
+    axes = np.linalg.qr(rng.normal(size=(5, 5)))[0]
+    thin[part], error[part] = 0.0, axes @ [0.2, 1e-3, -1e-3, 1e-3, 1e-3]
+    thin[part, part] = axes * [0.1, 1e-3, 1e-3, 1e-3, 1e-3]
+    moved, about = LAYOUT.retract(SMOOTHER.mean[0], error), LAYOUT.reset_jacobian(error) @ thin
+    filtered, smoothed = history_of(SMOOTHER.mean[:1], thin[None]), history_of(moved[None], about[None])
+    drawn = LAYOUT.retract(np.tile(moved, (2000, 1)), rng.normal(size=(2000, N)) @ about.T)
+    errors = np.linalg.solve(thin, LAYOUT.local(np.tile(SMOOTHER.mean[0], (2000, 1)), drawn).T)
+    np.testing.assert_allclose(expected_nees(filtered, smoothed), np.square(errors).sum() / N / 2000, rtol=0.1)
+
+
 def test_only_own_finite_epochs_that_both_have_are_compared() -> None:
     mean = SMOOTHER.mean.copy()
     mean[3] = np.nan
