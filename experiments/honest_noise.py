@@ -82,10 +82,11 @@ def doubts_of(table: pd.DataFrame) -> Iterator[str]:
     """First doubts about determined runs that are not ``ok``, a line for each kind."""
     kinds: dict[str, list[int]] = {}
     for motion, runs in table.groupby("motion", sort=False):
-        doubted = runs[runs["seed"].isin(determined(runs)) & (runs["verdict"] != "ok")]
-        for row in doubted.to_dict("records"):
-            words = re.split(r"[\d(:;]", row["verdict_reasons"], maxsplit=1)[0].strip()
-            kinds.setdefault(f"{motion}, {row['estimator']}, {row['noise']}: {words}", []).append(row["seed"])
+        told = runs.loc[runs["seed"].isin(determined(runs)) & (runs["verdict"] != "ok")]
+        columns = (told[name].tolist() for name in ("estimator", "noise", "verdict_reasons", "seed"))
+        for estimator, noise, reasons, seed in zip(*columns, strict=True):
+            words = re.split(r"[\d(:;]", reasons, maxsplit=1)[0].strip()
+            kinds.setdefault(f"{motion}, {estimator}, {noise}: {words}", []).append(seed)
     for kind, seeds in kinds.items():
         yield f"{kind}: {len(seeds)} ({', '.join(map(str, sorted(seeds)))})"
 
