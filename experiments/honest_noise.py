@@ -82,7 +82,7 @@ def doubts_of(table: pd.DataFrame) -> Iterator[str]:
     """First doubts about determined runs that are not ``ok``, a line for each kind."""
     kinds: dict[str, list[int]] = {}
     for motion, runs in table.groupby("motion", sort=False):
-        told = runs.loc[runs["seed"].isin(determined(runs)) & (runs["verdict"] != "ok")]
+        told = runs.loc[runs["seed"].isin(determined(runs).tolist()) & (runs["verdict"] != "ok")]
         columns = (told[name].tolist() for name in ("estimator", "noise", "verdict_reasons", "seed"))
         for estimator, noise, reasons, seed in zip(*columns, strict=True):
             words = re.split(r"[\d(:;]", reasons, maxsplit=1)[0].strip()
