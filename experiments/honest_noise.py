@@ -13,9 +13,12 @@ nothing stated and with the true noise stated (``noise = ["silent", "stated"]``)
     levels right  share of identified levels within three standard deviations of the true ones (of bounds: not below them),
     pixel noise   its largest error,
     errors        over those with the noise stated: geometric mean over position, attitude, velocity, rate and runs; 95 % quantile.
+
+Below stand the doubts about determined runs that are not ``ok``, by the words before their first number, with seeds.
 """
 
 import argparse
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -56,7 +59,8 @@ def main() -> None:
     for folder in parser.parse_args().folders:
         study, _ = read_folder(folder)
         print(f"{study.name}\n\n| {' | '.join(HEAD)} |\n|{'---|' * len(HEAD)}")
-        for line in rows_of(read_rows(folder, study.columns).to_pandas()):
+        table = read_rows(folder, study.columns).to_pandas()
+        for line in (*rows_of(table), "", *doubts_of(table)):
             print(line)
 
 
@@ -72,6 +76,19 @@ def rows_of(table: pd.DataFrame) -> Iterator[str]:
         silent, stated = (both[both["noise"] == kind].set_index("seed") for kind in ("silent", "stated"))
         seeds = determined(table.loc[table["motion"] == levels[0]])
         yield f"| {' | '.join((', '.join(map(str, levels)), *_numbers(silent, stated, seeds)))} |"
+
+
+def doubts_of(table: pd.DataFrame) -> Iterator[str]:
+    """First doubts about determined runs that are not ``ok``, a line for each kind."""
+    kinds: dict[str, list[int]] = {}
+    for motion, runs in table.groupby("motion", sort=False):
+        told = runs.loc[runs["seed"].isin(determined(runs).tolist()) & (runs["verdict"] != "ok")]
+        columns = (told[name].tolist() for name in ("estimator", "noise", "verdict_reasons", "seed"))
+        for estimator, noise, reasons, seed in zip(*columns, strict=True):
+            words = re.split(r"[\d(:;]", reasons, maxsplit=1)[0].strip()
+            kinds.setdefault(f"{motion}, {estimator}, {noise}: {words}", []).append(seed)
+    for kind, seeds in kinds.items():
+        yield f"{kind}: {len(seeds)} ({', '.join(map(str, sorted(seeds)))})"
 
 
 def determined(table: pd.DataFrame) -> pd.Index:

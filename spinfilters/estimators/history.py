@@ -95,7 +95,7 @@ class EstimateHistory:
         factor[finite] = lower_roots(np.concatenate([factor[finite], calibration[finite]], axis=2))
         return replace(self, factor=factor, calibration=calibration)
 
-    def random_factor(self, rows: slice = slice(None)) -> Float[np.ndarray, "r e e"]:
+    def random_factor(self, rows: slice | Int[np.ndarray, " r"] = slice(None)) -> Float[np.ndarray, "r e e"]:
         """Of some epochs' covariance without what errors of the calibration add; not triangular then.
 
         The difference is taken of correlations, so that units have no say in what rounding leaves.

@@ -196,14 +196,23 @@ def normalised_square(
 ) -> Float[np.ndarray, " n"]:
     """e' P^-1 e for P = rows rows', infinite where P is singular.
 
-    By a triangular factor of P and a solve.
     ``rows`` are those rows of a covariance factor that belong to the error.
+    """
+    return normalised_trace(error[..., np.newaxis], rows)
+
+
+def normalised_trace(
+    columns: Float[np.ndarray, "n k c"], rows: Float[np.ndarray, "n k e"]
+) -> Float[np.ndarray, " n"]:
+    """tr(P^-1 C C') of columns C for P = rows rows', infinite where P is singular.
+
+    By a triangular factor of P and a solve.
     """
     upper = np.asarray(np.linalg.qr(np.swapaxes(rows, 1, 2), mode="r"))
     regular = _regular(upper)
-    result = np.full(len(error), np.inf)
-    whitened = np.linalg.solve(np.swapaxes(upper[regular], 1, 2), error[regular][..., np.newaxis])[..., 0]
-    result[regular] = np.square(whitened).sum(axis=1)
+    result = np.full(len(columns), np.inf)
+    whitened = np.linalg.solve(np.swapaxes(upper[regular], 1, 2), columns[regular])
+    result[regular] = np.square(whitened).sum(axis=(1, 2))
     return result
 
 

@@ -27,7 +27,7 @@ class Doubts:
 
     Attributes
     ----------
-    shared: about every estimator.   of_filters: about those that continue from the initialisation.
+    shared: about every estimator.   of_filters: about those that continue from the initialisation, with no smoother beside.
     smoother: that filters are held against, None where there is none.   models: tests of the models' errors.
     """
 
@@ -44,14 +44,14 @@ class Doubts:
     def of(self, evaluation: Evaluation, entry: AnyEntry) -> list[str]:
         """About one estimator."""
         if self.setup.is_given:
-            own = [*self.of_filters, *self._agreement_of(evaluation)] if entry.continues else []
+            own = self._agreement_of(evaluation) if entry.continues else []
             return [*self.shared, *own]
         if not entry.continues:
             return [*self.shared, *self.of_levels, *self._of_landmarks]
         agreement = self._agreement_of(evaluation)
         noise = [] if entry.is_baseline or agreement else self._noise_of(evaluation)
         levels = [] if entry.is_baseline else self.of_levels
-        return [*self.shared, *levels, *self.of_filters, *agreement, *noise]
+        return [*self.shared, *levels, *agreement, *noise]
 
     @cached_property
     def of_levels(self) -> list[str]:
@@ -77,7 +77,9 @@ class Doubts:
     def _agreement_of(self, evaluation: Evaluation) -> list[str]:
         """Agreement with the smoother, asked once of a filter."""
         if evaluation.name not in self._agreements:
-            self._agreements[evaluation.name] = agreement_diagnostics(evaluation, self.smoother)
+            self._agreements[evaluation.name] = agreement_diagnostics(
+                evaluation, self.smoother, self.of_filters
+            )
         return self._agreements[evaluation.name]
 
     def _noise_of(self, evaluation: Evaluation) -> list[str]:

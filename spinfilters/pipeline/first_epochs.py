@@ -51,8 +51,13 @@ class FirstEpochs:
         """
         options = self._with_leading_epochs(options)
         if before is not None:
-            options = replace(options, epochs=max(options.epochs, len(before.mean)))
-            options = replace(options, duration=max(options.duration, self._duration(len(before.mean))))
+            count = len(before.mean)
+            options = replace(
+                options,
+                epochs=max(options.epochs, count),
+                share=max(options.share, count / len(self.timeline)),
+                duration=max(options.duration, self._duration(count)),
+            )
 
         made: dict[int, InitialEstimate] = {}
 

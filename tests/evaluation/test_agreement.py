@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spinfilters.evaluation.agreement import expected_nees
+from spinfilters.evaluation.agreement import WHOLE, expected_nees
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 from tests.evaluation.estimate_samples import history_of, sample_point
 
@@ -19,12 +19,12 @@ SMOOTHER = history_of(
 
 
 def test_a_filter_that_says_what_the_smoother_says_is_consistent() -> None:
-    np.testing.assert_allclose(expected_nees(SMOOTHER, SMOOTHER), 1.0, rtol=1e-9)
+    np.testing.assert_allclose(expected_nees(SMOOTHER, SMOOTHER)[WHOLE], 1.0, rtol=1e-9)
 
 
 def test_a_filter_that_states_half_the_deviation_has_four_times_the_square() -> None:
     half = replace(SMOOTHER, factor=SMOOTHER.factor / 2)
-    np.testing.assert_allclose(expected_nees(half, SMOOTHER), 4.0, rtol=1e-9)
+    np.testing.assert_allclose(expected_nees(half, SMOOTHER)[WHOLE], 4.0, rtol=1e-9)
 
 
 def test_a_mean_that_is_away_adds_its_squared_length() -> None:
@@ -32,18 +32,34 @@ def test_a_mean_that_is_away_adds_its_squared_length() -> None:
     error[LAYOUT.slice("v")] = FACTOR[LAYOUT.slice("v")] @ (3.0 * np.eye(N)[LAYOUT.slice("v").start])
     away = replace(SMOOTHER, mean=LAYOUT.retract(SMOOTHER.mean, np.tile(error, (6, 1))))
     length = np.sum(np.linalg.solve(FACTOR, error) ** 2)
-    np.testing.assert_allclose(expected_nees(away, SMOOTHER), 1 + length / N, rtol=1e-6)
+    np.testing.assert_allclose(expected_nees(away, SMOOTHER)[WHOLE], 1 + length / N, rtol=1e-6)
+
+
+def test_a_thin_direction_that_turns_with_the_estimate_is_no_error() -> None:
+    """One belief about the mass distribution, told about two estimates."""
+    rng, part = np.random.default_rng(3), LAYOUT.slice("s")
+    thin, error = FACTOR.copy(), np.zeros(N)
+    axes = np.linalg.qr(rng.normal(size=(5, 5)))[0]
+    thin[part], error[part] = 0.0, axes @ [0.2, 1e-3, -1e-3, 1e-3, 1e-3]
+    thin[part, part] = axes * [0.1, 1e-3, 1e-3, 1e-3, 1e-3]
+    moved, about = LAYOUT.retract(SMOOTHER.mean[0], error), LAYOUT.reset_jacobian(error) @ thin
+    filtered, smoothed = history_of(SMOOTHER.mean[:1], thin[None]), history_of(moved[None], about[None])
+    drawn = LAYOUT.retract(np.tile(moved, (2000, 1)), rng.normal(size=(2000, N)) @ about.T)
+    errors = np.linalg.solve(thin, LAYOUT.local(np.tile(SMOOTHER.mean[0], (2000, 1)), drawn).T)
+    np.testing.assert_allclose(
+        expected_nees(filtered, smoothed)[WHOLE], np.square(errors).sum() / N / 2000, rtol=0.1
+    )
 
 
 def test_only_own_finite_epochs_that_both_have_are_compared() -> None:
     mean = SMOOTHER.mean.copy()
     mean[3] = np.nan
     broken = replace(SMOOTHER, mean=mean, initialisation=2)
-    assert len(expected_nees(broken, SMOOTHER)) == 3
+    assert len(expected_nees(broken, SMOOTHER)[WHOLE]) == 3
 
 
 @pytest.mark.parametrize("row", [0, N - 1])
 def test_a_singular_covariance_is_never_consistent(row: int) -> None:
     factor = SMOOTHER.factor.copy()
     factor[:, row] = 0.0
-    assert np.isinf(expected_nees(replace(SMOOTHER, factor=factor), SMOOTHER)).all()
+    assert np.isinf(expected_nees(replace(SMOOTHER, factor=factor), SMOOTHER)[WHOLE]).all()

@@ -2,7 +2,7 @@
 
 import pandas as pd
 
-from experiments.honest_noise import determined
+from experiments.honest_noise import determined, doubts_of
 
 TABLE = pd.DataFrame(
     [
@@ -18,3 +18,11 @@ TABLE = pd.DataFrame(
 
 def test_moments_are_determined_where_the_smoother_knows_both_with_the_noise_stated() -> None:
     assert determined(TABLE).tolist() == [0]
+
+
+def test_doubts_about_determined_runs_are_told_by_kind_with_seeds() -> None:
+    table = TABLE.assign(motion="rich", verdict="degraded", verdict_reasons="errors are 3.1 times too large")
+    table.loc[0, "verdict"] = "ok"
+    assert list(doubts_of(table)) == []
+    table.loc[2, "seed"] = 0
+    assert list(doubts_of(table)) == ["rich, mekf, stated: errors are: 1 (0)"]

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import cache
 
+import numpy as np
 import pytest
 
 from experiments.honest_cases import RecordingCase, recordings
@@ -59,6 +60,30 @@ def test_nothing_is_smoothed_for_filters_that_began_from_a_well_known_motion() -
     setup = compared(RICH).setup
     assert reference_smoother([], setup, SETTINGS) is None
     assert reference_smoother([], replace(setup, initial=replace(setup.initial, departure=5.0)), SETTINGS)
+
+
+def test_a_filter_that_began_from_vague_moments_is_held_against_a_smoother() -> None:
+    setup = compared(RICH).setup
+    vague = replace(setup.initial, factor=30 * setup.initial.factor)
+    assert reference_smoother([], replace(setup, initial=vague), SETTINGS)
+
+
+def test_what_is_said_of_vague_moments_is_said_only_where_no_smoother_is() -> None:
+    mekf, smoother = compared(RICH).evaluations
+    assert agreement_diagnostics(mekf, smoother.history, ["vague"]) == []
+    assert agreement_diagnostics(mekf, None, ["vague"]) == ["vague"]
+    nothing = replace(smoother.history, factor=np.full_like(smoother.history.factor, np.nan))
+    assert agreement_diagnostics(mekf, nothing, ["vague"]) == ["vague"]
+
+
+def test_a_mass_distribution_that_states_too_little_is_doubted_by_itself() -> None:
+    mekf, smoother = compared(RICH).evaluations
+    factor = mekf.history.factor.copy()
+    factor[:, mekf.history.layout.slice("s")] /= 2.5
+    (reason,) = agreement_diagnostics(
+        mekf.with_fields(history=replace(mekf.history, factor=factor)), smoother.history
+    )
+    assert "of the mass distribution" in reason
 
 
 def evidence(case: RecordingCase, seed: int = 0) -> float:

@@ -7,9 +7,16 @@ import pytest
 from plain_comparison import plainly_compared
 
 from experiments.honest_cases import CASES, recordings
+from experiments.honest_verdicts import outcome_of
+from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
+from spinfilters.estimators.initialisation.options import InitialisationOptions
 from spinfilters.pipeline import initialisation_length
 from spinfilters.pipeline.diagnostics import filter_diagnostics
-from spinfilters.pipeline.initialisation_length import LARGEST_DEPARTURE, departure_of
+from spinfilters.pipeline.initialisation_length import (
+    LARGEST_DEPARTURE,
+    departure_of,
+    long_enough_initialisation,
+)
 from spinfilters.pipeline.setup import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
@@ -19,11 +26,15 @@ BY_NAME = {case.name: case for case in CASES}
 FILTERS = Settings(estimators=("mekf", "ukf"))
 
 
-def test_filters_that_never_come_to_the_smoother_are_degraded() -> None:
-    for recording in recordings(BY_NAME["pose flip"], 2):
-        setup = prepare(recording.dataset, FILTERS)
-        for evaluation in plainly_compared(setup, FILTERS).evaluations:
-            assert evaluation.history.status.verdict is not Verdict.OK
+def test_filters_of_a_flip_are_doubted_or_right() -> None:
+    case, settings = BY_NAME["pose flip"], replace(FILTERS, estimators=("mekf",))
+    outcomes = [
+        outcome_of(case, seed, evaluation, recording)
+        for seed, recording in enumerate(recordings(case, 2))
+        for evaluation in plainly_compared(prepare(recording.dataset, settings), settings).evaluations
+    ]
+    assert any(outcome.verdict is not Verdict.OK for outcome in outcomes)
+    assert not any(outcome.is_dishonest for outcome in outcomes)
 
 
 @pytest.mark.parametrize("kind", ["gyro", "pose"])
@@ -45,3 +56,20 @@ def test_a_filter_from_a_well_known_motion_lies_at_the_smoother() -> None:
     )
     away = departure_of(short.process, short.timeline, short.initial, long.initial)
     assert 0 < away < LARGEST_DEPARTURE
+
+
+@pytest.mark.parametrize(("enough", "length"), [(30, 60), (61, 69), (80, 92), (100, 69)])
+def test_a_third_beyond_the_share_is_taken_where_that_and_no_fewer_is_enough(
+    enough: int, length: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dataset = simulate(Scenario(kind="gyro", rate_rpm=RICH_RPM))
+    setup = prepare(dataset, FILTERS)
+    monkeypatch.setattr(initialisation_length, "_is_enough", lambda found: len(found.mean) >= enough)
+
+    def of_length(options: InitialisationOptions) -> InitialEstimate:
+        count = options.count(setup.timeline)
+        return InitialEstimate.failed(setup.process.layout, count, "for a test")
+
+    monkeypatch.setattr(initialisation_length, "_checked", lambda *given: given[2](given[3]))
+    found = long_enough_initialisation(setup.process, setup.timeline, of_length, InitialisationOptions())
+    assert (len(setup.timeline), len(found.mean)) == (115, length)

@@ -26,7 +26,7 @@ class InitialisationOptions:
 
     Attributes
     ----------
-    epochs: how many epochs it looks at, at most.   share: of the recording, at most.
+    epochs: how many epochs it looks at, at most.   share: of the recording, at most; a third more where filters need it.
     duration: how many seconds it looks at, at most.
     iterations: of the smoother, at most.
     mass_std: of the prior of the mass distribution about the sphere, in the logarithm of second moments (a phone lies at 2).
