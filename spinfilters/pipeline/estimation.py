@@ -15,7 +15,7 @@ from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.evaluation.evaluation import Evaluation, evaluate
 from spinfilters.evaluation.trajectory_errors import Alignment
 from spinfilters.pipeline.calibration_errors import CalibrationErrors
-from spinfilters.pipeline.diagnostics import with_verdict
+from spinfilters.pipeline.diagnostics import LARGEST_MOMENT_STD, with_verdict
 from spinfilters.pipeline.doubts import Doubts, doubts_of
 from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries
 from spinfilters.pipeline.model_errors import NOT_TESTED, TestedModels
@@ -273,13 +273,30 @@ def _evaluated(history: EstimateHistory, setup: Setup) -> Evaluation:
 
 
 def _judge(doubts: Doubts, settings: Settings) -> list[Evaluation]:
-    evaluations, setup, entries = doubts.evaluations, doubts.setup, estimator_entries()
-    peers = [evaluation for evaluation in evaluations if not entries[evaluation.name].is_baseline]
+    """Evaluations with their verdicts, about covariances that hold with errors which may be correlated too."""
+    setup, entries = doubts.setup, estimator_entries()
+    widened = {each.name: _widened(each, doubts) for each in doubts.evaluations}
+    peers = [each for each in widened.values() if not entries[each.name].is_baseline]
+    others = [peer for peer in peers if peer.history.status.verdict is not Verdict.FAILED]
     with_verdicts = []
-    for evaluation in evaluations:
-        entry = entries[evaluation.name]
-        others = [peer for peer in peers if peer.history.status.verdict is not Verdict.FAILED]
-        own = doubts.of(evaluation, entry)
-        status = with_verdict(evaluation, own, others, entry.false_alarm_probability(setup, settings))
-        with_verdicts.append(evaluation.with_status(status))
+    for evaluation in doubts.evaluations:
+        entry, wider = entries[evaluation.name], widened[evaluation.name]
+        own = [*doubts.of(evaluation, entry), *_undetermined(evaluation, wider, doubts)]
+        status = with_verdict(wider, own, others, entry.false_alarm_probability(setup, settings))
+        with_verdicts.append(wider.with_status(status))
     return with_verdicts
+
+
+def _widened(evaluation: Evaluation, doubts: Doubts) -> Evaluation:
+    """With covariances that hold with correlated errors, where these cannot be ruled out."""
+    widening, history = doubts.models.correlated.widening, evaluation.history
+    failed = history.status.verdict is Verdict.FAILED
+    if widening is None or failed or history.layout != doubts.setup.process.layout:
+        return evaluation
+    return _evaluated(history.widened(widening), doubts.setup)
+
+
+def _undetermined(evaluation: Evaluation, wider: Evaluation, doubts: Doubts) -> list[str]:
+    """Why moments are not determined that would be, were errors surely white."""
+    before, after = (float(np.max(each.body.principal_moments_std)) for each in (evaluation, wider))
+    return [doubts.models.correlated.undecided] if before <= LARGEST_MOMENT_STD < after else []

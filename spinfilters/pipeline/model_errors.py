@@ -47,7 +47,7 @@ from spinfilters.estimators.smoothing.solver.annealing import GATE
 from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.linear_algebra.chi_square import chi_square_tail
-from spinfilters.pipeline.correlation_verdict import correlated_error_doubts
+from spinfilters.pipeline.correlation_verdict import PossibleCorrelation, possible_correlation
 from spinfilters.pipeline.identified_noise import Unstated, noise_model
 from spinfilters.pipeline.wrong_units import WrongUnit, wrong_units
 from spinfilters.sensors.registry import sensor_of
@@ -83,7 +83,7 @@ class TestedModels:
     tests: the most explaining first.   contradicted: whether residuals contradict the noise levels that the recording was told.
     trouble: why there are no tests of a motion that was estimated; empty where there are.   units: that are probably others.
     std: (k, n) stated deviations of the states that were tested, or None where they are unknown.
-    correlated: doubts about errors of the measurements that are correlated in time.   solved: what was tested, while it is.
+    correlated: errors of the measurements that are, or may be, correlated in time.   solved: what was tested, while it is.
     """
 
     tests: tuple[ScoreTest, ...] = ()
@@ -91,7 +91,7 @@ class TestedModels:
     trouble: str = ""
     units: tuple[WrongUnit, ...] = ()
     std: Float[np.ndarray, "k n"] | None = None
-    correlated: tuple[str, ...] = ()
+    correlated: PossibleCorrelation = PossibleCorrelation()
     solved: LinearRows | None = None
 
     @cached_property
@@ -151,7 +151,7 @@ class TestedModels:
     @property
     def beside(self) -> list[str]:
         """For doubt beside tests: correlated errors, wrong units, and that no error could be looked for."""
-        units = [*self.correlated, *(each.reason for each in self.units)]
+        units = [*self.correlated.doubts, *(each.reason for each in self.units)]
         if not self.trouble:
             return units
         sentence = f"errors of the models could not be looked for ({self.trouble})"
@@ -183,7 +183,7 @@ def tested_models(setup: "Setup", evaluations: Sequence[Evaluation]) -> TestedMo
     most = MOST_EPOCHS_WITH_MAP if setup.initial.has_landmarks else MOST_EPOCHS
     std = np.linalg.norm(best.factor[:most], axis=2)
     found = tested_about(setup, best.mean[:most], table().values())
-    correlated = tuple(correlated_error_doubts(setup, found.solved, stated_levels(setup)))
+    correlated = possible_correlation(setup, found.solved, stated_levels(setup))
     return replace(found, units=units, std=std, correlated=correlated, solved=None)
 
 
