@@ -46,6 +46,9 @@ class PossibleCorrelation:
     undecided: str = ""
 
 
+NO_CORRELATION: Final = PossibleCorrelation()
+
+
 def possible_correlation(
     setup: "Setup", rows: LinearRows | None, stated: Collection[str]
 ) -> PossibleCorrelation:
@@ -58,7 +61,7 @@ def possible_correlation(
     rows: of a smoothed motion; None where there are none.   stated: names of levels that are not identified.
     """
     if rows is None or setup.gyro_noise is not None:
-        return PossibleCorrelation()
+        return NO_CORRELATION
     levels = Unstated.of_all(setup.log, setup.process.noise)
     model = noise_model(rows.problem, setup.noise, levels)
     seen = observation_correlation(rows)
@@ -66,7 +69,7 @@ def possible_correlation(
         return PossibleCorrelation((_of_landmarks(seen),))
     found = [] if model is None else correlated_errors(rows, model, stated)
     if not found:
-        return PossibleCorrelation()
+        return NO_CORRELATION
     doubts = tuple(_sentence(each) for each in found if _is_doubt(each))[:1]
     widest = max(found, key=lambda each: float(np.square(each.widening).sum()))
     return PossibleCorrelation(doubts, widest.widening, _undecided(widest))

@@ -12,15 +12,14 @@ from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.history import EPOCH_ARRAYS, EstimateHistory, GrowingHistory
 from spinfilters.estimators.run import NO_EPOCH_LEFT, rehearse, run
 from spinfilters.estimators.timeline import Timeline, times_of
-from spinfilters.evaluation.evaluation import Evaluation, evaluate
-from spinfilters.evaluation.trajectory_errors import Alignment
+from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.pipeline.calibration_errors import CalibrationErrors
-from spinfilters.pipeline.diagnostics import LARGEST_MOMENT_STD, with_verdict
-from spinfilters.pipeline.doubts import Doubts, doubts_of
+from spinfilters.pipeline.doubts import doubts_of
 from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries
 from spinfilters.pipeline.model_errors import NOT_TESTED, TestedModels
 from spinfilters.pipeline.recording_bound import Bounding, with_bounds
 from spinfilters.pipeline.setup import Setup
+from spinfilters.pipeline.verdicts import evaluated, judged
 from spinfilters.runs.checkpoint_store import StoreOf, no_checkpoints
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.status import EstimatorStatus, Verdict
@@ -113,7 +112,7 @@ def compare_estimators(
             interrupted = _is_cut_short(history, len(setup.timeline))
             if not interrupted:
                 history, interrupted = _with_calibration(calibration, history, entries[name])
-            evaluations.append(_evaluated(history, setup))
+            evaluations.append(evaluated(history, setup))
             maps |= _maps(name, points)
             if interrupted:
                 break
@@ -122,7 +121,7 @@ def compare_estimators(
             raise
         interrupted = True
     doubts = doubts_of(evaluations, setup, settings)
-    with_verdict = _judge(doubts, settings)
+    with_verdict = judged(doubts, settings)
     bounded = with_verdict if interrupted else extent.bounding(with_verdict, setup)
     return Comparison(setup, tuple(bounded), interrupted, maps, doubts.models)
 
@@ -264,39 +263,3 @@ def _with_initialisation(history: EstimateHistory, rows: GrowingHistory, setup: 
         "factor": start.factor,
     }
     return rows.ended(history.name, history.status, before)
-
-
-def _evaluated(history: EstimateHistory, setup: Setup) -> Evaluation:
-    alignment = Alignment.NONE if setup.known_frames else Alignment.FIRST_FRAME
-    observed = replace(history, observations=setup.observations[: len(history.time)])
-    return evaluate(observed, setup.dataset.truth, alignment)
-
-
-def _judge(doubts: Doubts, settings: Settings) -> list[Evaluation]:
-    """Evaluations with their verdicts, about covariances that hold with errors which may be correlated too."""
-    setup, entries = doubts.setup, estimator_entries()
-    widened = {each.name: _widened(each, doubts) for each in doubts.evaluations}
-    peers = [each for each in widened.values() if not entries[each.name].is_baseline]
-    others = [peer for peer in peers if peer.history.status.verdict is not Verdict.FAILED]
-    with_verdicts = []
-    for evaluation in doubts.evaluations:
-        entry, wider = entries[evaluation.name], widened[evaluation.name]
-        own = [*doubts.of(evaluation, entry), *_undetermined(evaluation, wider, doubts)]
-        status = with_verdict(wider, own, others, entry.false_alarm_probability(setup, settings))
-        with_verdicts.append(wider.with_status(status))
-    return with_verdicts
-
-
-def _widened(evaluation: Evaluation, doubts: Doubts) -> Evaluation:
-    """With covariances that hold with correlated errors, where these cannot be ruled out."""
-    widening, history = doubts.models.correlated.widening, evaluation.history
-    failed = history.status.verdict is Verdict.FAILED
-    if widening is None or failed or history.layout != doubts.setup.process.layout:
-        return evaluation
-    return _evaluated(history.widened(widening), doubts.setup)
-
-
-def _undetermined(evaluation: Evaluation, wider: Evaluation, doubts: Doubts) -> list[str]:
-    """Why moments are not determined that would be, were errors surely white."""
-    before, after = (float(np.max(each.body.principal_moments_std)) for each in (evaluation, wider))
-    return [doubts.models.correlated.undecided] if before <= LARGEST_MOMENT_STD < after else []

@@ -47,7 +47,7 @@ from spinfilters.estimators.smoothing.solver.annealing import GATE
 from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.linear_algebra.chi_square import chi_square_tail
-from spinfilters.pipeline.correlation_verdict import PossibleCorrelation, possible_correlation
+from spinfilters.pipeline.correlation_verdict import NO_CORRELATION, PossibleCorrelation, possible_correlation
 from spinfilters.pipeline.identified_noise import Unstated, noise_model
 from spinfilters.pipeline.wrong_units import WrongUnit, wrong_units
 from spinfilters.sensors.registry import sensor_of
@@ -91,7 +91,7 @@ class TestedModels:
     trouble: str = ""
     units: tuple[WrongUnit, ...] = ()
     std: Float[np.ndarray, "k n"] | None = None
-    correlated: PossibleCorrelation = PossibleCorrelation()
+    correlated: PossibleCorrelation = NO_CORRELATION
     solved: LinearRows | None = None
 
     @cached_property

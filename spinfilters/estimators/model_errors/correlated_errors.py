@@ -21,7 +21,7 @@ from jaxtyping import Bool, Float
 
 from spinfilters.errors import NUMERICAL_ERRORS
 from spinfilters.estimators.identification.noise_model import NoiseModel
-from spinfilters.estimators.model_errors.explained_errors import ExplainedErrors, covering
+from spinfilters.estimators.model_errors.explained_errors import MOST_WRONG, ExplainedErrors
 from spinfilters.estimators.model_errors.likely_levels import LEVEL_RANGE, LikelihoodClimb, LikelyLevels
 from spinfilters.estimators.model_errors.linear_likelihood import LinearMotion
 from spinfilters.estimators.model_errors.linear_rows import LinearRows
@@ -32,12 +32,10 @@ FIRST_TIMES: Final = (3.0, 15.0)
 """Correlation times, in intervals, from which the likelihood is climbed."""
 LEAST_SCORE: Final = 2.0
 """Standard deviations of a score below which errors that last are not fitted, but where they may be all that disturbances seem."""
-LEAST_DISTURBED: Final = 0.1
+LEAST_DISTURBED: Final = 0.01
 """Share of disturbances in a measurement's variance, below which lasting errors in their place move estimates by little."""
 NOTHING: Final = -40.0
 """ln of a variance that is none."""
-MOST_WRONG: Final = 1e-3
-"""Probability that errors which last, where they cannot be ruled out, take an estimate beyond what is claimed of it."""
 
 
 @dataclass(frozen=True)
@@ -49,9 +47,7 @@ class CorrelatedErrors:
     white, lasting: standard deviations by noise option, in its unit.   time: of correlation, s.   densities: beside them.
     probability: of them.   advantage: fall of -2 ln likelihood.
     inflation: of the variance of the state component that they touch most, mean over epochs, were they there.
-    disturbed: what disturbances have, without them, in the variance of a measurement about that of the epoch before; white noise
-        has the rest.
-    relative: covariance of the first epochs' states, were they there, in the factors of that stated.
+    widening: what covariance factors F of the first epochs' states are multiplied by to hold with these errors too.
     """
 
     white: dict[str, float]
@@ -61,18 +57,12 @@ class CorrelatedErrors:
     probability: float
     advantage: float
     inflation: float
-    disturbed: float
-    relative: Float[np.ndarray, "k n n"]
+    widening: Float[np.ndarray, "k n n"]
 
     @property
     def expected_nees(self) -> float:
         """Of that component, per degree of freedom."""
         return 1 + self.probability * (self.inflation - 1)
-
-    @property
-    def widening(self) -> Float[np.ndarray, "k n n"]:
-        """What covariance factors are multiplied by to hold with these errors too."""
-        return covering(self.relative, self.probability, MOST_WRONG)
 
 
 class ExplainedLevels(NamedTuple):
@@ -80,8 +70,8 @@ class ExplainedLevels(NamedTuple):
 
     levels: LikelyLevels
     white: LikelyLevels
+    information: Float[np.ndarray, "f f"]
     probability: float
-    disturbed: float
 
 
 def correlated_errors(
@@ -121,7 +111,11 @@ def _compared(rows: LinearRows, model: NoiseModel, stated: Collection[str]) -> l
     )
     errors = ExplainedErrors(rows, model)
     likely = [(each, _probability(_evidence(motion, white, each))) for each in _likeliest(every)]
-    found = [_told(errors, ExplainedLevels(each, white, p, disturbed)) for each, p in likely if p > MOST_WRONG]
+    found = [
+        _told(errors, ExplainedLevels(each, white, climb.information(each), p))
+        for each, p in likely
+        if p > MOST_WRONG
+    ]
     return sorted(found, key=lambda each: -each.probability)
 
 
@@ -181,7 +175,6 @@ def _told(errors: ExplainedErrors, explained: ExplainedLevels) -> CorrelatedErro
     half = np.exp(best.levels / 2)
     values = np.array([component.value for component in model.components])
     densities = model.values(np.concatenate([np.zeros(count), best.levels[2 * count : -1]]))[count:]
-    covariance = errors.covariance(best.levels)
     return CorrelatedErrors(
         dict(zip(names, (values * half[:count]).tolist(), strict=True)),
         dict(zip(names, (values * half[count : 2 * count]).tolist(), strict=True)),
@@ -189,7 +182,6 @@ def _told(errors: ExplainedErrors, explained: ExplainedLevels) -> CorrelatedErro
         float(np.exp(best.levels[-1])),
         explained.probability,
         2 * (best.log_likelihood - explained.white.log_likelihood),
-        errors.inflation(covariance),
-        explained.disturbed,
-        errors.relative(covariance),
+        errors.inflation(best.levels),
+        errors.widening(best, explained.information, explained.probability),
     )
