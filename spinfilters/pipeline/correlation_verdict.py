@@ -89,8 +89,8 @@ def _of_landmarks(seen: ObservationCorrelation) -> str:
 def _sentence(found: CorrelatedErrors) -> str:
     return (
         f"errors of the measurements are correlated over {found.time:.2g} s ({_sizes(found)}; -2 ln likelihood falls by "
-        f"{found.advantage:.0f}) and pass for disturbances: variances that allow for it are up to {found.inflation:.0f} times as large; "
-        "take measurements further apart, or a longer recording"
+        f"{found.advantage:.0f}) and pass for disturbances: deviations allow for "
+        f"{found.inflation:.0f} times the variance; take measurements further apart, or a longer recording"
     )
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.data.input_file import reason
-from spinfilters.errors import NUMERICAL_ERRORS, InputError
+from spinfilters.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.history import EPOCH_ARRAYS, EstimateHistory, GrowingHistory
 from spinfilters.estimators.run import NO_EPOCH_LEFT, rehearse, run
@@ -157,7 +157,7 @@ def _estimated(
         return history, entry.points(estimator, history, setup)
     except NUMERICAL_ERRORS as error:
         nothing = GrowingHistory(setup.process.layout, setup.end_of_initialisation)
-        failed = EstimatorStatus().failed(f"the estimator could not be run ({reason(error)})")
+        failed = EstimatorStatus().failed(f"the estimator could not be run ({reason(numerical(error))})")
         return _with_initialisation(nothing.ended(entry.name, failed), nothing, setup), setup.map_points
 
 
@@ -175,7 +175,9 @@ def _final(
     try:
         history = entry.final(estimator, passed, setup)
     except NUMERICAL_ERRORS as error:
-        status = passed.status.failed(f"the smoothed epochs could not be computed ({reason(error)})")
+        status = passed.status.failed(
+            f"the smoothed epochs could not be computed ({reason(numerical(error))})"
+        )
         return _with_initialisation(replace(passed, status=status), rows, setup)
     return _with_initialisation(passed, rows, setup) if history is None else history
 

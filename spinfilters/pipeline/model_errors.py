@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 
 from spinfilters.data.input_file import reason
 from spinfilters.data.sensor_format import sensor_format
-from spinfilters.errors import NUMERICAL_ERRORS
+from spinfilters.errors import NUMERICAL_ERRORS, numerical
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.identification.components import DISTURBANCES
 from spinfilters.estimators.identification.noise_model import NoiseModel
@@ -198,7 +198,7 @@ def tested_about(
         with np.errstate(all="ignore"):
             return _tested(setup, trajectory, errors)
     except NUMERICAL_ERRORS as error:
-        return TestedModels(trouble=reason(error))
+        return TestedModels(trouble=reason(numerical(error)))
 
 
 def _tested(

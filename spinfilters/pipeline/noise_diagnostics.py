@@ -9,7 +9,7 @@ import numpy as np
 
 from spinfilters.data.input_file import reason
 from spinfilters.data.sensor_format import sensor_format
-from spinfilters.errors import NUMERICAL_ERRORS
+from spinfilters.errors import NUMERICAL_ERRORS, numerical
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.identification.components import DISTURBANCES
 from spinfilters.evaluation.deviation_parts import without_calibration
@@ -30,7 +30,7 @@ DENSITY_OF = {"torque": "torque_psd", "force": "force_psd"}
 
 def untested(error: Exception) -> str:
     """Doubt about noise that numerical trouble kept from being tested."""
-    return f"its noise could not be tested ({reason(error)}): check the data set and its noise"
+    return f"its noise could not be tested ({reason(numerical(error))}): check the data set and its noise"
 
 
 def filter_noise_diagnostics(history: EstimateHistory, setup: Setup, settings: Settings) -> list[str]:

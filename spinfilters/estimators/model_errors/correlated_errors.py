@@ -19,7 +19,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from spinfilters.errors import NUMERICAL_ERRORS
+from spinfilters.errors import NUMERICAL_ERRORS, numerical
 from spinfilters.estimators.identification.noise_model import NoiseModel
 from spinfilters.estimators.model_errors.explained_errors import MOST_WRONG, ExplainedErrors
 from spinfilters.estimators.model_errors.likely_levels import LEVEL_RANGE, LikelihoodClimb, LikelyLevels
@@ -93,7 +93,8 @@ def correlated_errors(
     try:
         with np.errstate(all="ignore"):
             return _compared(rows, model, stated)
-    except NUMERICAL_ERRORS:
+    except NUMERICAL_ERRORS as error:
+        numerical(error)
         return []
 
 
