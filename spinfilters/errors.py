@@ -4,10 +4,31 @@ Their text names the value and the cure.
 Numerical trouble inside an estimator is not an exception: it is an `EstimatorStatus`.
 """
 
+import re
+from typing import TypeVar
+
 NUMERICAL_ERRORS = (ArithmeticError, ValueError, IndexError, RuntimeError)
 """What NumPy, SciPy, CasADi and Matplotlib raise for numbers that they cannot go on with (`LinAlgError` is a ValueError).
 
-Where one estimator's numbers are computed, evaluated or drawn these become its status; everywhere else they are a defect."""
+Where one estimator's numbers are computed, evaluated or drawn these become its status, unless `numerical` finds them a defect;
+everywhere else they are one."""
+OF_PROGRAMS = re.compile(
+    r"broadcast|not aligned|core dimension|reshape|unpack|zip\(\)|einstein sum|with a sequence|same shape|dimensions must match|"
+    r"concatenation axis"
+)
+"""What NumPy and Python say of arrays and sequences that do not fit together, whatever numbers are in them."""
+AnyError = TypeVar("AnyError", bound=Exception)
+
+
+def numerical(error: AnyError) -> AnyError:
+    """The error, where numbers may have caused it.
+
+    Shapes that do not fit, wrong indices and endless recursion are defects of a program: such an error is raised again.
+    """
+    of_program = (IndexError, NotImplementedError, RecursionError)
+    if isinstance(error, of_program) or (isinstance(error, ValueError) and OF_PROGRAMS.search(str(error))):
+        raise error
+    return error
 
 
 class SpinfiltersError(Exception):

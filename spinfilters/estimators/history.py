@@ -95,6 +95,21 @@ class EstimateHistory:
         factor[finite] = lower_roots(np.concatenate([factor[finite], calibration[finite]], axis=2))
         return replace(self, factor=factor, calibration=calibration)
 
+    def widened(self, widening: Float[np.ndarray, "k e e"]) -> "EstimateHistory":
+        """With covariances F B B' F' in place of F F'.
+
+        Parameters
+        ----------
+        widening: B of the first epochs; later ones have the last.
+        """
+        factor, epochs = np.empty_like(self.factor), len(self.factor)
+        first = min(len(widening), epochs)
+        factor[:first] = self.factor[:first] @ widening[:first]
+        factor[first:] = self.factor[first:] @ widening[-1]
+        finite = np.isfinite(factor).all(axis=(1, 2))
+        factor[finite] = lower_roots(factor[finite])
+        return replace(self, factor=factor)
+
     def random_factor(self, rows: slice | Int[np.ndarray, " r"] = slice(None)) -> Float[np.ndarray, "r e e"]:
         """Of some epochs' covariance without what errors of the calibration add; not triangular then.
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from spinfilters.data.input_file import reason
-from spinfilters.errors import NUMERICAL_ERRORS, InputError
+from spinfilters.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.estimators.estimator import Estimator, UpdateReport
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
 from spinfilters.estimators.timeline import Epoch, Timeline, times_of
@@ -62,7 +62,7 @@ def run(
     except np.linalg.LinAlgError as error:
         status = status.failed(f"the covariance could not be factorised at epoch {len(rows)} ({error})")
     except NUMERICAL_ERRORS as error:
-        status = status.failed(f"epoch {len(rows)} could not be computed ({reason(error)})")
+        status = status.failed(f"epoch {len(rows)} could not be computed ({reason(numerical(error))})")
     except KeyboardInterrupt:
         status = status.degraded(f"interrupted after {len(rows)} of {total} epochs")
     return rows.ended(estimator.name, status)

@@ -8,7 +8,7 @@ import numpy as np
 
 from spinfilters.data.input_file import reason
 from spinfilters.data.truth import Truth
-from spinfilters.errors import NUMERICAL_ERRORS, InputError
+from spinfilters.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.body import BodyEstimate, BodyHistory, body_estimate, body_history
 from spinfilters.evaluation.consistency import (
@@ -157,7 +157,7 @@ def evaluate(
         try:
             return _compared(evaluation, trajectory, truth, alignment)
         except NUMERICAL_ERRORS as error:
-            return _failed(evaluation, f"its errors could not be computed ({reason(error)})")
+            return _failed(evaluation, f"its errors could not be computed ({reason(numerical(error))})")
         except InputError:
             if evaluation.history.status.verdict is Verdict.FAILED:
                 return evaluation
@@ -186,7 +186,7 @@ def _described(history: EstimateHistory) -> tuple[Evaluation, Trajectory]:
             evaluation = _failed(evaluation, "the motion that follows from the estimate is not finite")
         return evaluation, trajectory
     except NUMERICAL_ERRORS as error:
-        status = history.status.failed(f"the estimate could not be evaluated ({reason(error)})")
+        status = history.status.failed(f"the estimate could not be evaluated ({reason(numerical(error))})")
         mean, factor = np.full_like(history.mean, np.nan), np.full_like(history.factor, np.nan)
         lost = replace(history, mean=mean, factor=factor, status=status, calibration=None)
         return Evaluation(lost), trajectory_of(lost)

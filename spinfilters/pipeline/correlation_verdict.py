@@ -1,7 +1,15 @@
-"""Doubts about errors of measurements that are correlated in time."""
+"""Errors of measurements that may be correlated in time: doubts, and covariances that hold with them too.
+
+Errors that are likelier than not are a doubt. Where the data do not tell them from disturbances, deviations are widened until they
+hold with either; what then is not determined is no longer said to be.
+"""
 
 from collections.abc import Collection
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from jaxtyping import Float
 
 from spinfilters.estimators.model_errors.correlated_errors import CorrelatedErrors, correlated_errors
 from spinfilters.estimators.model_errors.correlated_observations import (
@@ -18,17 +26,33 @@ LIKELY: Final = 0.5
 """Probability of errors that are likelier than not."""
 LARGEST_NEES: Final = 2.0
 """Expected per degree of freedom, beyond which errors that are likelier than not are a doubt."""
-LARGEST_UNDECIDED_NEES: Final = 20.0
-"""The same of errors that the recording does not tell from disturbances: a gyro alone hardly tells small ones, and no recording is
-doubted for what may always be so."""
-HIDDEN, LARGEST_HIDDEN_NEES = 0.8, 2.5
-"""The same where disturbances leave less than a fifth of a measurement's variance to white noise: deviations rest on them alone."""
 LARGEST_SCORE: Final = 5.0
 """Standard deviations beyond which landmarks' residuals are correlated by no chance."""
 
 
-def correlated_error_doubts(setup: "Setup", rows: LinearRows | None, stated: Collection[str]) -> list[str]:
-    """A sentence about errors that the estimates take for white ones beside disturbances.
+@dataclass(frozen=True)
+class PossibleCorrelation:
+    """Errors of a recording's measurements that are correlated, or may be.
+
+    Attributes
+    ----------
+    doubts: sentences about those that are likelier than not.
+    widening: B of the first epochs, by which F B is a covariance factor that holds with them; None where F is one.
+    undecided: a sentence about errors that only may be correlated.
+    """
+
+    doubts: tuple[str, ...] = ()
+    widening: Float[np.ndarray, "k e e"] | None = None
+    undecided: str = ""
+
+
+NO_CORRELATION: Final = PossibleCorrelation()
+
+
+def possible_correlation(
+    setup: "Setup", rows: LinearRows | None, stated: Collection[str]
+) -> PossibleCorrelation:
+    """Errors that the estimates take for white ones beside disturbances.
 
     None of a gyro whose error is known to be correlated.
 
@@ -37,20 +61,22 @@ def correlated_error_doubts(setup: "Setup", rows: LinearRows | None, stated: Col
     rows: of a smoothed motion; None where there are none.   stated: names of levels that are not identified.
     """
     if rows is None or setup.gyro_noise is not None:
-        return []
+        return NO_CORRELATION
     levels = Unstated.of_all(setup.log, setup.process.noise)
     model = noise_model(rows.problem, setup.noise, levels)
     seen = observation_correlation(rows)
     if seen is not None and seen.score > LARGEST_SCORE and seen.inflation > LARGEST_NEES:
-        return [_of_landmarks(seen)]
+        return PossibleCorrelation((_of_landmarks(seen),))
     found = [] if model is None else correlated_errors(rows, model, stated)
-    return [_sentence(each) for each in found if _matters(each)][:1]
+    if not found:
+        return NO_CORRELATION
+    doubts = tuple(_sentence(each) for each in found if _is_doubt(each))[:1]
+    widest = max(found, key=lambda each: float(np.square(each.widening).sum()))
+    return PossibleCorrelation(doubts, widest.widening, _undecided(widest))
 
 
-def _matters(found: CorrelatedErrors) -> bool:
-    if found.probability > LIKELY:
-        return found.expected_nees > LARGEST_NEES
-    return found.expected_nees > (LARGEST_HIDDEN_NEES if found.disturbed > HIDDEN else LARGEST_UNDECIDED_NEES)
+def _is_doubt(found: CorrelatedErrors) -> bool:
+    return found.probability > LIKELY and found.expected_nees > LARGEST_NEES
 
 
 def _of_landmarks(seen: ObservationCorrelation) -> str:
@@ -61,20 +87,17 @@ def _of_landmarks(seen: ObservationCorrelation) -> str:
 
 
 def _sentence(found: CorrelatedErrors) -> str:
-    if found.probability <= LIKELY:
-        return _undecided(found)
     return (
         f"errors of the measurements are correlated over {found.time:.2g} s ({_sizes(found)}; -2 ln likelihood falls by "
-        f"{found.advantage:.0f}) and pass for disturbances: squared errors may be {found.inflation:.0f} times what is stated; "
-        "take measurements further apart, or a longer recording"
+        f"{found.advantage:.0f}) and pass for disturbances: deviations allow for "
+        f"{found.inflation:.0f} times the variance; take measurements further apart, or a longer recording"
     )
 
 
 def _undecided(found: CorrelatedErrors) -> str:
     return (
         f"disturbances cannot be told from errors of the measurements that are correlated over {found.time:.2g} s "
-        f"({_sizes(found)}), with which squared errors are {found.inflation:.0f} times what is stated: state process.torque_psd if "
-        "it is known, or give a longer recording"
+        f"({_sizes(found)}), and deviations hold with both: state process.torque_psd if it is known, or give a longer recording"
     )
 
 

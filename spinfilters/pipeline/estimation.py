@@ -7,20 +7,19 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.data.input_file import reason
-from spinfilters.errors import NUMERICAL_ERRORS, InputError
+from spinfilters.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.history import EPOCH_ARRAYS, EstimateHistory, GrowingHistory
 from spinfilters.estimators.run import NO_EPOCH_LEFT, rehearse, run
 from spinfilters.estimators.timeline import Timeline, times_of
-from spinfilters.evaluation.evaluation import Evaluation, evaluate
-from spinfilters.evaluation.trajectory_errors import Alignment
+from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.pipeline.calibration_errors import CalibrationErrors
-from spinfilters.pipeline.diagnostics import with_verdict
-from spinfilters.pipeline.doubts import Doubts, doubts_of
+from spinfilters.pipeline.doubts import doubts_of
 from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries
 from spinfilters.pipeline.model_errors import NOT_TESTED, TestedModels
 from spinfilters.pipeline.recording_bound import Bounding, with_bounds
 from spinfilters.pipeline.setup import Setup
+from spinfilters.pipeline.verdicts import evaluated, judged
 from spinfilters.runs.checkpoint_store import StoreOf, no_checkpoints
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.status import EstimatorStatus, Verdict
@@ -113,7 +112,7 @@ def compare_estimators(
             interrupted = _is_cut_short(history, len(setup.timeline))
             if not interrupted:
                 history, interrupted = _with_calibration(calibration, history, entries[name])
-            evaluations.append(_evaluated(history, setup))
+            evaluations.append(evaluated(history, setup))
             maps |= _maps(name, points)
             if interrupted:
                 break
@@ -122,7 +121,7 @@ def compare_estimators(
             raise
         interrupted = True
     doubts = doubts_of(evaluations, setup, settings)
-    with_verdict = _judge(doubts, settings)
+    with_verdict = judged(doubts, settings)
     bounded = with_verdict if interrupted else extent.bounding(with_verdict, setup)
     return Comparison(setup, tuple(bounded), interrupted, maps, doubts.models)
 
@@ -158,7 +157,7 @@ def _estimated(
         return history, entry.points(estimator, history, setup)
     except NUMERICAL_ERRORS as error:
         nothing = GrowingHistory(setup.process.layout, setup.end_of_initialisation)
-        failed = EstimatorStatus().failed(f"the estimator could not be run ({reason(error)})")
+        failed = EstimatorStatus().failed(f"the estimator could not be run ({reason(numerical(error))})")
         return _with_initialisation(nothing.ended(entry.name, failed), nothing, setup), setup.map_points
 
 
@@ -176,7 +175,9 @@ def _final(
     try:
         history = entry.final(estimator, passed, setup)
     except NUMERICAL_ERRORS as error:
-        status = passed.status.failed(f"the smoothed epochs could not be computed ({reason(error)})")
+        status = passed.status.failed(
+            f"the smoothed epochs could not be computed ({reason(numerical(error))})"
+        )
         return _with_initialisation(replace(passed, status=status), rows, setup)
     return _with_initialisation(passed, rows, setup) if history is None else history
 
@@ -264,22 +265,3 @@ def _with_initialisation(history: EstimateHistory, rows: GrowingHistory, setup: 
         "factor": start.factor,
     }
     return rows.ended(history.name, history.status, before)
-
-
-def _evaluated(history: EstimateHistory, setup: Setup) -> Evaluation:
-    alignment = Alignment.NONE if setup.known_frames else Alignment.FIRST_FRAME
-    observed = replace(history, observations=setup.observations[: len(history.time)])
-    return evaluate(observed, setup.dataset.truth, alignment)
-
-
-def _judge(doubts: Doubts, settings: Settings) -> list[Evaluation]:
-    evaluations, setup, entries = doubts.evaluations, doubts.setup, estimator_entries()
-    peers = [evaluation for evaluation in evaluations if not entries[evaluation.name].is_baseline]
-    with_verdicts = []
-    for evaluation in evaluations:
-        entry = entries[evaluation.name]
-        others = [peer for peer in peers if peer.history.status.verdict is not Verdict.FAILED]
-        own = doubts.of(evaluation, entry)
-        status = with_verdict(evaluation, own, others, entry.false_alarm_probability(setup, settings))
-        with_verdicts.append(evaluation.with_status(status))
-    return with_verdicts

@@ -9,7 +9,7 @@ from spinfilters.data.dataset import Dataset
 from spinfilters.data.input_file import reason
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.data.sensor_format import sensor_format
-from spinfilters.errors import NUMERICAL_ERRORS, InputError
+from spinfilters.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
 from spinfilters.estimators.initialisation.initialiser import initialise, initialised_again
 from spinfilters.estimators.initialisation.options import InitialisationOptions
@@ -75,7 +75,9 @@ class FirstEpochs:
             with np.errstate(all="ignore"):  # what is not finite becomes a status
                 return long_enough_initialisation(self.process, self.timeline, make, options)
         except NUMERICAL_ERRORS as error:
-            return InitialEstimate.failed(self.process.layout, options.count(self.timeline), reason(error))
+            return InitialEstimate.failed(
+                self.process.layout, options.count(self.timeline), reason(numerical(error))
+            )
 
     def _made(self, options: InitialisationOptions) -> InitialEstimate:
         """From the measurements alone; nothing of landmarks after the last epoch is looked at."""

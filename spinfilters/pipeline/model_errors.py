@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 
 from spinfilters.data.input_file import reason
 from spinfilters.data.sensor_format import sensor_format
-from spinfilters.errors import NUMERICAL_ERRORS
+from spinfilters.errors import NUMERICAL_ERRORS, numerical
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.identification.components import DISTURBANCES
 from spinfilters.estimators.identification.noise_model import NoiseModel
@@ -42,7 +42,8 @@ from spinfilters.estimators.smoothing.problem.least_squares import Problem, prob
 from spinfilters.estimators.smoothing.solver.annealing import GATE
 from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.evaluation.evaluation import Evaluation
-from spinfilters.pipeline.correlation_verdict import correlated_error_doubts
+from spinfilters.linear_algebra.chi_square import chi_square_tail
+from spinfilters.pipeline.correlation_verdict import NO_CORRELATION, PossibleCorrelation, possible_correlation
 from spinfilters.pipeline.identified_noise import Unstated, noise_model
 from spinfilters.pipeline.wrong_units import WrongUnit, wrong_units
 from spinfilters.sensors.registry import sensor_of
@@ -82,7 +83,7 @@ class TestedModels:
     tests: the most explaining first.   contradicted: whether residuals contradict the noise levels that the recording was told.
     trouble: why there are no tests of a motion that was estimated; empty where there are.   units: that are probably others.
     std: (k, n) stated deviations of the states that were tested, or None where they are unknown.
-    correlated: doubts about errors of the measurements that are correlated in time.   solved: what was tested, while it is.
+    correlated: errors of the measurements that are, or may be, correlated in time.   solved: what was tested, while it is.
     beside_slow_noise: whether a noise level stands for an error that is known to be correlated.
     """
 
@@ -91,7 +92,7 @@ class TestedModels:
     trouble: str = ""
     units: tuple[WrongUnit, ...] = ()
     std: Float[np.ndarray, "k n"] | None = None
-    correlated: tuple[str, ...] = ()
+    correlated: PossibleCorrelation = NO_CORRELATION
     solved: LinearRows | None = None
     beside_slow_noise: bool = False
 
@@ -157,7 +158,7 @@ class TestedModels:
     @property
     def beside(self) -> list[str]:
         """For doubt beside tests: correlated errors, wrong units, and that no error could be looked for."""
-        units = [*self.correlated, *(each.reason for each in self.units)]
+        units = [*self.correlated.doubts, *(each.reason for each in self.units)]
         if not self.trouble:
             return units
         sentence = f"errors of the models could not be looked for ({self.trouble})"
@@ -189,7 +190,7 @@ def tested_models(setup: "Setup", evaluations: Sequence[Evaluation]) -> TestedMo
     most = MOST_EPOCHS_WITH_MAP if setup.initial.has_landmarks else MOST_EPOCHS
     std = np.linalg.norm(best.factor[:most], axis=2)
     found = tested_about(setup, best.mean[:most], table().values())
-    correlated = tuple(correlated_error_doubts(setup, found.solved, stated_levels(setup)))
+    correlated = possible_correlation(setup, found.solved, stated_levels(setup))
     return replace(found, units=units, std=std, correlated=correlated, solved=None)
 
 
@@ -204,7 +205,7 @@ def tested_about(
         with np.errstate(all="ignore"):
             return _tested(setup, trajectory, errors)
     except NUMERICAL_ERRORS as error:
-        return TestedModels(trouble=reason(error))
+        return TestedModels(trouble=reason(numerical(error)))
 
 
 def _tested(

@@ -9,7 +9,7 @@ import numpy as np
 
 from spinfilters.data.input_file import reason
 from spinfilters.data.sensor_format import sensor_format
-from spinfilters.errors import NUMERICAL_ERRORS
+from spinfilters.errors import NUMERICAL_ERRORS, numerical
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.identification.components import DISTURBANCES
 from spinfilters.evaluation.deviation_parts import without_calibration
@@ -30,7 +30,7 @@ DENSITY_OF = {"torque": "torque_psd", "force": "force_psd"}
 
 def untested(error: Exception) -> str:
     """Doubt about noise that numerical trouble kept from being tested."""
-    return f"its noise could not be tested ({reason(error)}): check the data set and its noise"
+    return f"its noise could not be tested ({reason(numerical(error))}): check the data set and its noise"
 
 
 def filter_noise_diagnostics(history: EstimateHistory, setup: Setup, settings: Settings) -> list[str]:
@@ -64,7 +64,7 @@ def noise_doubts(tests: Mapping[str, NoiseTest], setup: Setup) -> list[str]:
         large = test.score > LARGEST_SCORE and test.ratio > LARGEST_RATIO
         small = told and test.score < -LARGEST_SCORE and test.ratio < 1 / LARGEST_RATIO
         if large or small:
-            return [_sentence(name, test)]
+            return [_sentence(name, test, told)]
     return []
 
 
@@ -79,14 +79,19 @@ def _is_identified(setup: Setup) -> bool:
     return setup.gyro_noise is not None or bool(options & setup.unstated)
 
 
-def _sentence(name: str, test: NoiseTest) -> str:
-    size = (
-        f"{np.sqrt(test.ratio):.2g} times the stated deviation ({abs(test.score):.0f} deviations of chance)"
-    )
+def _sentence(name: str, test: NoiseTest, told: bool) -> str:
+    level = "stated deviation" if told else "deviation that was identified"
+    size = f"{np.sqrt(test.ratio):.2g} times the {level} ({abs(test.score):.0f} deviations of chance)"
     if name in DISTURBANCES:
-        return f"disturbances have {size}: process.{name} is {test.ratio:.2g} times what is stated, or the model is wrong"
+        before = "what is stated" if told else "what its first epochs have"
+        return f"disturbances have {size}: process.{name} is {test.ratio:.2g} times {before}, or the model is wrong"
     which = "measurements" if name == MEASUREMENTS else f"{name} measurements"
-    return f"the errors of the {which} have {size}: state another, or leave it out to have it identified"
+    cure = (
+        "state another, or leave it out to have it identified"
+        if told
+        else "noise that changes, or an error of the model"
+    )
+    return f"the errors of the {which} have {size}: {cure}"
 
 
 def _of_whiteness(found: FilterTests, setup: Setup) -> list[str]:

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.data.input_file import path_text, reason
-from spinfilters.errors import NUMERICAL_ERRORS, InputError
+from spinfilters.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.estimators.filters.belief_prediction import predict_ahead
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
 from spinfilters.evaluation.body import body_estimate
@@ -109,7 +109,9 @@ def _predicted(
         if not (np.isfinite(prediction.mean).all() and np.isfinite(prediction.factor).all()):
             return rows.ended(history.name, EstimatorStatus().failed("the prediction is not finite"))
     except NUMERICAL_ERRORS as error:
-        return rows.ended(history.name, EstimatorStatus().failed(f"no prediction ({reason(error)})"))
+        return rows.ended(
+            history.name, EstimatorStatus().failed(f"no prediction ({reason(numerical(error))})")
+        )
     for k, seconds in enumerate(prediction.times):
         rows.append(now + float(seconds), prediction.belief(k), [], 0.0)
     return rows.ended(history.name, EstimatorStatus())

@@ -11,7 +11,7 @@ from spinfilters.data.dataset import Dataset
 from spinfilters.data.input_file import reason
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.data.sensor_format import sensor_format
-from spinfilters.errors import NUMERICAL_ERRORS, InputError
+from spinfilters.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.estimators.identification.components import VarianceComponent
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
 from spinfilters.estimators.initialisation.initialiser import initialise
@@ -257,7 +257,7 @@ def _identify(
     try:
         found = identify_gyro_noise(stream, initialise(rotation, timeline, samples, whole))
     except NUMERICAL_ERRORS as error:
-        raise _unidentified(sensor, reason(error)) from None
+        raise _unidentified(sensor, reason(numerical(error))) from None
     if not np.isfinite(found.scale_std):
         raise _unidentified(sensor, "what is left of its rates is not finite")
     return found, option

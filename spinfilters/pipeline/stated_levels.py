@@ -156,10 +156,14 @@ class _Levels:
                 "them identified"
             )
         stated = level.value / times
+        table = "process" if is_density else "sensors"
         told = f"{level.value:.3g} +- {level.std:.1g}" if level.told else f"less than {level.upper:.2g}"
-        cure = "state another, or leave it out to have it identified"
-        table, cure = ("process", f"{cure}, or the model is wrong") if is_density else ("sensors", cure)
-        return f"{table}.{level.name} is {stated:.3g}, the data have {told} ({score:.0f} deviations of chance): {cure}"
+        chance = f"({score:.0f} deviations of chance)"
+        if level.name in self.setup.unstated:
+            cure = "noise that changes, or an error of the model"
+            return f"{table}.{level.name}, which nobody states, was taken for {stated:.3g}, the data have {told} {chance}: {cure}"
+        cure = "state another, or leave it out to have it identified" + ", or the model is wrong" * is_density
+        return f"{table}.{level.name} is {stated:.3g}, the data have {told} {chance}: {cure}"
 
 
 def _at(model: NoiseModel, levels: Sequence[VarianceComponent]) -> NoiseModel:

@@ -81,8 +81,8 @@ def sensor_of_unknown_noise(
     for stream in log.streams:
         option = sensor_of(stream.sensor).identified_option
         names = {each.name for each in sensor_format(stream.sensor).noise}
-        told = names & set(dataset.options.sensor_noise) or stream.covariance is not None
-        if option is not None and not told and _setting(settings, option) == AUTO:
+        told = names - unstated_names(dataset, settings) or stream.covariance is not None
+        if option is not None and not told:
             return stream
     return None
 

@@ -12,7 +12,6 @@ import numpy as np
 
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.sensors.gyro import GYRO_FULL_SCALE
 from spinfilters.sensors.registry import sensor_of
 
 SHORTEST_INTERVAL: Final = 2e-5
@@ -23,6 +22,8 @@ LARGEST_BASELINE: Final = 20.0
 """Of a pair of cameras, m."""
 FARTHEST: Final = 300.0
 """Of a tracked body from the origin of its poses, m."""
+LARGEST_RATE: Final = float(np.deg2rad(4000.0))
+"""Median of a gyro's rates, rad/s: the full scale of the fastest common sensors, which a thrown disc nearly reaches."""
 SMOOTH: Final = 0.3
 """Change of a rate from one sample to the next, relative to it, below which a body does not turn much in between."""
 LONGEST_TURN: Final = 6 * np.pi
@@ -76,7 +77,7 @@ def _of_rates(stream: MeasurementStream, rates: np.ndarray, interval: float) -> 
     size, turn = float(np.median(sizes)), float(np.median(sizes)) * interval
     change = float(np.median(np.linalg.norm(np.diff(rates, axis=0), axis=1))) / max(size, 1e-300)
     aliased = turn > LONGEST_TURN and change < SMOOTH
-    if not (aliased or size > GYRO_FULL_SCALE):
+    if not (aliased or size > LARGEST_RATE):
         return
     sentence = f"the {stream.sensor} reads {size:.3g} rad/s"
     if aliased:

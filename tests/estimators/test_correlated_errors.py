@@ -9,7 +9,9 @@ from scipy.stats import multivariate_normal
 
 from spinfilters.estimators.model_errors.correlated_errors import CorrelatedErrors, correlated_errors
 from spinfilters.estimators.model_errors.correlated_observations import observation_correlation
+from spinfilters.estimators.model_errors.explained_errors import ExplainedErrors
 from spinfilters.estimators.model_errors.hypotheses import solved_near
+from spinfilters.estimators.model_errors.likely_levels import LikelyLevels
 from spinfilters.estimators.model_errors.linear_likelihood import LinearMotion, curvature
 from spinfilters.estimators.model_errors.linear_rows import LinearRows
 from spinfilters.models.process import ProcessNoise
@@ -134,6 +136,46 @@ def found(kind: str, correlation: float) -> CorrelatedErrors | None:
     model = noise_model(rows.problem, setup.noise, Unstated.of_all(setup.log, setup.process.noise))
     assert model is not None
     return max(correlated_errors(rows, model), key=lambda each: each.expected_nees, default=None)
+
+
+def explained(kind: str) -> ExplainedErrors:
+    """Of white errors."""
+    setup, rows = prepared(kind, 0.0), solved(kind, 0.0)
+    model = noise_model(rows.problem, setup.noise, Unstated.of_all(setup.log, setup.process.noise))
+    assert model is not None
+    return ExplainedErrors(rows, model)
+
+
+@pytest.mark.parametrize("kind", ["gyro", "pose"])
+def test_errors_as_stated_have_the_covariance_as_stated(kind: str) -> None:
+    errors = explained(kind)
+    count = len(errors.model.components)
+    levels = np.concatenate(
+        [np.zeros(count), np.full(count, -40.0), np.zeros(len(errors.model.densities) + 1)]
+    )
+    assert errors.relative(levels) == pytest.approx(
+        np.tile(np.eye(errors.factors.shape[1]), (60, 1, 1)), abs=1e-5
+    )
+    assert errors.inflation(levels) == pytest.approx(1.0)
+
+
+def test_covariances_widen_with_the_probability_of_other_errors_and_never_shrink() -> None:
+    errors, information = explained("gyro"), np.diag([4.0, 4.0, 4.0])
+    likely = LikelyLevels(np.array([-1.0, 2.0, -18.0, 1.0]), np.array([0, 1, 3]), 0.0)
+    wider = [errors.widening(likely, information, p) for p in (3e-4, 0.01, 0.5)]
+    sizes = [np.linalg.norm(each, ord=2, axis=(1, 2)) for each in wider]
+    assert all(np.linalg.svd(each)[1].min() > 1 - 1e-9 for each in wider)
+    assert np.all(sizes[0] <= sizes[1])
+    assert np.all(sizes[1] < sizes[2])
+
+
+def test_what_is_not_known_of_the_levels_widens_covariances() -> None:
+    errors, likely = (
+        explained("gyro"),
+        LikelyLevels(np.array([-1.0, 2.0, -18.0, 1.0]), np.array([0, 1, 3]), 0.0),
+    )
+    sizes = [np.linalg.norm(errors.widening(likely, by * np.eye(3), 0.1)) for by in (100.0, 1.0)]
+    assert sizes[0] < sizes[1]
 
 
 def test_correlated_errors_of_poses_are_told_from_disturbances() -> None:

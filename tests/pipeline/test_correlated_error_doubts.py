@@ -1,13 +1,15 @@
-"""Errors of measurements that last are a doubt, and white ones are none."""
+"""Errors of measurements that last are a doubt where they are likely, and widen covariances where they may be."""
 
 from functools import cache
 
 import numpy as np
 import pytest
 
+from spinfilters.campaigns.metric_columns import metrics
 from spinfilters.estimators.model_errors.correlated_errors import CorrelatedErrors
 from spinfilters.models.process import ProcessNoise
-from spinfilters.pipeline import correlation_verdict
+from spinfilters.pipeline import correlation_verdict, model_errors
+from spinfilters.pipeline.correlation_verdict import PossibleCorrelation, possible_correlation
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
 from spinfilters.pipeline.setup import prepare
 from spinfilters.settings.run_settings import Settings
@@ -33,7 +35,7 @@ def compared(correlation: float) -> Comparison:
 def test_lasting_errors_of_poses_are_doubted_with_their_size_and_time() -> None:
     (evaluation,) = compared(0.9).evaluations
     assert evaluation.history.status.verdict is Verdict.DEGRADED
-    (reason,) = compared(0.9).models.correlated
+    (reason,) = compared(0.9).models.correlated.doubts
     assert reason in evaluation.history.status.reasons
     assert "correlated over" in reason
     assert "pose_position_std" in reason
@@ -41,35 +43,79 @@ def test_lasting_errors_of_poses_are_doubted_with_their_size_and_time() -> None:
 
 
 def test_white_errors_of_poses_are_not_doubted() -> None:
-    assert compared(0.0).models.correlated == ()
+    assert compared(0.0).models.correlated.doubts == ()
     assert compared(0.0).evaluations[0].history.status.verdict is Verdict.OK
 
 
-@pytest.mark.parametrize(
-    ("probability", "inflation", "disturbed", "matters"),
-    [
-        (0.9, 2.0, 0.1, False),
-        (0.9, 4.0, 0.1, True),
-        (0.3, 20.0, 0.5, False),
-        (0.3, 200.0, 0.5, True),
-        (0.01, 100.0, 0.9, False),
-        (0.01, 400.0, 0.9, True),
-    ],
-)
-def test_what_errors_would_do_counts_by_how_likely_they_are(
-    monkeypatch: pytest.MonkeyPatch, probability: float, inflation: float, disturbed: float, matters: bool
-) -> None:
-    found = CorrelatedErrors({}, {"noise": 0.1}, {}, 3.0, probability, 5.0, inflation, disturbed)
-    monkeypatch.setattr(correlation_verdict, "correlated_errors", lambda *_: [found])
+def possible(monkeypatch: pytest.MonkeyPatch, *found: CorrelatedErrors) -> PossibleCorrelation:
+    """Of a recording in whose smoothed motion these errors are found."""
+    monkeypatch.setattr(correlation_verdict, "correlated_errors", lambda *_: list(found))
     monkeypatch.setattr(correlation_verdict, "observation_correlation", lambda _: None)
-    setup, rows = compared(0.0).setup, compared(0.0).models
-    monkeypatch.setattr(correlation_verdict, "noise_model", lambda *_: rows)
+    setup, model = compared(0.0).setup, compared(0.0).models
+    monkeypatch.setattr(correlation_verdict, "noise_model", lambda *_: model)
 
     class Rows:
         """Solved rows that nobody looks at."""
 
         problem = None
 
-    doubts = correlation_verdict.correlated_error_doubts(setup, Rows(), ())  # pyright: ignore[reportArgumentType]
-    assert bool(doubts) == matters
+    return possible_correlation(setup, Rows(), ())  # pyright: ignore[reportArgumentType]
+
+
+def errors(probability: float, inflation: float, widening: float = 1.0) -> CorrelatedErrors:
+    """Errors that would make variances larger."""
+    sizes, wider = ({}, {"noise": 0.1}, {}), widening * np.eye(3)[np.newaxis]
+    return CorrelatedErrors(*sizes, 3.0, probability, 5.0, inflation, wider)
+
+
+@pytest.mark.parametrize(
+    ("probability", "inflation", "is_doubt"), [(0.9, 2.0, False), (0.9, 4.0, True), (0.3, 200.0, False)]
+)
+def test_only_errors_that_are_likelier_than_not_are_a_doubt(
+    monkeypatch: pytest.MonkeyPatch, probability: float, inflation: float, is_doubt: bool
+) -> None:
+    doubts = possible(monkeypatch, errors(probability, inflation)).doubts
+    assert bool(doubts) == is_doubt
     assert all("3 s (noise 0.1" in each and len(each) < 300 for each in doubts)
+
+
+def test_covariances_hold_with_the_errors_that_widen_them_most(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = possible(monkeypatch, errors(0.3, 2.0, 1.5), errors(0.1, 20.0, 4.0))
+    assert found.widening == pytest.approx(4.0 * np.eye(3)[np.newaxis])
+    assert "3 s (noise 0.1" in found.undecided
+    assert len(found.undecided) < 300
+
+
+@cache
+def compared_gyro(correlation: float) -> Comparison:
+    """Of rates that say nothing of their noise."""
+    scenario = Scenario(
+        "gyro", rate_rpm=RICH_RPM, epochs=115, gyro_std=1e-9, noise=ProcessNoise(1e-6, 1e-6), seed=531
+    )
+    dataset = without_noise(simulate(scenario))
+    if correlation:
+        dataset = with_gauss_markov_errors(
+            dataset, np.full(3, 0.005), correlation, np.random.default_rng([531, 5])
+        )
+    return compare_estimators(prepare(dataset, SMOOTHER), SMOOTHER, lambda *_: None)
+
+
+def test_deviations_of_a_gyro_hold_with_errors_that_may_be_correlated() -> None:
+    comparison = compared_gyro(0.97)
+    (evaluation,) = comparison.evaluations
+    assert evaluation.history.status.verdict is Verdict.OK
+    assert comparison.models.correlated.widening is not None
+    assert metrics(evaluation, comparison.setup.dataset.truth)["worst_error"] < 4.0
+
+
+def test_moments_that_only_white_errors_determine_are_not_determined(monkeypatch: pytest.MonkeyPatch) -> None:
+    setup = compared(0.0).setup
+    wide = PossibleCorrelation(
+        (), 1e3 * np.eye(setup.process.layout.error_dim)[np.newaxis], "errors may be correlated"
+    )
+    monkeypatch.setattr(model_errors, "possible_correlation", lambda *_: wide)
+    (evaluation,) = compare_estimators(setup, SMOOTHER, lambda *_: None).evaluations
+    reasons = "; ".join(evaluation.history.status.reasons)
+    assert evaluation.history.status.verdict is Verdict.DEGRADED
+    assert "not determined" in reasons
+    assert "errors may be correlated" in reasons

@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 from functools import cache
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ from plain_comparison import plainly_compared
 from experiments.honest_cases import RecordingCase, recordings
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.evaluation.noise_tests import MEASUREMENTS, FilterTests, NoiseTest, filter_tests
-from spinfilters.pipeline import noise_diagnostics, stated_levels
+from spinfilters.pipeline import model_errors, noise_diagnostics, stated_levels
+from spinfilters.pipeline.correlation_verdict import NO_CORRELATION
 from spinfilters.pipeline.estimation import Comparison
 from spinfilters.pipeline.noise_diagnostics import (
     LARGEST_RATIO,
@@ -41,7 +43,10 @@ def compared(density: float = 1.0, deviation: float = 1.0) -> Comparison:
         pose_rotation_std=deviation * POSE.noise_std,
     )
     setup = prepare(replace(dataset, options=stated), SETTINGS)
-    return plainly_compared(setup, SETTINGS)
+    with patch.object(
+        model_errors, "possible_correlation", lambda *_: NO_CORRELATION
+    ):  # as the filters had them
+        return plainly_compared(setup, SETTINGS)
 
 
 def found_by(run: Comparison) -> FilterTests:
@@ -175,3 +180,19 @@ def test_noise_that_cannot_be_tested_is_a_doubt(monkeypatch: pytest.MonkeyPatch)
     (of_levels,) = stated_level_diagnostics(run.setup, SETTINGS, [smoother.history])
     for doubt in (of_filter, of_levels):
         assert doubt == "its noise could not be tested (no factor): check the data set and its noise"
+
+
+def test_a_level_that_nobody_states_is_not_said_to_be_stated() -> None:
+    run = compared(density=0.04)
+    silent = replace(run.setup, unstated=frozenset({"torque_psd", "force_psd"}))
+    large = {"torque_psd": NoiseTest(300.0, 100.0, 200.0, 100.0)}
+    doubts = [
+        *noise_doubts(large, silent),
+        *stated_level_diagnostics(silent, SETTINGS, [run.evaluations[1].history]),
+    ]
+    assert len(doubts) == 2
+    for doubt in doubts:
+        assert "torque_psd" in doubt or "force_psd" in doubt
+        assert "state another" not in doubt
+        assert "is stated" not in doubt
+        assert len(doubt) < 300

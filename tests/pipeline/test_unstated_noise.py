@@ -15,7 +15,7 @@ from spinfilters.models.process import ProcessNoise
 from spinfilters.pipeline.estimation import Comparison
 from spinfilters.pipeline.setup import prepare
 from spinfilters.runs.run_summary import summary
-from spinfilters.settings.run_settings import Settings
+from spinfilters.settings.run_settings import SensorSettings, Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_noise
 
 TRUE = {"pose_position_std": 0.002, "pose_rotation_std": 0.004, "force_psd": 1e-5, "torque_psd": 1e-5}
@@ -134,3 +134,17 @@ def test_a_torque_six_decades_below_what_is_assumed_is_found_to_be_small(
     found = {each.name: each for each in prepare(dataset, Settings()).identified}
     assert found["gyro_noise_std"].value == pytest.approx(0.0015, rel=0.15)
     assert found["torque_psd"].upper < 1e-7
+
+
+@pytest.mark.parametrize("by_settings", [True, False])
+def test_a_stated_level_of_a_gyro_is_used_as_it_is(by_settings: bool) -> None:
+    dataset = without_noise(simulate(Scenario(kind="gyro", rate_rpm=RICH_RPM, epochs=60, gyro_std=0.002)))
+    if by_settings:
+        settings = Settings(sensors=SensorSettings(gyro_noise_std=0.007))
+    else:
+        dataset = replace(dataset, options=replace(dataset.options, sensor_noise={"gyro_noise_std": 0.007}))
+        settings = Settings()
+    setup = prepare(dataset, settings)
+    assert setup.noise.gyro_noise_std == 0.007
+    assert setup.gyro_noise is None
+    assert {each.name for each in setup.identified} == {"torque_psd"}

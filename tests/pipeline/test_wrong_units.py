@@ -33,6 +33,15 @@ def test_plausible_recordings_are_not_doubted(
     assert wrong_units(simulate(replace(scenario(kind, interval=interval), rate_rpm=rate))) == []
 
 
+def test_a_disc_at_rates_near_the_largest_of_a_gyro_is_not_doubted() -> None:
+    rate = (4.0, 3.0, 600.0)
+    disc = simulate(
+        replace(scenario("gyro", interval=0.0096), rate_rpm=rate, principal_moments=(0.518, 0.518, 1.0))
+    )
+    assert np.linalg.norm(disc.log.stream("gyro").values, axis=1).max() > 60
+    assert wrong_units(disc) == []
+
+
 @pytest.mark.parametrize(
     ("name", "kind", "size", "cure"),
     [

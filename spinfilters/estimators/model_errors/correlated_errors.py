@@ -19,12 +19,12 @@ from typing import Final, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from spinfilters.errors import NUMERICAL_ERRORS
+from spinfilters.errors import NUMERICAL_ERRORS, numerical
 from spinfilters.estimators.identification.noise_model import NoiseModel
+from spinfilters.estimators.model_errors.explained_errors import MOST_WRONG, ExplainedErrors
 from spinfilters.estimators.model_errors.likely_levels import LEVEL_RANGE, LikelihoodClimb, LikelyLevels
-from spinfilters.estimators.model_errors.linear_likelihood import MOST_EPOCHS, LinearMotion
+from spinfilters.estimators.model_errors.linear_likelihood import LinearMotion
 from spinfilters.estimators.model_errors.linear_rows import LinearRows
-from spinfilters.estimators.smoothing.linear.marginals import Marginals
 
 PRIOR_ODDS: Final = 0.05
 """Of errors that last, before anything is measured."""
@@ -32,12 +32,10 @@ FIRST_TIMES: Final = (3.0, 15.0)
 """Correlation times, in intervals, from which the likelihood is climbed."""
 LEAST_SCORE: Final = 2.0
 """Standard deviations of a score below which errors that last are not fitted, but where they may be all that disturbances seem."""
-LEAST_DISTURBED: Final = 0.1
+LEAST_DISTURBED: Final = 0.01
 """Share of disturbances in a measurement's variance, below which lasting errors in their place move estimates by little."""
 NOTHING: Final = -40.0
 """ln of a variance that is none."""
-LEAST_PROBABILITY: Final = 1e-4
-"""Of errors that last, below which they are not looked at any further."""
 
 
 @dataclass(frozen=True)
@@ -49,8 +47,7 @@ class CorrelatedErrors:
     white, lasting: standard deviations by noise option, in its unit.   time: of correlation, s.   densities: beside them.
     probability: of them.   advantage: fall of -2 ln likelihood.
     inflation: of the variance of the state component that they touch most, mean over epochs, were they there.
-    disturbed: what disturbances have, without them, in the variance of a measurement about that of the epoch before; white noise
-        has the rest.
+    widening: what covariance factors F of the first epochs' states are multiplied by to hold with these errors too.
     """
 
     white: dict[str, float]
@@ -60,7 +57,7 @@ class CorrelatedErrors:
     probability: float
     advantage: float
     inflation: float
-    disturbed: float
+    widening: Float[np.ndarray, "k n n"]
 
     @property
     def expected_nees(self) -> float:
@@ -73,8 +70,8 @@ class ExplainedLevels(NamedTuple):
 
     levels: LikelyLevels
     white: LikelyLevels
+    information: Float[np.ndarray, "f f"]
     probability: float
-    disturbed: float
 
 
 def correlated_errors(
@@ -96,7 +93,8 @@ def correlated_errors(
     try:
         with np.errstate(all="ignore"):
             return _compared(rows, model, stated)
-    except NUMERICAL_ERRORS:
+    except NUMERICAL_ERRORS as error:
+        numerical(error)
         return []
 
 
@@ -112,13 +110,20 @@ def _compared(rows: LinearRows, model: NoiseModel, stated: Collection[str]) -> l
     every = climb.highest(
         [*_correlated(motion, white), *(_undisturbed(motion, white) if undisturbed else ())]
     )
-    likely = [(each, _probability(_evidence(motion, white, each))) for each in every]
+    errors = ExplainedErrors(rows, model)
+    likely = [(each, _probability(_evidence(motion, white, each))) for each in _likeliest(every)]
     found = [
-        _told(rows, model, ExplainedLevels(each, white, p, disturbed))
+        _told(errors, ExplainedLevels(each, white, climb.information(each), p))
         for each, p in likely
-        if p > LEAST_PROBABILITY
+        if p > MOST_WRONG
     ]
     return sorted(found, key=lambda each: -each.probability)
+
+
+def _likeliest(every: list[LikelyLevels]) -> list[LikelyLevels]:
+    """Of all that were climbed to with the same levels free the likeliest."""
+    kinds = {len(each.free): each for each in sorted(every, key=lambda each: each.log_likelihood)}
+    return list(kinds.values())
 
 
 def _probability(evidence: float) -> float:
@@ -165,12 +170,8 @@ def _undisturbed(motion: LinearMotion, white: LikelyLevels) -> list[LikelyLevels
     return found
 
 
-def _told(
-    rows: LinearRows,
-    model: NoiseModel,
-    explained: ExplainedLevels,
-) -> CorrelatedErrors:
-    best = explained.levels
+def _told(errors: ExplainedErrors, explained: ExplainedLevels) -> CorrelatedErrors:
+    best, model = explained.levels, errors.model
     count, names = len(model.components), [c.name for c in model.components]
     half = np.exp(best.levels / 2)
     values = np.array([component.value for component in model.components])
@@ -182,40 +183,6 @@ def _told(
         float(np.exp(best.levels[-1])),
         explained.probability,
         2 * (best.log_likelihood - explained.white.log_likelihood),
-        _inflation(rows, model, best.levels),
-        explained.disturbed,
+        errors.inflation(best.levels),
+        errors.widening(best, explained.information, explained.probability),
     )
-
-
-def _inflation(rows: LinearRows, model: NoiseModel, levels: Float[np.ndarray, " c"]) -> float:
-    """Largest over components of the mean over epochs of their variance, over that stated.
-
-    What disturbances have in it falls with their densities.
-    """
-    count, sensors = len(model.components), rows.problem.motion.sensors
-    stamps = np.concatenate([[0.0], np.cumsum(rows.problem.motion.dt)])
-    total = (Marginals(rows.solution, rows.normal.eliminated).factors[:MOST_EPOCHS] ** 2).sum(axis=2)
-    lasting, stated = np.zeros_like(total), np.zeros_like(total)
-    for number, each in enumerate(model.components):
-        white, slow = np.exp(levels[number]), np.exp(levels[count + number])
-        for k, own in each.sensors.items():
-            time = stamps[sensors[k].epoch[sensors[k].epoch < MOST_EPOCHS]]
-            away = np.abs(np.subtract.outer(time, time))
-            covariance = white * np.eye(len(away)) + slow * np.exp(-away / np.exp(levels[-1]))
-            for row in own:
-                moved = _by_row(rows, k, row)
-                stated += (moved**2).sum(axis=2)
-                lasting += ((moved @ covariance) * moved).sum(axis=2)
-    densities = np.exp(levels[2 * count : -1])
-    left = float(np.clip(densities.mean(), 0.0, 1.0)) if len(densities) else 1.0
-    ratio = (lasting + left * np.maximum(total - stated, 0.0)) / np.where(total > 0, total, np.inf)
-    return float(ratio.mean(axis=0).max())
-
-
-def _by_row(rows: LinearRows, sensor: int, row: int) -> Float[np.ndarray, "k n r"]:
-    """Errors of states by one row of every measurement of a sensor."""
-    early = np.flatnonzero(rows.problem.motion.sensors[sensor].epoch < MOST_EPOCHS)
-    right = rows.nothing(len(early))
-    at = early[np.abs(rows.sensor_rows[sensor][early]).max(axis=(1, 2)) > 0]
-    right.sensors[sensor][at, row, at] = 1.0
-    return rows.sensitivity(right).states[:MOST_EPOCHS]

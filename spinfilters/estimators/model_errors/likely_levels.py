@@ -10,7 +10,7 @@ from spinfilters.estimators.model_errors.linear_likelihood import Curvature, Lin
 
 SCORE_TIMES: Final = (1.5, 4.5, 10.0, 33.0)
 """At which the score of lasting errors is asked."""
-TIME_RANGE: Final = (0.3, 0.25)
+TIME_RANGE: Final = (0.3, 1.0)
 """Of correlation times: in intervals at least, in recordings at most."""
 LEVEL_RANGE: Final = (-18.0, 18.0)
 ITERATIONS: Final = 12
@@ -35,6 +35,12 @@ class LikelyLevels:
     levels: Float[np.ndarray, " c"]
     free: Int[np.ndarray, " f"]
     log_likelihood: float
+
+    def moved(self, step: Float[np.ndarray, " f"]) -> "LikelyLevels":
+        """With the free ones changed, within `LEVEL_RANGE`."""
+        levels = self.levels.copy()
+        levels[self.free] = np.clip(levels[self.free] + step, *LEVEL_RANGE)
+        return replace(self, levels=levels)
 
 
 @dataclass(frozen=True)
@@ -63,6 +69,10 @@ class LikelihoodClimb:
                 if step is not None:
                     trial[k] = self._moved(best[k], step)
         return best
+
+    def information(self, one: LikelyLevels) -> Float[np.ndarray, "f f"]:
+        """Fisher information of the free levels."""
+        return self._evaluated([one])[0][1].information
 
     def scores(self, white: LikelyLevels) -> Float[np.ndarray, " s"]:
         """Scores of lasting errors of each component and time of `SCORE_TIMES`.
@@ -102,12 +112,12 @@ class LikelihoodClimb:
         return rows
 
     def _moved(self, one: LikelyLevels, step: Float[np.ndarray, " f"]) -> LikelyLevels:
-        levels, interval = one.levels.copy(), self.motion.interval
-        levels[one.free] = np.clip(levels[one.free] + step, *LEVEL_RANGE)
-        if one.free[-1] == len(levels) - 1:
+        """With correlation times within `TIME_RANGE` too."""
+        moved, interval = one.moved(step), self.motion.interval
+        if one.free[-1] == len(one.levels) - 1:
             shortest, longest = TIME_RANGE[0] * np.median(interval), TIME_RANGE[1] * interval.sum()
-            levels[-1] = np.clip(one.levels[-1] + step[-1], np.log(shortest), np.log(longest))
-        return replace(one, levels=levels)
+            moved.levels[-1] = np.clip(one.levels[-1] + step[-1], np.log(shortest), np.log(longest))
+        return moved
 
 
 def _step(slope: Curvature | None, damping: float) -> Float[np.ndarray, " f"] | None:

@@ -1,0 +1,66 @@
+"""Doubts about stated noise, and the levels that they name.
+
+    spinfilters campaign experiments/studies/stated-noise-gyro.toml -o runs/stated-noise-gyro     # also -poses, -tracks
+    python -m experiments.stated_noise runs/stated-noise-gyro [runs/stated-noise-poses runs/stated-noise-tracks]
+
+A sensor's noise is stated at a multiple of the true level, the name of the cell's settings. Printed are, of each estimator and
+multiple, verdicts that are ``ok``, verdicts that doubt a level of the sensor, those whose level is within a fifth of the true one,
+and the largest error of an ``ok`` estimate in its stated deviations.
+"""
+
+import argparse
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from spinfilters.campaigns.campaign_folder import read_folder
+from spinfilters.campaigns.rows_folder import read_rows
+
+NEAR = 1.2
+"""Of a named level to the true one."""
+TOLD = re.compile(r"sensors\.(\w+) is \S+, the data have (\S+)")
+CELL = ("estimator", "settings")
+HEAD = ("estimator, times the true level", "ok", "doubted", "level within a fifth", "worst error of ok")
+
+
+def main() -> None:
+    """Print the rows of all folders."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folders", type=Path, nargs="+")
+    for folder in parser.parse_args().folders:
+        study, _ = read_folder(folder)
+        print(f"{study.name}\n\n| {' | '.join(HEAD)} |\n|{'---|' * len(HEAD)}")
+        for line in rows_of(read_rows(folder, study.columns).to_pandas()):
+            print(line)
+
+
+def rows_of(table: pd.DataFrame) -> Iterator[str]:
+    """A row of Markdown for every estimator and multiple."""
+    for levels, own in table.groupby(list(CELL), sort=False):
+        assert isinstance(levels, tuple)
+        ok, told = own["verdict"] == "ok", own["verdict_reasons"].fillna("").map(named_level)
+        doubted = [each is not None for each in told]
+        near = [is_near(row, each) for (_, row), each in zip(own.iterrows(), told, strict=True)]
+        worst = own.loc[ok, "worst_error"].max()
+        cells = (f"{ok.sum()} of {len(own)}", f"{sum(doubted)}", f"{sum(near)}", f"{worst:.1f}")
+        yield f"| {' | '.join((', '.join(map(str, levels)), *cells))} |"
+
+
+def named_level(reasons: str) -> tuple[str, float] | None:
+    """Name and value of the sensor's level that a verdict says the data have."""
+    found = TOLD.search(reasons)
+    return None if found is None else (found[1], float(found[2]))
+
+
+def is_near(row: pd.Series, told: tuple[str, float] | None) -> bool:
+    """Whether a named level is near the true one."""
+    return told is not None and bool(abs(np.log(told[1] / row[f"true_{told[0]}"])) < np.log(NEAR))
+
+
+if __name__ == "__main__":
+    main()
