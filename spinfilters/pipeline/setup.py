@@ -135,19 +135,23 @@ def prepare(dataset: Dataset, settings: Settings, initial: Given | None = None) 
     with dataset.naming():
         if initial is not None or settings.process.gravity != AUTO:
             return _setup(dataset, settings, initial)
-        return with_acceleration_if_told(lambda own: _setup(dataset, own, None), settings)
+        return with_acceleration_if_told(lambda own, beside: _setup(dataset, own, None, beside), settings)
 
 
-def _setup(dataset: Dataset, settings: Settings, initial: Given | None) -> Setup:
+def _setup(dataset: Dataset, settings: Settings, initial: Given | None, beside: Setup | None = None) -> Setup:
+    """Beside another setup from its noise and body."""
     log = log_with_noise(dataset.log, settings)
     layout = _layout(log, settings)
-    stated = _stated(dataset, log, layout, settings)
+    stated = (
+        _stated(dataset, log, layout, settings) if beside is None else _as_beside(beside, layout, settings)
+    )
     silent = NOTHING_SOUGHT
-    binding = _Binding(replace(dataset, log=log), camera_view(dataset), layout, settings, initial)
+    likely = None if beside is None else beside.initial
+    binding = _Binding(replace(dataset, log=log), camera_view(dataset), layout, settings, initial, likely)
     if initial is not None:
         made, components = binding(stated.process, stated.noise, None), ()
     else:
-        silent = unstated_noise(log, dataset, settings, stated.unknown)
+        silent = unstated_noise(log, dataset, settings, stated.unknown) if beside is None else beside.sought
         made, components = with_identified_noise(binding, stated.process, stated.noise, silent)
     known = None if dataset.known_map is None else dataset.known_map.points
     return Setup(
@@ -196,15 +200,27 @@ def _stated(dataset: Dataset, log: MeasurementLog, layout: StateLayout, settings
     return _StatedModels(process, replace(noise, **{option: found.scale_std}), found, unknown)
 
 
+def _as_beside(beside: Setup, layout: StateLayout, settings: Settings) -> _StatedModels:
+    """Noise of another setup of the recording."""
+    process = TorqueFreeProcess(layout, beside.process.noise, settings.process.tolerance)
+    return _StatedModels(process, beside.noise, beside.gyro_noise)
+
+
 @dataclass(frozen=True)
 class _Binding:
-    """A log bound to models, with the initialisation that follows from them or is given."""
+    """A log bound to models, with the initialisation that follows from them or is given.
+
+    Attributes
+    ----------
+    likely: estimate beside which this one is made, of epochs that do not depend on either.
+    """
 
     dataset: Dataset
     view: CameraView | None
     layout: StateLayout
     settings: Settings
     initial: Given | None
+    likely: InitialEstimate | None
 
     def __call__(
         self, process: TorqueFreeProcess, noise: SensorNoise, before: InitialEstimate | None
@@ -215,7 +231,10 @@ class _Binding:
         if self.initial is not None:
             return NoisyModels(process, noise, timeline, self.initial(self.layout))
         first = FirstEpochs(self.dataset, self.view, process, timeline, noise)
-        return NoisyModels(process, noise, timeline, first.smoothed(self.settings.initialisation, before))
+        options = self.settings.initialisation
+        if self.likely is not None:
+            return NoisyModels(process, noise, timeline, first.near(self.likely, options, before))
+        return NoisyModels(process, noise, timeline, first.smoothed(options, before))
 
 
 def _layout(log: MeasurementLog, settings: Settings) -> StateLayout:
