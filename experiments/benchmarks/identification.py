@@ -4,8 +4,8 @@
 
 Prepares each recording with nothing stated, and with all stated that this has found, and smooths it once: medians of processor
 times of interleaved rounds. Printed are the difference of the preparations in batch solves (bar: 8; a batch solve is one of the
-whole recording from where the filter passes, of tracks without a map one of the initialisation), and the time of a MEKF that goes on
-learning noise over that of one whose noise is stated (bar: 1.1).
+whole recording from where the filter passes, of tracks without a map one of the initialisation), and the time of a MEKF that
+learns noise over that of one whose noise is stated (bar: 1.1).
 """
 
 import argparse

@@ -30,7 +30,9 @@ if TYPE_CHECKING:
 TOLD: Final = 1e-5
 """Probability of as large an acceleration by chance, below which it is told from zero."""
 CENTRE_STDS: Final = (0.1, 0.03, 0.01)
-"""Of the prior of the centre of mass that are tried beside the default, m; without an acceleration the first alone."""
+"""Of the prior of the centre of mass that are tried beside the default, m; without an acceleration the first alone.
+
+Its fits are made: they take gravity for disturbances, of which each prior leaves others."""
 KNOWN_CENTRE: Final = 0.1
 """Standard deviation of the centre of mass over that of its default prior, below which the motion tells it."""
 ALIKE: Final = 10.0
@@ -53,7 +55,6 @@ class _Explanation:
     """
 
     centre_std: float
-    gravity: bool
     cost: float
     told: bool
 
@@ -81,31 +82,35 @@ def _likeliest(make: Make, settings: Settings, without: "Setup") -> Settings | N
 
     Where no prior of the centre lets the data tell one, the fit without is not made.
     """
-    found = _explanations(make, settings, without, gravity=True)
+    found = _accelerated(make, settings, without)
     if not any(each.told for each in found):
         return None
-    found += _explanations(make, settings, without, gravity=False)
+    for std in (CENTRE_OF_MASS.prior_std, CENTRE_STDS[0]):
+        setup = _tried(make, _with(settings, gravity=False, centre_std=std), without)
+        found.append(_Explanation(std, np.inf if setup is None else _cost(setup), told=False))
     least = min(each.cost for each in found)
     alike = [each for each in found if each.cost <= least + ALIKE]
     best = min(alike, key=lambda each: (not each.told, each.centre_std))
-    return _with(settings, best.gravity, best.centre_std) if best.told else None
+    return _with(settings, gravity=True, centre_std=best.centre_std) if best.told else None
 
 
-def _explanations(make: Make, settings: Settings, without: "Setup", gravity: bool) -> list[_Explanation]:
-    """Explanations by every prior of the centre, all from the fit with the widest that leads anywhere."""
-    stds = (CENTRE_OF_MASS.prior_std, *(CENTRE_STDS if gravity else CENTRE_STDS[:1]))
+def _accelerated(make: Make, settings: Settings, without: "Setup") -> list[_Explanation]:
+    """Explanations with an acceleration by every prior of the centre.
+
+    All from the fit with the widest that leads anywhere: the noise that an offset leaves is that of the acceleration as well.
+    """
+    stds = (CENTRE_OF_MASS.prior_std, *CENTRE_STDS)
     for k, widest in enumerate(stds):
-        setup = _tried(make, _with(settings, gravity, widest), without)
+        setup = _tried(make, _with(settings, gravity=True, centre_std=widest), without)
         cost = np.inf if setup is None else _cost(setup)
         if setup is None or not np.isfinite(cost):
             continue
-        start = setup.initial
+        start, found = setup.initial, []
         assert start.marginals is not None  # a finite cost has been solved
         wide = Gaussian(start.layout, start.mean[-1], start.marginals.factors[-1])
-        found = []
         for std in stds[k:]:
             belief, more = with_narrower_prior(wide, start.prior, CENTRE_OF_MASS.name, std)
-            found.append(_Explanation(std, gravity, cost + more, gravity and _tells(belief)))
+            found.append(_Explanation(std, cost + more, _tells(belief)))
         return found
     return []
 

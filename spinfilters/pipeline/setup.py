@@ -24,7 +24,12 @@ from spinfilters.pipeline.acceleration_state import with_acceleration_if_told
 from spinfilters.pipeline.considered_calibration import considered_deviations
 from spinfilters.pipeline.first_epochs import FirstEpochs
 from spinfilters.pipeline.gyro_noise import FIRST_SCALE, GyroNoise, identify_gyro_noise, white_level
-from spinfilters.pipeline.identified_noise import NoisyModels, Unstated, with_identified_noise
+from spinfilters.pipeline.identified_noise import (
+    ROUNDS,
+    NoisyModels,
+    Unstated,
+    with_identified_noise,
+)
 from spinfilters.pipeline.stated_noise import (
     disturbances,
     levels_of_rows,
@@ -47,6 +52,8 @@ from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 NOTHING_SOUGHT = Unstated({}, ())
 WHOLE_RECORDING = 400
 """Samples, at most, from which the error of a rate sensor is identified."""
+BESIDE_ROUNDS = 2
+"""Initialisations at most from the noise of another setup."""
 
 
 @dataclass(frozen=True)
@@ -152,7 +159,8 @@ def _setup(dataset: Dataset, settings: Settings, initial: Given | None, beside: 
         made, components = binding(stated.process, stated.noise, None), ()
     else:
         silent = unstated_noise(log, dataset, settings, stated.unknown) if beside is None else beside.sought
-        made, components = with_identified_noise(binding, stated.process, stated.noise, silent)
+        rounds = ROUNDS if beside is None else BESIDE_ROUNDS
+        made, components = with_identified_noise(binding, stated.process, stated.noise, silent, rounds)
     known = None if dataset.known_map is None else dataset.known_map.points
     return Setup(
         *(dataset, log, made.process, made.timeline, made.noise, made.start),
