@@ -1,6 +1,6 @@
 """Errors of estimates called ok, in stated standard deviations.
 
-    python -m experiments.honest_verdicts [--seeds 12] [--cases gyro] [--silent] [--estimators mekf smoother] [-o runs/honest]
+    python -m experiments.honest_verdicts [--seeds 12 [--first 5]] [--cases gyro] [--silent] [--estimators mekf smoother] [-o runs/honest]
 
 Simulates every case of `experiments.honest_cases`, estimates with MEKF, UKF and smoother, and prints of every case the verdicts,
 the largest error of the latest epoch in standard deviations among the estimates called ``ok`` and the quantity it is of, and the
@@ -68,10 +68,27 @@ class VerdictOutcome:
         return self.verdict is Verdict.OK and not self.worst[0] <= LARGEST
 
 
+@dataclass(frozen=True)
+class SweepExtent:
+    """Recordings and estimators of a sweep.
+
+    Attributes
+    ----------
+    seeds: recordings that are drawn of a case; of these the ``first`` are estimated, all for None.
+    silent: whether no noise is stated.
+    """
+
+    seeds: int = 12
+    first: int | None = None
+    estimators: tuple[str, ...] = NAMES
+    silent: bool = False
+
+
 def main() -> None:
     """Run the sweep, print, draw."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=12)
+    parser.add_argument("--first", type=int, default=None, help="only so many of the seeds")
     parser.add_argument("--cases", default="", help="only cases whose name holds this")
     parser.add_argument("--silent", action="store_true", help="state no noise")
     parser.add_argument("--estimators", nargs="+", choices=NAMES, default=NAMES)
@@ -79,8 +96,9 @@ def main() -> None:
     options = parser.parse_args()
     make_folder(options.output)
     chosen, found = [case for case in CASES if options.cases in case.name], []
+    extent = SweepExtent(options.seeds, options.first, tuple(options.estimators), options.silent)
     for case in chosen:
-        outcomes = list(outcomes_of(case, options.seeds, tuple(options.estimators), options.silent))
+        outcomes = list(outcomes_of(case, extent))
         found += outcomes
         print(row_of(case, outcomes), flush=True)
     for outcome in found:
@@ -92,13 +110,11 @@ def main() -> None:
     )
 
 
-def outcomes_of(
-    case: RecordingCase, seeds: int, names: tuple[str, ...] = NAMES, silent: bool = False
-) -> Iterator[VerdictOutcome]:
-    """What every estimator says of so many recordings of a case, whose noise may be silent."""
-    settings = Settings(estimators=names, process=ProcessSettings(drag=case.drag > 0))
-    for seed, recording in enumerate(recordings(case, seeds)):
-        dataset = without_noise(recording.dataset) if silent else recording.dataset
+def outcomes_of(case: RecordingCase, extent: SweepExtent) -> Iterator[VerdictOutcome]:
+    """What every estimator says of a case's recordings, whose noise may be silent."""
+    settings = Settings(estimators=extent.estimators, process=ProcessSettings(drag=case.drag > 0))
+    for seed, recording in enumerate(recordings(case, extent.seeds)[: extent.first]):
+        dataset = without_noise(recording.dataset) if extent.silent else recording.dataset
         try:
             evaluations = compare_estimators(
                 prepare(dataset, settings), settings, lambda *_: None

@@ -7,13 +7,14 @@ mass is then a hyperparameter, chosen by marginal likelihood among `CENTRE_STDS`
 """
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
+from spinfilters.estimators.initialisation.prior_change import with_narrower_prior
 from spinfilters.estimators.model_errors.alternatives.acceleration_alternative import ConstantAcceleration
 from spinfilters.linear_algebra.chi_square import chi_square_tail
 from spinfilters.pipeline.log_evidence import minus_twice_log_evidence
@@ -21,6 +22,7 @@ from spinfilters.pipeline.model_errors import tested_about
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.blocks.acceleration import ACCELERATION
 from spinfilters.state.blocks.rigid_body import CENTRE_OF_MASS
+from spinfilters.state.gaussian import Gaussian
 
 if TYPE_CHECKING:
     from spinfilters.pipeline.setup import Setup
@@ -28,7 +30,9 @@ if TYPE_CHECKING:
 TOLD: Final = 1e-5
 """Probability of as large an acceleration by chance, below which it is told from zero."""
 CENTRE_STDS: Final = (0.1, 0.03, 0.01)
-"""Of the prior of the centre of mass that are tried beside the default, m; without an acceleration the first alone."""
+"""Of the prior of the centre of mass that are tried beside the default, m; without an acceleration the first alone.
+
+Its fits are made: they take gravity for disturbances, of which each prior leaves others."""
 KNOWN_CENTRE: Final = 0.1
 """Standard deviation of the centre of mass over that of its default prior, below which the motion tells it."""
 ALIKE: Final = 10.0
@@ -37,42 +41,83 @@ CLEAR_FIT: Final = 1.5
 """Rms of whitened residuals of the first epochs above which a score about them says little: the acceleration is tried."""
 
 
-def with_acceleration_if_told(make: "Callable[[Settings], Setup]", settings: Settings) -> "Setup":
+Make = Callable[[Settings, "Setup | None"], "Setup"]
+"""Makes the setup of a recording with these settings; beside another one from its noise and body, of a common number of epochs."""
+
+
+@dataclass(frozen=True)
+class _Explanation:
+    """First epochs with a prior of the centre of mass, with or without an acceleration.
+
+    Attributes
+    ----------
+    cost: -2 ln evidence.   told: whether an acceleration is told from zero.
+    """
+
+    centre_std: float
+    cost: float
+    told: bool
+
+
+def with_acceleration_if_told(make: Make, settings: Settings) -> "Setup":
     """The setup with a constant acceleration if the data tell one.
 
     The first epochs ask for it and tell it from zero.
     """
-    without = make(settings)
+    without = make(settings, None)
     if not without.process.layout.translates:
         return without
     stated = settings.initialisation.centre_std != CENTRE_OF_MASS.prior_std
     if not stated and not _knows_centre(without.initial):
-        likeliest = _likeliest(make, settings)
-        return without if likeliest is None else make(likeliest)
+        likeliest = _likeliest(make, settings, without)
+        return without if likeliest is None else make(likeliest, None)
     if not _asks(without):
         return without
-    accelerated = make(_with(settings, gravity=True, centre_std=settings.initialisation.centre_std))
-    return accelerated if _tells(accelerated.initial) else without
+    accelerated = make(_with(settings, gravity=True, centre_std=settings.initialisation.centre_std), None)
+    return accelerated if _tells(accelerated.initial.belief) else without
 
 
-def _likeliest(make: "Callable[[Settings], Setup]", settings: Settings) -> Settings | None:
-    """Settings with an acceleration told from zero, if most likely."""
-    found: list[tuple[float, float, bool, Settings]] = []
-    for gravity in (False, True):
-        for std in (CENTRE_OF_MASS.prior_std, *(CENTRE_STDS if gravity else CENTRE_STDS[:1])):
-            own = _with(settings, gravity, std)
-            tried = _tried(make, replace(own, initialisation=replace(own.initialisation, share=1.0)))
-            if tried is not None:
-                found.append((_cost(tried), std, gravity and _tells(tried.initial), own))
-    least = min((cost for cost, *_ in found), default=np.inf)
-    alike = [each for each in found if each[0] <= least + ALIKE and np.isfinite(each[0])]
-    _, _, told, best = min(alike, key=lambda each: (not each[2], each[1]), default=(0, 0, False, settings))
-    return best if told else None
+def _likeliest(make: Make, settings: Settings, without: "Setup") -> Settings | None:
+    """Settings with an acceleration told from zero, if most likely.
+
+    Where no prior of the centre lets the data tell one, the fit without is not made.
+    """
+    found = _accelerated(make, settings, without)
+    if not any(each.told for each in found):
+        return None
+    for std in (CENTRE_OF_MASS.prior_std, CENTRE_STDS[0]):
+        setup = _tried(make, _with(settings, gravity=False, centre_std=std), without)
+        found.append(_Explanation(std, np.inf if setup is None else _cost(setup), told=False))
+    least = min(each.cost for each in found)
+    alike = [each for each in found if each.cost <= least + ALIKE]
+    best = min(alike, key=lambda each: (not each.told, each.centre_std))
+    return _with(settings, gravity=True, centre_std=best.centre_std) if best.told else None
 
 
-def _tried(make: "Callable[[Settings], Setup]", settings: Settings) -> "Setup | None":
+def _accelerated(make: Make, settings: Settings, without: "Setup") -> list[_Explanation]:
+    """Explanations with an acceleration by every prior of the centre.
+
+    All from the fit with the widest that leads anywhere: the noise that an offset leaves is that of the acceleration as well.
+    """
+    stds = (CENTRE_OF_MASS.prior_std, *CENTRE_STDS)
+    for k, widest in enumerate(stds):
+        setup = _tried(make, _with(settings, gravity=True, centre_std=widest), without)
+        cost = np.inf if setup is None else _cost(setup)
+        if setup is None or not np.isfinite(cost):
+            continue
+        start, found = setup.initial, []
+        assert start.marginals is not None  # a finite cost has been solved
+        wide = Gaussian(start.layout, start.mean[-1], start.marginals.factors[-1])
+        for std in stds[k:]:
+            belief, more = with_narrower_prior(wide, start.prior, CENTRE_OF_MASS.name, std)
+            found.append(_Explanation(std, cost + more, _tells(belief)))
+        return found
+    return []
+
+
+def _tried(make: Make, settings: Settings, without: "Setup") -> "Setup | None":
     try:
-        return make(settings)
+        return make(settings, without)
     except InputError:  # of which the caller's own settings tell
         return None
 
@@ -119,10 +164,10 @@ def _asks(setup: "Setup") -> bool:
     return bool(tested_about(setup, start.mean, [ConstantAcceleration()]).named)
 
 
-def _tells(start: InitialEstimate) -> bool:
+def _tells(belief: Gaussian) -> bool:
     """Whether the acceleration differs from zero by more than its covariance explains."""
-    value = start.mean[-1, start.layout.mean_slice(ACCELERATION.name)]
-    factor = start.factor[-1, start.layout.slice(ACCELERATION.name)]
-    if start.has_failed or not (np.isfinite(value).all() and np.isfinite(factor).all()):
+    value = belief.mean[belief.layout.mean_slice(ACCELERATION.name)]
+    factor = belief.factor[belief.layout.slice(ACCELERATION.name)]
+    if not (np.isfinite(value).all() and np.isfinite(factor).all()):
         return False
     return bool(chi_square_tail(value @ np.linalg.solve(factor @ factor.T, value), len(value)) < TOLD)

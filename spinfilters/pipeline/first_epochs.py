@@ -21,6 +21,8 @@ from spinfilters.sensors.sensor import MotionSamples
 
 LEADING_EPOCHS = 16
 """Of the sensor that tells most of a motion, in an initialisation, where faster sensors stand beside it."""
+COMPARED_EPOCHS = 480
+"""Of which two models of a motion are compared, or all of a shorter recording."""
 
 
 @dataclass(frozen=True)
@@ -65,10 +67,7 @@ class FirstEpochs:
             """The initialisation with these options."""
             count = options.count(self.timeline)
             if count not in made:  # of twice the epochs both a filter is judged and a longer start made
-                again = None
-                if before is not None:
-                    again = initialised_again(self.process, self.timeline, before, options)
-                made[count] = self._made(options) if again is None else again
+                made[count] = self._again(options, before) or self._made(options)
             return made[count]
 
         try:
@@ -79,7 +78,30 @@ class FirstEpochs:
                 self.process.layout, options.count(self.timeline), reason(numerical(error))
             )
 
-    def _made(self, options: InitialisationOptions) -> InitialEstimate:
+    def near(
+        self, likely: InitialEstimate, options: InitialisationOptions, before: InitialEstimate | None = None
+    ) -> InitialEstimate:
+        """Smoothed first epochs, `COMPARED_EPOCHS` whatever filters need.
+
+        Parameters
+        ----------
+        likely: of the same motion, whose mass distribution they are smoothed from.   before: see `smoothed`.
+        """
+        count = min(len(self.timeline), max(COMPARED_EPOCHS, len(likely.mean)))
+        duration = max(options.duration, self._duration(count))
+        options = replace(options, epochs=count, share=1.0, duration=duration)
+        try:
+            with np.errstate(all="ignore"):
+                return self._again(options, before) or self._made(options, likely)
+        except NUMERICAL_ERRORS as error:
+            return InitialEstimate.failed(self.process.layout, count, reason(error))
+
+    def _again(
+        self, options: InitialisationOptions, before: InitialEstimate | None
+    ) -> InitialEstimate | None:
+        return None if before is None else initialised_again(self.process, self.timeline, before, options)
+
+    def _made(self, options: InitialisationOptions, likely: InitialEstimate | None = None) -> InitialEstimate:
         """From the measurements alone; nothing of landmarks after the last epoch is looked at."""
         end = self.timeline[options.count(self.timeline) - 1].time
         streams = [
@@ -87,7 +109,7 @@ class FirstEpochs:
             for stream in self.dataset.log.streams
         ]
         samples = initial_samples([s for s in streams if s is not None], self.noise, self.view)
-        return initialise(self.process, self.timeline, samples, options)
+        return initialise(self.process, self.timeline, samples, options, likely)
 
     def _duration(self, epochs: int) -> float:
         return self.timeline[epochs - 1].time - self.timeline[0].time

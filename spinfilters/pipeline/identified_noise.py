@@ -70,17 +70,25 @@ class Unstated:
 
 
 def with_identified_noise(
-    make: Initialise, process: TorqueFreeProcess, noise: SensorNoise, unstated: Unstated
+    make: Initialise,
+    process: TorqueFreeProcess,
+    noise: SensorNoise,
+    unstated: Unstated,
+    rounds: int = ROUNDS,
 ) -> tuple[NoisyModels, tuple[VarianceComponent, ...]]:
     """The initialisation with the noise that its own epochs identify; without it where they identify none.
 
     The density of a disturbance is taken for its mean (`VarianceComponent.expected`), and covariances widen by what is not known of
     the levels (`Identified`).
+
+    Parameters
+    ----------
+    rounds: initialisations at most; 2 where noise is nearly known before the first.
     """
     made, found = make(process, noise, None), None
     if not unstated:
         return made, ()
-    for _ in range(ROUNDS - 1):
+    for _ in range(rounds - 1):
         identified = _identified(made, unstated, found is None)
         if identified is None:
             break

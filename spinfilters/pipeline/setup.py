@@ -24,7 +24,12 @@ from spinfilters.pipeline.acceleration_state import with_acceleration_if_told
 from spinfilters.pipeline.considered_calibration import considered_deviations
 from spinfilters.pipeline.first_epochs import FirstEpochs
 from spinfilters.pipeline.gyro_noise import FIRST_SCALE, GyroNoise, identify_gyro_noise, white_level
-from spinfilters.pipeline.identified_noise import NoisyModels, Unstated, with_identified_noise
+from spinfilters.pipeline.identified_noise import (
+    ROUNDS,
+    NoisyModels,
+    Unstated,
+    with_identified_noise,
+)
 from spinfilters.pipeline.stated_noise import (
     disturbances,
     levels_of_rows,
@@ -47,6 +52,8 @@ from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 NOTHING_SOUGHT = Unstated({}, ())
 WHOLE_RECORDING = 400
 """Samples, at most, from which the error of a rate sensor is identified."""
+BESIDE_ROUNDS = 2
+"""Initialisations at most from the noise of another setup."""
 
 
 @dataclass(frozen=True)
@@ -135,20 +142,25 @@ def prepare(dataset: Dataset, settings: Settings, initial: Given | None = None) 
     with dataset.naming():
         if initial is not None or settings.process.gravity != AUTO:
             return _setup(dataset, settings, initial)
-        return with_acceleration_if_told(lambda own: _setup(dataset, own, None), settings)
+        return with_acceleration_if_told(lambda own, beside: _setup(dataset, own, None, beside), settings)
 
 
-def _setup(dataset: Dataset, settings: Settings, initial: Given | None) -> Setup:
+def _setup(dataset: Dataset, settings: Settings, initial: Given | None, beside: Setup | None = None) -> Setup:
+    """Beside another setup from its noise and body."""
     log = log_with_noise(dataset.log, settings)
     layout = _layout(log, settings)
-    stated = _stated(dataset, log, layout, settings)
+    stated = (
+        _stated(dataset, log, layout, settings) if beside is None else _as_beside(beside, layout, settings)
+    )
     silent = NOTHING_SOUGHT
-    binding = _Binding(replace(dataset, log=log), camera_view(dataset), layout, settings, initial)
+    likely = None if beside is None else beside.initial
+    binding = _Binding(replace(dataset, log=log), camera_view(dataset), layout, settings, initial, likely)
     if initial is not None:
         made, components = binding(stated.process, stated.noise, None), ()
     else:
-        silent = unstated_noise(log, dataset, settings, stated.unknown)
-        made, components = with_identified_noise(binding, stated.process, stated.noise, silent)
+        silent = unstated_noise(log, dataset, settings, stated.unknown) if beside is None else beside.sought
+        rounds = ROUNDS if beside is None else BESIDE_ROUNDS
+        made, components = with_identified_noise(binding, stated.process, stated.noise, silent, rounds)
     known = None if dataset.known_map is None else dataset.known_map.points
     return Setup(
         *(dataset, log, made.process, made.timeline, made.noise, made.start),
@@ -196,15 +208,27 @@ def _stated(dataset: Dataset, log: MeasurementLog, layout: StateLayout, settings
     return _StatedModels(process, replace(noise, **{option: found.scale_std}), found, unknown)
 
 
+def _as_beside(beside: Setup, layout: StateLayout, settings: Settings) -> _StatedModels:
+    """Noise of another setup of the recording."""
+    process = TorqueFreeProcess(layout, beside.process.noise, settings.process.tolerance)
+    return _StatedModels(process, beside.noise, beside.gyro_noise)
+
+
 @dataclass(frozen=True)
 class _Binding:
-    """A log bound to models, with the initialisation that follows from them or is given."""
+    """A log bound to models, with the initialisation that follows from them or is given.
+
+    Attributes
+    ----------
+    likely: estimate beside which this one is made, of epochs that do not depend on either.
+    """
 
     dataset: Dataset
     view: CameraView | None
     layout: StateLayout
     settings: Settings
     initial: Given | None
+    likely: InitialEstimate | None
 
     def __call__(
         self, process: TorqueFreeProcess, noise: SensorNoise, before: InitialEstimate | None
@@ -215,7 +239,10 @@ class _Binding:
         if self.initial is not None:
             return NoisyModels(process, noise, timeline, self.initial(self.layout))
         first = FirstEpochs(self.dataset, self.view, process, timeline, noise)
-        return NoisyModels(process, noise, timeline, first.smoothed(self.settings.initialisation, before))
+        options = self.settings.initialisation
+        if self.likely is not None:
+            return NoisyModels(process, noise, timeline, first.near(self.likely, options, before))
+        return NoisyModels(process, noise, timeline, first.smoothed(options, before))
 
 
 def _layout(log: MeasurementLog, settings: Settings) -> StateLayout:

@@ -15,11 +15,8 @@ from spinfilters.data.track_files import KnownMap
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
-from spinfilters.estimators.initialisation.initialiser import (
-    SmoothingOptions,
-    initialise,
-    smooth_first_epochs,
-)
+from spinfilters.estimators.initialisation.initial_smoothing import SmoothingOptions, smooth_first_epochs
+from spinfilters.estimators.initialisation.initialiser import initialise
 from spinfilters.estimators.initialisation.options import InitialisationOptions
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions

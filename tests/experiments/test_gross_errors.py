@@ -2,7 +2,7 @@
 
 import pytest
 
-from experiments.gross_errors import STUDIES, lines_of, ratios
+from experiments.gross_errors import STUDIES, lines_of, quantiles, ratios
 from spinfilters.campaigns.study import read_study
 
 Row = dict[str, object]
@@ -28,11 +28,17 @@ def test_a_run_without_estimates_has_no_ratio_that_passes() -> None:
     assert set(ratios([row("late", 0, 0.3), row("late", 1, None)], RIGHT).values()) == {float("inf")}
 
 
+def test_a_quantile_is_of_ratios_of_the_same_seed() -> None:
+    wrong = [row("late", 0, 0.3), row("late", 1, 0.8)]
+    assert quantiles(wrong, RIGHT) == {name: pytest.approx(1.95) for name in ("a", "w")}
+
+
 def test_lines_mark_what_is_beyond_a_tenth_and_count_what_is_ok_and_wrong() -> None:
     wrong = [row("late", 0, 0.36, worst=4.5), row("late", 1, 0.48, verdict="degraded")]
-    first, last = lines_of("gyro", [*RIGHT, *wrong])
-    assert "a 1.200*, w 1.200*, moments 1.200*" in first
+    first, epoch, last = lines_of("gyro", [*RIGHT, *wrong])
+    assert "a 1.200* (1.20), w 1.200* (1.20), moments 1.200*;" in first
     assert first.endswith("ok 1 and 2 of 2, of these wrong 1 and 0")
+    assert "any, late" in epoch
     assert last == "gyro: largest ratio 1.200"
 
 

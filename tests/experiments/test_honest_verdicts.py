@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from experiments.honest_cases import CASES, RecordingCase
-from experiments.honest_verdicts import LARGEST, VerdictOutcome, figure, outcomes_of, row_of
+from experiments.honest_verdicts import LARGEST, SweepExtent, VerdictOutcome, figure, outcomes_of, row_of
 from spinfilters.state.status import Verdict
 
 BY_NAME = {case.name: case for case in CASES}
@@ -15,13 +15,13 @@ ONCE_WRONG = ("pose near-spherical", "pose 50 epochs")
 
 @pytest.mark.parametrize("name", ONCE_WRONG)
 def test_what_is_called_ok_is_within_four_standard_deviations(name: str) -> None:
-    outcomes = list(outcomes_of(BY_NAME[name], 2))
+    outcomes = list(outcomes_of(BY_NAME[name], SweepExtent(2)))
     assert len(outcomes) == 6
     assert not [(o.seed, o.estimator, o.worst) for o in outcomes if o.is_dishonest]
 
 
 def test_a_well_determined_motion_is_called_ok() -> None:
-    outcomes = list(outcomes_of(replace(BY_NAME["gyro rich"], epochs=100), 2))
+    outcomes = list(outcomes_of(replace(BY_NAME["gyro rich"], epochs=100), SweepExtent(2)))
     assert {o.verdict for o in outcomes} == {Verdict.OK}
 
 

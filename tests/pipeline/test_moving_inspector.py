@@ -17,7 +17,7 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeFilter
 from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
-from spinfilters.estimators.initialisation.initialiser import SmoothingOptions, smooth_first_epochs
+from spinfilters.estimators.initialisation.initial_smoothing import SmoothingOptions, smooth_first_epochs
 from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import SensorNoise, Timeline, build_timeline

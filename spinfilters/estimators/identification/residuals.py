@@ -69,14 +69,6 @@ class WhitenedRows:
             pairs.append((self.observations, other.observations))
         return float(sum(np.vdot(a, b) for a, b in pairs))
 
-    def plus(self, other: "WhitenedRows") -> "WhitenedRows":
-        """Sum."""
-        seen = None
-        if self.observations is not None and other.observations is not None:
-            seen = self.observations + other.observations
-        sensors = tuple(a + b for a, b in zip(self.sensors, other.sensors, strict=True))
-        return WhitenedRows(sensors, self.steps + other.steps, seen)
-
 
 def residuals_of(
     problem: Problem,
@@ -102,7 +94,7 @@ def residuals_of(
         chosen, free = _sensor_residuals(each, sensors, nothing)
         seen = nothing.observations
         if each.landmarks:
-            seen = _observations_after(problem, here, normal)
+            seen = _observations_after(here, normal)
             free += _free_observations(problem, normal, spent)
         sources.append(WhitenedRows(tuple(chosen), nothing.steps, seen))
         redundancy.append(free)
@@ -158,12 +150,45 @@ class _SensorAfter:
         return np.asarray(chi_square_tail(squares, self.rest.shape[1]))
 
 
-def _steps_after(problem: Problem, here: LinearizationPoint, marginals: Marginals) -> _StepsAfter:
-    ordering, errors = problem.ordering, marginals.solution.errors
-    J, y = here.dynamics.rows[:, :, :-1], here.dynamics.rows[:, :, -1]
-    moving = errors[:, ordering.moving]
+def explained_rows(problem: Problem, here: LinearizationPoint, normal: NormalEquations) -> WhitenedRows:
+    """J x of all whitened rows, x the solution of the linear problem or of one with another right-hand side."""
+    errors = normal.system.errors
+    sensors = [_explained_by_sensor(problem, here, errors, k) for k in range(len(problem.motion.sensors))]
+    seen = None if here.linear is None else _explained_observations(here, normal)
+    return WhitenedRows(tuple(sensors), _explained_steps(problem, here, errors), seen)
+
+
+def _explained_steps(
+    problem: Problem, here: LinearizationPoint, errors: Float[np.ndarray, "k n"]
+) -> Float[np.ndarray, "j d"]:
+    ordering, moving = problem.ordering, errors[:, problem.ordering.moving]
     both = np.concatenate([moving[:-1], moving[1:], errors[:-1, ordering.constant]], axis=1)
-    return _StepsAfter(y - np.einsum("kdc,kc->kd", J, both), J @ marginals.step_rows())
+    return np.einsum("kdc,kc->kd", here.dynamics.rows[:, :, :-1], both)
+
+
+def _explained_by_sensor(
+    problem: Problem, here: LinearizationPoint, errors: Float[np.ndarray, "k n"], number: int
+) -> Float[np.ndarray, "r i"]:
+    sensor = problem.motion.sensors[number]
+    rows = EpochRows(here.sensor_rows(problem.motion, number).rows, sensor.epoch)
+    return rows.products(errors[:, sensor.model.columns, None])[:, :, 0]
+
+
+def _explained_observations(here: LinearizationPoint, normal: NormalEquations) -> Float[np.ndarray, "N 3"]:
+    """Of the observations that count, zero of the others."""
+    fit, linear, solution = normal.eliminated, here.linear, normal.system
+    assert fit is not None
+    assert linear is not None
+    poses = solution.poses[fit.observations.epoch]
+    points = fit.points_step(solution.poses)[fit.observations.landmark]
+    moved = np.einsum("nic,nc->ni", linear.rows[:, :, :-1], np.concatenate([poses, points], axis=1))
+    return np.where(fit.used[:, None], moved, 0.0)
+
+
+def _steps_after(problem: Problem, here: LinearizationPoint, marginals: Marginals) -> _StepsAfter:
+    J, y = here.dynamics.rows[:, :, :-1], here.dynamics.rows[:, :, -1]
+    explained = _explained_steps(problem, here, marginals.solution.errors)
+    return _StepsAfter(y - explained, J @ marginals.step_rows())
 
 
 def _zeros(here: LinearizationPoint, steps: _StepsAfter, sensors: Sequence[_SensorAfter]) -> WhitenedRows:
@@ -188,11 +213,10 @@ def _sensor_after(
     problem: Problem, here: LinearizationPoint, marginals: Marginals, number: int
 ) -> _SensorAfter:
     sensor, made = problem.motion.sensors[number], here.sensor_rows(problem.motion, number)
-    each, columns = EpochRows(made.rows, sensor.epoch), sensor.model.columns
-    errors = marginals.solution.errors[:, columns, None]
-    factors = marginals.factors[:, columns]
+    each = EpochRows(made.rows, sensor.epoch)
+    factors = marginals.factors[:, sensor.model.columns]
     leverage = np.einsum("rij,rij->ri", each.products(factors @ factors.swapaxes(1, 2)), each.jacobian)
-    rest = made.rows[:, :, -1] - each.products(errors)[:, :, 0]
+    rest = made.rows[:, :, -1] - _explained_by_sensor(problem, here, marginals.solution.errors, number)
     return _SensorAfter(rest, made.counted[:, None] - leverage, float(leverage.sum()))
 
 
@@ -204,19 +228,13 @@ def _prior_leverage(problem: Problem, here: LinearizationPoint, marginals: Margi
     return float(np.vdot(spread, spread))
 
 
-def _observations_after(
-    problem: Problem, here: LinearizationPoint, normal: NormalEquations
-) -> Float[np.ndarray, "N 3"]:
+def _observations_after(here: LinearizationPoint, normal: NormalEquations) -> Float[np.ndarray, "N 3"]:
     """Whitened residuals of the observations that count."""
-    fit, linear, solution = normal.eliminated, here.linear, normal.system
+    fit, linear = normal.eliminated, here.linear
     assert fit is not None
     assert linear is not None
-    poses, points = (
-        solution.poses[fit.observations.epoch],
-        fit.points_step(solution.poses)[fit.observations.landmark],
-    )
-    moved = np.einsum("nic,nc->ni", linear.rows[:, :, :-1], np.concatenate([poses, points], axis=1))
-    return np.where(fit.used[:, None], linear.innovation - moved, 0.0)
+    counted = np.where(fit.used[:, None], linear.innovation, 0.0)
+    return counted - _explained_observations(here, normal)
 
 
 def _free_observations(problem: Problem, normal: NormalEquations, spent: float) -> float:

@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.estimators.identification.residuals import WhitenedRows
+from spinfilters.estimators.identification.residuals import WhitenedRows, explained_rows
 from spinfilters.estimators.smoothing.factors.epoch_rows import EpochRows
 from spinfilters.estimators.smoothing.factors.landmark_observations import LinearObservations
 from spinfilters.estimators.smoothing.problem.least_squares import (
@@ -50,13 +50,12 @@ class WorkingSolutions:
     def information(self) -> Float[np.ndarray, "c c"]:
         """Fisher information of all ln variances.
 
-        What two of them share comes from the fall of their sum's cost.
+        What two of them share is that of the one with what is left of the other.
         """
-        fallen = [each.predicted_reduction for each in self._solved]
         F = np.diag(self.variances_information)
+        explained = [explained_rows(self.problem, self.here, each) for each in self._solved[1:]]
         for (i, one), (j, other) in combinations(enumerate(self.sources), 2):
-            both = self._solution(one.plus(other)).predicted_reduction
-            F[i, j] = F[j, i] = (one.dot(other) - (both - fallen[i] - fallen[j]) / 2) / 2
+            F[i, j] = F[j, i] = (one.dot(other) - one.dot(explained[j - 1])) / 2
         return F
 
     @property

@@ -36,6 +36,7 @@ class InitialEstimate:
     departure: of a filter from the smoother of the same measurements, in standard deviations; zero where none was tried.
     status: whether it can be trusted, with reasons.
     guess: that it was smoothed from, whose landmarks are all that the first epochs show; None where it is not known.
+    rivals: other optima of the same epochs, less likely at this noise; () where there are none or none was looked for.
     """
 
     layout: StateLayout
@@ -58,6 +59,7 @@ class InitialEstimate:
     departure: float = 0.0
     status: EstimatorStatus = field(default_factory=EstimatorStatus)
     guess: InitialGuess | None = None
+    rivals: tuple["InitialEstimate", ...] = ()
 
     @classmethod
     def failed(cls, layout: StateLayout, epochs: int, reason: str) -> "InitialEstimate":
