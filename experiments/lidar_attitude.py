@@ -115,7 +115,7 @@ def corner_error(distance: float, field: float, sequence: int, rays: int) -> flo
 def full_turn(seed: int) -> tuple[float, float]:
     """Largest attitude error, deg, and mean NEES of poses.
 
-    Of a tumbling box in 60 scans; frames g are brought together.
+    The body is a tumbling box in 60 scans; frames g are brought together.
     """
     mesh, attitude = box((1.0, 1.3, 0.8)), Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
     start = Initial(

@@ -13,7 +13,7 @@ from spinfilters.errors import InputError
 
 
 class OrderedEntry(Protocol):
-    """What an entry of a table with an order has."""
+    """Table entry with a name and a place in the order."""
 
     name: str
     order: int

@@ -120,7 +120,7 @@ class GeometricMoves:
     def _precession(self, state: State, amount: ca.SX) -> State:
         """More moment about the line from centre to landmark.
 
-        At the same angular momentum: the line of a sphere moves as before.
+        The angular momentum stays the same: the line of a sphere moves as before.
         """
         values = state.values
         d, J = state.points[0][:, 0] - values["c"], self.inertia(values)

@@ -1,4 +1,4 @@
-"""What a comparison gives back: a run, and in it a result per estimator."""
+"""Results of a comparison: a run with one result per estimator."""
 
 import os
 from collections.abc import Iterator, Mapping
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class EstimatorResult:
-    """What one estimator found.
+    """Result of one estimator.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class EstimatorResult:
 
     @property
     def name(self) -> str:
-        """Of the estimator."""
+        """Name of the estimator."""
         return self.evaluation.name
 
     @property
@@ -55,7 +55,7 @@ class EstimatorResult:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why it is not "ok": sentences with their numbers; empty where it is."""
+        """Reasons for a status other than "ok": sentences with their numbers; empty otherwise."""
         return self.evaluation.history.status.reasons
 
     @property
@@ -118,7 +118,7 @@ class Run(Mapping[str, EstimatorResult]):
 
     @classmethod
     def from_comparison(cls, comparison: Comparison, settings: Settings, folder: Path | None = None) -> "Run":
-        """Of estimators that have just run."""
+        """Run of a comparison that has just ended."""
         results = {e.name: EstimatorResult(e, comparison.maps.get(e.name)) for e in comparison.evaluations}
         setup = comparison.setup
         conditions = tuple(conditions_of(setup).sentences)
@@ -126,7 +126,7 @@ class Run(Mapping[str, EstimatorResult]):
 
     @classmethod
     def from_folder(cls, folder: Path, settings: Settings) -> "Run":
-        """Of a run folder that is whole. InputError: a damaged one."""
+        """Run of a complete run folder. InputError: a damaged one."""
         from spinfilters.pipeline.figures import FigureData
 
         shown_run = FigureData.from_folder(folder)

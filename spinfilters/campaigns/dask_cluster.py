@@ -34,7 +34,7 @@ class DaskCluster:
     address: str
 
     def rows(self, study: Study, chunks: list[Chunk]) -> Iterator[Row]:
-        """Rows as they come.
+        """Rows in the order of completion.
 
         A scheduler that comes back is given again what it had not answered.
 
@@ -128,13 +128,13 @@ class _Answers:
         self._changed = threading.Condition()
 
     def put(self, future: Any) -> None:
-        """Called by Dask."""
+        """Add a finished future; Dask calls this."""
         with self._changed:
             self._done.append(future)
             self._changed.notify()
 
     def get(self, seconds: float) -> Any | None:
-        """The next, None where none comes in time."""
+        """Next finished future; None after so many seconds without one."""
         with self._changed:
             if not self._done:
                 self._changed.wait(seconds)

@@ -1,4 +1,4 @@
-"""Seeds of a run, derived from the study's root by number."""
+"""Seeds of a run, derived from the root seed of its study."""
 
 from dataclasses import dataclass
 
@@ -17,7 +17,7 @@ class RunSeeds:
 
 
 def run_seeds(root: int, seed: int) -> RunSeeds:
-    """Those of the seed of a number: child ``seed`` of ``SeedSequence(root)``."""
+    """Generators of seed number ``seed``, that child of ``SeedSequence(root)``."""
     child = np.random.SeedSequence(root, spawn_key=(seed,))
     return RunSeeds(*child.spawn(5))
 

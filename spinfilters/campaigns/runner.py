@@ -1,4 +1,4 @@
-"""One run of a study: simulate, initialise, estimate, evaluate; a row in the end, whatever happens."""
+"""One run of a study: simulate, initialise, estimate, evaluate; always one row."""
 
 import platform
 import time
@@ -51,7 +51,7 @@ class Runner:
         self._versions = _versions()
 
     def row(self, index: int) -> Row:
-        """The row of a run; an error of the run is what its row says."""
+        """Row of a run; an error of the run is recorded in it."""
         run, begin = self.study.run(index), time.perf_counter()
         self._spent = dict.fromkeys(TIMES, 0.0)
         try:
@@ -171,7 +171,7 @@ class Runner:
 
 
 def asked(study: Study, index: int) -> Row:
-    """The columns of a row that tell what was asked."""
+    """Columns of a row that identify the run and its factors."""
     run = study.run(index)
     return {"run": index, "cell": run.cell, "seed": run.seed, **study.cells[run.cell].levels}
 

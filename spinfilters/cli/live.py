@@ -26,7 +26,7 @@ MIB = 1 << 20
 
 
 def live(options: argparse.Namespace) -> int:
-    """Answer every epoch until the measurements end; exit code 0, and 1 where deadlines were missed."""
+    """Estimate every epoch until measurements end; exit code 1 after missed deadlines, else 0."""
     settings = read_settings(Path(options.config)) if options.config else Settings()
     dataset = read_dataset(options.dataset, None)
     lines = None if options.input is None else open_lines(options.input, dataset.log.sensors)

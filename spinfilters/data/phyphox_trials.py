@@ -15,7 +15,7 @@ _MOST_DESCRIBED = 8  # segments that an error describes; of more it gives the nu
 def phyphox_trial(folder: Path, recording: PhyphoxRecording, number: int | None) -> Segment | None:
     """The kept segment of that number.
 
-    With None the only one, or None where none is marked.
+    Number None asks for the only one; the result is None where none is marked.
 
     Raises
     ------

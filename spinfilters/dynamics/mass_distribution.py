@@ -75,7 +75,7 @@ def near_local_mass(s: Expression, other: Expression) -> Expression:
 def reset_mass_jacobian(d: Expression) -> Expression:
     """Jacobian (5 x 5) of the error about s [+] d by that about s.
 
-    At d; it does not depend on s.
+    It is taken at d, and does not depend on s.
     """
     e = ca.SX.sym("e", DIMENSION)
     root = exponential(_traceless(d) / 2)

@@ -34,10 +34,7 @@ def template(name: str) -> str:
 
 @cache
 def load_filter(options: EmbedOptions) -> ctypes.PyDLL | None:
-    """The filter compiled for this machine, None without a compiler.
-
-    With the flags of a flight build.
-    """
+    """The filter compiled for this machine with flight flags; None without a compiler."""
     return load_text("embedded_filter", one_text(library_texts(options)), (*FLAGS, "-fno-math-errno"))
 
 

@@ -26,7 +26,7 @@ SEED = 17
 
 @dataclass(frozen=True)
 class TestVectors:
-    """Arrays by name, epoch after epoch: what goes into a filter and what comes out."""
+    """Inputs and outputs of a filter, epoch by epoch, as named arrays."""
 
     __test__ = False  # no test class, whatever its name
     arrays: dict[str, Float[np.ndarray, "..."]]
@@ -88,7 +88,7 @@ class _OneValue:
 class _Landmarks:
     """Stereo landmarks on the near side of a ball, half of them known.
 
-    At first those of every other place are known.
+    Those of every other place are known at first.
     """
 
     def __init__(

@@ -56,7 +56,7 @@ class Trajectory:
 
     @property
     def is_finite(self) -> Bool[np.ndarray, " n"]:
-        """In which epochs the motion, whatever its uncertainty, is finite."""
+        """Epochs whose motion is finite, whatever its uncertainty."""
         motion = np.hstack([self.position, self.q_ig, self.velocity, self.rate_i])
         return np.asarray(np.isfinite(motion).all(axis=1))
 
@@ -158,10 +158,7 @@ def _ply_header(count: int) -> bytes:
 
 @cache
 def _motion(layout: StateLayout) -> Compiled:
-    """Centre of mass, its velocity and the rate in i (9).
-
-    With derivative (9 x e) by the state's error.
-    """
+    """Centre of mass, velocity and rate in i (9), derivative (9 x e) by the error."""
     return with_error_jacobian(
         layout, "motion_in_i", _motion_of_centre if layout.translates else _rotation_alone
     )

@@ -1,4 +1,4 @@
-"""The free flights of a recording, and what says that they are."""
+"""Free flights of a recording, and the evidence for them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ class FreeFlight:
     evidence: str
 
     def segment(self, number: int) -> Segment:
-        """It as a segment of a recording."""
+        """The flight as a segment of a recording."""
         return Segment(number, self.start, self.end, True, self.evidence)
 
 

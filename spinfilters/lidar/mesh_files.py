@@ -1,4 +1,4 @@
-"""Mesh files of strangers: STL (binary and ASCII), OBJ and PLY, validated and cleaned."""
+"""Validated mesh files: STL (binary and ASCII), OBJ and PLY."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""What is said of every epoch, and how it is written."""
+"""Answer of a live run to an epoch, and its text formats."""
 
 import json
 from dataclasses import dataclass

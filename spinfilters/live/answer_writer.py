@@ -32,7 +32,7 @@ class AnswerWriter:
         self._thread.start()
 
     def write(self, answer: Answer) -> None:
-        """Give an answer on its way; this never waits.
+        """Queue an answer for writing, without waiting.
 
         Raises
         ------
@@ -46,7 +46,7 @@ class AnswerWriter:
             self.dropped += 1
 
     def close(self) -> None:
-        """Write what waits, for a moment."""
+        """Write the queued answers, with a time limit."""
         with suppress(queue.Full):
             self._waiting.put(None, timeout=LAST_SECONDS)
         self._thread.join(LAST_SECONDS)

@@ -1,4 +1,4 @@
-"""What a live run begins from, and how it goes."""
+"""Options and initialisation of a live run."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ Bind = Callable[[MeasurementStream], Measurement]
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """How a live run goes.
+    """Options of a live run.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class LiveOptions:
 
 @dataclass(frozen=True)
 class LiveSetup:
-    """What a live run begins from.
+    """Models and initialisation of a live run.
 
     Attributes
     ----------

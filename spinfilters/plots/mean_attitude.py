@@ -1,7 +1,4 @@
-"""Accuracy of the mean attitude over the number of scans.
-
-With the number that an accuracy takes.
-"""
+"""Accuracy of the mean attitude over the number of scans, with the number needed."""
 
 import numpy as np
 from jaxtyping import Float
@@ -11,9 +8,7 @@ from spinfilters.plots.style import BLUE, GREY, RED
 
 
 def scan_accuracy_figure(stds: Float[np.ndarray, " n"], asked: float, needed: int, title: str) -> Figure:
-    """Attitude deviation of the first scans, deg, and its trend.
-
-    Where as many again would lead.
+    """Attitude deviation of the first scans, deg, and its trend to twice as many.
 
     Parameters
     ----------

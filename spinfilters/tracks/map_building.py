@@ -158,10 +158,7 @@ def _triangulated(
 def _point_information(
     camera: Float[np.ndarray, "k 3"], calibration: np.ndarray, noise: NoiseLevel
 ) -> Float[np.ndarray, "k 3 3"]:
-    """Information J' N^-1 J of a triangulated point, camera frame.
-
-    Of (u_left, v_left, u_right) with noise N.
-    """
+    """Information J' N^-1 J of (u_left, v_left, u_right) on a triangulated point, camera frame."""
     J = stereo_pair(calibration).pixels_by_point(camera, calibration)
     whitened = np.linalg.solve(np.linalg.cholesky(noise), J) if np.ndim(noise) else J / noise
     return np.swapaxes(whitened, 1, 2) @ whitened

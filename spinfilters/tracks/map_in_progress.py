@@ -1,4 +1,4 @@
-"""A map that is being built from observations of which some are wrong associations."""
+"""Map under construction from observations with wrong associations."""
 
 from dataclasses import dataclass
 
@@ -34,7 +34,7 @@ class MapInProgress:
 
     @classmethod
     def empty(cls, ids: Int[np.ndarray, " n"]) -> "MapInProgress":
-        """Nothing seen yet."""
+        """Map without an observation."""
         n = len(ids)
         return cls(ids, np.zeros((n, 2, 3, 3)), np.zeros((n, 2, 3)), np.zeros((n, 2), dtype=int))
 

@@ -1,7 +1,4 @@
-"""Stereo calibration by ROS: a `camera_info.yaml` of each camera.
-
-As its camera_calibration writes it.
-"""
+"""Stereo calibration by ROS camera_calibration: a `camera_info.yaml` of each camera."""
 
 from pathlib import Path
 from typing import Any, Final

@@ -1,6 +1,6 @@
 """A raw stereo pair: two pinhole cameras with lens distortion.
 
-As `sensor.yaml` files of the EuRoC layout.
+The files are `sensor.yaml` of the EuRoC layout.
 """
 
 from collections.abc import Sequence
@@ -73,7 +73,7 @@ class RawRig:
 
     @property
     def relative_rotation(self) -> Float[np.ndarray, "3 3"]:
-        """Left camera to right camera."""
+        """Rotation from the left camera to the right one."""
         return self.right.R_bc.T @ self.left.R_bc
 
     @property

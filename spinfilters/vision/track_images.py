@@ -35,7 +35,7 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class TrackedImages:
-    """What the front end made of a folder.
+    """Tracks and losses of a folder of images.
 
     Attributes
     ----------
@@ -80,10 +80,7 @@ def track_images(
 
 
 class FolderPoints(NamedTuple):
-    """Stereo points of the usable pairs of a folder.
-
-    With their times (s), and how many pairs it has.
-    """
+    """Stereo points of a folder's usable pairs, their times (s) and number."""
 
     rectification: Rectification
     points: list[TimedFeatures]

@@ -1,4 +1,4 @@
-"""Poses of a sequence's epochs by visual odometry, from wherever most of them are found.
+"""Visual odometry from the starting epoch that finds most poses.
 
 Epochs after a gap are not recognised by the few that went before. They are tried again with the map of all that was found, last
 ones first; and where most are still lost, the sequence is begun anew at the first of them.

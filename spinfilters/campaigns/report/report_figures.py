@@ -114,7 +114,7 @@ def bound_figure(cells: Sequence[CellSummary], varied: Sequence[str]) -> Figure 
 
 
 def verdict_figure(cells: Sequence[CellSummary], varied: Sequence[str]) -> Figure:
-    """Shares of what was said and what was right, a bar per cell."""
+    """Shares of verdicts and of correct estimates, one bar per cell."""
     shown = cells[:MOST_CELLS]
     figure = Figure(figsize=(9.0, 1.3 + 0.26 * len(shown)), layout="constrained")
     axes = figure.subplots()
@@ -136,7 +136,7 @@ def verdict_figure(cells: Sequence[CellSummary], varied: Sequence[str]) -> Figur
 
 
 def label_of(cell: CellSummary, varied: Sequence[str]) -> str:
-    """A cell by those of its levels that vary."""
+    """Label of a cell by its levels that vary."""
     words = ", ".join(
         cell.levels[name] if "." not in name else f"{name} {cell.levels[name]}" for name in varied
     )

@@ -15,7 +15,7 @@ from spinfilters.data.reading_options import NOTHING_STATED, ReadingOptions
 
 @dataclass(frozen=True)
 class PhyphoxReader(DatasetReader):
-    """See `spinfilters.data.phyphox_trials`.
+    """Reader of phyphox exports; see `spinfilters.data.phyphox_trials`.
 
     Attributes
     ----------

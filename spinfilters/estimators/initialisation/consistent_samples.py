@@ -1,4 +1,4 @@
-"""Motion samples without single gross errors, which a closed form has no loss against.
+"""Removal of single gross errors from motion samples before closed-form estimation.
 
 A sample counts as wrong where it lies far from the line through its neighbours, and where without it they lie on one. A motion that
 is fast for a few samples is left alone: without one of them the others lie no better.
@@ -30,10 +30,7 @@ class _SampleSequence:
     has_signs: bool
 
     def distances(self, kept: Int[np.ndarray, " k"]) -> Float[np.ndarray, " d"]:
-        """Distances of samples from the line through their kept neighbours.
-
-        Of each kept sample but the first and the last.
-        """
+        """Distances of inner kept samples from the line through their kept neighbours."""
         time, values = self.time[kept], self.values[kept]
         before, here, after = values[:-2], values[1:-1], values[2:]
         if self.has_signs:
@@ -45,7 +42,7 @@ class _SampleSequence:
         return np.linalg.norm(here - line, axis=1)
 
     def wrong(self) -> Int[np.ndarray, " w"]:
-        """Numbers of the samples that count as wrong."""
+        """Indices of the samples with gross errors."""
         kept, removed = np.arange(len(self.time)), []
         distances = self.distances(kept)
         allowed = max(OUTLYING * float(np.median(distances)), SMALLEST * float(np.abs(self.values).max()))
@@ -67,7 +64,7 @@ class _SampleSequence:
     def _explaining(self, kept: Int[np.ndarray, " k"], worst: int, allowed: float) -> int | None:
         """Index in ``kept`` of the sample that explains the largest distance.
 
-        At or beside the worst: without it its surroundings lie on lines; None without one.
+        It is the worst or beside it: without it its surroundings lie on lines; None without one.
         """
         left = {}
         for place in (worst, worst - 1, worst + 1):
@@ -79,7 +76,7 @@ class _SampleSequence:
 
 
 def consistent_samples(samples: MotionSamples) -> MotionSamples:
-    """The samples without those of which attitude, rate or position is a single gross error."""
+    """Samples without single gross errors of attitude, rate or position."""
     if len(samples.time) < 2 * AROUND:
         return samples
     given = {name: getattr(samples, name) for name in ("attitude", "rates", "positions")}

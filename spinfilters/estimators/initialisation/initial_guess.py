@@ -27,10 +27,7 @@ DEFINED_ATTITUDE_STD = 1e-9
 
 
 def initial_state(layout: StateLayout, evidence: InitialMotion) -> tuple[Float[np.ndarray, " m"], float]:
-    """First state from conserved angular momentum, and its constancy.
-
-    With a straight path of the centre of mass.
-    """
+    """First state and its constancy from conserved angular momentum and a straight path."""
     fit = fit_momentum(evidence.rotations, evidence.rates, evidence.time, layout.has(DRAG))
     x = layout.origin()
     x[layout.mean_slice("a")] = evidence.attitude[0]

@@ -1,4 +1,4 @@
-"""What the first epochs say directly of a motion: attitudes, body rates and places."""
+"""Attitudes, body rates and positions measured directly in the first epochs."""
 
 from dataclasses import dataclass, field, replace
 

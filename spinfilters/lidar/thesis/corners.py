@@ -87,10 +87,10 @@ def find_corner(planes: ThreePlanes) -> Float[np.ndarray, "3"] | None:
 def label_edge(
     features: PointFeatures, planes: ThreePlanes, corner: Float[np.ndarray, "3"], parameters: Parameters
 ) -> Float[np.ndarray, "b 3"]:
-    """Boundary corners near the lines of intersection.
+    """Boundary corners: the point farthest from the corner near each line of intersection.
 
-    Of the edge and boundary points near each line the farthest from the corner.
-    Edges without a point are left out. The distance is Eq. 4.5; the line goes through the corner.
+    The points are edge and boundary points. Edges without a point are left out. The distance is Eq. 4.5; the line goes
+    through the corner.
     """
     candidates = features.points[(features.label == EDGE) | (features.label == BOUNDARY)]
     w, found = candidates - corner, []

@@ -58,10 +58,7 @@ class ProcessedSequence:
         return self.nearest_vertices(points) - points
 
     def transition_errors(self, boundary: int) -> Float[np.ndarray, "m 3"]:
-        """Angles of the x, y and z axes between frames, deg.
-
-        With the frame of one boundary corner; NaN where a snapshot lacks it.
-        """
+        """Angles, deg, of axes between frames of one boundary corner; NaN without it."""
         found = self.corners, self.boundary_corners[:, boundary]
         epochs = [
             np.array([reference_frame(PLACE, *pair) for pair in zip(*points, strict=True)])

@@ -60,8 +60,8 @@ def clusterdata(
 ) -> list[Int[np.ndarray, " c"]]:
     """Clusters of a surface by single linkage; those too small are discarded.
 
-    As many as there are gaps, at most the largest number of clusters: "maxclust" alone cuts a whole face into ten pieces, and the
-    thesis saw no influence of that number.
+    There are as many as gaps, at most the largest number of clusters: "maxclust" alone cuts a whole face into ten pieces, and
+    the thesis saw no influence of that number.
     """
     if not 1 < len(members) <= MOST_CLUSTERED:
         return [members]

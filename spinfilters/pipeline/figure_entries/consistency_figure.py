@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 class ConsistencyFigure(FigureEntry):
-    """See `spinfilters.plots.consistency_bands`."""
+    """Figure entry of `spinfilters.plots.consistency_bands`."""
 
     name, order = "consistency", 5
     caption = "NEES and NIS of every estimator with their chi-square bands."

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class ErrorsFigure(FigureEntry):
-    """See `spinfilters.plots.error_bands`."""
+    """Figure entry of `spinfilters.plots.error_bands`."""
 
     name, order = "errors", 6
     caption = "Errors of one estimator over time, within three of their standard deviations."

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 class InertiaFigure(FigureEntry):
-    """See `spinfilters.plots.inertia`."""
+    """Figure entry of `spinfilters.plots.inertia`."""
 
     name, order = "inertia", 2
     caption = "Principal moments of inertia of every estimator over time."

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class PolhodeFigure(FigureEntry):
-    """See `spinfilters.plots.polhode_on_ellipsoids`."""
+    """Figure entry of `spinfilters.plots.polhode_on_ellipsoids`."""
 
     name, order = "polhode", 3
     caption = "Path of the body rate of the first estimator on its inertia ellipsoid."

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class RatesFigure(FigureEntry):
-    """See `spinfilters.plots.body_rates`."""
+    """Figure entry of `spinfilters.plots.body_rates`."""
 
     name, order = "rates", 1
     caption = "Body rates of every estimator over time, beside the true or measured ones."

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 class SceneFigure(FigureEntry):
-    """See `spinfilters.plots.scene`."""
+    """Figure entry of `spinfilters.plots.scene`."""
 
     name, order = "scene", 4
     caption = "Path, principal axes and landmarks of the body before the camera, of the first estimator."

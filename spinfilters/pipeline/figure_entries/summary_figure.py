@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 class SummaryFigure(FigureEntry):
-    """See `spinfilters.plots.summary`."""
+    """Figure entry of `spinfilters.plots.summary`."""
 
     name, order = "summary", 0
     caption = (

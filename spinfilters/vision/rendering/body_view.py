@@ -23,7 +23,7 @@ GLOSS = 40.0
 
 @dataclass(frozen=True)
 class Appearance:
-    """A body as it looks.
+    """Appearance of a body under sunlight.
 
     Attributes
     ----------

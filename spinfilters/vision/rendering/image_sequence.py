@@ -26,7 +26,7 @@ Pair = tuple[UInt8[np.ndarray, "h w"], UInt8[np.ndarray, "h w"]]
 
 @dataclass(frozen=True)
 class RenderedScene:
-    """What is photographed, and with what.
+    """Rendered scene: a body before a stereo rig.
 
     Attributes
     ----------

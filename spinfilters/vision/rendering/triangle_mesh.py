@@ -37,7 +37,7 @@ class BodyMesh:
     def normals(self) -> Float[np.ndarray, "f 3 3"]:
         """Outward unit normal at each corner of each face.
 
-        Of the face, or of a smooth surface (`SMOOTH_FACES`).
+        It is that of the face, or of a smooth surface (`SMOOTH_FACES`).
         """
         a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
         areas = np.cross(b - a, c - a)

@@ -1,7 +1,7 @@
-"""Marginal covariances of a smoother's estimates. From the factors of its last linear problem.
+"""Marginal covariances of a smoother's estimates, from its last linear problem.
 
-With C the inverse of the reduced root, transposed, the errors of poses and constants are C n. Chained errors follow by the
-recursion of the elimination backwards in time,
+C is the inverse of the reduced root, transposed: the errors of poses and constants are C n. Chained errors
+follow by the recursion of the elimination backwards in time,
 
     e_k = L_k^-T (n_k - X_k e - F_k e_k+1) = A_k e + own noise,   A_k = -L_k^-T (X_k + F_k A_k+1),
 
@@ -113,7 +113,7 @@ class Marginals:
     def landmark_rows(self, landmarks: Int[np.ndarray, " q"]) -> tuple[np.ndarray, np.ndarray]:
         """Errors of landmarks as rows (q, 3, r) over the separator's noise.
 
-        With square roots (q, 3, 3) of their own covariance.
+        Square roots (q, 3, 3) of their own covariance come with them.
 
         Landmarks must be told.
         """

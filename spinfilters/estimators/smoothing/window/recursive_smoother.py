@@ -87,7 +87,7 @@ class RecursiveSmoother(Estimator):
 
     @property
     def belief(self) -> Gaussian:
-        """Of the present time, given all measurements up to it."""
+        """Belief of the present time given all measurements so far."""
         return self._belief
 
     @property
@@ -134,7 +134,7 @@ class RecursiveSmoother(Estimator):
         return [*self.marginalized, *self.sliding.smoothed()]
 
     def snapshot(self) -> Snapshot:
-        """Copies of everything that the future of the estimate depends on."""
+        """Copies of the whole internal state."""
         m = self.sliding.state
         flags = [
             m.prior_alive,
