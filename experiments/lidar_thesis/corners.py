@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
 
-from spinfilters.lidar.thesis.scan_features import (
+from experiments.lidar_thesis.scan_features import (
     BOUNDARY,
     EDGE,
     Parameters,
@@ -15,7 +15,7 @@ from spinfilters.lidar.thesis.scan_features import (
     find_bndry_points,
     find_edge_points,
 )
-from spinfilters.lidar.thesis.surfaces import Surfaces, surf_segm
+from experiments.lidar_thesis.surfaces import Surfaces, surf_segm
 
 PAIRS: Final = ((0, 1), (1, 2), (2, 0))
 """Surfaces whose intersections are the edges."""
