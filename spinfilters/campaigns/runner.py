@@ -4,7 +4,7 @@ import platform
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any, Final, TypeVar
@@ -15,7 +15,6 @@ from spinfilters.campaigns.factor_table import Cell
 from spinfilters.campaigns.factors import RecordingFactors
 from spinfilters.campaigns.initial_belief import prepared_with_drawn_belief
 from spinfilters.campaigns.metric_columns import bound_metrics, metrics, noise_metrics
-from spinfilters.campaigns.randomness import RunSeeds, run_seeds, whole_number
 from spinfilters.campaigns.schema import TIMES
 from spinfilters.campaigns.study import CampaignRun, Study
 from spinfilters.data.dataset import Dataset
@@ -32,6 +31,29 @@ from spinfilters.simulation.model_faults.faulty_recording import faulty_recordin
 from spinfilters.simulation.motion import Motion
 from spinfilters.simulation.motion_in_view import motion_in_view
 from spinfilters.simulation.scenario import measured, without_map, without_noise
+
+
+@dataclass(frozen=True)
+class RunSeeds:
+    """Independent generators of one seed, the same for every cell."""
+
+    motion: np.random.SeedSequence
+    measurements: np.random.SeedSequence
+    faults: np.random.SeedSequence
+    belief: np.random.SeedSequence
+    factors: np.random.SeedSequence
+
+
+def run_seeds(root: int, seed: int) -> RunSeeds:
+    """Generators of seed number ``seed``, that child of ``SeedSequence(root)``."""
+    child = np.random.SeedSequence(root, spawn_key=(seed,))
+    return RunSeeds(*child.spawn(5))
+
+
+def whole_number(sequence: np.random.SeedSequence) -> int:
+    """A seed sequence as a number below 2^63."""
+    return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
+
 
 LONGEST_REASON: Final = 500
 """Characters of a row's reason."""

@@ -9,12 +9,10 @@ from pathlib import Path
 
 from spinfilters.data.atomic_write import write_json
 from spinfilters.data.dataset import read_dataset
-from spinfilters.live.answer import Answer
-from spinfilters.live.answer_writer import AnswerWriter
+from spinfilters.live.answer import Answer, AnswerWriter
 from spinfilters.live.course import CourseRecorder
 from spinfilters.live.executive import Executive
-from spinfilters.live.live_options import LiveOptions
-from spinfilters.live.live_setup import LONG_RUN, live_setup
+from spinfilters.live.live_options import LONG_RUN, LiveOptions, live_setup
 from spinfilters.live.sources import Replay, Source, open_lines
 from spinfilters.live.supervisor import SupervisionOptions
 from spinfilters.live.terminal_view import TerminalView

@@ -132,7 +132,7 @@ def write_map_ply(path: Path, points: Float[np.ndarray, "k 3"]) -> None:
 
 
 def read_map_ply(path: Path) -> Float[np.ndarray, "k 3"]:
-    """Points of a file of `write_map_ply`. InputError: as `read_ply`, or a PLY that it did not write."""
+    """Points of a file of `write_map_ply`. InputError: as `read_ply`, or another PLY."""
     content = read_ply(path)
     if content.comments != MAP_COMMENTS or not np.isfinite(content.points).all():
         raise InputError(f"{path_text(path)}: is no map of a run; make the run again")

@@ -82,7 +82,7 @@ AnyEntry = EstimatorEntry[Any]
 TABLE: Final[PluginGroup[AnyEntry]] = PluginGroup(
     "spinfilters.pipeline.estimator_entries", "ESTIMATOR", EstimatorEntry, group="spinfilters.estimators"
 )
-"""All estimators: one per module of that package, and those of the entry points ``spinfilters.estimators``."""
+"""All estimators: those of the modules of that package, and those of the entry points ``spinfilters.estimators``."""
 
 
 def estimator_entries() -> dict[str, AnyEntry]:

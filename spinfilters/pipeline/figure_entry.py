@@ -48,7 +48,7 @@ class FigureEntry(ABC):
 TABLE: Final = PluginGroup(
     "spinfilters.pipeline.figure_entries", "FIGURE", FigureEntry, group="spinfilters.figures"
 )
-"""All figures: one per module of that package, and those of the entry points ``spinfilters.figures``."""
+"""All figures: those of the modules of that package, and those of the entry points ``spinfilters.figures``."""
 
 
 def figure_entries() -> list[FigureEntry]:

@@ -36,8 +36,7 @@ from spinfilters.pipeline.stated_noise import (
 )
 from spinfilters.sensors.registry import sensor_of, sensors_in
 from spinfilters.sensors.sensor import MotionSamples, Sensor
-from spinfilters.settings.run_settings import Settings
-from spinfilters.settings.sensor_settings import AUTO
+from spinfilters.settings.run_settings import AUTO, Settings
 from spinfilters.state.blocks.acceleration import ACCELERATION
 from spinfilters.state.blocks.drag import DRAG
 from spinfilters.state.blocks.torque import TORQUE
