@@ -145,9 +145,9 @@ def _with_map(
     limit: float,
     modes: int,
 ) -> LandmarkBelief:
-    """The belief with some landmarks of bounded error.
+    """The belief with landmark errors of at most ``limit`` m.
 
-    At most ``limit`` m whatever their standard deviation.
+    Their standard deviations may be larger.
     """
     ids = np.flatnonzero(generator.random(len(points)) < 0.5)[:4]
     std = _log_uniform(generator, 1e-7, 1.0)

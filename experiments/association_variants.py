@@ -56,7 +56,7 @@ Pose = Float[np.ndarray, " 7"]
 class PairOfEpochs:
     """Matches of two epochs, and the true attitude between them.
 
-    Of g at the second with the axes of the camera at the first.
+    The attitude is of g at the second epoch with the axes of the camera at the first.
     """
 
     matches: Matches

@@ -55,7 +55,7 @@ class MonteCarloRecording:
     known_map: KnownMap
 
     def problem(self, mean: Float[np.ndarray, " m"]) -> Problem:
-        """With the prior's mean there."""
+        """Smoothing problem with a prior about this mean."""
         prior = FirstStatePrior(mean, prior_deviations())
         return problem_of(self.process, self.timeline, self.known_map.ids, prior, OBSERVATIONS_NEEDED)
 
@@ -94,7 +94,7 @@ def normalised_squares(scenario: Scenario) -> dict[str, float]:
 
 
 def recorded(dataset: Dataset, scenario: Scenario) -> MonteCarloRecording:
-    """What the smoother sees of a data set, and the truth."""
+    """Smoother's input from a data set, with the truth."""
     assert dataset.truth is not None
     assert dataset.known_map is not None
     assert dataset.rig is not None

@@ -1,4 +1,4 @@
-"""NEES under a wrong calibration, counted and not.
+"""NEES under calibration errors, with and without consider covariance.
 
 The calibration is wrong by what is stated of it.
     python -m experiments.calibration_errors [--seeds 30] [--first 0] [--cases tracks]
@@ -44,10 +44,7 @@ CASES: Final = {
 
 @dataclass(frozen=True)
 class Honesty:
-    """NEES per degree of freedom of one estimator's run.
-
-    Of the whole covariance and of its random part.
-    """
+    """NEES per degree of freedom of one run, by whole and random covariance."""
 
     estimator: str
     total: float
@@ -56,7 +53,7 @@ class Honesty:
 
 
 def miscalibrated(dataset: Dataset, errors: Mapping[str, np.ndarray]) -> Dataset:
-    """The data as they are read with a calibration that is smaller by errors: by `ConsiderParameter.name`."""
+    """Data as read with errors of the calibration, by `ConsiderParameter.name`."""
     slower = 1 - float(errors["clock_scale_std"][0])
     streams = []
     for stream in dataset.log.streams:
@@ -96,7 +93,7 @@ def honesty(scenario: Scenario, seed: int, estimators: Sequence[str]) -> Iterato
 def _nees(evaluation: Evaluation, dataset: Dataset) -> float:
     """NEES of the state over the estimator's own epochs.
 
-    Of a gyro's of rate and mass distribution.
+    A gyro's is of rate and mass distribution.
     """
     return np.nan if dataset.truth is None else nees_metrics(evaluation, dataset.truth).get("nees", np.nan)
 

@@ -1,4 +1,4 @@
-"""Campaigns through interruptions, shards and a failing cluster, beside one that nothing happened to.
+"""Campaigns through interruptions, shards and cluster failures, compared with an undisturbed one.
 
     python -m experiments.campaign_survival [interruptions] [shards] [cluster] [--moments 20] [--seeds 60]
 

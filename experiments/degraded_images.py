@@ -36,7 +36,7 @@ ESTIMATORS: Final = ("mekf", "smoother")
 
 @dataclass(frozen=True)
 class Shot:
-    """When and by which camera an image was taken.
+    """Time and camera of an image.
 
     ``time`` (s), ``number`` in the sequence, ``camera`` 0 or 1.
     """

@@ -98,7 +98,7 @@ def _pairs(tracked: TrackedImages) -> int:
 
 
 def lines(case: SequenceCase, evaluations: Sequence[Evaluation]) -> list[str]:
-    """Of a table, one per estimator."""
+    """Lines of a table, one per estimator."""
     own = max(case.begin, *(each.own_begin or 0.0 for each in evaluations))
     last = _sizes(evaluations[-1], own)
     return [_line(case, each, _sizes(each, own) / last) for each in evaluations]

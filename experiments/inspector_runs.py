@@ -40,7 +40,7 @@ BLOCKS: Final = ("t", "a", "v", "w")
 def run_seed(seed: int, inspector: str, estimator: str) -> Float[np.ndarray, " 9"]:
     """Mean squares of errors and stated ones, and NEES.
 
-    Of the four blocks; NEES per degree of freedom.
+    They are of the four blocks; NEES per degree of freedom.
     """
     scenario = Scenario(
         rate_rpm=RICH_RPM, seed=seed, epochs=40, landmarks=150, noise=NOISE, inspector=inspector
@@ -81,10 +81,7 @@ def _filtered(
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print ratios of errors and stated ones, and NEES.
-
-    With standard errors, of both.
-    """
+    """Print ratios of errors and stated ones, and NEES, with standard errors."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=300)
     parser.add_argument("--estimator", choices=(*FILTERS, SMOOTHER), default="mekf")

@@ -10,6 +10,7 @@ from itertools import combinations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from experiments.lidar_thesis.sequences import SEQUENCES
 from spinfilters.lidar.body_motion import Still, thesis_rotation
 from spinfilters.lidar.mesh import box
 from spinfilters.lidar.planes import extract_planes
@@ -20,7 +21,6 @@ from spinfilters.lidar.scan_pose import nearest_rotation, rotation_vector
 from spinfilters.lidar.scan_poses import scan_poses
 from spinfilters.lidar.scanner import LidarSettings, Scanner
 from spinfilters.lidar.sequence import Initial, scan_sequence, scan_times, tumble_of
-from spinfilters.lidar.thesis.sequences import SEQUENCES
 
 PLACES = ((5.0, 24.0, 0.02), (30.0, 4.0, 0.03), (500.0, 0.24, 2.0), (500.0, 2.0, 3.5))
 """Distance, m, field of view, deg, and what was asked for, deg."""
@@ -115,7 +115,7 @@ def corner_error(distance: float, field: float, sequence: int, rays: int) -> flo
 def full_turn(seed: int) -> tuple[float, float]:
     """Largest attitude error, deg, and mean NEES of poses.
 
-    Of a tumbling box in 60 scans; frames g are brought together.
+    The body is a tumbling box in 60 scans; frames g are brought together.
     """
     mesh, attitude = box((1.0, 1.3, 0.8)), Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
     start = Initial(

@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from experiments.lidar_thesis.scan_features import Parameters, find_bndry_points, find_edge_points
+from experiments.lidar_thesis.sequences import PLACE, SEQUENCES, ProcessedSequence, processed_sequence
+from experiments.lidar_thesis.surfaces import surf_segm
 from spinfilters.data.atomic_write import make_folder
 from spinfilters.lidar.body_motion import Still, thesis_rotation
 from spinfilters.lidar.presets import mesh_of
 from spinfilters.lidar.ray_pattern import RayPattern
 from spinfilters.lidar.scanner import LidarSettings, Scanner
-from spinfilters.lidar.thesis.scan_features import Parameters, find_bndry_points, find_edge_points
-from spinfilters.lidar.thesis.sequences import PLACE, SEQUENCES, ProcessedSequence, processed_sequence
-from spinfilters.lidar.thesis.surfaces import surf_segm
 from spinfilters.plots.style import AXIS_COLOURS, BLUE, GREY, RED, SKY, save_figure
 
 INFLUENCES = {

@@ -19,9 +19,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from experiments.lidar_thesis.reference_frames import best_fitting_sphere
+from experiments.lidar_thesis.sequences import PLACE, SEQUENCES, ProcessedSequence, processed_sequence
 from spinfilters.lidar.presets import RANGE_NOISE
-from spinfilters.lidar.thesis.reference_frames import best_fitting_sphere
-from spinfilters.lidar.thesis.sequences import PLACE, SEQUENCES, ProcessedSequence, processed_sequence
 
 DIGITS = 0.015
 """Deg: two printed decimals, and the rounding of what was subtracted."""

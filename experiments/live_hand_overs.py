@@ -50,7 +50,7 @@ def begun(setup: Setup, settings: Settings, name: str) -> Estimator:
 
 
 def smoothed(setup: Setup, settings: Settings) -> list[HandOver]:
-    """What the smoother would hand over after every epoch behind the initialisation."""
+    """Smoother's hand-overs after every epoch behind the initialisation."""
     smoother = sliding_smoother(setup, settings)
     assert smoother is not None
     begin_after_initialisation(smoother, setup)
@@ -66,9 +66,9 @@ def smoothed(setup: Setup, settings: Settings) -> list[HandOver]:
 def answers(
     setup: Setup, estimator: Estimator, given: list[HandOver], every: int, late: int
 ) -> tuple[Answers, list[int]]:
-    """A filter's answers, and those after a hand-over.
+    """A filter's answers to all epochs, with hand-overs.
 
-    Of every epoch, and after which of them it had just been put on one.
+    The epochs right after a hand-over come with them.
     """
     track, said, fresh = FilterTrack(estimator, setup.end_of_initialisation), [], []
     for k, epoch in enumerate(setup.timeline[len(setup.initial.mean) :]):

@@ -1,4 +1,4 @@
-"""Map errors after two revolutions and after all: whether landmarks that come back help.
+"""Map errors after two revolutions and after all: the gain by loop closure.
 
     python -m experiments.loop_closure RUN SHAPE [RUN SHAPE ...]
 

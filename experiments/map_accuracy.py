@@ -25,10 +25,11 @@ from spinfilters.data.dataset import Dataset
 from spinfilters.data.truth import Truth
 from spinfilters.errors import InputError
 from spinfilters.geometry.cameras import stereo_pair
+from spinfilters.lidar.mesh import TriangleMesh
 from spinfilters.lidar.ply_files import read_ply
 from spinfilters.pipeline.figures import FigureData
 from spinfilters.runs.run_folder import MODEL_FILE, RECONSTRUCTION_FILE, RECONSTRUCTION_FOLDER
-from spinfilters.vision.rendering.triangle_mesh import POLYHEDRA, BodyMesh, named_mesh
+from spinfilters.vision.rendering.triangle_mesh import POLYHEDRA, named_mesh
 from spinfilters.vision.stereo_geometry import pixels_of
 
 WRONG_PX: Final = 3.0
@@ -86,7 +87,7 @@ def main() -> None:
         )
 
 
-def map_accuracy(run: Path, mesh: BodyMesh) -> MapAccuracy:
+def map_accuracy(run: Path, mesh: TriangleMesh) -> MapAccuracy:
     """Accuracy of a run folder with a dense model.
 
     InputError: a run without truth, map, stereo camera or model.
@@ -111,7 +112,7 @@ def map_accuracy(run: Path, mesh: BodyMesh) -> MapAccuracy:
     )
 
 
-def landmarks_on(run: Path, mesh: BodyMesh) -> Float[np.ndarray, "k 3"]:
+def landmarks_on(run: Path, mesh: TriangleMesh) -> Float[np.ndarray, "k 3"]:
     """Map of a run folder laid onto the true body, m. InputError: as `map_accuracy`."""
     return laid_onto(_body_in_truth(FigureData.from_folder(run), run).landmarks, mesh)
 
@@ -169,13 +170,13 @@ def _rows(truth: Truth, time: Float[np.ndarray, " n"]) -> np.ndarray:
     return np.searchsorted(truth.time, time - 1e-6)
 
 
-def surface_distance(points: Float[np.ndarray, "k 3"], mesh: BodyMesh) -> Float[np.ndarray, " k"]:
+def surface_distance(points: Float[np.ndarray, "k 3"], mesh: TriangleMesh) -> Float[np.ndarray, " k"]:
     """Signed distance to a convex body's planes, positive outside."""
     normals, offsets = _planes(mesh)
     return (points @ normals.T - offsets).max(axis=1)
 
 
-def laid_onto(points: Float[np.ndarray, "k 3"], mesh: BodyMesh) -> Float[np.ndarray, "k 3"]:
+def laid_onto(points: Float[np.ndarray, "k 3"], mesh: TriangleMesh) -> Float[np.ndarray, "k 3"]:
     """Points moved rigidly onto the surface of a convex body, by robust least squares."""
     normals, offsets = _planes(mesh)
     for _ in range(ITERATIONS):
@@ -189,12 +190,9 @@ def laid_onto(points: Float[np.ndarray, "k 3"], mesh: BodyMesh) -> Float[np.ndar
     return points
 
 
-def _planes(mesh: BodyMesh) -> tuple[Float[np.ndarray, "f 3"], Float[np.ndarray, " f"]]:
+def _planes(mesh: TriangleMesh) -> tuple[Float[np.ndarray, "f 3"], Float[np.ndarray, " f"]]:
     """Outward unit normals of the faces, and their distances from the origin."""
-    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    normals = np.cross(b - a, c - a)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return normals, np.einsum("fi,fi->f", normals, a)
+    return mesh.normals, np.einsum("fi,fi->f", mesh.normals, mesh.corners[:, 0])
 
 
 if __name__ == "__main__":

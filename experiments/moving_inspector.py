@@ -36,7 +36,7 @@ def squared_errors(evaluation: Evaluation) -> Float[np.ndarray, " 5"]:
 
 
 def run_seed(scenario: Scenario, estimators: tuple[str, ...]) -> Float[np.ndarray, "e 5"]:
-    """Of every estimator on the scenario's tracks without a map."""
+    """Squared errors of every estimator on the scenario's tracks without a map."""
     compared = compare_dataset(without_map(simulate(scenario)), Settings(estimators=estimators))
     return np.stack([squared_errors(evaluation) for evaluation in compared.evaluations])
 

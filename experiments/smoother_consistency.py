@@ -80,7 +80,7 @@ def _mapped(run: Run, cases: list[SmootherCase], jobs: int) -> Iterable[Arrays]:
 
 
 def kept(run: Run, folder: Path, case: SmootherCase) -> Arrays:
-    """A case's arrays from its file, run before if there is none."""
+    """Arrays of a case from its file, computed first if missing."""
     path = folder / f"{case.label}.npz"
     if not path.exists():
         write_arrays(path, run(case))

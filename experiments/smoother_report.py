@@ -66,7 +66,7 @@ def _nees(motion: str, runs: list[Arrays]) -> tuple[str, str, str]:
 def block_table(motions: Motions) -> Table:
     """NEES by block with standard errors.
 
-    Of the estimate, and of the linear one about the truth; by the scatter of the runs' means.
+    It is of the estimate, and of the linear one about the truth; by the scatter of the runs' means.
     """
     count = len(next(iter(motions.values())))
     columns = (

@@ -107,10 +107,7 @@ def _problem(workload: Workload, prior: FirstStatePrior) -> Problem:
 
 
 def _at_truth(workload: Workload, dataset: Dataset) -> tuple[Problem, LinearizationPoint, NormalEquations]:
-    """The problem linearised at the truth; its covariance is the bound.
-
-    Where the body and its landmarks really were.
-    """
+    """The problem linearised at the true body and landmarks; its covariance is the bound."""
     assert dataset.truth is not None
     assert dataset.known_map is not None
     layout, prior = workload.layout, workload.prior

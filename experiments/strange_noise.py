@@ -1,4 +1,4 @@
-"""Search for estimates that are ok and wrong under strange noise.
+"""Search for wrong estimates with verdict ok under unusual noise.
 
 Noise that nobody states is not white and normal, or one measurement is gross.
     python -m experiments.strange_noise [--seeds 10] [--kinds gyro pose tracks] [--noise quantised gross] [--epochs 115]

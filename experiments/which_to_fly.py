@@ -33,7 +33,7 @@ TOOLS = ("make", "arm-none-eabi-gcc", "qemu-system-arm")
 
 
 def row(setup: Setup, name: str) -> dict[str, float]:
-    """Figures of one estimator, by what they are of."""
+    """Figures of one estimator by name."""
     before = _megabytes()
     (found,) = compare_estimators(setup, replace(Settings(), estimators=(name,)), lambda *_: None).evaluations
     assert found.errors is not None

@@ -1,4 +1,4 @@
-"""The numbers that a power series is computed in.
+"""Number types of power series.
 
 Floats here, residues of a prime in `prime_field`.
 """

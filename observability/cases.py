@@ -1,4 +1,4 @@
-"""A question to the analyser: which sensors see which motion, and what is known to act."""
+"""Case of the analyser: sensors, motion and known inputs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -51,7 +51,7 @@ NEAREST_LANDMARK: Final = 0.05
 
 @dataclass(frozen=True)
 class Case:
-    """One question.
+    """One case of the analyser.
 
     Attributes
     ----------
@@ -154,7 +154,7 @@ class Case:
 
     @property
     def defined(self) -> tuple[int, ...]:
-        """Components of the error of the first pose of g that are a definition."""
+        """Components of the first pose of g that are fixed by definition."""
         every = range(self.layout.error_dim)
         place = every[self.layout.slice("t")] if self.place_is_defined else ()
         attitude = every[self.layout.slice("a")]
@@ -162,7 +162,7 @@ class Case:
 
     @cached_property
     def system(self) -> System:
-        """What the analyser looks at."""
+        """System that the analyser examines."""
         return self._system(self._chart)
 
     @cached_property
@@ -182,11 +182,11 @@ class Case:
 
     @property
     def layout(self) -> StateLayout:
-        """Of the filters' state."""
+        """Layout of the filters' state."""
         return StateLayout(FULL_BLOCKS if self.has_place else ROTATION_BLOCKS)
 
     def certificate(self) -> Certificate:
-        """Of this case."""
+        """Certificate of this case."""
         return certify(self.system, self.point, self.experiments)
 
     def reference(
@@ -228,7 +228,7 @@ class Case:
 
     @property
     def prior_std(self) -> Deviations:
-        """Of every block in the first frame."""
+        """Prior standard deviations of every block in the first epoch."""
         place = PRIOR_STD["t"] if self.place_is_defined else WIDE_POSE_STD["t"]
         attitude = np.full(3, WIDE_POSE_STD["a"])
         attitude[list(self.free_rotations)] = PRIOR_STD["a"]

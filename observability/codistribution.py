@@ -21,7 +21,7 @@ InputSeries = Sequence[Rationals]
 
 @dataclass(frozen=True)
 class SensorCodistribution:
-    """What one sensor contributes.
+    """Rows of one sensor in the codistribution.
 
     Attributes
     ----------

@@ -81,7 +81,7 @@ def conditions_over(
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Condition numbers of `noise_covariance` over time steps, s.
 
-    In SI and after Jacobi scaling; NaN for too fast a turn.
+    Columns: in SI and after Jacobi scaling; NaN for too fast a turn.
     """
     plain, jacobi = np.full((2, len(steps)), np.nan)
     for index, dt in enumerate(steps.tolist()):
@@ -247,10 +247,7 @@ class CovarianceConditioning:
 def covariance_conditioning(
     name: str, layout: StateLayout, time: Float[np.ndarray, " n"], factors: Float[np.ndarray, "n e e"]
 ) -> CovarianceConditioning:
-    """Conditioning of P = factor factor' over epochs.
-
-    And the units of the blocks that improve it.
-    """
+    """Conditioning of P = factor factor' over epochs, and better units of the blocks."""
     deviations = np.sqrt(np.einsum("tij,tij->ti", factors, factors))
     usable = np.all(np.isfinite(deviations) & (deviations > 0), axis=1)
     if not usable.any():

@@ -52,10 +52,7 @@ class Tangents:
 
 
 def tangent_symmetries(system: System, point: Rationals, rows: Sequence[SensorCodistribution]) -> Tangents:
-    """Independent candidates whose tangents lie in the null space, exactly.
-
-    As many as are independent.
-    """
+    """All independent candidates whose tangents lie in the null space, exactly."""
     found = candidates(system, point)
     if not found:
         return Tangents([], np.zeros((system.dimension, 0), dtype=np.uint64))

@@ -1,4 +1,4 @@
-"""Numbers as exact fractions: what a certificate is computed from."""
+"""Exact fractions, from which certificates are computed."""
 
 from collections.abc import Iterable, Sequence
 from fractions import Fraction

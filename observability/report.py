@@ -1,4 +1,4 @@
-"""Everything that is found of a question, in plain sentences and as a document."""
+"""Report of an analysis in sentences and as a document."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -66,7 +66,7 @@ class Report:
 
     @cached_property
     def rank_sentences(self) -> list[str]:
-        """What is determined in principle, of what, and how that is known."""
+        """Sentences on the rank, the unknowns and the proof."""
         lines = [*sentences(self.certificate), *null_vector_sentences(self.certificate)]
         lines += [*_gauge_sentences(self.certificate), *_spin_axis_sentences(self.case, self.certificate)]
         return [*lines, *singularity_sentences(self.case)]
@@ -146,7 +146,7 @@ def analyse(case: Case, frames: int, interval: float) -> Report:
 
 
 def verdict_in_words(report: Report, name: Quantity) -> str:
-    """One quantity: what the data tell of it, what the prior alone does, and why."""
+    """Verdict on one quantity: what the data tell, what the prior does, and why."""
     each, unit = report.verdicts[name], "" if name[1] == "1" else f" {name[1]}"
     count = len(each.prior_directions)
     if not count:

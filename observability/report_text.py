@@ -18,7 +18,7 @@ ALL_DIRECTIONS = 3
 
 
 def sentences(certificate: Certificate) -> list[str]:
-    """What is determined, what is not and why, and how that is known."""
+    """Sentences on what is determined, what is not, and the proof."""
     rank, dimension = certificate.rank, certificate.dimension
     orders = "values alone" if certificate.order == 0 else f"derivatives up to order {certificate.order}"
     verb = "are" if certificate.proof is not Proof.OPEN else "at least are"
@@ -31,7 +31,7 @@ def sentences(certificate: Certificate) -> list[str]:
 
 
 def null_space_sentence(certificate: Certificate) -> str:
-    """What is left undetermined."""
+    """Sentence on the directions left undetermined."""
     if certificate.null_dimension == 0:
         return "Nothing of what was asked is left undetermined."
     parts = _named([each for each in certificate.explanations if each.finite])
@@ -45,7 +45,7 @@ def null_space_sentence(certificate: Certificate) -> str:
 def null_vector_sentences(certificate: Certificate) -> list[str]:
     """Sentences on a null direction of a few unknowns, no gauge.
 
-    In their own numbers: no more than a few change along it.
+    It is in their own numbers: no more than a few change along it.
     """
     found = []
     for each, vector in zip(certificate.explanations, certificate.vectors.T, strict=True):
@@ -84,7 +84,7 @@ def _named(explanations: list[Explained]) -> list[str]:
 
 
 def document(certificate: Certificate) -> dict[str, Any]:
-    """For JSON."""
+    """The certificate for JSON."""
     return {
         "unknowns": list(certificate.names),
         "rank": certificate.rank,

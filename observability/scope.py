@@ -1,4 +1,4 @@
-"""What a question asks, what it leaves out, and what it takes as known, in words."""
+"""Scope of an analysis in words: question, exclusions and assumptions."""
 
 from dataclasses import dataclass
 from itertools import combinations
@@ -23,7 +23,7 @@ PRINCIPAL_AXES = "the body's principal axes x, y, z"
 
 @dataclass(frozen=True)
 class Scope:
-    """Of one question, each in words."""
+    """Scope of one analysis in words."""
 
     asked: tuple[str, ...]
     not_asked: tuple[str, ...]
@@ -61,7 +61,7 @@ def scope(case: Case) -> Scope:
 
 
 def scope_sentences(case: Case) -> list[str]:
-    """What was asked and what was not."""
+    """Sentences on what was asked and what was not."""
     found = scope(case)
     lines = [f"Asked: {'; '.join(found.asked)}.", f"Not asked: {'; '.join(found.not_asked)}."]
     if not found.not_asked:
@@ -122,10 +122,7 @@ def _priors(case: Case) -> str:
 
 
 def close_moments(motion: CanonicalMotion) -> list[tuple[str, float]]:
-    """Pairs of axes of nearly equal moments ("x and y").
-
-    With their relative difference.
-    """
+    """Pairs of axes of nearly equal moments ("x and y"), and their relative difference."""
     found = []
     for a, b in combinations(range(3), 2):
         gap = abs(motion.moments[a] - motion.moments[b]) / max(motion.moments[a], motion.moments[b])
@@ -135,7 +132,7 @@ def close_moments(motion: CanonicalMotion) -> list[tuple[str, float]]:
 
 
 def title(case: Case) -> str:
-    """The question in a line."""
+    """Title of the case in one line."""
     words = [_sensor_in_words(case, each) for each in case.sensors]
     acting = f", known {' and '.join(case.inputs)}" if case.inputs else ""
     moments = " ".join(f"{float(moment):g}" for moment in case.motion.moments)

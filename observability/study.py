@@ -70,9 +70,9 @@ class BoundStudy:
 
 
 def study(case: Case, frames: int, interval: float, report: Callable[[int, int], None]) -> BoundStudy:
-    """All bounds from a case with so many frames.
+    """All bounds from a case with so many epochs at such an interval, s.
 
-    At such an interval, s; ``report`` gets steps done and of all.
+    ``report`` gets steps done and of all.
     """
     counts = COUNTS if case.sees_points else ()
     steps = _Steps(len(DURATIONS) + len(INTERVALS) + len(counts) + len(ANGLES) ** 2, report)

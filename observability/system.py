@@ -147,7 +147,7 @@ class System:
 
     @cached_property
     def outputs(self) -> tuple[Tape, ...]:
-        """Of each sensor, (x, parameters) -> value."""
+        """Functions (x, parameters) -> value, one per sensor."""
         return tuple(self._output(sensor) for sensor in self.sensors)
 
     def measured(self, sensor: SystemSensor, x: ca.SX, parameters: ca.SX) -> ca.SX:

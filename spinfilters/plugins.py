@@ -13,7 +13,7 @@ from spinfilters.errors import InputError
 
 
 class OrderedEntry(Protocol):
-    """What an entry of a table with an order has."""
+    """Table entry with a name and a place in the order."""
 
     name: str
     order: int
@@ -27,8 +27,8 @@ Ordered = TypeVar("Ordered", bound=OrderedEntry)
 class PluginGroup(Generic[Entry]):
     """Entries of one kind, found when they are first asked for.
 
-    Every module of ``package`` that has ``attribute`` contributes it, in the order of module names; behind them so does every entry
-    point of ``group``, which is called like the package where nobody says otherwise.
+    Every module of ``package`` that has ``attribute``, an entry or a tuple of them, contributes it, in the order of module names;
+    behind them so does every entry point of ``group``, which is called like the package where nobody says otherwise.
     A layer that only knows the kind ``kind`` thus meets the entries of layers
     above it, and those of distributions that did not exist when it was written.
     """
@@ -59,7 +59,8 @@ class PluginGroup(Generic[Entry]):
     def _own(self) -> list[Entry]:
         names = sorted(module.name for module in iter_modules(import_module(self.package).__path__))
         modules = [import_module(f"{self.package}.{name}") for name in names]
-        return [vars(module)[self.attribute] for module in modules if self.attribute in vars(module)]
+        found = [vars(module)[self.attribute] for module in modules if self.attribute in vars(module)]
+        return [entry for each in found for entry in (each if isinstance(each, tuple) else (each,))]
 
     def _foreign(self, point: metadata.EntryPoint) -> Entry:
         where = f"plug-in {point.name!r} ({point.value}) of the group {self._group}"

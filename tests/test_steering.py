@@ -32,7 +32,7 @@ VALIDATED = {
     "spinfilters/pipeline/conditions.py": "a file",
     "spinfilters/pipeline/explanations.py": "values for a file",
     "spinfilters/pipeline/reconstruction.py": "a key of a file",
-    "spinfilters/vision/camera_info.py": "a file",
+    "spinfilters/vision/raw_rig.py": "a file",
     "spinfilters/vision/landmark_views.py": "arrays among attributes",
     "observability/rational.py": "numbers of a user",
 }

@@ -28,7 +28,7 @@ TIMED_IMPORT: Final = "from time import perf_counter as t; a = t(); import {}; p
 
 
 def cold_start(workload: Workload) -> Iterator[BenchmarkCheck]:
-    """Each in new processes."""
+    """Import and run times in new processes."""
     for module, title in ((COMMAND, "the command"), (ENGINE, "the smoother")):
         _import_seconds(module)  # writes bytecode and reads files from disk
         seconds = float(np.median([_import_seconds(module) for _ in range(STARTS)]))

@@ -100,10 +100,7 @@ def time_frames(setup: Setup, epochs: int, blocks: int) -> Float[np.ndarray, "b 
 
 
 def _passes(estimator: Estimator, setup: Setup, timeline: Sequence[Epoch]) -> Float[np.ndarray, " n"]:
-    """Median seconds of one filter for each later step.
-
-    Of its passes over all steps but the first ones.
-    """
+    """Median seconds of one filter for each step but the first ones."""
     rows, steps = [], list(pairwise(timeline))
     for _ in range(PASSES[estimator.name]):
         estimator.start(setup.initial.belief)

@@ -1,4 +1,4 @@
-"""How the project's states and GTSAM's variables become each other, and derivatives with them.
+"""Conversion between the project's states and GTSAM's variables, with derivatives.
 
 A frame has two variables: X_k, the Pose3 of the camera in frame g (T_gi, so that `GenericStereoFactor3D` applies as it is), and
 V_k = (v, w). L_j is a landmark's Point3. C = (c, e) is common, with the body s0 [+] e about that of the trial: what GTSAM adds to
@@ -132,7 +132,7 @@ class GtsamChart:
     ) -> list[Float[np.ndarray, "r _"]]:
         """Rows by X, V and C from rows by states' errors.
 
-        By the error of a state (20), and by the moving error of a second (12).
+        Those errors are of a state (20), and the moving error of a second (12).
         """
         self._see(constants)
         n, blocks = self._layout.error_dim, []

@@ -32,7 +32,7 @@ Rows = tuple[Float[np.ndarray, " r"], Float[np.ndarray, "r c"]]
 class CallbackClock:
     """Seconds and calls of the custom factors' Python.
 
-    And how many of the calls asked for derivatives.
+    Calls that asked for derivatives are counted apart.
     """
 
     seconds: float = 0.0

@@ -1,4 +1,4 @@
-"""GTSAM frame after frame: everything solved again, ISAM2, and a window of fixed lag.
+"""GTSAM epoch by epoch: everything solved again, ISAM2, and fixed lag.
 
 Nothing of the trial enters but its landmarks' ids: the first state is the prior's mean, a new frame is predicted from the latest,
 and new landmarks stand where their first observation puts them. Frames are built before the clock starts; what is timed are GTSAM's
@@ -113,9 +113,9 @@ class FrameByFrame:
 
 
 def resolved_every_frame(workload: Workload) -> PeerResult:
-    """Levenberg-Marquardt over all frames so far after every frame.
+    """Levenberg-Marquardt over all epochs so far after every epoch.
 
-    With GTSAM's own defaults, from where it was.
+    The damping is GTSAM's default, the start where it was.
     """
     stream, graph, known = Stream(workload), gtsam.NonlinearFactorGraph(), [gtsam.Values()]
 

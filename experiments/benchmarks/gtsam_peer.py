@@ -36,7 +36,7 @@ ORDERINGS: Final = ("colamd", "metis", "landmarks first")
 class LinearTime:
     """Median seconds of linearising and solving in one ordering.
 
-    Of which in Python; for a number of frames.
+    The share in Python is counted apart; ``epochs`` is the size of the problem.
     """
 
     epochs: int
@@ -129,7 +129,7 @@ class GtsamLinearSystem:
 
 
 def chart_of(workload: Workload) -> GtsamChart:
-    """About the body of the trial."""
+    """GTSAM chart about the body of the trial."""
     return GtsamChart(workload.layout, workload.trial.trajectory[0, MASS])
 
 

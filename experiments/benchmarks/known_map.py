@@ -1,7 +1,6 @@
 """Time of initialising and smoothing 115 epochs with a map.
 
-In a warm process on one thread.
-python -m experiments.benchmarks.known_map [--clock processor]
+It is measured in a warm process on one thread.
 """
 
 import argparse

@@ -182,10 +182,7 @@ def _block_times(
     first: int,
     states: Float[np.ndarray, "n m"],
 ) -> Float[np.ndarray, "n 2"]:
-    """Processor and clock seconds of each frame from number ``first``.
-
-    For one prediction, update and belief.
-    """
+    """Processor and clock seconds of each epoch: one prediction, update and belief."""
     times = np.empty((len(states), 2))
     for k, x in enumerate(states):
         measured = scene.measured(name, first + k, x)
@@ -204,12 +201,12 @@ def _resident_mb() -> float:
 
 
 def allowed_ms(speeds: dict[str, Speed]) -> dict[str, float]:
-    """The most that a median frame may take."""
+    """Largest allowed median time of an epoch."""
     return {"mekf": ALLOWED_MS, "ukf": UKF_RATIO * speeds["mekf"].median_ms}
 
 
 def described(name: str, speed: Speed, allowed: float | None) -> str:
-    """A line of the report."""
+    """Line of the report for one filter."""
     median, high = 1e3 * np.quantile(speed.seconds, [0.5, 0.99])
     blocks, memory, verdict = speed.medians_ms, speed.resident_mb, ""
     if allowed is not None:
@@ -222,7 +219,7 @@ def described(name: str, speed: Speed, allowed: float | None) -> str:
 
 
 def document(speeds: dict[str, Speed]) -> dict[str, object]:
-    """What was measured, for a file."""
+    """Measurements as a document for JSON."""
     return {
         "machine": f"{platform.machine()}, {os.cpu_count()} cores, one thread used",
         "landmarks": LANDMARKS,

@@ -71,7 +71,7 @@ CAN_SAY: Final = """
 
 
 class ToolAnswer(NamedTuple):
-    """What one tool said of one system.
+    """Answer of one tool for one system.
 
     Null dimension, or None, with a reason, and its median seconds.
     """

@@ -10,6 +10,7 @@ from statistics import median
 from time import perf_counter
 from typing import Any, Final
 
+from experiments.benchmarks.symbolic_series import lie_derivatives
 from observability import sensors
 from observability.canonical_motions import CANONICAL_MOTIONS, CanonicalMotion, landmarks, point_of
 from observability.cases import Case
@@ -20,7 +21,6 @@ from observability.charts.principal import PrincipalChart
 from observability.charts.tensor import TensorChart
 from observability.codistribution import codistribution
 from observability.elimination import FIELD, eliminate
-from observability.symbolic_series import lie_derivatives
 from observability.system import System
 
 CHARTS: Final[tuple[Chart, ...]] = (PrincipalChart(), TensorChart(), FilterChart())

@@ -48,7 +48,7 @@ def scipy_least_squares(workload: Workload) -> PeerResult:
 class WhitenedProblem:
     """Residuals and sparse derivative about the trial.
 
-    At a vector of errors; ``seconds`` counts the time that they take.
+    They are at a vector of errors; ``seconds`` counts the time that they take.
     """
 
     def __init__(self, workload: Workload) -> None:

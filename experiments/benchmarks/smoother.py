@@ -46,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def checks(options: argparse.Namespace) -> Iterator[BenchmarkCheck]:
-    """Line by line."""
+    """Benchmark checks one after the other."""
     if options.long:
         yield from long_run(options.long)
         return

@@ -1,7 +1,4 @@
-"""Batch solutions from one trial, ours beside the peers'.
-
-Where they end, how long they take, and how long one iteration does.
-"""
+"""Batch solutions from one trial: optima, times and single iterations, ours and peers'."""
 
 from collections.abc import Callable, Iterator
 from typing import Final
@@ -25,7 +22,7 @@ PEER_RUNS: Final = 2
 
 
 def optimum(make: Callable[[int], Workload], seeds: int, what: str) -> BenchmarkCheck:
-    """Costs on some seeds against the lower of two of GTSAM's."""
+    """Final costs on some seeds against the better of two GTSAM solvers."""
     above, damped = [], []
     for seed in range(seeds):
         workload = make(seed)

@@ -1,4 +1,4 @@
-"""What a benchmark found, beside what it is to show."""
+"""Benchmark results beside their required values."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class BenchmarkCheck:
 class Ratio:
     """Ratio of two solvers' times.
 
-    Of medians over all rounds, and the least and greatest of one round.
+    It is of medians over all rounds, with the least and greatest of one round.
 
     Attributes
     ----------

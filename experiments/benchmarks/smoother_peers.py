@@ -55,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def peers(incremental: bool, lag: int) -> list[Peer]:
-    """Those that can be run here."""
+    """Peer solvers that this machine can run."""
     if gtsam is None:
         return [scipy_least_squares]
     batch: list[Peer] = [levenberg_marquardt, ceres_like, dogleg, scipy_least_squares]
@@ -81,7 +81,7 @@ def results(workload: Workload, chosen: Sequence[Peer]) -> Iterator[PeerResult]:
 
 
 def described(result: PeerResult) -> str:
-    """A line of the table."""
+    """Line of the table for one solver."""
     rounds = f"{result.linearisations:6.1f} linearisations" if result.linearisations else " " * 21
     return (
         f"{result.name:30} cost {result.cost:13.3f}   {result.seconds:7.3f} s, "
@@ -90,7 +90,7 @@ def described(result: PeerResult) -> str:
 
 
 def described_iteration(time: LinearTime) -> str:
-    """A line of the table of single iterations."""
+    """Line of the table for single iterations."""
     return (
         f"GTSAM, {time.epochs:3} frames, {time.ordering:15}  linearise {1e3 * time.linearise:6.1f} ms "
         f"({1e3 * time.python:5.1f} in our Python), solve {1e3 * time.solve:6.1f}, together {1e3 * time.total:6.1f}"

@@ -50,7 +50,7 @@ def resolved(workload: Workload, rounds: int, peers: bool) -> Iterator[Benchmark
 
 
 def window(workload: Workload, rounds: int, peers: bool) -> Iterator[BenchmarkCheck]:
-    """The latest frames alone."""
+    """Fixed-lag smoothing of the latest epochs alone."""
     solvers: dict[str, Solver] = {"ours": lambda: own_window(workload, LAG)}
     if peers and gtsam is not None:
         solvers["gtsam"] = lambda: fixed_lag(workload, LAG)

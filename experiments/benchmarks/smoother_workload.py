@@ -92,7 +92,7 @@ class Workload:
 
 @dataclass(frozen=True)
 class PeerResult:
-    """Where a peer came to, and what that took.
+    """Result of a peer solver, and its cost.
 
     Attributes
     ----------

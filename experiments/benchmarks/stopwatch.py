@@ -12,7 +12,7 @@ _chosen = ["wall"]
 
 
 def use_clock(name: str) -> None:
-    """Of `CLOCKS`, from here on."""
+    """Use this clock of `CLOCKS` from here on."""
     _chosen[0] = name
 
 

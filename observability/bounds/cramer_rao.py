@@ -62,9 +62,8 @@ class Bound:
 
     @property
     def weak_direction(self) -> tuple[Float[np.ndarray, " e"], float]:
-        """The least known direction of the state, and the prior's share.
+        """The least known direction of the state in prior deviations, and the prior's share.
 
-        In prior deviations.
         The pose is left out: its prior may be a definition. With P the bound and S the prior this is the top eigenvector of
         S^-1/2 P S^-1/2 over the other blocks; the second result is what `prior_directions` finds for it.
         """

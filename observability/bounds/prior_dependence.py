@@ -160,7 +160,7 @@ def _quantity_bound(
 def _readable(rows: Float[np.ndarray, "k d"]) -> Float[np.ndarray, "k d"]:
     """A readable orthonormal basis of the same directions.
 
-    With the axes among them first, and largest entries positive.
+    The axes among them come first, and largest entries are positive.
     """
     projector, found = rows.T @ rows, []
     for axis in np.argsort(-np.diag(projector), kind="stable"):

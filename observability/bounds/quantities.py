@@ -93,10 +93,7 @@ def _component_names(layout: StateLayout) -> list[str]:
 def _jacobian(
     layout: StateLayout, x: Float[np.ndarray, " m"]
 ) -> dict[tuple[str, str], Float[np.ndarray, "k e"]]:
-    """Jacobian of all non-constant quantities and of blocks.
-
-    By the error of the state.
-    """
+    """Jacobian of all non-constant quantities and of blocks by the state's error."""
     eye = np.eye(layout.error_dim)
     jacobian = {
         quantity: eye[layout.slice(block)]
@@ -117,10 +114,7 @@ def ratio_jacobian(s: Float[np.ndarray, " 5"]) -> Float[np.ndarray, "2 5"]:
 
 
 def _moment_jacobian(s: Float[np.ndarray, " 5"]) -> Float[np.ndarray, "3 5"]:
-    """Jacobian of the logarithms of J_xx, J_yy, J_zz of J(s).
-
-    By the error of the mass distribution.
-    """
+    """Jacobian of the logarithms of J's diagonal by the mass distribution's error."""
     changes = _inertia_jacobian()(s)[0].reshape(3, 3, 5)
     return np.einsum("iid->id", changes) / np.diag(inertia_matrix(s))[:, np.newaxis]
 

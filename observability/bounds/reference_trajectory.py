@@ -1,4 +1,4 @@
-"""A true motion over frames, and who watches it when."""
+"""True motion over epochs with schedules of its sensors."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -20,7 +20,7 @@ from spinfilters.symbolic import Compiled
 class ReferenceTrajectory:
     """True states (n, mean_dim) at ``time`` (n,) s, ascending.
 
-    Of a process; ``driven`` by known inputs, or free.
+    The motion is of a process, ``driven`` by known inputs, or free.
     """
 
     process: TorqueFreeProcess
@@ -46,10 +46,7 @@ class ReferenceTrajectory:
         return 0 if self.driven is None else self.driven.constants
 
     def linearise(self, frame: int) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, "n q"]]:
-        """Transition to a frame from the one before, and noise factor.
-
-        By the error of the state and the constants.
-        """
+        """Transition from the epoch before by state and constants, and noise factor."""
         x, start = self.states[frame - 1], float(self.time[frame - 1])
         dt = float(self.time[frame] - self.time[frame - 1])
         if self.driven is None:
@@ -138,9 +135,9 @@ class SensorSchedule:
 def rows_at(
     schedule: SensorSchedule, frame: int, x: Float[np.ndarray, " m"], start: int, total: int
 ) -> Float[np.ndarray, "k n"]:
-    """Whitened derivatives of a frame's measurements.
+    """Whitened derivatives of an epoch's measurements.
 
-    By the state's error and, from column ``start``, the sensor's unknowns.
+    Columns: the state's error and, from ``start`` on, the sensor's unknowns.
     """
     items = np.flatnonzero(schedule.seen[frame])
     columns, dim, unknown = schedule.model.columns, schedule.model.dim, schedule.unknown
@@ -158,7 +155,7 @@ def rows_at(
 def derivatives(model: MeasurementModel, unknown: int) -> Compiled:
     """(x, p) -> whitened derivatives of the innovation's negative.
 
-    By the model's columns and by the leading parameters.
+    They are by the model's columns and by the leading parameters.
     """
     layout = model.layout
     x, p = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("p", model.parameter_dim)

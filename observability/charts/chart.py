@@ -59,16 +59,16 @@ class Chart(ABC):
 
     @abstractmethod
     def seen(self, values: Values) -> Values:
-        """What sensors read (`spinfilters.conventions`).
+        """Quantities that sensors measure (`spinfilters.conventions`).
 
-        q, w in g axes and, where there is a place, t, v, c.
+        They are q, w in g axes and, where there is a place, t, v, c.
         """
 
     @abstractmethod
     def torque_field(self, values: Values) -> Values:
         """Columns (size, 3) by which a known torque enters the rates.
 
-        In N m about the axes g.
+        The torque is in N m about the axes g.
         """
 
     @cached_property

@@ -1,1 +1,1 @@
-"""Changes of a state that no sensor can see, by name."""
+"""Named changes of a state that no sensor can detect."""

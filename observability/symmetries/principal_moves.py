@@ -205,8 +205,8 @@ def _slow_turn(axis: int | None):
 def _precession(state: State, amount: ca.SX) -> State:
     """Rate of a sphere about the line from centre to landmark.
 
-    With moments that make the rest of the rate follow.
-    To first order w' = (dJ w) x w has to be amount w x d, so dJ w = -amount d + m w, where dJ = diag(k1, 0, -k2).
+    Its moments make the rest of the rate follow. To first order w' = (dJ w) x w has to be amount w x d, so dJ w = -amount d +
+    m w, where dJ = diag(k1, 0, -k2).
     """
     values = state.values
     w = values["w"]

@@ -1,4 +1,4 @@
-"""What a symmetry is: a name, and a move of the state by a finite amount."""
+"""Symmetry: a named move of the state by a finite amount."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -94,7 +94,7 @@ class GaugeAxis:
 def gauge_axes(system: System, still: bool) -> list[GaugeAxis]:
     """Gauge axes in g: x, y, z, or those that remain.
 
-    Where something is known in g: the axis of a torque, and of a spin if there is one.
+    Known things in g leave fewer: the axis of a torque, and of a spin if there is one.
     """
     axes = [GaugeAxis(AXES[k], _constant(unit(k))) for k in range(3)]
     for each in system.inputs:
@@ -136,7 +136,7 @@ def inertial_symmetries(place: str | None, attitude: str | None) -> Iterator[Sym
 
 
 def turns_like_drift(slow_turn: Callable[[int | None], Move]) -> Iterator[Symmetry]:
-    """Small rotations that landmarks of a body at rest take for drift."""
+    """Small rotations that resting landmarks cannot tell from drift."""
     group = "turn that looks like drift"
     yield Symmetry(group, "turn about the line of two landmarks", slow_turn(None), 0.02)
     for k in range(3):

@@ -1,4 +1,4 @@
-"""Questions to the analyser: what a sensor can determine of a motion, proved, and how well."""
+"""Observability analysis: what a sensor determines of a motion, with proof and bounds."""
 
 import os
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ MOST_TURNS: Final = 100
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ObservabilityResult:
-    """What was found: printed, and shown in a notebook, it is the text of ``spinfilters observe``.
+    """Result of an observability analysis; printed, it is the text of ``spinfilters observe``.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class ObservabilityResult:
 
 @dataclass(frozen=True)
 class KnownInputs:
-    """What acts on the body or the inspector and is known.
+    """Known torques on the body and known accelerations of the inspector.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class KnownInputs:
 
     @property
     def inputs(self) -> tuple[Input, ...]:
-        """As the analyser takes them, each once. InputError: no axis."""
+        """The inputs as the analyser takes them, each once. InputError: no axis."""
         for axis in (*self.torque, *self.manoeuvre):
             if axis not in ("x", "y", "z"):
                 raise InputError(f"axis {axis!r} is unknown; use x, y or z")
@@ -121,9 +121,9 @@ def observe(
     unknowns: str = "ratios",
     known: KnownInputs | None = None,
 ) -> ObservabilityResult:
-    """What sensors can determine of a motion, and how well.
+    """Observability of a motion by some sensors.
 
-    With a proof of what they can and cannot, and a Cramer-Rao bound.
+    The result proves which directions are observable, with a Cramer-Rao bound.
 
     Parameters
     ----------

@@ -29,9 +29,9 @@ def campaign(
     resume: bool = False,
     progress: "Progress | None" = None,
 ) -> Any:
-    """Run every cell of a study with every seed.
+    """Run every cell of a study with every seed, as ``spinfilters campaign`` does.
 
-    As ``spinfilters campaign`` runs them: a pandas.DataFrame, one row per run.
+    The rows come as a pandas.DataFrame, one per run.
 
     Parameters
     ----------

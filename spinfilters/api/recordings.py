@@ -86,7 +86,7 @@ def simulate(
 ) -> Dataset:
     """Simulated data set with truth, as ``spinfilters simulate`` writes it.
 
-    Of the thesis' body, camera, noise and disturbances.
+    Body, camera, noise and disturbances are the thesis'.
 
     Parameters
     ----------

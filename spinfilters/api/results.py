@@ -1,21 +1,26 @@
-"""What a comparison gives back: a run, and in it a result per estimator."""
+"""Results of a comparison: a run with one result per estimator."""
 
 import os
+import shutil
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
+from importlib import import_module
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
+from rich.console import Console, RenderableType
 
-from spinfilters.api.tables import data_frame, flattened, html_table, plain_text
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.input_file import value_text
 from spinfilters.errors import InputError
 from spinfilters.evaluation.body import BodyEstimate
-from spinfilters.evaluation.comparison import comparison_cells, comparison_table
+from spinfilters.evaluation.comparison import ComparisonCells, comparison_cells, comparison_table
 from spinfilters.evaluation.evaluation import Evaluation
 from spinfilters.evaluation.trajectory import TRAJECTORY_COLUMNS, Trajectory, read_map_ply, trajectory_columns
 from spinfilters.pipeline.comparison_run import write_comparison
@@ -32,7 +37,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class EstimatorResult:
-    """What one estimator found.
+    """Result of one estimator.
 
     Attributes
     ----------
@@ -45,7 +50,7 @@ class EstimatorResult:
 
     @property
     def name(self) -> str:
-        """Of the estimator."""
+        """Name of the estimator."""
         return self.evaluation.name
 
     @property
@@ -55,7 +60,7 @@ class EstimatorResult:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why it is not "ok": sentences with their numbers; empty where it is."""
+        """Reasons for a status other than "ok": sentences with their numbers; empty otherwise."""
         return self.evaluation.history.status.reasons
 
     @property
@@ -118,7 +123,7 @@ class Run(Mapping[str, EstimatorResult]):
 
     @classmethod
     def from_comparison(cls, comparison: Comparison, settings: Settings, folder: Path | None = None) -> "Run":
-        """Of estimators that have just run."""
+        """Run of a comparison that has just ended."""
         results = {e.name: EstimatorResult(e, comparison.maps.get(e.name)) for e in comparison.evaluations}
         setup = comparison.setup
         conditions = tuple(conditions_of(setup).sentences)
@@ -126,7 +131,7 @@ class Run(Mapping[str, EstimatorResult]):
 
     @classmethod
     def from_folder(cls, folder: Path, settings: Settings) -> "Run":
-        """Of a run folder that is whole. InputError: a damaged one."""
+        """Run of a complete run folder. InputError: a damaged one."""
         from spinfilters.pipeline.figures import FigureData
 
         shown_run = FigureData.from_folder(folder)
@@ -206,3 +211,72 @@ class Run(Mapping[str, EstimatorResult]):
     @property
     def _evaluations(self) -> list[Evaluation]:
         return [each.evaluation for each in self.values()]
+
+
+WIDTH = 150
+"""Characters of a table where the terminal does not tell its own."""
+
+
+def plain_text(table: RenderableType) -> str:
+    """A table without colours, as wide as the terminal, or `WIDTH` where there is none."""
+    width = shutil.get_terminal_size((WIDTH, 24)).columns if sys.stdout.isatty() else WIDTH
+    stream = StringIO()
+    console = Console(file=stream, width=width, markup=False, emoji=False, color_system=None)
+    console.print(table)
+    return stream.getvalue().rstrip("\n")
+
+
+def html_table(cells: ComparisonCells, remarks: list[str]) -> str:
+    """The table for a notebook, its texts escaped; ``remarks`` are sentences below it."""
+    head = "".join(f"<th>{escape(text)}</th>" for text in ("", *cells.headings))
+    bodies = ("".join(_html_row(row) for row in section) for section in cells.sections if section)
+    below = [*cells.captions, *remarks]
+    return (
+        f"<table><caption>{_html_lines(cells.title)}</caption><thead><tr>{head}</tr></thead>"
+        f"{''.join(f'<tbody>{rows}</tbody>' for rows in bodies)}</table>"
+        f"<p>{_html_lines(below)}</p>"
+    )
+
+
+def data_frame(columns: Mapping[str, Any], index: str) -> Any:
+    """pandas.DataFrame of columns of equal length, one of which is its index.
+
+    Raises
+    ------
+    ImportError: pandas is not installed.
+    """
+    try:
+        pandas = import_module("pandas")
+    except ImportError:
+        raise ImportError(
+            "to_dataframe needs pandas, which is not installed; install it with 'pip install pandas'"
+        ) from None
+    return pandas.DataFrame(dict(columns)).set_index(index)
+
+
+def flattened(value: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """Flat names and values of a document's numbers and words.
+
+    ``a.b`` of tables, ``a_1`` of lists; a list of sentences is one text.
+    """
+    if isinstance(value, Mapping):
+        for key, inner in value.items():
+            yield from flattened(inner, f"{name}.{key}" if name else str(key))
+    elif isinstance(value, list) and all(isinstance(each, str) for each in value):
+        yield name, "; ".join(value)
+    elif isinstance(value, list):
+        for number, inner in enumerate(value, start=1):
+            yield from flattened(inner, f"{name}_{number}")
+    else:
+        yield name, value
+
+
+def _html_row(row: tuple[str, ...]) -> str:
+    name, *cells = row
+    indent = "&nbsp;" * (len(name) - len(name.lstrip()))
+    numbers = "".join(f'<td style="text-align:right">{escape(cell)}</td>' for cell in cells)
+    return f'<tr><th style="text-align:left">{indent}{escape(name.strip())}</th>{numbers}</tr>'
+
+
+def _html_lines(lines: list[str] | tuple[str, ...]) -> str:
+    return "<br>".join(map(escape, lines))

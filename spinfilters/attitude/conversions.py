@@ -49,10 +49,7 @@ def quaternion_from_matrix(R: Matrices) -> Quaternions:
 
 
 def quaternion_from_mrp(a: Vectors) -> Quaternions:
-    """Quaternion of the 4 x MRP a = 4 tan(angle/4) n.
-
-    Of any length (Tweddle 2013, Eq. 2.35).
-    """
+    """Quaternion of a 4 x MRP a = 4 tan(angle/4) n (Tweddle 2013, Eq. 2.35)."""
     return _numeric(expressions.quaternion_from_mrp, 3)(_finite("a", a, 3))[0]
 
 

@@ -143,7 +143,7 @@ def mrp_from_quaternion(q: Expression) -> Expression:
 def short_mrp_from_quaternion(q: Expression) -> Expression:
     """4 x MRP of the short way round, |a| <= 4.
 
-    Of q or -q, whichever has no negative scalar part.
+    It is that of q or -q, whichever has no negative scalar part.
     """
     return mrp_from_quaternion(_short_way(q))
 

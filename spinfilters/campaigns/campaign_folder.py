@@ -1,4 +1,4 @@
-"""The folder of a campaign: its study, what it was begun with, its rows."""
+"""Folder of a campaign: its study, its provenance and its rows."""
 
 import json
 import platform
@@ -20,7 +20,7 @@ SCHEMA: Final = 1
 
 
 def open_folder(folder: Path, study: Study, resume: bool) -> None:
-    """Take a folder for a campaign, or go on in it; its lock is held.
+    """Create or resume a campaign's folder, holding its lock.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def keep_study(folder: Path, study: Study, done: Collection[int]) -> None:
 
 
 def begun(study: Study) -> dict[str, Any]:
-    """What a campaign is begun with: commit, machine, date."""
+    """Provenance of a campaign: commit, machine, date."""
     return {
         "schema": SCHEMA,
         "study": study.name,
@@ -82,7 +82,7 @@ def machine() -> str:
 
 
 def read_folder(folder: Path) -> tuple[Study, dict[str, Any]]:
-    """A campaign's study and what it was begun with.
+    """A campaign's study and its provenance.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def _begun(folder: Path) -> dict[str, Any]:
 def merge(shards: Sequence[Path], output: Path) -> int:
     """Merge rows of several folders of one study into a new one.
 
-    With the most seeds that one has; how many there are.
+    The merged study has the largest number of seeds; returns the number of rows.
 
     Raises
     ------

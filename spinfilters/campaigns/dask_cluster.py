@@ -2,6 +2,7 @@
 
 import json
 import logging
+import queue
 import selectors
 import threading
 import time
@@ -34,7 +35,7 @@ class DaskCluster:
     address: str
 
     def rows(self, study: Study, chunks: list[Chunk]) -> Iterator[Row]:
-        """Rows as they come.
+        """Rows in the order of completion.
 
         A scheduler that comes back is given again what it had not answered.
 
@@ -101,7 +102,7 @@ def _answers(client: Any, study: Study, chunks: list[Chunk]) -> Iterator[tuple[C
     """
     document, waiting = json.dumps(dict(study.document)), iter(chunks)
     under_way: dict[Any, Chunk] = {}
-    answered = _Answers()
+    answered: queue.SimpleQueue[Any] = queue.SimpleQueue()
     while True:
         for chunk in waiting if len(under_way) < AHEAD * _threads(client) else ():
             future = client.submit(
@@ -113,32 +114,13 @@ def _answers(client: Any, study: Study, chunks: list[Chunk]) -> Iterator[tuple[C
                 break
         if not under_way:
             return
-        future = answered.get(CHECKED_EVERY)
-        if future is None:
+        try:
+            future = answered.get(timeout=CHECKED_EVERY)
+        except queue.Empty:
             _require_scheduler(client, under_way)
-        elif future in under_way:
+            continue
+        if future in under_way:
             yield under_way.pop(future), _rows_of(future)
-
-
-class _Answers:
-    """Futures that are done, in order, from Dask's thread to ours."""
-
-    def __init__(self) -> None:
-        self._done: list[Any] = []
-        self._changed = threading.Condition()
-
-    def put(self, future: Any) -> None:
-        """Called by Dask."""
-        with self._changed:
-            self._done.append(future)
-            self._changed.notify()
-
-    def get(self, seconds: float) -> Any | None:
-        """The next, None where none comes in time."""
-        with self._changed:
-            if not self._done:
-                self._changed.wait(seconds)
-            return self._done.pop(0) if self._done else None
 
 
 def _rows_of(future: Any) -> list[Row]:

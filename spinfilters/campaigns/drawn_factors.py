@@ -1,4 +1,4 @@
-"""Factors that every seed draws: numbers log-uniform between two limits.
+"""Factors drawn per seed, log-uniform between two limits.
 
 In a study file `{ log_uniform = [0.2, 4.0] }` in the place of a number. A seed draws the same share of every range of that number,
 whatever the cell, so that cells are compared on the same draws.
@@ -27,7 +27,7 @@ class DrawnNumber:
     largest: float
 
     def at(self, seeds: np.random.SeedSequence) -> float:
-        """Its value for the generator of a seed."""
+        """Value drawn by the generator of a seed."""
         own = np.random.SeedSequence(
             seeds.entropy, spawn_key=(*seeds.spawn_key, *f"{self.table}.{self.key}".encode())
         )
@@ -36,14 +36,14 @@ class DrawnNumber:
 
 
 def drawn_numbers(kind: str, table: Mapping[str, Any]) -> tuple[DrawnNumber, ...]:
-    """Numbers of a table that are drawn. InputError: no two limits that ascend."""
+    """Drawn numbers of a table of factors. InputError: limits that do not ascend."""
     return tuple(_number(kind, key, value) for key, value in table.items() if isinstance(value, Mapping))
 
 
 def with_draws(
     factors: RecordingFactors, drawn: tuple[DrawnNumber, ...], seeds: np.random.SeedSequence
 ) -> RecordingFactors:
-    """The factors of one seed."""
+    """Factors of one seed with its drawn values."""
     for number in drawn:
         table = getattr(factors, number.table)
         factors = replace(factors, **{number.table: replace(table, **{number.key: number.at(seeds)})})

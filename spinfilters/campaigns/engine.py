@@ -1,4 +1,4 @@
-"""A campaign: the runs that are left, made by processes or a cluster, into a folder."""
+"""Execution of a campaign's outstanding runs by processes or a cluster."""
 
 import os
 import selectors
@@ -50,10 +50,10 @@ Progress = Callable[[Advance], None]
 
 
 class Executor(Protocol):
-    """Makes runs somewhere."""
+    """Place where runs are computed."""
 
     def rows(self, study: Study, chunks: list[Chunk]) -> Iterator[Row]:
-        """Rows as they come, every run's once."""
+        """Rows of all runs, each once, in the order of completion."""
         ...
 
 
@@ -64,7 +64,7 @@ class Processes:
     count: int
 
     def rows(self, study: Study, chunks: list[Chunk]) -> Iterator[Row]:
-        """Rows as they come; every process has a second chunk waiting, so that none idles."""
+        """Rows in the order of completion; each process has a second chunk queued."""
         left = deque(chunks)
         workers = [WorkerProcess(study) for _ in range(min(self.count, len(chunks)))]
         with selectors.DefaultSelector() as ready:
@@ -114,7 +114,7 @@ def run_campaign(
     resume: bool = False,
     progress: Progress = lambda _: None,
 ) -> Advance:
-    """Make the runs of a study that a folder lacks.
+    """Compute the runs of a study that its folder lacks.
 
     Raises
     ------

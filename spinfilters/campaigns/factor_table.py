@@ -1,4 +1,4 @@
-"""The factor table of a study: levels of every factor, and the cells that they make."""
+"""Factor table of a study: levels of each factor, and their combinations (cells)."""
 
 import json
 import math
@@ -49,7 +49,7 @@ class Cell:
     drawn: tuple[DrawnNumber, ...] = ()
 
     def recording_of(self, seeds: np.random.SeedSequence) -> RecordingFactors:
-        """What the recording of a seed is made of."""
+        """Factors of the recording of a seed."""
         return with_draws(self.recording, self.drawn, seeds)
 
     @property
@@ -92,7 +92,7 @@ _TABLES: Final = tuple(each.name for each in fields(_StudyFile) if each.name != 
 
 
 def check_tables(document: Mapping[str, Any]) -> None:
-    """Every table is known and holds tables of levels."""
+    """Require that every table is known and holds tables of levels."""
     known = ("study", "factors", *(name for name in FACTORS if name != "estimator"))
     for key, table in document.items():
         if key not in known:

@@ -113,7 +113,7 @@ class SensorFactor:
 
     @property
     def recognised(self) -> Recognition:
-        """Which landmarks in view are known again."""
+        """Re-detection model of the landmarks in view."""
         return SomeAppearances(*self.recognition) if self.recognition else EveryAppearance()
 
 
@@ -143,7 +143,7 @@ class NoiseFactor:
 
     @property
     def levels(self) -> dict[str, float]:
-        """By the name of the noise option or density."""
+        """Noise levels by the name of their option or density."""
         return {
             "pixel_std": self.pixel_std,
             "pose_position_std": self.position_std_m,
@@ -156,7 +156,7 @@ class NoiseFactor:
 
 @dataclass(frozen=True)
 class FaultFactor:
-    """What goes wrong with the measurements (`spinfilters.simulation.faults`), in this order; the defaults are nothing.
+    """Measurement faults (`spinfilters.simulation.faults`), applied in this order; none by default.
 
     Attributes
     ----------
@@ -197,7 +197,7 @@ class FaultFactor:
 
     @property
     def faults(self) -> list[Fault]:
-        """Those that are asked for."""
+        """Faults that the table asks for."""
         return [
             *_made(WrongAssociations, _given(self.wrong_associations)),
             *_made(Outliers, _given(self.outliers)),
@@ -233,7 +233,7 @@ class BeliefFactor:
 
     @property
     def by_block(self) -> dict[str, float]:
-        """By the name of the state's block."""
+        """Standard deviations by the name of the state block."""
         return {
             "t": self.position_m,
             "a": self.attitude_rad,

@@ -1,4 +1,4 @@
-"""Beliefs drawn around the truth: a filter's begin without an initialisation from data."""
+"""Initial beliefs drawn around the truth instead of initialisation from data."""
 
 import numpy as np
 from jaxtyping import Float

@@ -1,4 +1,4 @@
-"""What a campaign keeps of an evaluation: one number per column."""
+"""Metrics of an evaluation as columns of a campaign."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -37,7 +37,7 @@ def metrics(evaluation: Evaluation, truth: Truth | None) -> dict[str, Any]:
 
 
 def bound_metrics(evaluation: Evaluation) -> dict[str, Any]:
-    """The columns of the bound; none where there is none."""
+    """Columns of the Cramer-Rao bound; empty without one."""
     bound, begin = evaluation.bound, evaluation.own_begin
     if bound is None or begin is None:
         return {}
@@ -47,7 +47,7 @@ def bound_metrics(evaluation: Evaluation) -> dict[str, Any]:
 
 
 def noise_metrics(identified: Sequence[VarianceComponent], true: Mapping[str, float]) -> dict[str, Any]:
-    """The columns of the identified levels of noise beside the true ones."""
+    """Columns of identified noise levels beside the true ones."""
     found: dict[str, Any] = {f"true_{name}": level for name, level in true.items()}
     for each in identified:
         if each.name in LEVELS:
@@ -99,7 +99,7 @@ def _body(prefix: str, body: BodyErrors) -> dict[str, Any]:
 
 
 def nees_metrics(evaluation: Evaluation, truth: Truth) -> dict[str, Any]:
-    """NEES per degree of freedom over own epochs; of a gyro, without attitude."""
+    """NEES per degree of freedom over the filter's epochs; for a gyro, without attitude."""
     nees, begin = evaluation.nees, evaluation.own_begin
     if nees is None and begin is not None and not evaluation.history.layout.translates:
         return _body_nees(evaluation.history, truth)
@@ -122,7 +122,7 @@ def nees_metrics(evaluation: Evaluation, truth: Truth) -> dict[str, Any]:
 def _body_nees(history: EstimateHistory, truth: Truth) -> dict[str, Any]:
     """NEES of rate and mass distribution, which need no frame i.
 
-    For a gyro, whose axes are those of g.
+    Serves a gyro, whose axes are those of g.
     """
     layout, (epochs, rows) = history.layout, common_stamps(history.time, truth.time)
     own = epochs >= history.initialisation

@@ -68,7 +68,7 @@ class RowsFolder:
         return found
 
     def append(self, row: Mapping[str, Any]) -> None:
-        """Keep a row.
+        """Write a row to the journal.
 
         InputError: it cannot be written, as on a full disk; what was kept before stays.
         """
@@ -123,7 +123,7 @@ def part_files(folder: Path) -> list[Path]:
 
 
 def read_rows(folder: Path, factors: Sequence[str], columns: Sequence[str] | None = None) -> pa.Table:
-    """Rows of a campaign's folder in the order of runs, those of its journal among them.
+    """Rows of a campaign's folder, journal included, in the order of runs.
 
     Raises
     ------

@@ -1,10 +1,10 @@
-"""One run of a study: simulate, initialise, estimate, evaluate; a row in the end, whatever happens."""
+"""One run of a study: simulate, initialise, estimate, evaluate; always one row."""
 
 import platform
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any, Final, TypeVar
@@ -15,7 +15,6 @@ from spinfilters.campaigns.factor_table import Cell
 from spinfilters.campaigns.factors import RecordingFactors
 from spinfilters.campaigns.initial_belief import prepared_with_drawn_belief
 from spinfilters.campaigns.metric_columns import bound_metrics, metrics, noise_metrics
-from spinfilters.campaigns.randomness import RunSeeds, run_seeds, whole_number
 from spinfilters.campaigns.schema import TIMES
 from spinfilters.campaigns.study import CampaignRun, Study
 from spinfilters.data.dataset import Dataset
@@ -32,6 +31,29 @@ from spinfilters.simulation.model_faults.faulty_recording import faulty_recordin
 from spinfilters.simulation.motion import Motion
 from spinfilters.simulation.motion_in_view import motion_in_view
 from spinfilters.simulation.scenario import measured, without_map, without_noise
+
+
+@dataclass(frozen=True)
+class RunSeeds:
+    """Independent generators of one seed, the same for every cell."""
+
+    motion: np.random.SeedSequence
+    measurements: np.random.SeedSequence
+    faults: np.random.SeedSequence
+    belief: np.random.SeedSequence
+    factors: np.random.SeedSequence
+
+
+def run_seeds(root: int, seed: int) -> RunSeeds:
+    """Generators of seed number ``seed``, that child of ``SeedSequence(root)``."""
+    child = np.random.SeedSequence(root, spawn_key=(seed,))
+    return RunSeeds(*child.spawn(5))
+
+
+def whole_number(sequence: np.random.SeedSequence) -> int:
+    """A seed sequence as a number below 2^63."""
+    return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
+
 
 LONGEST_REASON: Final = 500
 """Characters of a row's reason."""
@@ -51,7 +73,7 @@ class Runner:
         self._versions = _versions()
 
     def row(self, index: int) -> Row:
-        """The row of a run; an error of the run is what its row says."""
+        """Row of a run; an error of the run is recorded in it."""
         run, begin = self.study.run(index), time.perf_counter()
         self._spent = dict.fromkeys(TIMES, 0.0)
         try:
@@ -171,7 +193,7 @@ class Runner:
 
 
 def asked(study: Study, index: int) -> Row:
-    """The columns of a row that tell what was asked."""
+    """Columns of a row that identify the run and its factors."""
     run = study.run(index)
     return {"run": index, "cell": run.cell, "seed": run.seed, **study.cells[run.cell].levels}
 

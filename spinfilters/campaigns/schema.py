@@ -67,7 +67,7 @@ _FIXED: Final[tuple[tuple[str, pa.DataType], ...]] = (
 
 
 def schema(factors: list[str]) -> pa.Schema:
-    """Of the rows of a study with these factors.
+    """Schema of the rows of a study with these factors.
 
     ``run``, ``cell``, ``seed``; a column of text per factor; then what came out. NEES are per degree of freedom, means over the
     estimator's own epochs; errors are lengths; ``bound_`` stands in the place of ``error_``.

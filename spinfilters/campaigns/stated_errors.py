@@ -19,7 +19,7 @@ LARGEST: Final = 4.0
 
 
 def stated_errors(evaluation: Evaluation, truth: Truth) -> dict[str, float]:
-    """Largest component of every published quantity's error, in stated standard deviations; infinite where not finite.
+    """Largest error component of each quantity in stated standard deviations; infinite if not finite.
 
     Blocks of the state by name (without the mass distribution, which no file tells), ``moments``, ``ratios``, ``axes``.
     """

@@ -40,7 +40,7 @@ class Study:
 
     @property
     def name(self) -> str:
-        """Of the study."""
+        """Name of the study."""
         return self.options.name
 
     def __len__(self) -> int:
@@ -48,13 +48,13 @@ class Study:
         return len(self.cells) * self.options.seeds
 
     def run(self, index: int) -> CampaignRun:
-        """Run of a number; all cells of the first seed come first."""
+        """Run of this number; runs are ordered by seed, then by cell."""
         seed, cell = divmod(index, len(self.cells))
         return CampaignRun(index, cell, seed)
 
     @property
     def estimators(self) -> int:
-        """How many runs of the same recording and settings follow one another."""
+        """Number of consecutive runs that share recording and settings."""
         return len({cell.estimator for cell in self.cells})
 
     @cached_property

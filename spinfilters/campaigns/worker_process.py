@@ -1,4 +1,4 @@
-"""Client of a worker process; its death becomes a row."""
+"""Client of a worker process, whose crash is recorded as a row."""
 
 import json
 import os
@@ -52,19 +52,19 @@ class WorkerProcess:
 
     @property
     def stream(self) -> IO[bytes]:
-        """What answers come from."""
+        """Stream from which answers are read."""
         assert self._process is not None
         assert self._process.stdout is not None
         return self._process.stdout
 
     @property
     def pid(self) -> int:
-        """Of the process."""
+        """Process identifier."""
         assert self._process is not None
         return self._process.pid
 
     def assign(self, runs: Sequence[int]) -> None:
-        """Give it runs, to be made in this order."""
+        """Assign runs, to be computed in this order."""
         if not self.assigned:
             self._since = time.monotonic()
         self.assigned.extend(runs)
@@ -74,7 +74,7 @@ class WorkerProcess:
             self._send(runs)
 
     def receive(self) -> list[Row]:
-        """Rows that have come, that of a run which ended its process among them."""
+        """Rows received, including that of a run which ended its process."""
         data = os.read(self.stream.fileno(), 1 << 16)
         if not data:
             return self._died()

@@ -56,7 +56,7 @@ def reading_options(options: argparse.Namespace) -> ReadingOptions:
 
 
 def number(allowed: NumberRange) -> Callable[[str], float | int]:
-    """What reads a number of a range from an argument."""
+    """Argument parser for numbers within a range."""
 
     def parsed(text: str) -> float | int:
         """The number, in its range."""

@@ -33,7 +33,7 @@ COMMAND = "calibrate"
 
 
 def calibrate(options: argparse.Namespace) -> int:
-    """Calibrate a pair, write and print what was found."""
+    """Calibrate a stereo pair; write and print the result."""
     source, folder, losses = Path(options.folder), Path(options.output), LossCount()
     board = Board.of(options.corners, options.square, options.charuco, options.window)
     refuse_foreign(folder, COMMAND)

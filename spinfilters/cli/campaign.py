@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def campaign(options: argparse.Namespace) -> int:
-    """Do what the first argument says; any other word is a study file."""
+    """Run the action named by the first argument, or a study file."""
     parts = {"report": _report, "merge": _merge, "repeat": _repeat}
     if options.what in parts:
         _refuse_run_options(options)
@@ -48,7 +48,7 @@ def _carried_out(options: argparse.Namespace) -> "Advance":
     with _progress_line() as tell:
 
         def follow(advance: "Advance") -> None:
-            """Show how far the campaign is."""
+            """Show the progress of a campaign."""
             last[:] = [advance]
             tell(advance.done, advance.total, advance.faulty, advance.seconds_left)
 

@@ -88,7 +88,7 @@ def _print_comparison(comparison: Comparison, folder: Path) -> None:
 def _print_flights(comparison: Comparison, options: argparse.Namespace) -> None:
     """Print a hint where only part of a recording is free flight.
 
-    And where the whole of it is not ok.
+    The hint comes only if the whole of it is not ok.
     """
     is_whole = options.dataset is not None and options.segment is None
     if not is_whole or all(each.history.status.verdict == "ok" for each in comparison.evaluations):
@@ -146,10 +146,7 @@ def _dataset(options: argparse.Namespace) -> Dataset:
 
 
 def _recording(path: str, stated: ReadingOptions) -> Dataset:
-    """The data set of a path, and what was lost on the way.
-
-    Of stereo images their tracks.
-    """
+    """The data set of a path, or of the tracks of its stereo images, with losses."""
     if not has_images(path):
         return read_dataset(path, options=stated)
     from spinfilters.vision.track_images import track_images

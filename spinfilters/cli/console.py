@@ -1,4 +1,4 @@
-"""How commands speak: tables of a width that fits, and progress bars."""
+"""Console output of commands: tables that fit the width, and progress bars."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

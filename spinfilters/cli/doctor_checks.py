@@ -1,4 +1,4 @@
-"""Quick proofs that this installation computes what it should: each returns what it measured, or raises."""
+"""Quick self-checks of this installation; each returns its measurement, or raises."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -41,7 +41,7 @@ _RATE_RPM = (1.0, 2.0, 1.5)
 
 
 def lidar(options: argparse.Namespace) -> int:
-    """The action that was chosen."""
+    """Run the chosen action."""
     return {"scan": _scan, "needed": needed}[options.action](options)
 
 

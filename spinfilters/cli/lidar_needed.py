@@ -10,7 +10,7 @@ from spinfilters.cli.console import wide_console
 from spinfilters.data.output_folder import output_folder, refuse_foreign
 from spinfilters.front_ends.lidar_scans import registered_scans
 from spinfilters.lidar.scan_accuracy import attitude_stds, scans_needed
-from spinfilters.plots.mean_attitude import scan_accuracy_figure
+from spinfilters.plots.lidar_scan import scan_accuracy_figure
 from spinfilters.plots.style import save_figure
 
 COMMAND: Final = "lidar needed"

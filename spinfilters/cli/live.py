@@ -9,12 +9,10 @@ from pathlib import Path
 
 from spinfilters.data.atomic_write import write_json
 from spinfilters.data.dataset import read_dataset
-from spinfilters.live.answer import Answer
-from spinfilters.live.answer_writer import AnswerWriter
+from spinfilters.live.answer import Answer, AnswerWriter
 from spinfilters.live.course import CourseRecorder
 from spinfilters.live.executive import Executive
-from spinfilters.live.live_options import LiveOptions
-from spinfilters.live.live_setup import LONG_RUN, live_setup
+from spinfilters.live.live_options import LONG_RUN, LiveOptions, live_setup
 from spinfilters.live.sources import Replay, Source, open_lines
 from spinfilters.live.supervisor import SupervisionOptions
 from spinfilters.live.terminal_view import TerminalView
@@ -26,7 +24,7 @@ MIB = 1 << 20
 
 
 def live(options: argparse.Namespace) -> int:
-    """Answer every epoch until the measurements end; exit code 0, and 1 where deadlines were missed."""
+    """Estimate every epoch until measurements end; exit code 1 after missed deadlines, else 0."""
     settings = read_settings(Path(options.config)) if options.config else Settings()
     dataset = read_dataset(options.dataset, None)
     lines = None if options.input is None else open_lines(options.input, dataset.log.sensors)

@@ -1,4 +1,4 @@
-"""The command ``spinfilters``: arguments, exit codes and one clear line for whatever goes wrong."""
+"""The command ``spinfilters``: arguments, exit codes, one-line error messages."""
 
 import argparse
 import io

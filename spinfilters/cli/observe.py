@@ -1,4 +1,4 @@
-"""``spinfilters observe``: what a sensor can determine of a motion, proved, and how well."""
+"""``spinfilters observe``: what a sensor determines of a motion, with proof and bounds."""
 
 import argparse
 from pathlib import Path

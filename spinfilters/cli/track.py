@@ -22,7 +22,7 @@ COMMAND = "track"
 
 
 def track(options: argparse.Namespace) -> int:
-    """Write the tracks of a folder of stereo images, and what was lost."""
+    """Write the tracks of a folder of stereo images, and counts of losses."""
     source, folder = Path(options.dataset), Path(options.output)
     if not has_images(source):
         raise InputError(

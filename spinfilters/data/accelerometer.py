@@ -1,4 +1,4 @@
-"""What an accelerometer on the body measured beside the sensors of the log."""
+"""Accelerometer measurements beside the sensors of a log."""
 
 from dataclasses import dataclass
 

@@ -60,7 +60,7 @@ def write_text(path: Path, text: str) -> None:
 def write_json(path: Path, document: object) -> None:
     """Write a document as indented JSON, atomically.
 
-    Of dicts, lists, strings, numbers and None; `null` for what is not finite.
+    It holds dicts, lists, strings, numbers and None, with `null` for what is not finite.
 
     Raises
     ------

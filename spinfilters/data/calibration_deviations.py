@@ -14,7 +14,7 @@ from spinfilters.data.sensor_yaml import SensorFile, read_sensor_file
 
 
 def with_told_deviations(options: DatasetOptions, folder: Path) -> DatasetOptions:
-    """The options with the deviations that the folder's `sensor.yaml` files tell, where they are silent themselves.
+    """Options completed by the calibration deviations in the folder's `sensor.yaml` files.
 
     Raises
     ------
@@ -24,7 +24,7 @@ def with_told_deviations(options: DatasetOptions, folder: Path) -> DatasetOption
 
 
 def told_deviations(folder: Path) -> Mapping[str, float]:
-    """Of a folder's one or two cameras; the larger of two. Errors: `with_told_deviations`."""
+    """Calibration deviations of a folder's cameras, the larger of two. Errors: `with_told_deviations`."""
     cameras = {
         path: read_sensor_file(path) for path in (folder / file for file in RIG_FILES) if path.is_file()
     }

@@ -89,7 +89,7 @@ class PinholeCamera:
 
     @property
     def left(self) -> "PinholeCamera":
-        """Itself."""
+        """The camera itself."""
         return self
 
     @property
@@ -127,7 +127,7 @@ class StereoRig:
     def calibration(self) -> Float[np.ndarray, " c"]:
         """(fx, fy, cx, cy px, baseline m), then coefficients of distorting lenses.
 
-        Of both lenses where one of them distorts.
+        Both lenses have coefficients where one of them distorts.
         """
         lenses = (self.left.distortion, self.right_distortion)
         both = [each or PERFECT for each in lenses] if any(lenses) else []

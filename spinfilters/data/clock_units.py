@@ -1,4 +1,4 @@
-"""Unit of a clock: as stated, or told by its stamps."""
+"""Unit of a clock, stated or inferred from its stamps."""
 
 from pathlib import Path
 from typing import Final

@@ -39,17 +39,17 @@ class ConsiderParameter:
 
     @property
     def unit(self) -> str:
-        """Of the deviation; "1" of a relative one."""
+        """Unit of the deviation; "1" of a relative one."""
         return self.allowed.unit if self.allowed.unit in UNITS else "1"
 
     def concerns(self, sensors: Iterable[str]) -> bool:
-        """Whether it is of one of these sensors, as the clock is of all."""
+        """Whether it affects one of these sensors; the clock affects all."""
         return not self.sensors or bool(set(self.sensors) & set(sensors))
 
 
 @dataclass(frozen=True)
 class ConsideredDeviation:
-    """A consider parameter with its deviation, and whether anybody stated that.
+    """A consider parameter with its deviation, and whether that is stated.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ PARAMETERS: Final = PluginGroup(
 
 
 def consider_parameters() -> Mapping[str, ConsiderParameter]:
-    """By name. InputError: a plug-in that cannot be loaded, a name that stands twice."""
+    """Consider parameters by name. InputError: a plug-in that cannot be loaded, a repeated name."""
     found: dict[str, ConsiderParameter] = {}
     for each in sorted(PARAMETERS.entries, key=lambda each: each.order):
         if each.name in found:

@@ -1,4 +1,4 @@
-"""Covariances that differ from measurement to measurement: a table beside the measurements, row for row."""
+"""Covariances of single measurements: a table with one row per measurement."""
 
 from pathlib import Path
 from typing import Final

@@ -89,17 +89,17 @@ class Dataset:
 
     @property
     def calibrations(self) -> tuple[CalibrationFiles, ...]:
-        """Files of the rig."""
+        """Calibration files of the rig."""
         return calibrations_of(self.log)
 
     @property
     def name(self) -> str:
-        """Where it was read, with the segment, or what it is: how an error names it."""
+        """Name in error messages: path with segment, or description."""
         place = printable(self.description) or "the data set" if self.path is None else path_text(self.path)
         return place if self.segment is None else f"{place}, {self.segment.label}"
 
     def part(self, segment: Segment) -> "Dataset":
-        """The measurements of a stretch, with all else that is known. InputError: no measurement within."""
+        """The data set within a time interval. InputError: no measurement within."""
         start = self.log.start if segment.start is None else segment.start
         end = self.log.end if segment.end is None else segment.end
         force = None if self.acceleration is None else self.acceleration.slice(start, end)
@@ -170,6 +170,6 @@ def read_segments(
 
 
 def calibrations_of(log: MeasurementLog) -> tuple[CalibrationFiles, ...]:
-    """Of the cameras in a log."""
+    """Calibrations of the cameras in a log."""
     formats = [sensor_format(sensor) for sensor in log.sensors]
     return tuple(form.calibration for form in formats if form.calibration is not None)

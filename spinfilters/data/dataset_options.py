@@ -21,19 +21,14 @@ INFLATION: Final = NumberRange(1.0, 1e6)
 
 
 def noise_ranges() -> dict[str, NumberRange]:
-    """Keys of dataset.toml that are noise, and their ranges.
-
-    Of the sensors and of the disturbances.
-    """
+    """Noise keys of dataset.toml, of sensors and disturbances, with their ranges."""
     stated = {name: option.allowed for name, option in noise_options().items() if option.in_dataset}
     return {**stated, **DENSITIES}
 
 
 @dataclass(frozen=True, init=False)
 class DatasetOptions:
-    """Noise of sensors and motion that holds for all measurements.
-
-    And what else the file tells.
+    """Content of dataset.toml: noise of sensors and motion for all measurements, and notes.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a reader of data sets is, and the table of all of them."""
+"""Interface of data-set readers, and the table of all."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -16,7 +16,7 @@ OnRefused = Callable[[int, str], None]
 
 
 class DatasetReader(ABC):
-    """A format of the table. A subclass states its attributes, and writes `recognises` and `read`.
+    """Reader of one format. A subclass states its attributes, and writes `recognises` and `read`.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class DatasetReader(ABC):
     def recognises(self, path: Path) -> bool:
         """Whether a path, which need not exist, is of this format.
 
-        By its name or first bytes, without reading it all.
+        Name or first bytes decide, without reading it all.
         """
 
     @abstractmethod
@@ -44,7 +44,7 @@ class DatasetReader(ABC):
     def whole(self, path: Path) -> "Dataset":
         """The whole recording, whatever segments are marked in it.
 
-        Of one without segments the data set. InputError: as `read`.
+        Without segments it is the data set. InputError: as `read`.
         """
         return self.read(path, None)
 
@@ -79,6 +79,6 @@ def dataset_readers() -> list[DatasetReader]:
 
 
 def reader_of(path: Path, options: ReadingOptions = NOTHING_STATED) -> DatasetReader:
-    """The first that recognises a path; the last of the table takes any. InputError: `DatasetReader.stating`."""
+    """First reader that recognises a path; the last takes any. InputError: `DatasetReader.stating`."""
     reader = next(reader for reader in dataset_readers() if reader.recognises(path))
     return reader.stating(options) if options.stated else reader

@@ -63,7 +63,7 @@ class Segment:
 
     @property
     def label(self) -> str:
-        """What it is called: its number, or its times."""
+        """Label of the segment: its number, or its times."""
         if self.number is not None:
             return f"segment {self.number}"
         start, end = ("" if each is None else f"{each:.9g}" for each in (self.start, self.end))
@@ -72,7 +72,7 @@ class Segment:
 
 @dataclass(frozen=True, eq=False)
 class PhyphoxRecording:
-    """What the sensors measured, and the segments that were marked in it."""
+    """Sensor measurements with the segments marked in them."""
 
     table: MotionTable
     segments: tuple[Segment, ...]

@@ -61,7 +61,7 @@ FOREIGN: Final = "foreign"
 
 @dataclass(frozen=True)
 class Heading:
-    """What a column is said to be.
+    """Quantity, axis and unit of a column.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Heading:
 
 
 def heading_of(text: str, bare: Quantity | None = None) -> Heading | None:
-    """What a heading says, or None of a column that tells no motion.
+    """Parsed heading of a column; None of a column that tells no motion.
 
     Parameters
     ----------

@@ -131,7 +131,7 @@ def _check_chunk(path: Path, chunk: bytes, breaks: int, rows: int) -> None:
 
 
 def reason(error: Exception) -> str:
-    """One line on an error in the words of system or parser.
+    """One-line message of a system's or parser's error.
 
     Such as 'Permission denied', at most 200 characters.
     """

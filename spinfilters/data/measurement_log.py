@@ -1,4 +1,4 @@
-"""What the sensors saw: arrays with time stamps, without knowledge of any estimator.
+"""Measurements of sensors as time-stamped arrays, independent of any estimator.
 
 Every producer (images, lidar, gyro files, simulation) writes a `MeasurementLog`; every estimator reads one.
 """

@@ -40,7 +40,7 @@ class VectorColumns:
 
 @dataclass(frozen=True)
 class MotionColumns:
-    """What is found in a header.
+    """Clock and vector columns found in a header.
 
     Attributes
     ----------

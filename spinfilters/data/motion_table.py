@@ -39,7 +39,7 @@ _AT_REST = {"m/s^2": (5.0, 15.0), "g": (0.5, 1.5)}
 
 @dataclass(frozen=True)
 class MotionTable:
-    """What a table tells.
+    """Measurements of a motion table.
 
     Attributes
     ----------
@@ -237,7 +237,7 @@ def _acceleration_times(
 ) -> Float[np.ndarray, " n"]:
     """Times of an accelerometer's samples, s.
 
-    Of their clock, or of the rate that is stated, if no row is left out.
+    They are of their clock, or of the rate that is stated, if no row is left out.
     """
     if columns.time is None:
         return np.arange(0 if table.incomplete else len(table.values)) / (options.rate or 1.0)

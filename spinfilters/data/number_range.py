@@ -10,7 +10,7 @@ from spinfilters.errors import InputError
 
 @dataclass(frozen=True)
 class NumberRange:
-    """Finite numbers from ``smallest`` to ``largest``, and zero where that is apart from them.
+    """Range of finite numbers, optionally with zero apart from it.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class NumberRange:
         return value
 
     def parsed(self, text: str) -> float | int:
-        """The number that a text tells.
+        """Number parsed from a text.
 
         Raises
         ------

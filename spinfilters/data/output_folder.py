@@ -80,10 +80,7 @@ def refuse_foreign(folder: Path, command: str) -> None:
 
 
 def _written_by(folder: Path, command: str) -> Mapping[str, object]:
-    """Digests of the files that a command wrote into a folder.
-
-    By name; none where it wrote none.
-    """
+    """Digests, by name, of the files that a command wrote into a folder, if any."""
     try:
         document = json.loads(read_settings_text(folder / LIST_FILE))
     except (InputError, ValueError, RecursionError):

@@ -37,7 +37,7 @@ def read_tum(path: Path) -> MeasurementStream:
 def write_tum(path: Path, stream: MeasurementStream) -> None:
     """Write a pose stream with at least 9 decimals, atomically.
 
-    As many decimals as give the same bits when read.
+    It writes as many decimals as give the same bits when read.
     """
     write_poses(path, stream.time, stream.values[:, :3], stream.values[:, 3:])
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class RawMeasurements:
-    """What raw data became.
+    """Measurements made from raw data.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class RawMeasurements:
 
 @dataclass(frozen=True)
 class RawDataReader:
-    """What makes the streams of a folder's raw data.
+    """Maker of measurement streams from a folder's raw data.
 
     Attributes
     ----------

@@ -53,7 +53,7 @@ class ReadingOptions:
 
     @property
     def stated(self) -> tuple[str, ...]:
-        """Names of what is stated."""
+        """Names of the options that are stated."""
         return tuple(each.name for each in fields(self) if getattr(self, each.name) is not None)
 
     def require_only(self, allowed: tuple[str, ...], words: str) -> None:

@@ -24,10 +24,7 @@ def recordings_in(folder: Path) -> tuple[Path, ...]:
 
 
 def _is_recording(path: Path) -> bool:
-    """Whether a path looks like a recording.
-
-    By its name or, of a folder, by what it holds.
-    """
+    """Whether a path, by its name or its files, looks like a recording."""
     reader, anything = reader_of(path), dataset_readers()[-1]
     if os.path.isdir(path):
         return reader.order < _FOLDERS or os.path.isfile(path / DATASET_FILE)

@@ -102,7 +102,7 @@ class SensorFormat:
 
 
 class StoredSensor:
-    """A sensor as the logs know it.
+    """Sensor with the storage format of its measurements.
 
     Attributes
     ----------

@@ -28,7 +28,7 @@ _INTRINSICS_DEVIATION, _PLACE_DEVIATION = (
 
 @dataclass(frozen=True, eq=False)
 class SensorFile:
-    """What a `sensor.yaml` tells of a pinhole camera.
+    """Content of a `sensor.yaml` of a pinhole camera.
 
     Attributes
     ----------
@@ -103,10 +103,7 @@ def sensor_text(
 
 
 def deviations_text(intrinsics_std: Sequence[float], position_std: float | None = None) -> str:
-    """Lines of a `sensor.yaml` that state standard deviations.
-
-    Of the intrinsics px, of the camera's place m.
-    """
+    """Lines of a `sensor.yaml` that state standard deviations: intrinsics px, camera's place m."""
     place = "" if position_std is None else f"{POSITION_STD}: {float(position_std)}\n"
     return f"{INTRINSICS_STD}: {[float(value) for value in intrinsics_std]}\n{place}"
 
@@ -122,7 +119,7 @@ def image_size(path: Path, resolution: Float[np.ndarray, " 2"]) -> tuple[int, in
 
 
 def is_rotation(matrix: Float[np.ndarray, "3 3"]) -> bool:
-    """Whether a matrix is one, to `ROTATION_TOLERANCE`."""
+    """Whether a matrix is a rotation, to `ROTATION_TOLERANCE`."""
     orthonormal = np.abs(matrix @ matrix.T - np.eye(3)).max() <= ROTATION_TOLERANCE
     return bool(orthonormal and np.linalg.det(matrix) > 0.0)
 

@@ -1,4 +1,4 @@
-"""TOML and YAML of strangers as plain values, and numbers taken out of them."""
+"""Validated reading of TOML and YAML files, and of numbers in them."""
 
 import math
 import tomllib

@@ -1,4 +1,4 @@
-"""Tables as programs and people really write them: encodings, delimiters, comments, blank lines, decimal commas."""
+"""Text tables of any usual encoding, delimiter, comments and decimal commas."""
 
 import codecs
 import csv
@@ -41,7 +41,7 @@ _BYTE_ORDER_MARKS = (
 
 @dataclass(frozen=True)
 class TextLayout:
-    """How a table is written.
+    """Layout of a text table.
 
     Attributes
     ----------

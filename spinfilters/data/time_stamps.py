@@ -75,7 +75,7 @@ def require_times(table: RowsOfFile, repeats: bool) -> None:
 
 
 def require_turns(table: RowsOfFile, speed: Float[np.ndarray, " n"]) -> None:
-    """Raise InputError for a clock at which the body turns beyond all measure between samples.
+    """Raise InputError for clocks that imply excessive rotation between samples.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What really happened: the trajectory (`truth.csv`) and mass properties (`truth.toml`) to compare with."""
+"""Ground truth: trajectory (`truth.csv`) and mass properties (`truth.toml`)."""
 
 import os
 from dataclasses import dataclass

@@ -24,10 +24,7 @@ CIRCULAR_LIMIT: Final[float] = 0.5
 
 @dataclass(frozen=True)
 class EllipticModulus:
-    """Parameter m = k^2 and complement m1 = 1 - m.
-
-    In [0, 1], each to full relative accuracy.
-    """
+    """Parameter m = k^2 and complement m1 = 1 - m, both to full relative accuracy."""
 
     parameter: float
     complement: float
@@ -63,7 +60,7 @@ def jacobi_functions(
 def argument_of(sine: float, cosine: float, modulus: EllipticModulus) -> float:
     """The u in [-K, K] with sn u = `sine`, cn u = `cosine` >= 0.
 
-    By Carlson's R_F (DLMF 19.25.5).
+    Uses Carlson's R_F (DLMF 19.25.5).
     """
     square = cosine * cosine
     return float(sine * elliprf(square, square + modulus.complement * sine * sine, 1.0))

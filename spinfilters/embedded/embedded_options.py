@@ -1,4 +1,4 @@
-"""What a generated filter is for: sensor, map, arithmetic and step."""
+"""Options of a generated filter: sensor, map, arithmetic and step."""
 
 from dataclasses import dataclass
 

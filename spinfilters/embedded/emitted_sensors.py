@@ -1,4 +1,4 @@
-"""Table of the sensors that a generated filter can take, and what of each is generated."""
+"""Table of the sensors that generated filters support."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

@@ -1,14 +1,24 @@
 """The folder of a generated filter.
 
-C, Makefile, test vectors and a page for the firmware engineer.
+C, Makefile, a page for the firmware engineer, and test vectors: a short motion, its measurements, and what the reference says
+of it.
 """
 
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from jaxtyping import Float
+
 from spinfilters.data.atomic_write import write_text
+from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.embedded.embedded_options import EmbedOptions
+from spinfilters.embedded.emitted_sensors import EmittedSensor
 from spinfilters.embedded.library import library_texts, template
-from spinfilters.embedded.vectors import make_vectors
+from spinfilters.embedded.reference import ReferenceFilter
+from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.models.sensor_models.stereo_landmark import stereo_parameters
+from spinfilters.state.layout import StateLayout
 
 TEST = ("test_spinfilter.c", "test_spinfilter.h", "firmware.c", "firmware.ld", "Makefile")
 BYTES = {"float": 4, "double": 8}
@@ -48,3 +58,130 @@ def readme_text(options: EmbedOptions) -> str:
     for name, value in values.items():
         text = text.replace(f"{{{name}}}", value)
     return text
+
+
+EPOCHS, INTERVAL = 6, 0.1
+OBSERVATIONS = 200
+RATE = (0.1, 1.05, 0.05)
+CALIBRATION = (500.0, 500.0, 320.0, 240.0, 0.1)
+STD = {"t": 0.004, "a": 0.01, "v": 0.004, "w": 0.02, "c": 0.02, "s": 0.2}
+SEED = 17
+
+
+@dataclass(frozen=True)
+class TestVectors:
+    """Inputs and outputs of a filter, epoch by epoch, as named arrays."""
+
+    __test__ = False  # no test class, whatever its name
+    arrays: dict[str, Float[np.ndarray, "..."]]
+
+    def text(self) -> str:
+        """``test_vectors.h``."""
+        lines = ["/* Generated from the Python reference. */", f"#define EPOCHS {EPOCHS}"]
+        lines.append(f"#define INTERVAL {INTERVAL}")
+        for name, array in self.arrays.items():
+            numbers = [f"{value:.17g}" for value in np.asarray(array, dtype=float).ravel()]
+            rows = [", ".join(numbers[k : k + 6]) for k in range(0, len(numbers), 6)]
+            lines.append(f"static const sf_real vector_{name}[] = {{\n  " + ",\n  ".join(rows) + "};")
+        return "\n".join(lines) + "\n"
+
+
+def make_vectors(options: EmbedOptions) -> TestVectors:
+    """Vectors of the sensors that the options ask for; the same for either precision."""
+    rng, layout = np.random.default_rng(SEED), options.layout
+    process = TorqueFreeProcess(layout, ProcessNoise(1e-6, 1e-6), 1e-12)
+    std = np.concatenate([np.full(block.dimension, STD[block.name]) for block in layout.members])
+    truth = _first(options)
+    x = layout.retract(truth, std * rng.normal(size=layout.error_dim))
+    reference = ReferenceFilter(process, x, np.diag(std**2))
+    arrays = {"x": x, "covariance": reference.covariance.copy(), "psd": np.array([1e-6, 1e-6])}
+    sensor = (
+        _Landmarks(options, arrays, rng) if options.has_map else _OneValue(options.emitted[0], layout, arrays)
+    )
+    out: list[np.ndarray] = []
+    for _ in range(EPOCHS):
+        truth = process.step(truth, INTERVAL)
+        reference.predict(INTERVAL)
+        sensor.measure(reference, truth, rng)
+        out.append(np.concatenate([reference.mean, np.sqrt(np.diag(reference.covariance))]))
+    arrays["expected"] = np.array(out)
+    return TestVectors(arrays | sensor.finished())
+
+
+class _OneValue:
+    """One value an epoch, of a sensor without landmarks."""
+
+    def __init__(self, sensor: EmittedSensor, layout: StateLayout, arrays: dict[str, np.ndarray]) -> None:
+        assert sensor.example is not None
+        self._sensor, self._model, self._parameters = sensor, sensor.model(layout), sensor.example
+        arrays["parameters"] = self._parameters
+        self._values: list[np.ndarray] = []
+
+    def measure(self, reference: ReferenceFilter, truth: np.ndarray, rng: np.random.Generator) -> None:
+        """Take one noisy pose or rate from the true state and update."""
+        expected = self._model.predict(truth, self._parameters)
+        value = self._sensor.normalised(expected + 0.003 * rng.normal(size=len(expected)))
+        self._values.append(value)
+        assert reference.update(self._model, value, self._parameters)
+
+    def finished(self) -> dict[str, np.ndarray]:
+        """Test-vector arrays: the measured values."""
+        return {"values": np.array(self._values)}
+
+
+class _Landmarks:
+    """Stereo landmarks on the near side of a ball, half of them known.
+
+    Those of every other place are known at first.
+    """
+
+    def __init__(
+        self, options: EmbedOptions, arrays: dict[str, np.ndarray], rng: np.random.Generator
+    ) -> None:
+        (self._model,) = (
+            each.landmark_model(options.layout) for each in options.emitted if each.landmark_model
+        )
+        count = min(OBSERVATIONS, options.landmarks)
+        normals = rng.normal(size=(count, 3))
+        normals[:, 2] = -np.abs(normals[:, 2])
+        self._points = 0.1 * normals / np.linalg.norm(normals, axis=1, keepdims=True)
+        self._camera = stereo_parameters(np.zeros((1, 3)), np.array(CALIBRATION), 1.0)[0, 3:]
+        self._known = np.arange(0, count, 2)
+        self._start = self._points + 0.001 * rng.normal(size=self._points.shape)
+        arrays["camera"] = self._camera
+        arrays["known"] = self._start[self._known]
+        arrays["known_covariance"] = np.array([1e-6, 0, 1e-6, 0, 0, 1e-6])
+        self._values: list[np.ndarray] = []
+
+    def measure(self, reference: ReferenceFilter, truth: np.ndarray, rng: np.random.Generator) -> None:
+        """Take noisy stereo observations from the true state and update."""
+        from spinfilters.embedded.reference import OwnLandmark
+
+        if not self._values:
+            for place in self._known.tolist():
+                reference.landmarks[place] = OwnLandmark(self._start[place].copy(), 1e-6 * np.eye(3))
+        count = len(self._points)
+        parameters = np.concatenate([self._points, np.tile(self._camera, (count, 1))], axis=1)
+        pixels = self._model.predict(truth, parameters) + rng.normal(size=(count, 3))
+        if len(self._values) == 2:
+            pixels[:5] += 40.0  # wrong associations
+        self._values.append(pixels)
+        reference.observe(self._model, pixels, self._camera, np.arange(count))
+        self._landmarks = reference.landmarks
+
+    def finished(self) -> dict[str, np.ndarray]:
+        """Test-vector arrays: values, and the last landmarks (m, frame g)."""
+        last = [self._landmarks[place].point for place in range(len(self._points))]
+        return {"values": np.array(self._values), "points": np.array(last)}
+
+
+def _first(options: EmbedOptions) -> Float[np.ndarray, " m"]:
+    layout = options.layout
+    x = layout.origin()
+    x[layout.mean_slice("w")] = RATE
+    x[layout.mean_slice("s")] = from_inertia(np.diag([1.03, 1.0, 0.86]))
+    if layout.translates:
+        x[layout.mean_slice("t")] = (0.01, -0.02, 0.6)
+        x[layout.mean_slice("v")] = (0.002, 0.001, -0.001)
+        x[layout.mean_slice("c")] = (0.02, -0.015, 0.01)
+    return x

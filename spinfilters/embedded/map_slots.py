@@ -1,11 +1,11 @@
-"""Which landmark of a data set stands in which place of an embedded filter's map."""
+"""Assignment of a data set's landmarks to slots of an embedded filter's map."""
 
 import numpy as np
 from jaxtyping import Int
 
 
 class MapSlots:
-    """Places of landmarks by id; where all are taken, the one observed longest ago goes."""
+    """Slots of landmarks by id; a full map drops the least recently observed."""
 
     def __init__(self, capacity: int) -> None:
         self._ids = np.full(capacity, -1, dtype=np.int64)
@@ -31,12 +31,12 @@ class MapSlots:
 
     @property
     def ids(self) -> Int[np.ndarray, " c"]:
-        """Id in every place; of no meaning where none was put."""
+        """Landmark id of every slot; meaningless in unused ones."""
         return self._ids.copy()
 
     @property
     def taken(self) -> Int[np.ndarray, " t"]:
-        """Places that were given to a landmark."""
+        """Slots that hold a landmark."""
         return np.flatnonzero(self._last >= 0)
 
     def snapshot(self) -> dict[str, np.ndarray]:
@@ -48,7 +48,7 @@ class MapSlots:
         }
 
     def restore(self, snapshot: dict[str, np.ndarray]) -> None:
-        """Go on from a `snapshot`."""
+        """Continue from a `snapshot`."""
         self._ids, self._last = snapshot["slots.ids"].copy(), snapshot["slots.last"].copy()
         self._now = int(snapshot["slots.now"])
         self._places = {int(self._ids[place]): place for place in self.taken.tolist()}

@@ -91,10 +91,7 @@ def transition_expression(layout: StateLayout) -> tuple[list[ca.SX], list[ca.SX]
 
 
 def transition_function(layout: StateLayout) -> ca.Function:
-    """`transition_expression` with structural non-zeros alone, row by row.
-
-    Of the moving rows of transition and factor.
-    """
+    """`transition_expression` with structural non-zeros of its moving rows alone, row by row."""
     inputs, (after, transition, factor) = transition_expression(layout)
     moving = moving_dim(layout)
     rows = [_nonzeros_by_row(each[:moving, :]) for each in (transition, factor)]
@@ -112,10 +109,7 @@ def moving_dim(layout: StateLayout) -> int:
 
 
 def transition_pattern(layout: StateLayout) -> tuple[list[list[int]], list[list[int]]]:
-    """Columns of the structural non-zeros of every moving row.
-
-    Of the transition and of the noise factor.
-    """
+    """Columns of structural non-zeros of each moving row of transition and noise factor."""
     _, (_, transition, factor) = transition_expression(layout)
     moving = moving_dim(layout)
     return _columns_by_row(transition[:moving, :]), _columns_by_row(factor[:moving, :])
@@ -124,7 +118,7 @@ def transition_pattern(layout: StateLayout) -> tuple[list[list[int]], list[list[
 def correction_function(layout: StateLayout) -> ca.Function:
     """x [+] d, and the reset Jacobians less the identity.
 
-    Of attitude (3 x 3) and mass distribution (5 x 5).
+    They are of attitude (3 x 3) and mass distribution (5 x 5).
     """
     x, d = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("d", layout.error_dim)
     before, y = layout.unpack(x), {}

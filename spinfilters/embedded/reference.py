@@ -26,7 +26,7 @@ class OwnLandmark:
 
 
 class ReferenceFilter:
-    """State and covariance, and landmarks whose errors depend on nothing else.
+    """State and covariance, and landmarks with independent errors.
 
     An observation of a landmark tells the pose with the landmark's covariance in its noise. The landmark is then moved from that
     pose, whose covariance goes into its own.
@@ -44,14 +44,14 @@ class ReferenceFilter:
         self.landmarks: dict[int, OwnLandmark] = {}
 
     def predict(self, dt: float) -> None:
-        """Go dt seconds ahead."""
+        """Predict dt seconds ahead."""
         self.mean, transition, noise = self.process.linearise(self.mean, dt)
         self.covariance = transition @ self.covariance @ transition.T + noise @ noise.T
 
     def update(
         self, model: MeasurementModel, value: Float[np.ndarray, " v"], parameters: Float[np.ndarray, " p"]
     ) -> bool:
-        """Take in one value of a sensor without landmarks; False where it lies outside the gate."""
+        """Update with one value of a sensor without landmarks; False outside the gate."""
         found = model.linearise(self.mean, parameters[None], value[None])
         H = np.zeros((model.dim, self.layout.error_dim))
         H[:, model.columns] = found.jacobian[0]
@@ -67,7 +67,7 @@ class ReferenceFilter:
         camera: Float[np.ndarray, " c"],
         places: Int[np.ndarray, " k"],
     ) -> None:
-        """Take in all observations of an epoch."""
+        """Update with all observations of an epoch."""
         rows, pose = [], self.covariance[np.ix_(model.columns, model.columns)]
         used: dict[int, bool | None] = {}
         for value, place in zip(values, places.tolist(), strict=True):

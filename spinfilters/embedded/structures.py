@@ -11,13 +11,13 @@ USED, OUTSIDE, BEHIND, NEW, NOT_TOLD = range(5)
 
 @cache
 def real_type(options: EmbedOptions) -> type[ctypes.c_float] | type[ctypes.c_double]:
-    """Of ``sf_real``."""
+    """ctypes type of ``sf_real``."""
     return ctypes.c_double if options.real == "double" else ctypes.c_float
 
 
 @cache
 def filter_type(options: EmbedOptions) -> type[ctypes.Structure]:
-    """``sf_filter``."""
+    """ctypes structure of ``sf_filter``."""
     real, n = real_type(options), options.layout.error_dim
     fields = [
         ("x", real * options.layout.mean_dim),
@@ -32,7 +32,7 @@ def filter_type(options: EmbedOptions) -> type[ctypes.Structure]:
 
 @cache
 def landmark_type(options: EmbedOptions) -> type[ctypes.Structure]:
-    """``sf_landmark``."""
+    """ctypes structure of ``sf_landmark``."""
     real = real_type(options)
     fields = [
         ("point", real * 3),
@@ -45,7 +45,7 @@ def landmark_type(options: EmbedOptions) -> type[ctypes.Structure]:
 
 @cache
 def observation_type(options: EmbedOptions) -> type[ctypes.Structure]:
-    """``sf_observation``."""
+    """ctypes structure of ``sf_observation``."""
     fields = [
         ("pixels", real_type(options) * 3),
         ("landmark", ctypes.c_uint16),

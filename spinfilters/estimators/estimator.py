@@ -1,4 +1,4 @@
-"""What every estimator is, and what one update says of itself."""
+"""Interface of recursive estimators, and the report of an update."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -120,11 +120,10 @@ class Estimator(ABC):
         """Begin from a belief over the process' layout."""
 
     def rebase(self, belief: "Belief") -> None:
-        """Begin anew from a smoothed belief of the present time.
+        """Restart from a smoothed belief of the present time, landmarks included.
 
-        With its landmarks where the estimator holds some.
-        Landmarks that only the estimator holds go: what told them has told the smoother's state too, and nobody knows how their
-        errors depend on one another.
+        Landmarks that only the estimator holds go: what told them has told the smoother's state too, and
+        nobody knows how their errors depend on one another.
         """
         self.start(belief.state)
 
@@ -140,7 +139,7 @@ class Estimator(ABC):
 
     @property
     def status(self) -> EstimatorStatus:
-        """What the estimator itself holds against its present belief: nothing, unless it can tell."""
+        """Estimator's own verdict on its present belief; ok unless it can tell."""
         return EstimatorStatus()
 
     @abstractmethod
@@ -149,7 +148,7 @@ class Estimator(ABC):
 
     @abstractmethod
     def update(self, measurement: Measurement) -> UpdateReport:
-        """Take in one sensor's values at the present time."""
+        """Update with one sensor's values at the present time."""
 
     def update_all(self, measurements: Sequence[Measurement]) -> list[UpdateReport]:
         """Update by everything of the present time, in its order.
@@ -160,11 +159,11 @@ class Estimator(ABC):
 
     @abstractmethod
     def snapshot(self) -> Snapshot:
-        """Copies of everything that the future of the estimate depends on, as named arrays."""
+        """Copies of the whole internal state as named arrays."""
 
     @abstractmethod
     def restore(self, snapshot: Snapshot) -> None:
-        """Go on from a `snapshot` of an estimator built alike.
+        """Continue from a `snapshot` of an estimator built alike.
 
         The same numbers follow, bit for bit.
         """

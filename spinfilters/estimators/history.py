@@ -1,4 +1,4 @@
-"""What a run leaves behind, and how it gathers."""
+"""History of a run: beliefs of all epochs, and their recording."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -63,7 +63,7 @@ class EstimateHistory:
 
     @property
     def own(self) -> slice:
-        """The epochs that the estimator has made itself."""
+        """Epochs after those of the initialisation."""
         return slice(self.initialisation, None)
 
     @property
@@ -72,10 +72,7 @@ class EstimateHistory:
         return float(self.time[self.initialisation - 1]) if self.initialisation else None
 
     def thinned(self, epochs: int) -> "EstimateHistory":
-        """Epochs at a constant step with the last, without copies.
-
-        At most so many.
-        """
+        """At most so many epochs at a constant step, the last included, without copies."""
         step = -(-len(self.time) // epochs)
         rows = slice((len(self.time) - 1) % step, None, step)
         observed = None if self.observations is None else self.observations[rows]
@@ -89,7 +86,7 @@ class EstimateHistory:
         return Gaussian(self.layout, self.mean[index], self.factor[index])
 
     def considering(self, calibration: Float[np.ndarray, "n e c"]) -> "EstimateHistory":
-        """With errors of the calibration in its covariance, P + C C'."""
+        """History with calibration errors in its covariance, P + C C'."""
         finite = np.isfinite(self.factor).all(axis=(1, 2))
         factor = self.factor.copy()
         factor[finite] = lower_roots(np.concatenate([factor[finite], calibration[finite]], axis=2))
@@ -111,7 +108,7 @@ class EstimateHistory:
         return replace(self, factor=factor)
 
     def random_factor(self, rows: slice | Int[np.ndarray, " r"] = slice(None)) -> Float[np.ndarray, "r e e"]:
-        """Of some epochs' covariance without what errors of the calibration add; not triangular then.
+        """Covariance factor of some epochs without calibration errors, not triangular where there are any.
 
         The difference is taken of correlations, so that units have no say in what rounding leaves.
         """
@@ -166,7 +163,7 @@ class GrowingHistory:
 
     @property
     def time(self) -> float:
-        """Of the last epoch, or where the run sets out, s."""
+        """Time of the last epoch, or of the start of the run, s."""
         return float(self._room["time"][self._last]) if self._count else self.begin
 
     @property
@@ -183,8 +180,7 @@ class GrowingHistory:
     def reserve(self, epochs: int, before: int = 0) -> None:
         """Make room for so many epochs in all.
 
-        And for ``before`` more in front of them (see `ended`).
-        No less than what there is.
+        Makes room for ``before`` more in front of them too (see `ended`). No less than what there is.
         """
         before, epochs = max(before, self._before), max(epochs, self._count)
         if before == self._before and before + epochs <= len(self._room["time"]):
@@ -217,7 +213,7 @@ class GrowingHistory:
     def ended(
         self, name: str, status: EstimatorStatus, before: Mapping[str, np.ndarray] | None = None
     ) -> EstimateHistory:
-        """The history of the estimator of this name, when its run has come to an end.
+        """Complete history of the estimator of this name.
 
         Parameters
         ----------

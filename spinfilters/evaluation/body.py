@@ -39,7 +39,7 @@ _SMALLEST_GAP = 1e-12  # of moments, relative to the largest: below it rounding 
 
 @dataclass(frozen=True)
 class BodyEstimate:
-    """The body as one belief sees it.
+    """Body properties of one belief.
 
     Attributes
     ----------
@@ -121,7 +121,7 @@ class BodyHistory:
 
 
 def body_estimate(belief: Gaussian, intervals: bool = True) -> BodyEstimate:
-    """The body as a belief over a layout with block s sees it; see `body_history`."""
+    """Body properties of a belief over a layout with block s; see `body_history`."""
     arrays = np.zeros(1), belief.mean[np.newaxis], belief.factor[np.newaxis]
     return _bodies(belief.layout, *arrays, intervals).at(0)
 

@@ -1,4 +1,4 @@
-"""The table that sets estimators side by side."""
+"""Comparison table of estimators."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -93,7 +93,7 @@ def _filled(row: TableRow, columns: Sequence[Column], bounded: bool) -> tuple[st
 
 
 def epoch_sentences(evaluations: Sequence[Evaluation]) -> list[str]:
-    """Which epochs the errors are over, where a filter has an initialisation; no sentence otherwise."""
+    """Sentence on the epochs of the errors; none without an initialisation."""
     history = max((e.history for e in evaluations), key=lambda history: history.initialisation)
     begin, count = shared_begin(evaluations), history.initialisation
     if not count or begin == ALWAYS:

@@ -1,4 +1,4 @@
-"""Whether an estimator's covariance tells the truth: normalised errors against chi-square bands."""
+"""Consistency of covariances: normalised errors against chi-square bands."""
 
 from dataclasses import dataclass
 
@@ -56,7 +56,7 @@ class NormalisedErrors:
         return float(np.mean(self.total)) / self.dof
 
     def within(self, begin: float, end: float) -> "NormalisedErrors | None":
-        """Those of a span of time (s), both ends within; None where there are none."""
+        """Errors within a span of time (s), both ends included; None without any."""
         rows = np.flatnonzero((self.time >= begin) & (self.time <= end))
         if not rows.size:
             return None
@@ -128,8 +128,8 @@ def _fields(truth: Truth) -> dict[str, np.ndarray]:
 def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedErrors:
     """NEES of a history at its common stamps with a truth.
 
-    In the same frames i and g (`truth_in_first_frame`, if need be).
-    Epochs whose mean or factor is not finite are left out.
+    Both are in the same frames i and g (`truth_in_first_frame`, if need be). Epochs whose mean or factor is not finite are
+    left out.
 
     Where g is the frame that fits the measurements best (`Truth.frame_is_fitted`), the whole error has six degrees of freedom less:
     its NEES is the least over all small changes of g, chi-square whatever the fit was. Blocks' are as they are.

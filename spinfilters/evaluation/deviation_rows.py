@@ -1,4 +1,4 @@
-"""Rows of the table that tell what errors of the calibration add to standard deviations."""
+"""Table rows of the share of calibration errors in standard deviations."""
 
 import math
 from typing import Final

@@ -1,4 +1,4 @@
-"""The Cramer-Rao bound in the quantities of the errors that it stands beside.
+"""Cramer-Rao bound in the quantities of the trajectory errors.
 
 It is that of smoothing: of every epoch given all measurements of the recording. A filter knows of an epoch what came before, so
 that its errors may lie well above it, except in the last epoch and in what never changes.
@@ -17,7 +17,7 @@ from spinfilters.evaluation.trajectory_errors import BodyErrors, RmsErrors, Trut
 
 @dataclass(frozen=True)
 class ErrorBound:
-    """Standard deviations that stand in the place of errors; None where there is no such error.
+    """Standard deviations of the bound per error; None where there is no such error.
 
     Attributes
     ----------

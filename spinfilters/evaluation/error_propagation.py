@@ -1,4 +1,4 @@
-"""Quantities that follow from a state, with their derivative by the state's error."""
+"""Derived quantities of a state, with their Jacobian by its error."""
 
 from collections.abc import Callable
 from typing import Final

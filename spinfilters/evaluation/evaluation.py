@@ -1,4 +1,4 @@
-"""Everything that is said of one estimator's run, put together once for tables, files and figures."""
+"""Evaluation of one estimator's run, for tables, files and figures."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -176,7 +176,7 @@ def _with_status(history: EstimateHistory) -> EstimateHistory:
 def _described(history: EstimateHistory) -> tuple[Evaluation, Trajectory]:
     """Evaluation without a truth, and the trajectory.
 
-    Of a history whose numbers cannot be evaluated nothing remains but its epochs.
+    A history whose numbers cannot be evaluated keeps nothing but its epochs.
     """
     try:
         evaluation, trajectory = Evaluation(history), trajectory_of(history)

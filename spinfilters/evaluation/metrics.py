@@ -118,7 +118,7 @@ def _body_numbers(body: BodyErrors) -> dict[str, float | list[float] | None]:
 def _nees_numbers(span: SpanErrors | None) -> dict[str, float | None]:
     """Mean NEES per degree of freedom over the epochs.
 
-    Of the whole state, and of each block as nees_per_dof_<block>.
+    It is told of the whole state, and of each block as nees_per_dof_<block>.
     """
     if span is None or span.nees is None:
         return {"nees_per_dof": None}

@@ -119,7 +119,7 @@ class _Bodies:
     def along(
         self, u: Float[np.ndarray, "n 12 5"]
     ) -> tuple[Float[np.ndarray, "n 12"], Float[np.ndarray, "n 12 5"]]:
-        """What each search wants large, and the direction in which it grows."""
+        """Objective of each search, and its direction of ascent."""
         y, slope = self.at(u)
         each = np.arange(len(SOUGHT))
         slope = SIGNS[:, np.newaxis] * slope[:, each, SOUGHT]
@@ -155,10 +155,7 @@ def _farthest(bodies: _Bodies, u: Float[np.ndarray, "n 12 5"]) -> Float[np.ndarr
 def _principal(
     B: Float[np.ndarray, "n p 3 3"], values: Float[np.ndarray, "n p 3"]
 ) -> tuple[Float[np.ndarray, "n p 3"], Float[np.ndarray, "n p 3 3"]]:
-    """Second moments and axes (columns) of B exp(diag(values)) B'.
-
-    In the order of ascending moments of inertia.
-    """
+    """Second moments and axes of B exp(diag(values)) B', by ascending moments of inertia."""
     A = B * np.exp(values / 2)[..., np.newaxis, :]
     p, vectors = np.linalg.eigh(A @ np.swapaxes(A, -1, -2))
     return np.maximum(p, np.finfo(float).eps * p[..., 2:])[..., ::-1], vectors[..., ::-1]

@@ -49,9 +49,9 @@ def span_errors(evaluation: Evaluation, begin: float, end: float = np.inf) -> Sp
 
 
 def shared_begin(evaluations: Sequence[Evaluation]) -> float:
-    """Time of the first own epoch common to all estimators, s.
+    """Time of the first own epoch common to all estimators that have any, s.
 
-    Of every estimator which has any; `ALWAYS` where none has.
+    It is `ALWAYS` where none has.
     """
     begins = [evaluation.own_begin for evaluation in evaluations]
     return max((begin for begin in begins if begin is not None), default=ALWAYS)

@@ -10,8 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinfilters.attitude.expressions import Expression, rotate
-from spinfilters.data.atomic_write import write_bytes
-from spinfilters.data.input_file import MAX_TABLE_BYTES, path_text, require_file
+from spinfilters.data.input_file import path_text
 from spinfilters.data.measurement_log import normalised
 from spinfilters.data.pose_files import write_poses
 from spinfilters.data.table_files import write_csv
@@ -19,6 +18,7 @@ from spinfilters.data.truth import TRUTH_COLUMNS
 from spinfilters.errors import InputError, ShapeError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.error_propagation import by_stretches, with_error_jacobian
+from spinfilters.lidar.ply_files import read_ply, write_ply
 from spinfilters.state.layout import StateLayout
 from spinfilters.symbolic import Compiled
 
@@ -27,6 +27,8 @@ STD_COLUMNS: Final[tuple[str, ...]] = tuple(
 )
 """Standard deviations of position m (i), attitude rad (g axes), velocity m/s (i), rate rad/s (i)."""
 TRAJECTORY_COLUMNS: Final[tuple[str, ...]] = (*TRUTH_COLUMNS, *STD_COLUMNS)
+MAP_COMMENTS: Final = ("landmarks in frame g, m",)
+"""Of a map's PLY."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,7 @@ class Trajectory:
 
     @property
     def is_finite(self) -> Bool[np.ndarray, " n"]:
-        """In which epochs the motion, whatever its uncertainty, is finite."""
+        """Epochs whose motion is finite, whatever its uncertainty."""
         motion = np.hstack([self.position, self.q_ig, self.velocity, self.rate_i])
         return np.asarray(np.isfinite(motion).all(axis=1))
 
@@ -126,42 +128,20 @@ def write_map_ply(path: Path, points: Float[np.ndarray, "k 3"]) -> None:
     """
     if points.ndim != 2 or points.shape[1] != 3:
         raise ShapeError(f"map points have shape {points.shape}, expected (k, 3)")
-    write_bytes(path, _ply_header(len(points)) + points.astype("<f8").tobytes())
+    write_ply(path, dict(zip("xyz", points.T.astype(np.float64), strict=True)), MAP_COMMENTS)
 
 
 def read_map_ply(path: Path) -> Float[np.ndarray, "k 3"]:
-    """Points of a file of `write_map_ply`. InputError: unreadable, or a PLY that it did not write."""
-    require_file(path, MAX_TABLE_BYTES)
-    raw = path.read_bytes()
-    values = raw.partition(b"end_header\n")[2]
-    points = np.frombuffer(values[: len(values) // 24 * 24], "<f8").reshape(-1, 3)
-    if (
-        raw != _ply_header(len(points)) + values
-        or points.nbytes != len(values)
-        or not np.isfinite(points).all()
-    ):
+    """Points of a file of `write_map_ply`. InputError: as `read_ply`, or another PLY."""
+    content = read_ply(path)
+    if content.comments != MAP_COMMENTS or not np.isfinite(content.points).all():
         raise InputError(f"{path_text(path)}: is no map of a run; make the run again")
-    return points
-
-
-def _ply_header(count: int) -> bytes:
-    lines = [
-        "ply",
-        "format binary_little_endian 1.0",
-        "comment landmarks in frame g, m",
-        f"element vertex {count}",
-        *(f"property double {axis}" for axis in "xyz"),
-        "end_header",
-    ]
-    return ("\n".join(lines) + "\n").encode("ascii")
+    return content.points
 
 
 @cache
 def _motion(layout: StateLayout) -> Compiled:
-    """Centre of mass, its velocity and the rate in i (9).
-
-    With derivative (9 x e) by the state's error.
-    """
+    """Centre of mass, velocity and rate in i (9), derivative (9 x e) by the error."""
     return with_error_jacobian(
         layout, "motion_in_i", _motion_of_centre if layout.translates else _rotation_alone
     )

@@ -1,4 +1,4 @@
-"""How far an estimate is from the truth, at the time stamps that both have."""
+"""Errors of an estimate against the truth at common time stamps."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -35,10 +35,7 @@ class Alignment(StrEnum):
 
 @dataclass(frozen=True)
 class RmsErrors:
-    """Root mean square errors: m, rad, m/s, rad/s.
-
-    Of their lengths; None where there is no error.
-    """
+    """Root mean square lengths of errors: m, rad, m/s, rad/s; None without errors."""
 
     position: float | None
     attitude: float | None
@@ -75,7 +72,7 @@ class TruthErrors:
         return RmsErrors(position, root_mean_square(self.attitude), velocity, root_mean_square(self.rate))
 
     def within(self, begin: float, end: float) -> "TruthErrors | None":
-        """Those of a span of time (s), both ends within; None where there are none."""
+        """Errors within a span of time (s), both ends included; None without any."""
         rows = np.flatnonzero((self.time >= begin) & (self.time <= end))
         if not rows.size:
             return None
@@ -121,8 +118,8 @@ class BodyErrors:
 def truth_errors(trajectory: Trajectory, truth: Truth, alignment: Alignment = Alignment.NONE) -> TruthErrors:
     """Errors of a trajectory at its common stamps with the truth.
 
-    Where it is finite; nothing is interpolated.
-    `Alignment.FIRST_FRAME` takes the first common stamp for the frame that defines g (see `truth_frames.tells_first_frame`).
+    It counts where it is finite; nothing is interpolated. `Alignment.FIRST_FRAME` takes the first common stamp for the frame
+    that defines g (see `truth_frames.tells_first_frame`).
 
     Raises
     ------

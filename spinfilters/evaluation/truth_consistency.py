@@ -87,8 +87,8 @@ def _turns(truth: Truth) -> tuple[Float[np.ndarray, " j"], Float[np.ndarray, " j
 def _typically_apart(truth: Truth) -> float | None:
     """Third quartile of the angle between turns by attitudes and rates, rad.
 
-    Of all turning; None where too few rows tell.
-    What rates leave open between two rows, by their second differences, is taken off.
+    All turning counts; None where too few rows tell. What rates leave open between two rows, by their second differences, is
+    taken off.
     """
     turn, seen = _turns(truth)
     told, weight = turn <= LARGEST_STEP, np.maximum(turn, seen)

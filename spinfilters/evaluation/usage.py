@@ -32,17 +32,17 @@ class ObservationUse:
 
     @property
     def used_per_epoch(self) -> float:
-        """Mean."""
+        """Mean number of used observations per epoch."""
         return float(self.accepted.mean())
 
     @property
     def available_per_epoch(self) -> float | None:
-        """Mean; None where it is not told."""
+        """Mean number of available observations per epoch; None if unknown."""
         return None if self.available is None else float(self.available.mean())
 
     @property
     def share(self) -> float | None:
-        """Used of available, 0 to 1; None where it is not told."""
+        """Used share of the available observations, 0 to 1; None if unknown."""
         return None if self.available is None else float(self.accepted.sum() / max(self.available.sum(), 1))
 
     @property
@@ -52,7 +52,7 @@ class ObservationUse:
 
 
 def observation_use(history: EstimateHistory, begin: float) -> ObservationUse | None:
-    """Of the estimator's own epochs from begin (s) on; None where there are none."""
+    """Use of observations in the estimator's epochs from begin (s); None without any."""
     rows = np.flatnonzero(history.time >= begin)
     rows = rows[rows >= history.initialisation]
     if not rows.size:
@@ -70,7 +70,7 @@ def on_identical_measurements(evaluations: Sequence[Evaluation]) -> bool:
 
 
 def title_sentences(evaluations: Sequence[Evaluation]) -> list[str]:
-    """What a comparison is called; nothing for a single estimator."""
+    """Title sentences of a comparison; empty for a single estimator."""
     if len(evaluations) == 1:
         return []
     return [IDENTICAL if on_identical_measurements(evaluations) else NOT_IDENTICAL]

@@ -1,9 +1,8 @@
 """Constancy of the angular momentum over windows of a gyro log.
 
-For the inertia tensor that keeps it best.
-Attitudes R_k of the body come from the rates themselves; in flight R_k J w_k = h is constant, or only
-falls where the air brakes.
-That is linear in the six elements of J and in h: no inertia need be known.
+The inertia tensor is the one that keeps it best. Attitudes R_k of the body come from the rates themselves; in flight R_k J
+w_k = h is constant, or only falls where the air brakes. That is linear in the six elements of J and in h: no inertia need be
+known.
 """
 
 from dataclasses import dataclass
@@ -69,9 +68,9 @@ def window_ends(history: RotationHistory) -> Int[np.ndarray, " n"]:
 def momentum_errors(
     history: RotationHistory, starts: Int[np.ndarray, " m"], ends: Int[np.ndarray, " m"]
 ) -> Float[np.ndarray, " m"]:
-    """Root mean square of R J w - h over |J w| of windows.
+    """Root mean square of R J w - h over |J w| of every window.
 
-    For the best J, h and drag, of every window.
+    J, h and drag are the best ones of the window.
     """
     return np.concatenate(
         [
@@ -141,10 +140,7 @@ class MomentumChange:
 
 
 def momentum_change(history: RotationHistory, tensor: Float[np.ndarray, "3 3"]) -> MomentumChange:
-    """Momentum as a straight line over the rotation angle.
-
-    In the frame of the attitudes.
-    """
+    """Momentum, in the attitudes' frame, as a straight line over the rotation angle."""
     elements = tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     momentum = history.momentum @ elements
     basis = np.column_stack([np.ones(len(momentum)), history.angle])

@@ -118,7 +118,7 @@ def _falling(log: PoseLog, piece: Stretch) -> list[Stretch]:
 def _flights(log: PoseLog, piece: Stretch, gravity: Float[np.ndarray, " 3"], factor: float) -> list[Stretch]:
     """Stretches that fall freely as a whole and in their windows.
 
-    Where only the windows do they are sought with longer ones.
+    Those of which only the windows fall freely are sought with longer windows.
 
     Parameters
     ----------
@@ -231,7 +231,7 @@ def _equations(
 ) -> tuple[Float[np.ndarray, "m rows unknowns"], Float[np.ndarray, "m rows"]]:
     """Design matrix over r, v, c (and g) and window positions.
 
-    For time in units of ``scale`` seconds.
+    Time is in units of ``scale`` seconds.
     """
     square = 0.5 * time**2
     eye = np.broadcast_to(np.eye(3), (*chosen.shape, 3, 3))

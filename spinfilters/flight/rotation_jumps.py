@@ -1,4 +1,4 @@
-"""Rates at the ends of a flight that are not its own.
+"""Rotation jumps at the ends of a flight.
 
 Jumps between samples, and rates that the middle does not lead to. A touch changes the rate of a body at once, and a hand
 as it lets go, which its place shows only later.
@@ -28,9 +28,7 @@ TINY: Final = 1e-9
 def turns_on(
     time: Float[np.ndarray, " n"], attitude: Float[np.ndarray, "n 3 3"], margin: int
 ) -> Bool[np.ndarray, " n"]:
-    """Which samples the rotation comes to without a jump.
-
-    In the first and last ``margin``, of its rate.
+    """Samples of the first and last ``margin`` reached without a rate jump.
 
     Parameters
     ----------
@@ -54,7 +52,7 @@ def turns_on(
 def leads_on(
     time: Float[np.ndarray, " n"], attitude: Float[np.ndarray, "n 3 3"], margin: int
 ) -> Bool[np.ndarray, " n"]:
-    """Which samples the rotation comes to at the rate of the flight's middle.
+    """Samples reached at the rate of the flight's middle.
 
     False of the first and last ones in a row whose rate is another. Parameters: as `turns_on`.
     """
@@ -69,10 +67,7 @@ def leads_on(
 
 
 def _departing(time: Float[np.ndarray, " r"], rates: Float[np.ndarray, "r 3"], margin: int) -> int:
-    """How many of the first rates depart from the parabola of those behind.
-
-    In a row, up to ``margin``.
-    """
+    """Number of leading rates, up to ``margin``, off the parabola of those behind."""
     angle = np.linalg.norm(np.median(rates[margin : len(rates) - margin], axis=0)) * np.abs(time - time[0])
     last = max(margin + FEWEST, int(np.searchsorted(angle, REACH)))
     near = np.s_[margin : min(last, len(rates) - margin)]

@@ -80,10 +80,7 @@ class CameraTrajectory:
 def in_camera(
     poses: Float[np.ndarray, "k 7"], camera_poses: Float[np.ndarray, "k 7"]
 ) -> Float[np.ndarray, "k 7"]:
-    """Poses (t, q) of g in the camera's frame.
-
-    Of those in i: T_cg = T_ic^-1 T_ig.
-    """
+    """Poses (t, q) of g in the camera's frame, T_cg = T_ic^-1 T_ig."""
     q_ci = inverse(camera_poses[:, 3:])
     place = rotate(q_ci, poses[:, :3] - camera_poses[:, :3])
     return np.concatenate([place, multiply(q_ci, poses[:, 3:])], axis=1)
@@ -92,10 +89,7 @@ def in_camera(
 def in_inertial(
     poses: Float[np.ndarray, "k 7"], camera_poses: Float[np.ndarray, "k 7"]
 ) -> Float[np.ndarray, "k 7"]:
-    """Poses (t, q) of g in i.
-
-    Of those in the camera's frame: T_ig = T_ic T_cg.
-    """
+    """Poses (t, q) of g in i, T_ig = T_ic T_cg."""
     q_ic = camera_poses[:, 3:]
     place = camera_poses[:, :3] + rotate(q_ic, poses[:, :3])
     return np.concatenate([place, multiply(q_ic, poses[:, 3:])], axis=1)

@@ -93,7 +93,7 @@ class Camera(ABC):
         return _numeric(self, type(self).derivative, 3)(points, calibration)[0]
 
     def derivative(self, point: Expression, calibration: Expression) -> Expression:
-        """Of `project` by the point."""
+        """Derivative of `project` by the point."""
         return ca.jacobian(self.project(point, calibration), point)
 
 
@@ -131,11 +131,10 @@ class Monocular(Camera):
 
 @dataclass(frozen=True)
 class StereoPair(Camera):
-    """Pixels (u_left, v_left, u_right) of two parallel cameras.
+    """Pixels (u_left, v_left, u_right) of two parallel cameras of common intrinsics.
 
-    Of common intrinsics, the right one moved by the baseline along x.
-    Without distortion u_right = u_left - fx baseline / z (Tweddle 2013, Eqs 4.83-4.84).
-    Calibration: (fx, fy, cx, cy px, baseline m, coefficients of the left lens, of the right lens).
+    The right camera is moved by the baseline along x. Without distortion u_right = u_left - fx baseline / z (Tweddle 2013,
+    Eqs 4.83-4.84). Calibration: (fx, fy, cx, cy px, baseline m, coefficients of the left lens, of the right lens).
     """
 
     @property
@@ -200,7 +199,7 @@ class StereoPair(Camera):
 def monocular_camera(calibration: Float[np.ndarray, " c"]) -> Monocular:
     """The camera of a calibration.
 
-    Of 4 numbers one without distortion. ShapeError: of no camera.
+    4 numbers mean no distortion. ShapeError: of no camera.
     """
     found = [each for each in (Monocular(), Monocular(RADIAL_TANGENTIAL)) if each.fits(calibration)]
     return found[0] if found else _refuse(calibration)
@@ -209,7 +208,7 @@ def monocular_camera(calibration: Float[np.ndarray, " c"]) -> Monocular:
 def stereo_pair(calibration: Float[np.ndarray, " c"]) -> StereoPair:
     """The stereo pair of a calibration.
 
-    Of 5 numbers one without distortion. ShapeError: of no pair.
+    5 numbers mean no distortion. ShapeError: of no pair.
     """
     found = [each for each in (StereoPair(), StereoPair(RADIAL_TANGENTIAL)) if each.fits(calibration)]
     return found[0] if found else _refuse(calibration)

@@ -79,8 +79,8 @@ class TorqueFreeTumble:
 def thesis_rotation(z_deg: float, y_deg: float, x_deg: float) -> Float[np.ndarray, "3 3"]:
     """Rotated points Rx (Ry (Rz P)) by Euler angles "(3, 2, 1)", deg.
 
-    As printed (Decoust 2008, section 2.2.2).
-    The name says an intrinsic sequence about z, y, x, which would be Rz Ry Rx: this is the extrinsic one.
+    It is applied as printed (Decoust 2008, section 2.2.2). The name says an intrinsic sequence about z, y, x, which would be
+    Rz Ry Rx: this is the extrinsic one.
     """
     (cz, cy, cx), (sz, sy, sx) = (
         np.cos(np.deg2rad([z_deg, y_deg, x_deg])),

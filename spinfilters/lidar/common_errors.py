@@ -1,4 +1,4 @@
-"""Errors that the poses of a sequence share, beside estimators that take them for white noise.
+"""Errors shared by a sequence's poses, which estimators take for white noise.
 
 Poses that were adjusted together have errors that are alike from scan to scan. A motion that is fitted to poses of covariances W^-1
 each has the covariance N^-1 S N^-1 for the poses' joint covariance C, N = B' W B, S = B' W C W B, with B what the poses change by

@@ -45,7 +45,7 @@ class RangeEvidence:
         return FaceInformation(H[:6, :6], H[:6, 6:], H[6:, 6:], b[:6], b[6:])
 
     def reduced_chi_square(self, tracked: TrackedFaces) -> float:
-        """Of the scan that fits worst."""
+        """Reduced chi-square of the scan that fits worst."""
         return max(_reduced(self._linearised(tracked, k)[1]) for k in range(len(self.ranges)))
 
     def _linearised(

@@ -58,7 +58,7 @@ class Drift:
         return np.hstack([np.eye(3), np.eye(3) * self.times[number]])
 
     def place(self, number: int) -> Float[np.ndarray, "3"]:
-        """Of the origin of g at pose ``number``, m."""
+        """Position of the origin of g at pose ``number``, m."""
         return self.along(number) @ self.motion
 
 
@@ -118,7 +118,7 @@ def merged_faces(tracked: TrackedFaces, size: float) -> TrackedFaces:
 
 
 def with_map_errors(tracked: TrackedFaces, evidence: FaceEvidence, size: float) -> TrackedFaces:
-    """With the covariance of the faces, and its share in that of the poses."""
+    """Faces and poses with the covariance of the faces."""
     drift, count = uniform_drift(tracked, size), 3 * len(tracked.faces)
     blocks = [_blocks(tracked, drift, k, evidence, size) for k in range(len(tracked.poses))]
     free = _free(tracked, size)
@@ -140,7 +140,7 @@ def with_map_errors(tracked: TrackedFaces, evidence: FaceEvidence, size: float) 
 
 
 def uniform_drift(tracked: TrackedFaces, size: float) -> Drift:
-    """Fitted to the poses' origins; medians keep poses out that do not determine theirs."""
+    """Uniform drift fitted to the poses' origins; medians keep poses out that do not determine theirs."""
     times = np.array([pose.time for pose in tracked.poses])
     times = (times - times[0]) / max(float(np.ptp(times)), 1e-300)
     places = np.array([pose.translation for pose in tracked.poses])

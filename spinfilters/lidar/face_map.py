@@ -1,6 +1,6 @@
 """Plane faces of a body in frame g, and scans that see them.
 
-With what a fitted plane says of face and pose.
+It holds what a fitted plane says of face and pose.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ class Face:
 
     @property
     def tangents(self) -> Float[np.ndarray, "3 2"]:
-        """Two directions in it."""
+        """Two unit tangents of the face."""
         return np.linalg.svd(self.normal[None])[2][1:].T
 
 
@@ -99,10 +99,7 @@ def normal_equations(
 def residual_and_jacobian(
     plane: FittedPlane, face: Face, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 6"]]:
-    """Residual of a face in a plane's own terms, and its derivative.
-
-    By (rotation in L, translation).
-    """
+    """Residual of a face in a plane's own terms, derivative by (rotation, translation) in L."""
     n, arm = R @ face.normal, t - plane.centroid
     residual = np.array([*(plane.tangents.T @ n), face.offset + n @ arm])
     J = np.zeros((3, 6))

@@ -40,8 +40,8 @@ class FacePoints:
 def face_points(found: ScanPoses) -> FacePoints:
     """Points clearly of one face, not at its border.
 
-    At most `MOST_POINTS` of a scan.
-    A face's error is common to all of its points: those of a scan carry it so often in their ranges that their mean has it once.
+    A scan has at most `MOST_POINTS`. A face's error is common to all of its points: those of a scan carry it so often in
+    their ranges that their mean has it once.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A triangle mesh: validated vertices and triangles, and what is remarkable about them."""
+"""Triangle mesh: validated vertices and triangles, and remarks on defects."""
 
 from dataclasses import dataclass, field
 from functools import cached_property

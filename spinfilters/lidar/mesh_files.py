@@ -1,4 +1,4 @@
-"""Mesh files of strangers: STL (binary and ASCII), OBJ and PLY, validated and cleaned."""
+"""Validated mesh files: STL (binary and ASCII), OBJ, PLY, and rows of asteroid shape models."""
 
 import os
 import re
@@ -21,7 +21,7 @@ _NUMBER = re.compile(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE)
 
 
 def read_mesh(path: str | os.PathLike[str]) -> TriangleMesh:
-    """Mesh of an .stl, .obj or .ply file, in its own unit.
+    """Mesh of a file of `MESH_SUFFIXES`, in its own unit.
 
     Triangles without area are left out and remarked upon.
 
@@ -31,11 +31,10 @@ def read_mesh(path: str | os.PathLike[str]) -> TriangleMesh:
     """
     path = Path(path)
     require_file(path, MAX_MESH_BYTES)
-    readers = {".stl": _read_stl, ".obj": _read_obj, ".ply": _read_ply_mesh}
-    reader = readers.get(path.suffix.lower())
+    reader = _READERS.get(path.suffix.lower())
     if reader is None:
         raise InputError(
-            f"{path_text(path)}: {value_text(path.suffix)} is no known kind of mesh; give a .stl, .obj or .ply"
+            f"{path_text(path)}: {value_text(path.suffix)} is no known kind of mesh; give a {', '.join(MESH_SUFFIXES)}"
         )
     vertices, triangles = reader(path)
     return cleaned_mesh(vertices, triangles, path_text(path))
@@ -89,10 +88,10 @@ def _ascii_stl(path: Path, data: bytes) -> _Surface:
     return values.reshape(-1, 3), np.arange(len(values)).reshape(-1, 3)
 
 
-def _read_obj(path: Path) -> _Surface:
+def _read_obj(path: Path, first: int = 1) -> _Surface:
     """Triangles of OBJ lines ``v x y z`` and ``f a b c ...``.
 
-    Indices from 1, or from the end where negative; polygons become fans.
+    Indices from ``first``, or from the end where negative; polygons become fans.
     """
     vertices: list[list[float]] = []
     triangles: list[tuple[int, int, int]] = []
@@ -103,7 +102,7 @@ def _read_obj(path: Path) -> _Surface:
                 x, y, z = map(float, words[1:4])
                 vertices.append([x, y, z])
             elif words[:1] == ["f"]:
-                corners = [_obj_index(word, len(vertices)) for word in words[1:]]
+                corners = [_obj_index(word, len(vertices), first) for word in words[1:]]
                 triangles += [(corners[0], b, c) for b, c in pairwise(corners[1:])]
         except (ValueError, IndexError):
             raise InputError(
@@ -112,12 +111,32 @@ def _read_obj(path: Path) -> _Surface:
     return np.array(vertices).reshape(-1, 3), np.array(triangles, dtype=np.int64).reshape(-1, 3)
 
 
-def _obj_index(word: str, count: int) -> int:
+def _obj_index(word: str, count: int, first: int) -> int:
     index = int(word.split("/", 1)[0])
-    place = index - 1 if index > 0 else count + index
-    if index == 0 or place < 0:
+    place = index - first if index >= first else count + index
+    if place < 0 or (index < first and index >= 0):
         raise IndexError(word)
     return place
+
+
+def _read_tab(path: Path) -> _Surface:
+    """Rows as of an OBJ, whose indices begin at 0 where a face says so."""
+    return _read_obj(path, 0 if re.search(rb"^f(\s+\d+)*\s+0\s", file_bytes(path), re.MULTILINE) else 1)
+
+
+def _read_counted(path: Path) -> _Surface:
+    """A line with the numbers of vertices and faces, then their rows; indices from 1."""
+    try:
+        head, *lines = file_bytes(path).decode("utf-8", "replace").splitlines()
+        count, faces = (int(word) for word in head.split())
+        rows = [line.split() for line in lines[: count + faces]]
+        return np.array(rows[:count], dtype=np.float64).reshape(-1, 3), np.array(
+            rows[count:], dtype=np.int64
+        ).reshape(-1, 3) - 1
+    except ValueError:
+        raise InputError(
+            f"{path_text(path)}: is no table of vertices and faces below their numbers; export it again"
+        ) from None
 
 
 def _read_ply_mesh(path: Path) -> _Surface:
@@ -125,3 +144,13 @@ def _read_ply_mesh(path: Path) -> _Surface:
     if not len(content.triangles):
         raise InputError(f"{path_text(path)}: holds points but no faces: a scan, not a mesh; give a mesh")
     return content.points, content.triangles
+
+
+_READERS: Final = {
+    ".stl": _read_stl,
+    ".obj": _read_obj,
+    ".ply": _read_ply_mesh,
+    ".tab": _read_tab,
+    ".txt": _read_counted,
+}
+MESH_SUFFIXES: Final = tuple(_READERS)

@@ -37,7 +37,7 @@ class PlanePoints:
     offsets: Float[np.ndarray, " n"]
 
     def thinned(self, most: int) -> "PlanePoints":
-        """At most so many of them, evenly."""
+        """At most so many of the points, evenly spaced."""
         rows = np.linspace(0, len(self.points) - 1, min(most, len(self.points))).astype(int)
         return PlanePoints(self.points[rows], self.normals[rows], self.offsets[rows])
 

@@ -1,7 +1,4 @@
-"""Poses of scans from those of other scans.
-
-Of the next scan, and of scans that do not determine their own.
-"""
+"""Poses of scans, of the next or of underdetermined ones, from other scans."""
 
 from collections.abc import Sequence
 from itertools import pairwise

@@ -29,10 +29,10 @@ class RayHits:
 
 
 class RayTracer(Protocol):
-    """What finds the closest intersections with one mesh."""
+    """Tracer of closest ray intersections with one mesh."""
 
     def hits(self, origins: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]) -> RayHits:
-        """Of rays from ``origins`` (m) along unit ``directions``, both in mesh axes."""
+        """Closest intersections of rays from ``origins`` (m) along unit ``directions``, mesh axes."""
         ...
 
 

@@ -35,7 +35,7 @@ class Cloud:
 
     @classmethod
     def of(cls, points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]) -> "Cloud":
-        """With its tree."""
+        """Cloud with its search tree."""
         return cls(points, normals, KDTree(points))
 
     @property
@@ -75,7 +75,7 @@ class Registration:
 
 
 class RegistrationEngine(Protocol):
-    """What refines a pose."""
+    """Refinement of a pose by registration."""
 
     def refined(
         self,
@@ -90,7 +90,7 @@ class RegistrationEngine(Protocol):
 
 
 class PointToPlane:
-    """Iterated closest points with distances to the target's planes, matches drawn in as it settles."""
+    """Point-to-plane iterated closest points with a shrinking matching distance."""
 
     def refined(
         self,
@@ -212,7 +212,7 @@ def registered(
 def _dependence(matches: ScanMatches, size: float) -> float:
     """Variance factor of sums of correlated residuals over patches.
 
-    In terms of that of independent residuals; at least 2, for the target's noise.
+    It is in terms of that of independent residuals; at least 2, for the target's noise.
     """
     cells = np.floor(matches.moved / (_PATCH * size)).astype(np.int64)
     _, patch = np.unique(cells, axis=0, return_inverse=True)

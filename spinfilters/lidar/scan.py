@@ -56,7 +56,7 @@ class Scan:
 
     @property
     def epoch(self) -> float:
-        """Time that the scan's pose is told at: its middle, s."""
+        """Epoch of the scan's pose: its middle, s."""
         start, duration = self.metadata.get("start_s"), self.metadata.get("duration_s")
         if isinstance(start, int | float) and isinstance(duration, int | float):
             middle = float(start + duration / 2)
@@ -66,7 +66,7 @@ class Scan:
 
 
 def without_repeats(scan: Scan) -> Scan:
-    """The scan with every measured range and direction once: repeats are no further measurements."""
+    """Scan without repetitions of a measured range and direction."""
     rays = np.stack([scan.azimuth, scan.elevation, np.nan_to_num(scan.distance)], axis=1)
     first = np.sort(np.unique(rays, axis=0, return_index=True)[1])
     if len(first) == len(scan):
@@ -96,7 +96,7 @@ def without_isolated(scan: Scan) -> tuple[Scan, int]:
 
 
 def scan_of_points(points: Float[np.ndarray, "n 3"], time: float = 0.0, name: str = "the scan") -> Scan:
-    """A scan that tells nothing but points of frame L, m, taken at one time."""
+    """Scan of points of frame L, m, taken at one time."""
     azimuth, elevation = angles_of(points)
     n = len(points)
     distance = np.linalg.norm(points, axis=1)

@@ -1,7 +1,4 @@
-"""Accuracy of the mean attitude of several scans.
-
-And the number of scans that an accuracy takes.
-"""
+"""Accuracy of the mean attitude of several scans, and scans that an accuracy takes."""
 
 from collections.abc import Sequence
 
@@ -12,10 +9,9 @@ from spinfilters.lidar.scan_pose import ScanPose
 
 
 def attitude_stds(poses: Sequence[ScanPose]) -> Float[np.ndarray, " n"]:
-    """Standard deviations, rad, of the first scans' mean attitude.
+    """Standard deviations, rad, of the first 1, 2, ... n scans' mean attitude.
 
-    Of its least certain rotation, of the first 1, 2, ... n.
-    Scans that leave a rotation undetermined count for what they tell.
+    They are of its least certain rotation. Scans that leave a rotation undetermined count for what they tell.
     """
     information = np.cumsum([np.linalg.inv(pose.covariance[3:, 3:]) for pose in poses], axis=0)
     return 1 / np.sqrt(np.linalg.eigvalsh(information)[:, 0])

@@ -99,7 +99,7 @@ class _Normal:
 
     @property
     def following_reach(self) -> float:
-        """Of the next matches, m."""
+        """Reach of the next matches, m."""
         return max(_SHRINKING * self.reach, self.asked_reach)
 
     def step(self) -> Float[np.ndarray, " a"]:
@@ -240,8 +240,8 @@ def _moved(pose: ScanPose, step: Float[np.ndarray, "6"]) -> ScanPose:
 def _with_covariances(poses: Sequence[ScanPose], normal: _Normal, size: float) -> AdjustedScans:
     """Poses with the marginals of the joint covariance.
 
-    And with their covariances beside exact poses of the others.
-    What no scan determines has the prior of a predicted pose, see `pose_covariance`.
+    Their covariances beside exact poses of the others come with them. What no scan determines has the prior of a predicted
+    pose, see `pose_covariance`.
     """
     k, prior = len(poses), np.repeat([ROTATION_PRIOR**-2.0, size**-2.0], 3)
     whole = normal.information / normal.variance

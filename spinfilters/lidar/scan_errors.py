@@ -64,7 +64,7 @@ def rvs_noise(mode: AngleMode = "jitter", long_range: bool = False, biased: bool
 
 @dataclass(frozen=True)
 class Losses:
-    """What keeps a return from being measured (Decoust 2008, section 2.1.2).
+    """Causes of lost returns (Decoust 2008, section 2.1.2).
 
     Attributes
     ----------

@@ -53,7 +53,7 @@ def write_scan(path: Path, scan: Scan, misses: bool = False) -> None:
 def read_scan(path: Path) -> Scan:
     """Scan of a PLY file.
 
-    Of this package with all its rays, of any other as points in m taken at time 0.
+    A file of this package gives all its rays, any other points in m taken at time 0.
 
     Raises
     ------

@@ -1,7 +1,4 @@
-"""Poses of a body from a sequence of scans.
-
-By its faces where it has some, by registration where it has none.
-"""
+"""Poses of a body from a sequence of scans, by faces or by registration."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

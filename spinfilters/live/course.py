@@ -1,4 +1,4 @@
-"""Course of a live run, thinned out so that it never grows beyond a picture's need."""
+"""Record of a live run, thinned to bounded size for its figure."""
 
 import numpy as np
 from jaxtyping import Float
@@ -22,7 +22,7 @@ class CourseRecorder:
         self._rows: list[Float[np.ndarray, " 10"]] = []
 
     def keep(self, answer: Answer) -> None:
-        """Take an answer in."""
+        """Record an answer."""
         layout, belief = answer.belief.layout, answer.belief
         rate, std = belief.mean[layout.mean_slice("w")], belief.std[layout.slice("w")]
         told = answer.time, answer.latency, answer.source == "smoother", answer.status.verdict == Verdict.OK

@@ -1,4 +1,4 @@
-"""Executive: a filter answers every epoch, a smoother corrects its past.
+"""Live run: a filter answers every epoch, a smoother corrects its past.
 
 Nothing is counted twice. A hand-over of time T holds all measurements up to T; the filter goes back to T, takes that state, and
 does the epochs after T again. A smoother that begins anew takes the filter's belief of T as its prior and measurements after T.

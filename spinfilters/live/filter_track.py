@@ -1,6 +1,6 @@
 """The filter's last epochs with the state before each.
 
-For late measurements, and for hand-overs of the past.
+They serve late measurements, and hand-overs of the past.
 """
 
 from bisect import bisect_right

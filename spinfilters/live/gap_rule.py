@@ -1,4 +1,4 @@
-"""Which distances in time between epochs are gaps, and which are jumps that may be errors."""
+"""Distinction of gaps between epochs from jumps of time that may be errors."""
 
 import numpy as np
 

@@ -99,7 +99,7 @@ class LineReader:
         return ArrivedEpoch(rows[0].time, tuple(streams)) if streams else None
 
     def torn(self, text: str) -> None:
-        """Count a line of which a part is missing."""
+        """Count an incomplete line."""
         self._lost("torn line", text)
 
     def _row(self, text: str) -> Row | None:

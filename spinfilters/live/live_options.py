@@ -1,16 +1,25 @@
-"""What a live run begins from, and how it goes."""
+"""Options and initialisation of a live run."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Estimator, Measurement, ProcessModel
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.run import REHEARSED
+from spinfilters.estimators.smoothing.window.recursive_smoother import RecursiveSmoother
 from spinfilters.estimators.smoothing.window.smoother_records import SmootherOptions
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.live.smoother_worker import Build
 from spinfilters.live.supervisor import SupervisionOptions
 from spinfilters.models.measurement import MeasurementModel
+from spinfilters.pipeline.estimator_entry import estimator_entries
+from spinfilters.pipeline.setup import Setup, camera_view, prepare
+from spinfilters.pipeline.smoother_run import begin_after_initialisation, sliding_smoother
+from spinfilters.sensors.registry import sensor_of
+from spinfilters.settings.run_settings import Settings
 
 Bind = Callable[[MeasurementStream], Measurement]
 """What makes a measurement of one sensor's rows of an epoch."""
@@ -18,7 +27,7 @@ Bind = Callable[[MeasurementStream], Measurement]
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """How a live run goes.
+    """Options of a live run.
 
     Attributes
     ----------
@@ -41,7 +50,7 @@ class LiveOptions:
 
 @dataclass(frozen=True)
 class LiveSetup:
-    """What a live run begins from.
+    """Models and initialisation of a live run.
 
     Attributes
     ----------
@@ -57,3 +66,78 @@ class LiveSetup:
     bind: Bind
     first_smoother: tuple[Build, float] | None = None
     rehearsal: Timeline = ()
+
+
+LONG_RUN = 100_000
+"""Epochs: the smoother of a run without an end lets go of its past."""
+FILTERS = ("mekf", "ukf", "embedded", "embedded-double")
+
+
+def live_setup(dataset: Dataset, settings: Settings, name: str) -> LiveSetup:
+    """Initialise from the first epochs of a data set.
+
+    Parameters
+    ----------
+    name: of the filter, among `FILTERS`.
+
+    Raises
+    ------
+    InputError: a filter that the data set has nothing for; an initialisation that failed.
+    """
+    setup = prepare(dataset, settings)
+    if setup.initial.has_failed:
+        why = "; ".join(setup.initial.status.reasons)
+        raise InputError(f"the first epochs tell no state ({why}); give other ones")
+    entry = estimator_entries()[name]
+    estimator = entry.build(setup, settings)
+    assert estimator is not None
+    entry.begin(estimator, setup)
+    models = _models(setup)
+    bind, first = _binding(setup, models), _first_smoother(setup, settings)
+    for stream in dataset.log.streams:
+        bind(stream)  # built before a clock runs
+    count = len(setup.initial.mean)
+    rehearsal = setup.timeline[count : count + REHEARSED]
+    return LiveSetup(setup.process, estimator, setup.end_of_initialisation, models, bind, first, rehearsal)
+
+
+def _binding(setup: Setup, models: dict[str, MeasurementModel]) -> Callable[[MeasurementStream], Measurement]:
+    """Makes measurements of rows as they arrive; new models join the given ones."""
+    view, noise, layout = camera_view(setup.dataset), setup.noise, setup.process.layout
+
+    def bind(stream: MeasurementStream) -> Measurement:
+        """A measurement of rows of one sensor."""
+        bound = sensor_of(stream.sensor).bind(stream, layout, noise, view)
+        model = models.setdefault(bound.model.name, bound.model)
+        return Measurement(model, bound.values, bound.parameters, bound.ids)
+
+    return bind
+
+
+def _first_smoother(setup: Setup, settings: Settings) -> tuple[Callable[[], RecursiveSmoother], float] | None:
+    """Builder of the first smoother, and the end of its initialisation, s.
+
+    None without a smoother.
+    """
+    if sliding_smoother(setup, settings) is None:
+        return None
+
+    def build() -> RecursiveSmoother:
+        """The smoother behind the initialisation."""
+        smoother = RecursiveSmoother(setup.process, settings.smoother.options(LONG_RUN))
+        begin_after_initialisation(smoother, setup)
+        return smoother
+
+    return build, setup.end_of_initialisation
+
+
+def _models(setup: Setup) -> dict[str, MeasurementModel]:
+    """Of all sensors of the data set, by name: the smoother's process knows no others."""
+    epochs = (setup.timeline[k] for k in range(len(setup.timeline)))
+    models: dict[str, MeasurementModel] = {}
+    for frame in epochs:
+        for measurement in frame.measurements:
+            models.setdefault(measurement.model.name, measurement.model)
+        if len(models) == len(setup.dataset.log.sensors):
+            break
+    return models

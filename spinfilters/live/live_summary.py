@@ -1,4 +1,4 @@
-"""What a live run counts."""
+"""Counters of a live run."""
 
 from collections import Counter
 from dataclasses import dataclass, field

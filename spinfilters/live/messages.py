@@ -35,7 +35,7 @@ class Channel:
         return sum(len(part) for part in self._out)
 
     def send(self, message: Message) -> None:
-        """Give a message on its way; `pump` sends what does not go at once."""
+        """Queue a message; `pump` sends what cannot be sent at once."""
         buffer = io.BytesIO()
         np.savez(buffer, **message)  # pyright: ignore[reportArgumentType]
         data = buffer.getvalue()
@@ -79,7 +79,7 @@ class Channel:
         self._socket.close()
 
     def fileno(self) -> int:
-        """Of the socket, for select."""
+        """File number of the socket, for select."""
         return self._socket.fileno()
 
     def _message(self) -> Message | None:

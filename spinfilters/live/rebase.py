@@ -10,7 +10,7 @@ from spinfilters.state.gaussian import Gaussian
 
 @dataclass(frozen=True)
 class HandOver:
-    """What the smoother says of an epoch.
+    """Smoothed belief of an epoch, handed over to the filter.
 
     Attributes
     ----------
@@ -23,7 +23,7 @@ class HandOver:
 
     @property
     def state(self) -> Gaussian:
-        """Of the epoch, frame g."""
+        """State of the epoch, frame g."""
         return self.belief.state
 
     @property
@@ -37,7 +37,7 @@ class HandOver:
 
 
 def distance(one: Gaussian, other: Gaussian) -> float:
-    """Squared Mahalanobis distance per component, the two covariances added: small for estimates from shared measurements."""
+    """Squared Mahalanobis distance per component with both covariances added."""
     d = one.layout.local(one.mean, other.mean)
     scale = np.sqrt(one.std**2 + other.std**2)
     P = (one.covariance + other.covariance) / np.outer(scale, scale)

@@ -63,11 +63,11 @@ class RunningVerdict:
 
     @property
     def is_believed(self) -> bool:
-        """Whether nothing speaks against what the filter has made of its past."""
+        """Whether no doubt about the filter's own past remains."""
         return not self._lasting
 
     def take(self, epoch: FilterEpoch, reports: Sequence[UpdateReport], time: float) -> None:
-        """Test an epoch (time s) that measured something."""
+        """Test an epoch (time s) with measurements."""
         self._counts.append(_counts(epoch, reports))
         with np.errstate(all="ignore"):
             try:
@@ -85,9 +85,9 @@ class RunningVerdict:
             self._doubt(slow, time)
 
     def rebased(self, time: float, is_believed: bool) -> None:
-        """Take note that the filter began anew from a smoothed past.
+        """Restart the tests after a rebase of the filter.
 
-        Up to a time (s), by a smoother that is believed or not.
+        The filter now begins from a time (s), by a smoother that is believed or not.
         """
         self._tester = EpochTester(self._process)
         if self._lasting and is_believed and time > self._last_bad:
@@ -144,9 +144,9 @@ def _noise(sums: Float[np.ndarray, "t 3"], epochs: int) -> str:
 
 
 def chance(test: NoiseTest) -> float:
-    """Probability of a larger sum of squares.
+    """Tail probability of a sum of squares.
 
-    Of the scaled chi-square distribution with its mean and variance.
+    It is that of the scaled chi-square distribution with its mean and variance.
     """
     if not (test.variance > 0 and test.expected > 0):
         return 1.0

@@ -33,7 +33,7 @@ MAP = ("ids", "points", "modes", "roots", "move")
 
 @dataclass(frozen=True)
 class SmootherTask:
-    """What a smoother's process does.
+    """Task of a smoother's process.
 
     Attributes
     ----------

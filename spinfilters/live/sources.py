@@ -34,7 +34,7 @@ class Source(ABC):
 
     @property
     def losses(self) -> dict[str, int]:
-        """What was lost on the way, by kind."""
+        """Number of lost lines and epochs, by kind."""
         return {}
 
 

@@ -1,4 +1,4 @@
-"""The smoother's process from outside: fed, watched, ended and begun anew.
+"""Supervision of the smoother's process: feeding, watchdog, restart.
 
 Nothing here ever waits for it.
 """
@@ -30,7 +30,7 @@ NICE = 5
 
 @dataclass(frozen=True)
 class SupervisionOptions:
-    """When a smoother is given up.
+    """Limits at which a smoother is ended.
 
     Attributes
     ----------
@@ -63,12 +63,12 @@ class SmootherSupervisor:
 
     @property
     def pid(self) -> int | None:
-        """Of the process, None without one."""
+        """Process identifier, None without a process."""
         return None if self._process is None else self._process.pid
 
     @property
     def may_begin(self) -> bool:
-        """Whether there is none and the pause is over."""
+        """Whether a new process may begin: none runs and the pause is over."""
         return self._process is None and time.monotonic() - self._ended >= self._options.pause
 
     def begin(self, task: SmootherTask) -> None:
@@ -95,7 +95,7 @@ class SmootherSupervisor:
         self.events["smoother begun"] += 1
 
     def send(self, frame: Epoch) -> None:
-        """Give it an epoch, newer than all before."""
+        """Send the smoother an epoch newer than all before."""
         if self._channel is None:
             return
         if not self._outstanding:
@@ -133,7 +133,7 @@ class SmootherSupervisor:
         return found
 
     def end(self, event: str, why: str) -> None:
-        """Kill it and say why."""
+        """Kill the process and record why."""
         self.events[event] += 1
         self._stop()
         self._ended, self.trouble = time.monotonic(), why

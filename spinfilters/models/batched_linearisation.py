@@ -39,7 +39,7 @@ SMALLEST_TURN = 1e-3
 class StepBatch:
     """Steps of ``dt`` seconds from ``here`` to about ``there``.
 
-    With slopes taken ``about`` points with other constants.
+    Slopes are taken ``about`` points with other constants.
     """
 
     here: Float[np.ndarray, "k m"]

@@ -28,7 +28,7 @@ class CameraPoseModel(ABC):
 
 @dataclass(frozen=True)
 class RestingCamera(CameraPoseModel):
-    """Frame i is the camera's: no parameters, and no operation more."""
+    """Camera at rest that defines frame i, without parameters."""
 
     parameter_dim = 0
 
@@ -60,7 +60,7 @@ RESTING, MOVING = RestingCamera(), MovingCamera()
 
 
 def camera_pose_model(poses: Float[np.ndarray, "k 7"] | None) -> CameraPoseModel:
-    """What the parameters of measurements at such camera poses are."""
+    """Camera pose model of measurements at such poses."""
     return RESTING if poses is None else MOVING
 
 

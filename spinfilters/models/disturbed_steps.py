@@ -20,7 +20,7 @@ TOGETHER = 16
 class DisturbedSteps:
     """Steps disturbed before and after each (Strang splitting).
 
-    Of one or many states; see `RotationIntegrator`.
+    It serves one or many states; see `RotationIntegrator`.
     """
 
     def __init__(self, layout: StateLayout, integrator: RotationIntegrator) -> None:

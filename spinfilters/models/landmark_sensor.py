@@ -35,7 +35,7 @@ class LandmarkLinearisation(NamedTuple):
 
 
 class NewLandmarks(NamedTuple):
-    """Landmarks as one measurement each tells them.
+    """Landmarks initialised from one measurement each.
 
     Attributes
     ----------
@@ -97,10 +97,9 @@ class LandmarkSensor(MeasurementModel):
         parameters: Float[np.ndarray, "k p"],
         measured: Float[np.ndarray, "k v"],
     ) -> NewLandmarks:
-        """Landmarks from one measurement each.
+        """Landmarks from one measurement each, at a common point (m,) or one each (k, m).
 
-        At a point (m,) or each at a point of its own (k, m).
-        With how they depend on the state's error and on the sensor's noise.
+        Their dependence on the state's error and on the sensor's noise comes with them.
         """
         points, jacobian, root, determined = self._new_landmarks(x, parameters, measured)
         count = len(measured)
@@ -118,7 +117,7 @@ class LandmarkSensor(MeasurementModel):
     @cached_property
     @building()
     def observation_rows(self) -> Vectorised:
-        """What `linearise_landmarks` gives of an observation, for many states, landmarks and observations side by side.
+        """`linearise_landmarks` for many states, landmarks and observations side by side.
 
         Inputs: a point of the layout, a landmark (3, m, frame g), the rest of the parameters, the measured value. Outputs: per
         component of the innovation a row (by the model's `columns`, by the landmark, the whitened innovation itself), row after
@@ -163,9 +162,9 @@ class LandmarkSensor(MeasurementModel):
         return self._function("linearise_landmarks", [x, p, z], outputs)
 
     def _derivatives(self, x: ca.SX, p: ca.SX, z: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-        """Whitening, innovation and its derivatives.
+        """Whitening, innovation and its derivatives by the model's columns and the landmark.
 
-        By the model's columns and by the landmark, signed as those of the expectation.
+        The signs are those of the expectation's derivatives.
         """
         at, d = self._moved(x)
         expected = self.innovation(self.symbolic(at, p), z)

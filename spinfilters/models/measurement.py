@@ -1,4 +1,4 @@
-"""What every sensor is: an expression for its measurement, its noise, and where both are valid."""
+"""Measurement model: expression of the expected value, noise, and validity."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -21,7 +21,7 @@ ByError = Callable[[Expression, Expression, Expression], tuple[Expression, Expre
 
 
 class Linearisation(NamedTuple):
-    """A sensor about a state, k values at once.
+    """Sensor linearised about a state, k values at once.
 
     Attributes
     ----------
@@ -146,7 +146,7 @@ class MeasurementModel(ABC):
     ) -> Linearisation:
         """Innovations and their derivatives at one or many points.
 
-        At a point (m,), or each value's at a point of its own (k, m).
+        It is a point (m,), or each value has a point of its own (k, m).
         """
         points = x if x.ndim == 2 else x[np.newaxis]
         return self._linearised(self.linearisation(points, parameters, measured, rows=(None, None, None)))

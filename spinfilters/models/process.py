@@ -133,9 +133,9 @@ class TorqueFreeProcess:
     def disturbed_path(
         self, x: Float[np.ndarray, " m"], dt: float, normal: Float[np.ndarray, "n k 2 b"]
     ) -> Float[np.ndarray, "n_plus_1 m"]:
-        """One disturbed motion at the ends of n intervals.
+        """One disturbed motion at the ends of n intervals of ``dt`` seconds, begin included.
 
-        At its begin and after every interval of ``dt`` seconds, each of k disturbed steps.
+        Every interval has k disturbed steps.
 
         Parameters
         ----------
@@ -161,7 +161,7 @@ class TorqueFreeProcess:
         dt: Float[np.ndarray, " k"],
         about: Float[np.ndarray, "k m"] | None = None,
     ) -> LinearisedSteps:
-        """k steps at once, about where they were to lead.
+        """Linearise k steps at once, about their expected ends.
 
         Parameters
         ----------

@@ -26,7 +26,7 @@ class SensorNoiseModel(ABC):
     @property
     @abstractmethod
     def parameter_dim(self) -> int:
-        """How many parameters tell it."""
+        """Number of parameters of the noise."""
 
     @abstractmethod
     def factor(self, parameters: Expression, added: Expression | None = None) -> Expression:
@@ -79,7 +79,7 @@ class CorrelatedNoise(SensorNoiseModel):
 
 
 def noise_model(level: NoiseLevel, dim: int) -> SensorNoiseModel:
-    """What the parameters of measurements with such a noise are."""
+    """Noise model of measurements with this noise."""
     return CorrelatedNoise(dim) if np.ndim(level) else IsotropicNoise(dim)
 
 
@@ -96,5 +96,5 @@ def noise_parameters(level: NoiseLevel, count: int) -> Float[np.ndarray, "count 
 def noise_of_rows(
     level: NoiseLevel, rows: slice | Bool[np.ndarray, " k"]
 ) -> float | Float[np.ndarray, "chosen d d"]:
-    """That of some of the measurements."""
+    """Noise of some of the measurements."""
     return np.asarray(level)[rows] if np.ndim(level) else level

@@ -40,8 +40,8 @@ def substeps(turn: float, tolerance: float) -> int:
 
 
 def boole_weights(count: int) -> Float[np.ndarray, " nodes"]:
-    """Boole's weights of the noise at every node.
+    """Boole's weights of the noise at every node of ``count`` substeps.
 
-    Of ``count`` substeps and of the end, over panels of four.
+    Panels have four substeps; the last node is the end.
     """
     return np.array([7.0, *([32.0, 12.0, 32.0, 14.0] * (count // 4))[:-1], 7.0]) * 2 / 45

@@ -53,7 +53,7 @@ def image(data: bytes, words: str, kind: str = "png") -> str:
 
 
 def facts(told: Mapping[str, str]) -> str:
-    """Names with what is told of them."""
+    """Table of names with their values."""
     rows = "".join(
         f"<tr><td>{escape(name)}</td><td>{escape(value)}</td></tr>" for name, value in told.items()
     )
@@ -74,7 +74,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], words: int) -> str
 
 
 def details(words: str, text: str) -> str:
-    """A text that unfolds."""
+    """Collapsible text."""
     return f"<details><summary>{escape(words)}</summary><pre>{escape(text)}</pre></details>"
 
 

@@ -1,4 +1,4 @@
-"""What errors of the calibration add to the covariance of estimates.
+"""Share of calibration errors in the covariance of estimates.
 
 Smoother: S = P J'H by the factors of its linear problem (`spinfilters.estimators.model_errors.calibration_sensitivity`). Filter: it
 runs once more for each independent error, with the measurements as they would be were the calibration wrong by one deviation, from
@@ -52,7 +52,7 @@ class CalibrationErrors:
         return tuple(each for each in self.setup.calibration if each.std > 0)
 
     def counted(self, history: EstimateHistory, entry: AnyEntry) -> EstimateHistory:
-        """A history whose covariance counts the calibration's errors.
+        """History with calibration errors counted in its covariance.
 
         ``degraded`` where that cannot be computed.
         """

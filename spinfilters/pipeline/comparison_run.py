@@ -57,7 +57,7 @@ class WrittenRun:
 
 
 def silent(_name: str, _done: int, _total: int) -> None:
-    """Progress that nobody is told of."""
+    """Progress callback that does nothing."""
 
 
 def compare_dataset(dataset: Dataset, settings: Settings, report: Progress = silent) -> Comparison:
@@ -89,7 +89,7 @@ def write_comparison(
 ) -> None:
     """Write results and figures of a comparison made in memory.
 
-    As `compare_into` writes them. Errors: `write_run`.
+    The files are those of `compare_into`. Errors: `write_run`.
     """
     refuse_source_within(folder, comparison.setup.dataset.path)
     open_run_folder(folder)

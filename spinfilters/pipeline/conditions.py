@@ -141,7 +141,7 @@ def conditions_of(setup: Setup) -> Conditions:
 
 
 def told_sentences(document: dict[str, Any]) -> list[str]:
-    """The sentences that a summary.json tells; none where it does not."""
+    """Sentences on the conditions in a summary.json; none where it lacks them."""
     told = document.get("conditions")
     lines = told.get("sentences") if isinstance(told, dict) else None
     if not isinstance(lines, list):
@@ -152,7 +152,7 @@ def told_sentences(document: dict[str, Any]) -> list[str]:
 def _sensor_noise(stream: MeasurementStream, setup: Setup) -> Iterator[StatedNoise]:
     """Value of every noise option of the sensor.
 
-    Of rows with covariances their median; what is zero is left out.
+    Rows with covariances have their median; what is zero is left out.
     """
     for option in sensor_format(stream.sensor).noise:
         value = setup.noise.values[option.name]

@@ -16,7 +16,7 @@ def considered_deviations(
 ) -> tuple[ConsideredDeviation, ...]:
     """Considered deviations of the sensors and the clock.
 
-    But for those of numbers that the state holds. Some may be zero.
+    Numbers that the state holds have none. Some may be zero.
     """
     found = []
     for name, parameter in consider_parameters().items():

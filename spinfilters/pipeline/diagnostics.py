@@ -1,4 +1,4 @@
-"""When an estimate deserves doubt: each rule is one sentence with its numbers."""
+"""Diagnostic rules: each is one sentence with its numbers."""
 
 from collections.abc import Sequence
 
@@ -44,7 +44,7 @@ def shared_diagnostics(setup: Setup) -> list[str]:
 
 
 def filter_diagnostics(setup: Setup) -> list[str]:
-    """Reasons that concern filters alone: a smoother takes back what it believed of the first epochs."""
+    """Reasons that concern filters alone: a smoother revises its first epochs."""
     if setup.initial.has_failed:
         return []
     std, count = moments_std_of(setup.initial), len(setup.initial.mean)

@@ -1,4 +1,4 @@
-"""All doubts about the estimates of a run that more than their own numbers tell."""
+"""Doubts about estimates from other estimates, models and noise levels."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -42,7 +42,7 @@ class Doubts:
     _noise: dict[str, list[str]] = field(default_factory=dict)
 
     def of(self, evaluation: Evaluation, entry: AnyEntry) -> list[str]:
-        """About one estimator."""
+        """Doubts about one estimator."""
         if self.setup.is_given:
             own = self._agreement_of(evaluation) if entry.continues else []
             return [*self.shared, *own]
@@ -55,7 +55,7 @@ class Doubts:
 
     @cached_property
     def of_levels(self) -> list[str]:
-        """About stated levels of noise."""
+        """Doubts about stated levels of noise."""
         entries = estimator_entries()
         own = [each.history for each in self.evaluations if not entries[each.name].is_baseline]
         first = [] if self.smoother is None else [self.smoother]
@@ -95,7 +95,7 @@ class Doubts:
 def doubts_of(evaluations: Sequence[Evaluation], setup: Setup, settings: Settings) -> Doubts:
     """The doubts of a run, as far as they are the same for several estimators.
 
-    Where the initialisation was given, filters alone are studied, by the thousand: what their innovations tell is all, and the
+    A given initialisation means that filters alone are studied, by the thousand: what their innovations tell is all, and the
     smoother where the belief is too wide for a linearisation.
     """
     if setup.is_given:

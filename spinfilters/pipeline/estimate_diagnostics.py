@@ -1,4 +1,4 @@
-"""Doubts about estimates that their own numbers do not show.
+"""Consistency checks of an estimate against other estimates.
 
 Beside the smoother, and by what the moments rest on.
 """
@@ -59,7 +59,7 @@ def reference_smoother(
 def agreement_diagnostics(
     evaluation: Evaluation, smoother: EstimateHistory | None, unheld: Sequence[str] = ()
 ) -> list[str]:
-    """Whether a filter is where the smoother of the same measurements is, in its own covariance.
+    """Doubt where a filter departs from the smoother beyond its own covariance.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ class _TooConfident:
 
 
 def motion_diagnostics(setup: Setup, settings: Settings) -> list[str]:
-    """Whether the motion tells the moments."""
+    """Doubt where the motion does not determine the moments."""
     evidence = inertia_evidence(setup, settings)
     if evidence is None or evidence.total >= LEAST_EVIDENCE:
         return []

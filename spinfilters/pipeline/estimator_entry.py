@@ -1,4 +1,4 @@
-"""What an estimator is to a comparison, and the table of all of them."""
+"""Interface of an estimator in a comparison, and the table of all."""
 
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
@@ -73,7 +73,7 @@ class EstimatorEntry(ABC, Generic[Built]):
         return setup.map_points
 
     def false_alarm_probability(self, setup: "Setup", settings: "Settings") -> float:
-        """That it leaves a measurement out although its noise is what it is said to be."""
+        """Probability of rejecting a measurement whose noise is as stated."""
         return 0.0
 
 
@@ -82,7 +82,7 @@ AnyEntry = EstimatorEntry[Any]
 TABLE: Final[PluginGroup[AnyEntry]] = PluginGroup(
     "spinfilters.pipeline.estimator_entries", "ESTIMATOR", EstimatorEntry, group="spinfilters.estimators"
 )
-"""All estimators: one per module of that package, and those of the entry points ``spinfilters.estimators``."""
+"""All estimators: those of the modules of that package, and those of the entry points ``spinfilters.estimators``."""
 
 
 def estimator_entries() -> dict[str, AnyEntry]:

@@ -1,4 +1,4 @@
-"""What a figure is to a run, and the table of all of them."""
+"""Interface of a figure of a run, and the table of all."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ class FigureEntry(ABC):
     order: int = 100
 
     def names(self, estimators: Sequence[str]) -> tuple[str, ...]:
-        """Names of its figures in a run of these estimators.
+        """Names of the figures in a run of these estimators.
 
         One, unless it draws each estimator by itself.
         """
@@ -48,7 +48,7 @@ class FigureEntry(ABC):
 TABLE: Final = PluginGroup(
     "spinfilters.pipeline.figure_entries", "FIGURE", FigureEntry, group="spinfilters.figures"
 )
-"""All figures: one per module of that package, and those of the entry points ``spinfilters.figures``."""
+"""All figures: those of the modules of that package, and those of the entry points ``spinfilters.figures``."""
 
 
 def figure_entries() -> list[FigureEntry]:

@@ -56,13 +56,13 @@ class FigureData:
 
     @property
     def most_exact(self) -> Evaluation | None:
-        """The smoother's, or else that of the first estimator that has not failed."""
+        """Evaluation of the smoother, else of the first estimator that has not failed."""
         usable = [each for each in self.evaluations if each.history.status.verdict is not Verdict.FAILED]
         return min(usable, key=lambda each: each.name != "smoother", default=None)
 
     @property
     def camera(self) -> DrawnCamera | None:
-        """That of the data set, if it has one."""
+        """Camera of the data set, None without one."""
         rig = self.dataset.rig
         return None if rig is None else DrawnCamera(rig, CameraTrajectory.of(self.dataset.inspector))
 
@@ -101,10 +101,7 @@ def draw_run(
     progress: Callable[[int, int], None],
     wanted: Container[str] | None = None,
 ) -> list[str]:
-    """Draw a run's figures as PNG files and give their names.
-
-    In its folder, all or those of the wanted files.
-    """
+    """Draw all or the wanted figures of a run as PNG files; returns names."""
     every = {f"{name}.png": draw for name, draw in _figures(figure_data)}
     figures = {name: draw for name, draw in every.items() if wanted is None or name in wanted}
     for index, (name, draw) in enumerate(figures.items()):

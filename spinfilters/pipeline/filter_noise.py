@@ -1,4 +1,4 @@
-"""Levels of noise from which filters go on adapting, and those that they end with."""
+"""Initial and final noise levels of adaptive filters."""
 
 from collections.abc import Callable
 
@@ -31,7 +31,7 @@ def identified_scales(setup: Setup) -> dict[str, NoiseScale]:
 
 
 def adapted_levels(setup: Setup, level: Callable[[str], NoiseScale]) -> tuple[VarianceComponent, ...]:
-    """Identified levels as a filter's adaptation has left them."""
+    """Noise levels after a filter's adaptation."""
     first, sources = identified_scales(setup), _sources(setup)
     levels = []
     for each in setup.identified:

@@ -1,4 +1,4 @@
-"""First epochs of a data set, smoothed: what every estimator sets out from."""
+"""Smoothed first epochs of a data set, from which all estimators continue."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -45,7 +45,7 @@ class FirstEpochs:
     ) -> InitialEstimate:
         """Smoothed first epochs, as many as filters need.
 
-        Where their numbers lead nowhere none of them is finite, and its status says why.
+        A failed smoothing leaves none of them finite, and its status says why.
 
         Parameters
         ----------
@@ -129,7 +129,7 @@ class FirstEpochs:
 def initial_samples(
     streams: Sequence[MeasurementStream], noise: SensorNoise, view: CameraView | None
 ) -> MotionSamples:
-    """Initial motion samples of the stream that tells most of the motion.
+    """Initial motion samples of the most informative stream.
 
     Landmarks are asked before places, these before attitudes, these before rates.
 

@@ -1,4 +1,4 @@
-"""How wrong a gyro is, from the recording itself.
+"""Identification of a gyro's error from the recording itself.
 
 The error of a consumer gyro in a fast spin grows with the rate and is slow (scale, cross-axis, timing): white noise of the same
 size would be averaged away far too quickly. What a whole torque-free recording leaves unexplained gives its size relative to |w|
@@ -46,7 +46,7 @@ class GyroNoise:
 
     @property
     def is_white(self) -> bool:
-        """Whether one sample's error tells nothing of the next."""
+        """Whether errors of successive samples are uncorrelated."""
         return self.correlation_time < WHITE
 
     @property
@@ -59,7 +59,7 @@ class GyroNoise:
 
     @property
     def scale_std(self) -> float:
-        """Standard deviation relative to |w| of the white noise that weighs as much."""
+        """Standard deviation, relative to |w|, of equivalent white noise."""
         return max(self.relative_error, SMALLEST_SCALE) * float(np.sqrt(self.correlation_time))
 
 
@@ -76,7 +76,7 @@ def white_level(gyro: MeasurementStream, found: GyroNoise) -> dict[str, float]:
 
 
 def identify_gyro_noise(gyro: MeasurementStream, fitted: InitialEstimate) -> GyroNoise:
-    """From the smoothed trajectory of a recording and the gyro samples it was fitted to."""
+    """Gyro error from a recording's smoothed trajectory and its samples."""
     rates = fitted.mean[:, fitted.layout.mean_slice("w")]
     measured = gyro.values[: len(rates)]
     residual = (measured - rates) / np.linalg.norm(rates, axis=1, keepdims=True)

@@ -31,7 +31,7 @@ ALIKE: Final[float] = 0.2
 
 @dataclass(frozen=True)
 class NoisyModels:
-    """What estimators are told of noise, and the initialisation with it."""
+    """Models with identified noise, and the initialisation with them."""
 
     process: TorqueFreeProcess
     noise: SensorNoise
@@ -148,7 +148,7 @@ def _expected(made: NoisyModels, found: Identified) -> tuple[TorqueFreeProcess, 
 def _widened(start: InitialEstimate, found: Identified) -> InitialEstimate:
     """The belief widened by the uncertainty of the noise levels.
 
-    As it is where it has got other epochs with them.
+    It stays as it is where it has got other epochs with them.
     """
     if found.sensitivity.shape[1] != len(start.factor):
         return start
@@ -158,7 +158,7 @@ def _widened(start: InitialEstimate, found: Identified) -> InitialEstimate:
 def innovation_rows(model: MeasurementModel, components: tuple[int, ...]) -> tuple[int, ...]:
     """Components of the innovation that a noise reaches.
 
-    Of a camera all are pixels; of a row with more noises than innovations the first.
+    All of a camera are pixels; a row with more noises than innovations has the first.
     """
     every = tuple(range(model.dim))
     return every if sensor_format(model.name).has_landmarks else tuple(k for k in components if k in every)

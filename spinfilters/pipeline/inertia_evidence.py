@@ -88,7 +88,7 @@ def _as_sphere(belief: Gaussian | LandmarkBelief) -> Gaussian | LandmarkBelief:
 def _evidence(body: EstimateHistory, sphere: EstimateHistory, settings: Settings) -> float:
     """Evidence by epoch.
 
-    Of the likelihoods where both used as much, else of the squares, a refused value taken for one at the gate.
+    The likelihoods count where both used as much, else the squares, a refused value taken for one at the gate.
     """
     alike = body.accepted == sphere.accepted
     likelihoods = 2 * (body.log_likelihood - sphere.log_likelihood)

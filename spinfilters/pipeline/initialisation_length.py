@@ -60,8 +60,8 @@ def long_enough_initialisation(
 ) -> InitialEstimate:
     """An initialisation long enough for filters.
 
-    Of twice the epochs until they can go on from it, or it has its share of the recording; of a third more than that where they
-    can go on from those and from no fewer.
+    The number of epochs is doubled until they can go on from it, or it has its share of the recording; it is a third more than
+    that where they can go on from those and from no fewer.
 
     Raises
     ------
@@ -83,9 +83,7 @@ def long_enough_initialisation(
 def departure_of(
     process: ProcessModel, timeline: Timeline, start: InitialEstimate, later: InitialEstimate
 ) -> float:
-    """Distance of a filter from the smoother of the same measurements.
-
-    In the smoother's standard deviations.
+    """Distance of a filter from the smoother in the smoother's standard deviations.
 
     Parameters
     ----------
@@ -131,8 +129,8 @@ def _checked(
 ) -> InitialEstimate:
     """An initialisation with the check of doubtful moments.
 
-    With what a filter makes of it where its moments would be enough and are not beyond doubt.
-    With landmarks nothing is compared: which observations are believed differs between filter and smoother.
+    A filter goes on from it where its moments would be enough and are not beyond doubt. With landmarks nothing is compared:
+    which observations are believed differs between filter and smoother.
     """
     start = make(options)
     determined = is_bent(start.belief) and moments_std_of(start) <= DETERMINED_STD

@@ -1,4 +1,4 @@
-"""How likely the first epochs of a recording are under a setup."""
+"""Marginal likelihood of a recording's first epochs under a setup."""
 
 from typing import TYPE_CHECKING
 

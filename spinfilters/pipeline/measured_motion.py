@@ -1,4 +1,4 @@
-"""Motion that the measurements of a whole recording say directly."""
+"""Motion measured directly over a whole recording."""
 
 from spinfilters.data.sensor_format import sensor_format
 from spinfilters.estimators.initialisation.initial_motion import InitialMotion, initial_motion
@@ -7,7 +7,7 @@ from spinfilters.pipeline.setup import Setup, camera_view
 
 
 def measured_motion(setup: Setup) -> InitialMotion:
-    """Attitudes, rates and places that the whole recording says directly, without any estimator.
+    """Attitudes, rates and positions measured directly over a recording, without an estimator.
 
     Raises
     ------

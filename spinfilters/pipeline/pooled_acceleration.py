@@ -1,4 +1,4 @@
-"""Strength of the acceleration that several flights of a recording show: gravity, say."""
+"""Acceleration, such as gravity, pooled over several flights of a recording."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -50,12 +50,12 @@ class PooledAcceleration:
 
     @property
     def probability(self) -> float:
-        """Of a chi-square as large, 1 for a single segment."""
+        """Probability of a chi-square as large, 1 for a single segment."""
         return float(chi_square_tail(self.chi_square, self.degrees)) if self.degrees else 1.0
 
     @property
     def sentence(self) -> str:
-        """It in words."""
+        """The pooled acceleration in words."""
         mean = self.strength
         words = f"pooled acceleration {mean.value:.3f} ± {mean.std:.3f} m/s^2 (± {mean.calibration:.2g} of it of lengths and clock)"
         if not self.degrees:
@@ -65,7 +65,7 @@ class PooledAcceleration:
 
     @property
     def document(self) -> dict[str, Any]:
-        """It for segments.json."""
+        """The pooled acceleration as segments.json holds it."""
         return {
             "strength": self.strength.value,
             "random_std": self.strength.random,
@@ -94,7 +94,7 @@ def strength_of(estimate: Mapping[str, Any]) -> Strength | None:
 
 
 def pooled_acceleration(estimates: Sequence[Mapping[str, Any]]) -> PooledAcceleration | None:
-    """Of an estimator's entries of summaries; None where none has an acceleration."""
+    """Pooled acceleration of an estimator's summaries; None without any."""
     found = [each for each in map(strength_of, estimates) if each is not None]
     if not found:
         return None

@@ -32,7 +32,7 @@ class PooledMoments:
 
     @property
     def probability(self) -> float:
-        """Of a chi-square as large, 1 for a single segment."""
+        """Probability of a chi-square as large, 1 for a single segment."""
         return float(chi_square_tail(self.chi_square, self.degrees)) if self.degrees else 1.0
 
     @property

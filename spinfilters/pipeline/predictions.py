@@ -1,4 +1,4 @@
-"""What every estimator of a run predicts after its last epoch, as tables and a picture."""
+"""Predictions of every estimator after its last epoch, as tables and a figure."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -52,9 +52,9 @@ def write_predictions(
 ) -> bool:
     """Write prediction.csv of each estimator and prediction.png of all.
 
-    Of all that did not fail, in the columns of trajectory.csv.
-    <estimator>/prediction.npz is the history that the picture is drawn from: the last epoch, and all that is predicted from it; it
-    is ``failed`` and holds the last epoch alone where the prediction is not finite, and then there is no table.
+    The columns are those of trajectory.csv, and estimators that failed are left out. <estimator>/prediction.npz is the
+    history that the picture is drawn from: the last epoch, and all that is predicted from it; it is ``failed`` and holds the
+    last epoch alone where the prediction is not finite, and then there is no table.
     Returns False, with no picture, where nothing could be predicted.
 
     Raises

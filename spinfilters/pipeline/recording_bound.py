@@ -81,7 +81,7 @@ def _is_whole(history: EstimateHistory, epochs: int) -> bool:
 
 
 def cramer_rao_bound(setup: Setup, truth: Truth, evaluation: Evaluation) -> EstimateHistory | None:
-    """The true states with the least covariance that all measurements leave, or None; see `with_bounds`.
+    """True states with their Cramer-Rao bound, or None; see `with_bounds`.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def _landmarks(
 ) -> tuple[Int[np.ndarray, " L"], Float[np.ndarray, "L 3"]]:
     """Ids and first guesses of landmarks in g.
 
-    Of the start, or where most of a landmark's observations agree from the true poses.
+    They are those of the start, or where most of a landmark's observations agree from the true poses.
     """
     if not setup.initial.has_landmarks:
         return NO_LANDMARKS, np.zeros((0, 3))

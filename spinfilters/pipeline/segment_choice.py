@@ -149,7 +149,7 @@ def flight_segments(whole: Dataset) -> list[Dataset]:
 
 
 def no_flight(whole: Dataset) -> InputError:
-    """What to raise where a recording has no free flight."""
+    """InputError for a recording without free flight."""
     duration = whole.log.end - whole.log.start
     if advice := flying_unit(whole):
         return InputError(f"{whole.name}: no free flight found in {duration:.4g} s; it looks as if {advice}")

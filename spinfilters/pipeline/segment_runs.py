@@ -157,7 +157,7 @@ def _cells(estimate: dict[str, Any]) -> tuple[str, ...]:
 
 
 def pool(results: Sequence[SegmentResult], settings: Settings) -> dict[str, PooledMoments | None]:
-    """Per estimator the ratios of all segments that are ``ok`` together, None where none is."""
+    """Pooled ratios per estimator over its ``ok`` segments, None without any."""
     summaries = [result.summary for result in results if result.summary is not None]
     return {
         name: pooled_moments([summary["estimators"][name] for summary in summaries], len(results))
@@ -168,7 +168,7 @@ def pool(results: Sequence[SegmentResult], settings: Settings) -> dict[str, Pool
 def pool_accelerations(
     results: Sequence[SegmentResult], settings: Settings
 ) -> dict[str, PooledAcceleration | None]:
-    """Per estimator the acceleration of all segments together, None where none has one."""
+    """Pooled acceleration per estimator over all segments, None without any."""
     summaries = [result.summary for result in results if result.summary is not None]
     return {
         name: pooled_acceleration([summary["estimators"][name] for summary in summaries])

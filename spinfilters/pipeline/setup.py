@@ -1,4 +1,4 @@
-"""A data set and settings made ready for any estimator: process, timeline, start."""
+"""Setup of a run from data set and settings: process, timeline, initialisation."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -41,8 +41,7 @@ from spinfilters.pipeline.stated_noise import (
 )
 from spinfilters.sensors.registry import sensor_of, sensors_in
 from spinfilters.sensors.sensor import MotionSamples, Sensor
-from spinfilters.settings.run_settings import Settings
-from spinfilters.settings.sensor_settings import AUTO
+from spinfilters.settings.run_settings import AUTO, Settings
 from spinfilters.state.blocks.acceleration import ACCELERATION
 from spinfilters.state.blocks.drag import DRAG
 from spinfilters.state.blocks.torque import TORQUE
@@ -92,7 +91,7 @@ class Setup:
 
     @property
     def end_of_initialisation(self) -> float:
-        """Time of the last epoch that the start looked at, s."""
+        """Time of the last epoch of the initialisation, s."""
         return self.timeline[len(self.initial.mean) - 1].time
 
     @property
@@ -117,10 +116,7 @@ class Setup:
 
 
 def knows_frames(dataset: Dataset) -> bool:
-    """Whether a data set tells frames i and g.
-
-    By a known map or by its kind's sensor.
-    """
+    """Whether a data set, by map or sensor, tells frames i and g."""
     return dataset.known_map is not None or sensor_of(dataset.sensor).tells_frames
 
 
@@ -262,7 +258,7 @@ def _layout(log: MeasurementLog, settings: Settings) -> StateLayout:
 
 
 def camera_view(dataset: Dataset) -> CameraView | None:
-    """What rows of landmarks are measured against, None without any."""
+    """Map and calibration that landmark rows are measured against; None without any."""
     if dataset.rig is None:
         return None
     return CameraView(dataset.known_map, dataset.rig.calibration, CameraTrajectory.of(dataset.inspector))

@@ -55,7 +55,7 @@ def sliding_smoother(setup: Setup, settings: Settings) -> RecursiveSmoother:
 
 
 def begin_after_initialisation(smoother: RecursiveSmoother, setup: Setup) -> list[UpdateResult]:
-    """Take in the epochs of the start with what it found."""
+    """Add the epochs of the initialisation with its estimates."""
     start = setup.initial
     first = InitialGuess(start.mean, start.ids, start.points)
     return smoother.begin(start.prior, setup.timeline[: len(first.trajectory)], first)
@@ -95,7 +95,7 @@ def _counts(
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
     """Inliers and outliers of every epoch in the end.
 
-    Where epochs have left, as they were when they came.
+    Marginalized epochs keep their numbers of before.
     """
     first = np.array([(taken.accepted, taken.rejected) for taken in smoother.begun]).reshape(-1, 2)
     came = np.concatenate([first, np.stack([passed.accepted, passed.rejected], axis=1)])
@@ -105,7 +105,7 @@ def _counts(
 
 
 def smooth_at_once(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> EstimateHistory:
-    """All at once, from where the filter of first order passes."""
+    """Batch smoothing of all epochs, from the trajectory of the EKF."""
     start, timeline = setup.initial, setup.timeline
     first = len(start.mean)
     _rehearse_at_once(setup, settings)

@@ -1,7 +1,4 @@
-"""Stated noise levels that the data contradict.
-
-With the level that they have.
-"""
+"""Stated noise levels that the data contradict, and identified ones."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -28,7 +28,7 @@ def sensor_noise(dataset: Dataset, settings: Settings) -> SensorNoise:
 def _setting(settings: Settings, option: str) -> float | str:
     """The setting of a noise option.
 
-    Of a plug-in that came after the settings were built "auto".
+    A plug-in that came after the settings were built is "auto".
     """
     return getattr(settings.sensors, option, AUTO)
 
@@ -36,7 +36,7 @@ def _setting(settings: Settings, option: str) -> float | str:
 def disturbances(dataset: Dataset, unknown: MeasurementStream | None) -> ProcessNoise:
     """Disturbances: the data set's own, else of the kind, else the thesis'.
 
-    Of rate sensors of unknown error what is known of these.
+    Rate sensors of unknown error have what is known of these.
     """
     force_psd, torque_psd = dataset.options.force_psd, dataset.options.torque_psd
     if torque_psd is None and unknown is not None:
@@ -48,7 +48,7 @@ def log_with_noise(log: MeasurementLog, settings: Settings) -> MeasurementLog:
     """The log without those covariances of its rows in whose place the settings state a number."""
 
     def is_stated(stream: MeasurementStream) -> bool:
-        """Whether somebody states it."""
+        """Whether a noise level is stated."""
         options = [each for each in sensor_format(stream.sensor).noise if each.components is not None]
         return any(_setting(settings, option.name) != AUTO for option in options)
 

@@ -1,4 +1,4 @@
-"""Figures of what can be determined, and how well."""
+"""Figures of observability and Cramer-Rao bounds."""
 
 from typing import Final
 

@@ -40,7 +40,7 @@ _SETTLED_SHARE = 0.25  # of the solves: what comes before does not widen the pan
 
 @dataclass(frozen=True)
 class ConvergingQuantity:
-    """A quantity's surfaces.
+    """Error and standard deviation of a quantity, by solve and epoch.
 
     Attributes
     ----------
@@ -199,7 +199,7 @@ def _lines(
 ) -> None:
     """Curves of components with standard deviations over the solves.
 
-    As high as what comes after the first solves needs.
+    The axes are as high as what comes after the first solves needs.
     """
     solves = 1 + np.arange(len(values))
     for k, name in enumerate(names):

@@ -1,4 +1,4 @@
-"""Errors of one estimator within the bands that it promises; without a truth, estimates with bands."""
+"""Errors of one estimator within its stated bands; without a truth, the estimates."""
 
 from dataclasses import dataclass, replace
 

@@ -6,11 +6,13 @@ Coloured by range or by label (Decoust 2008, Figures 2.12 to 2.18).
 from typing import Final
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
 
 from spinfilters.lidar.scan import Scan
 from spinfilters.plots.space import equal_scales
+from spinfilters.plots.style import BLUE, GREY, RED
 
 MOST_POINTS: Final = 40_000
 """Points of a picture: more are drawn upon one another."""
@@ -44,4 +46,26 @@ def scan_figure(scan: Scan, title: str) -> Figure:
     space.ticklabel_format(useOffset=False)
     space.view_init(elev=20, azim=-150)
     figure.suptitle(title)
+    return figure
+
+
+def scan_accuracy_figure(stds: Float[np.ndarray, " n"], asked: float, needed: int, title: str) -> Figure:
+    """Attitude deviation of the first scans, deg, and its trend to twice as many.
+
+    Parameters
+    ----------
+    stds: of the first 1, 2, ... n scans, rad.   asked: standard deviation, rad.   needed: scans that it takes.
+    """
+    figure = Figure(figsize=(7, 4.5), layout="constrained")
+    axes, count = figure.add_subplot(), np.arange(1, len(stds) + 1)
+    axes.loglog(count, np.rad2deg(stds), color=BLUE, marker=".", label="these scans, the first n")
+    more = np.geomspace(1, max(needed, len(stds), 2), 100)
+    line = stds[-1] * np.sqrt(len(stds) / more)
+    axes.loglog(more, np.rad2deg(line), color=GREY, linestyle="--", label="scans like these on average")
+    axes.axhline(np.rad2deg(asked), color=RED, linewidth=0.8)
+    axes.plot(
+        [needed], [np.rad2deg(asked)], "o", color=RED, label=f"{np.rad2deg(asked):g} deg: {needed} scans"
+    )
+    axes.set(xlabel="number of scans", ylabel="attitude, standard deviation (deg)", title=title)
+    axes.legend()
     return figure

@@ -1,4 +1,4 @@
-"""What a live run answered: rates, latencies, and what the filter stood on."""
+"""Figure of a live run: rates, latencies, and sources of the answers."""
 
 from dataclasses import dataclass
 

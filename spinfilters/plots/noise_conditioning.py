@@ -60,7 +60,7 @@ def conditioning_figure(
 def covariance_figure(found: Sequence[CovarianceConditioning]) -> Figure:
     """Condition number of every estimator's covariance over its epochs.
 
-    In SI, in fixed units, in units of its own deviations.
+    Panels: in SI, in fixed units, in units of its own deviations.
     """
     figure = Figure(figsize=(11.0, 0.8 + 3.2 * len(found)), layout="constrained")
     panels = figure.subplots(len(found), 1, squeeze=False, sharex=True)[:, 0]

@@ -162,9 +162,9 @@ def _draw_landmarks(
 
 
 def _draw_camera(axes: Axes3D, camera: DrawnCamera, trajectory: Trajectory) -> Float[np.ndarray, "n 3"]:
-    """Draw the left camera's field of view and path.
+    """Draw the left camera's path and its field of view at the last epoch.
 
-    At the last epoch; what is drawn, for the limits.
+    What is drawn is returned, for the limits.
     """
     poses = camera.poses(trajectory.time)
     depth = 0.35 * float(np.linalg.norm(trajectory.position - poses[:, :3], axis=1).max())

@@ -1,4 +1,4 @@
-"""How every figure looks: colours that colour-blind readers tell apart, a line per estimator, saving."""
+"""Figure style: colours for colour-blind readers, a line per estimator, saving."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

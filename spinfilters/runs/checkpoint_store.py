@@ -1,4 +1,4 @@
-"""When a run's checkpoints are written, where they lie, and what Ctrl-C does while they are."""
+"""Checkpoints of a run: when and where they are written, and Ctrl-C."""
 
 import signal
 import threading
@@ -47,11 +47,11 @@ class CheckpointStore(ABC):
 
     @abstractmethod
     def resume(self, estimator: Estimator) -> Checkpoint | None:
-        """What was kept, the estimator brought there; None where nothing was."""
+        """Restore the estimator from its checkpoint; None where there is none."""
 
     @abstractmethod
     def running(self, estimator: Estimator, rows: GrowingHistory) -> AbstractContextManager[AfterEpoch]:
-        """Keep while the block runs; the block calls what it is given after every epoch."""
+        """Checkpoint while the block runs, which calls the given function after every epoch."""
 
     @abstractmethod
     def end(self, estimator: Estimator, history: EstimateHistory, rows: GrowingHistory) -> None:

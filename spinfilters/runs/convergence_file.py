@@ -1,4 +1,4 @@
-"""A smoother's surfaces as a file, so that convergence can be drawn again without running anything."""
+"""Convergence record as a file, from which figures can be drawn again."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -44,7 +44,7 @@ def write_convergence_record(path: Path, found: ConvergenceRecord, layout: State
 
 
 def empty_convergence_record(layout: StateLayout, time: Float[np.ndarray, " f"]) -> ConvergenceRecord:
-    """Surfaces of a smoother none of whose solves came to anything: nothing is a number."""
+    """Convergence record of a smoother without a single solution: nothing is finite."""
     n, m, e = len(time), layout.mean_dim, layout.error_dim
     latest = [MarginalizedState(float(t), np.full(m, np.nan), np.full((e, e), np.nan)) for t in time]
     values = {name: np.full((n, n, size), np.nan) for name, size in _SIZES.items()}

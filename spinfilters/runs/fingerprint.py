@@ -1,4 +1,4 @@
-"""What an estimator's run is made of, so that a checkpoint goes on with nothing else."""
+"""Fingerprint of a run, which ties a checkpoint to its data, settings and versions."""
 
 import hashlib
 import json
@@ -34,7 +34,7 @@ class RunFingerprint:
 
     @property
     def document(self) -> dict[str, Any]:
-        """As JSON holds it."""
+        """The fingerprint for JSON."""
         return json.loads(json.dumps(asdict(self)))
 
     def difference(self, document: Mapping[str, Any]) -> str | None:

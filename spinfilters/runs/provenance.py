@@ -1,4 +1,4 @@
-"""Which versions, commit and machine a run was made with."""
+"""Provenance of a run: versions, commit and machine."""
 
 import platform
 import subprocess

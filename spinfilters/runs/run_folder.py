@@ -258,7 +258,7 @@ def _is_own_dataset(folder: Path, source: Path | None) -> bool:
 def _write_measurements(folder: Path, setup: Setup) -> None:
     """Write the data set, and the truth as TUM where frames agree.
 
-    Where truth and estimates share them.
+    The truth is written where it shares the frames of the estimates.
     """
     dataset = setup.dataset
     if not _is_own_dataset(folder, dataset.path):

@@ -72,7 +72,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
 def read_process(folder: Path, tolerance: float) -> TorqueFreeProcess:
     """The process model of a run folder's estimators.
 
-    With a tolerance of its integration (rad and relative rate).
+    It has its own tolerance of integration (rad and relative rate).
 
     Raises
     ------
@@ -88,7 +88,7 @@ def read_process(folder: Path, tolerance: float) -> TorqueFreeProcess:
 
 
 def not_whole(folder: Path, error: Exception) -> InputError:
-    """What to raise where a summary lacks something."""
+    """InputError for a summary that is not whole."""
     return InputError(f"{folder}: {SUMMARY_FILE} is not whole ({error!r}); make the run again")
 
 

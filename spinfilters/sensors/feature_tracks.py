@@ -1,4 +1,4 @@
-"""Simulated feature tracks: which landmarks a camera sees, finds and knows again, and where."""
+"""Simulated feature tracks: visibility, detection and re-detection of landmarks."""
 
 from dataclasses import dataclass, field
 from functools import cache
@@ -51,7 +51,7 @@ class TrueMotion(Protocol):
 
 
 class Recognition(Protocol):
-    """Which of the landmarks in view the front end knows again."""
+    """Re-detection model of the landmarks in view."""
 
     def known(
         self, visible: Bool[np.ndarray, "n k"], generator: np.random.Generator
@@ -62,7 +62,7 @@ class Recognition(Protocol):
 
 @dataclass(frozen=True)
 class EveryAppearance:
-    """Every landmark is known again whenever it comes into view."""
+    """Re-detection of every landmark whenever it comes into view."""
 
     def known(
         self, visible: Bool[np.ndarray, "n k"], generator: np.random.Generator
@@ -98,7 +98,7 @@ class SomeAppearances:
 
 @dataclass(frozen=True)
 class FrontEnd:
-    """How landmarks are found.
+    """Options of the simulated front end.
 
     Attributes
     ----------

@@ -33,7 +33,7 @@ GYRO_FULL_SCALE: Final = 35.0
 
 
 class GyroSensor(Sensor):
-    """See `spinfilters.models.sensor_models.gyro_model.Gyro` for the model."""
+    """Sensor of the model `spinfilters.models.sensor_models.gyro_model.Gyro`."""
 
     name = "gyro"
     format = SensorFormat(
@@ -79,7 +79,7 @@ class GyroSensor(Sensor):
         return MotionSamples(stream.time, rates=stream.values)
 
     def measured_rates(self, stream: MeasurementStream) -> Float[np.ndarray, "n 3"]:
-        """(n, 3) rad/s, as they are."""
+        """Measured rates (n, 3), rad/s, unchanged."""
         return stream.values
 
     def diagnostics(self, stream: MeasurementStream) -> Sequence[str]:

@@ -12,7 +12,7 @@ from spinfilters.state.layout import StateLayout
 
 
 class LidarSensor(Sensor):
-    """See `spinfilters.models.sensor_models.lidar_landmark.LidarLandmark` for the model."""
+    """Sensor of the model `spinfilters.models.sensor_models.lidar_landmark.LidarLandmark`."""
 
     name = "lidar"
     sees_place = True

@@ -126,7 +126,7 @@ class LidarPointsSensor(Sensor):
     ) -> Float[np.ndarray, "count 8"]:
         """Ranges of random planes up to `FARTHEST_M`.
 
-        Of beams before the lidar, on planes anywhere within a metre of the origin of g.
+        Beams lie before the lidar, planes anywhere within a metre of the origin of g.
         """
         normals = generator.standard_normal((count, 3))
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)

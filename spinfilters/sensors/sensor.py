@@ -1,4 +1,4 @@
-"""What a sensor is to everything else.
+"""Interface of a sensor.
 
 Format, model, what it tells of a motion, simulator, faults.
 """
@@ -92,7 +92,7 @@ class MotionSamples:
 
 @dataclass(frozen=True)
 class AnalysedSensor:
-    """What the observability analyser is told of a sensor.
+    """Properties of a sensor for the observability analyser.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a sensor's simulator is given and gives."""
+"""Input and output of a sensor's simulator."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,17 +18,17 @@ class SceneNoise(Protocol):
 
     @property
     def position_std(self) -> float:
-        """Of a position, m."""
+        """Standard deviation of a position, m."""
         ...
 
     @property
     def rotation_std(self) -> float:
-        """Of an attitude, rad."""
+        """Standard deviation of an attitude, rad."""
         ...
 
     @property
     def gyro_std(self) -> float:
-        """Of a body rate, rad/s."""
+        """Standard deviation of a body rate, rad/s."""
         ...
 
     @property

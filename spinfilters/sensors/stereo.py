@@ -129,9 +129,7 @@ class StereoSensor(Sensor):
 def stereo_tracks(
     front_end: FrontEnd, surface: Surface, motion: TrueMotion, generator: np.random.Generator
 ) -> tuple[MeasurementStream, Int[np.ndarray, " m"]]:
-    """Stereo tracks over a motion before `RIG`.
-
-    And the rows of the surface that its landmarks 0, 1, 2 ... are.
+    """Stereo tracks over a motion before `RIG`, with the surface rows of landmarks.
 
     Raises
     ------

@@ -20,7 +20,7 @@ CALIBRATION: Final = (466.7, 470.0, 320.0, 240.0)
 
 
 def required_view(sensor: str, view: CameraView | None) -> CameraView:
-    """The view. InputError: None."""
+    """The camera view. InputError: None given."""
     if view is None:
         raise InputError(f"{sensor} tracks need a calibration here; give the view they were taken with")
     return view
@@ -49,7 +49,7 @@ def posed_samples(
 ) -> MotionSamples:
     """Initial motion samples of camera poses (t m, q) of g.
 
-    In the camera's frame, with the map that was found with them, if one was.
+    They are in the camera's frame, with the map that was found with them, if one was.
     """
     camera_poses = view.camera_poses(time)
     if camera_poses is not None:

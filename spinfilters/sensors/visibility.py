@@ -1,4 +1,4 @@
-"""Which landmarks of a body's surface face a camera, and which of them are known again."""
+"""Visibility of surface landmarks to a camera, and their re-detection."""
 
 import ctypes
 from functools import cache

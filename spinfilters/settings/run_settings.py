@@ -1,13 +1,15 @@
 """Everything that can be set about a run, read from and written to TOML."""
 
 from collections.abc import Mapping
-from dataclasses import MISSING, asdict, dataclass, field, fields
+from dataclasses import MISSING, asdict, dataclass, field, fields, make_dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 
+from spinfilters.data.consider_parameter import consider_parameters
 from spinfilters.data.dataset_options import DENSITIES
 from spinfilters.data.input_file import path_text, value_text
 from spinfilters.data.number_range import NumberRange
+from spinfilters.data.sensor_format import noise_options
 from spinfilters.data.settings_files import read_toml
 from spinfilters.errors import InputError
 from spinfilters.estimators.filters.iterated_update import IterationOptions
@@ -18,10 +20,65 @@ from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.estimators.robust.outlier_rejection import RobustOptions
 from spinfilters.models.process import ProcessNoise
 from spinfilters.pipeline.estimator_entry import estimator_names
-from spinfilters.settings.calibration_settings import CalibrationSettings
-from spinfilters.settings.former_keys import with_present_keys
-from spinfilters.settings.sensor_settings import AUTO, Auto, SensorSettings
 from spinfilters.settings.smoother_settings import SmootherSettings
+
+AUTO: Final = "auto"
+Auto = Literal["auto"]
+
+if TYPE_CHECKING:
+
+    class SensorSettings:
+        """Standard deviations of the sensors.
+
+        "auto" takes the data set's own, or the default where it is silent.
+        Its fields are the `NoiseOption` of all sensors. "auto" of an option that a sensor identifies (`Sensor.identified_option`)
+        identifies it from the recording when nobody states the sensor's noise.
+        """
+
+        __dataclass_fields__: ClassVar[dict[str, Any]]
+
+        def __init__(self, **options: float | str) -> None: ...
+
+        def __getattr__(self, name: str) -> float | str: ...
+
+else:
+    SensorSettings = make_dataclass(
+        "SensorSettings",
+        [
+            (name, Auto | Annotated[float, option.allowed], field(default=AUTO))
+            for name, option in noise_options().items()
+        ],
+        frozen=True,
+        namespace={"__doc__": "Standard deviations of the sensors, see the module."},
+    )
+
+
+if TYPE_CHECKING:
+
+    class CalibrationSettings:
+        """Standard deviations of the calibration.
+
+        "auto" takes the data set's own, or the default where it is silent.
+        Its fields are the `ConsiderParameter` of all sensors.
+        """
+
+        __dataclass_fields__: ClassVar[dict[str, Any]]
+
+        def __init__(self, **deviations: float | str) -> None: ...
+
+        def __getattr__(self, name: str) -> float | str: ...
+
+else:
+    CalibrationSettings = make_dataclass(
+        "CalibrationSettings",
+        [
+            (name, Auto | Annotated[float, each.allowed], field(default=AUTO))
+            for name, each in consider_parameters().items()
+        ],
+        frozen=True,
+        namespace={"__doc__": "Standard deviations of the calibration, see the module."},
+    )
+
 
 DEFAULT_ESTIMATORS = ("mekf", "ukf", "smoother")
 
@@ -151,3 +208,32 @@ def _is_default(name: str, value: object) -> bool:
     (each,) = (each for each in fields(Settings) if each.name == name)
     default = each.default if each.default_factory is MISSING else each.default_factory()
     return type(value) is type(default) and value == default
+
+
+FORMER_TABLES = {"start": "initialisation"}
+FORMER_KEYS = {
+    "initialisation": {"frames": "epochs"},
+    "smoother": {"frames": "epochs", "kernel": "loss"},
+    "robust": {"kernel": "loss"},
+}
+
+
+def with_present_keys(document: Mapping[str, Any]) -> dict[str, Any]:
+    """The document with former names of tables and keys replaced.
+
+    Raises
+    ------
+    InputError: a table or key under its former and its present name.
+    """
+    tables = _renamed(document, FORMER_TABLES, "")
+    return {
+        name: _renamed(table, FORMER_KEYS.get(name, {}), f"{name}.") if isinstance(table, Mapping) else table
+        for name, table in tables.items()
+    }
+
+
+def _renamed(table: Mapping[str, Any], former: Mapping[str, str], prefix: str) -> dict[str, Any]:
+    for old, new in former.items():
+        if old in table and new in table:
+            raise InputError(f"{prefix}{old} and {prefix}{new} are one setting; keep {prefix}{new}")
+    return {former.get(key, key): value for key, value in table.items()}

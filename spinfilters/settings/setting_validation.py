@@ -14,7 +14,7 @@ from spinfilters.errors import InputError
 def validated(record: type, values: Mapping[str, object]) -> dict[str, Any]:
     """Validated values of some fields of a dataclass.
 
-    As their types tell, tables given as mappings turned into their dataclasses.
+    Their types decide; tables given as mappings are turned into their dataclasses.
 
     Raises
     ------

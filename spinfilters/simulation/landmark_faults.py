@@ -1,4 +1,4 @@
-"""Faults of landmarks: those that nobody knows again, and those that are not seen at first."""
+"""Faults of landmarks: new ids, and few seen at first."""
 
 from dataclasses import dataclass, replace
 

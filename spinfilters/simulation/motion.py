@@ -18,7 +18,7 @@ Progress = Callable[[int, int], None]
 
 
 def silent(done: int, total: int) -> None:
-    """Tell nobody."""
+    """Progress callback that does nothing."""
 
 
 @dataclass(frozen=True)

@@ -150,7 +150,7 @@ class Scenario:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Of all sensors."""
+        """Kinds of all sensors."""
         return self.kind, *(kind for kind, _ in self.beside)
 
     @property
@@ -165,7 +165,7 @@ class Scenario:
 
     @property
     def front_end(self) -> FrontEnd:
-        """How landmarks are found."""
+        """The simulated front end."""
         return FrontEnd(
             self.pixel_std, self.detection, self.facing_cosine, self.recognition, self.fewest_observations
         )
@@ -242,7 +242,7 @@ def _check_beside(scenario: Scenario) -> None:
 
 
 def inspector_of(scenario: Scenario, time: Float[np.ndarray, " n"]) -> CameraTrajectory | None:
-    """About the body's first place; None of one that does not move."""
+    """Inspector's trajectory about the body's first place; None of a resting one."""
     make = INSPECTORS[scenario.inspector]
     return None if make is None else make(time, np.array([0.0, 0.0, scenario.range_m]))
 

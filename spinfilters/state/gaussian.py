@@ -60,7 +60,7 @@ class Gaussian:
 
     @property
     def state(self) -> "Gaussian":
-        """Itself."""
+        """The belief itself."""
         return self
 
     @property

@@ -55,13 +55,13 @@ class StateLayout:
         return block.name in self.blocks
 
     def joined(self, *blocks: StateBlock) -> "StateLayout":
-        """With these blocks too."""
+        """The layout with these blocks too."""
         wanted = {*self.blocks, *(block.name for block in blocks)}
         return StateLayout(tuple(name for name in BLOCKS if name in wanted))
 
     @cached_property
     def without_translation(self) -> "StateLayout":
-        """The blocks that mean something of a rotation alone."""
+        """The layout of the blocks of a rotation alone."""
         return StateLayout(tuple(block.name for block in self.members if not block.translational))
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Whether an estimate can be trusted, and if not, why."""
+"""Status of an estimate: a verdict with its reasons."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

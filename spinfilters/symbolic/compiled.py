@@ -1,6 +1,6 @@
 """CasADi functions called on NumPy arrays, vectorised over leading axes.
 
-In C where a compiler is there.
+Calls run generated C where a compiler is there.
 """
 
 import ctypes

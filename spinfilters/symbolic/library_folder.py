@@ -125,7 +125,7 @@ def _exchangeable(found: os.stat_result) -> str | None:
 def _has_one_member(group: int) -> bool:
     """Whether a group is the user's private one.
 
-    Where such groups are usual so is a umask of 002, and with it folders that their group may write to.
+    Such groups usually come with a umask of 002, and with it folders that their group may write to.
     """
     import grp
     import pwd

@@ -4,6 +4,7 @@ An epoch's pose from the map so far, its observations into the map.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -15,11 +16,97 @@ from spinfilters.data.track_files import KnownMap
 from spinfilters.errors import InputError
 from spinfilters.geometry.cameras import stereo_pair
 from spinfilters.models.sensor_noise import NoiseLevel, noise_of_rows
-from spinfilters.tracks.map_in_progress import MapInProgress
 from spinfilters.tracks.matches import Matches
 from spinfilters.tracks.pixel_noise import StereoView, noise_ratio
 from spinfilters.tracks.pose_fit import FittedPose, fit_pose, fit_poses
 from spinfilters.tracks.track_poses import find_landmarks, pose_stream, track_epochs
+
+AGREEMENT = 6.0
+"""Mahalanobis distance within which an observation belongs to a candidate; it leaves room for the drift of poses."""
+CHOSEN, ALTERNATIVE = 0, 1
+
+
+@dataclass
+class MapInProgress:
+    """Information sums of every landmark. Its point is the information-weighted mean of the observations that agree.
+
+    An observation is poor along its line of sight, so points seen from several sides are far better than any one observation. Each
+    landmark has two candidates. An observation joins the chosen one if it agrees with it, else the alternative, else it becomes the
+    alternative of
+    a landmark whose alternative nothing has confirmed. The one with more observations is the chosen one: a landmark whose first
+    observation was
+    a wrong association is so found again as soon as two later ones agree.
+
+    Attributes
+    ----------
+    ids: (n,) ascending.   information: (n, 2, 3, 3) 1/m^2, frame g.   weighted: (n, 2, 3) information times point.
+    hits: (n, 2) observations of each candidate.
+    """
+
+    ids: Int[np.ndarray, " n"]
+    information: Float[np.ndarray, "n 2 3 3"]
+    weighted: Float[np.ndarray, "n 2 3"]
+    hits: Int[np.ndarray, "n 2"]
+
+    @classmethod
+    def empty(cls, ids: Int[np.ndarray, " n"]) -> "MapInProgress":
+        """Map without an observation."""
+        n = len(ids)
+        return cls(ids, np.zeros((n, 2, 3, 3)), np.zeros((n, 2, 3)), np.zeros((n, 2), dtype=int))
+
+    @property
+    def seen(self) -> Bool[np.ndarray, " n"]:
+        """Which landmarks have a point."""
+        return self.hits[:, CHOSEN] > 0
+
+    def points(
+        self, where: Int[np.ndarray, " k"]
+    ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3 3"]]:
+        """Points (m, frame g) and covariances of landmarks that have one."""
+        return self._candidates(where, CHOSEN)
+
+    def add(
+        self,
+        where: Int[np.ndarray, " k"],
+        information: Float[np.ndarray, "k 3 3"],
+        points: Float[np.ndarray, "k 3"],
+    ) -> None:
+        """Observations of distinct landmarks ``where``, as points in g with their information."""
+        vacant = self.hits[where] == 0
+        chosen = vacant[:, CHOSEN] | self._agrees(where, CHOSEN, information, points)
+        alternative = ~chosen & self._agrees(where, ALTERNATIVE, information, points)
+        fresh = ~chosen & ~alternative & (self.hits[where, ALTERNATIVE] <= 1)
+        self.information[where[fresh], ALTERNATIVE] = 0.0
+        self.weighted[where[fresh], ALTERNATIVE] = 0.0
+        self.hits[where[fresh], ALTERNATIVE] = 0
+        weighted = (information @ points[..., None])[..., 0]
+        for candidate, rows in ((CHOSEN, chosen), (ALTERNATIVE, alternative | fresh)):
+            self.information[where[rows], candidate] += information[rows]
+            self.weighted[where[rows], candidate] += weighted[rows]
+            self.hits[where[rows], candidate] += 1
+        self._elect(where)
+
+    def _elect(self, where: Int[np.ndarray, " k"]) -> None:
+        better = where[self.hits[where, ALTERNATIVE] > self.hits[where, CHOSEN]]
+        for sums in (self.information, self.weighted, self.hits):
+            sums[better] = sums[better][:, ::-1]
+
+    def _candidates(self, where: np.ndarray, candidate: int) -> tuple[np.ndarray, np.ndarray]:
+        covariance = np.linalg.inv(self.information[where, candidate])
+        return (covariance @ self.weighted[where, candidate][..., None])[..., 0], covariance
+
+    def _agrees(
+        self, where: np.ndarray, candidate: int, information: np.ndarray, points: np.ndarray
+    ) -> Bool[np.ndarray, " k"]:
+        result = self.hits[where, candidate] > 0
+        held = np.flatnonzero(result)
+        there, covariance = self._candidates(where[held], candidate)
+        away = points[held] - there
+        spread = covariance + np.linalg.inv(information[held])
+        distance = np.einsum("ki,ki->k", away, np.linalg.solve(spread, away[..., None])[..., 0])
+        result[held] = distance < AGREEMENT**2
+        return result
+
 
 PASSES = 2
 """Rounds over all epochs after the first sweep, each with a better map: one closes a revolution, the other settles."""
@@ -158,10 +245,7 @@ def _triangulated(
 def _point_information(
     camera: Float[np.ndarray, "k 3"], calibration: np.ndarray, noise: NoiseLevel
 ) -> Float[np.ndarray, "k 3 3"]:
-    """Information J' N^-1 J of a triangulated point, camera frame.
-
-    Of (u_left, v_left, u_right) with noise N.
-    """
+    """Information J' N^-1 J of (u_left, v_left, u_right) on a triangulated point, camera frame."""
     J = stereo_pair(calibration).pixels_by_point(camera, calibration)
     whitened = np.linalg.solve(np.linalg.cholesky(noise), J) if np.ndim(noise) else J / noise
     return np.swapaxes(whitened, 1, 2) @ whitened

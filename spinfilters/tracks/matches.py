@@ -12,7 +12,7 @@ from spinfilters.models.sensor_noise import NoiseLevel
 
 @dataclass(frozen=True)
 class Matches:
-    """Those of one epoch.
+    """Matches of one epoch.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class MatchTable:
 
     @classmethod
     def of(cls, epochs: Sequence[Matches], calibration: Float[np.ndarray, " c"]) -> "MatchTable":
-        """One or more epochs, whose noise is told in one way, side by side."""
+        """Table of one or more epochs with one parametrisation of noise."""
         counts = np.array([len(epoch.points) for epoch in epochs])
         column = np.arange(counts.max())
         row = (np.cumsum(counts) - counts)[:, None] + np.minimum(column, counts[:, None] - 1)

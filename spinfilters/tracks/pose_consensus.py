@@ -81,7 +81,7 @@ class _UsableMatches:
         return replace(self, usable=np.ones((1, np.count_nonzero(usable)), dtype=bool), **own)
 
     def share(self, chosen: Bool[np.ndarray, "f k"]) -> Float[np.ndarray, " f"]:
-        """Of the usable matches."""
+        """Share of the usable matches."""
         return np.count_nonzero(chosen, axis=1) / np.maximum(np.count_nonzero(self.usable, axis=1), 1)
 
     def agreeing(self, poses: Float[np.ndarray, "h 7"]) -> Bool[np.ndarray, "h k"]:
@@ -137,8 +137,6 @@ class _UsableMatches:
 @dataclass(frozen=True)
 class Consensus:
     """Rough poses (t, q_ig) of f epochs with their inliers.
-
-    Where there is one, and which matches agree with it.
 
     Attributes
     ----------
@@ -207,7 +205,7 @@ def _medians(values: Float[np.ndarray, "f k"], chosen: Bool[np.ndarray, "f k"]) 
 def _best_of_triples(seen: _UsableMatches) -> Float[np.ndarray, " 7"]:
     """The cheapest pose of one epoch from random triples.
 
-    As many as promise `RIGHT_TRIPLES` right ones at the share that agrees.
+    It draws as many as promise `RIGHT_TRIPLES` right ones at the share that agrees.
     """
     generator = np.random.default_rng(SEED)
     best, least = np.zeros(7), np.inf

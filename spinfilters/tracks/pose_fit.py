@@ -182,7 +182,7 @@ def _within_gate(
 ) -> Bool[np.ndarray, "f k"]:
     """Residuals (standard deviations) below a gate that opens while a pose is off.
 
-    By how much is judged by the best quarter of those that agree with the rough pose: among all, that quarter may be wrong.
+    The best quarter of those that agree with the rough pose judges how far it is off: among all, that quarter may be wrong.
     """
     ordered = np.sort(np.where(agreeing, size, np.nan), axis=1)  # what is not a number comes last
     quarter = np.count_nonzero(agreeing, axis=1)[:, None] // 4

@@ -40,7 +40,7 @@ PLACE_FLOOR: Final = 0.3
 
 @dataclass(frozen=True)
 class Association:
-    """Options.
+    """Options of the association.
 
     Attributes
     ----------

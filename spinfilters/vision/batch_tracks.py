@@ -1,6 +1,10 @@
 """Tracks of a whole sequence of images.
 
 Visual odometry, bundle adjustment, global association, and the noise of what comes out.
+
+Visual odometry starts at the epoch from where it finds most poses. Epochs after a gap are not recognised by the few that went
+before. They are tried again with the map of all that was found, last ones first; and where most are still lost, the sequence is
+begun anew at the first of them.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,9 +25,8 @@ from spinfilters.vision.epoch_observations import EpochObservations
 from spinfilters.vision.error_correlation import ErrorCorrelation, LandmarkResiduals, error_correlation
 from spinfilters.vision.front_end import FrontEndOptions
 from spinfilters.vision.loss_count import LossCount
-from spinfilters.vision.stereo_matching import TimedFeatures
+from spinfilters.vision.stereo_matching import StereoFeatures, TimedFeatures
 from spinfilters.vision.track_noise import FEWEST, TrackNoise, identified
-from spinfilters.vision.visual_odometry import found_epochs
 
 STAGE: Final = "observations in tracks"
 FEWEST_EPOCHS: Final = 2
@@ -209,3 +212,47 @@ def _first_points(
     sums = np.zeros((int(observations.landmark.max()) + 1, 3))
     np.add.at(sums, observations.landmark, points)
     return sums / np.bincount(observations.landmark)[:, None]
+
+
+ENOUGH: Final = 0.5
+"""Share of the epochs to be found, else another beginning is tried."""
+MOST_BEGINNINGS: Final = 3
+
+TimedPoints = Sequence[tuple[float, StereoFeatures]]
+
+
+def found_epochs(
+    points: TimedPoints,
+    rig: StereoRig,
+    options: FrontEndOptions,
+    progress: Callable[[int, int], None] = lambda *_: None,
+) -> list[EpochObservations]:
+    """Epochs whose pose is found, in order of time.
+
+    Parameters
+    ----------
+    points: times (s) and points of each pair.   progress: called with how many epochs are associated, and of how many.
+    """
+    best: dict[int, EpochObservations] = {}
+    begin = 0
+    for _ in range(MOST_BEGINNINGS):
+        found = _from(points, begin, Tracker(rig, options.noise, LossCount(), options.association), progress)
+        best = max(best, found, key=len)
+        begin = next((number for number in range(begin, len(points)) if number not in found), len(points))
+        if len(best) >= ENOUGH * len(points) or len(points) - begin <= len(best):
+            break
+    return [best[number] for number in sorted(best)]
+
+
+def _from(
+    points: TimedPoints, begin: int, tracker: Tracker, progress: Callable[[int, int], None]
+) -> dict[int, EpochObservations]:
+    """Epochs found from a beginning on, by number, then those that were lost, backwards."""
+    found: dict[int, EpochObservations] = {}
+    numbers = range(begin, len(points))
+    for number in (*numbers, *reversed(range(len(points)))):
+        epoch = None if number in found else tracker.add(number, *points[number])
+        if epoch is not None:
+            found[number] = epoch
+        progress(len(found), len(points))
+    return found

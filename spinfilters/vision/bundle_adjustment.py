@@ -53,7 +53,7 @@ class Observations:
 
 @dataclass(frozen=True)
 class Adjusted:
-    """What bundle adjustment finds.
+    """Result of a bundle adjustment.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Whether a calibration is good: the astronaut's checkout of the thesis (section 5.10) as numbers."""
+"""Checks of a calibration after the thesis' astronaut checkout (section 5.10)."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -22,7 +22,7 @@ LARGEST_ROTATION_DEG: Final = 15.0
 
 @dataclass(frozen=True)
 class CheckResult:
-    """One check: what, its number with unit, what is allowed, and whether it is."""
+    """Result of one check: quantity, number with unit, limit, verdict."""
 
     name: str
     value: str
@@ -32,7 +32,7 @@ class CheckResult:
 
 @dataclass(frozen=True)
 class BoardMeasurement:
-    """What a rig measures on a board.
+    """Measurements of a rig on a board.
 
     Attributes
     ----------

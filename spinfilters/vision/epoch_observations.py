@@ -1,4 +1,4 @@
-"""Landmarks as one epoch sees them."""
+"""Landmark observations of one epoch."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from spinfilters.vision.stereo_matching import StereoFeatures
 
 @dataclass(frozen=True)
 class EpochObservations:
-    """What an epoch sees.
+    """Landmark observations of one epoch.
 
     Attributes
     ----------

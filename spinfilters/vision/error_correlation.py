@@ -39,7 +39,7 @@ RIDGE: Final = 1e-9
 
 @dataclass(frozen=True)
 class LandmarkResiduals:
-    """What a fit of landmarks leaves of n observations.
+    """Residuals of n observations after a fit of landmarks.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class LandmarkResiduals:
     def by_common_motion(self) -> Float[np.ndarray, "n 3 6"]:
         """Derivative of predictions by a small common motion of all poses.
 
-        In the camera's frame: translation, then rotation about g.
+        It is in the camera's frame: translation, then rotation about g.
         """
         by_camera = self.jacobian @ np.swapaxes(self.rotation, 1, 2)
         arm = np.einsum("nij,nj->ni", self.rotation, self.point)
@@ -90,13 +90,13 @@ class ErrorCorrelation:
     inflation: float = 1.0
 
     def inflated(self, noise: TrackNoise) -> TrackNoise:
-        """White noise that weighs as much in the poses."""
+        """Equivalent white noise for pose estimation."""
         (a, b), (c, d) = noise.place, noise.disparity
         return TrackNoise((self.inflation * a, self.inflation * b), (self.inflation * c, self.inflation * d))
 
 
 def error_correlation(residuals: LandmarkResiduals) -> ErrorCorrelation:
-    """Covariances that the residuals of landmarks tell."""
+    """Error correlation from the residuals of landmarks."""
     groups = [rows[:MOST_OBSERVATIONS] for rows in _groups(residuals.landmark) if len(rows) > 1]
     if len(groups) < FEWEST_LANDMARKS:
         return ErrorCorrelation()
@@ -143,7 +143,7 @@ def _residual_projection(one: LandmarkResiduals) -> Float[np.ndarray, "m m"]:
 def _kernels(one: LandmarkResiduals) -> Float[np.ndarray, "k m m"]:
     """Covariances of one landmark's m = 3 n errors by each coefficient.
 
-    Of the place, then of the disparity.
+    The place comes first, then the disparity.
     """
     n, place, disparity = len(one.landmark), one.rotation.copy(), np.zeros((3, 3))
     place[:, 2], disparity[2, 2] = 0.0, 1.0

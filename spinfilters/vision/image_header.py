@@ -1,4 +1,4 @@
-"""What an image file says of itself before it is decoded: width, height, checksums."""
+"""Width, height and checksums of an image file before decoding."""
 
 import re
 import struct

@@ -1,4 +1,4 @@
-"""Landmarks of a body with what they look like from several directions."""
+"""Landmarks of a body with descriptors by viewing direction."""
 
 from typing import Final
 
@@ -58,7 +58,7 @@ class LandmarkViews:
 
     @property
     def active(self) -> Bool[np.ndarray, " k"]:
-        """Which are looked for: all that are no second number of another."""
+        """Landmarks to be looked for: all that are no second number of another."""
         return ~self._retired[: self.count]
 
     def retire(self, rows: Int[np.ndarray, " n"]) -> None:

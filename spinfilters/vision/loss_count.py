@@ -1,4 +1,4 @@
-"""What a front end lost, counted by cause."""
+"""Counts of a front end's losses by cause."""
 
 from collections import Counter
 from collections.abc import Mapping

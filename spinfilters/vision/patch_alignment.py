@@ -98,10 +98,7 @@ class _View:
     def patches(
         self, pixels: Float[np.ndarray, "n 2"], shape: Float[np.ndarray, "n 3"]
     ) -> tuple[Patches, Patches]:
-        """Grey values around pixels, and their derivatives along the row.
-
-        Of patches that are shifted and sheared.
-        """
+        """Grey values of shifted, sheared patches and derivatives along the row."""
         shift, along, across = (shape[:, k, None, None] for k in range(3))
         x = pixels[:, 0, None, None] + _X + shift + along * _X + across * _Y
         y = np.broadcast_to(pixels[:, 1, None, None] + _Y, x.shape)

@@ -12,7 +12,7 @@ from spinfilters.vision.stereo_geometry import pixels_by_point, pixels_of
 
 @dataclass(frozen=True)
 class RigAccuracy:
-    """Of a point half-way between the cameras' axes.
+    """Accuracy of a point half-way between the cameras' axes.
 
     Attributes
     ----------

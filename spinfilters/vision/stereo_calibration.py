@@ -21,7 +21,7 @@ _ITERATIONS: Final = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 200, 1e-9
 
 @dataclass(frozen=True)
 class CameraCalibration:
-    """One camera.
+    """Calibration of one camera.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class CameraPair(NamedTuple):
 
 @dataclass(frozen=True)
 class StereoCalibration:
-    """A calibrated pair.
+    """Calibration of a stereo pair.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Pixels of points before a rectified pair, and which of many places are near one another."""
+"""Projection into a rectified pair, and search for near neighbours."""
 
 from typing import NamedTuple
 

@@ -174,7 +174,7 @@ def _aligned(
 ) -> tuple[Float[np.ndarray, "k 2"], Float[np.ndarray, " k"], Bool[np.ndarray, " k"]]:
     """Aligned places of left patches in the right image (Lucas and Kanade 1981).
 
-    With the residuals, and which were found.
+    The residuals come with them, and which were found.
     """
     if not len(pixels):
         return np.zeros((0, 2)), np.zeros(0), np.zeros(0, dtype=bool)

@@ -43,7 +43,7 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class TrackedImages:
-    """What the front end made of a folder.
+    """Tracks and losses of a folder of images.
 
     Attributes
     ----------
@@ -100,10 +100,7 @@ class ImageSource(NamedTuple):
 
 
 class FolderPoints(NamedTuple):
-    """Stereo points of the usable pairs of a folder.
-
-    With their times (s), and how many pairs it has.
-    """
+    """Stereo points of a folder's usable pairs, their times (s) and number."""
 
     source: ImageSource
     points: list[TimedFeatures]

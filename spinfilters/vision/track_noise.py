@@ -31,7 +31,7 @@ class TrackNoise:
     def variances(
         self, size: Float[np.ndarray, " n"], residual: Float[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Of the place (each coordinate) and of the disparity."""
+        """Variances of the place (each coordinate) and of the disparity, px^2."""
         place = self.place[0] + self.place[1] * size**2
         disparity = self.disparity[0] + self.disparity[1] * residual**2
         return np.maximum(place, SMALLEST_STD**2), np.maximum(disparity, SMALLEST_STD**2)

@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import spinfilters
-from spinfilters.api.tables import flattened, html_table
+from spinfilters.api.results import flattened, html_table
 from spinfilters.evaluation.comparison import ComparisonCells
 from spinfilters.evaluation.trajectory import TRAJECTORY_COLUMNS
 

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spinfilters.campaigns.randomness import run_seeds
-from spinfilters.campaigns.runner import Runner
+from spinfilters.campaigns.runner import Runner, run_seeds
 from spinfilters.campaigns.schema import schema
 from spinfilters.campaigns.study import Study, study_from
 from spinfilters.errors import InputError

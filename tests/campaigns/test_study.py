@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from spinfilters.campaigns.randomness import run_seeds, whole_number
+from spinfilters.campaigns.runner import run_seeds, whole_number
 from spinfilters.campaigns.study import read_study, study_from
 from spinfilters.errors import InputError
 from tests.campaigns.study_samples import GYRO, gyro_study

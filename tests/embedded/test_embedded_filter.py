@@ -8,8 +8,8 @@ from jaxtyping import Float
 
 from spinfilters.embedded.embedded_estimator import EmbeddedFilter
 from spinfilters.embedded.embedded_options import EmbedOptions
+from spinfilters.embedded.folder import CALIBRATION, STD, make_vectors
 from spinfilters.embedded.reference import OwnLandmark, ReferenceFilter
-from spinfilters.embedded.vectors import CALIBRATION, STD, make_vectors
 from spinfilters.estimators.estimator import Estimator, Measurement, UpdateReport
 from spinfilters.estimators.filters.iterated_update import IterationOptions
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf

@@ -9,8 +9,8 @@ from scipy.special import chdtri
 from spinfilters.attitude.conversions import multiply
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog
-from spinfilters.estimators.initialisation.consistent_samples import consistent_samples
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
+from spinfilters.estimators.initialisation.initial_motion import consistent_samples
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.pipeline.setup import prepare
 from spinfilters.sensors.sensor import MotionSamples

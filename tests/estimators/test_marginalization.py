@@ -22,7 +22,7 @@ from spinfilters.estimators.smoothing.factors.marginalization_prior import (
     column_errors,
     gauge_columns,
 )
-from spinfilters.estimators.smoothing.linear.latest_marginal import latest_factor
+from spinfilters.estimators.smoothing.linear.marginals import latest_factor
 from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
 from spinfilters.estimators.smoothing.problem.least_squares import (
     LinearizationPoint,

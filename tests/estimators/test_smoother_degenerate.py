@@ -21,7 +21,7 @@ from smoothing_samples import (
 )
 
 from spinfilters.estimators.robust.losses import Gate
-from spinfilters.estimators.smoothing.linear.latest_marginal import latest_factor
+from spinfilters.estimators.smoothing.linear.marginals import latest_factor
 from spinfilters.estimators.smoothing.problem.least_squares import Stage, problem_of
 from spinfilters.estimators.smoothing.solver.iterations import SolverOptions, solve
 from spinfilters.estimators.smoothing.solver.step_rules import (

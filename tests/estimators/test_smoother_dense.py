@@ -10,8 +10,7 @@ from smoothing_samples import LAYOUT, PROCESS, SMALL, Sample, perturbed, sample
 
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.robust.losses import LeastSquares, PseudoHuber, RobustLoss
-from spinfilters.estimators.smoothing.linear.latest_marginal import latest_factor
-from spinfilters.estimators.smoothing.linear.marginals import Marginals
+from spinfilters.estimators.smoothing.linear.marginals import Marginals, latest_factor
 from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
 from spinfilters.estimators.smoothing.problem.least_squares import (
     InitialGuess,

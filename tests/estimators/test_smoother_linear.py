@@ -12,8 +12,7 @@ from linear_samples import LAYOUT, LinearProcess, LinearSensor, N, linear_sensor
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.robust.losses import PseudoHuber
-from spinfilters.estimators.smoothing.linear.latest_marginal import latest_factor
-from spinfilters.estimators.smoothing.linear.marginals import Marginals
+from spinfilters.estimators.smoothing.linear.marginals import Marginals, latest_factor
 from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
 from spinfilters.estimators.smoothing.problem.least_squares import problem_of
 from spinfilters.estimators.smoothing.solver.iterations import SolverOptions, solve

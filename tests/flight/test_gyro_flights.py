@@ -8,10 +8,9 @@ from spinfilters.data.accelerometer import Acceleration
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.errors import InputError
-from spinfilters.flight.free_flight import find_flights
+from spinfilters.flight.free_flight import find_flights, unexplained_force
 from spinfilters.flight.gyro_flights import gyro_flights
 from spinfilters.flight.momentum import inertia_tensor, momentum_change, rotation_history
-from spinfilters.flight.specific_force import unexplained_force
 
 
 @pytest.fixture(scope="module")

@@ -29,8 +29,7 @@ from spinfilters.evaluation.consistency import chi_square_band
 from spinfilters.live.answer import Answer, json_line
 from spinfilters.live.executive import Executive
 from spinfilters.live.line_format import ArrivedEpoch
-from spinfilters.live.live_options import LiveOptions, LiveSetup
-from spinfilters.live.live_setup import LONG_RUN
+from spinfilters.live.live_options import LONG_RUN, LiveOptions, LiveSetup
 from spinfilters.live.supervisor import SupervisionOptions
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.settings.smoother_settings import SmootherSettings

@@ -5,6 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from experiments.lidar_thesis.sequences import SEQUENCES
 from spinfilters.lidar.body_motion import Still, thesis_rotation
 from spinfilters.lidar.edge_adjustment import RangeEvidence, edge_adjusted
 from spinfilters.lidar.face_map import Face, TrackedFaces
@@ -15,7 +16,6 @@ from spinfilters.lidar.scan import Scan
 from spinfilters.lidar.scan_errors import rvs_noise
 from spinfilters.lidar.scan_pose import ScanPose
 from spinfilters.lidar.scanner import LidarSettings, Scanner
-from spinfilters.lidar.thesis.sequences import SEQUENCES
 
 PLACE, SIZE = np.array([500.0, 0.0, 0.0]), 1.6
 SPECIFIED = rvs_noise()

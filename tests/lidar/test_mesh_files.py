@@ -38,6 +38,17 @@ def obj(mesh: TriangleMesh) -> bytes:
     return "\n".join(lines).encode()
 
 
+def tab(mesh: TriangleMesh) -> bytes:
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in mesh.vertices.tolist()]
+    return "\n".join([*lines, *(f"f {a} {b} {c}" for a, b, c in mesh.triangles.tolist()), ""]).encode()
+
+
+def counted(mesh: TriangleMesh) -> bytes:
+    lines = [f"{len(mesh.vertices)} {len(mesh.triangles)}"]
+    lines += [f"{x!r} {y!r} {z!r}" for x, y, z in mesh.vertices.tolist()]
+    return "\n".join([*lines, *(f"{a} {b} {c}" for a, b, c in (mesh.triangles + 1).tolist())]).encode()
+
+
 def ply(mesh: TriangleMesh) -> bytes:
     head = f"ply\nformat ascii 1.0\nelement vertex {len(mesh.vertices)}\nproperty float x\nproperty float y\nproperty float z\n"
     head += f"element face {len(mesh.triangles)}\nproperty list uchar int vertex_indices\nend_header\n"
@@ -48,7 +59,14 @@ def ply(mesh: TriangleMesh) -> bytes:
 
 @pytest.mark.parametrize(
     ("name", "content"),
-    [("a.stl", binary_stl(box())), ("b.STL", ascii_stl(box())), ("c.obj", obj(box())), ("d.ply", ply(box()))],
+    [
+        ("a.stl", binary_stl(box())),
+        ("b.STL", ascii_stl(box())),
+        ("c.obj", obj(box())),
+        ("d.ply", ply(box())),
+        ("e.tab", tab(box())),
+        ("f.txt", counted(box())),
+    ],
 )
 def test_every_format_gives_the_same_watertight_cube(name: str, content: bytes, tmp_path: Path) -> None:
     (tmp_path / name).write_bytes(content)
@@ -76,6 +94,7 @@ def test_every_format_gives_the_same_watertight_cube(name: str, content: bytes, 
         ("cloud.ply", ply(box()).replace(b"element face 12", b"element face 0 "), "a scan, not a mesh"),
         ("big.ply", ply(box()).replace(b"element vertex 8", b"element vertex 99999999999"), "no whole PLY"),
         ("mesh.step", b"x", "no known kind of mesh"),
+        ("words.txt", b"some notes\n", "no table of vertices and faces"),
         ("empty.stl", b"", "is empty"),
     ],
 )

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from experiments.lidar_thesis.sequences import SEQUENCES
 from spinfilters.errors import InputError
 from spinfilters.lidar.body_motion import Still, thesis_rotation
 from spinfilters.lidar.mesh import TriangleMesh, box
@@ -20,7 +21,6 @@ from spinfilters.lidar.scan_pose import ScanPose, nearest_rotation, rotation_vec
 from spinfilters.lidar.scan_poses import ScanPoses, scan_poses
 from spinfilters.lidar.scanner import LidarSettings, Scanner
 from spinfilters.lidar.sequence import Initial, scan_sequence, scan_times, tumble_of
-from spinfilters.lidar.thesis.sequences import SEQUENCES
 
 
 def snapshots(distance: float, field: float, rays: int, noise: LidarNoise) -> tuple[list[Scan], np.ndarray]:

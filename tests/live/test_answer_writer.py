@@ -4,8 +4,7 @@ import io
 import os
 from contextlib import suppress
 
-from spinfilters.live.answer import Answer
-from spinfilters.live.answer_writer import MOST_WAITING, AnswerWriter
+from spinfilters.live.answer import MOST_WAITING, Answer, AnswerWriter
 from spinfilters.state.status import EstimatorStatus
 from tests.live.test_executive import started
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from analyser_samples import CHARTS, TUMBLE, stereo_system
 
+from experiments.benchmarks.symbolic_series import lie_derivatives
 from observability import sensors
 from observability.arithmetic import Reals
 from observability.branch_decisions import branch_decisions
@@ -17,7 +18,6 @@ from observability.codistribution import codistribution
 from observability.prime_field import PrimeField
 from observability.rational import Rationals, as_floats, rationals
 from observability.series import Series
-from observability.symbolic_series import lie_derivatives
 from observability.system import Input, System
 from observability.tape import tape_of
 from spinfilters.errors import InputError

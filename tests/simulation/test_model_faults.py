@@ -11,8 +11,12 @@ from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.dynamics.mass_distribution import inertia_matrix
 from spinfilters.estimators.model_errors.alternative import table
 from spinfilters.models.process import ProcessNoise
-from spinfilters.simulation.model_faults.faulty_motion import Physics, faulty_motion
-from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
+from spinfilters.simulation.model_faults.faulty_recording import (
+    Physics,
+    faulty_motion,
+    faulty_recording,
+    model_faults,
+)
 from spinfilters.simulation.model_faults.model_fault import GYRO, POSE, TRACKS
 from spinfilters.simulation.scenario import RICH_RPM, Scenario
 

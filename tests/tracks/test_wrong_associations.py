@@ -20,8 +20,7 @@ from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, ste
 from spinfilters.sensors.feature_tracks import RIG
 from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.state.layout import StateLayout
-from spinfilters.tracks.map_building import poses_without_map
-from spinfilters.tracks.map_in_progress import MapInProgress
+from spinfilters.tracks.map_building import MapInProgress, poses_without_map
 from spinfilters.tracks.matches import Matches, MatchTable
 from spinfilters.tracks.pose_consensus import Consensus, consensus_poses
 from spinfilters.tracks.pose_fit import fit_pose

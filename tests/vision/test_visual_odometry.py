@@ -10,11 +10,11 @@ from synthetic_points import RIG, Ball
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.vision.association import Tracker
+from spinfilters.vision.batch_tracks import found_epochs
 from spinfilters.vision.front_end import FrontEndOptions
 from spinfilters.vision.loss_count import LossCount
 from spinfilters.vision.stereo_matching import StereoFeatures
 from spinfilters.vision.track_noise import TrackNoise
-from spinfilters.vision.visual_odometry import found_epochs
 
 OPTIONS = FrontEndOptions(noise=TrackNoise((0.04, 0.0), (0.04, 0.0)))
 

@@ -1,4 +1,4 @@
-"""Confidence intervals of 95 % of what a campaign estimates."""
+"""95 % confidence intervals of a campaign's statistics."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -24,7 +24,7 @@ NOTHING: Final = Interval(np.nan, np.nan, np.nan, 0)
 
 
 def share(hits: int, count: int) -> Interval:
-    """Of a probability, by Wilson's score (Wilson 1927), which stays within 0 and 1."""
+    """Interval of a probability by Wilson's score (Wilson 1927), within 0 and 1."""
     if not count:
         return NOTHING
     p, z2 = hits / count, QUANTILE**2
@@ -34,7 +34,7 @@ def share(hits: int, count: int) -> Interval:
 
 
 def mean(values: Float[np.ndarray, " n"]) -> Interval:
-    """Of a mean of independent values, by the central limit theorem."""
+    """Interval of a mean of independent values, by the central limit theorem."""
     finite = values[np.isfinite(values)]
     if not len(finite):
         return NOTHING
@@ -46,7 +46,7 @@ def mean(values: Float[np.ndarray, " n"]) -> Interval:
 
 
 def root_mean_square(values: Float[np.ndarray, " n"]) -> Interval:
-    """Of a root mean square, from that of the mean square."""
+    """Interval of a root mean square, from that of the mean square."""
     return _root(mean(np.square(values)))
 
 

@@ -32,7 +32,7 @@ BODY: Final = dict(
 
 
 def asked_section(description: str, told: Mapping[str, str], study: str) -> str:
-    """What was asked: facts in a table, and the study file."""
+    """The study: its facts in a table, and its file."""
     words = f"<p>{escape(description)}</p>" if description else ""
     return f"{words}{facts(told)}{details('study file', study)}"
 
@@ -104,7 +104,7 @@ def errors_section(cells: Sequence[CellSummary], varied: Sequence[str], picture:
 
 
 def verdict_section(cells: Sequence[CellSummary], picture: str) -> str:
-    """What estimators said against what was right: all cells of an estimator together."""
+    """Verdicts against correctness, over all cells of an estimator."""
     names = list(dict.fromkeys(cell.levels["estimator"] for cell in cells))
     head = ["estimator", "said", "right", "wrong", "unknown", "right of those known"]
     rows = []
@@ -128,7 +128,7 @@ def verdict_section(cells: Sequence[CellSummary], picture: str) -> str:
 def failures_section(
     failures: Sequence[Mapping[str, Any]], total: int, varied: Sequence[str], folder: Path
 ) -> str:
-    """Runs that went wrong, each with the command that makes it again."""
+    """Failed runs, each with the command that repeats it."""
     if not total:
         return "<p>None: every run gave a result, and none was called ok and wrong or failed.</p>"
     place = shlex.quote(str(folder))

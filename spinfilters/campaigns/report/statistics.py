@@ -1,4 +1,4 @@
-"""What the rows of a campaign say together: by cell, by verdict, over time."""
+"""Statistics over a campaign's rows: by cell, by verdict, over time."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -27,10 +27,7 @@ FEWEST_SHARE: Final = 0.5
 
 @dataclass(frozen=True)
 class NeesOverTime:
-    """Mean over runs of NEES per degree of freedom over time.
-
-    At ``time_s`` (n,), with the band of a consistent estimator.
-    """
+    """Mean NEES per degree of freedom over runs at ``time_s`` (n,), with its consistency band."""
 
     time_s: Float[np.ndarray, " n"]
     mean: Float[np.ndarray, " n"]
@@ -47,7 +44,7 @@ class NeesOverTime:
 
 @dataclass(frozen=True)
 class CellSummary:
-    """What the runs of one cell say.
+    """Statistics of the runs of one cell.
 
     Attributes
     ----------
@@ -76,7 +73,7 @@ class CellSummary:
 
 
 def cell_summaries(study: Study, table: pa.Table) -> Iterator[CellSummary]:
-    """Of every cell that has rows, in order."""
+    """Statistics of every cell that has rows, in order."""
     cells = table["cell"].to_numpy()
     order = np.argsort(cells, kind="stable")
     found, begins = np.unique(cells[order], return_index=True)
@@ -133,7 +130,7 @@ class NeesSeries:
         self._dof = int(np.nanmax(dof)) if np.isfinite(dof).any() else 1
 
     def over_time(self, rows: Int[np.ndarray, " k"]) -> NeesOverTime:
-        """Of some rows together."""
+        """Mean NEES over time of some rows."""
         lengths = np.diff(self._offsets)[rows]
         begins = np.repeat(self._offsets[rows] - np.concatenate([[0], np.cumsum(lengths)[:-1]]), lengths)
         at = begins + np.arange(lengths.sum())

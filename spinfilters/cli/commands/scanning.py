@@ -31,7 +31,7 @@ def add_lidar(commands: Subparsers) -> argparse.ArgumentParser:
         "mesh",
         metavar="MESH",
         nargs="?",
-        help=".stl, .obj or .ply in m (see --scale), cube or spacecraft (default: that of the preset)",
+        help=".stl, .obj, .ply, .tab or .txt in m (see --scale), cube or spacecraft (default: that of the preset)",
     )
     scan.add_argument("-o", "--output", metavar="FOLDER", required=True)
     scan.add_argument(

@@ -126,7 +126,7 @@ def _with_own_covariance(form: SensorFormat, folder: Path) -> MeasurementStream:
 def _stored(folder: Path, required: SensorFormat | None) -> list[SensorFormat]:
     """The formats whose files a folder holds.
 
-    Of formats with the same file it is the required one's, or has the header of one.
+    Among formats with the same file it is the required one's, or has the header of one.
     """
     by_file: dict[str, list[SensorFormat]] = {}
     for form in sensor_formats().values():

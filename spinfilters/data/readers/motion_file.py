@@ -20,7 +20,7 @@ _ALONE = "gyro.csv"  # the one table of a folder that is a data set without it
 
 @dataclass(frozen=True)
 class MotionFileReader(DatasetReader):
-    """See `spinfilters.data.motion_table`.
+    """Reader of a motion table; see `spinfilters.data.motion_table`.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class MotionFileReader(DatasetReader):
 
 
 def motion_dataset(path: Path, name: str, table: MotionTable) -> Dataset:
-    """The data set of what a table or an export tells."""
+    """Data set of a motion table or of an export."""
     description = "; ".join((printable(name), *table.remarks))
     return Dataset(
         kind=sensor_format(table.stream.sensor).kind,

@@ -1,21 +1,23 @@
 """Export folder of the phyphox app, whose kept segments are data sets."""
 
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from spinfilters.data.dataset import DATASET_FILE, Dataset
 from spinfilters.data.dataset_reader import DatasetReader, OnRefused
 from spinfilters.data.gyro_files import PHYPHOX_TABLE, PhyphoxRecording, Segment, read_phyphox
-from spinfilters.data.input_file import printable
-from spinfilters.data.phyphox_trials import phyphox_trial, phyphox_trials
+from spinfilters.data.input_file import path_text, printable, value_text
 from spinfilters.data.readers.motion_file import motion_dataset
 from spinfilters.data.reading_options import NOTHING_STATED, ReadingOptions
+from spinfilters.data.time_stamps import require_two_epochs
+from spinfilters.errors import InputError
 
 
 @dataclass(frozen=True)
 class PhyphoxReader(DatasetReader):
-    """See `spinfilters.data.phyphox_trials`.
+    """Reader of phyphox exports; see `spinfilters.data.readers.phyphox_export`.
 
     Attributes
     ----------
@@ -74,3 +76,97 @@ def _trial(whole: Dataset, segment: Segment | None) -> Dataset:
 
 
 READER = PhyphoxReader()
+
+
+_MOST_DESCRIBED = 8  # segments that an error describes; of more it gives the numbers only
+
+
+def phyphox_trial(folder: Path, recording: PhyphoxRecording, number: int | None) -> Segment | None:
+    """The kept segment of that number.
+
+    Number None asks for the only one; the result is None where none is marked.
+
+    Raises
+    ------
+    InputError: several kept segments and none chosen; no such segment; one that is not a trial; one outside the recording.
+    """
+    if number is None:
+        return _only_trial(folder, recording)
+    chosen = [segment for segment in recording.segments if segment.number == number]
+    if not chosen:
+        raise InputError(
+            f"{path_text(folder)}: has no segment {number}; choose --segment from {_listed(recording)}"
+        )
+    if not chosen[0].keep:
+        raise InputError(
+            f"{path_text(folder)}: segment {number} is not a trial ({value_text(chosen[0].comment)}); "
+            f"choose --segment from {_listed(recording)}"
+        )
+    _require_within(folder, recording, chosen[0])
+    return chosen[0]
+
+
+def phyphox_trials(
+    folder: Path, recording: PhyphoxRecording, on_refused: OnRefused | None = None
+) -> Iterator[Segment | None]:
+    """Every kept segment; None alone where none is marked. InputError: as `phyphox_trial`.
+
+    Parameters
+    ----------
+    on_refused: called with the number of a kept segment that is no trial, and why, instead of raising InputError for it.
+    """
+    kept = _kept(recording)
+    if not kept:
+        yield _only_trial(folder, recording)
+    for segment in kept:
+        try:
+            _require_within(folder, recording, segment)
+        except InputError as error:
+            if on_refused is None:
+                raise
+            on_refused(segment.number or 0, str(error))
+            continue
+        yield segment
+
+
+def _only_trial(folder: Path, recording: PhyphoxRecording) -> Segment | None:
+    kept = _kept(recording)
+    if not recording.segments:
+        return None
+    if not kept:
+        raise InputError(
+            f"{path_text(folder)}: meta/segments.csv keeps no segment, so there is no trial; keep one of them"
+        )
+    if len(kept) > 1:
+        raise InputError(
+            f"{path_text(folder)}: holds {len(kept)} segments; choose one with --segment: {_listed(recording)}; "
+            "or take all of them"
+        )
+    _require_within(folder, recording, kept[0])
+    return kept[0]
+
+
+def _require_within(folder: Path, recording: PhyphoxRecording, segment: Segment) -> None:
+    """Raise InputError unless a segment holds two samples of the recording."""
+    start, end = float(recording.time[0]), float(recording.time[-1])
+    first = start if segment.start is None else segment.start
+    last = end if segment.end is None else segment.end
+    count = int(((recording.time >= first) & (recording.time <= last)).sum())
+    if not count:
+        raise InputError(
+            f"{path_text(folder)}: segment {segment.number} runs from {segment.start} s to {segment.end} s, "
+            f"the recording from {start} s to {end} s; correct meta/segments.csv"
+        )
+    require_two_epochs(folder / f"segment {segment.number}", count)
+
+
+def _kept(recording: PhyphoxRecording) -> list[Segment]:
+    return [segment for segment in recording.segments if segment.keep]
+
+
+def _listed(recording: PhyphoxRecording) -> str:
+    kept = _kept(recording)
+    if len(kept) > _MOST_DESCRIBED:
+        return ", ".join(str(segment.number) for segment in kept)
+    described = [f"{s.number} ({value_text(s.comment)[1:-1]}, {s.start} s to {s.end} s)" for s in kept]
+    return ", ".join(described) or "none: the recording has no kept segment"

@@ -65,10 +65,7 @@ class RosBagReader(DatasetReader):
     words = "a ROS bag (.bag, .mcap)"
 
     def recognises(self, path: Path) -> bool:
-        """Whether a path is a bag of ROS 1 or 2, or MCAP.
-
-        By its name.
-        """
+        """Whether a path is named as a bag of ROS 1 or 2, or MCAP."""
         if os.path.isdir(path):
             return os.path.isfile(path / "metadata.yaml") and not os.path.isfile(path / DATASET_FILE)
         return path.suffix.lower() in _SUFFIXES

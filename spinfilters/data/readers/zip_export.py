@@ -101,10 +101,7 @@ class _Unpacked:
 
 
 def _unpack(path: Path, place: Path) -> Path:
-    """Write the tables of an archive and give their folder.
-
-    By their names without upper folders.
-    """
+    """Write the tables of an archive, by their file names, into a folder; returns that."""
     with zipfile.ZipFile(path) as archive:
         members = [m for m in archive.infolist() if _is_table(m)]
         if len(members) > MOST_MEMBERS or sum(m.file_size for m in members) > MAX_TABLE_BYTES:

@@ -121,10 +121,7 @@ class FilterpyEkf(FilterpyFilter):
 
 
 class _ChartEkf(ExtendedKalmanFilter):
-    """filterpy's EKF with a nonlinear prediction of the mean.
-
-    By the override that filterpy documents for it.
-    """
+    """filterpy's EKF with a nonlinear prediction of the mean, by its documented override."""
 
     after: Float[np.ndarray, " n"]
 
@@ -185,8 +182,5 @@ def _upper_root(P: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
 
 
 def _half_log_determinant(A: Float[np.ndarray, "r r"]) -> float:
-    """log det(I + A) / 2 of S = I + H P H'.
-
-    For A = P H'H (Sylvester).
-    """
+    """Half log determinant of S by that of I + A, A = P H'H (Sylvester)."""
     return float(np.linalg.slogdet(np.eye(len(A)) + A)[1]) / 2

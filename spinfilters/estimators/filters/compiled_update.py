@@ -41,7 +41,7 @@ MODELS: Final = 64
 
 
 def correction_text(sizes: dict[str, int]) -> str:
-    """The gain step in C with these sizes in front, for other steps to follow."""
+    """C text of the measurement update for these sizes, to be continued."""
     numbers = ", ".join(f"{name} = {size}" for name, size in sizes.items())
     body = files("spinfilters.estimators.filters").joinpath("correction.c").read_text()
     return f"enum {{ {numbers}, LANES = {LANES} }};\n{body}"
@@ -66,7 +66,7 @@ class Update(NamedTuple):
 
 
 class CompiledUpdate:
-    """Updates by the measurements of one model."""
+    """Compiled EKF updates by one measurement model."""
 
     def __init__(self, model: MeasurementModel, library: ctypes.PyDLL, loops: Sequence[int]) -> None:
         n, self._point = model.layout.error_dim, model.layout.mean_dim
@@ -119,7 +119,7 @@ class CompiledUpdate:
 
 @lru_cache(maxsize=MODELS)
 def compiled_update(model: MeasurementModel) -> CompiledUpdate | None:
-    """The updates by a model, or None where there is no compiler."""
+    """Compiled updates by a model; None without a compiler."""
     layout = model.layout
     if layout.error_dim > LARGEST_STATE or model.dim > MOST_DIM:
         return None
@@ -131,7 +131,7 @@ def compiled_update(model: MeasurementModel) -> CompiledUpdate | None:
 
 
 class CompiledPropagation:
-    """Factors of one size, moved by a transition of the whole state."""
+    """Compiled propagation of covariance factors of one size."""
 
     def __init__(self, library: ctypes.PyDLL) -> None:
         self._propagate = library.propagate
@@ -151,6 +151,6 @@ class CompiledPropagation:
 
 @cache
 def compiled_propagation(size: int) -> CompiledPropagation | None:
-    """That of states of so many errors; None without a compiler."""
+    """Compiled propagation for this error dimension; None without a compiler."""
     library = _library(POSE_COLUMNS, size) if size <= LARGEST_STATE else None
     return None if library is None else CompiledPropagation(library)

@@ -1,4 +1,4 @@
-"""Mean of a disturbance's density, whose most probable value an identification gives.
+"""Posterior mean of a disturbance density, from its identified most probable value.
 
 n squares tell a density theta beside other noise: their variance is 1 - q + q theta / theta_0, with q the share of the density in
 it and theta_0 the most probable density under a prior that is flat in its standard deviation. With y = ln theta / theta_0,

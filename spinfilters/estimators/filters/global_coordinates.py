@@ -1,4 +1,4 @@
-"""Global coordinates of a state, as a textbook filter holds it.
+"""Global coordinates of a state for additive filters.
 
 One vector of plain numbers: attitude as its total 4 x MRP, the rest as it is.
 """
@@ -21,7 +21,7 @@ LARGEST_MRP = 4.0
 
 @cache
 def global_coordinates(layout: StateLayout) -> "GlobalCoordinates":
-    """The chart of a layout, whose functions are built once."""
+    """Global coordinates of a layout, cached."""
     return GlobalCoordinates(layout)
 
 
@@ -62,9 +62,9 @@ class GlobalCoordinates:
         return switched, jacobian @ covariance @ jacobian.T
 
     def from_belief(self, belief: Gaussian) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
-        """Mean and covariance of a belief in global coordinates,
+        """Mean and covariance of a belief in global coordinates, |a| <= 4.
 
-        a| <= 4. | What a later switch to the shadow set needs is built here.
+        What a later switch to the shadow set needs is built here.
         """
         if self.layout.has(ATTITUDE):
             self._shadow.build()

@@ -1,6 +1,7 @@
 """The iterated update: Gauss-Newton on the most probable state, with a line search.
 
-In the coordinates y of the predicted belief (error = F y, y standard normal) the state sought is the least of
+The state sought, in the coordinates y of the predicted belief (error = F y, y standard normal), is the
+least of
 
     |y|^2 + |r(y)|^2,   r the whitened residual of the measurement at retract(mean, F y).
 
@@ -45,15 +46,15 @@ class IterationOptions:
 
 
 class Solution(Protocol):
-    """The least of the objective's model about a trial."""
+    """Minimum of the linearised objective about a trial point."""
 
     @property
     def coordinates(self) -> Float[np.ndarray, " r"]:
-        """y where the model is least."""
+        """Coordinates y of the minimum."""
         ...
 
     def length(self, step: Float[np.ndarray, " r"]) -> float:
-        """A step of y in standard deviations of what the model leaves uncertain."""
+        """Length of a step of y in standard deviations of the model's posterior."""
         ...
 
 

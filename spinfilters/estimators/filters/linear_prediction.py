@@ -1,4 +1,4 @@
-"""A measurement predicted to first order: what the EKF and the smoother of the start share."""
+"""First-order prediction of measurements, for the EKF and the initialisation smoother."""
 
 from dataclasses import dataclass, replace
 
@@ -36,7 +36,7 @@ class LinearisedRows:
     def deviations(
         self, factor: Float[np.ndarray, "n r"], chosen: Bool[np.ndarray, " k"]
     ) -> Float[np.ndarray, "s d r"]:
-        """What unit deviations of the state, error = factor @ y, do to the chosen values."""
+        """Change of the chosen values per unit of y, where error = factor @ y."""
         return self.jacobian[chosen] @ factor[self.columns]
 
     def only(self, keep: slice | Bool[np.ndarray, " k"]) -> "LinearisedRows":

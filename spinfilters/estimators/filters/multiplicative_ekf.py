@@ -109,7 +109,7 @@ class MultiplicativeEkf(MultiplicativeFilter):
     def _has_proved_right(self, found: Update, measurement: Measurement, scale: float) -> bool:
         """Whether a measurement's update needs no further iteration.
 
-        Where the gate refused one, that is looked at anew.
+        An update refused by the gate is iterated.
         """
         if self._is_small(found.correction):
             return True
@@ -202,9 +202,9 @@ class IteratedUpdate:
         return float(y @ y) + float(np.sum(residual * residual))
 
     def solution(self, y: Float[np.ndarray, " n"]) -> Correction:
-        """Correction by the model linearised at a point.
+        """Correction by the model linearised at a point, as error about the mean.
 
-        As error about the mean. The objective must be finite at the point.
+        The objective must be finite at the point.
         """
         point = self._point(y)
         m = self.rows.measurement

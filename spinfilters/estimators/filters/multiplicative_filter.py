@@ -95,11 +95,11 @@ class MultiplicativeFilter(Estimator):
         self._adaptation = NoiseAdaptation(self._adaptation.options, identified)
 
     def level(self, source: str) -> NoiseScale:
-        """Scale of a source of noise so far."""
+        """Present scale of a noise source."""
         return self._adaptation.level(source)
 
     def rebase(self, belief: Belief) -> None:
-        """Go on from another belief of the present time.
+        """Restart from another belief of the present time.
 
         What was learnt of noise and outliers stays, and the landmarks share at least as many modes as before.
         """
@@ -143,7 +143,7 @@ class MultiplicativeFilter(Estimator):
         self._adaptation.expect_motion(motion)
 
     def update(self, measurement: Measurement) -> UpdateReport:
-        """Take in one sensor's values; those that only repeat the latest ones count as rejected."""
+        """Update with one sensor's values; mere repetitions count as rejected."""
         name, count, ids = measurement.model.name, len(measurement.values), measurement.ids
         guard = self._guards.of(name)
         unchanged = None if ids is None else NOTHING_CHANGED
@@ -246,7 +246,7 @@ class MultiplicativeFilter(Estimator):
 def propagated(
     factor: Float[np.ndarray, "N N"], transition: Float[np.ndarray, "n n"], noise: Float[np.ndarray, "n k"]
 ) -> Float[np.ndarray, "N N"]:
-    """Lower triangular factor after transition and noise; rows behind stay."""
+    """Lower triangular factor after transition and noise of the leading rows."""
     n = len(transition)
     compiled = compiled_propagation(n) if len(factor) == n and noise.shape[1] <= MOST_NOISE else None
     if compiled is not None:

@@ -79,17 +79,14 @@ class NoiseEvidence:
 
 @dataclass(frozen=True)
 class NoiseScale:
-    """Logarithm of a covariance scale, with its information.
-
-    And a density's share in it (`density_mean`).
-    """
+    """Logarithm of a covariance scale, its information, and a density's share (`density_mean`)."""
 
     logarithm: float = 0.0
     information: float = 0.0
     share: float = 1.0
 
     def after(self, evidence: NoiseEvidence, horizon: float) -> "NoiseScale":
-        """The scale that follows from further evidence, what came before forgotten over this horizon."""
+        """Scale after further evidence, with exponential forgetting over this horizon."""
         information = (1 - 1 / horizon) * self.information + evidence.information
         excess = (evidence.squared - evidence.expected) / (information + FIRST_INFORMATION)
         step = np.log(max(1 + excess, SMALLEST_FACTOR)) if np.isfinite(excess) else 0.0
@@ -140,7 +137,7 @@ class PredictedMotion(NamedTuple):
 class NoiseAdaptation:
     """Scale factors of all noise sources of one filter.
 
-    With what it needs to learn those of the disturbances.
+    It also holds the evidence on those of the disturbances.
 
     Parameters
     ----------
@@ -162,7 +159,7 @@ class NoiseAdaptation:
         return self._scale(f"sensor.{sensor}")
 
     def process_scale(self, source: str) -> float:
-        """Of the density of a disturbance, "torque" or "force"; 1 without adaptation."""
+        """Scale of a disturbance density, "torque" or "force"; 1 without adaptation."""
         return self._scale(f"process.{source}")
 
     def scaled(self, noise: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
@@ -182,7 +179,7 @@ class NoiseAdaptation:
             self._learn(name, residual_evidence(correction))
 
     def expect_motion(self, motion: "PredictedMotion") -> None:
-        """Keep a prediction, to compare with what the updates make of it."""
+        """Store a prediction for comparison with the updated belief."""
         self._predictions += 1
         sources = self._adapting_sources
         if not sources:
@@ -205,7 +202,7 @@ class NoiseAdaptation:
     def observe_motion(
         self, layout: StateLayout, mean: Float[np.ndarray, " m"], factor: Float[np.ndarray, "n r"]
     ) -> None:
-        """Learn the disturbances' scales from how all updates since `expect_motion` changed the belief."""
+        """Update the disturbances' scales by the belief's change since `expect_motion`."""
         known, self._known = self._known, {}
         if "factor" not in known:
             return
@@ -247,7 +244,7 @@ class NoiseAdaptation:
                 self._scales[name] = NoiseScale(*array.tolist())
 
     def level(self, name: str) -> NoiseScale:
-        """Scale of a source so far, the most probable."""
+        """Most probable scale of a source so far."""
         return self._scales.get(name, self.identified.get(name, NoiseScale()))
 
     def _scale(self, name: str) -> float:

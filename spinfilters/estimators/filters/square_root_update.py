@@ -1,4 +1,4 @@
-"""The one gain step: what follows from a predicted measurement, whichever filter predicted it.
+"""Square-root measurement update, shared by all filters.
 
 A filter hands over the state's and the measurement's deviations side by side: factors X (n, r) and Y (k, r) with P = X X',
 P_xz = X Y' and P_zz = Y Y' + I, the measurement whitened by its noise. The EKF's r is n with Y = H X; the UKF's come from
@@ -77,7 +77,7 @@ class Correction:
         return y
 
     def length(self, step: Float[np.ndarray, " n"]) -> float:
-        """A step of y in standard deviations of what is left."""
+        """Length of a step of y in posterior standard deviations."""
         return float(np.linalg.norm(np.triu(self.root) @ step[: len(self.shift)]))
 
 
@@ -138,7 +138,7 @@ def lower_roots(rows: Float[np.ndarray, "k r c"]) -> Float[np.ndarray, "k r r"]:
 class CompressedMeasurement(NamedTuple):
     """Informative rows of a whitened measurement.
 
-    And the squared length of the rest, which does not depend on the state.
+    The squared length of the rest does not depend on the state.
     """
 
     innovation: Float[np.ndarray, " q"]

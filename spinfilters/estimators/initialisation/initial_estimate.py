@@ -63,7 +63,7 @@ class InitialEstimate:
 
     @classmethod
     def failed(cls, layout: StateLayout, epochs: int, reason: str) -> "InitialEstimate":
-        """Failed estimate of epochs whose numbers lead nowhere: nothing is finite."""
+        """Failed estimate, of which no number is finite."""
         mean = np.full((epochs, layout.mean_dim), np.nan)
         prior = FirstStatePrior(mean[0], np.full(layout.error_dim, np.nan))
         factor = np.full((epochs, layout.error_dim, layout.error_dim), np.nan)
@@ -91,12 +91,12 @@ class InitialEstimate:
         return Gaussian(self.layout, self.mean[-1], self.factor[-1])
 
     def hits(self, ids: Int[np.ndarray, " q"]) -> Int[np.ndarray, " q"]:
-        """How many inliers observe each landmark; 0 for one that is no unknown."""
+        """Number of inlier observations of each landmark; 0 for one that is no unknown."""
         where = np.clip(np.searchsorted(self.ids, ids), 0, max(len(self.ids) - 1, 0))
         return np.where(self.ids[where] == ids, self.counts[where], 0)
 
     def joint_belief(self, options: LandmarkOptions) -> Gaussian | LandmarkBelief:
-        """Of the state at the last epoch and all landmarks; not finite where there is none."""
+        """Joint belief of the last state and all landmarks; not finite where unavailable."""
         if not self.has_landmarks:
             return self.belief
         if self.marginals is not None:

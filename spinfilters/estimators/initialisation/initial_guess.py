@@ -1,14 +1,19 @@
 """Initial guess of a trajectory from motion samples.
 
-Attitudes and rates as sampled, inertia from conserved angular momentum, a straight path.
+Attitudes and rates as sampled, a straight path, and the inertia from conserved angular momentum in closed form: R_k J w_k = h is
+linear in J and h.
 """
+
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import eigh, null_space
 
 from spinfilters.dynamics.mass_distribution import from_inertia
+from spinfilters.errors import InputError
 from spinfilters.estimators.initialisation.initial_motion import InitialMotion
-from spinfilters.estimators.initialisation.momentum_inertia import fit_momentum
 from spinfilters.estimators.initialisation.options import InitialisationOptions
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import Timeline
@@ -27,10 +32,7 @@ DEFINED_ATTITUDE_STD = 1e-9
 
 
 def initial_state(layout: StateLayout, evidence: InitialMotion) -> tuple[Float[np.ndarray, " m"], float]:
-    """First state from conserved angular momentum, and its constancy.
-
-    With a straight path of the centre of mass.
-    """
+    """First state and its constancy from conserved angular momentum and a straight path."""
     fit = fit_momentum(evidence.rotations, evidence.rates, evidence.time, layout.has(DRAG))
     x = layout.origin()
     x[layout.mean_slice("a")] = evidence.attitude[0]
@@ -102,3 +104,105 @@ def defining_g(
         mean[layout.mean_slice(block)] = first[layout.mean_slice(block)]
         std[layout.slice(block)] = GAUGE_STD
     return FirstStatePrior(mean, std)
+
+
+SMALLEST_SECOND_MOMENT = 2e-3
+"""Floor of the second moments relative to the largest: a flat plate of 1 : 20 stays, noise cannot make a body impossible."""
+LARGEST_DRAG = 0.2
+"""Upper end of the drag coefficients tried, 1/rad: at this value |h| halves within half a revolution."""
+
+SHAPE_STD = 0.3
+"""Of the entries of J (trace 2) about the sphere: it only speaks where the motion says nothing of a direction of J."""
+_TRACELESS = null_space(np.array([[1.0, 1.0, 1.0, 0.0, 0.0, 0.0]]))
+
+
+@dataclass(frozen=True)
+class MomentumFit:
+    """Inertia J (3, 3) in g axes with trace 2, a rigid body.
+
+    Drag in 1/rad; and how far momentum was from constant (relative rms).
+    """
+
+    inertia: Float[np.ndarray, "3 3"]
+    drag: float
+    residual: float
+
+
+def fit_momentum(
+    rotations: Float[np.ndarray, "k 3 3"],
+    rates: Float[np.ndarray, "k 3"],
+    time: Float[np.ndarray, " k"],
+    with_drag: bool,
+) -> MomentumFit:
+    """Least-squares J up to scale from attitudes and body rates.
+
+    R_ig and rad/s, g axes, at k >= 4 times (s).
+    With drag, |h| decays with the angle turned, h_k = h_0 exp(-d angle_k); the fit is linear for each d, and d is found by a
+    bounded search of one variable.
+
+    Raises
+    ------
+    InputError: with fewer than 4 epochs, or a body that does not rotate.
+    """
+    if len(rates) < 4:
+        raise InputError(
+            f"a start from data needs at least 4 epochs with attitude and rate, got {len(rates)}"
+        )
+    speed = np.linalg.norm(rates, axis=1)
+    if not speed.max() * (time[-1] - time[0]) > 1e-3:
+        raise InputError(
+            "the body does not rotate in the first epochs, so its inertia leaves no trace; choose a part where it does"
+        )
+    angle = np.concatenate([[0.0], np.cumsum(np.diff(time) * (speed[1:] + speed[:-1]) / 2)])
+    drag = 0.0
+    if with_drag:
+        from scipy.optimize import minimize_scalar  # here alone: a tenth of a second of every command's start
+
+        found: Any = minimize_scalar(
+            lambda d: _smallest(rotations, rates, angle, d)[1], bounds=(0.0, LARGEST_DRAG), method="bounded"
+        )
+        drag = float(found.x)
+    J, residual = _smallest(rotations, rates, angle, drag)
+    return MomentumFit(_physical(J), drag, residual)
+
+
+def _smallest(
+    rotations: np.ndarray, rates: np.ndarray, angle: np.ndarray, drag: float
+) -> tuple[np.ndarray, float]:
+    """J with trace 2 whose momentum varies least, and the relative size of that variation.
+
+    Noise in attitude and rate adds the same amount to the variation of every J of one Frobenius norm. It is the smallest
+    generalised eigenvalue, and is taken off before J is solved for, so that noise does not bend J towards bodies that move little.
+    """
+    momentum = rotations @ _momentum_rows(rates) * np.exp(drag * angle)[:, None, None]
+    variation = (momentum - momentum.mean(axis=0)).reshape(-1, 6)
+    gram = variation.T @ variation
+    norm = np.diag([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
+    noise = float(eigh(gram, norm, eigvals_only=True, subset_by_index=[0, 0])[0])
+    sphere = np.array([2.0, 2.0, 2.0, 0.0, 0.0, 0.0]) / 3
+    level = max(noise, np.finfo(float).eps * float(np.trace(gram))) / max(3 * len(rates) - 9, 1)
+    A = _TRACELESS.T @ (gram - noise * norm) @ _TRACELESS + level / SHAPE_STD**2 * np.eye(5)
+    j = sphere - _TRACELESS @ np.linalg.solve(A, _TRACELESS.T @ (gram - noise * norm) @ sphere)
+    J = np.array([[j[0], j[3], j[4]], [j[3], j[1], j[5]], [j[4], j[5], j[2]]])
+    size = np.linalg.norm(momentum.mean(axis=0) @ j) * np.sqrt(len(rates))
+    return J, float(np.sqrt(max(j @ gram @ j, 0.0)) / max(size, np.finfo(float).tiny))
+
+
+def _momentum_rows(w: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3 6"]:
+    """Rows that take (Jxx, Jyy, Jzz, Jxy, Jxz, Jyz) to J w."""
+    x, y, z = w.T
+    o = np.zeros_like(x)
+    return np.stack(
+        [np.stack(row, -1) for row in ([x, o, o, y, z, o], [o, y, o, x, o, z], [o, o, z, o, x, y])], axis=1
+    )
+
+
+def _physical(J: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
+    """The nearest J whose second moments are positive.
+
+    S = tr(J)/2 I - J with its eigenvalues floored.
+    """
+    values, vectors = np.linalg.eigh(np.trace(J) / 2 * np.eye(3) - J)
+    values = np.maximum(values, SMALLEST_SECOND_MOMENT * max(values[-1], np.finfo(float).tiny))
+    S = (vectors * (values / values.sum())) @ vectors.T
+    return np.eye(3) - S

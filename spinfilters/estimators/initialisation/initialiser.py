@@ -1,4 +1,4 @@
-"""Initialisation on the smoothing problem: whatever sensors there are, first epochs in, one estimate out.
+"""Initialisation by smoothing the first epochs, for any sensors.
 
 What sensors contribute (`MotionSamples`) says where to begin and is then forgotten; what is kept comes from the observations
 themselves, each once, so the covariance holds what epochs share (a map that is a little wrong is wrong in every epoch). Where
@@ -47,7 +47,7 @@ MOST_RIVALS = 2
 
 
 class InitialisableProcess(ProcessModel, Protocol):
-    """A process that says which motions it cannot follow."""
+    """Process model that refuses motions too fast to integrate."""
 
     def require_steps(self, time: Float[np.ndarray, " k"], rates: Float[np.ndarray, "k 3"]) -> None:
         """Require few enough substeps of these rates (rad/s). InputError: too many."""
@@ -99,7 +99,7 @@ def initialise(
 def initialised_again(
     process: ProcessModel, timeline: Timeline, before: InitialEstimate, options: InitialisationOptions
 ) -> InitialEstimate | None:
-    """Smooth the first epochs at other noise, from an estimate of them at the noise before.
+    """Smooth the first epochs again at other noise levels, from their earlier estimate.
 
     Map and associations are those of the estimate; its rivals are smoothed too where the fit is not clear. None where it has fewer
     epochs, or no optimum settles: then the measurements are to be asked anew.

@@ -65,7 +65,7 @@ class InitialisationOptions:
         return (getattr(self, block.prior_option) if block.prior_option else 0.0) or block.prior_std
 
     def count(self, timeline: Timeline) -> int:
-        """How many epochs of a timeline belong to the start."""
+        """Number of epochs used for initialisation."""
         end = timeline[0].time + self.duration
         inside = sum(epoch.time <= end for epoch in timeline)
         return max(4, min(self.epochs, inside, round(self.share * len(timeline))))

@@ -45,10 +45,7 @@ _STORED = ("epoch", "hits", "wrong", "last", "transform", "spread", "shift", "po
 
 
 def steps_of(modes: int, precision: str) -> "NumpySteps | CompiledSteps":
-    """Steps for a number of modes and a precision.
-
-    In C where there is a compiler; kept.
-    """
+    """Cached steps for a number of modes and a precision, compiled where possible."""
     library = _library(modes, precision)
     return NumpySteps() if library is None else CompiledSteps(library, modes, precision)
 

@@ -76,7 +76,7 @@ class HeldMap:
         return LandmarkBelief(layout, mean, now.ids[rows], now.points[rows], modes, roots, factor, self.move)
 
     def follow(self, error: Float[np.ndarray, " w"]) -> None:
-        """Take in what a sensor without landmarks told of modes and move."""
+        """Apply a correction by a landmark-free sensor to modes and move."""
         rank = self.landmarks.rank
         self.landmarks.advance(np.eye(rank), np.zeros((rank, 0)), error[:rank])
         if len(error) > rank:

@@ -1,4 +1,4 @@
-"""An update by observations of landmarks that is iterated where they are far from linear.
+"""Iterated update by landmark observations, for strong nonlinearity.
 
 What the landmarks' own errors make of the observations is noise, whitened as at the point before the update; see
 `spinfilters.estimators.filters.iterated_update`.

@@ -125,7 +125,7 @@ class LandmarkMap:
         self.count = end
 
     def refuse(self, rows: Int[np.ndarray, " q"]) -> Int[np.ndarray, " m"]:
-        """Count refused observations of landmarks; rows of those that must be wrong themselves.
+        """Count refused observations per landmark; returns rows of landmarks that must be wrong themselves.
 
         A landmark is, that disagrees with everything lately observed of it, or with the second observation there ever was.
         """

@@ -31,7 +31,7 @@ NEW_LANDMARK_SHARE = 0.5
 
 
 class NumpySteps:
-    """The steps that a filter takes; `native.CompiledSteps` takes the same."""
+    """Landmark steps in NumPy; `compiled_steps.CompiledSteps` takes the same in C."""
 
     def refresh(self, stored: "LandmarkMap", rows: Int[np.ndarray, " q"]) -> None:
         """Bring landmarks in these rows up to the present epoch's modes."""
@@ -54,7 +54,7 @@ class NumpySteps:
     ) -> WhitenedLandmarks:
         """Whitened rows of observations, with X and H_p L kept.
 
-        Of the landmarks in rows ``at``, whose own errors are noise to them.
+        The landmarks are in rows ``at``; their own errors are noise to the rows.
 
         Parameters
         ----------
@@ -83,7 +83,7 @@ class NumpySteps:
         columns: Int[np.ndarray, " q"],
         log_noise: float,
     ) -> Correction:
-        """What whitened observations say of the errors with this factor.
+        """Correction by whitened observations of errors with this factor.
 
         Parameters
         ----------
@@ -120,7 +120,7 @@ class NumpySteps:
     def regressed(
         self, observations: "MapObservations", spread: "Spread", points: SigmaPoints
     ) -> LinearisedObservations | None:
-        """What `Spread.regressed` gives, where it is computed otherwise; here always None."""
+        """Compiled form of `Spread.regressed`; here always None."""
         return None
 
     def close(self, stored: "LandmarkMap", closing: Closing) -> AddedLandmarks:
@@ -160,7 +160,7 @@ def next_epoch(
 def _new_modes(closing: Closing) -> NewModes:
     """Modes that explain most of the landmarks' dependence on pose and modes.
 
-    With the transformation of the old ones to them.
+    The transformation of the old modes to them comes with them.
     """
     rows, X, r = closing.white.rows[..., :-1], _own_parts(closing.white)[0], len(closing.remembered)
     size = rows.shape[2]

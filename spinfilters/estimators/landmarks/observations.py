@@ -103,10 +103,7 @@ def solve_at(
     factor: Float[np.ndarray, "N N"],
     guard: SensorOutlierRejection,
 ) -> SolvedObservations:
-    """Solve with first derivatives at a state.
-
-    At once, where all observations are valid and pass whatever the covariance.
-    """
+    """Solve with first derivatives at a state, in one pass where all observations pass."""
     o = observations
     found = o.landmarks.steps.solved(o, x, factor, guard.limit(o.sensor.dim))
     return _weighed(o, o.rows_at(x), factor, guard) if found is None else _accepted(o, *found, guard)

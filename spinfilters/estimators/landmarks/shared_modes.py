@@ -32,11 +32,11 @@ class SharedErrors:
     own: Float[np.ndarray, "k 3 3"]
 
     def in_frame_of_map(self) -> tuple["SharedErrors", Float[np.ndarray, "6 R"]]:
-        """Errors in the frame that the landmarks together define.
+        """Errors in the frame that the landmarks together define, and those of frame g.
 
-        With the errors of frame g in it.
-        The move gamma = sum of S_i follow_i y is the rigid motion nearest to what the landmarks share, each weighed by how well it
-        is known; errors in the map's frame are those of g less what gamma makes of them.
+        The move gamma = sum of S_i follow_i y is the rigid motion nearest to what the landmarks share, each
+        weighed by how well it is known; errors in the map's frame are those of g less what gamma makes of
+        them.
         """
         k = len(self.points)
         weight = 1 / np.einsum("kij,kij->k", self.own, self.own)

@@ -1,4 +1,4 @@
-"""The steps of an epoch's landmark observations: what they take and give.
+"""Data exchanged between the steps of a landmark update.
 
 The error of landmark i is split, d_i = A_i m + e_i: modes m that all landmarks share, whose errors stand with those of the state
 in one factor F (P = F F'), and e_i of its own, independent of everything, with covariance L_i L_i'. An observation of it depends on
@@ -41,7 +41,7 @@ class LinearisedObservations(NamedTuple):
 
 
 class AddedLandmarks(NamedTuple):
-    """What landmarks that enter the map share with the others, and their own.
+    """New landmarks: dependence on the shared modes, and own errors.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ class NewModes(NamedTuple):
 
 
 class Closing(NamedTuple):
-    """What an epoch's observations have led to: how landmarks and modes go on from it.
+    """Transition of landmarks and modes at the end of an epoch.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a measurement is known by, whenever it arrives."""
+"""Identity of a measurement, whenever it arrives."""
 
 import hashlib
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""On-line use: measurements that come late, twice or out of order, put where they belong.
+"""Out-of-sequence measurements: late, repeated or unordered ones, applied at their own times.
 
 The state before each of the last epochs is kept with the epoch's measurements. One that comes late goes to its place: back to the
 state before it, and forward again through everything after it. An epoch's measurements are taken in in an order of their own,
@@ -125,7 +125,7 @@ class OutOfSequenceUpdates:
 
     @property
     def status(self) -> EstimatorStatus:
-        """The estimator's own; ``degraded`` when measurements were left out as too late or unusable."""
+        """Estimator's status; ``degraded`` when late or unusable measurements were left out."""
         status, late = self._estimator.status, self._counts[Outcome.TOO_LATE]
         if late:
             status = status.degraded(f"{late} measurements came too late and were left out")

@@ -30,7 +30,7 @@ class DuplicateImages:
         self._time_passed = True
 
     def pass_time(self) -> None:
-        """Note that time has gone on: what comes next is another frame."""
+        """Mark that time has advanced, so that a new epoch follows."""
         self._time_passed = True
 
     def is_duplicate(self, keys: Num[np.ndarray, "k ..."], values: Float[np.ndarray, "k v"]) -> bool:

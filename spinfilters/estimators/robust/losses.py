@@ -1,7 +1,7 @@
 """Robust losses of whitened residuals and their weights in least squares.
 
-With s = |y|^2 the squared length of a whitened residual, a loss is rho(s) and its weight rho'(s) (iteratively reweighted least
-squares; Triggs et al. 1999). Every loss is s for small s.
+The squared length of a whitened residual y is s = |y|^2, a loss is rho(s) and its weight rho'(s) (iteratively
+reweighted least squares; Triggs et al. 1999). Every loss is s for small s.
 """
 
 from abc import ABC, abstractmethod
@@ -40,13 +40,13 @@ class RobustLoss(ABC):
 
     @property
     def stages(self) -> int:
-        """Iterations before the loss is what it says."""
+        """Number of iterations until graduation reaches the final loss."""
         return 0
 
 
 @dataclass(frozen=True)
 class LeastSquares(RobustLoss):
-    """rho = s: for measurements that are all what they claim."""
+    """Plain least squares, rho = s, for measurements without outliers."""
 
     def cost(self, square: Squares) -> Squares:
         """rho(s) = s."""

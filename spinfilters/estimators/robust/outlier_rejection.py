@@ -82,7 +82,8 @@ def sparing_weights(
 ) -> Float[np.ndarray, " k"] | None:
     """Weights with S = I + Y Y', None when all are 1.
 
-    As S >= I, a value with |rho|^2 inside the gate passes whatever the state's covariance: without a loss hardly any S is formed.
+    S >= I, so a value with |rho|^2 inside the gate passes whatever the state's covariance: without a loss
+    hardly any S is formed.
     """
     if options.loss != "none":
         every = np.ones(len(innovation), dtype=bool)
@@ -227,13 +228,13 @@ class OutlierRejection:
         self._guards: dict[str, SensorOutlierRejection] = {}
 
     def of(self, name: str) -> SensorOutlierRejection:
-        """The guard of a sensor, a new one at its first measurement."""
+        """Rejection state of a sensor, created at its first measurement."""
         if name not in self._guards:
             self._guards[name] = SensorOutlierRejection(self.options)
         return self._guards[name]
 
     def pass_time(self) -> None:
-        """Note that time has gone on."""
+        """Mark for all sensors that time has advanced."""
         for guard in self._guards.values():
             guard.epochs.pass_time()
 

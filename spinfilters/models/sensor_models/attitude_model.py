@@ -32,7 +32,7 @@ class Attitude(MeasurementModel):
         return short_mrp_from_quaternion(product(conjugate(expected), measured))
 
     def noise_factor(self, state: dict[str, Expression], parameters: Expression) -> Expression:
-        """Of the parameters, rad."""
+        """Noise factor from the parameters, rad."""
         return factor_of(parameters, 3)
 
 

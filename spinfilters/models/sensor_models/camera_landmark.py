@@ -43,7 +43,7 @@ class CameraLandmark(MeasurementModel, Generic[CameraType]):
         return self.camera.project(self._in_camera(state, parameters), parameters[3 : self._noise])
 
     def noise_factor(self, state: dict[str, Expression], parameters: Expression) -> Expression:
-        """Of the pixels, px."""
+        """Noise factor of the pixels, px."""
         return self.noise.factor(parameters[self._noise : self._pose])
 
     def valid(self, state: dict[str, Expression], parameters: Expression) -> Expression:

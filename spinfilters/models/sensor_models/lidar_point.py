@@ -47,7 +47,7 @@ class LidarPoint(MeasurementModel):
         return distance / ca.dot(n, _beam(parameters))
 
     def noise_factor(self, state: dict[str, Expression], parameters: Expression) -> Expression:
-        """Of the range, with the angles' errors by the incidence, m."""
+        """Noise of the range, with the angles' errors by the incidence, m."""
         n, distance = self._plane(state, parameters)
         angles = ca.SX.sym("angles", 2)
         expected = distance / ca.dot(n, _beam(angles))

@@ -1,7 +1,4 @@
-"""The smoother: epoch by epoch for unmapped tracks, else all at once.
-
-For tracks without a map and for everything else.
-"""
+"""The smoother: epoch by epoch for unmapped tracks, else all at once."""
 
 from dataclasses import dataclass, replace
 
@@ -35,7 +32,7 @@ class BatchSmoother:
     settings: Settings
 
     def smooth(self, timeline: Timeline, initial: InitialEstimate, on_epoch: OnEpoch) -> EstimateHistory:
-        """From where the filter of first order passes, which goes on from the initialisation."""
+        """Smooth from the trajectory of an EKF that continues the initialisation."""
         own = replace(self.setup, timeline=timeline, initial=initial)
         return smooth_at_once(own, self.settings, on_epoch)
 

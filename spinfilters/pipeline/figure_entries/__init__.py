@@ -1,1 +1,1 @@
-"""One file per figure of a run."""
+"""Figures of a run, in modules with a ``FIGURE`` or several."""

@@ -1,7 +1,4 @@
-"""Errors of a camera pair, of its holder, and of the unit.
-
-Of its calibration, of the right camera, of the hand that holds it; of the unit of lengths.
-"""
+"""Errors of a camera pair, of its holder, and of the unit of lengths."""
 
 from dataclasses import replace
 from typing import Final

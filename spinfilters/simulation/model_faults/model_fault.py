@@ -17,10 +17,7 @@ POSE, GYRO, TRACKS = "pose", "gyro", "stereo-tracks"
 
 @dataclass(frozen=True)
 class FaultyRates:
-    """True body rates with the motion between epochs, and the error's size.
-
-    At every epoch, (s, rad/s).
-    """
+    """True body rates (s, rad/s) at and between epochs, and the error's size."""
 
     time: Float[np.ndarray, " k"]
     rates: Float[np.ndarray, "k 3"]

@@ -113,7 +113,7 @@ class DistanceVolume:
     ) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
         """Voxels along rays near their end points.
 
-        With the rows of these, and the distance before them along the ray, m.
+        The rows of these come with them, and the distance before them along the ray, m.
         """
         reach = np.arange(-CLEARED_VOXELS, TRUNCATION_VOXELS + 0.5) * self.grid.voxel
         passed = points[:, None] + reach[:, None] * rays[:, None]

@@ -1,4 +1,4 @@
-"""The model as the left camera would see it, beside what it saw, as an animation."""
+"""Animation of the model in the left camera's view, beside the images."""
 
 from io import BytesIO
 from typing import Final
@@ -26,7 +26,7 @@ def reprojection(
 ) -> Picture:
     """Image of the model in its own grey values at a pose.
 
-    Of the principal axes in the left camera, at `HEIGHT_PX`.
+    The pose is of the principal axes in the left camera, the height `HEIGHT_PX`.
     """
     scale = HEIGHT_PX / rig.left.height
     shape = HEIGHT_PX, round(rig.left.width * scale)

@@ -63,10 +63,7 @@ def _crossed_cells(distance: Float[np.ndarray, "n n n"]) -> Int[np.ndarray, "k 3
 def _within(
     values: Float[np.ndarray, "k 8"],
 ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
-    """Mean, least and largest crossing of the edges of a cell.
-
-    In voxels from its least corner.
-    """
+    """Mean, least and largest edge crossing of a cell, voxels from its least corner."""
     sums, count = np.zeros((len(values), 3)), np.zeros(len(values))
     lowest, highest = np.ones((len(values), 3)), np.zeros((len(values), 3))
     for a, b in _EDGES:

@@ -4,13 +4,15 @@ Geometry, shading and shadow.
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from spinfilters.lidar.mesh import TriangleMesh
 from spinfilters.vision.rendering.surface_texture import SurfaceTexture
-from spinfilters.vision.rendering.triangle_mesh import BodyMesh
+from spinfilters.vision.rendering.triangle_mesh import corner_normals
 from spinfilters.vision.rendering.visible_surface import VisibleSurface, visible_surface
 
 SHADOW_MAP = 512
@@ -23,7 +25,7 @@ GLOSS = 40.0
 
 @dataclass(frozen=True)
 class Appearance:
-    """A body as it looks.
+    """Appearance of a body under sunlight.
 
     Attributes
     ----------
@@ -31,10 +33,15 @@ class Appearance:
     ambient: light from everywhere, of the sun's.
     """
 
-    mesh: BodyMesh
+    mesh: TriangleMesh
     texture: SurfaceTexture = field(default_factory=SurfaceTexture)
     sun: tuple[float, float, float] = (-0.5, -0.6, -1.0)
     ambient: float = 0.12
+
+    @cached_property
+    def normals(self) -> Float[np.ndarray, "f 3 3"]:
+        """See `corner_normals`."""
+        return corner_normals(self.mesh)
 
     @property
     def sun_direction(self) -> Float[np.ndarray, " 3"]:
@@ -65,7 +72,7 @@ def body_image(
     1 is white in the sun; m, 0 where nothing is; a body behind the camera is not seen.
     """
     at_i = body.mesh.vertices @ R_ig.T + t_ig
-    at_c = ((at_i - view.t_ic) @ view.R_ic)[body.mesh.faces]
+    at_c = ((at_i - view.t_ic) @ view.R_ic)[body.mesh.triangles]
     with np.errstate(divide="ignore", invalid="ignore"):
         projected = at_c @ view.K.T
         corners = projected[..., :2] / projected[..., 2:]
@@ -102,8 +109,8 @@ def _shaded(
 ) -> Float[np.ndarray, " k"]:
     """Radiance of surface samples: Lambert, and a highlight where there is foil."""
     face, weights = samples
-    points = np.einsum("kc,kci->ki", weights, body.mesh.vertices[body.mesh.faces[face]])
-    normals = np.einsum("kc,kci->ki", weights, body.mesh.normals[face])
+    points = np.einsum("kc,kci->ki", weights, body.mesh.corners[face])
+    normals = np.einsum("kc,kci->ki", weights, body.normals[face])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     sun = R_ig.T @ body.sun_direction
     lit = ~_shadowed(body.mesh, points, sun)
@@ -120,7 +127,7 @@ def _shaded(
 
 
 def _shadowed(
-    mesh: BodyMesh, points: Float[np.ndarray, "k 3"], sun: Float[np.ndarray, " 3"]
+    mesh: TriangleMesh, points: Float[np.ndarray, "k 3"], sun: Float[np.ndarray, " 3"]
 ) -> Bool[np.ndarray, " k"]:
     """Whether surface points (frame g) are shadowed by the mesh.
 
@@ -128,7 +135,7 @@ def _shadowed(
     """
     across = np.linalg.svd(sun[None])[2][1:]
     frame = np.stack([across[0], np.cross(-sun, across[0]), -sun])  # rows: column, row, away from the sun
-    radius = float(np.linalg.norm(mesh.vertices, axis=1).max()) * 1.01
+    radius = mesh.radius * 1.01
     scale = SHADOW_MAP / (2 * radius)
 
     def placed(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -136,7 +143,7 @@ def _shadowed(
         turned = at @ frame.T
         return (turned[..., :2] + radius) * scale, 2 * radius - turned[..., 2]
 
-    seen_by_sun = visible_surface(*placed(mesh.vertices[mesh.faces]), (SHADOW_MAP, SHADOW_MAP))
+    seen_by_sun = visible_surface(*placed(mesh.corners), (SHADOW_MAP, SHADOW_MAP))
     place, nearness = placed(points)
     column, row = np.clip(np.round(place).astype(int), 0, SHADOW_MAP - 1).T
     return seen_by_sun.nearness[row, column] > nearness + SHADOW_BIAS / scale

@@ -69,7 +69,7 @@ class SeenMotion:
 
 @dataclass(frozen=True)
 class RenderedScene:
-    """What is photographed, and with what.
+    """Rendered scene: a body before a stereo rig.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What lens and sensor make of radiance: distortion, blur, exposure, noise, stars."""
+"""Imaging by lens and sensor: distortion, blur, exposure, noise, stars."""
 
 from dataclasses import dataclass
 from functools import lru_cache

@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from spinfilters.vision.reconstruction.dimensions import dimensions_of
+from spinfilters.vision.reconstruction.body_model import dimensions_of
 from spinfilters.vision.reconstruction.surface_nets import NetSurface
 
 _CORNERS = np.array(list(product((-0.1, 0.1), (-0.02, 0.02), (-0.03, 0.03))))

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from spinfilters.errors import InputError
+from spinfilters.lidar.mesh import TriangleMesh
 from spinfilters.vision.rendering.body_view import Appearance, View, body_image
 from spinfilters.vision.rendering.surface_texture import SurfaceTexture
-from spinfilters.vision.rendering.triangle_mesh import POLYHEDRA, BodyMesh, named_mesh
+from spinfilters.vision.rendering.triangle_mesh import POLYHEDRA, corner_normals, named_mesh
 
 K = np.array([[100.0, 0.0, 39.5], [0.0, 100.0, 29.5], [0.0, 0.0, 1.0]])
 VIEW = View(K, (60, 80), np.eye(3), np.zeros(3))
@@ -19,10 +20,10 @@ def _plate(side: float, z: float) -> tuple[np.ndarray, np.ndarray]:
     return np.column_stack([corners, np.full(4, z)]), np.array([[0, 2, 1], [0, 3, 2]])
 
 
-def _plates(*plates: tuple[float, float]) -> BodyMesh:
+def _plates(*plates: tuple[float, float]) -> TriangleMesh:
     vertices, faces = zip(*(_plate(*plate) for plate in plates), strict=True)
     shifted = [face + 4 * k for k, face in enumerate(faces)]
-    return BodyMesh(np.concatenate(vertices), np.concatenate(shifted))
+    return TriangleMesh(np.concatenate(vertices), np.concatenate(shifted))
 
 
 def test_depth_of_a_plate_is_its_distance_where_its_corners_project() -> None:
@@ -102,7 +103,7 @@ def test_foil_covers_about_its_share_and_shines() -> None:
 @pytest.mark.parametrize("shape", POLYHEDRA)
 def test_polyhedra_are_closed_and_face_outwards(shape: str) -> None:
     mesh = named_mesh(shape, 0.11)
-    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
     areas = np.cross(b - a, c - a)
     np.testing.assert_allclose(areas.sum(axis=0), 0.0, atol=1e-12)
     assert (np.einsum("fi,fi->f", areas, a) > 0).all()
@@ -113,10 +114,11 @@ def test_polyhedra_are_closed_and_face_outwards(shape: str) -> None:
 def test_meshes_of_asteroids_are_closed(name: str, shared_data) -> None:
     mesh = named_mesh(str(shared_data("asteroid_shapes") / name), 0.1)
     edges = np.sort(
-        np.concatenate([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]], mesh.faces[:, [2, 0]]]), axis=1
+        np.concatenate([mesh.triangles[:, [0, 1]], mesh.triangles[:, [1, 2]], mesh.triangles[:, [2, 0]]]),
+        axis=1,
     )
     assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
-    assert np.linalg.norm(mesh.normals, axis=2) == pytest.approx(1.0)
+    assert np.linalg.norm(corner_normals(mesh), axis=2) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Whitened rows of measurements by epoch, and their products with what every epoch has."""
+"""Whitened measurement rows by epoch, and their products with per-epoch vectors."""
 
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,4 +1,4 @@
-"""Observations of landmarks over many epochs as one flat list, landmark after landmark, and their linearisation.
+"""Landmark observations of many epochs as one flat list, and their linearisation.
 
 The rows of all observations are evaluated side by side from the expression of their sensor (`LandmarkSensor.observation_rows`).
 """
@@ -63,7 +63,7 @@ class LandmarkObservations:
 
     @cached_property
     def start(self) -> Int[np.ndarray, " l"]:
-        """Where each landmark's observations begin, and the end of the last."""
+        """Offset of each landmark's observations, and the total."""
         count = np.bincount(self.landmark, minlength=self.landmarks)
         return np.concatenate([[0], np.cumsum(count)])
 
@@ -77,7 +77,7 @@ class LandmarkObservations:
 
 @dataclass(frozen=True)
 class LinearObservations:
-    """Whitened about a trial.
+    """Observations linearised and whitened about a trajectory.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class LinearObservations:
 
     @property
     def innovation(self) -> Float[np.ndarray, "N 3"]:
-        """Whitened."""
+        """Whitened innovations."""
         return self.rows[:, :, -1]
 
     @property

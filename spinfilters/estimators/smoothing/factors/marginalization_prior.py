@@ -45,11 +45,11 @@ class MarginalizationPrior:
 
     @cached_property
     def knows_constants(self) -> bool:
-        """Whether epochs have left, not landmarks alone: those say nothing of constants and velocities."""
+        """Whether epochs were marginalized, since landmarks alone tell no constants or velocities."""
         return bool(self.information_sqrt[:, len(self.first) * len(self.ordering.pose) :].any())
 
     def at(self, trajectory: Float[np.ndarray, "k m"]) -> "LinearizedPrior":
-        """About a trajectory that begins with the F epochs."""
+        """Linearised about a trajectory that begins with the F epochs."""
         here = trajectory[: len(self.first)]
         away = column_errors(self.ordering, self.ordering.layout.local(self.first, here))
         rest = self.right - self.information_sqrt @ away
@@ -72,7 +72,7 @@ class MarginalizationPrior:
 
 @dataclass(frozen=True)
 class LinearizedPrior:
-    """A carried quadratic linearised: its Gram matrix, gradient and cost."""
+    """Marginalization prior linearised: its Gram matrix, gradient and cost."""
 
     marginal_prior: MarginalizationPrior
     gram: Float[np.ndarray, "q q"]
@@ -104,13 +104,13 @@ class LinearizedPrior:
 
 
 def column_errors(ordering: VariableOrdering, errors: Float[np.ndarray, "F n"]) -> Float[np.ndarray, " q"]:
-    """Errors of F epochs in the order of a carried quadratic's columns."""
+    """Errors of F epochs in the order of the prior's columns."""
     poses = errors[:, ordering.pose].reshape(-1)
     return np.concatenate([poses, errors[0, ordering.constant], errors[0, ordering.tridiagonal]])
 
 
 def gauge_columns(ordering: VariableOrdering, points: Float[np.ndarray, "F m"]) -> Float[np.ndarray, "q 6"]:
-    """Directions of the gauge in the order of a carried quadratic's columns."""
+    """Directions of the gauge in the order of the prior's columns."""
     every = gauge_directions(ordering.layout, points)
     poses = every[:, ordering.pose].reshape(-1, every.shape[2])
     return np.concatenate([poses, every[0, ordering.constant], every[0, ordering.tridiagonal]])

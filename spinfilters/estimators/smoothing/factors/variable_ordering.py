@@ -39,12 +39,12 @@ class VariableOrdering:
 
     @cached_property
     def pose(self) -> Int[np.ndarray, " p"]:
-        """Error components of an epoch that observations tie."""
+        """Error components of an epoch coupled by landmark observations."""
         return self._of([block for block in self.layout.moving if self._is_separator(block)])
 
     @cached_property
     def tridiagonal(self) -> Int[np.ndarray, " v"]:
-        """Error components of an epoch that only its neighbours in time meet."""
+        """Error components of an epoch coupled only to its neighbours in time."""
         return self._of([block for block in self.layout.moving if not self._is_separator(block)])
 
     @cached_property
@@ -54,12 +54,12 @@ class VariableOrdering:
 
     @cached_property
     def moving(self) -> Int[np.ndarray, " d"]:
-        """Pose, then chain."""
+        """Pose components, then tridiagonal ones."""
         return np.concatenate([self.pose, self.tridiagonal])
 
     @cached_property
     def order(self) -> Int[np.ndarray, " n"]:
-        """All components of an epoch: pose, chain, constant.
+        """All components of an epoch: pose, tridiagonal, constant.
 
         Chains are eliminated first, where each meets only its neighbours; poses stay because landmarks tie them to one another, and
         constants come last because every epoch meets them: what is eliminated before them stays sparse.
@@ -68,7 +68,7 @@ class VariableOrdering:
 
     @property
     def separator_dim(self) -> int:
-        """Unknowns that remain when chains are eliminated: all poses, then the constants."""
+        """Dimension of the separator: all poses, then the constants."""
         return self.epochs * len(self.pose) + len(self.constant)
 
     def errors(

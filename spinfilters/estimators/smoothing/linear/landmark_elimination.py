@@ -1,4 +1,4 @@
-"""Landmarks taken out of a least-squares problem, and put back behind its solution.
+"""Landmark elimination by Schur complement, and back-substitution.
 
 A landmark's information V = L L' is its own 3 x 3 block, whatever other landmarks there are, so it is eliminated in closed form:
 with W its coupling to the poses and Y = L^-1 W', the poses keep H - Y'Y, and p = L^-T (y - Y e) + L^-T n follows their error e.
@@ -28,7 +28,7 @@ FLATTEST = 1e-12
 
 @dataclass(frozen=True)
 class Eliminated:
-    """Landmarks that are told by what is believed, and what they leave to the poses.
+    """Eliminated well-constrained landmarks, and their Schur complement on the poses.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Eliminated:
     pose_gradient: Float[np.ndarray, " r"]
 
     def points_step(self, poses: Float[np.ndarray, "k 6"]) -> Float[np.ndarray, "L 3"]:
-        """How the landmarks follow a step of the poses; zero for one that is not told."""
+        """Landmark steps by back-substitution of a pose step; zero where not well constrained."""
         s, library = self.observations, kernels()
         if library is None:
             return self._points_step(poses)

@@ -1,7 +1,7 @@
-"""Marginal covariances of a smoother's estimates. From the factors of its last linear problem.
+"""Marginal covariances of a smoother's estimates, from its last linear problem.
 
-With C the inverse of the reduced root, transposed, the errors of poses and constants are C n. Chained errors follow by the
-recursion of the elimination backwards in time,
+C is the inverse of the reduced root, transposed: the errors of poses and constants are C n. Chained errors
+follow by the recursion of the elimination backwards in time,
 
     e_k = L_k^-T (n_k - X_k e - F_k e_k+1) = A_k e + own noise,   A_k = -L_k^-T (X_k + F_k A_k+1),
 
@@ -113,7 +113,7 @@ class Marginals:
     def landmark_rows(self, landmarks: Int[np.ndarray, " q"]) -> tuple[np.ndarray, np.ndarray]:
         """Errors of landmarks as rows (q, 3, r) over the separator's noise.
 
-        With square roots (q, 3, 3) of their own covariance.
+        Square roots (q, 3, 3) of their own covariance come with them.
 
         Landmarks must be told.
         """
@@ -171,3 +171,27 @@ def _triangles(rows: Float[np.ndarray, "k n w"]) -> Float[np.ndarray, "k n n"]:
         return np.linalg.cholesky(rows @ rows.swapaxes(1, 2))
     except np.linalg.LinAlgError:
         return np.array([triangular_factor(each.T) for each in rows])
+
+
+def latest_factor(solution: SchurSystem) -> Float[np.ndarray, "n n"]:
+    """Lower triangular covariance factor of the last epoch's state, components in the order of the layout.
+
+    Poses ascend in the reduced system and constants come last, so the covariance of the last poses and the constants is in the
+    corner of its root, as far back as the last velocity feels.
+    """
+    ordering, tridiagonal = solution.ordering, solution.tridiagonal
+    p, v = len(ordering.pose), len(ordering.tridiagonal)
+    first = int(tridiagonal.begin[-1]) * p
+    corner = (
+        np.triu(dtrtri(solution.information_sqrt[first:, first:].T, lower=0)[0])
+        if len(solution.information_sqrt)
+        else solution.information_sqrt
+    )
+    out = np.linalg.inv(tridiagonal.information_sqrts[-1]).T
+    rows = np.zeros((ordering.layout.error_dim, len(corner) + v))
+    last = (ordering.epochs - 1) * p - first
+    rows[ordering.pose, : len(corner)] = corner[last : last + p]
+    rows[ordering.constant, : len(corner)] = corner[last + p :]
+    rows[ordering.tridiagonal, : len(corner)] = -out @ tridiagonal.coupling[-1, :, first:-1] @ corner
+    rows[ordering.tridiagonal, len(corner) :] = out
+    return triangular_factor(rows.T)

@@ -147,7 +147,7 @@ def solve_schur_system(
 def assembled(
     ordering: VariableOrdering, blocks: tuple[InformationBlocks, ...], eliminated: Eliminated | None
 ) -> LinearSystem:
-    """The system of grams, and of landmarks that are eliminated already."""
+    """Linear system of motion factors and eliminated landmarks."""
     G = pooled_zeros(ordering.epochs, len(ordering.tridiagonal), ordering.separator_dim + 1)
     system = LinearSystem.empty(ordering, G)
     if eliminated is not None:
@@ -160,10 +160,7 @@ def assembled(
 
 
 class AssembledMotion(NamedTuple):
-    """Linear system of a motion's factors without stored rows.
-
-    With the costs of sensors and dynamics.
-    """
+    """Linear system of a motion's factors without stored rows, with their costs."""
 
     sensors: InformationBlocks
     dynamics: InformationBlocks

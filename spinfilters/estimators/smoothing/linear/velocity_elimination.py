@@ -1,7 +1,7 @@
 """Velocities, or whole states, eliminated along the chain of time.
 
-With D_k the information of an epoch's chained errors, E_k their coupling to the next epoch's, and G_k that to all that remains
-(poses, constants, right-hand side), elimination forward in time is
+D_k is the information of an epoch's chained errors, E_k their coupling to the next epoch's, and G_k that to
+all that remains (poses, constants, right-hand side); elimination forward in time is
 
     T_k = D_k - F_k-1' F_k-1 = L_k L_k',   F_k = L_k^-1 E_k,   X_k = L_k^-1 (G_k - F_k-1' X_k-1),
 
@@ -65,7 +65,7 @@ class VelocityElimination:
             M[rest:, columns] -= tail[rows].T @ part
 
     def back(self, separator_step: Float[np.ndarray, " r"]) -> Float[np.ndarray, "k v"]:
-        """The chained errors behind a solution of what remains."""
+        """Eliminated errors by back-substitution of the separator's solution."""
         width, library = self.coupling.shape[2], kernels()
         right = self.coupling[:, :, -1] - self.coupling[:, :, : width - 1] @ separator_step
         if library is None:

@@ -1,4 +1,4 @@
-"""Landmarks that no two believed observations tell are placed anew, where most of their observations agree.
+"""Re-initialisation of landmarks with fewer than two inliers.
 
 A trial map may hold a landmark where a wrong association put it: then all its right observations fall to the gate for ever. Each
 observation of such a landmark tells a point with a covariance by itself; the one that most others agree with wins.
@@ -20,7 +20,7 @@ def reinitialised(
     inliers: Bool[np.ndarray, " N"],
     gate: float,
 ) -> Float[np.ndarray, "L 3"] | None:
-    """Points with those of fewer than two inliers placed anew.
+    """Landmark points, those with fewer than two inliers re-initialised.
 
     m, frame g; None when there are none.
 

@@ -140,7 +140,7 @@ class NormalEquations:
 
     @property
     def system(self) -> SchurSystem:
-        """The solution of those that have one."""
+        """Schur system of a problem that has a solution."""
         assert self.solution is not None
         return self.solution
 

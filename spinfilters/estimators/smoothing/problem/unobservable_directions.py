@@ -30,7 +30,7 @@ ALONG = 0.95
 def unobservable_directions(
     problem: Problem, here: LinearizationPoint, normal: NormalEquations, marginals: Marginals | None = None
 ) -> list[str]:
-    """A sentence for everything that the measurements do not determine; empty when they determine it all.
+    """Sentences on the unobservable directions; empty when there are none.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def unobservable_directions(
 
 
 def component_name(ordering: VariableOrdering, number: int) -> str:
-    """The unknown of a number: chained errors epoch after epoch, then poses, then constants."""
+    """Name of an unknown by its number in elimination order."""
     v, p = len(ordering.tridiagonal), len(ordering.pose)
     assembled, has_landmarks = ordering.epochs * v, ordering.epochs * p
     if number < assembled:

@@ -1,4 +1,4 @@
-"""Annealed schedule: process noise inflated and gates wide at first, both down to what they are."""
+"""Annealed schedule: inflated process noise and wide gates, tightened over iterations."""
 
 from dataclasses import dataclass, replace
 
@@ -79,7 +79,7 @@ class AnnealedSchedule:
     gate: float | None = None
 
     def stage(self, iteration: int, here: LinearizationPoint, before: NormalEquations | None) -> Stage:
-        """Which observations count, and by how much larger the process noise is taken than it is."""
+        """Loss of the observations and inflation of the process noise."""
         inflated = iteration < self.iterations and not self.problem.is_long
         inflation = process_noise_inflation(self.problem.motion, here, before) if inflated else 1.0
         if self.gate is None:
@@ -97,11 +97,11 @@ class AnnealedSchedule:
         return Stage(Gate(self.gate, max(self.gate * width, opened)), inflation, pose_only_loss)
 
     def last(self, iteration: int, stage: Stage) -> bool:
-        """Whether the stage was as strict as any."""
+        """Whether the stage was the strictest."""
         return stage.inflation == 1.0 and self._width(iteration) == 1.0
 
     def repaired(self, here: LinearizationPoint, stage: Stage) -> LinearizationPoint:
-        """With landmarks placed anew that no two believed observations tell."""
+        """Linearisation point with landmarks of fewer than two inliers re-initialised."""
         observations = self.problem.observations
         if observations is None or here.linear is None or self.gate is None:
             return here

@@ -32,7 +32,7 @@ class Schedule(Protocol):
         ...
 
     def repaired(self, here: LinearizationPoint, stage: Stage) -> LinearizationPoint:
-        """The point with what an iteration cannot reach put right."""
+        """Linearisation point with misplaced landmarks re-initialised."""
         ...
 
 
@@ -47,7 +47,7 @@ class ConstantSchedule:
         return Stage(self.loss.at_stage(iteration))
 
     def last(self, iteration: int, stage: Stage) -> bool:
-        """Whether the loss is what it says."""
+        """Whether the loss is fully graduated."""
         return iteration >= self.loss.stages
 
     def repaired(self, here: LinearizationPoint, stage: Stage) -> LinearizationPoint:

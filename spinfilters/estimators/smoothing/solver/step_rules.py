@@ -1,4 +1,4 @@
-"""How far to go: Gauss-Newton with halved steps, Levenberg-Marquardt, and Powell's dogleg, each with capped steps.
+"""Step rules with capped steps: halved Gauss-Newton, Levenberg-Marquardt, and Powell's dogleg.
 
 Landmarks and velocities follow the poses and constants exactly, whatever the rule (variable projection): what is damped or held
 within a radius is the system that remains.
@@ -40,7 +40,7 @@ class Step:
 
 
 class StepRule(ABC):
-    """A rule with one number that it adapts: a share, a damping, a radius."""
+    """Step rule with one adapted control parameter: share, damping or radius."""
 
     tries: int = 12
     """Steps from one point before it is given up."""
@@ -48,7 +48,7 @@ class StepRule(ABC):
     @property
     @abstractmethod
     def first(self) -> float:
-        """The number to begin with."""
+        """Initial control parameter."""
 
     @abstractmethod
     def propose(self, solve: Solve, layout: StateLayout, number: float) -> Step | None:

@@ -1,4 +1,4 @@
-"""How a smoother's estimates settle: what it says of every epoch, again after every epoch.
+"""Convergence of a smoother: estimates of all epochs after every solve.
 
 Rows are solves, columns epochs (Tweddle 2013, section 6.7, Figures 6-33 to 6-41: iterations and time). There is no estimate of a
 epoch before it came, nor after it left the window: the surfaces are triangles or bands, not a number elsewhere.

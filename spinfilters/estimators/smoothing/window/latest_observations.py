@@ -31,7 +31,7 @@ WIDTH = 5.0
 
 
 def is_poor_guess(problem: Problem, here: LinearizationPoint, loss: RobustLoss) -> bool:
-    """Whether the loss loses most of the latest epoch."""
+    """Whether the loss rejects most observations of the latest epoch."""
     if here.linear is None or problem.observations is None:
         return False
     latest = np.flatnonzero(problem.observations.epoch == problem.ordering.epochs - 1)
@@ -40,7 +40,7 @@ def is_poor_guess(problem: Problem, here: LinearizationPoint, loss: RobustLoss) 
 
 
 def with_landmarks_put_right(problem: Problem, here: LinearizationPoint, stage: Stage) -> LinearizationPoint:
-    """With landmarks placed anew of whose observations fewer than two are believed."""
+    """Linearisation point with landmarks of fewer than two inliers re-initialised."""
     if problem.observations is None or here.linear is None:
         return here
     inliers = stage.loss.weight(here.linear.square) > 0

@@ -1,4 +1,4 @@
-"""Pose of the latest epoch that most of its landmark observations agree on, whatever was predicted.
+"""Latest pose by consensus of its landmark observations, without a prediction.
 
 Each observation tells a point by itself, in the epoch that poses are told in; the landmarks seen before are known in frame g. The
 predicted pose is refitted to what agrees with it; where that is less than half, rigid motions of random triples are tried (RANSAC,
@@ -27,7 +27,7 @@ TRIPLES, REFITS, SEED = 200, 3, 0
 class _LatestMatches:
     """Points in camera coordinates matched to landmarks in g.
 
-    With the factors (k, 3, 3) that their distance (m) is divided by.
+    Their distance (m) is divided by the factors (k, 3, 3).
     """
 
     seen: Float[np.ndarray, "k 3"]
@@ -42,7 +42,7 @@ class _LatestMatches:
         return np.sqrt(np.square(np.einsum("kab,hkb->hka", self.whitening, away)).sum(axis=2))
 
     def agreeing(self, pose: Float[np.ndarray, " 7"], bound: float) -> Bool[np.ndarray, " k"]:
-        """Which are within a distance of a pose."""
+        """Matches within a distance of a pose."""
         return self.distance(matrix_from_quaternion(pose[3:])[None], pose[None, :3])[0] < bound
 
 

@@ -42,7 +42,7 @@ def without_landmarks(
     linear: LinearProblem,
     landmarks: Bool[np.ndarray, " L"],
 ) -> Window:
-    """The window with some landmarks, numbered as in its observations, turned into what is carried.
+    """Window with some landmarks, numbered as in its observations, marginalized into the prior.
 
     Parameters
     ----------
@@ -107,9 +107,9 @@ def landmark_rows(
 ) -> Float[np.ndarray, "r w"]:
     """Information of landmarks' observations on the poses, landmarks unknown.
 
-    As a square root with the right-hand side.
-    The root is that of the information which elimination leaves to the poses, scaled and with pivots, for it lacks the rank that
-    the gauge and unseen poses would need. Its last row holds what no pose can explain.
+    It is a square root with the right-hand side: the root of the information which elimination leaves to the
+    poses, scaled and with pivots, for it lacks the rank that the gauge and unseen poses would need. Its last
+    row holds what no pose can explain.
     """
     fit = normal.eliminated
     assert fit is not None

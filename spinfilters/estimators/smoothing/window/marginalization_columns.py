@@ -13,7 +13,7 @@ from spinfilters.estimators.smoothing.factors.variable_ordering import VariableO
 def spread_poses(
     rows: Float[np.ndarray, "r w"], ordering: VariableOrdering, more: int
 ) -> Float[np.ndarray, "r x"]:
-    """Rows over poses alone over a carried quadratic's columns and ``more``."""
+    """Pose rows spread over the prior's columns and ``more``."""
     size = rows.shape[1] - 1 + len(ordering.constant) + len(ordering.tridiagonal) + more
     out = np.zeros((len(rows), size + 1))
     out[:, : rows.shape[1] - 1], out[:, -1] = rows[:, :-1], rows[:, -1]
@@ -69,6 +69,6 @@ def elimination_order(ordering: VariableOrdering, removed: int) -> Int[np.ndarra
 
 
 def columns_of(old: VariableOrdering, now: VariableOrdering) -> Int[np.ndarray, " q"]:
-    """Where the columns of a quadratic over fewer epochs are among those over more."""
+    """Indices of a shorter prior's columns among those of a longer one."""
     p, c, v = len(old.pose), len(old.constant), len(old.tridiagonal)
     return np.concatenate([np.arange(old.epochs * p), now.epochs * p + np.arange(c + v)])

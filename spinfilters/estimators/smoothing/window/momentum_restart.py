@@ -35,7 +35,7 @@ class RetrySchedule:
     retry: float = FIRST
 
     def is_due(self, epochs: int, good: bool) -> bool:
-        """Whether there are enough epochs; the next time there must be more."""
+        """Whether enough epochs have come for the next attempt."""
         if epochs < (self.next if good else self.retry):
             return False
         self.next, self.retry = GROWTH * epochs, RETRY * epochs
@@ -45,7 +45,7 @@ class RetrySchedule:
 def fits(here: LinearizationPoint, normal: NormalEquations) -> bool:
     """Whether a point fits as well as the noise allows.
 
-    By its own cost, not the one that its linear problem predicts.
+    Its own cost counts, not the one that its linear problem predicts.
     """
     if not normal.solved:
         return False
@@ -67,7 +67,7 @@ def fits(here: LinearizationPoint, normal: NormalEquations) -> bool:
 def restarted_from_momentum(
     problem: Problem, here: LinearizationPoint, stage: Stage, times: Float[np.ndarray, " k"]
 ) -> tuple[LinearizationPoint | None, int]:
-    """A point that fits better than ``here``, reached from the closed form, or None; and linearisations."""
+    """Better-fitting point from the closed form, or None; and linearisations used."""
     layout = problem.layout
     if not layout.translates or problem.observations is None:
         return None, 0

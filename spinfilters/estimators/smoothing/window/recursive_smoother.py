@@ -10,7 +10,9 @@ import numpy as np
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Estimator, Measurement, ProcessModel, Snapshot, UpdateReport
 from spinfilters.estimators.filters.belief_prediction import predict_ahead
+from spinfilters.estimators.smoothing.factors.marginalization_prior import MarginalizationPrior
 from spinfilters.estimators.smoothing.factors.motion_factors import StatePrior
+from spinfilters.estimators.smoothing.factors.variable_ordering import VariableOrdering
 from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess
 from spinfilters.estimators.smoothing.window.momentum_restart import RetrySchedule
 from spinfilters.estimators.smoothing.window.sliding_smoother import SlidingSmoother
@@ -20,11 +22,12 @@ from spinfilters.estimators.smoothing.window.smoother_records import (
     SmootherState,
     UpdateResult,
 )
-from spinfilters.estimators.smoothing.window.window_arrays import window_arrays, window_of
+from spinfilters.estimators.smoothing.window.smoother_window import Window, WindowObservations
 from spinfilters.estimators.timeline import Epoch, Timeline
+from spinfilters.models.landmark_sensor import LandmarkSensor
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.layout import POSE_BLOCKS
+from spinfilters.state.layout import POSE_BLOCKS, StateLayout
 from spinfilters.state.status import EstimatorStatus
 
 _RETIRED = ("time", "mean", "factor")
@@ -87,7 +90,7 @@ class RecursiveSmoother(Estimator):
 
     @property
     def belief(self) -> Gaussian:
-        """Of the present time, given all measurements up to it."""
+        """Belief of the present time given all measurements so far."""
         return self._belief
 
     @property
@@ -134,7 +137,7 @@ class RecursiveSmoother(Estimator):
         return [*self.marginalized, *self.sliding.smoothed()]
 
     def snapshot(self) -> Snapshot:
-        """Copies of everything that the future of the estimate depends on."""
+        """Copies of the whole internal state."""
         m = self.sliding.state
         flags = [
             m.prior_alive,
@@ -185,3 +188,92 @@ class RecursiveSmoother(Estimator):
         for m in measurements:
             if not any(known is m.model for known in self._sensors):
                 self._sensors.append(m.model)
+
+
+_SEEN = ("epoch", "landmark", "sensor", "values", "parameters")
+_MARGINAL_PRIOR = ("first", "information_sqrt", "right", "constant_cost")
+
+
+def window_arrays(window: Window, sensors: Sequence[MeasurementModel]) -> Snapshot:
+    """Copies of everything in a window; sensors are named by their number among ``sensors``."""
+    arrays = {f"seen_{name}": getattr(window.seen, name).copy() for name in _SEEN}
+    if window.marginal_prior is not None:
+        arrays |= {name: np.array(getattr(window.marginal_prior, name)) for name in _MARGINAL_PRIOR}
+    rest = [(k, m) for k, epoch in enumerate(window.epochs) for m in epoch.measurements]
+    numbers = [(k, _number(m.model, sensors), len(m.values)) for k, m in rest]
+    nothing = np.zeros(0)
+    return arrays | {
+        "window_time": np.array([epoch.time for epoch in window.epochs]),
+        "window_sensors": np.array([_number(model, sensors) for model in window.models], dtype=int),
+        "measured": np.array(numbers, dtype=int).reshape(-1, 3),
+        "measured_values": np.concatenate([nothing, *(m.values.ravel() for _, m in rest)]),
+        "measured_parameters": np.concatenate([nothing, *(m.parameters.ravel() for _, m in rest)]),
+        "trajectory": window.trajectory.copy(),
+        "ids": window.ids.copy(),
+        "points": window.points.copy(),
+    }
+
+
+def window_of(layout: StateLayout, arrays: Snapshot, sensors: Sequence[MeasurementModel]) -> Window:
+    """The window of some arrays.
+
+    Raises
+    ------
+    InputError: a sensor that is not among ``sensors``, or is another.
+    """
+    models = tuple(_landmark_sensor(sensors, number) for number in arrays["window_sensors"].tolist())
+    return Window(
+        _epochs(arrays, sensors),
+        arrays["trajectory"].copy(),
+        WindowObservations(*(arrays[f"seen_{name}"].copy() for name in _SEEN)),
+        models,
+        arrays["ids"].copy(),
+        arrays["points"].copy(),
+        _marginal_prior(layout, arrays),
+    )
+
+
+def _epochs(arrays: Snapshot, sensors: Sequence[MeasurementModel]) -> tuple[Epoch, ...]:
+    """With what was measured beside landmarks."""
+    measured: list[list[Measurement]] = [[] for _ in arrays["window_time"]]
+    value = parameter = 0
+    for epoch, number, count in arrays["measured"].tolist():
+        model = _sensor(sensors, number)
+        ends = value + count * model.value_dim, parameter + count * model.parameter_dim
+        values = arrays["measured_values"][value : ends[0]].reshape(count, model.value_dim)
+        parameters = arrays["measured_parameters"][parameter : ends[1]].reshape(count, model.parameter_dim)
+        measured[epoch].append(Measurement(model, values.copy(), parameters.copy()))
+        value, parameter = ends
+    rows = zip(arrays["window_time"].tolist(), measured, strict=True)
+    return tuple(Epoch(time, tuple(here)) for time, here in rows)
+
+
+def _marginal_prior(layout: StateLayout, arrays: Snapshot) -> MarginalizationPrior | None:
+    if "information_sqrt" not in arrays:
+        return None
+    first, root, right, lost = (arrays[name].copy() for name in _MARGINAL_PRIOR)
+    return MarginalizationPrior(
+        VariableOrdering(layout, len(first), has_landmarks=True), first, root, right, float(lost)
+    )
+
+
+def _number(model: MeasurementModel, sensors: Sequence[MeasurementModel]) -> int:
+    return next(k for k, known in enumerate(sensors) if known is model)
+
+
+def _sensor(sensors: Sequence[MeasurementModel], number: int) -> MeasurementModel:
+    if not 0 <= number < len(sensors):
+        raise InputError(
+            f"the snapshot names sensor {number}, {len(sensors)} are known; build the smoother with the sensors of its run"
+        )
+    return sensors[number]
+
+
+def _landmark_sensor(sensors: Sequence[MeasurementModel], number: int) -> LandmarkSensor:
+    model = _sensor(sensors, number)
+    seeing = model.landmark_sensor
+    if seeing is None:
+        raise InputError(
+            f"the snapshot's sensor {number} sees landmarks, {model.name} does not; build the smoother with the sensors of its run"
+        )
+    return seeing

@@ -1,4 +1,4 @@
-"""A smoother that takes one epoch after the other and re-solves what it keeps after each."""
+"""Sliding-window smoother, solved again after every epoch."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -142,7 +142,7 @@ class SlidingSmoother:
 
     @property
     def belief(self) -> Gaussian:
-        """Of the latest epoch; its factor is not finite where something is not determined."""
+        """Belief of the latest epoch; its factor is not finite where unobservable."""
         return latest_belief(self.process.layout, self.window, self._linearised().normal)
 
     def joint_belief(self, options: LandmarkOptions) -> Gaussian | LandmarkBelief:

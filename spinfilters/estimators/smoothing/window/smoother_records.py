@@ -1,4 +1,4 @@
-"""What a sliding smoother is told, what it hands back, and what it remembers."""
+"""Options, results and state of a sliding smoother."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -51,7 +51,7 @@ class SmootherOptions:
 
 @dataclass(frozen=True)
 class MarginalizedState:
-    """An epoch that left the window: the last that was said of it."""
+    """Final estimate of an epoch that left the window."""
 
     time: float
     mean: Float[np.ndarray, " m"]
@@ -78,7 +78,7 @@ class UpdateResult:
     def counted(
         cls, measurements: Sequence[Measurement], weights: list[Float[np.ndarray, " n"]], linearisations: int
     ) -> "UpdateResult":
-        """From the weights of observations by measurement; of measurements beside landmarks all values count."""
+        """Result from the weights of observations; landmark-free measurements count all values."""
         counts = []
         for m, weight in zip(measurements, weights, strict=True):
             good = len(m.values) if m.ids is None else int(np.count_nonzero(weight > 0))

@@ -103,12 +103,12 @@ class Window:
         return last
 
     def opened(self, time: float, state: Float[np.ndarray, " m"]) -> "Window":
-        """With one more epoch (s) at an initial guess, without measurements yet."""
+        """Window with one more epoch (s) at an initial guess, without measurements."""
         trajectory = np.concatenate([self.trajectory, state[None]])
         return replace(self, epochs=(*self.epochs, Epoch(time, ())), trajectory=trajectory)
 
     def extended(self, m: Measurement) -> "Window":
-        """With one more measurement in the latest epoch. New landmarks begin where this epoch puts them."""
+        """Window with one more measurement in the latest epoch, its new landmarks initialised."""
         if m.ids is None:
             latest = self.epochs[-1]
             latest = Epoch(latest.time, (*latest.measurements, m))
@@ -120,7 +120,7 @@ class Window:
         return _with_observations(self, sensor, m.ids, m)
 
     def placed(self, ids: Int[np.ndarray, " k"], points: Float[np.ndarray, "k 3"]) -> "Window":
-        """With those of its landmarks that have these ids at these points (m, frame g)."""
+        """Window with the landmarks of these ids at these points (m, frame g)."""
         at, moved = _numbers(self.ids, ids), self.points.copy()
         moved[at[at >= 0]] = points[at >= 0]
         return replace(self, points=moved)
@@ -150,7 +150,7 @@ class Window:
         return replace(self, seen=seen, ids=self.ids[~landmarks], points=self.points[~landmarks])
 
     def shifted(self, count: int, marginal_prior: MarginalizationPrior) -> "Window":
-        """Without the oldest epochs, of which no observation may be left."""
+        """Window without the oldest epochs, which must hold no observations."""
         seen = replace(self.seen, epoch=self.seen.epoch - count)
         epochs, trajectory = self.epochs[count:], self.trajectory[count:]
         return replace(self, epochs=epochs, trajectory=trajectory, seen=seen, marginal_prior=marginal_prior)

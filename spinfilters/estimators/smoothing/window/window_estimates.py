@@ -11,8 +11,7 @@ from spinfilters.estimators.estimator import ProcessModel
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.estimators.smoothing.joint_belief import joint_belief
-from spinfilters.estimators.smoothing.linear.latest_marginal import latest_factor
-from spinfilters.estimators.smoothing.linear.marginals import Marginals
+from spinfilters.estimators.smoothing.linear.marginals import Marginals, latest_factor
 from spinfilters.estimators.smoothing.problem.least_squares import NormalEquations
 from spinfilters.estimators.smoothing.state_prior import StatePrior
 from spinfilters.estimators.smoothing.window.smoother_records import MarginalizedState

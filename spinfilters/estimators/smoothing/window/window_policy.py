@@ -36,11 +36,11 @@ class WindowPolicy(ABC):
 
     @abstractmethod
     def marginalized_landmarks(self, window: Window, layout: StateLayout) -> Bool[np.ndarray, " L"]:
-        """Landmarks whose observations are turned into what is carried."""
+        """Landmarks to marginalize."""
 
     @abstractmethod
     def batch_size(self, epochs: int, mass_std: float) -> int:
-        """How many of so many epochs leave, the oldest first."""
+        """Number of oldest epochs to marginalize, of so many."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class LandmarkMarginalization(WindowPolicy):
         _require_a_step(self.epochs)
 
     def marginalized_landmarks(self, window: Window, layout: StateLayout) -> Bool[np.ndarray, " L"]:
-        """Those unobserved for so many revolutions, once they are enough."""
+        """Landmarks unobserved for so many revolutions, once they are enough."""
         if not len(window.epochs):
             return np.zeros(len(window.ids), dtype=bool)
         time = np.array([epoch.time for epoch in window.epochs])
@@ -109,7 +109,7 @@ class FixedLag(WindowPolicy):
         _require_a_step(self.epochs)
 
     def marginalized_landmarks(self, window: Window, layout: StateLayout) -> Bool[np.ndarray, " L"]:
-        """None but with their epochs."""
+        """No landmarks but those of marginalized epochs."""
         return np.zeros(len(window.ids), dtype=bool)
 
     def batch_size(self, epochs: int, mass_std: float) -> int:
@@ -127,7 +127,7 @@ def _batch_size(policy: WindowPolicy, kept: int, epochs: int, mass_std: float) -
 
 
 def smallest_batch(kept: int) -> int:
-    """How many epochs beyond those that are kept gather before they leave."""
+    """Number of excess epochs gathered before marginalization."""
     return min(LARGEST_BATCH, max(1, kept // SHARE))
 
 

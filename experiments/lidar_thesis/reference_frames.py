@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from experiments.lidar_thesis.corners import SnapshotFeatures
 from spinfilters.errors import InputError
-from spinfilters.lidar.thesis.corners import SnapshotFeatures
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +25,7 @@ class Sphere:
 def best_fitting_sphere(points: Float[np.ndarray, "n 3"]) -> Sphere:
     """Sphere of least squares of Eq. 4.15, corrected: about the mean of the points.
 
-    As printed, in mm from the lidar, the normal equations are so ill-conditioned that 1.5 m of the centre are lost.
+    The normal equations as printed, in mm from the lidar, are so ill-conditioned that 1.5 m of the centre are lost.
 
     Raises
     ------

@@ -100,8 +100,8 @@ def find_edge_points(points: Float[np.ndarray, "n 3"], parameters: Parameters) -
 def find_bndry_points(features: PointFeatures, parameters: Parameters) -> PointFeatures:
     """Boundary points, far from the centroid of their neighbourhood.
 
-    In its own ellipse (Eqs 3.4 to 3.7), then the clean-up.
-    A boundary point whose nearest neighbour is an edge point becomes unknown (section 3.3.1; appendix D.3 makes it an edge point).
+    The neighbourhood is in its own ellipse (Eqs 3.4 to 3.7), then comes the clean-up. A boundary point whose nearest
+    neighbour is an edge point becomes unknown (section 3.3.1; appendix D.3 makes it an edge point).
     """
     points = features.points
     neighbors = nearestneighbour(points, parameters.boundary_neighbors)

@@ -26,7 +26,7 @@ class Dual(NamedTuple):
 class LieDerivatives:
     """Lie derivatives of one sensor of a system without inputs.
 
-    As two functions, so that many items cost no more expression than one.
+    Two functions hold them, so that many items cost no more expression than one.
 
     Attributes
     ----------
@@ -82,10 +82,7 @@ def _motion(system: System, orders: int) -> ca.Function:
 
 
 def _sensor(system: System, index: int, motion: ca.Function) -> ca.Function:
-    """The sensor over symbols of the motion's coefficients.
-
-    With the same zeros in their gradients.
-    """
+    """The sensor over symbols of the motion's coefficients, zeros of gradients kept."""
     sensor, (size, orders) = system.sensors[index], motion.size_out(0)
     width = size + sensor.unknown
     values, gradients = ca.SX.sym("x", size, orders), ca.SX.sym("G", motion.sparsity_out(1))

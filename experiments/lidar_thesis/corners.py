@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
 
-from spinfilters.lidar.thesis.scan_features import (
+from experiments.lidar_thesis.scan_features import (
     BOUNDARY,
     EDGE,
     Parameters,
@@ -15,7 +15,7 @@ from spinfilters.lidar.thesis.scan_features import (
     find_bndry_points,
     find_edge_points,
 )
-from spinfilters.lidar.thesis.surfaces import Surfaces, surf_segm
+from experiments.lidar_thesis.surfaces import Surfaces, surf_segm
 
 PAIRS: Final = ((0, 1), (1, 2), (2, 0))
 """Surfaces whose intersections are the edges."""
@@ -87,10 +87,10 @@ def find_corner(planes: ThreePlanes) -> Float[np.ndarray, "3"] | None:
 def label_edge(
     features: PointFeatures, planes: ThreePlanes, corner: Float[np.ndarray, "3"], parameters: Parameters
 ) -> Float[np.ndarray, "b 3"]:
-    """Boundary corners near the lines of intersection.
+    """Boundary corners: the point farthest from the corner near each line of intersection.
 
-    Of the edge and boundary points near each line the farthest from the corner.
-    Edges without a point are left out. The distance is Eq. 4.5; the line goes through the corner.
+    The points are edge and boundary points. Edges without a point are left out. The distance is Eq. 4.5; the line goes
+    through the corner.
     """
     candidates = features.points[(features.label == EDGE) | (features.label == BOUNDARY)]
     w, found = candidates - corner, []

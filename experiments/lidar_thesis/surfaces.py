@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Int
 from scipy.cluster.hierarchy import fcluster, linkage
 
-from spinfilters.lidar.thesis.scan_features import SURFACE, Parameters, PointFeatures
+from experiments.lidar_thesis.scan_features import SURFACE, Parameters, PointFeatures
 
 UNRECOGNISED = -1
 GAP = 20.0
@@ -60,8 +60,8 @@ def clusterdata(
 ) -> list[Int[np.ndarray, " c"]]:
     """Clusters of a surface by single linkage; those too small are discarded.
 
-    As many as there are gaps, at most the largest number of clusters: "maxclust" alone cuts a whole face into ten pieces, and the
-    thesis saw no influence of that number.
+    There are as many as gaps, at most the largest number of clusters: "maxclust" alone cuts a whole face into ten pieces, and
+    the thesis saw no influence of that number.
     """
     if not 1 < len(members) <= MOST_CLUSTERED:
         return [members]

@@ -7,17 +7,17 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.lidar.body_motion import Still, thesis_rotation
-from spinfilters.lidar.mesh import box
-from spinfilters.lidar.scan_errors import LidarNoise
-from spinfilters.lidar.scanner import LidarSettings, Scanner
-from spinfilters.lidar.thesis.corners import SnapshotFeatures, snapshot_features
-from spinfilters.lidar.thesis.reference_frames import (
+from experiments.lidar_thesis.corners import SnapshotFeatures, snapshot_features
+from experiments.lidar_thesis.reference_frames import (
     reference_frame,
     tracked_boundary_corners,
     transition_errors,
 )
-from spinfilters.lidar.thesis.scan_features import Parameters
+from experiments.lidar_thesis.scan_features import Parameters
+from spinfilters.lidar.body_motion import Still, thesis_rotation
+from spinfilters.lidar.mesh import box
+from spinfilters.lidar.scan_errors import LidarNoise
+from spinfilters.lidar.scanner import LidarSettings, Scanner
 
 PLACE: Final = np.array([500.0, 0.0, 0.0])
 """Centre of the cube, m."""
@@ -58,10 +58,7 @@ class ProcessedSequence:
         return self.nearest_vertices(points) - points
 
     def transition_errors(self, boundary: int) -> Float[np.ndarray, "m 3"]:
-        """Angles of the x, y and z axes between frames, deg.
-
-        With the frame of one boundary corner; NaN where a snapshot lacks it.
-        """
+        """Angles, deg, of axes between frames of one boundary corner; NaN without it."""
         found = self.corners, self.boundary_corners[:, boundary]
         epochs = [
             np.array([reference_frame(PLACE, *pair) for pair in zip(*points, strict=True)])
