@@ -12,12 +12,12 @@ from spinfilters.estimators.model_errors.alternative import table
 from spinfilters.estimators.model_errors.columns import Columns
 from spinfilters.estimators.model_errors.hypotheses import (
     KnownLevels,
+    is_settled,
     noise_of,
     solved_near,
     with_refused_in_a_row,
 )
 from spinfilters.estimators.model_errors.laplace_likelihood import (
-    gross_error_cost,
     minus_twice_log_likelihood,
 )
 from spinfilters.estimators.model_errors.linear_rows import LinearRows
@@ -248,6 +248,15 @@ def test_images_that_are_refused_in_a_row_are_taken_in_but_not_one_alone() -> No
     assert taken.normal.eliminated.used[own].mean() == fit.used[own].mean()
 
 
+def test_states_are_settled_near_the_most_probable_ones_alone() -> None:
+    rows = smoothed("gyro").rows
+    assert is_settled(rows)
+    layout, away = rows.problem.layout, np.zeros((len(rows.here.trajectory), rows.problem.layout.error_dim))
+    away[::2, layout.slice("w")] = 0.2
+    here = rows.problem.at(layout.retract(rows.here.trajectory, away), rows.here.points)
+    assert not is_settled(LinearRows(rows.problem, here, rows.problem.normal(here, rows.normal.stage)))
+
+
 def test_the_likelihood_is_greatest_near_the_true_noise() -> None:
     setup = prepared("pose")
     trajectory, found = setup.initial.mean, []
@@ -272,12 +281,6 @@ def test_the_evidence_tells_noise_that_is_stated_wrongly(kind: str, option: str)
         assert evidence is not None
         found.append(evidence)
     assert found[1] < min(found[0], found[2]) - 20
-
-
-def test_a_gross_error_costs_more_than_noise_and_less_than_as_noise() -> None:
-    near, far = gross_error_cost(np.array([40.0, 1e6]), 6)
-    assert 30 < near < 60
-    assert near < far < 150
 
 
 def test_a_sensor_of_which_nothing_counts_has_rows_of_no_number() -> None:

@@ -175,6 +175,21 @@ def test_what_passes_for_correlated_noise_of_a_gyro_is_named(name: str, size: fl
     assert name in comparison.models.names[0].split("/")
 
 
+def test_an_error_that_contradicts_correlated_noise_of_a_gyro_is_named() -> None:
+    scenario = Scenario(
+        kind="gyro",
+        principal_moments=(1.0, 0.8, 0.55),
+        rate_rpm=RICH_RPM,
+        epochs=80,
+        interval=0.4,
+        noise=ProcessNoise(4e-8, 1e-6),
+    )
+    seeds = tuple(np.random.SeedSequence(0, spawn_key=(3,)).spawn(3))
+    models = compared(without_noise(faulty_recording(scenario, model_faults()["rotor"], 0.3, seeds))).models
+    assert models.contradicted
+    assert "rotor" in models.names[:2]
+
+
 def test_drag_that_identified_noise_takes_in_is_named() -> None:
     scenario = Scenario(
         kind="gyro",
