@@ -29,7 +29,7 @@ from spinfilters.state.status import Verdict
 RARE = 0.01
 """Probability of a NEES of a consistent filter, beyond which one that is expected with the smoother for the truth is a doubt: 1.9
 per degree of freedom of a state with a place, 3.0 of a mass distribution. Of 70 filters of noisy poses on the thesis' motion those
-below had a NEES of up to 1.9 and errors of up to 3.2 deviations, those beyond it of up to 14 and 58."""
+below had a NEES of up to 1.9 and errors of up to 3.0 deviations, those beyond it of up to 14 and 58."""
 LEAST_EVIDENCE = 30.0
 """Of moments that a motion determines (`inertia_evidence`)."""
 

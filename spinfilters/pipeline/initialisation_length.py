@@ -105,7 +105,10 @@ def _is_enough(found: InitialEstimate) -> bool:
 def _beyond_share(
     process: ProcessModel, timeline: Timeline, make: Make, options: InitialisationOptions
 ) -> InitialEstimate | None:
-    """An initialisation of more epochs than its share; None where these are no more, or not enough either."""
+    """An initialisation of more epochs than its share.
+
+    None where these are no more, or not enough either.
+    """
     wider = replace(options, share=max(options.share, min(BEYOND_SHARE * options.share, LARGEST_SHARE)))
     if wider.count(timeline) == options.count(timeline):
         return None

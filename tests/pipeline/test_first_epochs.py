@@ -14,12 +14,14 @@ from spinfilters.evaluation.body import body_estimate
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.pipeline import first_epochs
 from spinfilters.pipeline.first_epochs import FirstEpochs
+from spinfilters.pipeline.initialisation_length import LARGEST_SHARE
 from spinfilters.pipeline.setup import camera_view
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 PROCESS = TorqueFreeProcess(StateLayout(FULL_BLOCKS), ProcessNoise(1e-6, 1e-6))
-OPTIONS = InitialisationOptions(epochs=24)
+OPTIONS = InitialisationOptions(epochs=32, share=LARGEST_SHARE)
+"""As many epochs as an initialisation of 40 may have: none is looked at beyond."""
 TRUE, STATED = 1.2, 0.3
 """Pixel noise."""
 
