@@ -5,9 +5,9 @@
 Runs the campaigns ``experiments/studies/gross-errors-*.toml``, or goes on with their rows in the folder. One measurement of one
 epoch is wrong altogether. Printed are of each estimator and error the root mean square over all seeds of the errors of position,
 attitude, velocity, rate (over the estimator's own epochs) and moments (in the end), over the same without the gross error, in
-brackets the 95 % quantile of this ratio of single seeds (moments have none: the two numbers of one run may be nearly zero); how many
-runs are called ``ok`` with it and without; how many of these are wrong by more than 4 stated deviations, with it and without. A
-ratio beyond 1.1 is marked. The last line joins all errors of an estimator by epoch.
+brackets the 95 % quantile of this ratio of single seeds (moments have none: the two numbers of one run may be nearly zero); how
+many runs are called ``ok`` with it and without; how many of these are wrong by more than 4 stated deviations, with it and without.
+A ratio beyond 1.1 is marked. Further lines join all errors of an estimator by epoch.
 """
 
 import argparse

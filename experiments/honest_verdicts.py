@@ -1,6 +1,6 @@
 """Errors of estimates called ok, in stated standard deviations.
 
-    python -m experiments.honest_verdicts [--seeds 12 [--first 5]] [--cases gyro] [--silent] [--estimators mekf smoother] [-o runs/honest]
+    python -m experiments.honest_verdicts [--seeds 12 [--first 5]] [--cases gyro] [--silent] [--estimators mekf] [-o runs/honest]
 
 Simulates every case of `experiments.honest_cases`, estimates with MEKF, UKF and smoother, and prints of every case the verdicts,
 the largest error of the latest epoch in standard deviations among the estimates called ``ok`` and the quantity it is of, and the

@@ -15,16 +15,16 @@ SETTINGS = Settings(process={"gravity": False})  # pyright: ignore[reportArgumen
 STD = {"gyro": 0.002, "pose": 0.005}
 
 
-def silent(kind: str) -> Dataset:
+def silent(kind: str, seed: int = 2) -> Dataset:
     """A short rich motion of which nobody states the noise."""
-    return without_noise(simulate(Scenario(kind=kind, rate_rpm=RICH_RPM, epochs=50, interval=0.4, seed=2)))
+    return without_noise(simulate(Scenario(kind=kind, rate_rpm=RICH_RPM, epochs=50, interval=0.4, seed=seed)))
 
 
-def with_first_off(dataset: Dataset, kind: str) -> Dataset:
-    """The first rate or place off by ten standard deviations."""
+def with_first_off(dataset: Dataset, kind: str, deviations: float = 10.0) -> Dataset:
+    """The first rate or place off by so many standard deviations."""
     (stream,) = dataset.log.streams
     values = stream.values.copy()
-    values[0, :3] += 10 * STD[kind] * np.array([0.6, 0.0, -0.8])
+    values[0, :3] += deviations * STD[kind] * np.array([0.6, 0.0, -0.8])
     return with_stream(dataset, replace(stream, values=values))
 
 
@@ -40,3 +40,9 @@ def test_a_gross_error_at_the_begin_leaves_the_levels_as_they_are(kind: str) -> 
     assert (right.initial.rejected, wrong.initial.rejected) == (0, 1)
     for name, value in levels(right).items():
         assert levels(wrong)[name] == pytest.approx(value, rel=0.5), name
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("gyro", 3), ("gyro", 4), ("pose", 4)])
+def test_a_first_measurement_off_by_eight_deviations_is_refused(kind: str, seed: int) -> None:
+    dataset = with_first_off(silent(kind, seed), kind, 8.0)
+    assert prepare(dataset, SETTINGS).initial.rejected == 1

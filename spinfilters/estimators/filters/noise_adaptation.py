@@ -151,6 +151,7 @@ class NoiseAdaptation:
     ) -> None:
         self.options, self.identified = options, dict(identified or {})
         self._scales: dict[str, NoiseScale] = {}
+        self._factors: dict[str, float] = {}
         self._known: dict[str, np.ndarray] = {}
         self._predictions = 0
 
@@ -234,7 +235,7 @@ class NoiseAdaptation:
 
     def restore(self, snapshot: dict[str, np.ndarray]) -> None:
         """Go on from the `snapshot` among these arrays."""
-        self._scales, self._known = {}, {}
+        self._scales, self._factors, self._known = {}, {}, {}
         self._predictions = int(snapshot.get("noise.predictions", 0))
         for key, array in snapshot.items():
             name = key.removeprefix("noise.")
@@ -248,13 +249,12 @@ class NoiseAdaptation:
         return self._scales.get(name, self.identified.get(name, NoiseScale()))
 
     def _scale(self, name: str) -> float:
-        if name not in self._scales and name not in self.identified:
-            return 1.0
-        level = self.level(name)
-        raised = 0.0
-        if name in self.identified and name.startswith("process."):
-            raised = raised_logarithm(2 / level.information, level.share)
-        return float(np.exp(level.logarithm + raised))
+        if name not in self._factors:  # in most epochs nothing is learned
+            level, raised = self.level(name), 0.0
+            if name in self.identified and name.startswith("process."):
+                raised = raised_logarithm(2 / level.information, level.share)
+            self._factors[name] = float(np.exp(level.logarithm + raised))
+        return self._factors[name]
 
     @property
     def _adapting_sources(self) -> list[str]:
@@ -272,6 +272,7 @@ class NoiseAdaptation:
 
     def _learn(self, name: str, evidence: NoiseEvidence) -> None:
         self._scales[name] = self.level(name).after(evidence, self._horizon(name))
+        self._factors.pop(name, None)
 
 
 def residual_evidence(correction: UpdateOutcome) -> NoiseEvidence:

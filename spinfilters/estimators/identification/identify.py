@@ -42,7 +42,8 @@ from spinfilters.linear_algebra.chi_square import chi_square_tail, fisher_tail
 
 POSE_ONLY_GATE: Final[float] = 6.3
 """As `GATE` for measurements of up to six components, whose whitened length is greater."""
-POSE_COMPONENTS: Final[int] = 6
+GATE_COMPONENTS: Final[int] = 3
+"""Of the innovation that `GATE` is the length of."""
 KNOWN: Final[float] = 1e6
 """Degrees of freedom of a level that is as good as known."""
 STAGE: Final = Stage(Gate(GATE, GATE), pose_only_loss=Gate(POSE_ONLY_GATE, POSE_ONLY_GATE))
@@ -156,7 +157,7 @@ class _Optimum:
         of_sensors = [not each.is_density for each in self.found.components]
         told = float(np.clip(self.residuals.redundancy[of_sensors].min(initial=KNOWN), 1.0, KNOWN))
         beyond = fisher_tail(square / len(y), len(y), told)
-        return bool(beyond < chi_square_tail(POSE_ONLY_GATE**2, POSE_COMPONENTS))
+        return bool(beyond < chi_square_tail(GATE**2, GATE_COMPONENTS))
 
 
 def _optimum(

@@ -108,6 +108,14 @@ def residuals_of(
     return Residuals(np.array(squares), np.array(redundancy), tuple(sources), deleted)
 
 
+def deleted_residuals(
+    problem: Problem, here: LinearizationPoint, marginals: Marginals
+) -> tuple[Float[np.ndarray, " r"], ...]:
+    """Probabilities, by sensor without landmarks, of larger residuals of each measurement about states of all others."""
+    numbers = range(len(problem.motion.sensors))
+    return tuple(_sensor_after(problem, here, marginals, k).deleted for k in numbers)
+
+
 @dataclass(frozen=True)
 class _StepsAfter:
     """Whitened residuals (k - 1, d) of the steps, and their states' covariance.

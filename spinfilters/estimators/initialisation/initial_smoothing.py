@@ -3,9 +3,12 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import chdtrc
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import ProcessModel
+from spinfilters.estimators.identification.identify import GATE_COMPONENTS
+from spinfilters.estimators.identification.residuals import deleted_residuals
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
 from spinfilters.estimators.robust.losses import LeastSquares
 from spinfilters.estimators.smoothing.factors.landmark_observations import NOTHING_TWICE, OBSERVATIONS_NEEDED
@@ -20,6 +23,9 @@ from spinfilters.estimators.smoothing.solver.annealing import GATE, AnnealedSche
 from spinfilters.estimators.smoothing.solver.iterations import Solved, SolverOptions, solve
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import Timeline
+
+MOST_MASKED = 2
+"""Measurements that are refused beside those that the gates refuse, at most."""
 
 
 @dataclass(frozen=True)
@@ -70,8 +76,46 @@ def smooth_first_epochs(
     here = problem.at(with_common_constants(process.layout, guess.trajectory), points)
     schedule = AnnealedSchedule(problem, min(options.annealed, options.iterations), options.gate)
     solved = solve(problem, here, SolverOptions(options.iterations), schedule)
+    if problem.observations is None and options.iterations:
+        solved = _with_masked_refused(problem, solved, options)
     found = _with_map(_estimate(problem, solved, prior), problem, solved, options.gate)
     return replace(found, ids=ids[found.ids])
+
+
+def _with_masked_refused(problem: Problem, solved: Solved, options: SmoothingOptions) -> Solved:
+    """The solution without gross errors that bend the states towards themselves.
+
+    A gate looks at residuals. Of a measurement that tells much of its epoch, as in the first and the last, a residual is what is
+    left of the error: the others tell how far off it is. Refused once, it stays beyond the gate.
+    """
+    strict, settings = AnnealedSchedule(problem, 0, options.gate), SolverOptions(options.iterations)
+    beyond = chdtrc(GATE_COMPONENTS, options.gate**2)
+    for _ in range(MOST_MASKED):
+        masked = _most_masked(problem, solved, beyond)
+        if masked is None:
+            break
+        number, row = masked
+        sensors = list(problem.motion.sensors)
+        sensors[number] = sensors[number].chosen(np.arange(len(sensors[number].epoch)) != row)
+        others = replace(problem, motion=replace(problem.motion, sensors=tuple(sensors)))
+        schedule = AnnealedSchedule(others, 0, options.gate)
+        rest = solve(others, others.at(solved.point.trajectory, solved.point.points), settings, schedule)
+        again = solve(problem, problem.at(rest.point.trajectory, rest.point.points), settings, strict)
+        if not again.converged or again.point.sensor_rows(problem.motion, number).counted[row]:
+            break
+        solved = replace(again, iterations=solved.iterations)
+    return solved
+
+
+def _most_masked(problem: Problem, solved: Solved, beyond: float) -> tuple[int, int] | None:
+    """Sensor and row of the measurement farthest from what all others tell; None where none is as improbable."""
+    if solved.normal.solution is None or not solved.converged:
+        return None
+    marginals = Marginals(solved.normal.solution, solved.normal.eliminated)
+    every = deleted_residuals(problem, solved.point, marginals)
+    least = [float(each.min(initial=1.0)) for each in every]
+    number = int(np.argmin(least)) if least else 0
+    return (number, int(every[number].argmin())) if least and least[number] < beyond else None
 
 
 def _estimate(problem: Problem, solved: Solved, prior: FirstStatePrior) -> InitialEstimate:
