@@ -64,7 +64,7 @@ check:
 
 bench:
 	$(environment)
-	@$(bin)/python -m experiments.benchmarks.filters
+	@$(bin)/python -m experiments.benchmarks.filter_speed
 	@$(bin)/python -m experiments.benchmarks.landmark_filters --frames 1000
 	@$(bin)/python -m experiments.benchmarks.observability_speed
 	@$(bin)/python -m experiments.benchmarks.smoother --motion rich --repeats 3

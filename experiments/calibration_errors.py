@@ -20,7 +20,7 @@ from spinfilters.campaigns.metric_columns import nees_metrics
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.evaluation.deviation_parts import without_calibration
-from spinfilters.evaluation.evaluation import Evaluation, evaluate
+from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
 from spinfilters.pipeline.estimation import ComparisonExtent, compare_estimators
 from spinfilters.pipeline.setup import prepare
 from spinfilters.sensors.registry import sensor_of

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from spinfilters.errors import InputError
-from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.comparison_run import compare_dataset
 from spinfilters.settings.run_settings import Settings
 from spinfilters.vision.image_folder import CAMERAS, IMAGES, LIST

@@ -17,7 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from spinfilters.api.campaigns import campaign_rows
+from spinfilters.api.campaign_frames import campaign_rows
 from spinfilters.campaigns.rows_folder import read_rows
 from spinfilters.campaigns.stated_errors import LARGEST
 from spinfilters.campaigns.study import read_study, study_from

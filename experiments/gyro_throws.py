@@ -15,7 +15,7 @@ import numpy as np
 
 from spinfilters.data.atomic_write import make_folder
 from spinfilters.data.dataset import Dataset, read_dataset
-from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.estimation import compare_estimators
 from spinfilters.pipeline.segment_choice import ALL, AUTO, read_several
 from spinfilters.pipeline.setup import Setup, prepare

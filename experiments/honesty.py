@@ -28,7 +28,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from spinfilters.api.campaigns import campaign_rows
+from spinfilters.api.campaign_frames import campaign_rows
 from spinfilters.campaigns.rows_folder import read_rows
 from spinfilters.campaigns.runner import Runner
 from spinfilters.campaigns.stated_errors import LARGEST

@@ -22,7 +22,7 @@ from jaxtyping import Float
 
 from spinfilters.api.image_recordings import ImageScenario, render
 from spinfilters.data.dataset import has_images
-from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.comparison_run import compare_dataset
 from spinfilters.settings.run_settings import Settings
 from spinfilters.vision.track_images import TrackedImages, track_images, track_images_online

@@ -26,7 +26,7 @@ from spinfilters.data.dataset_options import DatasetOptions
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.data.truth import Truth
 from spinfilters.evaluation.consistency import true_states
-from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.front_ends.lidar_scans import in_frame_of, pose_stream
 from spinfilters.lidar.mesh import TriangleMesh, box
 from spinfilters.lidar.mesh_files import read_mesh

@@ -18,7 +18,7 @@ from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.estimators.timeline import Epoch
-from spinfilters.evaluation.evaluation import evaluate
+from spinfilters.evaluation.estimator_evaluation import evaluate
 from spinfilters.evaluation.trajectory_errors import Alignment
 from spinfilters.live.filter_track import FilterTrack
 from spinfilters.live.rebase import HandOver

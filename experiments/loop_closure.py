@@ -19,7 +19,7 @@ from scipy.spatial import KDTree
 
 from experiments.map_accuracy import landmarks_on, surface_distance
 from spinfilters.pipeline.comparison_run import RunOutput, compare_into
-from spinfilters.pipeline.reconstruction import images_of
+from spinfilters.pipeline.run_reconstruction import images_of
 from spinfilters.settings.run_settings import Settings
 from spinfilters.vision.image_folder import CAMERAS, IMAGES, LIST
 from spinfilters.vision.rendering.triangle_mesh import named_mesh

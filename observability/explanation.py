@@ -13,11 +13,11 @@ from observability.codistribution import InputSeries, SensorCodistribution
 from observability.elimination import FIELD, product_of, reduce_columns
 from observability.rational import Rationals, as_floats
 from observability.series import Series
-from observability.simulation import Trajectories, simulate
 from observability.symmetries.candidates import candidates
 from observability.symmetries.symmetry import State, Symmetry
 from observability.system import System
 from observability.tape import tape_of
+from observability.taylor_outputs import Trajectories, simulate
 
 FINITE_TOLERANCE = 1e-9
 """Px, m, rad/s, or parts of a quaternion, that outputs may differ by after a finite move along a symmetry: rounding only."""

@@ -18,10 +18,10 @@ from spinfilters.errors import InputError
 
 if TYPE_CHECKING:
     from spinfilters.api.analysis import ObservabilityResult, observe
-    from spinfilters.api.campaigns import campaign
+    from spinfilters.api.campaign_frames import campaign
+    from spinfilters.api.recording_comparison import compare
     from spinfilters.api.recordings import load, simulate
     from spinfilters.api.results import EstimatorResult, Run
-    from spinfilters.api.runs import compare
     from spinfilters.data.dataset import Dataset
     from spinfilters.lidar.mass_properties import mass_properties
     from spinfilters.lidar.mesh_files import read_mesh
@@ -50,8 +50,8 @@ _MODULES = {
     "ObservabilityResult": "spinfilters.api.analysis",
     "Run": "spinfilters.api.results",
     "Settings": "spinfilters.settings.run_settings",
-    "campaign": "spinfilters.api.campaigns",
-    "compare": "spinfilters.api.runs",
+    "campaign": "spinfilters.api.campaign_frames",
+    "compare": "spinfilters.api.recording_comparison",
     "load": "spinfilters.api.recordings",
     "mass_properties": "spinfilters.lidar.mass_properties",
     "observe": "spinfilters.api.analysis",

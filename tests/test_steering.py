@@ -31,7 +31,7 @@ VALIDATED = {
     "spinfilters/lidar/scan_files.py": "a file",
     "spinfilters/pipeline/conditions.py": "a file",
     "spinfilters/pipeline/explanations.py": "values for a file",
-    "spinfilters/pipeline/reconstruction.py": "a key of a file",
+    "spinfilters/pipeline/run_reconstruction.py": "a key of a file",
     "spinfilters/vision/raw_rig.py": "a file",
     "spinfilters/vision/landmark_views.py": "arrays among attributes",
     "observability/rational.py": "numbers of a user",

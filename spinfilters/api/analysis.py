@@ -7,9 +7,9 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from observability.analysis_report import Report, analyse
 from observability.canonical_motions import motion
 from observability.cases import Case, InputSizes
-from observability.report import Report, analyse
 from observability.scope import title
 from observability.system import Input
 from spinfilters.api.argument_ranges import DEFAULT_MOMENTS, DEFAULT_RATE_RPM, LANDMARKS, require_motion
@@ -48,7 +48,7 @@ class ObservabilityResult:
 
     def figure(self) -> "Figure":
         """Ranks by order of derivative, and the bound over time, as a matplotlib figure."""
-        from spinfilters.plots.bounds import observability_figure
+        from spinfilters.plots.bound_figures import observability_figure
 
         return observability_figure(self.report, title(self.report.case))
 

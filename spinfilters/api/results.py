@@ -21,7 +21,7 @@ from spinfilters.data.input_file import value_text
 from spinfilters.errors import InputError
 from spinfilters.evaluation.body import BodyEstimate
 from spinfilters.evaluation.comparison import ComparisonCells, comparison_cells, comparison_table
-from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.trajectory import TRAJECTORY_COLUMNS, Trajectory, read_map_ply, trajectory_columns
 from spinfilters.pipeline.comparison_run import write_comparison
 from spinfilters.pipeline.conditions import conditions_of
@@ -41,7 +41,7 @@ class EstimatorResult:
 
     Attributes
     ----------
-    evaluation: everything that was computed of it, `spinfilters.evaluation.evaluation.Evaluation`.
+    evaluation: everything that was computed of it, `spinfilters.evaluation.estimator_evaluation.Evaluation`.
     landmarks: (k, 3) m in frame g, the map that it ended with or was given; None without any.
     """
 

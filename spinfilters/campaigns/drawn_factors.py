@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from spinfilters.campaigns.factors import RecordingFactors
+from spinfilters.campaigns.recording_factors import RecordingFactors
 from spinfilters.data.input_file import value_text
 from spinfilters.errors import InputError
 

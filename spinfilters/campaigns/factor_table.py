@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from spinfilters.campaigns.drawn_factors import DrawnNumber, drawn_numbers, with_draws
-from spinfilters.campaigns.factors import (
+from spinfilters.campaigns.recording_factors import (
     FACTORS,
     BeliefFactor,
     BodyFactor,

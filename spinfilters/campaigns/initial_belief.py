@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.campaigns.factors import BeliefFactor, SensorFactor
+from spinfilters.campaigns.recording_factors import BeliefFactor, SensorFactor
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.sensor_format import dataset_kinds
 from spinfilters.errors import InputError

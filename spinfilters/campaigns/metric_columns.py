@@ -12,7 +12,7 @@ from spinfilters.data.truth import Truth
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.identification.components import VarianceComponent
 from spinfilters.evaluation.consistency import normalised_square, true_states
-from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.span import span_errors
 from spinfilters.evaluation.trajectory_errors import BodyErrors, RmsErrors, TruthErrors, common_stamps
 from spinfilters.state.status import Verdict

@@ -12,9 +12,9 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from spinfilters.campaigns.factor_table import Cell
-from spinfilters.campaigns.factors import RecordingFactors
 from spinfilters.campaigns.initial_belief import prepared_with_drawn_belief
 from spinfilters.campaigns.metric_columns import bound_metrics, metrics, noise_metrics
+from spinfilters.campaigns.recording_factors import RecordingFactors
 from spinfilters.campaigns.schema import TIMES
 from spinfilters.campaigns.study import CampaignRun, Study
 from spinfilters.data.dataset import Dataset
@@ -22,7 +22,7 @@ from spinfilters.data.input_file import printable
 from spinfilters.errors import SpinfiltersError
 from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.timeline import Timeline
-from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.estimation import Comparison, ComparisonExtent, compare_estimators
 from spinfilters.pipeline.recording_bound import with_bounds, without_bounds
 from spinfilters.pipeline.setup import Setup, prepare

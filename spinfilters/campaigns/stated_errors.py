@@ -9,7 +9,7 @@ import numpy as np
 
 from spinfilters.data.truth import Truth
 from spinfilters.evaluation.consistency import knows_state, true_states
-from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.trajectory_errors import Alignment, common_stamps
 from spinfilters.evaluation.truth_frames import truth_in_first_frame, truth_in_inertial_frame
 from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION

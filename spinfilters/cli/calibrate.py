@@ -13,7 +13,7 @@ from spinfilters.data.input_file import path_text
 from spinfilters.data.output_folder import output_folder, refuse_foreign
 from spinfilters.data.sensor_yaml import deviations_text
 from spinfilters.errors import InputError
-from spinfilters.plots.calibration import calibration_figure
+from spinfilters.plots.calibration_figure import calibration_figure
 from spinfilters.plots.style import save_figure
 from spinfilters.vision.calibration_check import BoardMeasurement, CheckResult, checks, measured_board
 from spinfilters.vision.calibration_images import Board, board_views, image_pairs

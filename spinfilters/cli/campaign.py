@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from spinfilters.api.campaigns import campaign_rows, repeated_run
+from spinfilters.api.campaign_frames import campaign_rows, repeated_run
 from spinfilters.cli.console import wide_console
 from spinfilters.data.input_file import value_text
 from spinfilters.errors import InputError

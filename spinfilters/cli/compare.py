@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from spinfilters.api.runs import estimator_names
+from spinfilters.api.recording_comparison import estimator_names
 from spinfilters.cli.arguments import reading_options
 from spinfilters.cli.console import progress_bars, wide_console
 from spinfilters.data.dataset import Dataset, has_images, read_dataset

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from spinfilters.cli.console import progress_bars, wide_console
 from spinfilters.pipeline.figures import FigureData
-from spinfilters.pipeline.reconstruction import Reconstruction
-from spinfilters.pipeline.reconstruction import reconstruct as reconstruct_run
+from spinfilters.pipeline.run_reconstruction import Reconstruction
+from spinfilters.pipeline.run_reconstruction import reconstruct as reconstruct_run
 from spinfilters.pipeline.run_report import write_run_report
 from spinfilters.runs.run_folder import REPORT_FILE, refuse_foreign_run
 from spinfilters.runs.run_lock import locked_run

@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from spinfilters.evaluation.deviation_rows import LATEST_ROWS, PARTS_CAPTION, parts_row
-from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.formatting import numbers, with_uncertainty
 from spinfilters.evaluation.span import ALWAYS, SpanErrors, shared_begin, span_errors
 from spinfilters.evaluation.table_row import DEGREE, Cell, Column, TableRow

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from spinfilters.evaluation.error_bound import ErrorBound
-from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.reported_constants import constant_numbers
 from spinfilters.evaluation.span import ALWAYS, SpanErrors, middle, span_errors
 from spinfilters.evaluation.trajectory_errors import BodyErrors, RmsErrors

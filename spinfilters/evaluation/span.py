@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.trajectory_errors import RmsErrors
 
 ALWAYS: Final = -np.inf

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.span import SpanErrors
 from spinfilters.evaluation.usage import ObservationUse
 

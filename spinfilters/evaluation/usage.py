@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Int
 
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.span import shared_begin
 
 IDENTICAL = "Estimators on identical measurements"

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import pdtrc
 
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.initialisation_length import DETERMINED_STD, moments_std_of
 from spinfilters.pipeline.setup import Setup
 from spinfilters.sensors.registry import sensor_of

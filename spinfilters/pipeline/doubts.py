@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.diagnostics import filter_diagnostics, shared_diagnostics
 from spinfilters.pipeline.estimate_diagnostics import (
     agreement_diagnostics,

@@ -14,6 +14,8 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.model_errors.alternative import Alternative
 from spinfilters.estimators.model_errors.score_test import ScoreTest
 from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.estimators.model_errors.score_tests import ScoreTest
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
 from spinfilters.pipeline.model_errors import TestedModels
 from spinfilters.pipeline.setup import prepare

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from spinfilters.data.dataset import Dataset, read_dataset
 from spinfilters.data.input_file import value_text
 from spinfilters.errors import InputError
-from spinfilters.evaluation.evaluation import Evaluation, evaluate
+from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
 from spinfilters.evaluation.rates import BodyRates, measured_rates, true_rates
 from spinfilters.evaluation.trajectory import read_map_ply
 from spinfilters.evaluation.trajectory_errors import Alignment

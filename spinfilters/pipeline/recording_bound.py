@@ -33,7 +33,7 @@ from spinfilters.estimators.smoothing.solver.batch_smoother import NO_LANDMARKS
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.evaluation.consistency import finite_epochs, true_states
 from spinfilters.evaluation.error_bound import error_bound
-from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.trajectory_errors import Alignment, common_stamps
 from spinfilters.evaluation.truth_frames import truth_in_first_frame, truth_in_inertial_frame
 from spinfilters.pipeline.setup import Setup

@@ -16,7 +16,7 @@ from spinfilters.data.atomic_write import write_text
 from spinfilters.data.input_file import printable, read_settings_text
 from spinfilters.errors import InputError
 from spinfilters.evaluation.comparison import comparison_cells
-from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.lidar.ply_files import read_ply
 from spinfilters.pages.model_view import ShownModel, ShownMotion, model_script, model_view
 from spinfilters.pages.page import details, facts, image, note, page, table

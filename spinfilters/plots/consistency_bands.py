@@ -10,7 +10,7 @@ from matplotlib.patches import Patch
 
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.consistency import chi_square_band
-from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.span import initialisation_end, shared_begin
 from spinfilters.plots.style import (
     GREEN,

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.trajectory import Trajectory
 from spinfilters.plots.style import (
     SIGMAS,

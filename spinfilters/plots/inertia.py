@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 
 from spinfilters.evaluation.body import BodyHistory, body_history
 from spinfilters.evaluation.deviation_parts import without_calibration
-from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.formatting import with_uncertainty
 from spinfilters.evaluation.span import initialisation_end
 from spinfilters.plots.style import (

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.flips import count_flips, knows_intermediate_axis
 from spinfilters.evaluation.formatting import with_uncertainty
 from spinfilters.evaluation.rates import BodyRates, estimated_rates

@@ -50,7 +50,7 @@ ESTIMATOR_FILES = (
 """Everything that a run writes into the folder of an estimator, besides its checkpoint."""
 RECONSTRUCTION_FOLDER, MODEL_FILE = "reconstruction", "model.ply"
 RECONSTRUCTION_FILE, ANIMATION_FILE = "reconstruction.json", "reprojection.gif"
-"""Dense model of `spinfilters.pipeline.reconstruction`."""
+"""Dense model of `spinfilters.pipeline.run_reconstruction`."""
 SEGMENTS_FOLDER = "segments"
 _UNFINISHED = re.compile(r"\.[0-9a-f]{16}\.part")
 """Names of what was being written when a run was killed (`spinfilters.data.atomic_write`)."""

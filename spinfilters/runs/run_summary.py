@@ -11,7 +11,7 @@ from spinfilters.data.dataset import has_images
 from spinfilters.data.input_file import reason
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.metrics import numbers, use_numbers
 from spinfilters.evaluation.reported_constants import constant_numbers
 from spinfilters.evaluation.span import shared_begin

@@ -4,7 +4,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from spinfilters.api.blas_threads import ASKED_FOR, on_one_blas_thread
-from spinfilters.api.runs import compare
+from spinfilters.api.recording_comparison import compare
 
 
 def blas_threads() -> set[int]:

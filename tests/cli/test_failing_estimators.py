@@ -13,7 +13,7 @@ from failures import compared, of_casadi, singular
 
 from spinfilters.cli.main import main
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.evaluation import evaluation
+from spinfilters.evaluation import estimator_evaluation
 from spinfilters.pipeline import first_epochs
 from spinfilters.pipeline.estimator_entries import smoother
 from spinfilters.state.gaussian import Gaussian
@@ -129,8 +129,8 @@ def for_estimator(name: str, real: Callable[..., Any], error: Callable[..., Any]
 def test_an_evaluation_that_raises_fails_its_estimator_alone(
     poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    broken = for_estimator("mekf", evaluation.normalised_errors, singular)
-    monkeypatch.setattr(evaluation, "normalised_errors", broken)
+    broken = for_estimator("mekf", estimator_evaluation.normalised_errors, singular)
+    monkeypatch.setattr(estimator_evaluation, "normalised_errors", broken)
     estimates = compared(poses, tmp_path / "run", names=("mekf", "ukf"))
     assert estimates["mekf"]["status"] == "failed"
     assert estimates["mekf"]["errors"] is None
@@ -140,12 +140,12 @@ def test_an_evaluation_that_raises_fails_its_estimator_alone(
 def test_a_body_that_cannot_be_evaluated_fails_its_estimator_alone(
     poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real = evaluation.trajectory_of
+    real = estimator_evaluation.trajectory_of
 
     def trajectory_of(history: Any) -> Any:
         return singular() if history.name == "mekf" and np.isfinite(history.mean).all() else real(history)
 
-    monkeypatch.setattr(evaluation, "trajectory_of", trajectory_of)
+    monkeypatch.setattr(estimator_evaluation, "trajectory_of", trajectory_of)
     estimates = compared(poses, tmp_path / "run", names=("mekf", "ukf"))
     assert estimates["mekf"]["status"] == "failed"
     assert estimates["mekf"]["principal_moments"] == [None, None, None]

@@ -18,7 +18,7 @@ from spinfilters.dynamics.mass_distribution import from_inertia, inertia_matrix
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.consistency import chi_square_band, true_states
-from spinfilters.evaluation.evaluation import Evaluation, evaluate
+from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
 from spinfilters.evaluation.metrics import numbers
 from spinfilters.evaluation.rates import estimated_rates, true_rates
 from spinfilters.evaluation.trajectory_errors import Alignment

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.comparison import comparison_table
-from spinfilters.evaluation.evaluation import Evaluation, evaluate
+from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
 from spinfilters.evaluation.metrics import numbers, use_numbers
 from spinfilters.evaluation.span import initialisation_end, shared_begin
 from spinfilters.evaluation.usage import on_identical_measurements, title_sentences

@@ -4,9 +4,9 @@ import itertools
 
 import pytest
 
+from observability.analysis_report import analyse
 from observability.canonical_motions import CANONICAL_MOTIONS, motion
 from observability.cases import Case
-from observability.report import analyse
 from observability.scope import axes_in_words, close_moments, scope
 from observability.sensors import analysed_sensors
 from observability.system import Input

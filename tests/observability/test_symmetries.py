@@ -15,10 +15,10 @@ from observability.codistribution import codistribution
 from observability.elimination import FIELD
 from observability.explanation import explained, tangent_symmetries
 from observability.rational import as_floats, rationals
-from observability.simulation import Trajectories, simulate
 from observability.symmetries.candidates import candidates
 from observability.symmetries.symmetry import State, Symmetry
 from observability.system import Input, System
+from observability.taylor_outputs import Trajectories, simulate
 from spinfilters.models.gauge import gauge_directions
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 

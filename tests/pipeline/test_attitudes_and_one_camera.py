@@ -14,7 +14,7 @@ from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.data.noise_levels import SensorNoise
 from spinfilters.errors import InputError
 from spinfilters.evaluation.consistency import chi_square_band
-from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.setup import prepare
 from spinfilters.sensors.registry import sensor_of
 from spinfilters.sensors.sensor import CameraView

@@ -14,7 +14,7 @@ from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EPOCH_ARRAYS, EstimateHistory
 from spinfilters.evaluation.comparison import comparison_cells
-from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.models.process import ProcessNoise
 from spinfilters.pipeline.calibration_errors import UNKNOWN, CalibrationErrors
 from spinfilters.pipeline.comparison_run import compare_dataset

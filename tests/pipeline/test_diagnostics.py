@@ -10,7 +10,7 @@ from plain_comparison import plain_comparison
 
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.robust.outlier_rejection import RobustOptions
-from spinfilters.evaluation.evaluation import Evaluation, evaluate
+from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
 from spinfilters.pipeline.diagnostics import with_verdict
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate

@@ -8,7 +8,7 @@ import pytest
 from contracts.plugin import installed_plugin, program_of
 
 import spinfilters
-from spinfilters.api.runs import Run
+from spinfilters.api.recording_comparison import Run
 from spinfilters.errors import InputError
 from spinfilters.pipeline.figure_entry import TABLE, figure_entries, picture_files
 from spinfilters.pipeline.figures import FigureData, draw_run

@@ -47,7 +47,7 @@ def notes(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 def drawn(comparison: Comparison, folder: Path, change: Callable[[Any], Any]) -> None:
     """All pictures of a comparison whose first history was changed."""
-    from spinfilters.evaluation.evaluation import evaluate
+    from spinfilters.evaluation.estimator_evaluation import evaluate
 
     folder.mkdir()
     first, *others = comparison.evaluations

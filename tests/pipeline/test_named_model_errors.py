@@ -28,6 +28,13 @@ from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 GRAVITY = np.array([0.0, 9.81, 0.0])
 SMOOTHER = Settings(estimators=("smoother",))
+DISTURBED = Scenario(
+    principal_moments=(1.0, 0.8, 0.55),
+    rate_rpm=RICH_RPM,
+    epochs=60,
+    interval=0.4,
+    noise=ProcessNoise(1e-6, 4e-8),
+)
 
 
 def recording(block: StateBlock | None, value: np.ndarray, interval: float, seed: int = 0) -> Dataset:
@@ -191,14 +198,7 @@ def test_an_error_that_contradicts_correlated_noise_of_a_gyro_is_named() -> None
 
 
 def test_drag_that_identified_noise_takes_in_is_named() -> None:
-    scenario = Scenario(
-        kind="gyro",
-        principal_moments=(1.0, 0.8, 0.55),
-        rate_rpm=RICH_RPM,
-        epochs=60,
-        interval=0.4,
-        noise=ProcessNoise(1e-6, 4e-8),
-    )
+    scenario = replace(DISTURBED, kind="gyro")
     seeds = tuple(np.random.SeedSequence(3).spawn(3))
     comparison = compared(without_noise(faulty_recording(scenario, model_faults()["drag"], 0.01, seeds)))
     drag = comparison.models.named[0]
@@ -208,14 +208,7 @@ def test_drag_that_identified_noise_takes_in_is_named() -> None:
 
 
 def test_a_drift_of_the_clock_that_the_densities_take_in_is_named_at_smaller_ones() -> None:
-    scenario = Scenario(
-        kind="pose",
-        principal_moments=(1.0, 0.8, 0.55),
-        rate_rpm=RICH_RPM,
-        epochs=60,
-        interval=0.4,
-        noise=ProcessNoise(1e-6, 4e-8),
-    )
+    scenario = replace(DISTURBED, kind="pose")
     seeds = tuple(np.random.SeedSequence(1).spawn(3))
     dataset = without_noise(faulty_recording(scenario, model_faults()["clock-drift"], 0.09, seeds))
     named = compared(dataset, replace(SMOOTHER, process=replace(SMOOTHER.process, gravity=False))).models

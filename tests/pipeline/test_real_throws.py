@@ -10,7 +10,7 @@ from jaxtyping import Float
 from plain_comparison import plain_comparison
 
 from spinfilters.data.dataset import Dataset, read_dataset
-from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.estimation import Comparison
 from spinfilters.pipeline.setup import prepare
 from spinfilters.settings.run_settings import ProcessSettings, Settings

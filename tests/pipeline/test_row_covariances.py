@@ -13,7 +13,7 @@ from spinfilters.data.dataset_options import DatasetOptions
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.evaluation.consistency import chi_square_band, normalised_square
-from spinfilters.evaluation.evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.rates import true_rates
 from spinfilters.pipeline.setup import prepare
 from spinfilters.settings.run_settings import SensorSettings, Settings

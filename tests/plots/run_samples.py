@@ -10,7 +10,7 @@ from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.dynamics.torque_free import torque_free_motion
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.consistency import true_states
-from spinfilters.evaluation.evaluation import Evaluation, evaluate
+from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 from spinfilters.state.status import EstimatorStatus
 

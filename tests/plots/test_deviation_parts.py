@@ -5,7 +5,7 @@ import pytest
 from matplotlib.figure import Figure
 from run_samples import full_runs
 
-from spinfilters.evaluation.evaluation import Evaluation, evaluate
+from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
 from spinfilters.plots.error_bands import error_bands_figure
 from spinfilters.plots.inertia import inertia_figure
 

@@ -31,7 +31,7 @@ def add_live(commands: Subparsers) -> argparse.ArgumentParser:
     return live
 
 
-COMMANDS = (Command(25, add_live, "spinfilters.cli.live:live"),)
+COMMANDS = (Command(25, add_live, "spinfilters.cli.live_command:live"),)
 
 
 def _add_input(live: argparse.ArgumentParser) -> None:

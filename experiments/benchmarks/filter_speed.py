@@ -1,7 +1,7 @@
 """Our filters against filterpy's on the same frames.
 
 Time of one prediction and update, interleaved by blocks in one run.
-    python -m experiments.benchmarks.filters --frames 24 --out /tmp/benchmark
+    python -m experiments.benchmarks.filter_speed --frames 24 --out /tmp/benchmark
 
 Both sides get the same compiled models and the same stacked, whitened rows of the simulated default (about 215
 landmarks a frame, known map). Machines differ and get busy, so the result is a ratio. The filters take turns by
@@ -67,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--blocks", type=int, default=5, help="blocks, each from the same start")
     parser.add_argument("--out", type=Path, help="folder for filters.json and filters.png")
     options = parser.parse_args(arguments)
-    use_one_thread("experiments.benchmarks.filters")
+    use_one_thread("experiments.benchmarks.filter_speed")
     setup = prepare(simulate(Scenario()), Settings())
     seconds = time_frames(setup, options.frames, options.blocks)
     ratios = [speed_ratio(seconds, *pair) for pair in PAIRS]

@@ -7,9 +7,9 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
+from observability.analysis_report import Report
 from observability.bounds.quantities import BLOCK_NAMES, EACH_MOMENT, MOMENTS, PLACE, Quantity
 from observability.certificate import Certificate
-from observability.report import Report
 from observability.study import BoundStudy, Curve
 from spinfilters.plots.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY, tidy
 

@@ -2,7 +2,7 @@
 
 On the same systems: answers and seconds in one run.
     pip install StrikePy pybounds symident
-    python -m experiments.benchmarks.observability --out runs/peers
+    python -m experiments.benchmarks.observability_tools --out runs/peers
 
 Every tool gets the expressions of our own process and sensors, translated from their instruction tapes, so nothing is typed twice.
 Each runs in a process of its own that has imported it and analysed a small system before the clock starts; the median of several
