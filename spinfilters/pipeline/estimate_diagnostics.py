@@ -11,8 +11,6 @@ from scipy.special import chdtri
 from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.agreement import WHOLE, compared_parts, expected_nees
-from spinfilters.evaluation.evaluation import Evaluation
-from spinfilters.evaluation.agreement import expected_nees
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.diagnostics import RICHER
 from spinfilters.pipeline.inertia_evidence import inertia_evidence

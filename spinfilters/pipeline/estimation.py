@@ -12,9 +12,7 @@ from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.history import EPOCH_ARRAYS, EstimateHistory, GrowingHistory
 from spinfilters.estimators.run import NO_EPOCH_LEFT, rehearse, run
 from spinfilters.estimators.timeline import Timeline, times_of
-from spinfilters.evaluation.evaluation import Evaluation
-from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
-from spinfilters.evaluation.trajectory_errors import Alignment
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.calibration_errors import CalibrationErrors
 from spinfilters.pipeline.doubts import doubts_of
 from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries

@@ -41,11 +41,8 @@ from spinfilters.estimators.smoothing.problem.landmark_reinitialisation import r
 from spinfilters.estimators.smoothing.problem.least_squares import Problem, problem_of
 from spinfilters.estimators.smoothing.solver.annealing import GATE
 from spinfilters.estimators.timeline import Timeline, times_of
-from spinfilters.evaluation.evaluation import Evaluation
-from spinfilters.pipeline.correlation_verdict import NO_CORRELATION, PossibleCorrelation, possible_correlation
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.linear_algebra.chi_square import chi_square_tail
-from spinfilters.pipeline.correlation_verdict import correlated_error_doubts
+from spinfilters.pipeline.correlation_verdict import NO_CORRELATION, PossibleCorrelation, possible_correlation
 from spinfilters.pipeline.identified_noise import Unstated, noise_model
 from spinfilters.pipeline.wrong_units import WrongUnit, wrong_units
 from spinfilters.sensors.registry import sensor_of

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.evaluation import Evaluation, evaluate
+from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
 from spinfilters.evaluation.trajectory_errors import Alignment
 from spinfilters.pipeline.diagnostics import LARGEST_MOMENT_STD, with_verdict
 from spinfilters.pipeline.doubts import Doubts
