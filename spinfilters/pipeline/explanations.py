@@ -13,7 +13,6 @@ from spinfilters.data.dataset import Dataset
 from spinfilters.errors import InputError
 from spinfilters.estimators.model_errors.alternative import Alternative
 from spinfilters.estimators.model_errors.score_test import ScoreTest
-from spinfilters.estimators.model_errors.score_tests import ScoreTest
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
 from spinfilters.pipeline.model_errors import TestedModels
