@@ -14,11 +14,13 @@ from pathlib import Path
 import numpy as np
 
 from spinfilters.data.atomic_write import make_folder
-from spinfilters.data.dataset import Dataset, read_dataset
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.dataset_reading import read_dataset
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.estimation import compare_estimators
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.segment_choice import ALL, AUTO, read_several
-from spinfilters.pipeline.setup import Setup, prepare
+from spinfilters.pipeline.setup import Setup
 from spinfilters.plots.style import save_figure
 from spinfilters.plots.throws import Throw, throws_figure
 from spinfilters.settings.run_settings import Settings

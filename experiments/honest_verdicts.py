@@ -29,7 +29,7 @@ from spinfilters.errors import InputError
 from spinfilters.evaluation.consistency import normalised_square
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.estimation import compare_estimators
-from spinfilters.pipeline.setup import prepare
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.plots.style import save_figure
 from spinfilters.settings.run_settings import ProcessSettings, Settings
 from spinfilters.simulation.scenario import without_noise

@@ -19,7 +19,7 @@ from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.data.sensor_format import sensor_format
 from spinfilters.evaluation.trajectory_errors import TruthErrors, root_mean_square
 from spinfilters.pipeline.estimation import compare_estimators
-from spinfilters.pipeline.setup import prepare
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM
 

@@ -37,7 +37,7 @@ from spinfilters.lidar.scanner import LidarSettings, Scanner
 from spinfilters.lidar.sequence import Initial, scan_times, truth_of, tumble_of
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.pipeline.estimation import compare_estimators
-from spinfilters.pipeline.setup import prepare
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.plots.style import BLUE, GREY, RED, save_figure
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.motion import Motion, simulate_motion

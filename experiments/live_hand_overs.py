@@ -24,7 +24,8 @@ from spinfilters.live.filter_track import FilterTrack
 from spinfilters.live.rebase import HandOver
 from spinfilters.models.process import ProcessNoise
 from spinfilters.pipeline.estimator_entry import estimator_entries
-from spinfilters.pipeline.setup import Setup, prepare
+from spinfilters.pipeline.preparation import prepare
+from spinfilters.pipeline.setup import Setup
 from spinfilters.pipeline.smoother_run import begin_after_initialisation, sliding_smoother
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate, without_map

@@ -25,8 +25,8 @@ from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.errors import InputError
 from spinfilters.models.process import ProcessNoise
 from spinfilters.pipeline.estimation import ComparisonExtent, compare_estimators
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.recording_bound import without_bounds
-from spinfilters.pipeline.setup import prepare
 from spinfilters.sensors.registry import sensor_of
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.faults import with_stream

@@ -24,7 +24,8 @@ import numpy as np
 from spinfilters.embedded.embedded_options import EmbedOptions
 from spinfilters.embedded.folder import write_library
 from spinfilters.pipeline.estimation import compare_estimators
-from spinfilters.pipeline.setup import Setup, prepare
+from spinfilters.pipeline.preparation import prepare
+from spinfilters.pipeline.setup import Setup
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate, without_map
 

@@ -2,8 +2,9 @@
 
 from spinfilters.data.dataset import Dataset
 from spinfilters.pipeline.estimation import Comparison, ComparisonExtent, compare_estimators
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.recording_bound import without_bounds
-from spinfilters.pipeline.setup import Setup, prepare
+from spinfilters.pipeline.setup import Setup
 from spinfilters.settings.run_settings import Settings
 
 PLAIN = ComparisonExtent(bounding=without_bounds, rehearsing=lambda *_: None)

@@ -29,7 +29,8 @@ from spinfilters.data.atomic_write import write_json
 from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.timeline import Epoch
 from spinfilters.pipeline.estimation import build_estimator
-from spinfilters.pipeline.setup import Setup, prepare
+from spinfilters.pipeline.preparation import prepare
+from spinfilters.pipeline.setup import Setup
 from spinfilters.plots.style import BLUE, GREY, RED, save_figure, tidy
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate

@@ -26,7 +26,8 @@ from spinfilters.estimators.robust.losses import LeastSquares
 from spinfilters.estimators.run import run
 from spinfilters.estimators.smoothing.solver.batch_smoother import smooth_recording
 from spinfilters.pipeline.estimator_entry import estimator_entries
-from spinfilters.pipeline.setup import NOTHING_SOUGHT, Setup, prepare
+from spinfilters.pipeline.preparation import prepare
+from spinfilters.pipeline.setup import NOTHING_SOUGHT, Setup
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate, without_map, without_noise
 from spinfilters.state.blocks.acceleration import ACCELERATION

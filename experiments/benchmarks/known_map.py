@@ -9,7 +9,7 @@ from typing import Final
 
 from experiments.benchmarks.stopwatch import CLOCKS, now, use_clock, use_one_thread
 from spinfilters.data.dataset import Dataset
-from spinfilters.pipeline.setup import prepare
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.smoother_run import smooth_at_once
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate

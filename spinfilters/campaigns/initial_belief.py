@@ -10,7 +10,8 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.evaluation.consistency import true_states
-from spinfilters.pipeline.setup import Setup, prepare
+from spinfilters.pipeline.preparation import prepare
+from spinfilters.pipeline.setup import Setup
 from spinfilters.sensors.registry import sensor_of
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.layout import StateLayout

@@ -24,8 +24,9 @@ from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.estimation import Comparison, ComparisonExtent, compare_estimators
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.recording_bound import with_bounds, without_bounds
-from spinfilters.pipeline.setup import Setup, prepare
+from spinfilters.pipeline.setup import Setup
 from spinfilters.simulation.faults import with_faults
 from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
 from spinfilters.simulation.motion import Motion

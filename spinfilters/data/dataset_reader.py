@@ -3,13 +3,11 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+from spinfilters.data.dataset import Dataset
 from spinfilters.data.reading_options import NOTHING_STATED, ReadingOptions
 from spinfilters.plugins import PluginGroup, by_name
-
-if TYPE_CHECKING:
-    from spinfilters.data.dataset import Dataset
 
 OnRefused = Callable[[int, str], None]
 """Called with the number of a segment that cannot be used, and why."""
@@ -38,10 +36,10 @@ class DatasetReader(ABC):
         """
 
     @abstractmethod
-    def read(self, path: Path, segment: int | None) -> "Dataset":
+    def read(self, path: Path, segment: int | None) -> Dataset:
         """The data set. InputError: names file, line or value, and the cure."""
 
-    def whole(self, path: Path) -> "Dataset":
+    def whole(self, path: Path) -> Dataset:
         """The whole recording, whatever segments are marked in it.
 
         Without segments it is the data set. InputError: as `read`.
@@ -56,7 +54,7 @@ class DatasetReader(ABC):
         options.require_only((), self.words or "this kind of file")
         return self
 
-    def segments(self, path: Path, on_refused: OnRefused | None) -> "list[Dataset]":
+    def segments(self, path: Path, on_refused: OnRefused | None) -> list[Dataset]:
         """All data sets of a recording: the only one, unless it has segments.
 
         Parameters

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 from spinfilters.data.dataset import Dataset
 from spinfilters.pipeline.estimation import Comparison, Progress, compare_estimators
 from spinfilters.pipeline.figure_entry import picture_files
-from spinfilters.pipeline.setup import Setup, prepare
+from spinfilters.pipeline.preparation import prepare
+from spinfilters.pipeline.setup import Setup
 from spinfilters.runs.checkpoint_store import StoreOf, checkpoint_stores, no_checkpoints, remove_checkpoints
 from spinfilters.runs.run_folder import (
     REPORT_FILE,
@@ -144,7 +145,8 @@ def _write_and_draw(folder: Path, comparison: Comparison, settings: Settings, re
     write_run(folder, comparison, settings)
     if comparison.interrupted:
         return
-    from spinfilters.pipeline.figures import FigureData, draw_run
+    from spinfilters.pipeline.figure_data import FigureData
+    from spinfilters.pipeline.figures import draw_run
 
     draw_run(
         FigureData.from_comparison(comparison), folder, lambda done, total: report("figures", done, total)
@@ -152,7 +154,7 @@ def _write_and_draw(folder: Path, comparison: Comparison, settings: Settings, re
 
 
 def _write_report(folder: Path, comparison: Comparison) -> None:
-    from spinfilters.pipeline.figures import FigureData
+    from spinfilters.pipeline.figure_data import FigureData
     from spinfilters.pipeline.run_report import write_run_report
 
     write_run_report(FigureData.from_comparison(comparison), folder)
@@ -166,7 +168,7 @@ def _complete(dataset: Dataset, settings: Settings, output: RunOutput, report: P
             output.folder, dataset, settings, lambda done, total: report("convergence", done, total)
         )
     if made or not (output.folder / REPORT_FILE).exists():
-        from spinfilters.pipeline.figures import FigureData
+        from spinfilters.pipeline.figure_data import FigureData
         from spinfilters.pipeline.run_report import write_run_report
 
         write_run_report(FigureData.from_folder(output.folder), output.folder)
@@ -182,7 +184,8 @@ def _draw_missing(folder: Path, settings: Settings, report: Progress) -> list[st
     missing = [name for name in picture_files(settings.estimators) if not (folder / name).exists()]
     if not missing:
         return []
-    from spinfilters.pipeline.figures import FigureData, draw_run
+    from spinfilters.pipeline.figure_data import FigureData
+    from spinfilters.pipeline.figures import draw_run
 
     figure_data = FigureData.from_folder(folder)
     return draw_run(figure_data, folder, lambda done, total: report("figures", done, total), missing)

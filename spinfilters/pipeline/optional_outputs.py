@@ -16,7 +16,8 @@ from spinfilters.estimators.history import EstimateHistory
 from spinfilters.pipeline import predictions, smoother_convergence
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
 from spinfilters.pipeline.explanations import read_sentences, write_explanations
-from spinfilters.pipeline.setup import Setup, prepare
+from spinfilters.pipeline.preparation import prepare
+from spinfilters.pipeline.setup import Setup
 from spinfilters.plots.convergence import convergence_figure
 from spinfilters.plots.prediction import prediction_figure
 from spinfilters.plots.style import draw_figure

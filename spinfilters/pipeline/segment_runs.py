@@ -19,7 +19,7 @@ from spinfilters.errors import InputError
 from spinfilters.pipeline.estimation import compare_estimators
 from spinfilters.pipeline.pooled_acceleration import PooledAcceleration, pooled_acceleration, strength_of
 from spinfilters.pipeline.pooled_moments import PooledMoments, pooled_moments
-from spinfilters.pipeline.setup import prepare
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.plots.style import draw_figure
 from spinfilters.plots.throws import Throw, throws_figure
 from spinfilters.runs.run_folder import (

@@ -11,7 +11,8 @@ import pytest
 from spinfilters.cli.main import main
 from spinfilters.errors import InputError
 from spinfilters.pipeline import estimation, segment_runs
-from spinfilters.pipeline.setup import Setup, prepare
+from spinfilters.pipeline.preparation import prepare
+from spinfilters.pipeline.setup import Setup
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 

@@ -8,7 +8,8 @@ from jaxtyping import Float
 from models.sensor_contract import check_sensor_contract
 from scipy.stats import chi2
 
-from spinfilters.data.dataset import Dataset, read_dataset
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.dataset_reading import read_dataset
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.data.noise_levels import SensorNoise

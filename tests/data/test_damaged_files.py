@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from log_samples import DATASET, GYRO, PHYPHOX, SEGMENTS, TRACKS, TUM, sensor_yaml, written
 
 from spinfilters.data.camera import read_stereo_rig
-from spinfilters.data.dataset import read_dataset
+from spinfilters.data.dataset_reading import read_dataset
 from spinfilters.data.gyro_files import read_gyro_csv, read_phyphox
 from spinfilters.data.pose_files import read_tum
 from spinfilters.data.track_files import read_tracks

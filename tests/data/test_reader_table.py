@@ -8,8 +8,8 @@ import pytest
 from contracts.plugin import installed_plugin, program_of
 
 import spinfilters
-from spinfilters.data.dataset import read_dataset
 from spinfilters.data.dataset_reader import TABLE, dataset_readers
+from spinfilters.data.dataset_reading import read_dataset
 from spinfilters.errors import InputError
 
 DOCS = Path(__file__).parents[2] / "docs" / "how-to"

@@ -25,7 +25,8 @@ from log_samples import (
 )
 
 from spinfilters.data.camera import read_stereo_rig, write_stereo_rig
-from spinfilters.data.dataset import Dataset, read_dataset, read_segments
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.dataset_reading import read_dataset, read_segments
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.gyro_files import read_phyphox, saturated
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream

@@ -16,7 +16,8 @@ from spinfilters.estimators.timeline import LogTimeline, times_of
 from spinfilters.models.process import ProcessNoise
 from spinfilters.pipeline.calibration_errors import with_error
 from spinfilters.pipeline.model_errors import landmarks_placed, linear_problem
-from spinfilters.pipeline.setup import Setup, prepare
+from spinfilters.pipeline.preparation import prepare
+from spinfilters.pipeline.setup import Setup
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate, without_map
 

@@ -17,7 +17,8 @@ from spinfilters.estimators.model_errors.linear_rows import LinearRows
 from spinfilters.models.process import ProcessNoise
 from spinfilters.pipeline import model_errors
 from spinfilters.pipeline.identified_noise import Unstated, noise_model
-from spinfilters.pipeline.setup import Setup, prepare
+from spinfilters.pipeline.preparation import prepare
+from spinfilters.pipeline.setup import Setup
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.gauss_markov import with_gauss_markov_errors
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map, without_noise

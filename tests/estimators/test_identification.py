@@ -21,7 +21,8 @@ from spinfilters.estimators.smoothing.factors.motion_factors import NOISE_FLOOR
 from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
 from spinfilters.estimators.smoothing.problem.least_squares import Problem, problem_of
 from spinfilters.models.process import ProcessNoise
-from spinfilters.pipeline.setup import Setup, prepare
+from spinfilters.pipeline.preparation import prepare
+from spinfilters.pipeline.setup import Setup
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 

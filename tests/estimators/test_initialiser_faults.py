@@ -12,7 +12,7 @@ from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
 from spinfilters.estimators.initialisation.initial_motion import consistent_samples
 from spinfilters.evaluation.consistency import true_states
-from spinfilters.pipeline.setup import prepare
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.sensors.sensor import MotionSamples
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.faults import WrongAssociations, with_faults

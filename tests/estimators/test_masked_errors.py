@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from spinfilters.data.dataset import Dataset
-from spinfilters.pipeline.setup import Setup, prepare
+from spinfilters.pipeline.preparation import prepare
+from spinfilters.pipeline.setup import Setup
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.faults import with_stream
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_noise

@@ -28,7 +28,7 @@ from spinfilters.estimators.online.out_of_sequence import Outcome, OutOfSequence
 from spinfilters.estimators.run import run
 from spinfilters.estimators.timeline import Epoch
 from spinfilters.pipeline.estimation import build_estimator
-from spinfilters.pipeline.setup import prepare
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.state.status import Verdict

@@ -8,7 +8,8 @@ from plain_comparison import plainly_compared
 from scipy.spatial import ConvexHull
 
 from spinfilters.api.recordings import simulate
-from spinfilters.data.dataset import Dataset, read_dataset
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.dataset_reading import read_dataset
 from spinfilters.data.noise_levels import SensorNoise
 from spinfilters.errors import InputError
 from spinfilters.evaluation.consistency import true_states
@@ -25,7 +26,7 @@ from spinfilters.lidar.sequence import (
     tumble_of,
     write_sequence,
 )
-from spinfilters.pipeline.setup import prepare
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.sensors.registry import sensor_of
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout

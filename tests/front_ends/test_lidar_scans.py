@@ -9,7 +9,8 @@ from plain_comparison import plain_comparison
 from scipy.spatial.transform import Rotation
 
 from spinfilters.attitude.conversions import angle_between
-from spinfilters.data.dataset import Dataset, read_dataset
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.dataset_reading import read_dataset
 from spinfilters.errors import InputError
 from spinfilters.front_ends.lidar_scans import in_frame_of
 from spinfilters.lidar.mesh import box

@@ -12,7 +12,8 @@ from spinfilters.estimators.initialisation import initialiser
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
 from spinfilters.pipeline import acceleration_state
 from spinfilters.pipeline.log_evidence import minus_twice_log_evidence
-from spinfilters.pipeline.setup import Setup, prepare
+from spinfilters.pipeline.preparation import prepare
+from spinfilters.pipeline.setup import Setup
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import without_noise
 from spinfilters.state.blocks.acceleration import ACCELERATION

@@ -9,13 +9,14 @@ from plain_comparison import plain_comparison
 
 from spinfilters.attitude.conversions import inverse, multiply, rotation_vector_from_quaternion
 from spinfilters.cli.main import main
-from spinfilters.data.dataset import Dataset, read_dataset
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.dataset_reading import read_dataset
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.data.noise_levels import SensorNoise
 from spinfilters.errors import InputError
 from spinfilters.evaluation.consistency import chi_square_band
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.pipeline.setup import prepare
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.sensors.registry import sensor_of
 from spinfilters.sensors.sensor import CameraView
 from spinfilters.settings.run_settings import Settings

@@ -22,7 +22,7 @@ from spinfilters.pipeline.conditions import conditions_of
 from spinfilters.pipeline.considered_calibration import considered_deviations
 from spinfilters.pipeline.estimation import Comparison
 from spinfilters.pipeline.estimator_entry import estimator_entries
-from spinfilters.pipeline.setup import prepare
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.runs.history_file import read_history, write_history
 from spinfilters.runs.run_summary import summary
 from spinfilters.settings.run_settings import Settings

@@ -8,7 +8,7 @@ import pytest
 from spinfilters.errors import InputError
 from spinfilters.models.process import THESIS_NOISE, ProcessNoise
 from spinfilters.pipeline.conditions import Conditions, conditions_of, told_sentences
-from spinfilters.pipeline.setup import prepare
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.settings.run_settings import ProcessSettings, Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 

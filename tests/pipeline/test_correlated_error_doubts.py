@@ -11,7 +11,7 @@ from spinfilters.models.process import ProcessNoise
 from spinfilters.pipeline import correlation_verdict, model_errors
 from spinfilters.pipeline.correlation_verdict import PossibleCorrelation, possible_correlation
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
-from spinfilters.pipeline.setup import prepare
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.gauss_markov import with_gauss_markov_errors
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_noise

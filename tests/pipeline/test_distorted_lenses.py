@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from spinfilters.data.camera import StereoRig
-from spinfilters.data.dataset import Dataset, read_dataset
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.dataset_reading import read_dataset
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.evaluation.estimator_evaluation import Evaluation

@@ -15,7 +15,7 @@ from spinfilters.pipeline.estimate_diagnostics import (
 )
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
 from spinfilters.pipeline.inertia_evidence import inertia_evidence
-from spinfilters.pipeline.setup import prepare
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.settings.run_settings import ProcessSettings, Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 

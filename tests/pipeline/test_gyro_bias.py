@@ -25,7 +25,7 @@ from spinfilters.evaluation.consistency import (
     true_states,
 )
 from spinfilters.models.process import ProcessNoise
-from spinfilters.pipeline.setup import prepare
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.runs.run_summary import summary
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate

@@ -17,7 +17,7 @@ from spinfilters.pipeline.initialisation_length import (
     departure_of,
     long_enough_initialisation,
 )
-from spinfilters.pipeline.setup import prepare
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 from spinfilters.state.status import Verdict

@@ -16,7 +16,7 @@ from spinfilters.pipeline import model_errors
 from spinfilters.pipeline.conditions import conditions_of
 from spinfilters.pipeline.estimation import Comparison
 from spinfilters.pipeline.explanations import explanations
-from spinfilters.pipeline.setup import prepare
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
 from spinfilters.simulation.motion import Motion, simulate_motion

@@ -21,7 +21,7 @@ from spinfilters.pipeline.noise_diagnostics import (
     filter_noise_diagnostics,
     noise_doubts,
 )
-from spinfilters.pipeline.setup import prepare
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.stated_levels import stated_level_diagnostics
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate

@@ -9,10 +9,11 @@ import pytest
 from jaxtyping import Float
 from plain_comparison import plain_comparison
 
-from spinfilters.data.dataset import Dataset, read_dataset
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.dataset_reading import read_dataset
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.estimation import Comparison
-from spinfilters.pipeline.setup import prepare
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.settings.run_settings import ProcessSettings, Settings
 
 FILTERS = Settings(estimators=("mekf", "ukf"))

@@ -22,8 +22,8 @@ from spinfilters.evaluation.comparison import BOUND_CAPTION, comparison_table
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.pipeline import recording_bound
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.recording_bound import cramer_rao_bound, with_bounds
-from spinfilters.pipeline.setup import prepare
 from spinfilters.runs.run_folder import write_run
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate

@@ -5,7 +5,7 @@ import pytest
 
 from spinfilters.data.dataset import Dataset
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
-from spinfilters.pipeline.setup import prepare
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.faults import with_faults
 from spinfilters.simulation.gross_error import GrossError

@@ -8,14 +8,15 @@ import pytest
 from jaxtyping import Float
 from plain_comparison import plain_comparison
 
-from spinfilters.data.dataset import Dataset, read_dataset
+from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_options import DatasetOptions
+from spinfilters.data.dataset_reading import read_dataset
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.evaluation.consistency import chi_square_band, normalised_square
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.rates import true_rates
-from spinfilters.pipeline.setup import prepare
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.settings.run_settings import SensorSettings, Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 

@@ -16,8 +16,9 @@ from spinfilters.pipeline.estimation import (
     build_estimator,
     compare_estimators,
 )
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.recording_bound import without_bounds
-from spinfilters.pipeline.setup import Setup, prepare
+from spinfilters.pipeline.setup import Setup
 from spinfilters.runs.checkpoint_store import CheckpointInterval, checkpoint_stores
 from spinfilters.runs.fingerprint import RunFingerprint, fingerprint_of
 from spinfilters.runs.run_folder import mark_run_folder, write_run

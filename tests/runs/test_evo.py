@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from spinfilters.pipeline.estimation import compare_estimators
-from spinfilters.pipeline.setup import prepare
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.runs.run_folder import write_run
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate

@@ -16,7 +16,7 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.history import GrowingHistory
 from spinfilters.estimators.run import run
 from spinfilters.pipeline.estimation import compare_estimators
-from spinfilters.pipeline.setup import prepare
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.runs.checkpoint import load_checkpoint, save_checkpoint
 from spinfilters.runs.checkpoint_store import CHECKPOINT_FILE, checkpoint_stores
 from spinfilters.runs.npz_file import read_arrays, write_arrays

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spinfilters.data.dataset import Dataset, read_dataset
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.dataset_reading import read_dataset
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.data.sensor_format import dataset_kinds
