@@ -8,7 +8,7 @@ mass is then a hyperparameter, chosen by marginal likelihood among `CENTRE_STDS`
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
@@ -19,13 +19,11 @@ from spinfilters.estimators.model_errors.alternatives.acceleration_alternative i
 from spinfilters.linear_algebra.chi_square import chi_square_tail
 from spinfilters.pipeline.log_evidence import minus_twice_log_evidence
 from spinfilters.pipeline.model_errors import tested_about
+from spinfilters.pipeline.setup import Setup
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.blocks.acceleration import ACCELERATION
 from spinfilters.state.blocks.rigid_body import CENTRE_OF_MASS
 from spinfilters.state.gaussian import Gaussian
-
-if TYPE_CHECKING:
-    from spinfilters.pipeline.setup import Setup
 
 TOLD: Final = 1e-5
 """Probability of as large an acceleration by chance, below which it is told from zero."""
@@ -41,7 +39,7 @@ CLEAR_FIT: Final = 1.5
 """Rms of whitened residuals of the first epochs above which a score about them says little: the acceleration is tried."""
 
 
-Make = Callable[[Settings, "Setup | None"], "Setup"]
+Make = Callable[[Settings, "Setup | None"], Setup]
 """Makes the setup of a recording with these settings; beside another one from its noise and body, of a common number of epochs."""
 
 
@@ -59,7 +57,7 @@ class _Explanation:
     told: bool
 
 
-def with_acceleration_if_told(make: Make, settings: Settings) -> "Setup":
+def with_acceleration_if_told(make: Make, settings: Settings) -> Setup:
     """The setup with a constant acceleration if the data tell one.
 
     The first epochs ask for it and tell it from zero.
@@ -77,7 +75,7 @@ def with_acceleration_if_told(make: Make, settings: Settings) -> "Setup":
     return accelerated if _tells(accelerated.initial.belief) else without
 
 
-def _likeliest(make: Make, settings: Settings, without: "Setup") -> Settings | None:
+def _likeliest(make: Make, settings: Settings, without: Setup) -> Settings | None:
     """Settings with an acceleration told from zero, if most likely.
 
     Where no prior of the centre lets the data tell one, the fit without is not made.
@@ -94,7 +92,7 @@ def _likeliest(make: Make, settings: Settings, without: "Setup") -> Settings | N
     return _with(settings, gravity=True, centre_std=best.centre_std) if best.told else None
 
 
-def _accelerated(make: Make, settings: Settings, without: "Setup") -> list[_Explanation]:
+def _accelerated(make: Make, settings: Settings, without: Setup) -> list[_Explanation]:
     """Explanations with an acceleration by every prior of the centre.
 
     All from the fit with the widest that leads anywhere: the noise that an offset leaves is that of the acceleration as well.
@@ -115,7 +113,7 @@ def _accelerated(make: Make, settings: Settings, without: "Setup") -> list[_Expl
     return []
 
 
-def _tried(make: Make, settings: Settings, without: "Setup") -> "Setup | None":
+def _tried(make: Make, settings: Settings, without: Setup) -> "Setup | None":
     try:
         return make(settings, without)
     except InputError:  # of which the caller's own settings tell
@@ -136,7 +134,7 @@ def _knows_centre(start: InitialEstimate) -> bool:
     return bool(std < KNOWN_CENTRE * CENTRE_OF_MASS.prior_std)
 
 
-def _cost(setup: "Setup") -> float:
+def _cost(setup: Setup) -> float:
     """-2 ln marginal likelihood of the first epochs.
 
     Infinite where noise that nobody states is not identified from them.
@@ -149,7 +147,7 @@ def _cost(setup: "Setup") -> float:
     return np.inf if found is None else found + 2 * float(np.log(start.prior.std).sum())
 
 
-def _asks(setup: "Setup") -> bool:
+def _asks(setup: Setup) -> bool:
     """Whether epochs without an acceleration ask for it.
 
     They could not be smoothed, identify no noise, do not fit, or score for it.

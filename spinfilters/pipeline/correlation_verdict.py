@@ -6,7 +6,7 @@ hold with either; what then is not determined is no longer said to be.
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float
@@ -18,9 +18,7 @@ from spinfilters.estimators.model_errors.correlated_observations import (
 )
 from spinfilters.estimators.model_errors.linear_rows import LinearRows
 from spinfilters.pipeline.identified_noise import Unstated, noise_model
-
-if TYPE_CHECKING:
-    from spinfilters.pipeline.setup import Setup
+from spinfilters.pipeline.setup import Setup
 
 LIKELY: Final = 0.5
 """Probability of errors that are likelier than not."""
@@ -50,7 +48,7 @@ NO_CORRELATION: Final = PossibleCorrelation()
 
 
 def possible_correlation(
-    setup: "Setup", rows: LinearRows | None, stated: Collection[str]
+    setup: Setup, rows: LinearRows | None, stated: Collection[str]
 ) -> PossibleCorrelation:
     """Errors that the estimates take for white ones beside disturbances.
 

@@ -1,7 +1,5 @@
 """Marginal likelihood of a recording's first epochs under a setup."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from jaxtyping import Float
 
@@ -9,12 +7,10 @@ from spinfilters.errors import NUMERICAL_ERRORS
 from spinfilters.estimators.model_errors.hypotheses import solved_near
 from spinfilters.estimators.model_errors.laplace_likelihood import minus_twice_log_likelihood
 from spinfilters.pipeline.model_errors import landmarks_placed, linear_problem
-
-if TYPE_CHECKING:
-    from spinfilters.pipeline.setup import Setup
+from spinfilters.pipeline.setup import Setup
 
 
-def minus_twice_log_evidence(setup: "Setup", trajectory: Float[np.ndarray, "k m"]) -> float | None:
+def minus_twice_log_evidence(setup: Setup, trajectory: Float[np.ndarray, "k m"]) -> float | None:
     """-2 ln evidence of the first epochs.
 
     Up to a constant of priors and of the measurements' number. None where they cannot be linearised about a trajectory.

@@ -6,7 +6,7 @@ Score tests about the smoothed motion, with reasons for the verdict.
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -44,12 +44,10 @@ from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.correlation_verdict import NO_CORRELATION, PossibleCorrelation, possible_correlation
 from spinfilters.pipeline.identified_noise import Unstated, noise_model
+from spinfilters.pipeline.setup import Setup
 from spinfilters.pipeline.wrong_units import WrongUnit, wrong_units
 from spinfilters.sensors.registry import sensor_of
 from spinfilters.state.status import Verdict
-
-if TYPE_CHECKING:
-    from spinfilters.pipeline.setup import Setup
 
 FALSE_ALARM: Final = 1e-2
 """Probability that a model error is named where all models are right: of all tests together (Bonferroni)."""
@@ -178,7 +176,7 @@ def _phrase(test: ScoreTest) -> str:
     return f"{error.phrase} ({size:.2g} +- {std:.1g} {error.unit}, chi-square {test.statistic:.0f}): {error.cure}"
 
 
-def tested_models(setup: "Setup", evaluations: Sequence[Evaluation]) -> TestedModels:
+def tested_models(setup: Setup, evaluations: Sequence[Evaluation]) -> TestedModels:
     """Score tests about the motion of the best estimator.
 
     None where nothing can be linearised.
@@ -194,7 +192,7 @@ def tested_models(setup: "Setup", evaluations: Sequence[Evaluation]) -> TestedMo
 
 
 def tested_about(
-    setup: "Setup", trajectory: Float[np.ndarray, "k m"], errors: Iterable[Alternative]
+    setup: Setup, trajectory: Float[np.ndarray, "k m"], errors: Iterable[Alternative]
 ) -> TestedModels:
     """Score tests of the first epochs about a nearly most probable trajectory.
 
@@ -208,7 +206,7 @@ def tested_about(
 
 
 def _tested(
-    setup: "Setup", trajectory: Float[np.ndarray, "k m"], errors: Iterable[Alternative]
+    setup: Setup, trajectory: Float[np.ndarray, "k m"], errors: Iterable[Alternative]
 ) -> TestedModels:
     """Score tests at the noise levels of the setup.
 
@@ -243,7 +241,7 @@ def _tested(
     return TestedModels(tuple(found), contradicted, solved=near)
 
 
-def _correlation(setup: "Setup") -> dict[str, float]:
+def _correlation(setup: Setup) -> dict[str, float]:
     """Samples that count as one, of a correlated gyro's level.
 
     The error is no error of the motion's model.
@@ -258,7 +256,7 @@ def _correlation(setup: "Setup") -> dict[str, float]:
     }
 
 
-def _best(setup: "Setup", evaluations: Sequence[Evaluation]) -> EstimateHistory | None:
+def _best(setup: Setup, evaluations: Sequence[Evaluation]) -> EstimateHistory | None:
     """The estimator that used most measurements of each epoch.
 
     The smoother if it runs, else the first that has not failed.
@@ -273,13 +271,13 @@ def _best(setup: "Setup", evaluations: Sequence[Evaluation]) -> EstimateHistory 
     return next((each for each in good if each.name == "smoother"), good[0] if good else None)
 
 
-def stated_levels(setup: "Setup") -> frozenset[str]:
+def stated_levels(setup: Setup) -> frozenset[str]:
     """Names of the noise levels that are not identified."""
     options = {option.name for name in setup.log.sensors for option in sensor_format(name).noise}
     return frozenset((options | set(DISTURBANCES)) - setup.unstated | setup.inflation.keys())
 
 
-def linear_problem(setup: "Setup", epochs: Timeline, ids: Int[np.ndarray, " L"] | None = None) -> Problem:
+def linear_problem(setup: Setup, epochs: Timeline, ids: Int[np.ndarray, " L"] | None = None) -> Problem:
     """The smoothing problem of some epochs, the first among them.
 
     With landmarks of these ids, or of all where none are given.
