@@ -119,9 +119,8 @@ class TestedModels:
     def is_beyond_chance(self, test: ScoreTest) -> bool:
         """Whether as much is too improbable without the error."""
         is_harmful = self.std is not None and test.effect(self.std).largest >= HARMFUL
-        return test.p_value < self.largest_p_value or (
-            is_harmful and not self.beside_slow_noise and test.p_value < SINGLE_FALSE_ALARM
-        )
+        own = SINGLE_FALSE_ALARM if is_harmful and not self.beside_slow_noise else 0.0
+        return test.p_value < max(self.largest_p_value, own)
 
     @property
     def named(self) -> tuple[ScoreTest, ...]:
