@@ -51,9 +51,10 @@ from spinfilters.state.status import Verdict
 
 FALSE_ALARM: Final = 1e-2
 """Probability that a model error is named where all models are right: of all tests together (Bonferroni)."""
-LEAST_EFFECT: Final = Effect(largest=2.0, rms=1.0)
+LEAST_EFFECT, LEAST_EFFECT_BESIDE_SLOW_NOISE = Effect(2.0, 1.0), Effect(4.0, 2.0)
 """Deviations by which removing an error moves a state, at one epoch or over all. One that moves all by less, and does not
-contradict the stated noise, is left to the uncertainty: with the errors that noise makes it stays below four."""
+contradict the stated noise, is left to the uncertainty: with the errors that noise makes it stays below four. Slow errors of a gyro
+look like small ones of many models."""
 HARMFUL: Final = 4.0
 """Deviations by which removing an error moves a state at one epoch, from which it alone makes estimates wrong."""
 SINGLE_FALSE_ALARM: Final = 2e-3
@@ -116,9 +117,8 @@ class TestedModels:
     def is_beyond_chance(self, test: ScoreTest) -> bool:
         """Whether as much is too improbable without the error."""
         is_harmful = self.std is not None and test.effect(self.std).largest >= HARMFUL
-        return test.p_value < self.largest_p_value or (
-            is_harmful and not self.beside_slow_noise and test.p_value < SINGLE_FALSE_ALARM
-        )
+        own = SINGLE_FALSE_ALARM if is_harmful and not self.beside_slow_noise else 0.0
+        return test.p_value < max(self.largest_p_value, own)
 
     @property
     def named(self) -> tuple[ScoreTest, ...]:
@@ -133,7 +133,8 @@ class TestedModels:
         if self.std is None:
             return True
         effect = test.effect(self.std)
-        moves = effect.largest >= LEAST_EFFECT.largest or effect.rms >= LEAST_EFFECT.rms
+        least = LEAST_EFFECT_BESIDE_SLOW_NOISE if self.beside_slow_noise else LEAST_EFFECT
+        moves = effect.largest >= least.largest or effect.rms >= least.rms
         chance = self.largest_p_value if self.beside_slow_noise else TELLING
         return (moves or test.level >= LEAST_LEVEL) and test.score_p_value < chance
 

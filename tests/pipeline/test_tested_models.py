@@ -60,6 +60,14 @@ def test_an_error_that_alone_makes_estimates_wrong_is_named_sooner(
     assert bool(model_errors.TestedModels((test, *others), std=std, beside_slow_noise=slow).names) == named
 
 
+def test_beside_slow_noise_an_error_must_move_states_by_twice_as_much() -> None:
+    one, std = np.ones(1), np.full((1, 1), 0.1)
+    test = ScoreTest(table()["torque"], one, one, 40.0, 1.0, 40.0, 1e-8)
+    for effect, slow, names in ((1.5, False, ("torque",)), (1.5, True, ()), (2.5, True, ("torque",))):
+        own = replace(test, shift=effect * std)
+        assert model_errors.TestedModels((own,), std=std, beside_slow_noise=slow).names == names
+
+
 def test_errors_that_explain_the_same_residuals_are_named_as_one() -> None:
     one, alike, other = np.ones(1), np.array([1.0, 0.1, 0.0]), np.array([0.0, 1.0, 0.0])
     tests = tuple(

@@ -8,6 +8,9 @@ from jaxtyping import Float
 LEAST_LEFT: Final = 1e-6
 """Share of a direction's information that states and landmarks must leave; with less it is consistent with any size."""
 
+LEAST_BESIDE_PRIOR: Final = 0.1
+"""Likewise, relative to that of what is plausible: what data tell to three times that at best is what linearising errs by."""
+
 
 class ErrorSize(NamedTuple):
     """Size of q numbers by their score and information.
@@ -35,7 +38,8 @@ class ErrorSize(NamedTuple):
         F, u: information and score.   prior: information of the diagonal prior.
         """
         values, vectors = np.linalg.eigh((F + F.T) / 2)
-        told = values > LEAST_LEFT
+        plausible = np.einsum("ij,i,ij->j", vectors, prior, vectors)
+        told = values > np.maximum(LEAST_LEFT, LEAST_BESIDE_PRIOR * plausible)
         if not told.any():
             return None
         along = vectors[:, told]

@@ -144,7 +144,10 @@ def is_contradicted(noise: NoiseComponents, solved: LinearRows) -> bool:
 
 
 def is_settled(solved: LinearRows) -> bool:
-    """Whether the states are about the most probable ones, so that the linear problem says what residuals cost."""
+    """Whether the states are nearly the most probable ones.
+
+    Then the linear problem says what residuals cost.
+    """
     cost = solved.here.cost(solved.normal.used, solved.normal.stage)
     return solved.normal.predicted_reduction < max(UNSETTLED * cost, 1.0)
 
@@ -168,7 +171,10 @@ def rejects_in_a_row(solved: LinearRows) -> bool:
 
 
 def measured_epochs(solved: LinearRows) -> tuple[Bool[np.ndarray, " k"], Bool[np.ndarray, " k"]]:
-    """Epochs with measurements, and those in which any without landmarks counts, or half the observations of landmarks."""
+    """Epochs with measurements, and those in which they count.
+
+    Any without landmarks, or more than half of the observations of landmarks.
+    """
     epochs, fit = solved.problem.ordering.epochs, solved.normal.eliminated
     measured, counted = np.zeros((2, epochs), dtype=bool)
     for sensor, good in zip(solved.problem.motion.sensors, solved.counted, strict=True):

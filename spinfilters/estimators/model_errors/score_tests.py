@@ -142,7 +142,10 @@ def _tested(
 
 
 def _probability(error: Alternative, gained: float, dof: float, level_dof: float) -> float:
-    """Of a greater gain without the error; of one that has a sign half that of either sign."""
+    """Probability of a greater gain without the error.
+
+    Of an error that has one sign half that of either.
+    """
     return gain_tail(gained, dof, level_dof) / (2.0 if error.only_positive else 1.0)
 
 

@@ -140,7 +140,7 @@ def _cross(a: Vector, b: Vector) -> Vector:
 
 
 def motion_at(fine: Motion, time: Float[np.ndarray, " k"]) -> Motion:
-    """To first order from the nearest state of the grid; nothing is known before it and behind it."""
+    """To first order from the nearest state of the grid."""
     step = fine.time[1] - fine.time[0]
     near = np.clip(np.searchsorted(fine.time, time + step / 2) - 1, 0, None)
     states, by = fine.states[near].copy(), (time - fine.time[near])[:, None]

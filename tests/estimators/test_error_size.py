@@ -1,0 +1,27 @@
+"""Sizes of errors of the models."""
+
+import numpy as np
+import pytest
+
+from spinfilters.estimators.model_errors.error_size import ErrorSize
+
+
+@pytest.mark.parametrize(
+    ("information", "prior", "told"),
+    [(2e-6, 0.0, True), (2e-6, 1e-5, True), (2e-6, 3e-5, False), (1e-7, 0.0, False)],
+)
+def test_a_size_is_told_that_data_tell_better_than_what_is_plausible(
+    information: float, prior: float, told: bool
+) -> None:
+    size = ErrorSize.of(np.array([[information]]), np.array([1e-4]), np.array([prior]))
+    assert (size is not None) == told
+    if size is not None:
+        assert size.value[0] == pytest.approx(1e-4 / information)
+        assert size.probable[0] == pytest.approx(1e-4 / (information + prior))
+
+
+def test_only_directions_that_are_told_count() -> None:
+    size = ErrorSize.of(np.diag([0.5, 1e-8]), np.array([1.0, 1.0]), np.zeros(2))
+    assert size is not None
+    assert size.dof == 1
+    np.testing.assert_allclose(size.value, [2.0, 0.0], atol=1e-12)
