@@ -37,8 +37,12 @@ class HandOver:
 
 
 def distance(one: Gaussian, other: Gaussian) -> float:
-    """Squared Mahalanobis distance per component with both covariances added."""
+    """Squared Mahalanobis distance per component, the two covariances added.
+
+    Small for estimates from shared measurements. Errors of both are told about the one.
+    """
     d = one.layout.local(one.mean, other.mean)
-    scale = np.sqrt(one.std**2 + other.std**2)
-    P = (one.covariance + other.covariance) / np.outer(scale, scale)
-    return float((d / scale) @ np.linalg.solve(P, d / scale)) / len(d)
+    factor = np.hstack([one.factor, np.linalg.solve(one.layout.reset_jacobian(d), other.factor)])
+    scale = np.linalg.norm(factor, axis=1)
+    factor /= scale[:, np.newaxis]
+    return float((d / scale) @ np.linalg.solve(factor @ factor.T, d / scale)) / len(d)

@@ -6,7 +6,7 @@ import pytest
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
-from spinfilters.live.rebase import HandOver
+from spinfilters.live.rebase import HandOver, distance
 from spinfilters.live.smoother_worker import MAP, hand_over_of
 from spinfilters.models.gauge import GAUGE_DIM
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
@@ -76,3 +76,12 @@ def test_a_hand_over_without_landmarks_is_a_state_alone() -> None:
     filter_.start(given)
     filter_.rebase(HandOver(1.0, Gaussian(LAYOUT, given.mean, given.state.factor)).belief)
     assert not len(filter_.held)
+
+
+def test_an_error_in_a_direction_that_is_hardly_known_is_no_distance_whatever_the_others_are() -> None:
+    rng, part, n = np.random.default_rng(3), LAYOUT.slice("s"), LAYOUT.error_dim
+    factor, axes = 1e-4 * np.eye(n), np.linalg.qr(rng.normal(size=(5, 5)))[0]
+    factor[part, part] = axes * [0.2, 1e-4, 1e-4, 1e-4, 1e-4]
+    vague = Gaussian(LAYOUT, smoothed().mean, factor)
+    there = LAYOUT.retract(vague.mean, 2 * factor[:, part.start])
+    assert distance(Gaussian(LAYOUT, there, 1e-6 * np.eye(n)), vague) == pytest.approx(4 / n, rel=1e-3)
