@@ -108,7 +108,10 @@ def _with_masked_refused(problem: Problem, solved: Solved, options: SmoothingOpt
 
 
 def _most_masked(problem: Problem, solved: Solved, beyond: float) -> tuple[int, int] | None:
-    """Sensor and row of the measurement farthest from what all others tell; None where none is as improbable."""
+    """Sensor and row of the measurement farthest from all others.
+
+    None where none is as improbable.
+    """
     if solved.normal.solution is None or not solved.converged:
         return None
     marginals = Marginals(solved.normal.solution, solved.normal.eliminated)
