@@ -68,7 +68,10 @@ def _rows(sensor: str, seeds: int, output: Path, workers: int | None) -> list[Ro
 
 
 def lines_of(sensor: str, rows: Sequence[Row]) -> Iterator[str]:
-    """A line of each estimator and gross error, then of each estimator and epoch, then the worst ratio of all."""
+    """Lines of errors by estimator, by kind and by epoch.
+
+    The last is the largest ratio of all kinds.
+    """
     worst = 0.0
     for estimator in dict.fromkeys(row["estimator"] for row in rows):
         own = [row for row in rows if row["estimator"] == estimator]
@@ -88,7 +91,10 @@ def lines_of(sensor: str, rows: Sequence[Row]) -> Iterator[str]:
 
 
 def quantiles(wrong: Sequence[Row], right: Sequence[Row]) -> dict[str, float]:
-    """95 % quantiles of the ratios of single seeds, of quantities that have a mean over epochs."""
+    """95 % quantiles of the ratios of single seeds.
+
+    Of quantities that have a mean over epochs.
+    """
     without = {row["seed"]: row for row in right}
     found = {}
     for name, columns in QUANTITIES.items():

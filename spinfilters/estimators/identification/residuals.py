@@ -111,7 +111,10 @@ def residuals_of(
 def deleted_residuals(
     problem: Problem, here: LinearizationPoint, marginals: Marginals
 ) -> tuple[Float[np.ndarray, " r"], ...]:
-    """Probabilities, by sensor without landmarks, of larger residuals of each measurement about states of all others."""
+    """Probabilities of larger residuals about states of all others.
+
+    Of each measurement, by sensor without landmarks.
+    """
     numbers = range(len(problem.motion.sensors))
     return tuple(_sensor_after(problem, here, marginals, k).deleted for k in numbers)
 
@@ -159,7 +162,10 @@ class _SensorAfter:
 
 
 def explained_rows(problem: Problem, here: LinearizationPoint, normal: NormalEquations) -> WhitenedRows:
-    """J x of all whitened rows, x the solution of the linear problem or of one with another right-hand side."""
+    """Explained part J x of all whitened rows.
+
+    x is the solution of the linear problem, or of one with another right-hand side.
+    """
     errors = normal.system.errors
     sensors = [_explained_by_sensor(problem, here, errors, k) for k in range(len(problem.motion.sensors))]
     seen = None if here.linear is None else _explained_observations(here, normal)

@@ -7,7 +7,6 @@ from scipy.special import chdtrc
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import ProcessModel
-from spinfilters.estimators.identification.identify import GATE_COMPONENTS
 from spinfilters.estimators.identification.residuals import deleted_residuals
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
 from spinfilters.estimators.robust.losses import LeastSquares
@@ -89,9 +88,8 @@ def _with_masked_refused(problem: Problem, solved: Solved, options: SmoothingOpt
     left of the error: the others tell how far off it is. Refused once, it stays beyond the gate.
     """
     strict, settings = AnnealedSchedule(problem, 0, options.gate), SolverOptions(options.iterations)
-    beyond = chdtrc(GATE_COMPONENTS, options.gate**2)
     for _ in range(MOST_MASKED):
-        masked = _most_masked(problem, solved, beyond)
+        masked = _most_masked(problem, solved, strict.pose_only_gate)
         if masked is None:
             break
         number, row = masked
@@ -107,15 +105,21 @@ def _with_masked_refused(problem: Problem, solved: Solved, options: SmoothingOpt
     return solved
 
 
-def _most_masked(problem: Problem, solved: Solved, beyond: float) -> tuple[int, int] | None:
-    """Sensor and row of the measurement farthest from what all others tell; None where none is as improbable."""
+def _most_masked(problem: Problem, solved: Solved, gate: float) -> tuple[int, int] | None:
+    """Sensor and row of the measurement farthest from all others.
+
+    None where all are within the gate (whitened length).
+    """
     if solved.normal.solution is None or not solved.converged:
         return None
     marginals = Marginals(solved.normal.solution, solved.normal.eliminated)
     every = deleted_residuals(problem, solved.point, marginals)
-    least = [float(each.min(initial=1.0)) for each in every]
-    number = int(np.argmin(least)) if least else 0
-    return (number, int(every[number].argmin())) if least and least[number] < beyond else None
+    beyond = [chdtrc(sensor.model.dim, gate**2) for sensor in problem.motion.sensors]
+    least = [float(each.min(initial=1.0)) / limit for each, limit in zip(every, beyond, strict=True)]
+    if not least or min(least) >= 1.0:
+        return None
+    number = int(np.argmin(least))
+    return number, int(every[number].argmin())
 
 
 def _estimate(problem: Problem, solved: Solved, prior: FirstStatePrior) -> InitialEstimate:

@@ -85,7 +85,7 @@ class AnnealedSchedule:
         if self.gate is None:
             return Stage(LeastSquares(), inflation)
         opened, width = self.gate * residual_scale(here), self._width(iteration)
-        inner = opened * self._pose_only_gate / self.gate
+        inner = opened * self.pose_only_gate / self.gate
         pose_only_loss = Gate(inner, inner * width)
         if (
             before is not None
@@ -114,7 +114,7 @@ class AnnealedSchedule:
         )
 
     @property
-    def _pose_only_gate(self) -> float:
+    def pose_only_gate(self) -> float:
         """Of the observation with the most components: the length that the gate's probability belongs to."""
         assert self.gate is not None
         components = max((sensor.model.dim for sensor in self.problem.motion.sensors), default=ROWS)
