@@ -1,4 +1,4 @@
-"""Errors of measurements that may be correlated in time: doubts, and covariances that hold with them too.
+"""Doubts and wider covariances for errors that may be correlated in time.
 
 Errors that are likelier than not are a doubt. Where the data do not tell them from disturbances, deviations are widened until they
 hold with either; what then is not determined is no longer said to be.
