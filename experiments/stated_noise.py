@@ -12,6 +12,7 @@ import argparse
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -51,15 +52,22 @@ def rows_of(table: pd.DataFrame) -> Iterator[str]:
         yield f"| {' | '.join((', '.join(map(str, levels)), *cells))} |"
 
 
-def named_level(reasons: str) -> tuple[str, float] | None:
-    """Name and value of the sensor's level that a verdict says the data have."""
+class NamedLevel(NamedTuple):
+    """A sensor's level of noise that a verdict says the data have."""
+
+    name: str
+    value: float
+
+
+def named_level(reasons: str) -> NamedLevel | None:
+    """The level of a sensor in the reasons for doubt."""
     found = TOLD.search(reasons)
-    return None if found is None else (found[1], float(found[2]))
+    return None if found is None else NamedLevel(found[1], float(found[2]))
 
 
-def is_near(row: pd.Series, told: tuple[str, float] | None) -> bool:
+def is_near(row: pd.Series, named: NamedLevel | None) -> bool:
     """Whether a named level is near the true one."""
-    return told is not None and bool(abs(np.log(told[1] / row[f"true_{told[0]}"])) < np.log(NEAR))
+    return named is not None and bool(abs(np.log(named.value / row[f"true_{named.name}"])) < np.log(NEAR))
 
 
 if __name__ == "__main__":

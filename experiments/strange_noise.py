@@ -2,7 +2,7 @@
 
 Noise that nobody states is not white and normal, or one measurement is gross.
     python -m experiments.strange_noise [--seeds 10] [--kinds gyro pose tracks] [--noise quantised gross] [--epochs 115]
-        [--motion rich]
+        [--motion rich] [--first 0]
 
 Simulates motions, adds noise of every kind to exact gyro rates, poses or tracks without a map, states nothing and estimates with
 MEKF and smoother.
@@ -83,6 +83,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--first", type=int, default=0, help="seed")
     parser.add_argument("--kinds", nargs="+", choices=list(STD), default=list(STD))
     parser.add_argument("--noise", nargs="+", choices=list(NOISE), default=list(NOISE))
     parser.add_argument("--epochs", type=int, default=Recorded.epochs)
@@ -93,13 +94,14 @@ def main() -> None:
         for name in options.noise:
             if kind == "tracks" and name not in OF_TRACKS:
                 continue
-            for line in lines_of(kind, name, options.seeds, recorded):
+            seeds = range(options.first, options.first + options.seeds)
+            for line in lines_of(kind, name, seeds, recorded):
                 print(line, flush=True)
 
 
-def lines_of(kind: str, name: str, seeds: int, recorded: Recorded) -> Iterator[str]:
+def lines_of(kind: str, name: str, seeds: range, recorded: Recorded) -> Iterator[str]:
     """A line for every estimator, and one for every estimate that is ok and wrong."""
-    found = [(seed, row) for seed in range(seeds) for row in rows_of(kind, name, seed, recorded)]
+    found = [(seed, row) for seed in seeds for row in rows_of(kind, name, seed, recorded)]
     refused = sum(row.estimator == "" for _, row in found)
     for estimator in SETTINGS.estimators:
         own = [(seed, row.found) for seed, row in found if row.estimator == estimator]
@@ -113,7 +115,7 @@ def lines_of(kind: str, name: str, seeds: int, recorded: Recorded) -> Iterator[s
             else ""
         )
         yield (
-            f"{kind:5s} {name:11s} {estimator:9s} ok {len(ok):3d} of {seeds:3d} ({refused} refused), worst {worst:6.2f}, "
+            f"{kind:5s} {name:11s} {estimator:9s} ok {len(ok):3d} of {len(seeds):3d} ({refused} refused), worst {worst:6.2f}, "
             f"NEES {nees:5.2f}{over}"
         )
         yield from (

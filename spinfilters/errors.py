@@ -13,8 +13,8 @@ NUMERICAL_ERRORS = (ArithmeticError, ValueError, IndexError, RuntimeError)
 Where one estimator's numbers are computed, evaluated or drawn these become its status, unless `numerical` finds them a defect;
 everywhere else they are one."""
 OF_PROGRAMS = re.compile(
-    r"broadcast|not aligned|core dimension|reshape|unpack|zip\(\)|einstein sum|with a sequence|same shape|dimensions must match|"
-    r"concatenation axis"
+    r"(Index|Axis|NotImplemented|Recursion)Error: |ValueError: .*(broadcast|not aligned|core dimension|reshape|unpack|zip\(\)|"
+    r"einstein sum|with a sequence|same shape|dimensions must match|concatenation axis)"
 )
 """What NumPy and Python say of arrays and sequences that do not fit together, whatever numbers are in them."""
 AnyError = TypeVar("AnyError", bound=Exception)
@@ -25,8 +25,7 @@ def numerical(error: AnyError) -> AnyError:
 
     Shapes that do not fit, wrong indices and endless recursion are defects of a program: such an error is raised again.
     """
-    of_program = (IndexError, NotImplementedError, RecursionError)
-    if isinstance(error, of_program) or (isinstance(error, ValueError) and OF_PROGRAMS.search(str(error))):
+    if OF_PROGRAMS.match(f"{type(error).__name__}: {error}"):
         raise error
     return error
 

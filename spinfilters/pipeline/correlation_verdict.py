@@ -1,6 +1,6 @@
-"""Errors of measurements that may be correlated in time: doubts, and covariances that hold with them too.
+"""Doubts and wider covariances for errors that may be correlated in time.
 
-Errors that are likelier than not are a doubt. Where the data do not tell them from disturbances, deviations are widened until they
+Errors that are likely are a doubt. Where the data do not tell them from disturbances, deviations are widened until they
 hold with either; what then is not determined is no longer said to be.
 """
 
@@ -20,10 +20,10 @@ from spinfilters.estimators.model_errors.linear_rows import LinearRows
 from spinfilters.pipeline.identified_noise import Unstated, noise_model
 from spinfilters.pipeline.setup import Setup
 
-LIKELY: Final = 0.5
-"""Probability of errors that are likelier than not."""
+LIKELY: Final = 0.8
+"""Probability of errors that are a doubt; less likely ones are covered by deviations."""
 LARGEST_NEES: Final = 2.0
-"""Expected per degree of freedom, beyond which errors that are likelier than not are a doubt."""
+"""Expected per degree of freedom, beyond which errors that are likely are a doubt."""
 LARGEST_SCORE: Final = 5.0
 """Standard deviations beyond which landmarks' residuals are correlated by no chance."""
 
@@ -34,7 +34,7 @@ class PossibleCorrelation:
 
     Attributes
     ----------
-    doubts: sentences about those that are likelier than not.
+    doubts: sentences about those that are likely.
     widening: B of the first epochs, by which F B is a covariance factor that holds with them; None where F is one.
     undecided: a sentence about errors that only may be correlated.
     """

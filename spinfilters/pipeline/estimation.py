@@ -19,7 +19,7 @@ from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries
 from spinfilters.pipeline.model_errors import NOT_TESTED, TestedModels
 from spinfilters.pipeline.recording_bound import Bounding, with_bounds
 from spinfilters.pipeline.setup import Setup
-from spinfilters.pipeline.verdicts import evaluated, judged
+from spinfilters.pipeline.verdicts import evaluated, with_verdicts
 from spinfilters.runs.checkpoint_store import StoreOf, no_checkpoints
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.status import EstimatorStatus, Verdict
@@ -121,8 +121,8 @@ def compare_estimators(
             raise
         interrupted = True
     doubts = doubts_of(evaluations, setup, settings)
-    with_verdict = judged(doubts, settings)
-    bounded = with_verdict if interrupted else extent.bounding(with_verdict, setup)
+    found = with_verdicts(doubts, settings)
+    bounded = found if interrupted else extent.bounding(found, setup)
     return Comparison(setup, tuple(bounded), interrupted, maps, doubts.models)
 
 

@@ -1,4 +1,7 @@
-"""Verdicts on the estimates of a run, about covariances that hold with errors which may be correlated too."""
+"""Verdicts on the estimates of a run.
+
+The covariances they speak of hold with errors that may be correlated, too.
+"""
 
 from dataclasses import replace
 
@@ -22,23 +25,23 @@ def evaluated(history: EstimateHistory, setup: Setup) -> Evaluation:
     return evaluate(observed, setup.dataset.truth, alignment)
 
 
-def judged(doubts: Doubts, settings: Settings) -> list[Evaluation]:
+def with_verdicts(doubts: Doubts, settings: Settings) -> list[Evaluation]:
     """Evaluations with their verdicts."""
     setup, entries = doubts.setup, estimator_entries()
     widened = {each.name: _widened(each, doubts) for each in doubts.evaluations}
     peers = [each for each in widened.values() if not entries[each.name].is_baseline]
     others = [peer for peer in peers if peer.history.status.verdict is not Verdict.FAILED]
-    with_verdicts = []
+    found = []
     for evaluation in doubts.evaluations:
         entry, wider = entries[evaluation.name], widened[evaluation.name]
         own = [*doubts.of(evaluation, entry), *_undetermined(evaluation, wider, doubts)]
         status = with_verdict(wider, own, others, entry.false_alarm_probability(setup, settings))
-        with_verdicts.append(wider.with_status(status))
-    return with_verdicts
+        found.append(wider.with_status(status))
+    return found
 
 
 def _widened(evaluation: Evaluation, doubts: Doubts) -> Evaluation:
-    """With covariances that hold with correlated errors, where these cannot be ruled out."""
+    """With covariances that hold with possibly correlated errors."""
     widening, history = doubts.models.correlated.widening, evaluation.history
     failed = history.status.verdict is Verdict.FAILED
     if widening is None or failed or history.layout != doubts.setup.process.layout:

@@ -1,4 +1,4 @@
-"""Covariance of smoothed states under another explanation of the measurements than they were made for.
+"""Covariance of smoothed states under another explanation of the measurements.
 
 Estimates x = P J'z were made for white z. Had the whitened measurements the covariance C, that of x would be A = P J'C J P. With
 P = F F', the eigenvalues of F^-1 A F^-T tell by what the variances of the state's directions are wrong.
@@ -85,7 +85,7 @@ class ExplainedErrors:
     def widening(
         self, likely: LikelyLevels, information: Float[np.ndarray, "f f"], probability: float
     ) -> Float[np.ndarray, "k n n"]:
-        """B by which F B is a factor of a covariance that holds for an explanation too.
+        """B of covariance factors F B that hold for an explanation too.
 
         Errors are of covariance A with the explanation's probability p. In the space of a normal error and of the levels, an error
         beyond the claim has at a distance beta from the most probable values the probability p Phi(-beta) a side (first-order
