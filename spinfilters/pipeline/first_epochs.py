@@ -73,7 +73,7 @@ class FirstEpochs:
             return InitialEstimate.failed(self.process.layout, options.count(self.timeline), reason(error))
 
     def _made(self, options: InitialisationOptions) -> InitialEstimate:
-        """From the measurements alone; nothing of landmarks after the last epoch is looked at."""
+        """Initialisation from the measurements alone, without landmarks after the last epoch."""
         end = self.timeline[options.count(self.timeline) - 1].time
         streams = [
             stream.slice(self.timeline[0].time, end) if sensor_format(stream.sensor).has_landmarks else stream
@@ -119,6 +119,6 @@ def initial_samples(
 
 
 def _told(stream: MeasurementStream) -> tuple[bool, ...]:
-    """How much of a motion a stream tells, to be compared."""
+    """Comparable measure of the motion that a stream tells."""
     sensor = sensor_of(stream.sensor)
     return sensor_format(stream.sensor).has_landmarks, sensor.sees_place, sensor.tells_frames

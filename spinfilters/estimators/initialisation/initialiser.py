@@ -240,7 +240,7 @@ def _estimate(problem: Problem, solved: Solved, prior: FirstStatePrior) -> Initi
 
 
 def _with_map(found: InitialEstimate, problem: Problem, solved: Solved, gate: float) -> InitialEstimate:
-    """With the landmarks that were found, and how their observations fit."""
+    """Estimate with the landmarks that were found, and the fit of their observations."""
     here, fit, observations = solved.point, solved.normal.eliminated, problem.observations
     if fit is None or observations is None or here.linear is None:
         return found

@@ -92,7 +92,7 @@ Vector = Float[np.ndarray, "3"]
 
 @dataclass(frozen=True)
 class Physics:
-    """What moves a body beside its inertia; all zero in free flight.
+    """Disturbances of a body's motion; all zero in free flight.
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ class Physics:
 
     @classmethod
     def of(cls, per_unit: Mapping[str, Float[np.ndarray, " n"] | float], size: float) -> "Physics":
-        """That of a fault of this size."""
+        """Physics of a fault of this size."""
         scaled: dict[str, Any] = {name: np.multiply(value, size) for name, value in per_unit.items()}
         return cls(**scaled)
 
@@ -166,7 +166,7 @@ def faulty_motion(scenario: Scenario, physics: Physics, generator: np.random.Gen
 
 
 def motion_at(fine: Motion, time: Float[np.ndarray, " k"]) -> Motion:
-    """To first order from the nearest state of the grid."""
+    """Motion to first order from the nearest state of the grid."""
     step = fine.time[1] - fine.time[0]
     near = np.clip(np.searchsorted(fine.time, time + step / 2) - 1, 0, None)
     states, by = fine.states[near].copy(), (time - fine.time[near])[:, None]

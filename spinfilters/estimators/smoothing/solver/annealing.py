@@ -115,7 +115,7 @@ class AnnealedSchedule:
 
     @property
     def _pose_only_gate(self) -> float:
-        """Of the observation with the most components: the length that the gate's probability belongs to."""
+        """Gate of the observation with the most components, by the gate's probability."""
         assert self.gate is not None
         components = max((sensor.model.dim for sensor in self.problem.motion.sensors), default=ROWS)
         same = np.sqrt(chdtri(components, max(chdtrc(ROWS, self.gate**2), np.finfo(float).tiny)))
